@@ -1,0 +1,230 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A trained model on disk: a folder with a manifest, an encoder and arrays, each held to its hash.
+
+    manifest.json   what it is, for people and for the checks below; SHA-256 of the other files
+    encoder.pt      TorchScript program (read by torch's own loader, which runs no Python pickle)
+    arrays.npz      scaling, [A0 B0 c0], gains, horizon covariance (numpy, pickle refused)
+
+A folder that does not fit this code, this grid, these channels or its own hashes is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import shutil
+import tempfile
+import zipfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from adk_ros.errors import UsageError
+from adk_ros.model.lifting import Lifting, input_size
+from adk_ros.model.online import OnlineSettings
+from adk_ros.model.predictor import Model
+from adk_ros.model.scaling import Scaling
+from adk_ros.signals.channels import (
+    INPUT_NAMES,
+    INPUT_UNITS,
+    STATE_NAMES,
+    STATE_UNITS,
+    TICK_NS,
+    FloatArray,
+)
+
+FORMAT = "adk_ros.model"
+VERSION = 1
+REFERENCE_POINT = "centre_of_gravity"
+CHANNELS = {
+    "state": dict(zip(STATE_NAMES, STATE_UNITS, strict=True)),
+    "input": dict(zip(INPUT_NAMES, INPUT_UNITS, strict=True)),
+}
+_ARRAYS = (
+    "x_mean", "x_scale", "u_mean", "u_scale", "step_scale", "theta0",
+    "disturbance_gain", "disturbance_decay", "horizon_covariance",
+)
+MANIFEST, ENCODER, ARRAYS = "manifest.json", "encoder.pt", "arrays.npz"
+
+
+@dataclass(frozen=True)
+class Artefact:
+    """A loaded model and its manifest."""
+
+    model: Model
+    manifest: dict[str, Any]
+    path: Path
+
+
+def save(folder: Path, program: bytes, model: Model, facts: dict[str, Any]) -> None:
+    """
+    Write the artefact as one whole: the folder appears when all of it is there, or not at all.
+
+    :param program: the TorchScript encoder. :param facts: what the trainer has to say (data,
+        seeds, scores), JSON-able, kept under "training".
+    :raises UsageError: `folder` exists and is not an artefact.
+    """
+    if folder.exists() and not (folder / MANIFEST).is_file():
+        raise UsageError(f"{folder} exists and is no model: choose another --out")
+    arrays = _pack(model)
+    manifest = {
+        "format": FORMAT,
+        "version": VERSION,
+        "dt_s": TICK_NS * 1e-9,
+        "reference_point": REFERENCE_POINT,
+        "channels": CHANNELS,
+        "history": model.history,
+        "lifted_size": model.n_z,
+        "residual": model.residual,
+        "affine": model.affine,
+        "relift": model.relift,
+        "uses_imu": model.uses_imu,
+        "online": asdict(model.online),
+        "sha256": {ENCODER: _hash(program), ARRAYS: _hash(arrays)},
+        "training": facts,
+    }
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    whole = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        (whole / ENCODER).write_bytes(program)
+        (whole / ARRAYS).write_bytes(arrays)
+        (whole / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n")
+        whole.chmod(0o755)
+        if folder.exists():
+            for item in whole.iterdir():
+                os.replace(item, folder / item.name)
+        else:
+            os.rename(whole, folder)
+    finally:
+        shutil.rmtree(whole, ignore_errors=True)
+
+
+def load(folder: Path) -> Artefact:
+    """
+    Load and check an artefact.
+
+    :raises UsageError: it is not there, truncated, altered, of another version, or made for other
+        channels, another grid or another reference point; the text says which.
+    """
+    manifest = read_manifest(folder)
+    program = _checked_bytes(folder, ENCODER, manifest)
+    packed = _checked_bytes(folder, ARRAYS, manifest)
+    try:
+        with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
+            arrays = {name: np.asarray(stored[name], dtype=np.float64) for name in _ARRAYS}
+    except (ValueError, KeyError, OSError, zipfile.BadZipFile) as error:
+        raise UsageError(f"{folder / ARRAYS} is not readable ({error}): train again") from None
+    history, n_z = manifest["history"], manifest["lifted_size"]
+    _check_arrays(folder, arrays, n_z, manifest["affine"])
+    model = Model(
+        lifting=Lifting(program, input_size(history), n_z - 3),
+        scaling=Scaling(**{name: arrays[name] for name in _ARRAYS[:5]}),
+        theta0=arrays["theta0"],
+        history=history,
+        residual=manifest["residual"],
+        affine=manifest["affine"],
+        relift=manifest["relift"],
+        disturbance_gain=arrays["disturbance_gain"],
+        disturbance_decay=arrays["disturbance_decay"],
+        horizon_covariance=arrays["horizon_covariance"],
+        uses_imu=manifest["uses_imu"],
+        online=OnlineSettings(**manifest["online"]),
+    )
+    return Artefact(model=model, manifest=manifest, path=folder)
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """
+    Return the manifest, checked against what this code can run.
+
+    :raises UsageError: as `load`, for all that the manifest alone tells.
+    """
+    path = folder / MANIFEST
+    if not folder.is_dir():
+        raise UsageError(f"model {folder} is not a folder: give the folder that 'adk train' wrote")
+    try:
+        manifest = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise UsageError(f"{folder} holds no {MANIFEST}: it is not a model folder") from None
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{path} is not readable as JSON ({error}): train again") from None
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise UsageError(f"{path} does not describe an {FORMAT}")
+    wanted = {
+        "version": VERSION,
+        "dt_s": TICK_NS * 1e-9,
+        "reference_point": REFERENCE_POINT,
+        "channels": CHANNELS,
+    }
+    for key, value in wanted.items():
+        if manifest.get(key) != value:
+            raise UsageError(
+                f"{path}: {key} is {json.dumps(manifest.get(key))}, this program runs "
+                f"{json.dumps(value)}: train the model anew with this version"
+            )
+    kinds = {
+        "history": int, "lifted_size": int, "residual": bool, "affine": bool, "relift": bool,
+        "uses_imu": bool, "online": dict, "sha256": dict,
+    }
+    for key, kind in kinds.items():
+        if not isinstance(manifest.get(key), kind):
+            raise UsageError(f"{path}: '{key}' is missing or not of type {kind.__name__}")
+    if not (0 <= manifest["history"] <= 40 and 4 <= manifest["lifted_size"] <= 200):
+        raise UsageError(f"{path}: history or lifted_size is out of range")
+    known = set(OnlineSettings.__dataclass_fields__)
+    if set(manifest["online"]) != known:
+        raise UsageError(f"{path}: 'online' must hold just {', '.join(sorted(known))}")
+    return manifest
+
+
+def _pack(model: Model) -> bytes:
+    scaling = model.scaling
+    arrays: dict[str, FloatArray] = {name: getattr(scaling, name) for name in _ARRAYS[:5]}
+    arrays |= {name: getattr(model, name) for name in _ARRAYS[5:]}
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _checked_bytes(folder: Path, name: str, manifest: dict[str, Any]) -> bytes:
+    path = folder / name
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read ({error.strerror}): train again") from None
+    if _hash(content) != manifest["sha256"].get(name):
+        raise UsageError(
+            f"{path} does not have the hash in {MANIFEST}: it is truncated, altered or of another "
+            "training; copy the folder again as a whole"
+        )
+    return content
+
+
+def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine: bool) -> None:
+    shapes = {
+        "x_mean": (3,), "x_scale": (3,), "u_mean": (2,), "u_scale": (2,), "step_scale": (3,),
+        "theta0": (n_z, n_z + 2 + int(affine)), "disturbance_gain": (3,),
+        "disturbance_decay": (3,),
+    }
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise UsageError(
+                f"{folder / ARRAYS}: {name} has shape {arrays[name].shape}, the manifest asks for "
+                f"{shape}"
+            )
+    covariance = arrays["horizon_covariance"]
+    if covariance.ndim != 3 or covariance.shape[1:] != (3, 3):
+        raise UsageError(f"{folder / ARRAYS}: horizon_covariance has shape {covariance.shape}")
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise UsageError(f"{folder / ARRAYS}: {name} holds values that are not finite")

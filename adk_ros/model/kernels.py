@@ -1,0 +1,318 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The compiled inner loops: perceptron, roll-out, window and recursive least squares.
+
+Arrays are updated in place, nothing is allocated in a tick but small temporaries. Everything is
+float64 but the perceptron. Equation numbers are the paper's.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+_LIMIT = 50.0
+"""Scaled states are held within this: far outside any data, and finite."""
+
+_jit: Any = njit(cache=True, fastmath=False)
+_fast: Any = njit(cache=True, fastmath={"contract", "reassoc"}, error_model="numpy")
+
+
+@_fast
+def perceptron(row, w1, b1, w2, b2, w3, b3, skip, scratch, out):  # type: ignore[no-untyped-def]
+    """out (m,) = w3' s(w2' s(w1' row + b1) + b2) + b3 + skip' row with softsign s."""
+    n_in, hidden = w1.shape
+    n_out = w3.shape[1]
+    first, second = scratch[0], scratch[1]
+    first[:] = b1
+    out[:] = b3
+    for i in range(n_in):
+        value = row[i]
+        for j in range(hidden):
+            first[j] += w1[i, j] * value
+        for j in range(n_out):
+            out[j] += skip[i, j] * value
+    for j in range(hidden):
+        first[j] = first[j] / (np.float32(1.0) + abs(first[j]))
+    second[:] = b2
+    for i in range(hidden):
+        value = first[i]
+        for j in range(hidden):
+            second[j] += w2[i, j] * value
+    for j in range(hidden):
+        second[j] = second[j] / (np.float32(1.0) + abs(second[j]))
+    for i in range(hidden):
+        value = second[i]
+        for j in range(n_out):
+            out[j] += w3[i, j] * value
+
+
+@_jit
+def fill_row(x_past, u_past, row):  # type: ignore[no-untyped-def]
+    """Encoder input from scaled pasts, newest first: x_past (p + 1, 3), u_past (p, 2)."""
+    position = 0
+    for i in range(x_past.shape[0]):
+        for j in range(3):
+            row[position] = x_past[i, j]
+            position += 1
+    for i in range(u_past.shape[0]):
+        for j in range(2):
+            row[position] = u_past[i, j]
+            position += 1
+
+
+@_jit
+def shift_in(past, value):  # type: ignore[no-untyped-def]
+    """Put `value` in front of `past` (rows, newest first) and drop the oldest."""
+    for i in range(past.shape[0] - 1, 0, -1):
+        past[i, :] = past[i - 1, :]
+    if past.shape[0] > 0:
+        past[0, :] = value
+
+
+@_jit
+def take_sample(  # type: ignore[no-untyped-def]
+    state, command, x_mean, x_scale, u_mean, u_scale, x_past, u_past, u_now, row
+):
+    """Scale a state (3,) and command (2,), shift both pasts, fill the encoder's input row."""
+    shift_in(u_past, u_now)
+    for i in range(x_past.shape[0] - 1, 0, -1):
+        x_past[i, :] = x_past[i - 1, :]
+    for c in range(3):
+        x_past[0, c] = (state[c] - x_mean[c]) / x_scale[c]
+    for c in range(2):
+        u_now[c] = (command[c] - u_mean[c]) / u_scale[c]
+    fill_row(x_past, u_past, row)
+
+
+@_jit
+def make_pair(  # type: ignore[no-untyped-def]
+    z, z_before, phi, theta, step_scale, residual, gain, disturbance, y, limit
+):
+    """
+    Target y (n_z,) of the tick that has just ended, and the disturbance moved towards what is left.
+
+    Return False, with nothing changed, if the pair is absurd and must not be learned.
+    """
+    for i in range(y.shape[0]):
+        value = z[i]
+        if residual:
+            value -= z_before[i]
+            if i < 3:
+                value /= step_scale[i]
+        y[i] = value
+        if not abs(value) < limit:
+            return False
+    for c in range(3):
+        left = y[c]
+        for j in range(phi.shape[0]):
+            left -= theta[c, j] * phi[j]
+        disturbance[c] += gain[c] * (left - disturbance[c])
+    return True
+
+
+@_jit
+def fill_phi(z, u_now, affine, phi):  # type: ignore[no-untyped-def]
+    """phi = [z; u] or [z; u; 1]."""
+    n_z = z.shape[0]
+    phi[:n_z] = z
+    phi[n_z] = u_now[0]
+    phi[n_z + 1] = u_now[1]
+    if affine:
+        phi[n_z + 2] = 1.0
+
+
+@_jit
+def to_si(states, x_mean, x_scale):  # type: ignore[no-untyped-def]
+    """Unscale states (h, 3) in place; return whether all are finite."""
+    finite = True
+    for i in range(states.shape[0]):
+        for c in range(3):
+            states[i, c] = states[i, c] * x_scale[c] + x_mean[c]
+            finite = finite and np.isfinite(states[i, c])
+    return finite
+
+
+@_jit
+def follow_covariance(covariance, innovation, gain):  # type: ignore[no-untyped-def]
+    """covariance += gain (innovation innovation' - covariance), all (3, ...)."""
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] += gain * (innovation[i] * innovation[j] - covariance[i, j])
+
+
+@_fast
+def roll_out_lifting(  # type: ignore[no-untyped-def]
+    x_past, u_past, theta, step_scale, residual, affine, u_ahead,
+    disturbance, decay, w1, b1, w2, b2, w3, b3, skip, out
+):
+    """
+    Predict len(out) steps, lifting anew at each: out (h, 3) scaled.
+
+    `u_ahead` (h, 2) scaled; `theta` (n_z, n_phi), of which the state's three rows are used;
+    `disturbance` (3,) is added to the increments and decays by `decay` (3,) a step.
+    """
+    n_features = w3.shape[1]
+    n_z = 3 + n_features
+    row = np.empty(w1.shape[0], dtype=np.float32)
+    scratch = np.empty((2, w1.shape[1]), dtype=np.float32)
+    features = np.empty(n_features, dtype=np.float32)
+    x = x_past.copy()
+    u = u_past.copy()
+    push = disturbance.copy()
+    new = np.empty(3)
+    for step in range(out.shape[0]):
+        fill_row(x, u, row)
+        perceptron(row, w1, b1, w2, b2, w3, b3, skip, scratch, features)
+        for c in range(3):
+            value = theta[c, n_z] * u_ahead[step, 0] + theta[c, n_z + 1] * u_ahead[step, 1]
+            for j in range(3):
+                value += theta[c, j] * x[0, j]
+            for j in range(n_features):
+                value += theta[c, 3 + j] * features[j]
+            if affine:
+                value += theta[c, n_z + 2]
+            value += push[c]
+            push[c] *= decay[c]
+            value = value * step_scale[c] + (x[0, c] if residual else 0.0)
+            new[c] = min(max(value, -_LIMIT), _LIMIT)
+        shift_in(x, new)
+        shift_in(u, u_ahead[step])
+        out[step, :] = new
+
+
+@_jit
+def roll_out_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
+    """Predict in the lifted space alone, z+ = A z + B u (eq. 5): out (h, 3) scaled."""
+    n_z = z.shape[0]
+    now = z.copy()
+    new = np.empty(n_z)
+    for step in range(out.shape[0]):
+        for c in range(n_z):
+            value = theta[c, n_z] * u_ahead[step, 0] + theta[c, n_z + 1] * u_ahead[step, 1]
+            for j in range(n_z):
+                value += theta[c, j] * now[j]
+            new[c] = min(max(value, -_LIMIT), _LIMIT)
+        now[:] = new
+        out[step, :] = now[:3]
+
+
+@_jit
+def cholesky_solve(matrix, right):  # type: ignore[no-untyped-def]
+    """
+    Solve matrix @ X = right in place (X in `right`), `matrix` (n, n) overwritten by its factor.
+
+    Return the smallest pivot; not positive means that the matrix is not positive definite.
+    """
+    n, m = right.shape
+    smallest = np.inf
+    for j in range(n):
+        pivot = matrix[j, j]
+        for k in range(j):
+            pivot -= matrix[j, k] * matrix[j, k]
+        smallest = min(smallest, pivot)
+        if not pivot > 0.0:
+            return pivot
+        pivot = np.sqrt(pivot)
+        matrix[j, j] = pivot
+        for i in range(j + 1, n):
+            value = matrix[i, j]
+            for k in range(j):
+                value -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = value / pivot
+    for j in range(n):
+        for k in range(j):
+            factor = matrix[j, k]
+            for c in range(m):
+                right[j, c] -= factor * right[k, c]
+        for c in range(m):
+            right[j, c] /= matrix[j, j]
+    for j in range(n - 1, -1, -1):
+        for k in range(j + 1, n):
+            factor = matrix[k, j]
+            for c in range(m):
+                right[j, c] -= factor * right[k, c]
+        for c in range(m):
+            right[j, c] /= matrix[j, j]
+    return smallest
+
+
+@_jit
+def rank_one(gram, cross, phi, y, sign):  # type: ignore[no-untyped-def]
+    """gram += sign phi phi', cross += sign phi y'; (n, n) and (n, m)."""
+    n = phi.shape[0]
+    m = y.shape[0]
+    for i in range(n):
+        value = sign * phi[i]
+        for j in range(n):
+            gram[i, j] += value * phi[j]
+        for j in range(m):
+            cross[i, j] += value * y[j]
+
+
+@_jit
+def windowed_update(  # type: ignore[no-untyped-def]
+    phi, y, theta0, theta, phis, ys, gram, cross, ridge, slot, full, work, right
+):
+    """
+    Slide the window by one pair and solve it anew.
+
+    theta = argmin sum |y_i - theta phi_i|^2 + ridge |theta - theta0|^2 over the window. The window
+    holds what is left of y after the offline model, so that theta0 is the zero of the problem.
+    Return False, with theta untouched, if the solution failed.
+    """
+    n_out, n_phi = theta.shape
+    if full:
+        rank_one(gram, cross, phis[slot], ys[slot], -1.0)
+    phis[slot, :] = phi
+    for c in range(n_out):
+        value = y[c]
+        for j in range(n_phi):
+            value -= theta0[c, j] * phi[j]
+        ys[slot, c] = value
+    rank_one(gram, cross, phis[slot], ys[slot], 1.0)
+    work[:] = gram
+    for j in range(n_phi):
+        work[j, j] += ridge
+    right[:] = cross
+    if not cholesky_solve(work, right) > 0.0:
+        return False
+    for c in range(n_out):
+        for j in range(n_phi):
+            theta[c, j] = theta0[c, j] + right[j, c]
+    return True
+
+
+@_jit
+def rls_update(phi, y, theta, covariance, forgetting, gain):  # type: ignore[no-untyped-def]
+    """
+    Recursive least squares with forgetting factor (1: none); the textbook recursion.
+
+    gain = P phi / (f + phi' P phi); theta += (y - theta phi) gain'; P = (P - gain phi' P) / f.
+    Return False if P or theta is no longer finite.
+    """
+    n_out, n_phi = theta.shape
+    total = forgetting
+    for i in range(n_phi):
+        value = 0.0
+        for j in range(n_phi):
+            value += covariance[i, j] * phi[j]
+        gain[i] = value
+        total += phi[i] * value
+    if not (np.isfinite(total) and total > 0.0):
+        return False
+    for i in range(n_phi):
+        for j in range(n_phi):
+            covariance[i, j] = (covariance[i, j] - gain[i] * gain[j] / total) / forgetting
+    for c in range(n_out):
+        error = y[c]
+        for j in range(n_phi):
+            error -= theta[c, j] * phi[j]
+        for j in range(n_phi):
+            theta[c, j] += error * gain[j] / total
+            if not np.isfinite(theta[c, j]):
+                return False
+    return True

@@ -1,0 +1,291 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+One tick of the predictor: sample in, prediction out. No clock, no files, no ROS.
+
+    z_k = [x_k, features(x_k .. x_(k-p), u_(k-1) .. u_(k-p))]        lift
+    e_k = x_k - (prediction made a tick ago)                         innovation, before the update
+    theta <- online method, fed with the pair that has just become known
+    x_(k+1) = x_k + s * (theta phi_k + d),  phi_k = [z_k; u_k; 1]    predict (residual, affine form)
+    x_(k+j): the same, lifted anew at each step, u held, d decaying  horizon
+
+d is the disturbance: an exponentially weighted mean of what the adapted model left of the
+increments. The live node, the replay and the trainer's validation all call `Predictor.step`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from adk_ros.errors import UsageError
+from adk_ros.model import kernels
+from adk_ros.model.lifting import Lifting, input_size
+from adk_ros.model.online import METHODS, OnlineSettings
+from adk_ros.model.scaling import Scaling
+from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, FloatArray, Sample
+
+_COVARIANCE_GAIN = 0.01
+_MAX_PAIR = 1e3
+# Plain integers: operations on flags themselves cost a microsecond each.
+_RESTART, _COASTING, _UNLEARNABLE = int(Flag.RESTART), int(Flag.COASTING), int(UNLEARNABLE)
+_UNKNOWN = np.full(3, math.nan)
+_UNKNOWN.flags.writeable = False
+
+
+@dataclass(frozen=True)
+class Model:
+    """
+    What training yields, all that a predictor needs.
+
+    `theta0` (n_z, n_phi): offline [A0 B0 c0] (`affine`) or [A0 B0]; in the residual form its rows
+    give increments, the state's in units of `scaling.step_scale`. `disturbance_gain` and
+    `disturbance_decay` (3,): per tick, per channel; gain 0 switches it off. `horizon_covariance`
+    (steps, 3, 3): error covariance in SI units by horizon, on data not trained on. `relift`: lift
+    anew at each step of a roll-out, else stay in the lifted space.
+    """
+
+    lifting: Lifting
+    scaling: Scaling
+    theta0: FloatArray
+    history: int
+    residual: bool
+    affine: bool
+    relift: bool
+    disturbance_gain: FloatArray
+    disturbance_decay: FloatArray
+    horizon_covariance: FloatArray
+    uses_imu: bool
+    online: OnlineSettings = field(default_factory=OnlineSettings)
+
+    @property
+    def n_z(self) -> int:
+        """Size of the lifted state."""
+        return int(self.theta0.shape[0])
+
+
+class Status(Enum):
+    """What a tick yielded."""
+
+    PREDICTED = "predicted"
+    WARMING_UP = "warming up"
+    COASTING = "coasting"
+    NO_STATE = "no state"
+
+
+class Prediction(NamedTuple):
+    """
+    The state predicted one tick ahead, at `stamp_ns`, from the sample at `origin_ns`.
+
+    `x` (3,), `covariance` (3, 3), `horizon` (steps, 3), all SI; `innovation` (3,) is measured less
+    predicted for the sample just taken, NaN where no prediction was made for it.
+    """
+
+    origin_ns: int
+    stamp_ns: int
+    x: FloatArray
+    covariance: FloatArray
+    horizon: FloatArray
+    innovation: FloatArray
+    status: Status
+
+
+class Predictor:
+    """
+    Runs a model over samples, adapting it.
+
+    :param online: settings of the online method; the model's own by default.
+    :param horizon_steps: length of the horizon; 0 for none.
+    :param max_coast_steps: without a measured state, go on from predictions for so many ticks.
+    :raises UsageError: a setting is out of range.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        online: OnlineSettings | None = None,
+        horizon_steps: int = 80,
+        max_coast_steps: int = 40,
+    ) -> None:
+        if not 0 <= horizon_steps <= 400:
+            raise UsageError(f"horizon is {horizon_steps} steps of 25 ms: choose 0 to 400")
+        self.model = model
+        self.settings = online or model.online
+        self.online = METHODS[self.settings.method](model.theta0, self.settings)
+        self.horizon_steps = horizon_steps
+        self.max_coast_steps = max_coast_steps
+        self._x_past = np.zeros((model.history + 1, 3))
+        self._u_past = np.zeros((model.history, 2))
+        self._row = np.zeros(input_size(model.history), dtype=np.float32)
+        self._u = np.zeros(2)
+        self._phi = np.zeros(model.theta0.shape[1])
+        self._z = np.zeros(model.n_z)
+        self._y = np.zeros(model.n_z)
+        self._u_held = np.zeros((1, 2))
+        self._twin = model.lifting.twin.arrays() if model.lifting.twin is not None else None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all samples and adaptation."""
+        self.online.reset()
+        self.status = Status.WARMING_UP
+        self._known = 0
+        self._last_ns: int | None = None
+        self._coasted = 0
+        self._predicted: FloatArray | None = None
+        self._last_learnable = False
+        self._disturbance = np.zeros(3)
+        self._covariance = self._initial_covariance()
+
+    def _initial_covariance(self) -> FloatArray:
+        if len(self.model.horizon_covariance):
+            return np.array(self.model.horizon_covariance[0])
+        return np.diag(np.square(self.model.scaling.x_scale * self.model.scaling.step_scale))
+
+    @property
+    def disturbance(self) -> FloatArray:
+        """Disturbance (3,) as acceleration: m/s^2, m/s^2, rad/s^2."""
+        scaling = self.model.scaling
+        unit = scaling.step_scale * scaling.x_scale / (TICK_NS * 1e-9)
+        return np.asarray(self._disturbance * unit)
+
+    def step(self, sample: Sample) -> Prediction | None:
+        """
+        Take the sample of one tick; return the prediction, or None where there is none to make.
+
+        Samples come in time order; a gap in the grid or a RESTART flag resets everything, since the
+        past no longer tells anything. `status` says why there is no prediction.
+        """
+        gap = self._last_ns is not None and sample.stamp_ns != self._last_ns + TICK_NS
+        if gap or sample.flags & _RESTART:
+            self.reset()
+        self._last_ns = sample.stamp_ns
+        if not (math.isfinite(sample.u[0]) and math.isfinite(sample.u[1])):
+            return self._give_up()
+        measured = not sample.flags & _COASTING and math.isfinite(sum(sample.x))
+        if measured:
+            self._coasted = 0
+            state = np.array(sample.x)
+        else:
+            self._coasted += 1
+            if self._predicted is None or self._coasted > self.max_coast_steps:
+                return self._give_up()
+            state = self._predicted
+        return self._advance(sample, state, measured)
+
+    def _give_up(self) -> None:
+        self.status = Status.NO_STATE
+        self._known = 0
+        self._predicted = None
+        self._last_learnable = False
+
+    def _advance(
+        self, sample: Sample, state: FloatArray, measured: bool
+    ) -> Prediction | None:
+        model, scaling = self.model, self.model.scaling
+        kernels.take_sample(
+            state, sample.u, scaling.x_mean, scaling.x_scale, scaling.u_mean, scaling.u_scale,
+            self._x_past, self._u_past, self._u, self._row,
+        )
+        self._known += 1
+        if self._known <= model.history:
+            self.status = Status.WARMING_UP
+            return None
+        z = np.empty(model.n_z)
+        z[:3] = self._x_past[0]
+        z[3:] = model.lifting(self._row)
+        innovation = _UNKNOWN
+        learnable = measured and not sample.flags & _UNLEARNABLE
+        if self._predicted is not None and measured:
+            innovation = state - self._predicted
+            if learnable and self._last_learnable:
+                self._learn(z, innovation)
+        self._z = z
+        kernels.fill_phi(z, self._u, model.affine, self._phi)
+        steps = max(self.horizon_steps, 1)
+        if self._u_held.shape[0] != steps:
+            self._u_held = np.empty((steps, 2))
+        self._u_held[:] = self._u
+        horizon = self._roll_out(self._u_held)
+        self._last_learnable = learnable
+        if horizon is None:
+            # Nothing here can yield this from finite samples; if it does, start afresh.
+            self.reset()
+            return None
+        self._predicted = horizon[0]
+        self.status = Status.PREDICTED if measured else Status.COASTING
+        return Prediction(
+            origin_ns=sample.stamp_ns,
+            stamp_ns=sample.stamp_ns + TICK_NS,
+            x=horizon[0],
+            covariance=self._published_covariance(),
+            horizon=horizon[: self.horizon_steps],
+            innovation=innovation,
+            status=self.status,
+        )
+
+    def _learn(self, z: FloatArray, innovation: FloatArray) -> None:
+        model = self.model
+        usable = kernels.make_pair(
+            z, self._z, self._phi, self.online.theta, model.scaling.step_scale, model.residual,
+            model.disturbance_gain, self._disturbance, self._y, _MAX_PAIR,
+        )
+        if usable:
+            self.online.update(self._phi, self._y)
+            kernels.follow_covariance(self._covariance, innovation, _COVARIANCE_GAIN)
+
+    def _roll_out(self, u_ahead: FloatArray) -> FloatArray | None:
+        """Scaled commands (h, 2) ahead -> states (h, 3) in SI units, None if not finite."""
+        model = self.model
+        out = np.empty((u_ahead.shape[0], 3))
+        theta = self.online.theta
+        if not model.relift:
+            kernels.roll_out_linear(self._z, theta, u_ahead, out)
+        elif self._twin is not None:
+            kernels.roll_out_lifting(
+                self._x_past, self._u_past, theta, model.scaling.step_scale, model.residual,
+                model.affine, u_ahead, self._disturbance, model.disturbance_decay,
+                *self._twin, out,
+            )
+        else:
+            self._roll_out_by_torch(u_ahead, out)
+        return out if kernels.to_si(out, model.scaling.x_mean, model.scaling.x_scale) else None
+
+    def _roll_out_by_torch(self, u_ahead: FloatArray, out: FloatArray) -> None:
+        model = self.model
+        x_past, u_past = self._x_past.copy(), self._u_past.copy()
+        row, phi, push = self._row.copy(), self._phi.copy(), self._disturbance.copy()
+        for step in range(out.shape[0]):
+            kernels.fill_row(x_past, u_past, row)
+            phi[:3] = x_past[0]
+            phi[3 : model.n_z] = model.lifting(row)
+            phi[model.n_z : model.n_z + 2] = u_ahead[step]
+            change = (self.online.theta[:3] @ phi + push) * model.scaling.step_scale
+            push *= model.disturbance_decay
+            new = np.clip(change + x_past[0] if model.residual else change, -50.0, 50.0)
+            kernels.shift_in(x_past, new)
+            kernels.shift_in(u_past, u_ahead[step])
+            out[step] = new
+
+    def roll_out(self, u_ahead: FloatArray) -> FloatArray:
+        """
+        Predict under known commands, u_ahead (h, 2) in SI units, from the last sample taken.
+
+        Return (h, 3); the first command is the one in force at that sample.
+        :raises RuntimeError: the last step made no prediction.
+        """
+        if self._predicted is None:
+            raise RuntimeError("no state to predict from")
+        result = self._roll_out(self.model.scaling.scale_u(u_ahead))
+        return np.full((u_ahead.shape[0], 3), math.nan) if result is None else result
+
+    def _published_covariance(self) -> FloatArray:
+        covariance = self._covariance.copy()
+        table = self.model.horizon_covariance
+        if self._coasted and len(table):
+            covariance += table[min(self._coasted, len(table) - 1)]
+        return covariance

@@ -1,0 +1,239 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Readings of three streams that are not in step -> samples on the causal 25 ms grid.
+
+The grid is header time: tick t_k = k * 25 ms. A sample at t_k holds what readings stamped at or
+before t_k say, so it depends on the set of those readings and not on the order in which they
+came; the live node and a replay of its bag therefore see the same samples. Tick t_k is given out
+as soon as
+
+* some stream has a reading stamped at or after t_k (time has got there), and
+* no other stream is about to deliver a reading that belongs to it: one is waited for only if
+  0.8 of its period has gone by at t_k since its last reading, and never for longer than
+  `max_wait_s` of the other streams' time. A stream that lets itself be waited for in vain is not
+  waited for again until it is back.
+
+State at t_k: yaw rate from the gyro (else from odometry) by `Stream.line`; velocities from the last
+odometry reading, carried to t_k by the accelerometer,
+    dv_x = (a_x + r v_y) dt,  dv_y = (a_y - r v_x) dt,
+else by `Stream.line`. The command is the last one: commands are held until the next.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+
+from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample, Source
+from adk_ros.signals.clock import ClockGuard, Verdict
+from adk_ros.signals.stream import Stream
+
+_PERIODS_UNTIL_STALE = 3.0
+_AWAITED_FROM = 0.8
+# Plain integers: operations on flags themselves cost a microsecond each.
+_NO_IMU, _IMU_STALE, _ODOMETRY_STALE = (
+    int(Flag.NO_IMU), int(Flag.IMU_STALE), int(Flag.ODOMETRY_STALE)
+)
+_COMMAND_STALE, _FROZEN = int(Flag.COMMAND_STALE), int(Flag.FROZEN)
+_COASTING, _RESTART = int(Flag.COASTING), int(Flag.RESTART)
+_NAN2 = (math.nan, math.nan)
+_NAN3 = (math.nan, math.nan, math.nan)
+
+
+class Aligner:
+    """
+    Folds readings into samples; the same object serves one message at a time and whole bags.
+
+    `counts` tells what was not used and why ("duplicate", "late", "stray stamp", "clock jump",
+    "out of order" (used in its place), "gap": a silence that ended an episode).
+
+    :param odometry_timeout_s: odometry older than this no longer yields a state (COASTING).
+    :param frozen_after_s: a moving vehicle's sensor that repeats itself for so long is frozen.
+    :param max_wait_s: see above.
+    """
+
+    def __init__(
+        self,
+        odometry_timeout_s: float = 0.5,
+        frozen_after_s: float = 1.0,
+        max_wait_s: float = 0.05,
+        jump_s: float = 1.0,
+    ) -> None:
+        self._timeout_ns = round(odometry_timeout_s * 1e9)
+        self._frozen_after_s = frozen_after_s
+        self._max_wait_ns = round(max_wait_s * 1e9)
+        self._guard = ClockGuard(jump_s)
+        self.counts: Counter[str] = Counter()
+        self._begin()
+
+    def _begin(self) -> None:
+        self.streams = (Stream(), Stream(), Stream())
+        self._tick_ns: int | None = None
+        self._had_imu = False
+        self._restarted = True
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Newest believed stamp of any stream."""
+        return self._guard.newest_ns
+
+    def reset(self) -> None:
+        """Forget everything but the counts."""
+        self._guard.reset()
+        self._begin()
+
+    def push(self, reading: Reading) -> list[Sample]:
+        """Take one reading; return the samples that have become complete, oldest first."""
+        verdict, others = self._guard.judge(reading)
+        if verdict is Verdict.ACCEPT:
+            if others:
+                self.counts["stray stamp"] += len(others)
+            self._insert(reading)
+            return self._complete()
+        if verdict is Verdict.HOLD:
+            self.counts["stray stamp"] += len(others)
+            return []
+        self.counts["clock jump"] += 1
+        self._begin()
+        for freed in others:
+            self._insert(freed)
+        return self._complete()
+
+    def advance(self, now_ns: int) -> list[Sample]:
+        """
+        Let time pass without a reading, for streams too slow to show that a tick is due.
+
+        `now_ns` is the caller's clock less what messages may still be under way. It counts only
+        while it is within a second of the stamps: another clock says nothing about this grid.
+        """
+        newest = self._guard.newest_ns
+        if newest is None or not 0 < now_ns - newest < 1_000_000_000:
+            return []
+        return self._complete(now_ns)
+
+    def _insert(self, reading: Reading) -> None:
+        stream = self.streams[reading.source]
+        stamp_ns = reading.stamp_ns
+        if stream:
+            if stamp_ns <= stream.last_ns:
+                if stream.has(stamp_ns):
+                    self.counts["duplicate"] += 1
+                    return
+                self.counts["out of order"] += 1
+            if self._tick_ns is not None and stamp_ns <= self._tick_ns - TICK_NS:
+                self.counts["late"] += 1
+        stream.add(stamp_ns, reading.values)
+        stream.awaited = True
+        if reading.source is Source.IMU:
+            self._had_imu = True
+
+    def _complete(self, now_ns: int | None = None) -> list[Sample]:
+        newest = self._guard.newest_ns
+        imu, odometry, command = self.streams
+        if newest is None or not odometry or not command:
+            return []
+        reached = newest if now_ns is None else max(newest, now_ns)
+        if self._tick_ns is None:
+            first = max(odometry.stamps[0], command.stamps[0])
+            self._tick_ns = -(-first // TICK_NS) * TICK_NS
+        samples = []
+        while self._tick_ns <= reached and self._settled(self._tick_ns, reached):
+            samples.append(self._sample(self._tick_ns))
+            self._tick_ns += TICK_NS
+            self._restarted = False
+        return samples
+
+    def _settled(self, tick_ns: int, reached_ns: int) -> bool:
+        for stream in self.streams:
+            if not stream or not stream.awaited or stream.last_ns >= tick_ns:
+                continue
+            if stream.last_ns + _AWAITED_FROM * stream.period_ns > tick_ns:
+                continue
+            if reached_ns - tick_ns < self._max_wait_ns:
+                return False
+            stream.awaited = False
+        return True
+
+    def _fresh(self, stream: Stream, stamp_ns: int, tick_ns: int) -> bool:
+        allowed = max(_PERIODS_UNTIL_STALE * stream.period_ns, 2.0 * TICK_NS)
+        return tick_ns - stamp_ns <= allowed
+
+    def _frozen(self, stream: Stream) -> bool:
+        return (
+            self._frozen_after_s > 0.0
+            and stream.repeats >= 5
+            and stream.unchanged_s() >= self._frozen_after_s
+        )
+
+    def _sample(self, tick_ns: int) -> Sample:
+        imu, odometry, command = self.streams
+        flags = _RESTART if self._restarted else 0
+        moved = odometry.at_or_before(tick_ns)
+        held = command.at_or_before(tick_ns)
+        # The grid starts after the first of both, but a late insertion may precede nothing.
+        u = (held[1][0], held[1][1]) if held else _NAN2
+        if held is None or not self._fresh(command, held[0], tick_ns):
+            flags |= _COMMAND_STALE
+
+        a, gyro = _NAN2, None
+        sensed = imu.at_or_before(tick_ns) if imu else None
+        if sensed is None:
+            flags |= _IMU_STALE if self._had_imu and imu else _NO_IMU
+        elif not self._fresh(imu, sensed[0], tick_ns):
+            flags |= _IMU_STALE
+        elif self._frozen(imu) and moved is not None and abs(moved[1][0]) > 1.0:
+            flags |= _FROZEN
+        else:
+            line = imu.line(tick_ns)
+            mean = imu.mean(tick_ns - TICK_NS, tick_ns)
+            assert line is not None and mean is not None
+            gyro = line[2]
+            a = (mean[0], mean[1])
+
+        if moved is None:
+            return Sample(tick_ns, _NAN3, u, a, flags | _ODOMETRY_STALE | _COASTING)
+        age_ns = tick_ns - moved[0]
+        if not self._fresh(odometry, moved[0], tick_ns):
+            flags |= _ODOMETRY_STALE
+        if self._frozen(odometry) and abs(moved[1][0]) > 1.0:
+            return Sample(tick_ns, _NAN3, u, a, flags | _FROZEN | _COASTING)
+        if age_ns > self._timeout_ns:
+            return Sample(tick_ns, _NAN3, u, a, flags | _COASTING)
+        x = self._state(tick_ns, moved, gyro, a)
+        if not all(map(math.isfinite, x)):
+            return Sample(tick_ns, _NAN3, u, a, flags | _COASTING)
+        return Sample(tick_ns, x, u, a, flags)
+
+    def _state(
+        self,
+        tick_ns: int,
+        moved: tuple[int, tuple[float, ...]],
+        gyro: float | None,
+        a: tuple[float, float],
+    ) -> tuple[float, float, float]:
+        imu, odometry, _ = self.streams
+        if gyro is None or not math.isfinite(a[0]):
+            line = odometry.line(tick_ns)
+            assert line is not None
+            return line[0], line[1], line[2] if gyro is None else gyro
+        stamp_ns, (v_x, v_y, _rate) = moved
+        elapsed_s = (tick_ns - stamp_ns) * 1e-9
+        if elapsed_s > 0.0:
+            mean = imu.mean(stamp_ns, tick_ns)
+            assert mean is not None
+            v_x, v_y = (
+                v_x + (mean[0] + gyro * v_y) * elapsed_s,
+                v_y + (mean[1] - gyro * v_x) * elapsed_s,
+            )
+        return v_x, v_y, gyro
+
+
+def align_samples(readings: Iterable[Reading], aligner: Aligner | None = None) -> list[Sample]:
+    """Fold `readings` (in order of arrival) through one aligner."""
+    aligner = aligner or Aligner()
+    samples: list[Sample] = []
+    for reading in readings:
+        samples.extend(aligner.push(reading))
+    return samples

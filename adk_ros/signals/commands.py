@@ -1,0 +1,89 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What each kind of command message says of wheel torque and road-wheel angle.
+
+A kind is a row of `COMMAND_TYPES`: its ROS type and a function message -> (torque, delta). To add
+one, write the function and the row; the node, the replay and the trainer then know it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from adk_ros.signals.decode import SensorConfig
+
+MAX_DRIVE = 1e6
+"""N m; a larger net wheel torque is a fault of the message."""
+MAX_DELTA = math.pi / 2
+"""rad at the road wheel."""
+
+
+class Refused(Exception):
+    """A message cannot be used; the text is the reason, the same for the same fault."""
+
+
+@dataclass(frozen=True)
+class CommandType:
+    """
+    One kind of command message.
+
+    `inferred_torque` marks a torque computed from a wanted acceleration (mass times acceleration
+    times wheel radius): good enough as an input to a learned model, no evidence of drive physics.
+    """
+
+    msgtype: str
+    decode: Callable[[Any, SensorConfig], tuple[float, float]]
+    inferred_torque: bool = False
+
+
+def _checked(torque: float, delta: float) -> tuple[float, float]:
+    if not abs(torque) <= MAX_DRIVE:
+        raise Refused("drive torque is not finite or absurd")
+    if not abs(delta) <= MAX_DELTA:
+        raise Refused("steering angle is not finite or beyond a quarter turn of the road wheel")
+    return torque, delta
+
+
+def _joint_state(msg: Any, config: SensorConfig) -> tuple[float, float]:
+    names = list(msg.name)
+    torque = 0.0
+    for joint in config.drive_joints:
+        if joint not in names:
+            raise Refused(f"joint '{joint}' is missing")
+        index = names.index(joint)
+        if index >= len(msg.effort):
+            raise Refused(f"joint '{joint}' has no effort")
+        torque += float(msg.effort[index])
+    if config.steer_joint not in names:
+        raise Refused(f"joint '{config.steer_joint}' is missing")
+    index = names.index(config.steer_joint)
+    if index >= len(msg.position):
+        raise Refused(f"joint '{config.steer_joint}' has no position")
+    return _checked(torque, float(msg.position[index]) / config.steering_ratio)
+
+
+def _ackermann(msg: Any, config: SensorConfig) -> tuple[float, float]:
+    drive = msg.drive
+    torque = float(drive.acceleration) * config.mass * config.wheel_radius
+    return _checked(torque, float(drive.steering_angle))
+
+
+def _autoware_control(msg: Any, config: SensorConfig) -> tuple[float, float]:
+    torque = float(msg.longitudinal.acceleration) * config.mass * config.wheel_radius
+    return _checked(torque, float(msg.lateral.steering_tire_angle))
+
+
+COMMAND_TYPES: dict[str, CommandType] = {
+    "joint_state": CommandType("sensor_msgs/msg/JointState", _joint_state),
+    "ackermann": CommandType(
+        "ackermann_msgs/msg/AckermannDriveStamped", _ackermann, inferred_torque=True
+    ),
+    "autoware_control": CommandType(
+        "autoware_control_msgs/msg/Control", _autoware_control, inferred_torque=True
+    ),
+}

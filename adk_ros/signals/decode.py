@@ -1,0 +1,149 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+ROS message -> `Reading` at the vehicle's reference point.
+
+Duck-typed on purpose: a message from rclpy and one that rosbags deserialised have the same
+attributes, so the live node, the replay and the trainer decode with the same lines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+from adk_ros.errors import UsageError
+from adk_ros.signals.channels import Reading, Source
+from adk_ros.signals.commands import COMMAND_TYPES, Refused
+from adk_ros.signals.frames import LeverArm, rotation, shift_velocity
+
+MAX_SPEED = 150.0
+"""m/s; faster than any road vehicle: such a value is a fault of the message."""
+MAX_YAW_RATE = 20.0
+"""rad/s; above it is not a vehicle (a gyro in deg/s stays below and is warned of elsewhere)."""
+MAX_FORCE = 500.0
+"""m/s^2 of specific force."""
+
+__all__ = ["Decoder", "Refused", "SensorConfig"]
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """
+    How this vehicle's messages are to be read.
+
+    Lengths in m, angles in rad. `reference_point` is the centre of gravity (x, y) in the odometry's
+    child frame (`base_link`), `imu_position` the IMU (x, y) in the same frame, `imu_rotation` its
+    roll, pitch, yaw. `steering_ratio` is hand-wheel angle over road-wheel angle: 1 where the
+    steer joint is the road wheel. `mass` (kg) and `wheel_radius` (m) are needed by commands
+    that carry an acceleration instead of a torque.
+    """
+
+    command_type: str = "joint_state"
+    drive_joints: tuple[str, ...] = ("drive",)
+    steer_joint: str = "steer"
+    steering_ratio: float = 1.0
+    reference_point: tuple[float, float] = (0.0, 0.0)
+    imu_position: tuple[float, float] = (0.0, 0.0)
+    imu_rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mass: float = 0.0
+    wheel_radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.command_type not in COMMAND_TYPES:
+            raise UsageError(
+                f"command_type '{self.command_type}' is unknown: choose one of "
+                f"{', '.join(COMMAND_TYPES)}"
+            )
+        numbers = (
+            self.steering_ratio, *self.reference_point, *self.imu_position, *self.imu_rotation,
+            self.mass, self.wheel_radius,
+        )
+        if not all(math.isfinite(value) for value in numbers):
+            raise UsageError("sensor configuration holds a value that is not finite")
+        if self.steering_ratio == 0.0:
+            raise UsageError("steering_ratio is 0: give hand-wheel angle over road-wheel angle")
+        kind = COMMAND_TYPES[self.command_type]
+        if kind.inferred_torque and not (self.mass > 0.0 and self.wheel_radius > 0.0):
+            raise UsageError(
+                f"command_type '{self.command_type}' carries an acceleration: "
+                "set mass and wheel_radius so that a torque can be inferred from it"
+            )
+
+
+class Decoder:
+    """
+    Decodes messages of the three streams; counts what it refuses, by stream and reason.
+
+    `refused` maps (source, reason) to how often. An instance keeps the gyro's last value for the
+    IMU's lever arm, so each stream of messages needs its own.
+    """
+
+    def __init__(self, config: SensorConfig | None = None) -> None:
+        self.config = config or SensorConfig()
+        self.refused: Counter[tuple[Source, str]] = Counter()
+        self._command = COMMAND_TYPES[self.config.command_type].decode
+        position, reference = self.config.imu_position, self.config.reference_point
+        self._arm = LeverArm(position[0] - reference[0], position[1] - reference[1])
+        self._turned = any(self.config.imu_rotation)
+        self._rotation = rotation(*self.config.imu_rotation)
+
+    def decode(self, source: Source, msg: Any) -> Reading:
+        """
+        Return the reading in `msg`.
+
+        :raises Refused: it cannot be used; the reason is counted in `refused` as well.
+        """
+        try:
+            stamp = msg.header.stamp if hasattr(msg, "header") else msg.stamp
+            stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+            if stamp_ns <= 0:
+                raise Refused("no time stamp")
+            if source is Source.IMU:
+                values = self._imu(stamp_ns, msg)
+            elif source is Source.ODOMETRY:
+                values = self._odometry(msg)
+            else:
+                values = self._command(msg, self.config)
+        except Refused as refusal:
+            self.refused[(source, str(refusal))] += 1
+            raise
+        except (AttributeError, TypeError, ValueError, IndexError) as error:
+            refusal = Refused(f"not the expected message type ({type(msg).__name__})")
+            self.refused[(source, str(refusal))] += 1
+            raise refusal from error
+        return Reading(source, stamp_ns, values)
+
+    def reset(self) -> None:
+        """Forget the past of the signals, after a jump of the clock."""
+        self._arm.reset()
+
+    def _imu(self, stamp_ns: int, msg: Any) -> tuple[float, float, float]:
+        force, rate = msg.linear_acceleration, msg.angular_velocity
+        a_x, a_y, yaw_rate = float(force.x), float(force.y), float(rate.z)
+        if self._turned:
+            a_x, a_y, _ = (self._rotation @ (a_x, a_y, float(force.z))).tolist()
+            yaw_rate = float(self._rotation[2] @ (float(rate.x), float(rate.y), yaw_rate))
+        # REP-145: a first covariance element of -1 says that the field is not reported.
+        if msg.angular_velocity_covariance[0] == -1.0:
+            raise Refused("the IMU reports no angular velocity")
+        if not abs(yaw_rate) <= MAX_YAW_RATE * 57.3:
+            raise Refused("yaw rate is not finite or absurd")
+        if msg.linear_acceleration_covariance[0] == -1.0:
+            return math.nan, math.nan, yaw_rate
+        if not (abs(a_x) <= MAX_FORCE and abs(a_y) <= MAX_FORCE):
+            raise Refused("acceleration is not finite or absurd")
+        a_x, a_y = self._arm.compensate(stamp_ns, a_x, a_y, yaw_rate)
+        return a_x, a_y, yaw_rate
+
+    def _odometry(self, msg: Any) -> tuple[float, float, float]:
+        twist = msg.twist.twist
+        v_x, v_y, yaw_rate = float(twist.linear.x), float(twist.linear.y), float(twist.angular.z)
+        if not (abs(v_x) <= MAX_SPEED and abs(v_y) <= MAX_SPEED):
+            raise Refused("velocity is not finite or absurd")
+        if not abs(yaw_rate) <= MAX_YAW_RATE:
+            raise Refused("yaw rate is not finite or absurd")
+        v_x, v_y = shift_velocity(v_x, v_y, yaw_rate, *self.config.reference_point)
+        return v_x, v_y, yaw_rate

@@ -1,0 +1,79 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+From where a sensor sits to the vehicle's reference point, and from hand wheel to road wheel.
+
+Axes are REP-103 (x forward, y left, z up), frames REP-105. The plane rigid-body relations used are
+v_P = v_O + w x r and a_P = a_O + dw/dt x r - w^2 r for a point P at r from O.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from adk_ros.signals.channels import FloatArray
+
+_RATE_FILTER_S = 0.05
+
+
+def rotation(roll: float, pitch: float, yaw: float) -> FloatArray:
+    """Return the (3, 3) matrix that turns sensor axes into body axes (fixed-axis roll, pitch, yaw)."""
+    cr, sr = math.cos(roll), math.sin(roll)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    return np.array([
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ])
+
+
+def shift_velocity(
+    v_x: float, v_y: float, yaw_rate: float, x: float, y: float
+) -> tuple[float, float]:
+    """Velocity (m/s) of the point at (x, y) metres from where (v_x, v_y) is known."""
+    return v_x - yaw_rate * y, v_y + yaw_rate * x
+
+
+class LeverArm:
+    """
+    Moves specific force from an IMU at (x, y) metres off the reference point to the point itself.
+
+    a_ref = a_imu - dw/dt x r + w^2 r. The angular acceleration is the gyro's difference quotient
+    behind a first-order filter of 50 ms: it is the only part that needs the past.
+    """
+
+    def __init__(self, x: float, y: float) -> None:
+        self._x = x
+        self._y = y
+        self._stamp_ns: int | None = None
+        self._yaw_rate = 0.0
+        self._yaw_acceleration = 0.0
+
+    def compensate(
+        self, stamp_ns: int, a_x: float, a_y: float, yaw_rate: float
+    ) -> tuple[float, float]:
+        """Return (a_x, a_y) in m/s^2 at the reference point; unchanged if the arm is zero."""
+        if self._x == 0.0 and self._y == 0.0:
+            return a_x, a_y
+        elapsed_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
+        if 0.0 < elapsed_s < 0.2:
+            raw = (yaw_rate - self._yaw_rate) / elapsed_s
+            share = elapsed_s / (elapsed_s + _RATE_FILTER_S)
+            self._yaw_acceleration += share * (raw - self._yaw_acceleration)
+        elif elapsed_s != 0.0:
+            self._yaw_acceleration = 0.0
+        if elapsed_s >= 0.0 or self._stamp_ns is None:
+            self._stamp_ns, self._yaw_rate = stamp_ns, yaw_rate
+        squared = yaw_rate * yaw_rate
+        return (
+            a_x + self._yaw_acceleration * self._y + squared * self._x,
+            a_y - self._yaw_acceleration * self._x + squared * self._y,
+        )
+
+    def reset(self) -> None:
+        """Forget the gyro's past, after a jump of the clock."""
+        self._stamp_ns = None
+        self._yaw_acceleration = 0.0
