@@ -70,8 +70,7 @@ def save(folder: Path, program: bytes, model: Model, facts: dict[str, Any]) -> N
         seeds, scores), JSON-able, kept under "training".
     :raises UsageError: `folder` exists and is not an artefact.
     """
-    if folder.exists() and not (folder / MANIFEST).is_file():
-        raise UsageError(f"{folder} exists and is no model: choose another --out")
+    check_target(folder)
     arrays = _pack(model)
     manifest = {
         "format": FORMAT,
@@ -103,6 +102,16 @@ def save(folder: Path, program: bytes, model: Model, facts: dict[str, Any]) -> N
             os.rename(whole, folder)
     finally:
         shutil.rmtree(whole, ignore_errors=True)
+
+
+def check_target(folder: Path) -> None:
+    """
+    Refuse a place where `save` would destroy something that is no model.
+
+    :raises UsageError: `folder` exists and is not an artefact.
+    """
+    if folder.exists() and not (folder / MANIFEST).is_file():
+        raise UsageError(f"{folder} exists and is no model: choose another --out or remove it")
 
 
 def load(folder: Path) -> Artefact:

@@ -195,9 +195,7 @@ class Predictor:
         if self._known <= model.history:
             self.status = Status.WARMING_UP
             return None
-        z = np.empty(model.n_z)
-        z[:3] = self._x_past[0]
-        z[3:] = model.lifting(self._row)
+        z = self._lift()
         innovation = _UNKNOWN
         learnable = measured and not sample.flags & _UNLEARNABLE
         if self._predicted is not None and measured:
@@ -227,6 +225,12 @@ class Predictor:
             innovation=innovation,
             status=self.status,
         )
+
+    def _lift(self) -> FloatArray:
+        z = np.empty(self.model.n_z)
+        z[:3] = self._x_past[0]
+        z[3:] = self.model.lifting(self._row)
+        return z
 
     def _learn(self, z: FloatArray, innovation: FloatArray) -> None:
         model = self.model

@@ -11,7 +11,7 @@ the sample was known.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,6 +128,36 @@ def score(
         count=int(rows.shape[0]),
         diverged=int(lost.any(axis=(1, 2)).sum()),
     )
+
+
+def pool(scores: Sequence[Score]) -> Score:
+    """One score over all starts of several (of the same steps); those without a start count nothing."""
+    used = [item for item in scores if item.count]
+    if not used:
+        raise ValueError("nothing was scored")
+    weights = np.array([item.count for item in used], dtype=np.float64)
+    squares = np.array([item.rmse**2 for item in used])
+    return Score(
+        steps=used[0].steps,
+        rmse=np.sqrt(np.tensordot(weights / weights.sum(), squares, axes=1)),
+        worst=np.max([item.worst for item in used], axis=0),
+        count=int(weights.sum()),
+        diverged=sum(item.diverged for item in used),
+    )
+
+
+def noise_floor(record: Record) -> FloatArray:
+    """
+    Deviation (3,) of the white noise in `x_ref`, SI: from third differences, /sqrt(20).
+
+    A predictor cannot come closer to a noisy measurement than this.
+    """
+    third = np.diff(record.x_ref, n=3, axis=0)
+    third = third[np.isfinite(third).all(axis=1)]
+    if third.shape[0] < 10:
+        return np.full(3, np.nan)
+    # The median, so that a few real jerks do not pass for noise.
+    return np.asarray(np.median(np.abs(third), axis=0) / 0.6745 / math.sqrt(20.0))
 
 
 def best_naive(scores: Mapping[str, Score]) -> FloatArray:

@@ -1,0 +1,142 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the verbs say: notes and progress on stderr, answers on stdout."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from adk_ros.signals.channels import STATE_NAMES, TICK_NS
+from adk_ros.signals.score import REPORT_SCALE, Score, best_naive
+
+errors = Console(stderr=True, highlight=False, soft_wrap=True)
+output = Console(highlight=False, soft_wrap=True)
+_REPORT_UNITS = ("km/h", "km/h", "deg/s")
+_QUIET_S = 1.0
+_LINE_EVERY_S = 10.0
+
+Report = Callable[[float, float], None]
+
+
+def note(text: str) -> None:
+    """Tell a person something, on stderr."""
+    errors.print(text, markup=False)
+
+
+def warn(text: str) -> None:
+    """Tell a person of something amiss, on stderr."""
+    errors.print(f"warning: {text}", style="yellow", markup=False)
+
+
+def answer(value: Any) -> None:
+    """Print `value` as JSON on stdout; numbers that are not finite become null."""
+    print(json.dumps(_finite(value), indent=2))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Callable[..., None]]:
+    """
+    Yield `report(done, total, text="")`, which keeps a bar on a terminal, a line now and then elsewhere.
+
+    Nothing is shown for what is over within a second.
+    """
+    started = time.monotonic()
+    if errors.is_terminal:
+        bar = Progress(
+            TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(),
+            TimeRemainingColumn(), TextColumn("{task.fields[text]}"),
+            console=errors, transient=True, disable=False, auto_refresh=False,
+        )
+        task = bar.add_task(what, total=None, text="")
+        shown = False
+        refreshed = 0.0
+
+        def report(done: float, total: float, text: str = "") -> None:
+            nonlocal shown, refreshed
+            now = time.monotonic()
+            if not shown and now - started > _QUIET_S:
+                bar.start()
+                shown = True
+            if shown and now - refreshed > 0.1:
+                bar.update(task, completed=done, total=total, text=text)
+                bar.refresh()
+                refreshed = now
+
+        try:
+            yield report
+        finally:
+            if shown:
+                bar.stop()
+        return
+    last = started
+
+    def line(done: float, total: float, text: str = "") -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last > _LINE_EVERY_S and total:
+            note(f"{what}: {100.0 * done / total:.0f} %{'  ' + text if text else ''}")
+            last = now
+
+    yield line
+
+
+def score_table(scores: dict[str, Score], model_names: tuple[str, ...], title: str) -> Table:
+    """RMSE by channel and horizon, the model's and the naive predictors', in km/h and deg/s."""
+    naive = [name for name in scores if name not in model_names]
+    best = best_naive({name: scores[name] for name in naive})
+    table = Table(title=title, title_justify="left")
+    table.add_column("channel")
+    table.add_column("horizon")
+    for name in (*model_names, *naive):
+        table.add_column(name, justify="right")
+    table.add_column(f"{model_names[0]} / best naive", justify="right")
+    first = scores[model_names[0]]
+    for channel, (label, unit) in enumerate(zip(STATE_NAMES, _REPORT_UNITS, strict=True)):
+        for row, step in enumerate(first.steps):
+            cells = [
+                f"{scores[name].rmse[row, channel] * REPORT_SCALE[channel]:.4g}"
+                for name in (*model_names, *naive)
+            ]
+            ratio = first.rmse[row, channel] / max(best[row, channel], 1e-12)
+            table.add_row(
+                f"{label} ({unit})" if row == 0 else "", f"{step * TICK_NS * 1e-9:g} s", *cells,
+                f"{ratio:.2f}", end_section=row == len(first.steps) - 1,
+                style=None if ratio < 1.0 else "yellow",
+            )
+    return table
+
+
+def show(table: Table) -> None:
+    """Print a table on stdout, as wide as it needs to be where nobody looks."""
+    console = output if output.is_terminal else Console(highlight=False, width=140)
+    console.print(table)
+
+
+def flush() -> None:
+    """Hand on what was printed; a closed pipe is not an error of ours."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        sys.stderr.close()

@@ -1,0 +1,106 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The `adk` command: one verb a file, registered here.
+
+Verbs import what they need when they run, so that help and completion answer at once.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import typer
+
+from adk_ros.cli import (
+    bench,
+    demo,
+    echo,
+    info,
+    play,
+    replay,
+    rollout,
+    simulate,
+    train,
+)
+from adk_ros.errors import AdkError
+
+app = typer.Typer(
+    name="adk",
+    help="Vehicle-state predictor: train from bags, predict live, replay, score.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+VERBS: dict[str, Callable[..., Any]] = {
+    "train": train.train,
+    "replay": replay.replay,
+    "play": play.play,
+    "echo": echo.echo,
+    "rollout": rollout.rollout,
+    "info": info.info,
+    "simulate": simulate.simulate,
+    "demo": demo.demo,
+}
+for _name, _verb in VERBS.items():
+    app.command(_name)(_verb)
+app.add_typer(bench.app, name="bench")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code: 0, 2 for a wrong request, 3 for unfit data."""
+    try:
+        result = app(args=arguments, standalone_mode=False)
+        sys.stdout.flush()
+        return result if isinstance(result, int) else 0
+    except AdkError as error:
+        print(f"adk: {error}", file=sys.stderr)
+        return error.exit_code
+    except (KeyboardInterrupt, typer.Abort):
+        print("adk: interrupted", file=sys.stderr)
+        return 128 + signal.SIGINT
+    except typer.Exit as stop:
+        return stop.exit_code
+    except BrokenPipeError:
+        # The reader has gone: what is still in the buffer must not raise again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        if hasattr(error, "format_message"):
+            return _refused(error)
+        raise
+
+
+def _refused(error: Any) -> int:
+    """A mistake on the command line, as the parser reports it, in one line."""
+    text = error.format_message()
+    if text:
+        context = getattr(error, "ctx", None)
+        verb = context.command_path if context is not None else "adk"
+        print(f"adk: {text} (see '{verb} --help')", file=sys.stderr)
+    return int(getattr(error, "exit_code", 2))
+
+
+def _verb_main(name: str) -> Callable[[], int]:
+    def run() -> int:
+        return main([name, *sys.argv[1:]])
+
+    return run
+
+
+train_main = _verb_main("train")
+replay_main = _verb_main("replay")
+play_main = _verb_main("play")
+echo_main = _verb_main("echo")
+rollout_main = _verb_main("rollout")
+info_main = _verb_main("info")
+simulate_main = _verb_main("simulate")
+bench_main = _verb_main("bench")
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,109 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk replay: a recorded drive through the predictor, scored, its predictions written as a bag."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from adk_ros.cli import console
+from adk_ros.cli.options import (
+    BagArgument,
+    CommandOption,
+    ImuOption,
+    JsonOption,
+    ModelOption,
+    NoImuOption,
+    OdometryOption,
+    ParamsOption,
+    drive_options,
+)
+
+
+def replay(
+    bag: BagArgument,
+    model: ModelOption,
+    out: Annotated[Path | None, typer.Option(help="bag to write the predictions to")] = None,
+    method: Annotated[
+        str | None, typer.Option(help="constant, rls, ffrls, swls or windowed; default: the model's")
+    ] = None,
+    window: Annotated[int | None, typer.Option(help="samples in the window")] = None,
+    ridge: Annotated[float | None, typer.Option(help="pull to the offline model")] = None,
+    horizon: Annotated[float, typer.Option(help="length of the horizon in s")] = 2.0,
+    with_horizon: Annotated[
+        bool, typer.Option("--with-horizon", help="write the horizons as well (large)")
+    ] = False,
+    imu: ImuOption = None,
+    odometry: OdometryOption = None,
+    command: CommandOption = None,
+    no_imu: NoImuOption = False,
+    params: ParamsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """
+    Replay a recording: what the live node would have predicted, and how good it would have been.
+
+    Example: adk replay bags/town --model models/handling --out predicted
+    """
+    from adk_ros.drives import read_drive
+    from adk_ros.model import artefact
+    from adk_ros.model.online import OnlineSettings
+    from adk_ros.model.pipeline import PipelineSettings
+    from adk_ros.replay import replay as run
+    from adk_ros.train.heldout import HELD, MODEL, held_out
+
+    loaded = artefact.load(model)
+    facts = loaded.manifest["training"]
+    options = drive_options(imu, odometry, command, no_imu, params, facts.get("sensors"))
+    online: OnlineSettings = loaded.model.online
+    online = replace(
+        online, method=method or online.method, window=window or online.window,
+        ridge=ridge or online.ridge,
+    )
+    settings = PipelineSettings(
+        sensors=options.sensors, online=online, horizon_steps=round(horizon / 0.025)
+    )
+    with console.progress(f"replaying {bag.name}") as bar:
+        predictions, pipeline, _ = run(
+            bag, loaded.model, settings, options, out, with_horizon, bar
+        )
+    drive = read_drive(bag, options)
+    for text in drive.warnings:
+        console.warn(text)
+    if loaded.model.uses_imu and drive.topics.imu is None:
+        console.warn("the model was trained with an IMU and this bag has none: its yaw rate comes "
+                     "from odometry")
+    if drive.record.name in {data["name"] for data in facts.get("data", [])}:
+        console.warn(f"the model was trained on a bag named {drive.record.name}: this is no test")
+    with console.progress("scoring") as bar:
+        test = held_out(loaded.model, [(drive.record, None)], online=online, progress=bar)
+    innovations = np.array([p.innovation for p in predictions]).reshape(-1, 3)
+    known = innovations[np.isfinite(innovations).all(axis=1)]
+    rms = np.sqrt(np.mean(known**2, axis=0)) if len(known) else np.full(3, math.nan)
+    if as_json:
+        console.answer({
+            "bag": str(bag), "model": str(model), "out": str(out) if out else None,
+            "method": online.method, "ticks": pipeline.ticks, "predictions": len(predictions),
+            "restarts": pipeline.restarts, "innovation_rms": rms.tolist(),
+            "counts": dict(pipeline.aligner.counts),
+            "score": test.as_json() if test else None,
+        })
+        return
+    if test is None:
+        console.warn("no stretch without a gap is as long as the horizon: nothing to score")
+    else:
+        title = (
+            f"RMSE on {drive.record.name}, method {online.method} "
+            f"({test.scores[MODEL].count} starts)"
+        )
+        console.show(console.score_table(test.scores, (MODEL, HELD), title))
+    console.note(
+        f"{len(predictions)} predictions on {pipeline.ticks} ticks of 25 ms"
+        + (f" in {out}" if out else " (nothing written: no --out)")
+    )

@@ -1,0 +1,57 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk rollout: open-loop predictions along a bag, as CSV."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from adk_ros.cli import console
+from adk_ros.cli.options import (
+    CommandOption,
+    ImuOption,
+    JsonOption,
+    NoImuOption,
+    OdometryOption,
+    ParamsOption,
+    drive_options,
+)
+
+
+def rollout(
+    model: Annotated[Path, typer.Option(help="a trained model folder, or a vehicle's YAML")],
+    bag: Annotated[Path, typer.Option(help="the recording to start from")],
+    out: Annotated[Path, typer.Option(help="CSV file to write")],
+    horizon: Annotated[float, typer.Option(help="seconds to predict")] = 1.0,
+    stride: Annotated[float, typer.Option(help="seconds between starts")] = 0.5,
+    imu: ImuOption = None,
+    odometry: OdometryOption = None,
+    command: CommandOption = None,
+    no_imu: NoImuOption = False,
+    params: ParamsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """
+    Predict open loop from every few tenths of a second of a recording, under its own commands.
+
+    Example: adk rollout --model models/handling --bag bags/town --horizon 1 --out rollouts.csv
+    """
+    from adk_ros.model import artefact
+    from adk_ros.rollouts import roll_out_bag, write_csv
+
+    sensors = None
+    if (model / artefact.MANIFEST).is_file():
+        sensors = artefact.read_manifest(model)["training"].get("sensors")
+    options = drive_options(imu, odometry, command, no_imu, params, sensors)
+    with console.progress("rolling out") as bar:
+        starts, predicted = roll_out_bag(model, bag, horizon, stride, options, bar)
+    write_csv(out, starts, predicted)
+    if as_json:
+        console.answer({
+            "out": str(out), "starts": int(starts.size), "steps": int(predicted.shape[1]),
+        })
+        return
+    console.note(f"{starts.size} starts of {predicted.shape[1]} steps in {out}")

@@ -1,0 +1,153 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk train: bags in, model folder and report out."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from adk_ros.cli import console
+from adk_ros.cli.options import (
+    BagsArgument,
+    CommandOption,
+    ImuOption,
+    JsonOption,
+    NoImuOption,
+    OdometryOption,
+    ParamsOption,
+    drive_options,
+)
+from adk_ros.errors import UsageError
+
+if TYPE_CHECKING:
+    from adk_ros.drives import DriveOptions
+    from adk_ros.signals.channels import Record
+    from adk_ros.train.fit import Step
+    from adk_ros.train.settings import PaperSettings, TrainSettings
+
+
+def train(
+    bags: BagsArgument,
+    out: Annotated[Path, typer.Option(help="model folder to write")],
+    imu: ImuOption = None,
+    odometry: OdometryOption = None,
+    command: CommandOption = None,
+    no_imu: NoImuOption = False,
+    params: ParamsOption = None,
+    split: Annotated[
+        str, typer.Option(help="hold out by 'blocks' of time, the 'tail', or the last of the 'bags'")
+    ] = "blocks",
+    steps: Annotated[int, typer.Option(help="updates, each of one batch of sequences")] = 4000,
+    history: Annotated[int, typer.Option(help="past samples beside the state")] = 5,
+    hidden: Annotated[int, typer.Option(help="width of the encoder's hidden layers")] = 32,
+    learning_rate: Annotated[float, typer.Option()] = 4e-3,
+    seed: Annotated[int, typer.Option(help="same seed, same model")] = 0,
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda")] = "auto",
+    paper: Annotated[
+        str | None, typer.Option(help="train exactly as the paper does: 'dk' or 'aldk'")
+    ] = None,
+    epochs: Annotated[int, typer.Option(help="epochs, with --paper alone")] = 2000,
+    tensorboard: Annotated[Path | None, typer.Option(help="write scalars to this folder")] = None,
+    report: Annotated[bool, typer.Option(help="write report.html and figures")] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """
+    Train a model from recordings and score it on what it has not seen.
+
+    Example: adk train bags/handling --out models/handling
+    """
+    started = time.monotonic()
+    from adk_ros.train.report import write_report
+    from adk_ros.train.run import run_training
+    from adk_ros.train.settings import PaperSettings, TrainSettings
+
+    settings: TrainSettings | PaperSettings
+    if paper is None:
+        settings = TrainSettings(
+            steps=steps, history=history, hidden=hidden, learning_rate=learning_rate, seed=seed,
+            device=device, validate_every=min(200, max(1, steps // 10)),
+        )
+    elif paper in ("dk", "aldk"):
+        settings = PaperSettings(acceleration=paper == "aldk", epochs=epochs, seed=seed)
+    else:
+        raise UsageError(f"--paper {paper} is unknown: choose dk or aldk")
+    options = drive_options(imu, odometry, command, no_imu, params)
+    records = read_records(bags, options)
+    writer = _scalars(tensorboard)
+    with console.progress("training") as bar, console.progress("after training") as after:
+
+        def on_step(step: Step) -> None:
+            text = f"loss {step.loss:.4f}"
+            if not math.isnan(step.validation):
+                text += f", validation {step.validation:.4f}"
+            bar(step.step, step.steps, text)
+            if writer is not None and step.step % 20 == 0:
+                writer.add_scalar("loss/train", step.loss, step.step)
+                writer.add_scalar("learning_rate", step.learning_rate, step.step)
+                if not math.isnan(step.validation):
+                    writer.add_scalar("loss/validation", step.validation, step.step)
+
+        def on_note(what: str, done: int, total: int) -> None:
+            after(done, total, what)
+
+        run = run_training(records, out, settings, split, options.sensors, on_step, on_note)
+    if writer is not None:
+        writer.close()
+    if report:
+        write_report(run, out)
+    seconds = time.monotonic() - started
+    if as_json:
+        console.answer({"model": str(out), "seconds": round(seconds, 1)} | run.facts)
+        return
+    if run.test is None:
+        console.warn("nothing was held out that is long enough to score")
+    else:
+        from adk_ros.train.heldout import HELD, MODEL
+
+        title = (
+            f"RMSE on held-out data ({run.test.scores[MODEL].count} starts, "
+            f"{run.split.seconds(2):.0f} s not trained on), commands known unless said otherwise"
+        )
+        console.show(console.score_table(run.test.scores, (MODEL, HELD), title))
+        for cell, why in run.test.lost.items():
+            console.note(f"not better than a naive predictor: {cell}: {why}")
+    data_s = sum(record.duration_s for record in records)
+    console.note(f"trained on {data_s:.0f} s of driving in {seconds:.0f} s: model in {out}")
+    if report:
+        console.note(f"report: {out / 'report.html'}")
+
+
+def read_records(bags: list[Path], options: DriveOptions) -> list[Record]:
+    """Read all bags, with a progress bar, telling what was odd about them."""
+    from adk_ros.drives import read_drive
+
+    records = []
+    for path in bags:
+        with console.progress(f"reading {path.name}") as bar:
+            drive = read_drive(path, options, bar)
+        topics = drive.topics
+        console.note(
+            f"{path}: imu {topics.imu or 'none (yaw rate from odometry)'}, odometry "
+            f"{topics.odometry}, command {topics.command}; {drive.record.duration_s:.1f} s"
+        )
+        for text in drive.warnings:
+            console.warn(text)
+        records.append(drive.record)
+    return records
+
+
+def _scalars(folder: Path | None):  # type: ignore[no-untyped-def]
+    if folder is None:
+        return None
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        raise UsageError(
+            "--tensorboard needs the tensorboard package: pip install tensorboard"
+        ) from None
+    return SummaryWriter(str(folder))

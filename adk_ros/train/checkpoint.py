@@ -1,0 +1,83 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A training that was killed goes on where it was: parameters and Adam's moments as plain arrays.
+
+Random numbers are drawn anew for each step from (seed, step), so nothing else needs to be kept, and
+a resumed training yields what an uninterrupted one does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from adk_ros.signals.channels import Record
+
+Arrays = dict[str, np.ndarray[Any, Any]]
+
+
+def fingerprint(settings: Any, records: list[Record]) -> str:
+    """Hash of all that makes two trainings the same: settings and data."""
+    digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
+    for record in records:
+        for array in (record.x, record.u, record.x_ref, record.episode):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def save(
+    path: Path, key: str, step: int, network: nn.Module, optimiser: torch.optim.Adam, extra: Arrays
+) -> None:
+    """Write a checkpoint as one whole."""
+    arrays: Arrays = {"key": np.array(key), "step": np.array(step)}
+    for name, value in network.state_dict().items():
+        arrays[f"net.{name}"] = value.detach().cpu().numpy()
+    for index, state in optimiser.state_dict()["state"].items():
+        for name, value in state.items():
+            arrays[f"adam.{index}.{name}"] = np.asarray(torch.as_tensor(value).cpu())
+    arrays |= {f"extra.{name}": value for name, value in extra.items()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    with part.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+    os.replace(part, path)
+
+
+def load(
+    path: Path, key: str, network: nn.Module, optimiser: torch.optim.Adam
+) -> tuple[int, Arrays] | None:
+    """
+    Restore `network` and `optimiser`; return the step to go on from and the extras.
+
+    None, with nothing changed, if there is no checkpoint of this very training.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return None
+    if str(arrays.get("key")) != key:
+        return None
+    device = next(network.parameters()).device
+    network.load_state_dict(
+        {n[4:]: torch.as_tensor(v).to(device) for n, v in arrays.items() if n.startswith("net.")}
+    )
+    state: dict[int, dict[str, Any]] = {}
+    for name, value in arrays.items():
+        if name.startswith("adam."):
+            _, index, field = name.split(".")
+            state.setdefault(int(index), {})[field] = torch.as_tensor(value)
+    template = optimiser.state_dict()
+    optimiser.load_state_dict({"state": state, "param_groups": template["param_groups"]})
+    extra = {n[6:]: v for n, v in arrays.items() if n.startswith("extra.")}
+    return int(arrays["step"]), extra

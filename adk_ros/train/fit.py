@@ -1,0 +1,233 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The default training: a multi-step loss, in units of what persistence would miss.
+
+    L = mean over steps j and channels c of ((x_pred(k+j) - x_ref(k+j)) / s_jc)^2
+    s_jc = RMS of x_ref(k+j) - x_k over the training data
+
+so that every horizon and channel counts alike, and 1 means "no better than doing nothing". The
+acceleration that the paper's loss looks at is the one-step increment here, which j = 1 holds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from adk_ros.errors import DataError, UsageError
+from adk_ros.model.scaling import Scaling
+from adk_ros.signals.channels import Record
+from adk_ros.train import checkpoint
+from adk_ros.train.dataset import Sequences, sequences
+from adk_ros.train.network import Network, as_tensor
+from adk_ros.train.settings import TrainSettings
+
+_CHECKPOINT_EVERY = 500
+_LEAST_ROWS = 800
+_VALIDATION_ROWS = 4096
+
+
+@dataclass(frozen=True)
+class Step:
+    """Where a training is: `loss` is a running mean, `validation` the last one measured."""
+
+    step: int
+    steps: int
+    loss: float
+    validation: float
+    learning_rate: float
+
+
+@dataclass(frozen=True)
+class Trained:
+    """Result of a training: the network at its best validation, and the curve (m, 3): step, loss,
+    validation."""
+
+    network: Network
+    scaling: Scaling
+    curve: list[tuple[int, float, float]]
+    best_step: int
+    stopped_early: bool
+
+
+def choose_device(name: str) -> torch.device:
+    """
+    Return the device for `auto`, `cpu` or `cuda`.
+
+    :raises UsageError: cuda was asked for and there is none.
+    """
+    available = torch.cuda.is_available()
+    if name == "cuda" and not available:
+        raise UsageError("device cuda was asked for, but torch sees no GPU: use --device auto")
+    return torch.device("cuda" if available and name != "cpu" else "cpu")
+
+
+class _Data:
+    """A part of the data as scaled tensors, and how to gather sequences from them."""
+
+    def __init__(self, part: Sequences, scaling: Scaling, device: torch.device) -> None:
+        self.part = part
+        self.x = as_tensor(scaling.scale_x(part.x), device)
+        self.x_ref = as_tensor(scaling.scale_x(part.x_ref), device)
+        self.u = as_tensor(scaling.scale_u(part.u), device)
+        past = torch.arange(part.history + 1, device=device)
+        self._x_past, self._u_past = -past, -1 - past[:-1]
+
+    def gather(self, rows: Tensor, ahead: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """x_past (b, p + 1, 3), u_past (b, p, 2), u_ahead (b, h, 2), x_ref ahead (b, h, 3)."""
+        column, step = rows[:, None], torch.arange(ahead, device=rows.device)
+        return (
+            self.x[column + self._x_past],
+            self.u[column + self._u_past],
+            self.u[column + step],
+            self.x_ref[column + 1 + step],
+        )
+
+    def persistence(self, ahead: int) -> Tensor:
+        """s_jc (h, 3), see above."""
+        rows = torch.from_numpy(self.part.rows).to(self.x.device)
+        result = [((self.x_ref[rows + j] - self.x[rows]) ** 2).mean(0) for j in range(1, ahead + 1)]
+        return torch.stack(result).sqrt().clamp_min(1e-6)
+
+
+def fit(
+    train: Sequence[Record],
+    validation: Sequence[Record],
+    settings: TrainSettings,
+    on_step: Callable[[Step], None] | None = None,
+    checkpoint_path: Path | None = None,
+) -> Trained:
+    """
+    Train a network on `train`, choosing its best state by `validation`.
+
+    A checkpoint of the same training found at `checkpoint_path` is continued.
+    :raises DataError: too little data.
+    """
+    torch.set_num_threads(1)
+    device = choose_device(settings.device)
+    longest = max(settings.short_steps, settings.long_steps)
+    part = sequences(train, settings.history, longest, "training")
+    if part.rows.size < _LEAST_ROWS:
+        raise DataError(
+            f"only {part.rows.size * 0.025:.0f} s of training data without gaps, at least "
+            f"{_LEAST_ROWS * 0.025:.0f} s are needed: give more or longer recordings"
+        )
+    held = sequences(validation, settings.history, longest, "validation")
+    change = np.diff(part.x_ref, axis=0)
+    change = change[np.isfinite(change).all(axis=1)]
+    scaling = Scaling.standard(part.x[part.rows], part.u[part.rows], change)
+    torch.manual_seed(settings.seed)
+    network = Network(settings.history, settings.hidden, settings.features, scaling.step_scale)
+    network.to(device)
+    trainer = _Trainer(
+        network, _Data(part, scaling, device), _Data(held, scaling, device), settings
+    )
+    key = checkpoint.fingerprint(settings, [*train, *validation])
+    curve, best_step, early = trainer.run(key, checkpoint_path, on_step)
+    return Trained(network.to("cpu"), scaling, curve, best_step, early)
+
+
+class _Trainer:
+    def __init__(
+        self, network: Network, data: _Data, held: _Data, settings: TrainSettings
+    ) -> None:
+        self.network, self.data, self.held, self.settings = network, data, held, settings
+        longest = max(settings.short_steps, settings.long_steps)
+        self.weight = 1.0 / data.persistence(longest)
+        self.optimiser = torch.optim.AdamW(
+            network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+        self.noise = network.step_scale * settings.noise  # type: ignore[operator]
+        spread = np.linspace(0, held.part.rows.size - 1, _VALIDATION_ROWS).astype(int)
+        chosen = held.part.rows[np.unique(spread)]
+        self.held_rows = torch.from_numpy(chosen).to(self.weight.device)
+
+    def loss(self, data: _Data, rows: Tensor, ahead: int, noise: Tensor | None) -> Tensor:
+        x_past, u_past, u_ahead, target = data.gather(rows, ahead)
+        if noise is not None:
+            x_past = x_past + noise
+        error = (self.network.roll_out(x_past, u_past, u_ahead) - target) * self.weight[:ahead]
+        return (error**2).mean()
+
+    def validate(self) -> float:
+        with torch.no_grad():
+            ahead = max(self.settings.short_steps, self.settings.long_steps)
+            return float(self.loss(self.held, self.held_rows, ahead, None))
+
+    def rate(self, step: int) -> float:
+        """One cycle: a linear rise over the first tenth, a cosine down to nothing."""
+        share = step / self.settings.steps
+        shape = share / 0.1 if share < 0.1 else 0.5 * (1 + math.cos(math.pi * (share - 0.1) / 0.9))
+        return self.settings.learning_rate * max(shape, 1e-3)
+
+    def run(
+        self, key: str, path: Path | None, on_step: Callable[[Step], None] | None
+    ) -> tuple[list[tuple[int, float, float]], int, bool]:
+        settings, network = self.settings, self.network
+        first, running, since = 0, math.nan, 0
+        curve: list[tuple[int, float, float]] = []
+        best, best_step = math.inf, 0
+        best_state = {k: v.clone() for k, v in network.state_dict().items()}
+        resumed = checkpoint.load(path, key, network, self.optimiser) if path else None
+        if resumed is not None:
+            first, extra = resumed
+            curve = [(int(a), float(b), float(c)) for a, b, c in extra["curve"]]
+            best, best_step, running, since = (
+                float(extra["best"]), int(extra["best_step"]), float(extra["running"]),
+                int(extra["since"]),
+            )
+            best_state = {k: torch.as_tensor(extra[f"best.{k}"]) for k in best_state}
+        stage = int(settings.short_share * settings.steps)
+        early = False
+        for step in range(first, settings.steps):
+            running = self.one_step(step, stage, running)
+            if (step + 1) % settings.validate_every == 0 or step + 1 == settings.steps:
+                value = self.validate()
+                curve.append((step + 1, running, value))
+                since += 1
+                if value < best:
+                    best, best_step, since = value, step + 1, 0
+                    best_state = {k: v.clone() for k, v in network.state_dict().items()}
+                # In the first stage the loss is another one: no verdict on it.
+                early = since >= settings.patience and step > stage
+            if on_step is not None:
+                last = curve[-1][2] if curve else math.nan
+                on_step(Step(step + 1, settings.steps, running, last, self.rate(step)))
+            if path is not None and (step + 1) % _CHECKPOINT_EVERY == 0:
+                extra = {f"best.{k}": v.cpu().numpy() for k, v in best_state.items()}
+                extra |= {
+                    "curve": np.array(curve).reshape(-1, 3), "best": np.array(best),
+                    "best_step": np.array(best_step), "running": np.array(running),
+                    "since": np.array(since),
+                }
+                checkpoint.save(path, key, step + 1, network, self.optimiser, extra)
+            if early:
+                break
+        if not math.isfinite(best):
+            raise DataError("the training diverged: lower --learning-rate, check the bag's units")
+        network.load_state_dict(best_state)
+        return curve, best_step, early
+
+    def one_step(self, step: int, stage: int, running: float) -> float:
+        settings, data = self.settings, self.data
+        random = np.random.default_rng((settings.seed, step))
+        device = self.weight.device
+        rows = torch.from_numpy(random.choice(data.part.rows, settings.batch)).to(device)
+        shape = (settings.batch, settings.history + 1, 3)
+        noise = as_tensor(random.standard_normal(shape), device) * self.noise
+        ahead = settings.short_steps if step < stage else settings.long_steps
+        loss = self.loss(data, rows, ahead, noise)
+        self.optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.rate(step)
+        self.optimiser.step()
+        value = float(loss.detach())
+        return value if math.isnan(running) else 0.98 * running + 0.02 * value

@@ -1,0 +1,148 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The held-out table: model against the naive predictors, cell by cell, and why a cell is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from adk_ros.model.evaluate import Rollouts, roll_out_record
+from adk_ros.model.online import OnlineSettings
+from adk_ros.model.predictor import Model
+from adk_ros.signals.channels import (
+    STATE_NAMES,
+    TICK_NS,
+    BoolArray,
+    FloatArray,
+    Record,
+)
+from adk_ros.signals.score import (
+    HORIZON_STEPS,
+    Score,
+    best_naive,
+    naive_predictions,
+    noise_floor,
+    pool,
+    score,
+)
+
+MODEL, HELD = "model", "model, commands held"
+_AHEAD = HORIZON_STEPS[-1]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """
+    Scores by predictor name over the same starts, and `lost`: cell -> why the model is not best.
+
+    `rollouts` are what they were computed from, one for each record that had a start.
+    """
+
+    scores: dict[str, Score]
+    lost: dict[str, str]
+    rollouts: list[Rollouts]
+
+    @property
+    def ratio(self) -> FloatArray:
+        """RMSE of the model over the best naive predictor's, (steps, 3)."""
+        return self.scores[MODEL].rmse / np.maximum(self.naive, 1e-12)
+
+    @property
+    def naive(self) -> FloatArray:
+        """RMSE of the best naive predictor in each cell, (steps, 3)."""
+        return best_naive({k: v for k, v in self.scores.items() if k not in (MODEL, HELD)})
+
+    def as_json(self) -> dict[str, Any]:
+        """SI units; rmse and max by predictor, channel and horizon."""
+        steps = self.scores[MODEL].steps
+        return {
+            "horizons_s": [round(s * TICK_NS * 1e-9, 3) for s in steps],
+            "starts": self.scores[MODEL].count,
+            "predictors": {
+                name: {
+                    channel: {
+                        "rmse": [float(v) for v in item.rmse[:, c]],
+                        "max": [float(v) for v in item.worst[:, c]],
+                    }
+                    for c, channel in enumerate(STATE_NAMES)
+                }
+                | {"diverged": item.diverged}
+                for name, item in self.scores.items()
+            },
+            "ratio_to_best_naive": {
+                channel: [float(v) for v in self.ratio[:, c]]
+                for c, channel in enumerate(STATE_NAMES)
+            },
+            "geometric_mean_ratio": float(np.exp(np.log(self.ratio).mean())),
+            "lost_cells": self.lost,
+        }
+
+
+def held_out(
+    model: Model,
+    parts: list[tuple[Record, BoolArray | None]],
+    known: list[Record] | None = None,
+    online: OnlineSettings | None = None,
+    stride: int = 4,
+    progress: Callable[[int, int], None] | None = None,
+) -> HeldOut | None:
+    """
+    Score a model on parts of records (a mask (n,) of the rows, or None for all).
+
+    `known`: the records trained on, to say whether the held-out ones went beyond them. None if no
+    part holds a start with its whole horizon.
+    """
+    rollouts = []
+    for number, (record, scored) in enumerate(parts):
+        def report(done: int, total: int, number: int = number) -> None:
+            if progress is not None:
+                progress(number * total + done, len(parts) * total)
+
+        rolled = roll_out_record(model, record, online, scored, _AHEAD, stride, progress=report)
+        if rolled.rows.size:
+            rollouts.append(rolled)
+    if not rollouts:
+        return None
+    by_name: dict[str, list[Score]] = {}
+    common: set[str] | None = None
+    for rolled in rollouts:
+        predictions = {MODEL: rolled.predicted, HELD: rolled.held}
+        predictions |= naive_predictions(rolled.record, rolled.rows, _AHEAD)
+        common = set(predictions) if common is None else common & set(predictions)
+        for name, predicted in predictions.items():
+            by_name.setdefault(name, []).append(score(rolled.record, rolled.rows, predicted))
+    scores = {name: pool(items) for name, items in by_name.items() if name in (common or set())}
+    result = HeldOut(scores, {}, rollouts)
+    for step, channel in np.argwhere(result.ratio >= 1.0):
+        horizon = HORIZON_STEPS[step] * TICK_NS * 1e-9
+        cell = f"{STATE_NAMES[channel]} at {horizon:g} s"
+        result.lost[cell] = _why(result, int(step), int(channel), known)
+    return result
+
+
+def _why(result: HeldOut, step: int, channel: int, known: list[Record] | None) -> str:
+    naive, ratio = float(result.naive[step, channel]), float(result.ratio[step, channel])
+    text = f"{ratio:.2f} times the best naive predictor's RMSE"
+    floors = [noise_floor(rolled.record)[channel] for rolled in result.rollouts]
+    floor = float(np.nanmedian(floors))
+    if naive < 2.0 * floor:
+        return f"{text}; both are at the measurement's noise (about {floor:.3g})"
+    if known:
+        x = np.concatenate([np.hstack([r.x, r.u])[r.learnable] for r in known])
+        low, high = np.nanpercentile(x, [0.5, 99.5], axis=0)
+        rows = [np.hstack([r.record.x, r.record.u])[r.rows] for r in result.rollouts]
+        beyond = np.mean(((np.concatenate(rows) < low) | (np.concatenate(rows) > high)).any(axis=1))
+        if beyond > 0.05:
+            return f"{text}; {100 * beyond:.0f} % of the starts lie beyond the training's range"
+    errors = np.concatenate(
+        [r.predicted[:, HORIZON_STEPS[step] - 1, channel]
+         - r.record.x_ref[r.rows + HORIZON_STEPS[step], channel] for r in result.rollouts]
+    )
+    share = float(np.sort(errors**2)[-max(1, errors.size // 20):].sum() / np.sum(errors**2))
+    if share > 0.5:
+        return f"{text}; {100 * share:.0f} % of the squared error comes from 5 % of the starts"
+    return f"{text}; the error is spread evenly: the model misses something throughout"

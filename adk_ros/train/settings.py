@@ -1,0 +1,82 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a person may choose of a training, with the defaults that the reports are made with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from adk_ros.errors import UsageError
+
+
+@dataclass(frozen=True)
+class TrainSettings:
+    """
+    Settings of the default training.
+
+    `history`: past samples beside the state. `hidden`, `features`: sizes of the encoder.
+    `steps`: updates of `batch` sequences each. The roll-out in the loss is `short_steps` long for
+    the first `short_share` of the training and `long_steps` after. `noise`: deviation added to the
+    past, in units of the usual change in one tick. `weight_decay`: AdamW's, without which little
+    data (three laps) is learned by heart. `patience`: validations without gain before
+    the training stops early (never in the first stage). `device`: auto, cpu or cuda.
+    """
+
+    history: int = 5
+    hidden: int = 32
+    features: int = 12
+    steps: int = 4000
+    batch: int = 512
+    learning_rate: float = 4e-3
+    weight_decay: float = 0.1
+    short_steps: int = 20
+    long_steps: int = 60
+    short_share: float = 0.6
+    noise: float = 0.25
+    patience: int = 6
+    validate_every: int = 200
+    seed: int = 0
+    device: str = "auto"
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "history": (0, 40), "hidden": (4, 512), "features": (1, 64), "steps": (10, 10**7),
+            "batch": (1, 65536), "short_steps": (1, 400), "long_steps": (1, 400),
+            "patience": (1, 10**6), "validate_every": (1, 10**6),
+        }
+        for name, (low, high) in ranges.items():
+            if not low <= getattr(self, name) <= high:
+                raise UsageError(f"{name} is {getattr(self, name)}: choose {low} to {high}")
+        if not 0.0 < self.learning_rate <= 1.0:
+            raise UsageError(f"learning_rate is {self.learning_rate:g}: choose above 0, at most 1")
+        if not 0.0 <= self.weight_decay <= 100.0:
+            raise UsageError(f"weight_decay is {self.weight_decay:g}: choose 0 to 100")
+        if not 0.0 <= self.noise <= 100.0:
+            raise UsageError(f"noise is {self.noise:g}: choose 0 to 100")
+        if self.device not in ("auto", "cpu", "cuda"):
+            raise UsageError(f"device '{self.device}' is unknown: choose auto, cpu or cuda")
+
+
+@dataclass(frozen=True)
+class PaperSettings:
+    """
+    The paper's training: Table 2, eqs. (11) to (14) and, with `acceleration`, (25) to (28).
+
+    The acceleration loss is in units of its range in the data: in m/s^2 it would outweigh the
+    other three about a million times.
+    """
+
+    acceleration: bool = True
+    learning_rate: float = 1e-3
+    batch: int = 20
+    epochs: int = 2000
+    hidden: int = 128
+    features: int = 12
+    seed: int = 0
+    window: int = 100
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.epochs <= 10**6:
+            raise UsageError(f"epochs is {self.epochs}: choose 1 to 1000000")
+        if not 1 <= self.batch <= 65536:
+            raise UsageError(f"batch is {self.batch}: choose 1 to 65536")

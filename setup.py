@@ -1,0 +1,88 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Installs the package, under colcon as well as under pip.
+
+`ros2 run adk_ros <verb>` looks for executables in `lib/adk_ros`, which setup.cfg names for the
+`setup.py install` and `setup.py develop` that colcon runs. pip builds a wheel instead, and puts
+scripts on the PATH: there the verbs are left to `adk <verb>`, lest a script called `echo` or
+`info` shadow another.
+"""
+
+import sys
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "adk_ros"
+VERBS = ("train", "replay", "play", "echo", "rollout", "info", "simulate", "bench")
+
+console_scripts = ["adk = adk_ros.cli.main:main", "predictor = adk_ros.ros.node:main"]
+if {"install", "develop"} & set(sys.argv[1:]):
+    console_scripts += [f"{verb} = adk_ros.cli.main:{verb}_main" for verb in VERBS]
+
+
+def below_share(*patterns: str) -> list[tuple[str, list[str]]]:
+    """Files matching `patterns`, each to go to the same folder below share/adk_ros."""
+    found: dict[str, list[str]] = {}
+    for pattern in patterns:
+        for path in sorted(glob(pattern)):
+            if Path(path).is_file():
+                folder = (Path("share") / NAME / path).parent.as_posix()
+                found.setdefault(folder, []).append(path)
+    return sorted(found.items())
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description=(
+        "Predicts a car's longitudinal velocity, lateral velocity and yaw rate, live at 40 Hz,"
+        " with an adaptive deep Koopman model."
+        " Trains the model from rosbags, replays it, and scores it."
+    ),
+    author="The adk_ros authors",
+    author_email="adk-ros@users.noreply.example.org",
+    maintainer="The adk_ros authors",
+    maintainer_email="adk-ros@users.noreply.example.org",
+    license="Apache-2.0",
+    python_requires=">=3.10",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed", "**/*.yaml", "**/*.j2", "**/*.html", "**/*.json"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        *below_share("package.xml", "launch/*.launch.py", "config/*.yaml", "bags/*", "bags/*/*"),
+    ],
+    install_requires=[
+        "jinja2>=3.1",
+        "matplotlib>=3.6",
+        "numba>=0.59",
+        "numpy>=1.26",
+        "psutil>=5.9",
+        "pydantic>=2.0",
+        "pyyaml>=6.0",
+        "rich>=13.7",
+        "rosbags>=0.11",
+        "torch>=2.2",
+        "typer>=0.9",
+    ],
+    extras_require={
+        # ROS itself, for machines that have none: elsewhere it is installed from packages.
+        "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1", "ros-jazzy-common-interfaces>=5.3"],
+        "tensorboard": ["tensorboard>=2.12"],
+        "bench": ["padasip>=1.2"],
+        "test": [
+            "colcon-common-extensions",
+            "hypothesis",
+            "mypy",
+            "padasip",
+            "pytest",
+            "pytest-timeout",
+            "ruff",
+            "tensorboard",
+        ],
+    },
+    entry_points={"console_scripts": console_scripts},
+    zip_safe=False,
+)
