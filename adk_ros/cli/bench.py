@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -64,10 +65,14 @@ def live(
 
     Example: adk bench live --duration 60
     """
+    from adk_ros.bench.feed import write_model
     from adk_ros.bench.live import bench_live
 
-    with console.progress("running live") as bar:
-        result = bench_live(duration, imu_hz, model=model, progress=bar)
+    with tempfile.TemporaryDirectory() as folder, console.progress("running live") as bar:
+        if model is None:
+            model = Path(folder) / "model"
+            write_model(model)
+        result = bench_live(model, duration, imu_hz, progress=bar)
     if as_json:
         console.answer(result)
         return

@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -25,7 +25,8 @@ _REPORT_UNITS = ("km/h", "km/h", "deg/s")
 _QUIET_S = 1.0
 _LINE_EVERY_S = 10.0
 
-Report = Callable[[float, float], None]
+_live: list[Progress] = []
+"""The bar that is shown, if one is: older versions of rich refuse two at a time."""
 
 
 def note(text: str) -> None:
@@ -58,9 +59,10 @@ def _finite(value: Any) -> Any:
 @contextmanager
 def progress(what: str) -> Iterator[Callable[..., None]]:
     """
-    Yield `report(done, total, text="")`, which keeps a bar on a terminal, a line now and then elsewhere.
+    Yield `report(done, total, text="")`: a bar on a terminal, elsewhere a line now and then.
 
-    Nothing is shown for what is over within a second.
+    Nothing is shown for what is over within a second, and one bar at a time: one that begins ends
+    the one before.
     """
     started = time.monotonic()
     if errors.is_terminal:
@@ -77,9 +79,12 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
             nonlocal shown, refreshed
             now = time.monotonic()
             if not shown and now - started > _QUIET_S:
+                while _live:
+                    _live.pop().stop()
                 bar.start()
+                _live.append(bar)
                 shown = True
-            if shown and now - refreshed > 0.1:
+            if bar in _live and (now - refreshed > 0.1 or done == total):
                 bar.update(task, completed=done, total=total, text=text)
                 bar.refresh()
                 refreshed = now
@@ -87,7 +92,8 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
         try:
             yield report
         finally:
-            if shown:
+            if bar in _live:
+                _live.remove(bar)
                 bar.stop()
         return
     last = started
@@ -106,7 +112,8 @@ def score_table(scores: dict[str, Score], model_names: tuple[str, ...], title: s
     """RMSE by channel and horizon, the model's and the naive predictors', in km/h and deg/s."""
     naive = [name for name in scores if name not in model_names]
     best = best_naive({name: scores[name] for name in naive})
-    table = Table(title=title, title_justify="left")
+    # Narrow enough for 80 columns: headings break between words, units stand below the names.
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=0)
     table.add_column("channel")
     table.add_column("horizon")
     for name in (*model_names, *naive):
@@ -120,23 +127,15 @@ def score_table(scores: dict[str, Score], model_names: tuple[str, ...], title: s
                 for name in (*model_names, *naive)
             ]
             ratio = first.rmse[row, channel] / max(best[row, channel], 1e-12)
+            name = label if row == 0 else unit if row == 1 else ""
             table.add_row(
-                f"{label} ({unit})" if row == 0 else "", f"{step * TICK_NS * 1e-9:g} s", *cells,
-                f"{ratio:.2f}", end_section=row == len(first.steps) - 1,
-                style=None if ratio < 1.0 else "yellow",
+                name, f"{step * TICK_NS * 1e-9:g} s", *cells, f"{ratio:.2f}",
+                end_section=row == len(first.steps) - 1, style=None if ratio < 1.0 else "yellow",
             )
     return table
 
 
 def show(table: Table) -> None:
     """Print a table on stdout, as wide as it needs to be where nobody looks."""
-    console = output if output.is_terminal else Console(highlight=False, width=140)
+    console = output if output.is_terminal else Console(highlight=False, width=120)
     console.print(table)
-
-
-def flush() -> None:
-    """Hand on what was printed; a closed pipe is not an error of ours."""
-    try:
-        sys.stdout.flush()
-    except BrokenPipeError:
-        sys.stderr.close()

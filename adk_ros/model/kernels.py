@@ -22,32 +22,40 @@ _fast: Any = njit(cache=True, fastmath={"contract", "reassoc"}, error_model="num
 
 
 @_fast
+def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
+    """out (m,) += matrix' vector, matrix (n, m): four rows at a time, which keeps out in registers."""
+    n, m = matrix.shape
+    i = 0
+    while i + 4 <= n:
+        v0, v1, v2, v3 = vector[i], vector[i + 1], vector[i + 2], vector[i + 3]
+        for j in range(m):
+            out[j] += (
+                matrix[i, j] * v0 + matrix[i + 1, j] * v1
+                + matrix[i + 2, j] * v2 + matrix[i + 3, j] * v3
+            )
+        i += 4
+    while i < n:
+        for j in range(m):
+            out[j] += matrix[i, j] * vector[i]
+        i += 1
+
+
+@_fast
 def perceptron(row, w1, b1, w2, b2, w3, b3, skip, scratch, out):  # type: ignore[no-untyped-def]
     """out (m,) = w3' s(w2' s(w1' row + b1) + b2) + b3 + skip' row with softsign s."""
-    n_in, hidden = w1.shape
-    n_out = w3.shape[1]
+    one = np.float32(1.0)
     first, second = scratch[0], scratch[1]
     first[:] = b1
-    out[:] = b3
-    for i in range(n_in):
-        value = row[i]
-        for j in range(hidden):
-            first[j] += w1[i, j] * value
-        for j in range(n_out):
-            out[j] += skip[i, j] * value
-    for j in range(hidden):
-        first[j] = first[j] / (np.float32(1.0) + abs(first[j]))
+    add_product(first, w1, row)
+    for j in range(first.shape[0]):
+        first[j] = first[j] / (one + abs(first[j]))
     second[:] = b2
-    for i in range(hidden):
-        value = first[i]
-        for j in range(hidden):
-            second[j] += w2[i, j] * value
-    for j in range(hidden):
-        second[j] = second[j] / (np.float32(1.0) + abs(second[j]))
-    for i in range(hidden):
-        value = second[i]
-        for j in range(n_out):
-            out[j] += w3[i, j] * value
+    add_product(second, w2, first)
+    for j in range(second.shape[0]):
+        second[j] = second[j] / (one + abs(second[j]))
+    out[:] = b3
+    add_product(out, w3, second)
+    add_product(out, skip, row)
 
 
 @_jit

@@ -21,6 +21,9 @@ from adk_ros.signals.decode import Decoder, Refused, SensorConfig
 from adk_ros.signals.plausibility import Plausibility
 
 
+_RESTART = int(Flag.RESTART)
+
+
 @dataclass(frozen=True)
 class PipelineSettings:
     """
@@ -97,7 +100,7 @@ class Pipeline:
         predictions = []
         for sample in samples:
             self.ticks += 1
-            if sample.flags & Flag.RESTART:
+            if sample.flags & _RESTART:
                 self.restarts += 1
                 self.decoder.reset()
             self.last_sample = sample

@@ -137,7 +137,7 @@ class Predictor:
         self._last_ns: int | None = None
         self._coasted = 0
         self._predicted: FloatArray | None = None
-        self._last_learnable = False
+        self._clean = 0
         self._disturbance = np.zeros(3)
         self._covariance = self._initial_covariance()
 
@@ -181,7 +181,7 @@ class Predictor:
         self.status = Status.NO_STATE
         self._known = 0
         self._predicted = None
-        self._last_learnable = False
+        self._clean = 0
 
     def _advance(
         self, sample: Sample, state: FloatArray, measured: bool
@@ -192,15 +192,16 @@ class Predictor:
             self._x_past, self._u_past, self._u, self._row,
         )
         self._known += 1
+        self._clean = self._clean + 1 if measured and not sample.flags & _UNLEARNABLE else 0
         if self._known <= model.history:
             self.status = Status.WARMING_UP
             return None
         z = self._lift()
         innovation = _UNKNOWN
-        learnable = measured and not sample.flags & _UNLEARNABLE
         if self._predicted is not None and measured:
             innovation = state - self._predicted
-            if learnable and self._last_learnable:
+            # Both lifts of the pair, pasts included, must be of samples that may be learned from.
+            if self._clean >= model.history + 2:
                 self._learn(z, innovation)
         self._z = z
         kernels.fill_phi(z, self._u, model.affine, self._phi)
@@ -209,12 +210,12 @@ class Predictor:
             self._u_held = np.empty((steps, 2))
         self._u_held[:] = self._u
         horizon = self._roll_out(self._u_held)
-        self._last_learnable = learnable
         if horizon is None:
             # Nothing here can yield this from finite samples; if it does, start afresh.
             self.reset()
             return None
-        self._predicted = horizon[0]
+        # A copy: what is handed out may be written to.
+        self._predicted = horizon[0].copy()
         self.status = Status.PREDICTED if measured else Status.COASTING
         return Prediction(
             origin_ns=sample.stamp_ns,
@@ -289,7 +290,10 @@ class Predictor:
 
     def _published_covariance(self) -> FloatArray:
         covariance = self._covariance.copy()
-        table = self.model.horizon_covariance
-        if self._coasted and len(table):
-            covariance += table[min(self._coasted, len(table) - 1)]
+        if self._coasted:
+            table = self.model.horizon_covariance
+            if len(table):
+                covariance += table[min(self._coasted, len(table) - 1)]
+            else:
+                covariance *= 1.0 + self._coasted
         return covariance

@@ -11,8 +11,8 @@ as soon as
 * some stream has a reading stamped at or after t_k (time has got there), and
 * no other stream is about to deliver a reading that belongs to it: one is waited for only if
   0.8 of its period has gone by at t_k since its last reading, and never for longer than
-  `max_wait_s` of the other streams' time. A stream that lets itself be waited for in vain is not
-  waited for again until it is back.
+  `max_wait_s` of the other streams' time. A stream that lets itself be waited for in vain though
+  1.2 of its period have gone by is not waited for again until it is back.
 
 State at t_k: yaw rate from the gyro (else from odometry) by `Stream.line`; velocities from the last
 odometry reading, carried to t_k by the accelerometer,
@@ -28,10 +28,10 @@ from collections.abc import Iterable
 
 from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample, Source
 from adk_ros.signals.clock import ClockGuard, Verdict
-from adk_ros.signals.stream import Stream
+from adk_ros.signals.stream import Known, Stream
 
 _PERIODS_UNTIL_STALE = 3.0
-_AWAITED_FROM = 0.8
+_AWAITED_FROM, _OVERDUE_FROM = 0.8, 1.2
 # Plain integers: operations on flags themselves cost a microsecond each.
 _NO_IMU, _IMU_STALE, _ODOMETRY_STALE = (
     int(Flag.NO_IMU), int(Flag.IMU_STALE), int(Flag.ODOMETRY_STALE)
@@ -71,7 +71,6 @@ class Aligner:
     def _begin(self) -> None:
         self.streams = (Stream(), Stream(), Stream())
         self._tick_ns: int | None = None
-        self._had_imu = False
         self._restarted = True
 
     @property
@@ -126,8 +125,6 @@ class Aligner:
                 self.counts["late"] += 1
         stream.add(stamp_ns, reading.values)
         stream.awaited = True
-        if reading.source is Source.IMU:
-            self._had_imu = True
 
     def _complete(self, now_ns: int | None = None) -> list[Sample]:
         newest = self._guard.newest_ns
@@ -149,22 +146,24 @@ class Aligner:
         for stream in self.streams:
             if not stream or not stream.awaited or stream.last_ns >= tick_ns:
                 continue
-            if stream.last_ns + _AWAITED_FROM * stream.period_ns > tick_ns:
+            age_ns = tick_ns - stream.last_ns
+            if age_ns < _AWAITED_FROM * stream.period_ns:
                 continue
             if reached_ns - tick_ns < self._max_wait_ns:
                 return False
-            stream.awaited = False
+            # Until then it may still be in time for the next tick.
+            stream.awaited = age_ns < _OVERDUE_FROM * stream.period_ns
         return True
 
-    def _fresh(self, stream: Stream, stamp_ns: int, tick_ns: int) -> bool:
-        allowed = max(_PERIODS_UNTIL_STALE * stream.period_ns, 2.0 * TICK_NS)
-        return tick_ns - stamp_ns <= allowed
+    def _fresh(self, known: Known, tick_ns: int) -> bool:
+        allowed = max(_PERIODS_UNTIL_STALE * known.period_ns, 2.0 * TICK_NS)
+        return tick_ns - known.stamp_ns <= allowed
 
-    def _frozen(self, stream: Stream) -> bool:
+    def _frozen(self, known: Known) -> bool:
         return (
             self._frozen_after_s > 0.0
-            and stream.repeats >= 5
-            and stream.unchanged_s() >= self._frozen_after_s
+            and known.repeats >= 5
+            and known.unchanged_s() >= self._frozen_after_s
         )
 
     def _sample(self, tick_ns: int) -> Sample:
@@ -173,17 +172,17 @@ class Aligner:
         moved = odometry.at_or_before(tick_ns)
         held = command.at_or_before(tick_ns)
         # The grid starts after the first of both, but a late insertion may precede nothing.
-        u = (held[1][0], held[1][1]) if held else _NAN2
-        if held is None or not self._fresh(command, held[0], tick_ns):
+        u = (held.values[0], held.values[1]) if held else _NAN2
+        if held is None or not self._fresh(held, tick_ns):
             flags |= _COMMAND_STALE
 
         a, gyro = _NAN2, None
         sensed = imu.at_or_before(tick_ns) if imu else None
         if sensed is None:
-            flags |= _IMU_STALE if self._had_imu and imu else _NO_IMU
-        elif not self._fresh(imu, sensed[0], tick_ns):
+            flags |= _NO_IMU
+        elif not self._fresh(sensed, tick_ns):
             flags |= _IMU_STALE
-        elif self._frozen(imu) and moved is not None and abs(moved[1][0]) > 1.0:
+        elif self._frozen(sensed) and moved is not None and abs(moved.values[0]) > 1.0:
             flags |= _FROZEN
         else:
             line = imu.line(tick_ns)
@@ -194,12 +193,11 @@ class Aligner:
 
         if moved is None:
             return Sample(tick_ns, _NAN3, u, a, flags | _ODOMETRY_STALE | _COASTING)
-        age_ns = tick_ns - moved[0]
-        if not self._fresh(odometry, moved[0], tick_ns):
+        if not self._fresh(moved, tick_ns):
             flags |= _ODOMETRY_STALE
-        if self._frozen(odometry) and abs(moved[1][0]) > 1.0:
+        if self._frozen(moved) and abs(moved.values[0]) > 1.0:
             return Sample(tick_ns, _NAN3, u, a, flags | _FROZEN | _COASTING)
-        if age_ns > self._timeout_ns:
+        if tick_ns - moved.stamp_ns > self._timeout_ns:
             return Sample(tick_ns, _NAN3, u, a, flags | _COASTING)
         x = self._state(tick_ns, moved, gyro, a)
         if not all(map(math.isfinite, x)):
@@ -209,7 +207,7 @@ class Aligner:
     def _state(
         self,
         tick_ns: int,
-        moved: tuple[int, tuple[float, ...]],
+        moved: Known,
         gyro: float | None,
         a: tuple[float, float],
     ) -> tuple[float, float, float]:
@@ -218,10 +216,10 @@ class Aligner:
             line = odometry.line(tick_ns)
             assert line is not None
             return line[0], line[1], line[2] if gyro is None else gyro
-        stamp_ns, (v_x, v_y, _rate) = moved
-        elapsed_s = (tick_ns - stamp_ns) * 1e-9
+        v_x, v_y, _rate = moved.values
+        elapsed_s = (tick_ns - moved.stamp_ns) * 1e-9
         if elapsed_s > 0.0:
-            mean = imu.mean(stamp_ns, tick_ns)
+            mean = imu.mean(moved.stamp_ns, tick_ns)
             assert mean is not None
             v_x, v_y = (
                 v_x + (mean[0] + gyro * v_y) * elapsed_s,

@@ -16,6 +16,7 @@ import numpy as np
 from adk_ros.signals.channels import FloatArray
 
 _RATE_FILTER_S = 0.05
+_MAX_GAP_S = 0.2
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> FloatArray:
@@ -58,14 +59,15 @@ class LeverArm:
         """Return (a_x, a_y) in m/s^2 at the reference point; unchanged if the arm is zero."""
         if self._x == 0.0 and self._y == 0.0:
             return a_x, a_y
-        elapsed_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
-        if 0.0 < elapsed_s < 0.2:
+        elapsed_s = math.inf if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
+        if abs(elapsed_s) > _MAX_GAP_S:
+            # The first, or of another time: a stray stamp must not outlive itself.
+            self._yaw_acceleration = 0.0
+            self._stamp_ns, self._yaw_rate = stamp_ns, yaw_rate
+        elif elapsed_s > 0.0:
             raw = (yaw_rate - self._yaw_rate) / elapsed_s
             share = elapsed_s / (elapsed_s + _RATE_FILTER_S)
             self._yaw_acceleration += share * (raw - self._yaw_acceleration)
-        elif elapsed_s != 0.0:
-            self._yaw_acceleration = 0.0
-        if elapsed_s >= 0.0 or self._stamp_ns is None:
             self._stamp_ns, self._yaw_rate = stamp_ns, yaw_rate
         squared = yaw_rate * yaw_rate
         return (

@@ -111,9 +111,9 @@ def reference(stamp_ns: IntArray, readings: list[Reading]) -> FloatArray:
     """
     Return (n, 3): v_x, v_y, yaw rate measured at `stamp_ns` (n,), with hindsight.
 
-    A stream faster than the grid is averaged over the half ticks around an instant, a slower one
-    interpolated linearly; NaN where readings are too far apart. Yaw rate is the gyro's where
-    there is one.
+    A stream at twice the grid's rate or more is smoothed by a line fitted to the half ticks
+    around an instant, a slower one interpolated linearly; NaN where readings are too far apart.
+    Yaw rate is the gyro's where there is one.
     """
     odometry = _columns(readings, Source.ODOMETRY)
     imu = _columns(readings, Source.IMU)
@@ -128,28 +128,45 @@ def reference(stamp_ns: IntArray, readings: list[Reading]) -> FloatArray:
 
 def _columns(readings: list[Reading], source: Source) -> tuple[IntArray, FloatArray] | None:
     chosen = [r for r in readings if r.source is source]
-    if len(chosen) < 2:
-        return None
     stamps = np.array([r.stamp_ns for r in chosen], dtype=np.int64)
-    values = np.array([r.values for r in chosen], dtype=np.float64)
+    # Of duplicates the first, as the aligner does.
     unique, index = np.unique(stamps, return_index=True)
+    if unique.shape[0] < 2:
+        return None
+    values = np.array([r.values for r in chosen], dtype=np.float64)
     return unique, values[index]
 
 
 def _centred(at_ns: IntArray, stamps: IntArray, values: FloatArray) -> FloatArray:
-    period = float(np.median(np.diff(stamps))) if stamps.shape[0] > 1 else float(_MAX_GAP_NS)
+    period = float(np.median(np.diff(stamps)))
     linear = _interpolated(at_ns, stamps, values, max(_MAX_GAP_NS, _MAX_GAP_PERIODS * period))
     if period > TICK_NS / 2:
         return linear
     first = np.searchsorted(stamps, at_ns - _HALF_TICK_NS, side="right")
-    last = np.searchsorted(stamps, at_ns + _HALF_TICK_NS, side="right")
-    count = last - first
-    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    count = np.searchsorted(stamps, at_ns + _HALF_TICK_NS, side="right") - first
+    # The line's value at the instant, not the mean: that would be off by where the readings'
+    # middle happens to lie, up to half their period, times the signal's slope.
+    sum_t, sum_tt = np.zeros((2, at_ns.shape[0]))
+    sum_y, sum_ty = np.zeros((2, at_ns.shape[0], values.shape[1]))
+    for k in range(int(count.max(initial=0))):
+        row = np.minimum(first + k, stamps.shape[0] - 1)
+        inside = k < count
+        t = np.where(inside, (stamps[row] - at_ns) * 1e-9, 0.0)
+        y = np.where(inside[:, None], values[row], 0.0)
+        sum_t += t
+        sum_tt += t * t
+        sum_y += y
+        sum_ty += t[:, None] * y
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = (total[last] - total[first]) / count[:, None]
-    # A mean over a half-filled window would be off its centre: there the line is better.
-    full: BoolArray = count >= max(2, int(0.8 * TICK_NS / period))
-    return np.where(full[:, None], mean, linear)
+        mean_t = sum_t / count
+        spread = sum_tt - count * mean_t**2
+        slope = (sum_ty - mean_t[:, None] * sum_y) / spread[:, None]
+        fitted = sum_y / count[:, None] - slope * mean_t[:, None]
+    # Readings bunched together tell no slope.
+    full: BoolArray = (count >= max(2, int(0.8 * TICK_NS / period))) & (
+        spread > count * (TICK_NS * 1e-9 / 8.0) ** 2
+    )
+    return np.where(full[:, None], fitted, linear)
 
 
 def _interpolated(

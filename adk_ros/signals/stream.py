@@ -10,13 +10,35 @@ does not amplify noise (five readings: 0.6 of one reading's variance).
 
 from __future__ import annotations
 
-from bisect import bisect_right, insort
+from bisect import bisect_right
+from typing import NamedTuple
 
 from adk_ros.signals.channels import TICK_NS
 
 _KEEP_NS = 500_000_000
 _MAX_EXTRAPOLATION = 1.5
 _PERIOD_GAIN = 0.1
+_SHORTEST_PERIOD_NS = 1e6
+
+
+class Known(NamedTuple):
+    """
+    A reading, and how its stream stood when it was the newest one.
+
+    What came after it has no part in this: a sample must not depend on how many later readings
+    happened to arrive before it was given out.
+    """
+
+    stamp_ns: int
+    values: tuple[float, ...]
+    period_ns: float
+    repeats: int
+    """How many readings before this one said the same to the last bit."""
+    unchanged_since_ns: int
+
+    def unchanged_s(self) -> float:
+        """Seconds for which the stream has said the same to the last bit."""
+        return (self.stamp_ns - self.unchanged_since_ns) * 1e-9
 
 
 class Stream:
@@ -30,10 +52,9 @@ class Stream:
     def __init__(self) -> None:
         self.stamps: list[int] = []
         self._values: list[tuple[float, ...]] = []
+        self._standing: list[tuple[float, int, int]] = []
         self.period_ns = 0.0
         self.awaited = True
-        self.repeats = 0
-        self._unchanged_since_ns = 0
 
     @property
     def last_ns(self) -> int:
@@ -51,67 +72,61 @@ class Stream:
     def add(self, stamp_ns: int, values: tuple[float, ...]) -> None:
         """Insert a reading in its place; the caller has checked that its stamp is new."""
         stamps = self.stamps
-        if stamps and stamp_ns > stamps[-1]:
+        if not stamps:
+            place, standing = 0, (0.0, 0, stamp_ns)
+        elif stamp_ns > stamps[-1]:
             self._learn_period(stamp_ns - stamps[-1])
-            self._watch(stamp_ns, values)
-            stamps.append(stamp_ns)
-            self._values.append(values)
-        elif not stamps:
-            self._unchanged_since_ns = stamp_ns
-            stamps.append(stamp_ns)
-            self._values.append(values)
+            _, repeats, since_ns = self._standing[-1]
+            same = values == self._values[-1]
+            place = len(stamps)
+            standing = (self.period_ns, repeats + 1 if same else 0, since_ns if same else stamp_ns)
         else:
-            insort(stamps, stamp_ns)
-            self._values.insert(bisect_right(stamps, stamp_ns) - 1, values)
+            place = bisect_right(stamps, stamp_ns)
+            standing = (self._standing[max(place - 1, 0)][0], 0, stamp_ns)
+        stamps.insert(place, stamp_ns)
+        self._values.insert(place, values)
+        self._standing.insert(place, standing)
         if stamps[-1] - stamps[0] > 2 * _KEEP_NS:
-            drop = bisect_right(stamps, stamps[-1] - _KEEP_NS)
-            drop = min(drop, len(stamps) - 2)
+            # One older than that is kept: it is what held until the oldest of the others.
+            drop = min(bisect_right(stamps, stamps[-1] - _KEEP_NS), len(stamps)) - 1
             del stamps[:drop]
             del self._values[:drop]
+            del self._standing[:drop]
 
     def _learn_period(self, gap_ns: int) -> None:
         if self.period_ns == 0.0:
-            self.period_ns = float(gap_ns)
+            # Not less, else two readings that come at once at the start are slow to be outgrown.
+            self.period_ns = max(float(gap_ns), _SHORTEST_PERIOD_NS)
             return
         # A lost message must not double the period; a new rate gets through within some readings.
         bounded = min(float(gap_ns), 3.0 * self.period_ns)
         self.period_ns += _PERIOD_GAIN * (bounded - self.period_ns)
 
-    def _watch(self, stamp_ns: int, values: tuple[float, ...]) -> None:
-        if values == self._values[-1]:
-            self.repeats += 1
-        else:
-            self.repeats = 0
-            self._unchanged_since_ns = stamp_ns
-
-    def unchanged_s(self) -> float:
-        """Seconds for which the newest reading has repeated the one before to the last bit."""
-        return (self.stamps[-1] - self._unchanged_since_ns) * 1e-9 if self.repeats else 0.0
-
-    def at_or_before(self, stamp_ns: int) -> tuple[int, tuple[float, ...]] | None:
+    def at_or_before(self, stamp_ns: int) -> Known | None:
         """Newest reading stamped at or before `stamp_ns`, or None."""
-        index = bisect_right(self.stamps, stamp_ns)
-        return None if index == 0 else (self.stamps[index - 1], self._values[index - 1])
-
-    def window_ns(self) -> float:
-        """Length of the window for `line`: a tick, and never fewer than about three readings."""
-        return max(float(TICK_NS), 2.5 * self.period_ns)
+        index = bisect_right(self.stamps, stamp_ns) - 1
+        if index < 0:
+            return None
+        return Known(self.stamps[index], self._values[index], *self._standing[index])
 
     def line(self, stamp_ns: int) -> tuple[float, ...] | None:
         """
         Value at `stamp_ns` of the line fitted to the window before it, per channel; None if empty.
 
-        Beyond one and a half periods after the newest reading the line is no longer followed.
+        The window is a tick long, and never holds fewer than about three readings. Beyond one and
+        a half periods after the newest reading the line is no longer followed.
         """
         end = bisect_right(self.stamps, stamp_ns)
         if end == 0:
             return None
-        newest = self.stamps[end - 1]
-        start = bisect_right(self.stamps, newest - self.window_ns(), 0, end)
+        newest, period_ns = self.stamps[end - 1], self._standing[end - 1][0]
+        window_ns = max(float(TICK_NS), 2.5 * period_ns)
+        start = bisect_right(self.stamps, newest - window_ns, 0, end)
         count = end - start
-        if count < 2:
+        # Readings at nearly the same instant say nothing of a slope.
+        if count < 2 or newest - self.stamps[start] < 0.5 * period_ns:
             return self._values[end - 1]
-        reach = min(stamp_ns, newest + _MAX_EXTRAPOLATION * self.period_ns)
+        reach = min(stamp_ns, newest + _MAX_EXTRAPOLATION * period_ns)
         times = [(stamp - reach) * 1e-9 for stamp in self.stamps[start:end]]
         mean_t = sum(times) / count
         spread = sum(t * t for t in times) - count * mean_t * mean_t

@@ -1,0 +1,62 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Storage files that rosbags reads by their index."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import Any
+
+from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.rosbag1 import Reader as Ros1Reader
+
+from adk_ros.bags.storage import Channel, RawMessage
+
+
+class Indexed:
+    """
+    A storage file that rosbags reads by its index.
+
+    `reader` is one of rosbags', not opened yet. It raises whatever it likes where the file is
+    not sound.
+
+    Raises:
+        ValueError: the index does not say what is in the file.
+    """
+
+    def __init__(self, reader: Any) -> None:
+        self.fault = ""
+        self._reader = reader
+        reader.open()
+        about = reader if isinstance(reader, Ros1Reader) else reader.metadata
+        # An MCAP file whose chunks are not indexed is not sorted, one whose messages are not
+        # counted seems to have none.
+        if not (getattr(reader, "chunks", True) and about.message_count):
+            reader.close()
+            raise ValueError("the index says nothing")
+        self.start_ns: int = about.start_time
+        self.end_ns: int = about.end_time - 1
+        self._connections = {connection.id: connection for connection in reader.connections}
+        self.channels = [
+            Channel(
+                x.id,
+                str(x.topic),
+                str(x.msgtype),
+                str(getattr(x.ext, "serialization_format", "ros1")),
+                str(x.msgdef.data),
+                "ros2idl" if x.msgdef.format == MessageDefinitionFormat.IDL else "ros2msg",
+                x.msgcount,
+            )
+            for x in self._connections.values()
+        ]
+
+    def messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
+        """Yield the messages of the channels named, in log order."""
+        chosen = [self._connections[i] for i in ids]
+        if chosen:
+            for connection, log_ns, data in self._reader.messages(chosen):
+                yield RawMessage(connection.id, log_ns, data)
+
+    def close(self) -> None:
+        """Release the file."""
+        self._reader.close()

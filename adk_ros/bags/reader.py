@@ -1,0 +1,227 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reading bags: topics, time span, messages in log order, and warnings about what is lost."""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from adk_ros.bags.decoding import Decoder, NoTypeError, deserialiser, to_cdr
+from adk_ros.bags.files import storage_files
+from adk_ros.bags.opening import NoBagError, StorageFile, open_storage
+from adk_ros.bags.storage import Channel
+from adk_ros.errors import DataError, UsageError
+
+_TOPICS_SHOWN = 12
+
+_Maker = Callable[[Channel], Decoder]
+_Undecoded = tuple[int, Channel, Decoder, bytes]
+_Decoded = tuple[Channel, int, Any]
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """A topic of a bag, its ROS 2 message type, and how many messages of it there are."""
+
+    name: str
+    msgtype: str
+    count: int
+
+
+class Bag:
+    """
+    A recording, opened for reading: a context manager, to be closed in any case.
+
+    `path` is a rosbag2 folder, its `metadata.yaml`, one storage file of it, or a ROS 1 .bag.
+    `start_ns` and `end_ns` are the first and the last log time, `message_count` what can be read.
+    `warnings` says, a line each, what is damaged or missing; reading may add to it.
+
+    Raises:
+        UsageError: there is nothing at `path`, or nothing that is a bag.
+        DataError: the bag holds no message, or is damaged beyond reading.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.warnings: list[str] = []
+        self._stack = ExitStack()
+        self._storages: list[StorageFile] = []
+        try:
+            self._open()
+        except BaseException:
+            self._stack.close()
+            raise
+
+    def _open(self) -> None:
+        files, expected = storage_files(self.path, self._warn)
+        for file in files:
+            try:
+                self._storages.append(open_storage(file, self._stack))
+            except NoBagError as error:
+                if len(files) == 1:
+                    raise DataError(f"bag {self.path}: {file.name} {error}") from None
+                self._warn(f"{file.name} {error}: read without it")
+            except OSError as error:
+                raise UsageError(f"bag {self.path}: cannot read {file}: {error}") from None
+        held = [x.storage for x in self._storages if any(c.count for c in x.storage.channels)]
+        if not held:
+            faults = [f": {x.storage.fault}" for x in self._storages if x.storage.fault]
+            raise DataError(f"bag {self.path} holds no messages{''.join(faults[:1])}")
+        counts: Counter[tuple[str, str]] = Counter()
+        for x in self._storages:
+            for channel in x.storage.channels:
+                counts[channel.topic, channel.msgtype] += channel.count
+        self.topics = [TopicInfo(name, kind, n) for (name, kind), n in sorted(counts.items())]
+        self.message_count = sum(counts.values())
+        self.start_ns = min(x.start_ns for x in held)
+        self.end_ns = max(x.end_ns for x in held)
+        for x in self._storages:
+            if x.storage.fault:
+                kept = sum(channel.count for channel in x.storage.channels)
+                end_s = self._seconds(x.storage.end_ns) if kept else 0.0
+                self._warn(
+                    f"{x.name} is damaged or cut off after {end_s:.1f} s: {x.storage.fault}; "
+                    f"{kept} messages kept"
+                )
+        if expected is not None and expected != self.message_count:
+            self._warn(
+                f"metadata.yaml announces {expected} messages, {self.message_count} are there"
+            )
+
+    def _seconds(self, log_ns: int) -> float:
+        return (log_ns - self.start_ns) * 1e-9
+
+    def _warn(self, text: str) -> None:
+        if (line := _line(text)) not in self.warnings:
+            self.warnings.append(line)
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first to the last log time."""
+        return self._seconds(self.end_ns)
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, Any]]:
+        """
+        Yield (topic, log time in ns, message) in log order, of all topics or of those named.
+
+        Messages have the attributes of their ROS 2 type. One that cannot be decoded is skipped
+        and counted in `warnings`; so is a topic of unknown type, unless it was asked for by name.
+
+        Raises:
+            UsageError: a topic that is named is not in the bag.
+            DataError: a topic that is named is of a type which the bag does not define.
+        """
+        return ((x.topic, t, m) for x, t, m in self._decoded(topics, deserialiser))
+
+    def raw(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, str, int, bytes]]:
+        """Yield (topic, ROS 2 type, log time in ns, CDR bytes), in order and refusals as above."""
+        return ((x.topic, x.msgtype, t, m) for x, t, m in self._decoded(topics, to_cdr))
+
+    def _decoded(self, topics: Collection[str] | None, maker: _Maker) -> Iterator[_Decoded]:
+        names = {x.name for x in self.topics}
+        topics = [topics] if isinstance(topics, str) else topics
+        wanted = names if topics is None else set(topics)
+        if absent := sorted(wanted - names):
+            raise UsageError(
+                f"bag {self.path} has no topic {', '.join(absent)}; it has {self.summary()}"
+            )
+        sources = []
+        for file in self._storages:
+            known: dict[int, tuple[Channel, Decoder]] = {}
+            for channel in file.storage.channels:
+                if channel.topic in wanted and channel.count:
+                    try:
+                        known[channel.id] = (channel, maker(channel))
+                    except NoTypeError as error:
+                        if topics is not None:
+                            raise DataError(_line(f"bag {self.path}: {error}")) from None
+                        self._warn(f"{error}: {channel.count} messages skipped")
+            sources.append(self._source(file, known))
+        return self._decode(sources)
+
+    def _decode(self, sources: list[Iterator[_Undecoded]]) -> Iterator[_Decoded]:
+        bad: dict[str, tuple[int, int, str]] = {}
+        try:
+            for log_ns, channel, decode, data in heapq.merge(*sources, key=lambda x: x[0]):
+                # The bytes are from outside, the decoder is generated: any exception means "bad".
+                try:
+                    content = decode(data)
+                except Exception as error:
+                    count, first_ns, why = bad.get(channel.topic, (0, log_ns, _reason(error)))
+                    bad[channel.topic] = (count + 1, first_ns, why)
+                    continue
+                yield channel, log_ns, content
+        finally:
+            for topic, (count, first_ns, why) in bad.items():
+                self._warn(
+                    f"{topic}: {count} messages cannot be decoded and are skipped, the first at "
+                    f"{self._seconds(first_ns):.1f} s: {why}"
+                )
+
+    def _source(
+        self, file: StorageFile, known: dict[int, tuple[Channel, Decoder]]
+    ) -> Iterator[_Undecoded]:
+        """Yield one file's messages; where its index leads to damage, go on without the index."""
+        seen: Counter[int] = Counter()
+        announced = sum(channel.count for channel, _ in known.values())
+        last_ns = self.start_ns
+        try:
+            for key, last_ns, data in file.storage.messages(known):
+                seen[key] += 1
+                yield (last_ns, *known[key], data)
+            if seen.total() >= announced:
+                return
+            reason = "the index does not lead to every message"
+        except Exception as error:
+            reason = _reason(error)
+        scan = file.scan()
+        self._stack.callback(scan.close)
+        kept = seen.total()
+        for key, log_ns, data in scan.messages(known):
+            # Log order within a topic is the same: what was given already comes first.
+            if seen[key]:
+                seen[key] -= 1
+                continue
+            kept += 1
+            yield (log_ns, *known[key], data)
+        if kept < announced:
+            self._warn(
+                f"{file.name} is damaged after {self._seconds(last_ns):.1f} s: {reason}; "
+                f"{kept} of {announced} messages kept"
+            )
+
+    def summary(self) -> str:
+        """Return the topics with their types and counts, on one line."""
+        shown = [f"{x.name} ({x.msgtype}, {x.count})" for x in self.topics[:_TOPICS_SHOWN]]
+        more = len(self.topics) - len(shown)
+        return _line(", ".join(shown) + (f" and {more} more" if more > 0 else ""))
+
+    def close(self) -> None:
+        """Release the files."""
+        self._stack.close()
+
+    def __enter__(self) -> Bag:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def open_bag(path: Path | str) -> Bag:
+    """Return the bag at `path`, opened: see `Bag`."""
+    return Bag(path)
+
+
+def _line(text: str) -> str:
+    """Return a text on one line, whatever names and reasons from outside it quotes."""
+    return " ".join(text.split())
+
+
+def _reason(error: Exception) -> str:
+    return str(error) or type(error).__name__

@@ -1,0 +1,92 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The topics of a bag that a drive is read from, chosen by name or by type."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from adk_ros.bags.reader import Bag
+from adk_ros.errors import DataError, UsageError
+from adk_ros.signals import commands
+
+IMU_TYPE = "sensor_msgs/msg/Imu"
+ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
+STEERING_TYPE = "autoware_vehicle_msgs/msg/SteeringReport"
+COMMAND_TYPES = {name: kind.msgtype for name, kind in commands.COMMAND_TYPES.items()}
+
+
+@dataclass(frozen=True)
+class Topics:
+    """The topics that a drive is read from; `imu` and `steering` are None where there is none."""
+
+    imu: str | None
+    odometry: str
+    command: str
+    steering: str | None = None
+
+
+def find_topics(
+    bag: Bag,
+    imu: str | None = None,
+    odometry: str | None = None,
+    command: str | None = None,
+    command_type: str = "joint_state",
+    steering: str | None = None,
+) -> Topics:
+    """
+    Return the topics to read a drive from: those named, else the only one of its type.
+
+    Topics without messages are not considered. The IMU is optional, as is the steering report,
+    which is looked for with `command_type` "autoware_control" alone; naming either as the empty
+    string does without it.
+
+    Raises:
+        UsageError: a topic that is named is absent or of another type; unknown `command_type`.
+        DataError: a needed topic is missing, or there are several to choose from.
+    """
+    if command_type not in COMMAND_TYPES:
+        known = ", ".join(COMMAND_TYPES)
+        raise UsageError(f"command type {command_type!r} is unknown: choose one of {known}")
+    wants_steering = command_type == "autoware_control"
+    return Topics(
+        imu=_optional(bag, "imu", imu, IMU_TYPE),
+        odometry=_needed(bag, "odometry", odometry, ODOMETRY_TYPE),
+        command=_needed(bag, "command", command, COMMAND_TYPES[command_type]),
+        steering=_optional(bag, "steering", steering, STEERING_TYPE) if wants_steering else None,
+    )
+
+
+def _needed(bag: Bag, role: str, name: str | None, msgtype: str) -> str:
+    found = _optional(bag, role, name, msgtype)
+    if found is None:
+        raise DataError(
+            f"bag {bag.path}: no {role}: no topic of type {msgtype} with messages; "
+            f"it has {bag.summary()}"
+        )
+    return found
+
+
+def _optional(bag: Bag, role: str, name: str | None, msgtype: str) -> str | None:
+    if name == "":
+        return None
+    if name is not None:
+        types = [x.msgtype for x in bag.topics if x.name == name]
+        if not types:
+            raise UsageError(
+                f"bag {bag.path}: --{role} {name} is not in it; it has {bag.summary()}"
+            )
+        if msgtype not in types:
+            raise UsageError(
+                f"bag {bag.path}: --{role} {name} is {types[0]}, but {msgtype} is needed"
+            )
+        if not any(x.count for x in bag.topics if x.name == name and x.msgtype == msgtype):
+            raise DataError(f"bag {bag.path}: --{role} {name} has no messages")
+        return name
+    found = [x.name for x in bag.topics if x.msgtype == msgtype and x.count]
+    if len(found) > 1:
+        raise DataError(
+            f"bag {bag.path}: {len(found)} topics of type {msgtype}: {', '.join(found)}; "
+            f"choose one with --{role} NAME"
+        )
+    return found[0] if found else None

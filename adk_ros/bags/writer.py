@@ -1,0 +1,108 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writing new rosbag2 recordings."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import (
+    CompressionFormat,
+    CompressionMode,
+    StoragePlugin,
+    Writer,
+    WriterError,
+)
+
+from adk_ros.bags.storage import END_OF_TIME
+from adk_ros.bags.typestores import jazzy
+from adk_ros.errors import UsageError
+
+
+class BagWriter:
+    """
+    A new rosbag2 folder at `path`, open for writing: a context manager.
+
+    `storage` is "mcap" or "sqlite3"; `compression` None or "zstd", which packs the chunks of an
+    mcap file and a sqlite3 file as a whole: messages of some hundred bytes hardly shrink one by
+    one. The bag is closed in order after an exception too, holding what was written until then.
+
+    Raises:
+        UsageError: `path` exists already or cannot be written, or an argument is not known.
+    """
+
+    def __init__(
+        self, path: Path | str, storage: str = "mcap", compression: str | None = None
+    ) -> None:
+        self.path = Path(path)
+        plugins = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+        if storage not in plugins:
+            raise UsageError(f"storage {storage!r} is unknown: choose mcap or sqlite3")
+        if compression not in {None, "zstd"}:
+            raise UsageError(f"compression {compression!r} is unknown: choose zstd or none")
+        if self.path.exists():
+            raise UsageError(f"{self.path} exists already: choose another --out or remove it")
+        self._connections: dict[str, Connection] = {}
+        with self._refusing():
+            self._writer: Writer | None = Writer(
+                self.path, version=9, storage_plugin=plugins[storage]
+            )
+            if compression == "zstd":
+                packed = {"mcap": CompressionMode.STORAGE, "sqlite3": CompressionMode.FILE}
+                self._writer.set_compression(packed[storage], CompressionFormat.ZSTD)
+            self._writer.open()
+
+    @contextmanager
+    def _refusing(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, WriterError, sqlite3.Error) as error:
+            raise UsageError(f"bag {self.path} cannot be written: {error}") from error
+
+    def _opened(self) -> Writer:
+        if self._writer is None:
+            raise UsageError(f"bag {self.path} is closed")
+        return self._writer
+
+    def add_topic(self, name: str, msgtype: str) -> None:
+        """Declare a topic; a second time with the same type is without effect."""
+        writer = self._opened()
+        if name in self._connections:
+            if (declared := self._connections[name].msgtype) != msgtype:
+                raise UsageError(f"bag {self.path}: {name} is declared as {declared} already")
+            return
+        if msgtype not in jazzy().types:
+            raise UsageError(f"bag {self.path}: {name}: message type {msgtype} is unknown")
+        with self._refusing():
+            self._connections[name] = writer.add_connection(name, msgtype, typestore=jazzy())
+
+    def write(self, topic: str, msg: Any, log_ns: int) -> None:
+        """Write one message: an object such as `message` makes, or CDR bytes; log time in ns."""
+        writer = self._opened()
+        if topic not in self._connections:
+            raise UsageError(f"bag {self.path}: topic {topic} was not declared")
+        if not 0 <= log_ns < END_OF_TIME:
+            raise UsageError(f"bag {self.path}: {topic}: log time {log_ns} ns is out of range")
+        connection = self._connections[topic]
+        if not isinstance(msg, bytes | bytearray | memoryview):
+            msg = jazzy().serialize_cdr(msg, connection.msgtype)
+        with self._refusing():
+            writer.write(connection, log_ns, msg)
+
+    def close(self) -> None:
+        """Write the index and `metadata.yaml`; a second call is without effect."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            with self._refusing():
+                writer.close()
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,106 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Gives out timed items at their time, by an absolute schedule: lateness does not add up.
+
+The items come from a generator that may be slow at times (a chunk of a bag to inflate), so a
+thread reads them ahead into a bounded queue.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from types import TracebackType
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+_QUEUED = 20_000
+_LONGEST_SLEEP_S = 0.1
+
+
+class Timed(Protocol):
+    """Anything with a time in nanoseconds from the schedule's begin."""
+
+    @property
+    def offset_ns(self) -> int:
+        """Nanoseconds from the begin, at rate 1."""
+
+
+Item = TypeVar("Item", bound=Timed)
+
+
+class Paced(NamedTuple, Generic[Item]):
+    """An item, and by how much it is late."""
+
+    item: Item
+    late_ns: int
+
+
+class ReadAhead(Generic[Item]):
+    """A context manager: iterates over `items`, which a thread reads ahead."""
+
+    def __init__(self, items: Iterator[Item]) -> None:
+        self._items = items
+        self._queue: queue.Queue[Item | Exception | None] = queue.Queue(_QUEUED)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._read, name="read ahead", daemon=True)
+
+    def _read(self) -> None:
+        # What goes wrong here is raised where the items are taken.
+        try:
+            for item in self._items:
+                if not self._put(item):
+                    return
+            self._put(None)
+        except Exception as error:
+            self._put(error)
+
+    def _put(self, item: Item | Exception | None) -> bool:
+        while not self._ended.is_set():
+            try:
+                self._queue.put(item, timeout=_LONGEST_SLEEP_S)
+            except queue.Full:
+                continue
+            return True
+        return False
+
+    def __enter__(self) -> ReadAhead[Item]:
+        self._thread.start()
+        return self
+
+    def __iter__(self) -> Iterator[Item]:
+        while True:
+            item = self._queue.get()
+            if item is None:
+                return
+            if isinstance(item, Exception):
+                raise item
+            yield item
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._ended.set()
+        self._thread.join()
+
+
+def paced(
+    items: Iterator[Item], begin_ns: int, rate: float, stopped: Callable[[], bool]
+) -> Iterator[Paced[Item]]:
+    """
+    Yield each of `items` at begin_ns + offset_ns / rate of the monotonic clock, until `stopped`.
+
+    `items` are sorted by time.
+    """
+    for item in items:
+        due_ns = begin_ns + round(item.offset_ns / rate)
+        while (left_ns := due_ns - time.monotonic_ns()) > 0 and not stopped():
+            time.sleep(min(left_ns * 1e-9, _LONGEST_SLEEP_S))
+        if stopped():
+            return
+        yield Paced(item, max(-left_ns, 0))

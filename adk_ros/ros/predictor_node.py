@@ -1,0 +1,213 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The node `predictor`: topics in and out, service, timers, diagnostics. What it does is in `core`.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+import traceback
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from adk_ros.model import artefact
+from adk_ros.model.pipeline import Pipeline
+from adk_ros.model.predictor import Prediction
+from adk_ros.ros import parameters
+from adk_ros.ros.core import Core, warm_up
+from adk_ros.ros.diagnostic_values import Clocks
+from adk_ros.ros.diagnostics import Diagnostics, Level
+from adk_ros.ros.messages import DIAGNOSTIC_NAME, HorizonBytes, TwistBytes
+from adk_ros.ros.session import message_class
+from adk_ros.signals.channels import TICK_NS, Source
+from adk_ros.signals.commands import COMMAND_TYPES
+
+NODE_NAME = "predictor"
+INPUT_DEPTH = 200
+"""Messages: 0.2 s of an IMU at 1000 Hz."""
+OUTPUT_DEPTH = 10
+
+
+class PredictorNode:
+    """
+    Subscribes to imu, odometry and command; publishes predictions and diagnostics.
+
+    `node` is the ROS node, for an executor to spin.
+    :raises UsageError: a parameter does not fit, or the model is refused.
+    """
+
+    def __init__(self) -> None:
+        # rclpy is annotated in part: Any is what the rest of it is anyway.
+        self.node: Any = Node(NODE_NAME)  # type: ignore[no-untyped-call, unused-ignore]
+        self._logger: Any = self.node.get_logger()
+        self.values = parameters.read(self.node)
+        for line in parameters.unknown(self.node):
+            self._logger.warning(line)
+        loaded = artefact.load(parameters.model_path(self.values))
+        settings = parameters.pipeline_settings(self.values, loaded.model.online)
+        kind = COMMAND_TYPES[self.values["command_type"]].msgtype
+        command_class = message_class(kind, f"command_type '{self.values['command_type']}'")
+        warm_up(loaded.model, settings)
+
+        self.core = Core(Pipeline(loaded.model, settings), self._publish, self._tell)
+        frame_id = self.values["frame_id"]
+        self._twist = TwistBytes(frame_id)
+        self._horizon = None
+        if settings.horizon_steps:
+            self._horizon = HorizonBytes(frame_id, settings.horizon_steps)
+        self._publish_horizon = bool(self.values["publish_horizon"])
+        self._sim_time = bool(self.node.get_parameter("use_sim_time").value)
+        self._clock = self.node.get_clock()
+        self.node.add_on_set_parameters_callback(self._on_set)
+        self._open_outputs()
+        self._inputs = self._open_inputs(command_class)
+        self._facts = self._make_facts(loaded)
+        self.diagnostics = Diagnostics(
+            self.core.pipeline, self.core.counters, self._facts, self.values["use_imu"],
+            time.monotonic(),
+        )
+        self._told_level = Level.OK
+        self._told_imu = False
+        self._logger.info(", ".join(f"{key} {value}" for key, value in self._facts.items()))
+
+    def _open_outputs(self) -> None:
+        node = self.node
+        self._twist_out = node.create_publisher(
+            TwistWithCovarianceStamped, "~/predicted_twist", OUTPUT_DEPTH
+        )
+        self._horizon_out = node.create_publisher(
+            MultiDOFJointTrajectory, "~/predicted_horizon", OUTPUT_DEPTH
+        )
+        self._diagnostics_out = node.create_publisher(
+            DiagnosticArray, "/diagnostics", OUTPUT_DEPTH
+        )
+        node.create_service(Trigger, "~/reset", self._on_reset)
+        # Both run on a clock that always runs: sim time may start late, stop, or never come.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(TICK_NS * 1e-9, self._on_watch, clock=steady)
+        period_s = self.values["diagnostics_period_s"]
+        node.create_timer(period_s, self._on_diagnostics, clock=steady)
+
+    def _open_inputs(self, command_class: Any) -> dict[Source, Any]:
+        qos: Any = QoSProfile(  # type: ignore[no-untyped-call, unused-ignore]
+            history=HistoryPolicy.KEEP_LAST,
+            depth=INPUT_DEPTH,
+            reliability=ReliabilityPolicy.BEST_EFFORT,
+        )
+        kinds = {Source.IMU: Imu, Source.ODOMETRY: Odometry, Source.COMMAND: command_class}
+        if self.values["use_imu"] == "never":
+            del kinds[Source.IMU]
+        return {
+            source: self.node.create_subscription(
+                kind, source.name.lower(), partial(self.core.take, source), qos
+            )
+            for source, kind in kinds.items()
+        }
+
+    def _make_facts(self, loaded: artefact.Artefact) -> dict[str, str]:
+        facts = {
+            "model": Path(loaded.path).name,
+            "model_hash": str(loaded.manifest["sha256"][artefact.ARRAYS])[:12],
+            "method": self.core.pipeline.predictor.settings.method,
+        }
+        for source in Source:
+            topic = self._inputs[source].topic_name if source in self._inputs else "not used"
+            facts[source.name.lower()] = topic
+        return facts
+
+    def _publish(self, prediction: Prediction) -> None:
+        self._twist_out.publish(self._twist.fill(prediction))
+        if self._horizon is not None and self._publish_horizon:
+            content = self._horizon.fill(prediction.origin_ns, prediction.horizon)
+            self._horizon_out.publish(content)
+
+    def _tell(self, error: Exception) -> None:
+        self._logger.error(
+            f"internal error, state was reset: {type(error).__name__}: {error} "
+            "(told once, counted in /diagnostics; the traceback is at log level debug)"
+        )
+        self._logger.debug("".join(traceback.format_exception(error)))
+
+    def _on_watch(self) -> None:
+        with self.core.guarded():
+            self.core.watch(self._clock.now().nanoseconds)
+
+    def _on_reset(self, _request: Any, response: Any) -> Any:
+        with self.core.guarded():
+            self.core.reset()
+        response.success = True
+        response.message = "samples and adaptation are forgotten"
+        return response
+
+    def _on_set(self, changed: list[Any]) -> Any:
+        for parameter in changed:
+            if parameter.name == "publish_horizon":
+                self._publish_horizon = bool(parameter.value)
+            elif parameter.name == "use_sim_time":
+                self._sim_time = bool(parameter.value)
+        return SetParametersResult(successful=True)
+
+    def _on_diagnostics(self) -> None:
+        with self.core.guarded():
+            self._report()
+        # The collector is off (see `settle`): what little is cyclic is collected here.
+        gc.collect(1)
+
+    def _report(self) -> None:
+        now = self._clock.now()
+        clocks = Clocks(time.monotonic(), now.nanoseconds, self._sim_time)
+        level, text, values = self.diagnostics.report(clocks)
+        status = DiagnosticStatus(
+            level=bytes([level]),
+            name=self.node.get_name() + DIAGNOSTIC_NAME,
+            message=text,
+            hardware_id=self._facts["model"],
+            values=[KeyValue(key=key, value=value) for key, value in values],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = now.to_msg()
+        self._diagnostics_out.publish(array)
+        self._log(level, text)
+
+    def _log(self, level: Level, text: str) -> None:
+        """Tell a person when things get worse, once, and when they are well again."""
+        if not self._told_imu and self.core.counters.published:
+            self._told_imu = True
+            heard = self.core.pipeline.received[Source.IMU]
+            self._logger.info("predicting with an IMU" if heard else "predicting without an IMU")
+        if level is Level.WARN and not self.core.counters.published:
+            return
+        # A severity a line: rclpy refuses another one from the same line of code.
+        if level > self._told_level and level is Level.ERROR:
+            self._logger.error(text)
+        elif level > self._told_level:
+            self._logger.warning(text)
+        elif level < self._told_level and level is Level.OK:
+            self._logger.info(text)
+        self._told_level = level
+
+
+def settle() -> None:
+    """
+    Take all that start-up made out of the collector's sight, and the collector off.
+
+    A full collection over torch and numba takes tens of milliseconds, in the midst of a tick.
+    """
+    gc.collect()
+    gc.freeze()
+    gc.disable()

@@ -1,0 +1,105 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The bytes that go out are the messages that rclpy would have made."""
+
+import math
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from rclpy.serialization import deserialize_message
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from adk_ros.model.predictor import Prediction, Status
+from adk_ros.ros.echo import Heard, header, json_line, line
+from adk_ros.ros.messages import (
+    NOT_ESTIMATED,
+    HorizonBytes,
+    TwistBytes,
+    join_stamp,
+    split_stamp,
+)
+
+
+def prediction(steps: int = 80, stamp_ns: int = 1_760_000_000_123_456_789) -> Prediction:
+    rng = np.random.default_rng(steps)
+    root = rng.normal(size=(3, 3))
+    return Prediction(
+        origin_ns=stamp_ns - 25_000_000,
+        stamp_ns=stamp_ns,
+        x=rng.normal(size=3),
+        covariance=root @ root.T,
+        horizon=rng.normal(size=(steps, 3)),
+        innovation=np.zeros(3),
+        status=Status.PREDICTED,
+    )
+
+
+@pytest.mark.parametrize("frame_id", ["base_link", "", "a", "car/base_link", "ümläut"])
+def test_twist(frame_id: str) -> None:
+    made = TwistBytes(frame_id)
+    for steps in (3, 4):
+        wanted = prediction(steps)
+        message = deserialize_message(made.fill(wanted), TwistWithCovarianceStamped)
+        assert message.header.frame_id == frame_id
+        assert join_stamp(message.header.stamp) == wanted.stamp_ns
+        twist = message.twist.twist
+        assert (twist.linear.x, twist.linear.y, twist.angular.z) == tuple(wanted.x)
+        assert (twist.linear.z, twist.angular.x, twist.angular.y) == (0.0, 0.0, 0.0)
+        flat = message.twist.covariance
+        c = wanted.covariance
+        assert (flat[0], flat[7], flat[35]) == (c[0, 0], c[1, 1], c[2, 2])
+        assert (flat[1], flat[6]) == (c[0, 1], c[1, 0])
+        assert (flat[5], flat[30]) == (c[0, 2], c[2, 0])
+        assert (flat[11], flat[31]) == (c[1, 2], c[2, 1])
+        assert (flat[14], flat[21], flat[28]) == (NOT_ESTIMATED,) * 3
+        others = set(range(36)) - {0, 7, 35, 1, 6, 5, 30, 11, 31, 14, 21, 28}
+        assert all(flat[index] == 0.0 for index in others)
+
+
+@pytest.mark.parametrize("frame_id", ["base_link", "", "abc", "abcd", "abcde"])
+@pytest.mark.parametrize("steps", [1, 2, 3, 80, 400])
+def test_horizon(frame_id: str, steps: int) -> None:
+    made = HorizonBytes(frame_id, steps)
+    for stamp_ns in (1_760_000_000_000_000_001, 25_000_000):
+        wanted = prediction(steps, stamp_ns)
+        content = made.fill(wanted.origin_ns, wanted.horizon)
+        message = deserialize_message(content, MultiDOFJointTrajectory)
+        assert message.header.frame_id == frame_id
+        assert join_stamp(message.header.stamp) == wanted.origin_ns
+        assert message.joint_names == ["vehicle"]
+        assert len(message.points) == steps
+        for number, (point, row) in enumerate(
+            zip(message.points, wanted.horizon, strict=True), start=1
+        ):
+            assert len(point.transforms) == len(point.accelerations) == 0
+            assert join_stamp(point.time_from_start) == number * 25_000_000
+            (twist,) = point.velocities
+            assert (twist.linear.x, twist.linear.y, twist.angular.z) == tuple(row)
+            assert (twist.linear.z, twist.angular.x, twist.angular.y) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("stamp_ns", [0, 1, 999_999_999, 10**9, 1_760_000_000_999_999_999])
+def test_stamps_are_exact(stamp_ns: int) -> None:
+    sec, nanosec = split_stamp(stamp_ns)
+    assert 0 <= nanosec < 10**9
+    assert sec * 10**9 + nanosec == stamp_ns
+
+
+def test_lines_for_people_and_programs() -> None:
+    heard = Heard(
+        stamp_ns=1_760_000_000_025_000_000,
+        x=(10.0, -0.5, math.radians(20.0)),
+        covariance=np.diag([0.01, 0.04, math.radians(2.0) ** 2]),
+        arrival_ns=0,
+    )
+    shown = line(heard)
+    assert shown.split() == [
+        "1760000000.025", "36.00", "±", "0.36", "-1.80", "±", "0.72", "20.00", "±", "2.00",
+    ]  # fmt: skip
+    assert len(header()) == len(shown)
+    assert json_line(heard) == (
+        '{"stamp_ns": 1760000000025000000, "v_x": 10.0, "v_y": -0.5, '
+        f'"yaw_rate": {math.radians(20.0)}, "covariance": [[0.01, 0.0, 0.0], [0.0, 0.04, 0.0], '
+        f"[0.0, 0.0, {math.radians(2.0) ** 2}]]}}"
+    )
