@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as a drive: its topics found, its messages decoded and aligned. Used by every offline verb."""
+"""A bag as a drive: topics found, messages decoded and aligned. Used by every offline verb."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,12 +31,18 @@ class DriveOptions:
 
 @dataclass
 class Drive:
-    """A bag's record, and what a person should know of how it was read."""
+    """
+    A bag's record, and what a person should know of how it was read.
+
+    `start_ns`: log time of the bag's first message. `commands`: the readings themselves, which a
+    record only tells at its ticks.
+    """
 
     record: Record
     topics: Topics
     warnings: list[str]
     start_ns: int
+    commands: list[Reading]
 
 
 def choose_topics(bag: Bag, options: DriveOptions) -> Topics:
@@ -90,18 +96,28 @@ def read_drive(
     with Bag(path) as bag:
         topics = choose_topics(bag, options)
         counts: dict[str, int] = {}
+        commands: list[Reading] = []
         stream = plausibility.watch(readings(bag, topics, decoder, progress))
         try:
-            record = build_record(stream, Path(path).name, counts, plausibility.add)
+            record = build_record(
+                _keeping(stream, commands), Path(path).name, counts, plausibility.add
+            )
         except DataError as error:
-            refused = _refusals(decoder)
-            raise DataError(f"{error}{' (' + '; '.join(refused) + ')' if refused else ''}") from None
+            refused = "; ".join(_refusals(decoder))
+            raise DataError(f"{error}{f' ({refused})' if refused else ''}") from None
         warnings = list(bag.warnings)
         start_ns = bag.start_ns
     warnings += [f"{record.name}: {text}" for text in _refusals(decoder)]
     warnings += [f"{record.name}: {count} times {what}" for what, count in counts.items()]
     warnings += [f"{record.name}: {text}" for text in plausibility.warnings()]
-    return Drive(record, topics, warnings, start_ns)
+    return Drive(record, topics, warnings, start_ns, commands)
+
+
+def _keeping(stream: Iterable[Reading], commands: list[Reading]) -> Iterator[Reading]:
+    for reading in stream:
+        if reading.source is Source.COMMAND:
+            commands.append(reading)
+        yield reading
 
 
 def _refusals(decoder: Decoder) -> list[str]:

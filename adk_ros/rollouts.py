@@ -5,7 +5,7 @@ Open-loop predictions along a bag, by a trained model or by the 7-DoF model: `ro
 
 From every start, the prediction under the bag's own commands. Measurements up to the start may be
 used, none after it: a trained model adapts up to each start, the 7-DoF model starts from the
-sample alone.
+sample alone. Of the commands before, it also knows what the actuators have reached.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from adk_ros.drives import DriveOptions, read_drive
+from adk_ros.drives import Drive
 from adk_ros.errors import DataError, UsageError
-from adk_ros.model import artefact
 from adk_ros.model.evaluate import sample_at
-from adk_ros.model.predictor import Predictor
-from adk_ros.plant.params import load_vehicle
+from adk_ros.model.predictor import Model, Predictor
+from adk_ros.plant.params import Vehicle, load_vehicle, vehicles
+from adk_ros.plant.rollout import actuator_states
 from adk_ros.plant.rollout import rollout as seven_dof_rollout
-from adk_ros.signals.channels import TICK_NS, BoolArray, FloatArray, IntArray, Record
+from adk_ros.signals.channels import TICK_NS, FloatArray, IntArray, Reading, Record
 
 FIRST_START_S = 2.0
 _TICK_S = TICK_NS * 1e-9
@@ -32,81 +32,135 @@ _TICK_S = TICK_NS * 1e-9
 Progress = Callable[[int, int], None]
 
 
-def roll_out_bag(
-    model: Path,
-    bag: Path,
-    horizon_s: float,
-    stride_s: float,
-    options: DriveOptions,
-    progress: Progress | None = None,
-) -> tuple[FloatArray, FloatArray]:
+def horizon_steps(horizon_s: float, stride_s: float) -> int:
     """
-    Return starts (n,), seconds from the bag's first message, and predictions (n, h, 3) in SI.
+    Return the ticks in a horizon.
 
-    `model`: an artefact folder or a vehicle YAML. Entry j of a prediction is j + 1 ticks ahead.
-    :raises UsageError: horizon or stride out of range, or the model is none.
-    :raises DataError: no start has a state and known commands over the horizon.
+    :raises UsageError: horizon or stride out of range.
     """
     if not _TICK_S <= horizon_s <= 10.0:
         raise UsageError(f"--horizon {horizon_s:g} is out of range: choose 0.025 to 10 s")
-    if not stride_s >= _TICK_S:
-        raise UsageError(f"--stride {stride_s:g} is too small: at least 0.025 s")
-    steps = round(horizon_s / _TICK_S)
-    drive = read_drive(bag, options, progress)
+    if not _TICK_S <= stride_s <= 3600.0:
+        raise UsageError(f"--stride {stride_s:g} is out of range: choose 0.025 to 3600 s")
+    return round(horizon_s / _TICK_S)
+
+
+def find_vehicle(source: Path) -> Vehicle:
+    """
+    Load a vehicle's YAML, or one that comes with the package, by its name.
+
+    :raises UsageError: it is neither, or no vehicle.
+    """
+    if source.is_file() or str(source) in vehicles():
+        return load_vehicle(source)
+    raise UsageError(
+        f"model {source} does not exist: give the folder that 'adk train' wrote, a vehicle's YAML "
+        f"or one of: {', '.join(vehicles())}"
+    )
+
+
+def roll_out(
+    model: Model | Vehicle,
+    drive: Drive,
+    steps: int,
+    stride_s: float,
+    progress: Progress | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Return starts (n,), seconds from the bag's first message, and predictions (n, steps, 3) in SI.
+
+    Entry j of a prediction is j + 1 ticks after its start.
+    :raises DataError: no start has a state and known commands over the horizon.
+    """
     record = drive.record
-    since_s = (record.stamp_ns - drive.start_ns) * 1e-9
+    since_s = np.asarray((record.stamp_ns - drive.start_ns) * 1e-9, dtype=np.float64)
     rows = start_rows(record, since_s, steps, stride_s)
     if rows.size == 0:
-        raise DataError(f"{bag}: no start has commands known for {horizon_s:g} s after it")
-    if model.is_dir():
-        kept, predicted = _by_model(model, record, rows, steps, progress)
-    elif model.is_file():
-        commands = record.u[rows[:, None] + np.arange(steps)]
-        kept = np.ones(rows.size, dtype=bool)
-        predicted = seven_dof_rollout(load_vehicle(model), record.x[rows], commands)
+        raise DataError(
+            f"{record.name}: from no start after {FIRST_START_S:g} s are commands known for "
+            f"{steps * _TICK_S:g} s: give a longer bag, or a shorter --horizon"
+        )
+    if isinstance(model, Model):
+        rows, predicted = _by_model(model, record, rows, steps, progress)
     else:
-        raise UsageError(f"model {model} does not exist: give a model folder or a vehicle YAML")
-    if not kept.any():
-        raise DataError(f"{bag}: the model could not predict from any start")
-    return since_s[rows[kept]], predicted
+        u = mean_commands(record, drive.commands)
+        predicted = seven_dof_rollout(
+            model, record.x[rows], u[rows[:, None] + np.arange(steps)],
+            actuators=_reached(model, record, u)[rows],
+        )
+    if rows.size == 0:
+        raise DataError(f"{record.name}: the model could not predict from any start")
+    return since_s[rows], predicted
 
 
-def start_rows(
-    record: Record, since_s: FloatArray, steps: int, stride_s: float
-) -> IntArray:
+def start_rows(record: Record, since_s: FloatArray, steps: int, stride_s: float) -> IntArray:
     """Rows (n,) to start from: every `stride_s` after the first 2 s, state and commands known."""
     wanted = np.arange(FIRST_START_S, since_s[-1] + 1e-9, stride_s)
-    rows = np.unique(np.searchsorted(since_s, wanted - 1e-6))
+    rows = np.searchsorted(since_s, wanted - 1e-6)
+    # In a gap of the grid there is nothing to start from, and what comes after it is no start.
+    rows = np.unique(rows[since_s[rows] - wanted < _TICK_S])
     rows = rows[rows + steps < len(record)]
-    known: BoolArray = np.isfinite(record.x).all(axis=1)
+    known = np.asarray(np.isfinite(record.x).all(axis=1))
     commanded = np.concatenate([[0], np.cumsum(~np.isfinite(record.u).all(axis=1))])
     usable = known[rows] & (commanded[rows + steps] == commanded[rows])
-    usable &= record.episode[rows] == record.episode[np.minimum(rows + steps, len(record) - 1)]
-    return rows[usable].astype(np.int64)
+    usable &= record.episode[rows] == record.episode[rows + steps]
+    return np.asarray(rows[usable], dtype=np.int64)
+
+
+def mean_commands(record: Record, commands: list[Reading]) -> FloatArray:
+    """
+    Mean (n, 2) of what was commanded during the tick that begins with each row.
+
+    `Record.u` is what is in force as the tick begins; a command given within the tick, be it a
+    microsecond late, would reach a physical model a whole tick late. After a jump of the clock
+    stamps do not tell the order, and `Record.u` has to do.
+    """
+    if np.any(np.diff(record.stamp_ns) <= 0):
+        return record.u
+    stamps, first = np.unique([item.stamp_ns for item in commands], return_index=True)
+    values = np.array([item.values for item in commands])[first]
+    given = np.diff(stamps)[:, None] * 1e-9 * values[:-1]
+    total = np.concatenate([np.zeros((1, 2)), np.cumsum(given, axis=0)])
+
+    def until(at_ns: IntArray) -> FloatArray:
+        last = np.maximum(np.searchsorted(stamps, at_ns, side="right") - 1, 0)
+        return np.asarray(total[last] + values[last] * ((at_ns - stamps[last]) * 1e-9)[:, None])
+
+    mean = (until(record.stamp_ns + TICK_NS) - until(record.stamp_ns)) / _TICK_S
+    return np.where((record.stamp_ns < stamps[0])[:, None], record.u, mean)
+
+
+def _reached(vehicle: Vehicle, record: Record, u: FloatArray) -> FloatArray:
+    """What torque and angle have reached at each row (n, 2), by its episode's commands so far."""
+    reached = np.full_like(u, np.nan)
+    for episode in np.unique(record.episode):
+        rows = (record.episode == episode) & np.isfinite(u).all(axis=1)
+        reached[rows] = actuator_states(vehicle, u[rows])
+    return reached
 
 
 def _by_model(
-    model: Path, record: Record, rows: IntArray, steps: int, progress: Progress | None
-) -> tuple[BoolArray, FloatArray]:
-    predictor = Predictor(artefact.load(model).model, horizon_steps=0)
-    position = {int(row): i for i, row in enumerate(rows)}
-    kept = np.zeros(rows.size, dtype=bool)
-    predicted = []
+    model: Model, record: Record, rows: IntArray, steps: int, progress: Progress | None
+) -> tuple[IntArray, FloatArray]:
+    predictor = Predictor(model, horizon_steps=0)
+    wanted = set(rows.tolist())
+    kept, predicted = [], []
     last = int(rows[-1])
     for row in range(last + 1):
         made = predictor.step(sample_at(record, row))
         if progress is not None and row % 500 == 0:
             progress(row, last + 1)
-        if row in position and made is not None:
-            kept[position[row]] = True
+        if row in wanted and made is not None:
+            kept.append(row)
             predicted.append(predictor.roll_out(record.u[row : row + steps]))
-    return kept, np.array(predicted).reshape(-1, steps, 3)
+    return np.array(kept, dtype=np.int64), np.array(predicted).reshape(-1, steps, 3)
 
 
 def write_csv(out: Path, starts_s: FloatArray, predicted: FloatArray) -> None:
     """
     Write `start_s,t_s,v_x,v_y,yaw_rate` rows, as one whole file or none.
 
+    Both times are seconds from the bag's first message.
     :raises UsageError: the file cannot be written.
     """
     part = out.with_name(out.name + ".part")

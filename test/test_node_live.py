@@ -34,6 +34,7 @@ from adk_ros.errors import UsageError
 from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.predictor import Prediction
+from adk_ros.ros import parameters
 from adk_ros.ros.echo import Recording, echo, record, watch_diagnostics
 from adk_ros.ros.messages import join_stamp
 from adk_ros.ros.session import Session
@@ -384,6 +385,17 @@ def test_a_model_that_does_not_serve_is_refused(
 )
 def test_wrong_arguments_are_refused(given: list[str], said: str) -> None:
     assert said in refused(*given)
+
+
+def test_help_names_every_parameter() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "adk_ros.ros.node", "--help"],
+        capture_output=True, text=True, timeout=60.0, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert all(f"\n  {spec.name} " in done.stdout for spec in parameters.TABLE)
+    assert "Example: predictor --ros-args" in done.stdout
+    assert max(map(len, done.stdout.splitlines())) < 100
 
 
 def test_a_command_type_that_is_not_installed(model: Path) -> None:

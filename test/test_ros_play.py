@@ -15,6 +15,8 @@ from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
 from node_tools import START_NS, write_bag
 from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
@@ -170,6 +172,38 @@ def test_wrong_options(bag: Path, options: dict[str, Any], said: str) -> None:
         play(bag, **options)
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_ros1_bag(tmp_path: Path) -> None:
+    """Its messages come out as ROS 2's."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    with Writer(tmp_path / "old.bag") as writer:
+        connection = writer.add_connection("/odometry", "nav_msgs/msg/Odometry", typestore=store)
+        for number in range(20):
+            vector = types["geometry_msgs/msg/Vector3"]
+            point = types["geometry_msgs/msg/Point"](0.0, 0.0, 0.0)
+            turned = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+            pose = types["geometry_msgs/msg/Pose"](point, turned)
+            linear, angular = vector(number, 0.0, 0.0), vector(0.0, 0.0, 0.1)
+            twist = types["geometry_msgs/msg/Twist"](linear, angular)
+            stamp = types["builtin_interfaces/msg/Time"](100, number * 10_000_000)
+            made = types["nav_msgs/msg/Odometry"](
+                types["std_msgs/msg/Header"](number, stamp, "odom"), "base_link",
+                types["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+                types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)),
+            )  # fmt: skip
+            content = store.serialize_ros1(made, "nav_msgs/msg/Odometry")
+            writer.write(connection, 100 * 10**9 + number * 10_000_000, content)
+    with listening("/odometry") as came:
+        stats = play(tmp_path / "old.bag")
+        time.sleep(0.3)
+    assert stats.messages == len(came) == 20
+    heard = [deserialize_message(item.content, Odometry) for item in came]
+    assert [item.twist.twist.linear.x for item in heard] == list(range(20))
+    assert [join_stamp(item.header.stamp) for item in heard] == [
+        100 * 10**9 + number * 10_000_000 for number in range(20)
+    ]
 
 
 def test_no_bag(tmp_path: Path) -> None:

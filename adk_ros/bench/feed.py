@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from adk_ros.model.predictor import Model
 from adk_ros.plant.scenarios import load_scenario
 from adk_ros.plant.simulate import simulate
 from adk_ros.signals.channels import Source
+from adk_ros.train.fit import Step
 from adk_ros.train.run import run_training
 from adk_ros.train.settings import TrainSettings
 
@@ -54,7 +55,7 @@ def endless(messages: list[Message]) -> Iterator[Message]:
 
 
 def bench_model(path: Path | None) -> Model:
-    """Load `path`, or train a small model for the purpose (sizes as the default's, few steps)."""
+    """Load `path`, or train a small model for the purpose."""
     if path is not None:
         return artefact.load(path).model
     with tempfile.TemporaryDirectory() as folder:
@@ -62,8 +63,13 @@ def bench_model(path: Path | None) -> Model:
         return artefact.load(Path(folder) / "model").model
 
 
-def write_model(out: Path) -> None:
-    """Train a small model on a simulated drive and write its artefact."""
+def write_model(out: Path, progress: Callable[[int, int], None] | None = None) -> None:
+    """Train a small model (sizes as the default's, few steps) and write its artefact."""
     drive = simulate(load_scenario("town"), duration_s=120.0)
     settings = TrainSettings(steps=200, short_share=1.0, batch=128, validate_every=100)
-    run_training([drive.truth()], out, settings)
+
+    def on_step(step: Step) -> None:
+        if progress is not None:
+            progress(step.step, step.steps)
+
+    run_training([drive.truth()], out, settings, on_step=on_step)

@@ -26,9 +26,11 @@ _WARM_UP_TICKS = 500
 _RIVAL_EVERY = 10
 _STAGE_TICKS = 10_000
 
+Progress = Callable[[int, int], None]
+
 
 def bench_latency(
-    model_path: Path | None, ticks: int, progress: Callable[[int, int], None] | None = None
+    model_path: Path | None, ticks: int, progress: Progress | None = None
 ) -> dict[str, Any]:
     """
     Return {"tick", "stages", "padasip_rls15", "ticks"}; times in microseconds.
@@ -56,8 +58,8 @@ def bench_latency(
             rival()
             rivals.append(time.perf_counter_ns() - started)
         if progress is not None and i % 500 == 0:
-            progress(i, ticks)
-    stages = _stages(model, simulated_messages())
+            progress(i, ticks + _STAGE_TICKS)
+    stages = _stages(model, simulated_messages(), ticks, progress)
     gc.unfreeze()
     return {
         "tick": _summary(times) | {"max_us": float(times.max()) * 1e-3},
@@ -120,7 +122,9 @@ class _Watch:
         return timed
 
 
-def _stages(model: Model, messages: list[Message]) -> dict[str, dict[str, float]]:
+def _stages(
+    model: Model, messages: list[Message], before: int, progress: Progress | None
+) -> dict[str, dict[str, float]]:
     names = ("decode", "align", "lift", "update", "horizon", "rest")
     watches = {name: _Watch(name) for name in names}
     pipeline = Pipeline(model)
@@ -139,6 +143,8 @@ def _stages(model: Model, messages: list[Message]) -> dict[str, dict[str, float]
             watch.spent = 0
         if i >= _WARM_UP_TICKS:
             rows.append([*parts, total - sum(parts)])
+        if progress is not None and i % 500 == 0:
+            progress(before + i, before + _STAGE_TICKS)
     table = np.array(rows)
     total = table.sum()
     return {

@@ -11,7 +11,9 @@ one clock for all processes of a machine, so times of different processes may be
 
 from __future__ import annotations
 
+import gc
 import os
+import select
 import subprocess
 import sys
 import tempfile
@@ -50,7 +52,8 @@ def bench_live(
     Measure the node for `duration_s` after a warm-up of 3 s; return what can be written as JSON.
 
     `latency_ms` has p50, p99 and max; `ticks`, `ticks_missed` (completed by the sensors, but
-    never predicted), `cpu_percent` of one core, `targets_met`, and what the node says of itself.
+    never predicted), `cpu_percent` of one core, `memory_growth_mb`, `targets_met`, and what the
+    node says of itself, under `node`.
     :param progress: called about ten times a second with (seconds done, seconds in all).
     :raises DataError: the node did not start, or a part of the measurement failed.
     """
@@ -65,7 +68,7 @@ def bench_live(
         listener = _start(stack, folder, _MODULE, "listen", str(folder / "heard.npz"))
         traffic = _start(stack, folder, _MODULE, "drive", str(folder / "sent.npz"), *rates)
         _await_line(traffic, "started", node, folder)
-        cpu_percent = _watch_cpu(node, duration_s, progress)
+        cpu_percent, grown_mb = _watch(node, duration_s, progress)
         if traffic.wait(_PATIENCE_S) or node.poll() is not None:
             raise DataError(f"the measurement failed: {_last_words(folder)}")
         time.sleep(1.5)
@@ -75,6 +78,7 @@ def bench_live(
         sent, heard = np.load(folder / "sent.npz"), np.load(folder / "heard.npz")
         result = _evaluate(sent, heard, round(_WARM_UP_S * 1e9))
     result["cpu_percent"] = round(cpu_percent, 2)
+    result["memory_growth_mb"] = round(grown_mb, 2)
     result["duration_s"] = duration_s
     result["rates_hz"] = {"imu": imu_hz, "odometry": odometry_hz, "command": command_hz}
     result["targets_met"] = {
@@ -117,11 +121,14 @@ def _await_line(
     process: subprocess.Popen[str], wanted: str, node: subprocess.Popen[str], folder: Path
 ) -> None:
     assert process.stdout is not None
-    for line in process.stdout:
-        if line.strip() == wanted:
-            return
-    state = "" if node.poll() is None else f" (the node ended with exit code {node.returncode})"
-    raise DataError(f"the sensors found no node{state}: {_last_words(folder)}")
+    while node.poll() is None:
+        if select.select([process.stdout], [], [], 0.2)[0]:
+            line = process.stdout.readline()
+            if line.strip() == wanted:
+                return
+            if not line:
+                raise DataError(f"the sensors found no node: {_last_words(folder)}")
+    raise DataError(f"the node ended with exit code {node.returncode}: {_last_words(folder)}")
 
 
 def _last_words(folder: Path) -> str:
@@ -131,32 +138,35 @@ def _last_words(folder: Path) -> str:
     return lines[-1] if lines else "no reason was given"
 
 
-def _watch_cpu(
+def _watch(
     node: subprocess.Popen[str], duration_s: float, progress: Callable[[float, float], None] | None
-) -> float:
-    """Return the per cent of a core that the node takes, once it is warm."""
+) -> tuple[float, float]:
+    """Return the per cent of a core that the node takes, once warm, and MB that it grows by."""
     process = psutil.Process(node.pid)
     time.sleep(_WARM_UP_S)
     before, begin_s = process.cpu_times(), time.monotonic()
+    held = process.memory_info().rss
     while (done_s := time.monotonic() - begin_s) < duration_s - 0.2:
         if progress is not None:
             progress(done_s, duration_s)
         time.sleep(0.1)
     after = process.cpu_times()
     spent_s = after.user + after.system - before.user - before.system
-    return float(100.0 * spent_s / (time.monotonic() - begin_s))
+    grown_mb = (process.memory_info().rss - held) * 1e-6
+    return float(100.0 * spent_s / (time.monotonic() - begin_s)), float(grown_mb)
 
 
 def _evaluate(sent: Any, heard: Any, warm_up_ns: int) -> dict[str, Any]:
+    from_ns = int(sent["stamp_ns"][0]) + warm_up_ns
     latencies_ms, missed = latencies(
         sent["source"], sent["stamp_ns"], sent["values"], sent["published_ns"],
         dict(zip(heard["stamp_ns"].tolist(), heard["arrival_ns"].tolist(), strict=True)),
-        int(sent["stamp_ns"][0]) + warm_up_ns,
+        from_ns,
     )
     if not len(latencies_ms):
         raise DataError("no prediction arrived at the listener")
     p50, p99, worst = np.percentile(latencies_ms, (50, 99, 100)).round(3).tolist()
-    lags_ns = np.diff(np.sort(sent["published_ns"]))
+    pauses_ns = np.diff(sent["published_ns"][sent["stamp_ns"] >= from_ns])
     own = dict(zip(heard["keys"].tolist(), heard["shown"].tolist(), strict=True))
     kept = ("tick_p50_us", "tick_p99_us", "tick_max_us", "missed_deadlines", "internal_errors")
     return {
@@ -164,7 +174,7 @@ def _evaluate(sent: Any, heard: Any, warm_up_ns: int) -> dict[str, Any]:
         "ticks": len(latencies_ms) + missed,
         "ticks_missed": missed,
         "messages": len(sent["stamp_ns"]),
-        "longest_pause_of_the_sensors_ms": round(float(lags_ns.max()) * 1e-6, 3),
+        "longest_pause_of_the_sensors_ms": round(float(pauses_ns.max()) * 1e-6, 3),
         "node": {key: float(own[key]) for key in kept if key in own},
     }
 
@@ -229,4 +239,6 @@ def _listen(path: str) -> None:
 
 
 if __name__ == "__main__":
+    # What the measuring programs collect must not be taken for the node's latency.
+    gc.disable()
     {"drive": _drive, "listen": _listen}[sys.argv[1]](*sys.argv[2:])

@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -26,14 +28,14 @@ def latency(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Time the whole tick, messages to prediction, beside padasip's FilterRLS for 15 outputs.
+    Time the whole tick, beside padasip's RLS for 15 outputs.
 
     Example: adk bench latency
     """
     from adk_ros.bench.latency import bench_latency
 
-    with console.progress("ticking") as bar:
-        result = bench_latency(model, ticks, bar)
+    with _chosen(model) as path, console.progress("ticking") as bar:
+        result = bench_latency(path, ticks, bar)
     if as_json:
         console.answer(result)
         return
@@ -61,23 +63,15 @@ def live(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Run the node live: latency from the last input to the prediction in another process, CPU.
+    Run the node live: latency between processes, CPU, missed ticks.
 
     Example: adk bench live --duration 60
     """
-    from adk_ros.bench.feed import write_model
     from adk_ros.bench.live import bench_live
 
-    with tempfile.TemporaryDirectory() as folder, console.progress("running live") as bar:
-        if model is None:
-            model = Path(folder) / "model"
-            write_model(model)
-        result = bench_live(model, duration, imu_hz, progress=bar)
-    if as_json:
-        console.answer(result)
-        return
-    for name, value in result.items():
-        console.output.print(f"{name:<28} {value}", markup=False)
+    with _chosen(model) as path, console.progress("running live") as bar:
+        result = bench_live(path, duration, imu_hz, progress=bar)
+    _show(result, as_json)
 
 
 @app.command()
@@ -87,16 +81,36 @@ def soak(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Replay a looped bag with faults injected: memory, finiteness, drift of the least squares.
+    Replay a looped drive with faults: memory, finiteness, drift.
 
     Example: adk bench soak --ticks 1000000
     """
     from adk_ros.bench.soak import bench_soak
 
-    with console.progress("soaking") as bar:
-        result = bench_soak(model, ticks, bar)
+    with _chosen(model) as path, console.progress("soaking") as bar:
+        result = bench_soak(path, ticks, bar)
+    _show(result, as_json)
+
+
+@contextmanager
+def _chosen(model: Path | None) -> Iterator[Path]:
+    """The model that was given, or one trained for the purpose and gone afterwards."""
+    if model is not None:
+        yield model
+        return
+    from adk_ros.bench.feed import write_model
+
+    with tempfile.TemporaryDirectory() as folder:
+        with console.progress("training a model to measure") as bar:
+            write_model(Path(folder) / "model", bar)
+        yield Path(folder) / "model"
+
+
+def _show(result: dict[str, Any], as_json: bool) -> None:
     if as_json:
         console.answer(result)
         return
     for name, value in result.items():
-        console.output.print(f"{name:<28} {value}", markup=False)
+        inner = value.items() if isinstance(value, dict) else ()
+        text = ", ".join(f"{key} {item}" for key, item in inner) if inner else value
+        console.output.print(f"{name:<20} {text}", markup=False)

@@ -8,7 +8,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich import box
@@ -18,6 +18,9 @@ from rich.table import Table
 
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import REPORT_SCALE, Score, best_naive
+
+if TYPE_CHECKING:
+    from adk_ros.drives import Drive
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 output = Console(highlight=False, soft_wrap=True)
@@ -37,6 +40,14 @@ def note(text: str) -> None:
 def warn(text: str) -> None:
     """Tell a person of something amiss, on stderr."""
     errors.print(f"warning: {text}", style="yellow", markup=False)
+
+
+def tell(drive: Drive, wants_imu: bool = False) -> None:
+    """Tell a person what is odd about a drive; `wants_imu`: the model was trained with one."""
+    for text in drive.warnings:
+        warn(text)
+    if wants_imu and drive.topics.imu is None:
+        warn("the model was trained with an IMU and there is none: yaw rate comes from odometry")
 
 
 def answer(value: Any) -> None:
@@ -112,13 +123,13 @@ def score_table(scores: dict[str, Score], model_names: tuple[str, ...], title: s
     """RMSE by channel and horizon, the model's and the naive predictors', in km/h and deg/s."""
     naive = [name for name in scores if name not in model_names]
     best = best_naive({name: scores[name] for name in naive})
-    # Narrow enough for 80 columns: headings break between words, units stand below the names.
+    # Narrow enough for 80 columns: headings are broken, units stand below the channels.
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=0)
     table.add_column("channel")
     table.add_column("horizon")
     for name in (*model_names, *naive):
-        table.add_column(name, justify="right")
-    table.add_column(f"{model_names[0]} / best naive", justify="right")
+        table.add_column(name.replace(" ", "\n"), justify="right")
+    table.add_column(f"{model_names[0]} /\nbest\nnaive", justify="right")
     first = scores[model_names[0]]
     for channel, (label, unit) in enumerate(zip(STATE_NAMES, _REPORT_UNITS, strict=True)):
         for row, step in enumerate(first.steps):

@@ -17,7 +17,9 @@ def demo(
     steps: Annotated[int, typer.Option(help="training steps")] = 1500,
 ) -> None:
     """
-    Train, start the real node, play a bag to it in real time, echo, score, draw.
+    The whole product in one go: train, predict live, score, draw.
+
+    The real node runs in a process of its own, and a recording is played to it in real time.
 
     Example: adk demo --out demo_out
     """

@@ -12,9 +12,9 @@ from adk_ros.cli.options import JsonOption
 
 
 def echo(
-    topic: Annotated[str | None, typer.Option(help="default: the only predicted_twist there is")] = (
-        None
-    ),
+    topic: Annotated[
+        str | None, typer.Option(help="default: the only predicted_twist there is")
+    ] = None,
     every: Annotated[int, typer.Option(help="print one in so many")] = 10,
     count: Annotated[int | None, typer.Option(help="end after so many lines")] = None,
     duration: Annotated[float | None, typer.Option(help="end after so many seconds")] = None,
@@ -22,7 +22,9 @@ def echo(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Print the predictions of a running node: km/h and deg/s for people, SI with --json.
+    Print the predictions of a running node, a line each.
+
+    Speeds are in km/h, yaw rates in deg/s; with --json all is SI.
 
     Example: adk echo --every 40
     """

@@ -53,8 +53,8 @@ def _model(path: Path, as_json: bool) -> None:
     held = facts.get("held_out")
     if held:
         rows["held out"] = (
-            f"geometric mean of RMSE over best naive predictor's: "
-            f"{held['geometric_mean_ratio']:.3f} ({held['starts']} starts)"
+            f"RMSE {held['geometric_mean_ratio']:.3f} of the best naive predictor's "
+            f"(mean over channels and horizons, {held['starts']} starts)"
         )
     for name, text in rows.items():
         console.output.print(f"  {name:<11} {text}", markup=False)
@@ -70,9 +70,11 @@ def _bag(path: Path, as_json: bool) -> None:
             topics = find_topics(bag)
             found = {"imu": topics.imu, "odometry": topics.odometry, "command": topics.command}
             verdict = "can be trained on and replayed"
+            if topics.imu is None:
+                verdict += " (no IMU: yaw rate from odometry)"
         except AdkError as error:
-            verdict = str(error)
-        about = {
+            verdict = f"cannot be trained on or replayed: {error}"
+        about: dict[str, Any] = {
             "kind": "bag",
             "path": str(path),
             "seconds": round(bag.duration_s, 3),
@@ -97,10 +99,12 @@ def _bag(path: Path, as_json: bool) -> None:
         f"bag {path}: {about['seconds']:.1f} s, {about['messages']} messages", markup=False
     )
     roles = {name: role for role, name in found.items() if name}
+    wide = [max((len(t[key]) for t in about["topics"]), default=0) for key in ("name", "type")]
     for t in about["topics"]:
         rate = f"{t['rate_hz']:8.1f} Hz" if t["rate_hz"] is not None else ""
         console.output.print(
-            f"  {t['name']:<24} {t['type']:<32} {t['count']:>8}{rate}  {roles.get(t['name'], '')}",
+            f"  {t['name']:<{wide[0]}}  {t['type']:<{wide[1]}} {t['count']:>8}{rate}  "
+            f"{roles.get(t['name'], '')}".rstrip(),
             markup=False,
         )
     for text in about["warnings"]:

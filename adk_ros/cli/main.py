@@ -70,6 +70,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # The reader has gone: what is still in the buffer must not raise again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        # A path that cannot be written, a full disk: nothing that a traceback would explain.
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"adk: {where}{error.strerror or error}", file=sys.stderr)
+        return 2
     except Exception as error:
         if hasattr(error, "format_message"):
             return _refused(error)
@@ -79,7 +84,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _refused(error: Any) -> int:
     """A mistake on the command line, as the parser reports it, in one line."""
     text = error.format_message()
-    if text:
+    if type(error).__name__ == "NoArgsIsHelpError":
+        print(text, file=sys.stderr)
+    elif text:
         context = getattr(error, "ctx", None)
         verb = context.command_path if context is not None else "adk"
         print(f"adk: {text} (see '{verb} --help')", file=sys.stderr)

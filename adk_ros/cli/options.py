@@ -6,13 +6,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from adk_ros.drives import DriveOptions
 from adk_ros.errors import UsageError
 from adk_ros.signals.decode import SensorConfig
+
+if TYPE_CHECKING:
+    from adk_ros.drives import DriveOptions
 
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap, .db3 or ROS 1 .bag")]
 BagsArgument = Annotated[list[Path], typer.Argument(help="one recording or more")]
@@ -42,6 +44,8 @@ def drive_options(
     The vehicle's sensors come from `params`, else from what the model was trained with (`own`).
     :raises UsageError: the parameter file does not fit.
     """
+    from adk_ros.drives import DriveOptions
+
     sensors = sensors_of(own) if own else SensorConfig()
     if params is not None:
         from adk_ros.cli.params import read_sensors
@@ -57,7 +61,9 @@ def sensors_of(stored: dict[str, Any]) -> SensorConfig:
     :raises UsageError: it holds something that this version does not know.
     """
     try:
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()}
+        values: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()
+        }
         return replace(SensorConfig(), **values)
     except TypeError as error:
         raise UsageError(f"the model's manifest describes sensors unknown here: {error}") from None

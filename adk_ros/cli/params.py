@@ -23,7 +23,7 @@ def read_sensors(path: Path) -> SensorConfig:
         from adk_ros.ros import parameters
     except ImportError as error:
         raise UsageError(
-            f"--params needs rclpy, which is not installed here ({error}): 'make install' brings it"
+            f"--params needs rclpy, which is not installed ({error}): 'make install' brings it"
         ) from None
     values: dict[str, Any] = {spec.name: spec.default for spec in parameters.TABLE}
     specs = {spec.name: spec for spec in parameters.TABLE}

@@ -24,6 +24,7 @@ from adk_ros.cli.options import (
     ParamsOption,
     drive_options,
 )
+from adk_ros.errors import UsageError
 
 
 def replay(
@@ -31,11 +32,15 @@ def replay(
     model: ModelOption,
     out: Annotated[Path | None, typer.Option(help="bag to write the predictions to")] = None,
     method: Annotated[
-        str | None, typer.Option(help="constant, rls, ffrls, swls or windowed; default: the model's")
+        str | None, typer.Option(help="constant, rls, ffrls, swls or windowed [the model's own]")
     ] = None,
-    window: Annotated[int | None, typer.Option(help="samples in the window")] = None,
-    ridge: Annotated[float | None, typer.Option(help="pull to the offline model")] = None,
-    horizon: Annotated[float, typer.Option(help="length of the horizon in s")] = 2.0,
+    window: Annotated[
+        int | None, typer.Option(help="samples in the window of windowed and swls [the model's]")
+    ] = None,
+    ridge: Annotated[
+        float | None, typer.Option(help="pull to the offline model, of windowed [the model's]")
+    ] = None,
+    horizon: Annotated[float, typer.Option(help="seconds of the horizon, 0 for none")] = 2.0,
     with_horizon: Annotated[
         bool, typer.Option("--with-horizon", help="write the horizons as well (large)")
     ] = False,
@@ -47,7 +52,9 @@ def replay(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Replay a recording: what the live node would have predicted, and how good it would have been.
+    Replay a recording: what the live node would have predicted.
+
+    The predictions are scored beside naive ones; --out writes them as a bag.
 
     Example: adk replay bags/town --model models/handling --out predicted
     """
@@ -56,16 +63,20 @@ def replay(
     from adk_ros.model.online import OnlineSettings
     from adk_ros.model.pipeline import PipelineSettings
     from adk_ros.replay import replay as run
-    from adk_ros.train.heldout import HELD, MODEL, held_out
+    from adk_ros.train.heldout import HELD, MODEL, Range, held_out
 
     loaded = artefact.load(model)
     facts = loaded.manifest["training"]
     options = drive_options(imu, odometry, command, no_imu, params, facts.get("sensors"))
     online: OnlineSettings = loaded.model.online
     online = replace(
-        online, method=method or online.method, window=window or online.window,
-        ridge=ridge or online.ridge,
+        online,
+        method=online.method if method is None else method,
+        window=online.window if window is None else window,
+        ridge=online.ridge if ridge is None else ridge,
     )
+    if not 0.0 <= horizon <= 10.0:
+        raise UsageError(f"--horizon {horizon:g} is out of range: choose 0 to 10 s")
     settings = PipelineSettings(
         sensors=options.sensors, online=online, horizon_steps=round(horizon / 0.025)
     )
@@ -73,16 +84,14 @@ def replay(
         predictions, pipeline, _ = run(
             bag, loaded.model, settings, options, out, with_horizon, bar
         )
-    drive = read_drive(bag, options)
-    for text in drive.warnings:
-        console.warn(text)
-    if loaded.model.uses_imu and drive.topics.imu is None:
-        console.warn("the model was trained with an IMU and this bag has none: its yaw rate comes "
-                     "from odometry")
+    with console.progress(f"reading {bag.name}") as bar:
+        drive = read_drive(bag, options, bar)
+    console.tell(drive, loaded.model.uses_imu)
     if drive.record.name in {data["name"] for data in facts.get("data", [])}:
         console.warn(f"the model was trained on a bag named {drive.record.name}: this is no test")
     with console.progress("scoring") as bar:
-        test = held_out(loaded.model, [(drive.record, None)], online=online, progress=bar)
+        known = Range.from_json(facts.get("range"))
+        test = held_out(loaded.model, [(drive.record, None)], known, online, progress=bar)
     innovations = np.array([p.innovation for p in predictions]).reshape(-1, 3)
     known = innovations[np.isfinite(innovations).all(axis=1)]
     rms = np.sqrt(np.mean(known**2, axis=0)) if len(known) else np.full(3, math.nan)
@@ -103,6 +112,8 @@ def replay(
             f"({test.scores[MODEL].count} starts)"
         )
         console.show(console.score_table(test.scores, (MODEL, HELD), title))
+        for cell, why in test.lost.items():
+            console.note(f"not better than a naive predictor: {cell}: {why}")
     console.note(
         f"{len(predictions)} predictions on {pipeline.ticks} ticks of 25 ms"
         + (f" in {out}" if out else " (nothing written: no --out)")

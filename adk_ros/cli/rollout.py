@@ -22,7 +22,9 @@ from adk_ros.cli.options import (
 
 
 def rollout(
-    model: Annotated[Path, typer.Option(help="a trained model folder, or a vehicle's YAML")],
+    model: Annotated[
+        Path, typer.Option(help="folder that 'adk train' wrote, or a vehicle's YAML or name")
+    ],
     bag: Annotated[Path, typer.Option(help="the recording to start from")],
     out: Annotated[Path, typer.Option(help="CSV file to write")],
     horizon: Annotated[float, typer.Option(help="seconds to predict")] = 1.0,
@@ -35,23 +37,30 @@ def rollout(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Predict open loop from every few tenths of a second of a recording, under its own commands.
+    Predict open loop along a recording, under its own commands.
 
     Example: adk rollout --model models/handling --bag bags/town --horizon 1 --out rollouts.csv
     """
+    from adk_ros.drives import read_drive
     from adk_ros.model import artefact
-    from adk_ros.rollouts import roll_out_bag, write_csv
+    from adk_ros.rollouts import find_vehicle, horizon_steps, roll_out, write_csv
 
-    sensors = None
-    if (model / artefact.MANIFEST).is_file():
-        sensors = artefact.read_manifest(model)["training"].get("sensors")
+    steps = horizon_steps(horizon, stride)
+    loaded = artefact.load(model) if model.is_dir() else None
+    predicting = loaded.model if loaded else find_vehicle(model)
+    sensors = loaded.manifest["training"].get("sensors") if loaded else None
     options = drive_options(imu, odometry, command, no_imu, params, sensors)
+    with console.progress(f"reading {bag.name}") as bar:
+        drive = read_drive(bag, options, bar)
+    console.tell(drive, loaded.model.uses_imu if loaded else False)
     with console.progress("rolling out") as bar:
-        starts, predicted = roll_out_bag(model, bag, horizon, stride, options, bar)
+        starts, predicted = roll_out(predicting, drive, steps, stride, bar)
     write_csv(out, starts, predicted)
     if as_json:
         console.answer({
             "out": str(out), "starts": int(starts.size), "steps": int(predicted.shape[1]),
         })
         return
-    console.note(f"{starts.size} starts of {predicted.shape[1]} steps in {out}")
+    console.note(
+        f"{starts.size} predictions of {steps * 0.025:g} s ({steps} steps of 25 ms) in {out}"
+    )

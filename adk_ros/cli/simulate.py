@@ -23,7 +23,9 @@ def simulate(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Drive a scenario with the 7-DoF Magic Formula car and write what its sensors send.
+    Drive a simulated car and write what its sensors send as a bag.
+
+    The car is a 7-DoF Magic Formula model; `handling` and `town` are scenarios that come with it.
 
     Example: adk simulate town --out town
     """

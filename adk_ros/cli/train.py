@@ -40,12 +40,12 @@ def train(
     no_imu: NoImuOption = False,
     params: ParamsOption = None,
     split: Annotated[
-        str, typer.Option(help="hold out by 'blocks' of time, the 'tail', or the last of the 'bags'")
+        str, typer.Option(help="hold out 'blocks' of time, the 'tail', or the last of the 'bags'")
     ] = "blocks",
     steps: Annotated[int, typer.Option(help="updates, each of one batch of sequences")] = 4000,
     history: Annotated[int, typer.Option(help="past samples beside the state")] = 5,
     hidden: Annotated[int, typer.Option(help="width of the encoder's hidden layers")] = 32,
-    learning_rate: Annotated[float, typer.Option()] = 4e-3,
+    learning_rate: Annotated[float, typer.Option(help="largest step of the optimiser")] = 4e-3,
     seed: Annotated[int, typer.Option(help="same seed, same model")] = 0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda")] = "auto",
     paper: Annotated[
@@ -57,7 +57,7 @@ def train(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Train a model from recordings and score it on what it has not seen.
+    Train a model from recordings and score it on held-out data.
 
     Example: adk train bags/handling --out models/handling
     """
@@ -135,8 +135,7 @@ def read_records(bags: list[Path], options: DriveOptions) -> list[Record]:
             f"{path}: imu {topics.imu or 'none (yaw rate from odometry)'}, odometry "
             f"{topics.odometry}, command {topics.command}; {drive.record.duration_s:.1f} s"
         )
-        for text in drive.warnings:
-            console.warn(text)
+        console.tell(drive)
         records.append(drive.record)
     return records
 

@@ -18,8 +18,7 @@ import json
 import os
 import shutil
 import tempfile
-import zipfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,7 @@ def save(folder: Path, program: bytes, model: Model, facts: dict[str, Any]) -> N
 
     :param program: the TorchScript encoder. :param facts: what the trainer has to say (data,
         seeds, scores), JSON-able, kept under "training".
-    :raises UsageError: `folder` exists and is not an artefact.
+    :raises UsageError: `folder` exists and is not an artefact, or cannot be written.
     """
     check_target(folder)
     arrays = _pack(model)
@@ -88,16 +87,28 @@ def save(folder: Path, program: bytes, model: Model, facts: dict[str, Any]) -> N
         "sha256": {ENCODER: _hash(program), ARRAYS: _hash(arrays)},
         "training": facts,
     }
+    contents = {
+        ENCODER: program,
+        ARRAYS: arrays,
+        MANIFEST: (json.dumps(manifest, indent=2) + "\n").encode(),
+    }
+    try:
+        _write_whole(folder, contents)
+    except OSError as error:
+        raise UsageError(f"model {folder} cannot be written: {error.strerror}") from None
+
+
+def _write_whole(folder: Path, contents: dict[str, bytes]) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     whole = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
-        (whole / ENCODER).write_bytes(program)
-        (whole / ARRAYS).write_bytes(arrays)
-        (whole / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n")
+        for name, content in contents.items():
+            (whole / name).write_bytes(content)
         whole.chmod(0o755)
         if folder.exists():
-            for item in whole.iterdir():
-                os.replace(item, folder / item.name)
+            # The manifest comes last; until then the old one's hashes refuse the mixture.
+            for name in contents:
+                os.replace(whole / name, folder / name)
         else:
             os.rename(whole, folder)
     finally:
@@ -106,12 +117,29 @@ def save(folder: Path, program: bytes, model: Model, facts: dict[str, Any]) -> N
 
 def check_target(folder: Path) -> None:
     """
-    Refuse a place where `save` would destroy something that is no model.
+    Refuse a place where `save` would fail, or destroy something that is no model.
 
-    :raises UsageError: `folder` exists and is not an artefact.
+    :raises UsageError: `folder` exists and is not an artefact, or cannot be made.
     """
-    if folder.exists() and not (folder / MANIFEST).is_file():
+    try:
+        place = folder
+        while not place.exists():
+            place = place.parent
+        writable = place.is_dir() and os.access(place, os.W_OK)
+    except OSError as error:
+        raise UsageError(f"model {folder} cannot be written: {error.strerror}") from None
+    if place == folder and not _is_model(folder):
         raise UsageError(f"{folder} exists and is no model: choose another --out or remove it")
+    if not writable:
+        raise UsageError(f"model {folder} cannot be written: {place} is no writable folder")
+
+
+def _is_model(folder: Path) -> bool:
+    try:
+        manifest = json.loads((folder / MANIFEST).read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(manifest, dict) and manifest.get("format") == FORMAT
 
 
 def load(folder: Path) -> Artefact:
@@ -127,7 +155,8 @@ def load(folder: Path) -> Artefact:
     try:
         with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
             arrays = {name: np.asarray(stored[name], dtype=np.float64) for name in _ARRAYS}
-    except (ValueError, KeyError, OSError, zipfile.BadZipFile) as error:
+    except Exception as error:
+        # The readers of zip and npy raise a dozen kinds, down to MemoryError and TokenError.
         raise UsageError(f"{folder / ARRAYS} is not readable ({error}): train again") from None
     history, n_z = manifest["history"], manifest["lifted_size"]
     _check_arrays(folder, arrays, n_z, manifest["affine"])
@@ -158,10 +187,10 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if not folder.is_dir():
         raise UsageError(f"model {folder} is not a folder: give the folder that 'adk train' wrote")
     try:
-        manifest = json.loads(path.read_text())
+        manifest = json.loads(path.read_bytes())
     except FileNotFoundError:
         raise UsageError(f"{folder} holds no {MANIFEST}: it is not a model folder") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"{path} is not readable as JSON ({error}): train again") from None
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         raise UsageError(f"{path} does not describe an {FORMAT}")
@@ -179,17 +208,27 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             )
     kinds = {
         "history": int, "lifted_size": int, "residual": bool, "affine": bool, "relift": bool,
-        "uses_imu": bool, "online": dict, "sha256": dict,
+        "uses_imu": bool, "online": dict, "sha256": dict, "training": dict,
     }
     for key, kind in kinds.items():
-        if not isinstance(manifest.get(key), kind):
+        if type(manifest.get(key)) is not kind:
             raise UsageError(f"{path}: '{key}' is missing or not of type {kind.__name__}")
     if not (0 <= manifest["history"] <= 40 and 4 <= manifest["lifted_size"] <= 200):
         raise UsageError(f"{path}: history or lifted_size is out of range")
-    known = set(OnlineSettings.__dataclass_fields__)
-    if set(manifest["online"]) != known:
-        raise UsageError(f"{path}: 'online' must hold just {', '.join(sorted(known))}")
+    if not manifest["relift"] and (manifest["residual"] or manifest["affine"]):
+        raise UsageError(f"{path}: without 'relift' a model is neither residual nor affine")
+    _check_online(path, manifest["online"])
     return manifest
+
+
+def _check_online(path: Path, online: dict[str, Any]) -> None:
+    kinds = {item.name: type(item.default) for item in fields(OnlineSettings)}
+    if set(online) != set(kinds):
+        raise UsageError(f"{path}: 'online' must hold just {', '.join(sorted(kinds))}")
+    for key, kind in kinds.items():
+        # A person may well write 100 for 100.0.
+        if type(online[key]) is not kind and not (kind is float and type(online[key]) is int):
+            raise UsageError(f"{path}: '{key}' of 'online' is not of type {kind.__name__}")
 
 
 def _pack(model: Model) -> bytes:
@@ -237,3 +276,5 @@ def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine:
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise UsageError(f"{folder / ARRAYS}: {name} holds values that are not finite")
+        if name.endswith("_scale") and not (array > 0.0).all():
+            raise UsageError(f"{folder / ARRAYS}: {name} holds a scale that is not positive")

@@ -23,7 +23,7 @@ _fast: Any = njit(cache=True, fastmath={"contract", "reassoc"}, error_model="num
 
 @_fast
 def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
-    """out (m,) += matrix' vector, matrix (n, m): four rows at a time, which keeps out in registers."""
+    """out (m,) += matrix' vector, matrix (n, m): four rows at a time, so out stays in registers."""
     n, m = matrix.shape
     i = 0
     while i + 4 <= n:
@@ -101,10 +101,14 @@ def make_pair(  # type: ignore[no-untyped-def]
     z, z_before, phi, theta, step_scale, residual, gain, disturbance, y, limit
 ):
     """
-    Target y (n_z,) of the tick that has just ended, and the disturbance moved towards what is left.
+    Target y (n_z,) of the tick that has just ended, the disturbance moved towards what is left.
 
-    Return False, with nothing changed, if the pair is absurd and must not be learned.
+    Return False, with the disturbance as it was, if the pair is absurd and must not be learned: a
+    regressor of 1e6 would leave 1e-4 of rounding in the Gram for good.
     """
+    for j in range(phi.shape[0]):
+        if not abs(phi[j]) < limit:
+            return False
     for i in range(y.shape[0]):
         value = z[i]
         if residual:
@@ -270,7 +274,7 @@ def windowed_update(  # type: ignore[no-untyped-def]
 
     theta = argmin sum |y_i - theta phi_i|^2 + ridge |theta - theta0|^2 over the window. The window
     holds what is left of y after the offline model, so that theta0 is the zero of the problem.
-    Return False, with theta untouched, if the solution failed.
+    Return False if there is no finite solution.
     """
     n_out, n_phi = theta.shape
     if full:
@@ -288,10 +292,12 @@ def windowed_update(  # type: ignore[no-untyped-def]
     right[:] = cross
     if not cholesky_solve(work, right) > 0.0:
         return False
+    total = 0.0
     for c in range(n_out):
         for j in range(n_phi):
             theta[c, j] = theta0[c, j] + right[j, c]
-    return True
+            total += abs(theta[c, j])
+    return np.isfinite(total)
 
 
 @_jit

@@ -70,24 +70,28 @@ class Lifting:
             module = torch.jit.load(io.BytesIO(program), map_location="cpu")
             module.eval()
             parameters = {k: v.detach().clone() for k, v in module.state_dict().items()}
-            module = torch.jit.freeze(module)
-        except RuntimeError as error:
-            first = str(error).strip().splitlines()[0]
-            raise UsageError(f"the encoder is not a readable TorchScript program: {first}") from None
-        # Straight to the compiled method: the module's own call machinery costs as much again.
-        # Freezing has made the weights constants, so there is no gradient to switch off.
-        self._forward: Any = module.forward
+            # Straight to the compiled method: the module's own call machinery costs as much again.
+            # Freezing makes the weights constants, so there is no gradient to switch off.
+            self._forward: Any = torch.jit.freeze(module).forward
+        except Exception as error:
+            # What a stranger's program raises, here and below, is not to be foreseen.
+            first = _lines(error)[0]
+            raise UsageError(f"the encoder is no readable TorchScript program: {first}") from None
         self._buffer = np.zeros((1, n_in), dtype=np.float32)
         self._tensor = torch.from_numpy(self._buffer)
         try:
             for _ in range(_WARM_UP_CALLS):
-                output = module.forward(self._tensor)
-            shape = tuple(output.detach().shape)
-        except RuntimeError as error:
-            last = str(error).strip().splitlines()[-1]
+                output = self._forward(self._tensor)
+            features = np.asarray(output.numpy(), dtype=np.float32)
+        except Exception as error:
+            last = _lines(error)[-1]
             raise UsageError(f"the encoder does not take {n_in} inputs: {last}") from None
-        if shape != (1, n_features):
-            raise UsageError(f"the encoder gives {shape}, its manifest promises (1, {n_features})")
+        if features.shape != (1, n_features):
+            raise UsageError(
+                f"the encoder gives {features.shape}, its manifest promises (1, {n_features})"
+            )
+        if not np.isfinite(features).all():
+            raise UsageError("the encoder gives values that are not finite")
         self.twin = self._find_twin(parameters, n_in, n_features)
 
     def __call__(self, row: Float32Array) -> Float32Array:
@@ -118,3 +122,7 @@ class Lifting:
             if not np.allclose(out, truth, rtol=_TWIN_TOLERANCE, atol=_TWIN_TOLERANCE):
                 return None
         return twin
+
+
+def _lines(error: Exception) -> list[str]:
+    return str(error).strip().splitlines() or [type(error).__name__]

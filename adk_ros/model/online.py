@@ -145,7 +145,10 @@ class SlidingWindow:
         self._phis[self._count % window] = phi
         self._count += 1
         known = self._phis[: min(self._count, window)]
-        direction = np.linalg.pinv(known.T @ known, rcond=1e-12, hermitian=True) @ phi
+        try:
+            direction = np.linalg.pinv(known.T @ known, rcond=1e-12, hermitian=True) @ phi
+        except np.linalg.LinAlgError:
+            direction = np.full(phi.shape[0], np.nan)
         theta = self.theta + np.outer(y - self.theta @ phi, direction)
         if not np.isfinite(theta).all() or np.abs(theta).max() > 1e6:
             self.failures += 1

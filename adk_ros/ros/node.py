@@ -17,6 +17,14 @@ from types import FrameType
 from adk_ros.errors import AdkError, UsageError
 
 _SPIN_S = 0.1
+_USAGE = """\
+usage: predictor --ros-args -p model:=FOLDER [-p NAME:=VALUE ...] [-r imu:=/TOPIC ...]
+
+Predicts v_x, v_y and yaw rate from the topics imu, odometry and command; publishes
+~/predicted_twist, ~/predicted_horizon and /diagnostics, and offers the service ~/reset.
+Example: predictor --ros-args -p model:=model -r imu:=/imu/data -r command:=/vehicle/command
+
+Parameters, with their defaults:"""
 
 
 class Stop:
@@ -63,6 +71,11 @@ def _run(argv: list[str], stop: Stop) -> int:
     except Exception as error:
         raise UsageError(f"ROS refuses the arguments: {_first_line(error)}") from None
     try:
+        if strange and strange[0] in ("-h", "--help"):
+            from adk_ros.ros.parameters import help_text
+
+            print(f"{_USAGE}\n{help_text()}")
+            return 0
         if strange:
             raise UsageError(
                 f"argument '{strange[0]}' is not understood: parameters are given as "

@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from types import TracebackType
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 _QUEUED = 20_000
 _LONGEST_SLEEP_S = 0.1
@@ -29,13 +29,6 @@ class Timed(Protocol):
 
 
 Item = TypeVar("Item", bound=Timed)
-
-
-class Paced(NamedTuple, Generic[Item]):
-    """An item, and by how much it is late."""
-
-    item: Item
-    late_ns: int
 
 
 class ReadAhead(Generic[Item]):
@@ -91,11 +84,11 @@ class ReadAhead(Generic[Item]):
 
 def paced(
     items: Iterator[Item], begin_ns: int, rate: float, stopped: Callable[[], bool]
-) -> Iterator[Paced[Item]]:
+) -> Iterator[tuple[Item, int]]:
     """
     Yield each of `items` at begin_ns + offset_ns / rate of the monotonic clock, until `stopped`.
 
-    `items` are sorted by time.
+    With each comes by how many nanoseconds it is late. `items` are sorted by time.
     """
     for item in items:
         due_ns = begin_ns + round(item.offset_ns / rate)
@@ -103,4 +96,4 @@ def paced(
             time.sleep(min(left_ns * 1e-9, _LONGEST_SLEEP_S))
         if stopped():
             return
-        yield Paced(item, max(-left_ns, 0))
+        yield item, max(-left_ns, 0)

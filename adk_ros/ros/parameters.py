@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -239,3 +240,15 @@ def pipeline_settings(values: Values, own: OnlineSettings) -> PipelineSettings:
 def model_path(values: Values) -> Path:
     """Folder of the model, with ~ for the home folder."""
     return Path(values["model"]).expanduser()
+
+
+def help_text() -> str:
+    """Return the table for a person at a terminal."""
+    width = max(len(spec.name) for spec in TABLE)
+    lines = []
+    for spec in TABLE:
+        lines += textwrap.wrap(
+            f"{spec.text} [{spec.default!r}]", 98,
+            initial_indent=f"  {spec.name:<{width}}  ", subsequent_indent=" " * (width + 4),
+        )
+    return "\n".join(lines)

@@ -1,8 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-The node `predictor`: topics in and out, service, timers, diagnostics. What it does is in `core`.
-"""
+"""The node `predictor`: topics, service, timers. What it does with a message is in `core`."""
 
 from __future__ import annotations
 
@@ -53,12 +51,15 @@ class PredictorNode:
 
     def __init__(self) -> None:
         # rclpy is annotated in part: Any is what the rest of it is anyway.
-        self.node: Any = Node(NODE_NAME)  # type: ignore[no-untyped-call, unused-ignore]
+        make: Any = Node
+        self.node: Any = make(NODE_NAME)
         self._logger: Any = self.node.get_logger()
         self.values = parameters.read(self.node)
         for line in parameters.unknown(self.node):
             self._logger.warning(line)
-        loaded = artefact.load(parameters.model_path(self.values))
+        path = parameters.model_path(self.values)
+        self._logger.info(f"loading {path}; the first start compiles for some seconds")
+        loaded = artefact.load(path)
         settings = parameters.pipeline_settings(self.values, loaded.model.online)
         kind = COMMAND_TYPES[self.values["command_type"]].msgtype
         command_class = message_class(kind, f"command_type '{self.values['command_type']}'")
@@ -104,7 +105,8 @@ class PredictorNode:
         node.create_timer(period_s, self._on_diagnostics, clock=steady)
 
     def _open_inputs(self, command_class: Any) -> dict[Source, Any]:
-        qos: Any = QoSProfile(  # type: ignore[no-untyped-call, unused-ignore]
+        profile: Any = QoSProfile
+        qos = profile(
             history=HistoryPolicy.KEEP_LAST,
             depth=INPUT_DEPTH,
             reliability=ReliabilityPolicy.BEST_EFFORT,
@@ -165,8 +167,8 @@ class PredictorNode:
     def _on_diagnostics(self) -> None:
         with self.core.guarded():
             self._report()
-        # The collector is off (see `settle`): what little is cyclic is collected here.
-        gc.collect(1)
+        # The collector is off (see `settle`): what little there is since then is collected here.
+        gc.collect()
 
     def _report(self) -> None:
         now = self._clock.now()

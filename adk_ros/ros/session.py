@@ -34,7 +34,9 @@ class Session:
 
     def __enter__(self) -> Session:
         self._context.init()
-        self.node: Any = Node(self._name, context=self._context)  # type: ignore[no-untyped-call, unused-ignore]
+        # Not annotated in every version of rclpy.
+        make: Any = Node
+        self.node: Any = make(self._name, context=self._context)
         self._executor = make_executor(self._context)
         self._executor.add_node(self.node)
         return self

@@ -46,8 +46,9 @@ class Aligner:
     """
     Folds readings into samples; the same object serves one message at a time and whole bags.
 
-    `counts` tells what was not used and why ("duplicate", "late", "stray stamp", "clock jump",
-    "out of order" (used in its place), "gap": a silence that ended an episode).
+    `counts` tells what was not used and why: "duplicate", "stray stamp"; what was used, but not
+    when it should have been: "out of order", "late" (a tick it belongs to was out already); and
+    each "clock jump".
 
     :param odometry_timeout_s: odometry older than this no longer yields a state (COASTING).
     :param frozen_after_s: a moving vehicle's sensor that repeats itself for so long is frozen.
@@ -86,14 +87,13 @@ class Aligner:
     def push(self, reading: Reading) -> list[Sample]:
         """Take one reading; return the samples that have become complete, oldest first."""
         verdict, others = self._guard.judge(reading)
-        if verdict is Verdict.ACCEPT:
+        if verdict is not Verdict.JUMP:
             if others:
                 self.counts["stray stamp"] += len(others)
+            if verdict is Verdict.HOLD:
+                return []
             self._insert(reading)
             return self._complete()
-        if verdict is Verdict.HOLD:
-            self.counts["stray stamp"] += len(others)
-            return []
         self.counts["clock jump"] += 1
         self._begin()
         for freed in others:
@@ -221,9 +221,10 @@ class Aligner:
         if elapsed_s > 0.0:
             mean = imu.mean(moved.stamp_ns, tick_ns)
             assert mean is not None
+            # The turn's rate over the same time as the force: in a swerve, their difference counts.
             v_x, v_y = (
-                v_x + (mean[0] + gyro * v_y) * elapsed_s,
-                v_y + (mean[1] - gyro * v_x) * elapsed_s,
+                v_x + (mean[0] + mean[2] * v_y) * elapsed_s,
+                v_y + (mean[1] - mean[2] * v_x) * elapsed_s,
             )
         return v_x, v_y, gyro
 

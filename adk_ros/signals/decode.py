@@ -63,6 +63,10 @@ class SensorConfig:
         )
         if not all(math.isfinite(value) for value in numbers):
             raise UsageError("sensor configuration holds a value that is not finite")
+        if not self.drive_joints:
+            raise UsageError("drive_joints is empty: name the joints whose efforts drive the car")
+        if len(set(self.drive_joints)) < len(self.drive_joints):
+            raise UsageError("drive_joints names a joint twice: its effort would count double")
         if self.steering_ratio == 0.0:
             raise UsageError("steering_ratio is 0: give hand-wheel angle over road-wheel angle")
         kind = COMMAND_TYPES[self.command_type]
@@ -110,10 +114,10 @@ class Decoder:
         except Refused as refusal:
             self.refused[(source, str(refusal))] += 1
             raise
-        except (AttributeError, TypeError, ValueError, IndexError) as error:
-            refusal = Refused(f"not the expected message type ({type(msg).__name__})")
-            self.refused[(source, str(refusal))] += 1
-            raise refusal from error
+        except (AttributeError, TypeError, ValueError, IndexError, OverflowError) as error:
+            reason = f"not the expected message type ({type(msg).__name__})"
+            self.refused[(source, reason)] += 1
+            raise Refused(reason) from error
         return Reading(source, stamp_ns, values)
 
     def reset(self) -> None:

@@ -3,10 +3,11 @@
 """
 From a trained network to a model: features of unit size, the lifted rows, gains, covariance.
 
-What is chosen here is chosen on the validation part alone, by the predictor itself: `Predictor.step`
-over the samples, scored against the best naive predictor of each cell. To value adaptation as well
-as the fit, every choice is also made on the validation data with its commands scaled (torque
-0.8, steering 0.85), which to the model is a car that answers otherwise than the one it knows.
+What is chosen here is chosen on the validation part alone, by the predictor itself:
+`Predictor.step` over the samples, scored against the best naive predictor of each cell. To value
+adaptation as well as the fit, every choice is also made on the validation data with its commands
+scaled (torque 0.8, steering 0.85), which to the model is a car that answers otherwise than the
+one it knows.
 """
 
 from __future__ import annotations
@@ -54,7 +55,9 @@ def assemble(trained: Trained, part: Sequences, uses_imu: bool) -> Assembled:
     """
     network, scaling = trained.network.eval(), trained.scaling
     x, u = as_tensor(scaling.scale_x(part.x)), as_tensor(scaling.scale_u(part.u))
-    rows = torch.from_numpy(part.rows[:: max(1, part.rows.size // 20000)])
+    # A sample without a state may lie between measurements that are there, as of a frozen sensor.
+    followed = part.rows[np.isfinite(part.x[part.rows + 1]).all(axis=1)]
+    rows = torch.from_numpy(followed[:: max(1, followed.size // 20000)])
     n_features = network.encoder.w3.shape[1]
     with torch.no_grad():
         _normalise(network, _inputs(network, x, u, rows))

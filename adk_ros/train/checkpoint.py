@@ -3,8 +3,8 @@
 """
 A training that was killed goes on where it was: parameters and Adam's moments as plain arrays.
 
-Random numbers are drawn anew for each step from (seed, step), so nothing else needs to be kept, and
-a resumed training yields what an uninterrupted one does.
+Random numbers are drawn anew for each step from (seed, step), so nothing else needs to be kept,
+and a resumed training yields what an uninterrupted one does.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def fingerprint(settings: Any, records: list[Record]) -> str:
     """Hash of all that makes two trainings the same: settings and data."""
     digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
     for record in records:
-        for array in (record.x, record.u, record.x_ref, record.episode):
+        for array in (record.x, record.u, record.x_ref, record.flags, record.episode):
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 
@@ -64,7 +64,7 @@ def load(
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile):
         return None
     if str(arrays.get("key")) != key:
         return None

@@ -41,7 +41,9 @@ def prediction_figure(test: HeldOut, path: Path, longest_s: float = 40.0) -> Non
     for c in range(3):
         left, right = axes[c]
         left.plot(time_s, measured[:, c], color="black", linewidth=1.6, label="measured")
-        left.plot(time_s, ours[:, c], color="tab:blue", linewidth=1.1, label="predicted 1 s before")
+        left.plot(
+            time_s, ours[:, c], color="tab:blue", linewidth=1.1, label="predicted 1 s before"
+        )
         left.set_ylabel(_LABELS[c])
         right.plot(
             time_s, naive[:, c] - measured[:, c], color="tab:orange", linewidth=0.9,

@@ -23,7 +23,7 @@ from torch import Tensor
 
 from adk_ros.errors import DataError, UsageError
 from adk_ros.model.scaling import Scaling
-from adk_ros.signals.channels import Record
+from adk_ros.signals.channels import IntArray, Record
 from adk_ros.train import checkpoint
 from adk_ros.train.dataset import Sequences, sequences
 from adk_ros.train.network import Network, as_tensor
@@ -69,6 +69,15 @@ def choose_device(name: str) -> torch.device:
     return torch.device("cuda" if available and name != "cpu" else "cpu")
 
 
+def check_enough(rows: IntArray) -> None:
+    """:raises DataError: these starts are too few to train from."""
+    if rows.size < _LEAST_ROWS:
+        raise DataError(
+            f"only {rows.size * 0.025:.0f} s of training data without gaps, at least "
+            f"{_LEAST_ROWS * 0.025:.0f} s are needed: give more or longer recordings"
+        )
+
+
 class _Data:
     """A part of the data as scaled tensors, and how to gather sequences from them."""
 
@@ -93,7 +102,8 @@ class _Data:
     def persistence(self, ahead: int) -> Tensor:
         """s_jc (h, 3), see above."""
         rows = torch.from_numpy(self.part.rows).to(self.x.device)
-        result = [((self.x_ref[rows + j] - self.x[rows]) ** 2).mean(0) for j in range(1, ahead + 1)]
+        now, ends = self.x[rows], range(1, ahead + 1)
+        result = [((self.x_ref[rows + j] - now) ** 2).mean(0) for j in ends]
         return torch.stack(result).sqrt().clamp_min(1e-6)
 
 
@@ -114,11 +124,7 @@ def fit(
     device = choose_device(settings.device)
     longest = max(settings.short_steps, settings.long_steps)
     part = sequences(train, settings.history, longest, "training")
-    if part.rows.size < _LEAST_ROWS:
-        raise DataError(
-            f"only {part.rows.size * 0.025:.0f} s of training data without gaps, at least "
-            f"{_LEAST_ROWS * 0.025:.0f} s are needed: give more or longer recordings"
-        )
+    check_enough(part.rows)
     held = sequences(validation, settings.history, longest, "validation")
     change = np.diff(part.x_ref, axis=0)
     change = change[np.isfinite(change).all(axis=1)]
@@ -143,7 +149,7 @@ class _Trainer:
         self.weight = 1.0 / data.persistence(longest)
         self.optimiser = torch.optim.AdamW(
             network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
-        self.noise = network.step_scale * settings.noise  # type: ignore[operator]
+        self.noise = network.step_scale * settings.noise
         spread = np.linspace(0, held.part.rows.size - 1, _VALIDATION_ROWS).astype(int)
         chosen = held.part.rows[np.unique(spread)]
         self.held_rows = torch.from_numpy(chosen).to(self.weight.device)
@@ -199,7 +205,8 @@ class _Trainer:
             if on_step is not None:
                 last = curve[-1][2] if curve else math.nan
                 on_step(Step(step + 1, settings.steps, running, last, self.rate(step)))
-            if path is not None and (step + 1) % _CHECKPOINT_EVERY == 0:
+            # Not once it is decided to stop: resumed from there, it would go on.
+            if path is not None and not early and (step + 1) % _CHECKPOINT_EVERY == 0:
                 extra = {f"best.{k}": v.cpu().numpy() for k, v in best_state.items()}
                 extra |= {
                     "curve": np.array(curve).reshape(-1, 3), "best": np.array(best),
@@ -224,7 +231,7 @@ class _Trainer:
         ahead = settings.short_steps if step < stage else settings.long_steps
         loss = self.loss(data, rows, ahead, noise)
         self.optimiser.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         for group in self.optimiser.param_groups:
             group["lr"] = self.rate(step)

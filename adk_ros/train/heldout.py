@@ -14,6 +14,7 @@ from adk_ros.model.evaluate import Rollouts, roll_out_record
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model
 from adk_ros.signals.channels import (
+    INPUT_NAMES,
     STATE_NAMES,
     TICK_NS,
     BoolArray,
@@ -82,10 +83,46 @@ class HeldOut:
         }
 
 
+@dataclass(frozen=True)
+class Range:
+    """What the training data cover: the central 99 % of each channel, `low` and `high` (5,), SI."""
+
+    low: FloatArray
+    high: FloatArray
+
+    @staticmethod
+    def of(records: list[Record]) -> Range:
+        """Of the usable rows of `records`."""
+        rows = np.concatenate([np.hstack([r.x, r.u])[r.learnable] for r in records])
+        low, high = np.nanpercentile(rows, [0.5, 99.5], axis=0)
+        return Range(low, high)
+
+    def share_beyond(self, result: HeldOut) -> dict[str, float]:
+        """Channels that leave the range, with a tenth of it to spare, in over 5 % of the starts."""
+        rows = np.concatenate([np.hstack([r.record.x, r.record.u])[r.rows] for r in result.rollouts])
+        spare = 0.1 * (self.high - self.low)
+        share = ((rows < self.low - spare) | (rows > self.high + spare)).mean(axis=0)
+        names = (*STATE_NAMES, *INPUT_NAMES)
+        return {n: float(s) for n, s in zip(names, share, strict=True) if s > 0.05}
+
+    def as_json(self) -> dict[str, list[float]]:
+        """By channel: [low, high]."""
+        pairs = zip(self.low.tolist(), self.high.tolist(), strict=True)
+        return dict(zip((*STATE_NAMES, *INPUT_NAMES), map(list, pairs), strict=True))
+
+    @staticmethod
+    def from_json(stored: dict[str, list[float]] | None) -> Range | None:
+        """The inverse of `as_json`; None where a manifest holds none."""
+        if not stored:
+            return None
+        table = np.array([stored[name] for name in (*STATE_NAMES, *INPUT_NAMES)])
+        return Range(table[:, 0], table[:, 1])
+
+
 def held_out(
     model: Model,
     parts: list[tuple[Record, BoolArray | None]],
-    known: list[Record] | None = None,
+    known: Range | None = None,
     online: OnlineSettings | None = None,
     stride: int = 4,
     progress: Callable[[int, int], None] | None = None,
@@ -93,8 +130,8 @@ def held_out(
     """
     Score a model on parts of records (a mask (n,) of the rows, or None for all).
 
-    `known`: the records trained on, to say whether the held-out ones went beyond them. None if no
-    part holds a start with its whole horizon.
+    `known`: what the training data cover, to say whether the held-out ones went beyond it. None if
+    no part holds a start with its whole horizon.
     """
     rollouts = []
     for number, (record, scored) in enumerate(parts):
@@ -124,20 +161,20 @@ def held_out(
     return result
 
 
-def _why(result: HeldOut, step: int, channel: int, known: list[Record] | None) -> str:
+def _why(result: HeldOut, step: int, channel: int, known: Range | None) -> str:
     naive, ratio = float(result.naive[step, channel]), float(result.ratio[step, channel])
     text = f"{ratio:.2f} times the best naive predictor's RMSE"
     floors = [noise_floor(rolled.record)[channel] for rolled in result.rollouts]
     floor = float(np.nanmedian(floors))
     if naive < 2.0 * floor:
         return f"{text}; both are at the measurement's noise (about {floor:.3g})"
-    if known:
-        x = np.concatenate([np.hstack([r.x, r.u])[r.learnable] for r in known])
-        low, high = np.nanpercentile(x, [0.5, 99.5], axis=0)
-        rows = [np.hstack([r.record.x, r.record.u])[r.rows] for r in result.rollouts]
-        beyond = np.mean(((np.concatenate(rows) < low) | (np.concatenate(rows) > high)).any(axis=1))
-        if beyond > 0.05:
-            return f"{text}; {100 * beyond:.0f} % of the starts lie beyond the training's range"
+    if known is not None:
+        beyond = known.share_beyond(result)
+        if beyond:
+            name, share = max(beyond.items(), key=lambda item: item[1])
+            return (
+                f"{text}; in {100 * share:.0f} % of the starts {name} is beyond what was trained on"
+            )
     errors = np.concatenate(
         [r.predicted[:, HORIZON_STEPS[step] - 1, channel]
          - r.record.x_ref[r.rows + HORIZON_STEPS[step], channel] for r in result.rollouts]

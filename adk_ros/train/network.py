@@ -3,8 +3,8 @@
 """
 The networks: the default encoder, which rolls itself out, and the paper's encoder and decoder.
 
-The default predicts scaled increments from z = [x_k, encoder(past)] by one linear map, and is lifted
-anew at each step of a roll-out, so that training sees what the predictor will do.
+The default predicts scaled increments from z = [x_k, encoder(past)] by one linear map, and is
+lifted anew at each step of a roll-out, so that training sees what the predictor will do.
 """
 
 from __future__ import annotations
@@ -49,6 +49,8 @@ class Encoder(nn.Module):
 class Network(nn.Module):
     """Encoder and head: increments = head [x_k, features, u_k, 1]."""
 
+    step_scale: Tensor
+
     def __init__(self, history: int, hidden: int, features: int, step_scale: FloatArray) -> None:
         super().__init__()
         self.history = history
@@ -62,7 +64,7 @@ class Network(nn.Module):
         """
         Predict scaled states (b, h, 3).
 
-        `x_past` (b, p + 1, 3) and `u_past` (b, p, 2) newest first, `u_ahead` (b, h, 2); all scaled.
+        `x_past` (b, p + 1, 3) and `u_past` (b, p, 2) newest first, `u_ahead` (b, h, 2), scaled.
         """
         batch, ahead = u_ahead.shape[0], u_ahead.shape[1]
         x_row = x_past.reshape(batch, -1)

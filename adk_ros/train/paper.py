@@ -28,7 +28,7 @@ from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import TICK_NS, FloatArray, Record
 from adk_ros.train.assemble import Assembled
 from adk_ros.train.dataset import sequences
-from adk_ros.train.fit import Step
+from adk_ros.train.fit import Step, check_enough
 from adk_ros.train.network import PaperNetwork, as_tensor, to_torchscript
 from adk_ros.train.settings import PaperSettings
 
@@ -41,12 +41,14 @@ def fit_paper(
     """
     Train DK, or ALDK with `settings.acceleration`, and return its model (constant until adapted).
 
-    :raises DataError: too little data, or no accelerations for ALDK.
+    :raises DataError: too little data, no accelerations for ALDK, or the training diverged.
     """
     torch.set_num_threads(1)
     torch.manual_seed(settings.seed)
     part = sequences(train, 0, 1, "training")
-    rows = part.rows
+    # A sample without a state may lie between measurements that are there, as of a frozen sensor.
+    rows = part.rows[np.isfinite(part.x[part.rows + 1]).all(axis=1)]
+    check_enough(rows)
     a = np.concatenate([record.a for record in train])
     if settings.acceleration:
         rows = rows[np.isfinite(a[rows + 1]).all(axis=1)]
@@ -71,13 +73,15 @@ def fit_paper(
             pick = torch.from_numpy(order[first : first + settings.batch])
             loss = _loss(network, now[pick], then[pick], u[pick], goal[pick], reach, settings)
             optimiser.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
+            loss.backward()
             optimiser.step()
             done += 1
             if on_step is not None and done % 20 == 0:
                 value = float(loss.detach())
                 running = value if running != running else 0.98 * running + 0.02 * value
                 on_step(Step(done, steps, running, float("nan"), settings.learning_rate))
+    if not all(bool(torch.isfinite(value).all()) for value in network.state_dict().values()):
+        raise DataError("the training diverged: check the units of the bag's channels")
     return _assemble(network, scaling, settings)
 
 

@@ -58,8 +58,8 @@ def _sentence(test: HeldOut | None) -> str:
     better = int((ratio < 1.0).sum())
     second = test.scores[MODEL].steps.index(40)
     return (
-        f"Better than the best naive predictor in {better} of {ratio.size} cells of held-out data; "
-        f"1 s ahead its RMSE is {ratio[second, 0]:.2f}, {ratio[second, 1]:.2f} and "
+        f"Better than the best naive predictor in {better} of {ratio.size} cells of held-out "
+        f"data; 1 s ahead its RMSE is {ratio[second, 0]:.2f}, {ratio[second, 1]:.2f} and "
         f"{ratio[second, 2]:.2f} of the best naive one's for v_x, v_y and yaw rate."
     )
 

@@ -17,7 +17,7 @@ from adk_ros.signals.decode import SensorConfig
 from adk_ros.train.assemble import assemble, horizon_covariance, tune
 from adk_ros.train.dataset import PARTS, TEST, TRAIN, VALIDATION, Split, sequences, split_records
 from adk_ros.train.fit import Step, Trained, fit
-from adk_ros.train.heldout import HeldOut, held_out
+from adk_ros.train.heldout import HeldOut, Range, held_out
 from adk_ros.train.paper import fit_paper
 from adk_ros.train.settings import PaperSettings, TrainSettings
 
@@ -75,8 +75,9 @@ def run_training(
         if note is not None:
             note("scoring held-out data", done, total)
 
+    known = Range.of(train)
     tests = [(r, p == TEST) for r, p in zip(split.records, split.parts, strict=True)]
-    test = held_out(model, tests, train, progress=scoring)
+    test = held_out(model, tests, known, progress=scoring)
     facts: dict[str, Any] = {
         "kind": "default" if trained else "aldk" if uses_imu_loss(settings) else "dk",
         "settings": asdict(settings),
@@ -88,6 +89,7 @@ def run_training(
         "split": {"kind": split_kind} | {
             name: round(split.seconds(part), 3) for part, name in enumerate(PARTS)
         },
+        "range": known.as_json(),
         "held_out": test.as_json() if test else None,
     }
     if trained is not None:

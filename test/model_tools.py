@@ -1,0 +1,120 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the tests of the model share: small models with random encoders, and drives to run them on."""
+
+import functools
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from adk_ros.model.lifting import Lifting, input_size
+from adk_ros.model.online import OnlineSettings
+from adk_ros.model.predictor import Model
+from adk_ros.model.scaling import Scaling
+from adk_ros.signals.channels import TICK_NS, Flag, Sample
+from adk_ros.train.network import Encoder, to_torchscript
+
+Array = npt.NDArray[np.float64]
+START_NS = 68_000_000_000 * TICK_NS
+HISTORY, FEATURES = 2, 4
+
+
+@functools.cache
+def program(history: int = HISTORY, features: int = FEATURES, hidden: int = 8) -> bytes:
+    """A TorchScript encoder with random weights, of the form that has a compiled twin."""
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        return to_torchscript(Encoder(history, hidden, features))
+
+
+@functools.cache
+def plain_program(n_in: int, features: int = FEATURES) -> bytes:
+    """An encoder of another form, without twin."""
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        return to_torchscript(torch.nn.Sequential(torch.nn.Linear(n_in, features), torch.nn.Tanh()))
+
+
+SCALING = Scaling(
+    x_mean=np.array([15.0, 0.0, 0.05]),
+    x_scale=np.array([5.0, 0.3, 0.25]),
+    u_mean=np.array([100.0, 0.0]),
+    u_scale=np.array([400.0, 0.05]),
+    step_scale=np.array([0.02, 0.05, 0.08]),
+)
+
+
+def make_model(**changes: Any) -> Model:
+    """A complete model that is stable and predicts little of use; `twin=False` takes it away."""
+    history, features = changes.pop("history", HISTORY), changes.pop("features", FEATURES)
+    twin = changes.pop("twin", True)
+    affine = changes.get("affine", True)
+    residual = changes.get("residual", True)
+    lifting = Lifting(program(history, features), input_size(history), features)
+    if not twin:
+        lifting.twin = None
+    random = np.random.default_rng(0)
+    n_z = 3 + features
+    theta0 = random.normal(0.0, 0.02, (n_z, n_z + 2 + affine))
+    if not residual:
+        theta0[:, :n_z] += 0.95 * np.eye(n_z)
+    steps = np.arange(1, 81)[:, None, None]
+    given: dict[str, Any] = {
+        "lifting": lifting,
+        "scaling": SCALING if residual else without_steps(SCALING),
+        "theta0": theta0,
+        "history": history,
+        "residual": residual,
+        "affine": affine,
+        "relift": True,
+        "disturbance_gain": np.full(3, 0.05),
+        "disturbance_decay": np.full(3, 0.97),
+        "horizon_covariance": steps * np.diag([0.01, 0.004, 0.001]),
+        "uses_imu": True,
+        "online": OnlineSettings("windowed", window=100, ridge=1.0),
+    }
+    return Model(**given | changes)
+
+
+def paper_model(**changes: Any) -> Model:
+    """The paper's form: no past, no constant, no increments, rolled out in the lifted space."""
+    form = {
+        "history": 0, "residual": False, "affine": False, "relift": False,
+        "disturbance_gain": np.zeros(3), "disturbance_decay": np.ones(3),
+        "horizon_covariance": np.zeros((0, 3, 3)), "online": OnlineSettings("swls", window=60),
+    }  # fmt: skip
+    return make_model(**form | changes)
+
+
+def without_steps(scaling: Scaling) -> Scaling:
+    """The same with increments left in scaled units."""
+    return Scaling(scaling.x_mean, scaling.x_scale, scaling.u_mean, scaling.u_scale, np.ones(3))
+
+
+def sample(k: int, x: Iterable[float], u: Iterable[float], flags: int = 0) -> Sample:
+    """Return the k-th tick's sample."""
+    state, inputs = tuple(map(float, x)), tuple(map(float, u))
+    return Sample(START_NS + k * TICK_NS, state, inputs, (0.0, 0.0), flags)  # type: ignore[arg-type]
+
+
+def inputs(n: int, seed: int = 0) -> Array:
+    """Commands (n, 2) in SI that excite the car: slow swings and some noise."""
+    random = np.random.default_rng(seed)
+    t = np.arange(n)[:, None] * 0.025
+    swings = np.sin(t * [1.1, 0.7]) + 0.5 * np.sin(t * [2.3, 3.1] + 1.0)
+    result: Array = SCALING.u_mean + SCALING.u_scale * (swings + random.normal(0, 0.3, (n, 2)))
+    return result
+
+
+def slalom(n: int, seed: int = 0) -> Iterator[Sample]:
+    """A smooth drive with a little noise, not made by any model."""
+    random = np.random.default_rng(seed)
+    u = inputs(n, seed)
+    for k in range(n):
+        t = 0.025 * k
+        x = np.array([15 + 3 * np.sin(0.4 * t), -0.2 * np.sin(0.9 * t), 0.3 * np.sin(0.9 * t)])
+        flags = int(Flag.RESTART) if k == 0 else 0
+        yield sample(k, x + random.normal(0, 1e-3, 3), u[k], flags)

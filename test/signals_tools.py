@@ -1,0 +1,144 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the tests of signals share: a smooth drive that is known exactly, and its sensors."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from adk_ros.signals.channels import TICK_NS, Reading, Sample, Source
+
+START_NS = 1_700_000_000_003_217_911
+"""No multiple of anything."""
+Rows = Sequence[Reading]
+
+
+def state(time_s: float) -> tuple[float, float, float]:
+    """Return v_x, v_y, yaw_rate of the drive: a slalom with changing speed."""
+    return (
+        15.0 + 3.0 * math.sin(0.4 * time_s),
+        -0.3 * math.sin(0.9 * time_s + 0.4),
+        0.4 * math.sin(0.9 * time_s),
+    )
+
+
+def force(time_s: float) -> tuple[float, float]:
+    """Return a_x, a_y: the derivatives of the velocity less what the turning frame adds."""
+    v_x, v_y, rate = state(time_s)
+    return (
+        3.0 * 0.4 * math.cos(0.4 * time_s) - rate * v_y,
+        -0.3 * 0.9 * math.cos(0.9 * time_s + 0.4) + rate * v_x,
+    )
+
+
+def command(time_s: float) -> tuple[float, float]:
+    """Return torque, delta."""
+    return 200.0 * math.cos(0.4 * time_s), 0.06 * math.sin(0.9 * time_s + 0.2)
+
+
+def values(source: Source, time_s: float) -> tuple[float, ...]:
+    """Return what a perfect sensor of `source` says."""
+    if source is Source.IMU:
+        return (*force(time_s), state(time_s)[2])
+    return state(time_s) if source is Source.ODOMETRY else command(time_s)
+
+
+def stream(
+    source: Source,
+    rate_hz: float,
+    duration_s: float,
+    *,
+    phase: float = 0.3,
+    jitter: float = 0.0,
+    noise: float = 0.0,
+    seed: int = 0,
+    begin_s: float = 0.0,
+    start_ns: int = START_NS,
+) -> list[Reading]:
+    """
+    Readings of one sensor; `phase` and `jitter` in periods, `begin_s` after the drive's begin.
+
+    Jitter is the stamps' own: a reading is true at its stamp.
+    """
+    random = np.random.default_rng((seed, int(source)))
+    period_s = 1.0 / rate_hz
+    readings = []
+    for index in range(round(duration_s * rate_hz)):
+        time_s = begin_s + (index + phase + jitter * random.uniform(-1.0, 1.0)) * period_s
+        offset_ns = round(time_s * 1e9)
+        exact = values(source, offset_ns * 1e-9)
+        said = tuple(value + noise * random.normal() for value in exact)
+        readings.append(Reading(source, start_ns + offset_ns, tuple(map(float, said))))
+    return readings
+
+
+def drive(
+    duration_s: float,
+    imu_hz: float = 200.0,
+    odometry_hz: float = 50.0,
+    command_hz: float = 40.0,
+    *,
+    jitter: float = 0.0,
+    noise: float = 0.0,
+    seed: int = 0,
+    begin_s: float = 0.0,
+    start_ns: int = START_NS,
+) -> list[list[Reading]]:
+    """Readings of the three sensors, none in step with another; a rate of 0 leaves one out."""
+    rates = (imu_hz, odometry_hz, command_hz)
+    return [
+        stream(
+            source, rate, duration_s, phase=0.29 + 0.17 * source, jitter=jitter, noise=noise,
+            seed=seed, begin_s=begin_s, start_ns=start_ns,
+        )
+        for source, rate in zip(Source, rates, strict=True)
+        if rate
+    ]  # fmt: skip
+
+
+def in_order(streams: Iterable[Rows]) -> list[Reading]:
+    """All readings in the order of their stamps."""
+    return sorted((r for rows in streams for r in rows), key=lambda r: (r.stamp_ns, r.source))
+
+
+def arriving(streams: Iterable[Rows], seed: int, max_delay_s: float) -> list[Reading]:
+    """All readings in the order of arrival, each under way for a while; a stream stays in order."""
+    random = np.random.default_rng(seed)
+    events = []
+    for rows in streams:
+        last_ns = 0
+        for reading in rows:
+            delay_ns = int(random.uniform(0.0, max_delay_s) * 1e9)
+            last_ns = max(reading.stamp_ns + delay_ns, last_ns + 1)
+            events.append((last_ns, int(reading.source), reading))
+    return [reading for _, _, reading in sorted(events, key=lambda event: event[:2])]
+
+
+def without(rows: Iterable[Reading], source: Source, after_s: float, until_s: float) -> Rows:
+    """Leave out what `source` says in a stretch of time."""
+    low, high = START_NS + int(after_s * 1e9), START_NS + int(until_s * 1e9)
+    return [r for r in rows if not (r.source is source and low <= r.stamp_ns < high)]
+
+
+def seconds(sample: Sample, start_ns: int = START_NS) -> float:
+    """Return the time of a sample on the drive's own clock."""
+    return (sample.stamp_ns - start_ns) * 1e-9
+
+
+def errors(samples: Iterable[Sample], start_ns: int = START_NS) -> npt.NDArray[np.float64]:
+    """State less the truth, (n, 3)."""
+    return np.array([np.subtract(s.x, state(seconds(s, start_ns))) for s in samples])
+
+
+def assert_grid(samples: Sequence[Sample]) -> None:
+    """No tick is missed, doubled or off the grid."""
+    stamps = [sample.stamp_ns for sample in samples]
+    assert all(stamp % TICK_NS == 0 for stamp in stamps)
+    assert stamps == list(range(stamps[0], stamps[-1] + TICK_NS, TICK_NS))
+
+
+def same(one: Sample, other: Sample) -> bool:
+    """Whether two samples agree to the last bit; NaN is NaN."""
+    return repr(one) == repr(other)

@@ -1,0 +1,112 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which stamps are believed: a stray one, a clock that jumps, two clocks at once."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from adk_ros.signals.channels import Reading, Source
+from adk_ros.signals.clock import ClockGuard, Verdict
+
+S = 1_000_000_000
+ACCEPT, HOLD, JUMP = Verdict.ACCEPT, Verdict.HOLD, Verdict.JUMP
+
+
+def at(time_s: float) -> Reading:
+    return Reading(Source.ODOMETRY, round(time_s * S), (0.0, 0.0, 0.0))
+
+
+def verdicts(guard: ClockGuard, *times_s: float) -> list[tuple[Verdict, int]]:
+    results = [guard.judge(at(time_s)) for time_s in times_s]
+    return [(verdict, len(others)) for verdict, others in results]
+
+
+def test_ordinary_readings() -> None:
+    guard = ClockGuard()
+    assert guard.newest_ns is None
+    assert verdicts(guard, 100.0, 100.01, 100.9, 100.5) == [(ACCEPT, 0)] * 4
+    assert guard.newest_ns == round(100.9 * S)
+
+
+@pytest.mark.parametrize("stray", [4000.0, 101.01, 98.9, 1e-9, 9.2e9])
+def test_a_stray_stamp_is_counted_when_time_goes_on(stray: float) -> None:
+    guard = ClockGuard()
+    assert verdicts(guard, 100.0, stray, 100.1) == [(ACCEPT, 0), (HOLD, 0), (ACCEPT, 1)]
+    assert guard.newest_ns == round(100.1 * S)
+    assert guard.held == []
+
+
+@pytest.mark.parametrize("new", [3.0, 98.5, 101.5, 1e6])
+def test_three_that_agree_are_a_jump(new: float) -> None:
+    guard = ClockGuard()
+    assert verdicts(guard, 100.0, new, new + 0.01) == [(ACCEPT, 0), (HOLD, 0), (HOLD, 0)]
+    verdict, freed = guard.judge(at(new + 0.005))
+    assert verdict is JUMP
+    assert [r.stamp_ns for r in freed] == [at(t).stamp_ns for t in (new, new + 0.01, new + 0.005)]
+    assert guard.newest_ns == at(new + 0.01).stamp_ns
+    assert verdicts(guard, new + 0.02) == [(ACCEPT, 0)]
+
+
+def test_strays_that_disagree_with_each_other_are_no_jump() -> None:
+    guard = ClockGuard()
+    assert verdicts(guard, 100.0, 500.0, 900.0, 3.0, 700.0) == [
+        (ACCEPT, 0), (HOLD, 0), (HOLD, 1), (HOLD, 1), (HOLD, 1)
+    ]  # fmt: skip
+    assert verdicts(guard, 100.1) == [(ACCEPT, 1)]
+
+
+def test_two_clocks_in_turn_the_first_one_wins() -> None:
+    guard = ClockGuard()
+    found = verdicts(guard, *(t for k in range(50) for t in (100 + 0.01 * k, 9000 + 0.01 * k)))
+    assert [verdict for verdict, _ in found] == [ACCEPT, HOLD] * 50
+    assert sum(count for _, count in found) == 49
+
+
+def test_when_the_first_clock_dies_the_second_takes_over() -> None:
+    guard = ClockGuard()
+    verdicts(guard, 100.0, 9000.0, 100.01)
+    assert [v for v, _ in verdicts(guard, 9000.02, 9000.03, 9000.04)] == [HOLD, HOLD, JUMP]
+
+
+def test_a_clock_that_jumps_to_and_fro() -> None:
+    guard = ClockGuard()
+    verdicts(guard, 100.0)
+    for begin in (50.0, 100.0, 50.0, 7.0):
+        assert [v for v, _ in verdicts(guard, begin, begin + 0.1, begin + 0.2)] == [
+            HOLD, HOLD, JUMP
+        ]  # fmt: skip
+
+
+def test_a_stray_first_stamp_is_overruled() -> None:
+    guard = ClockGuard()
+    assert [v for v, _ in verdicts(guard, 9e6, 100.0, 100.01, 100.02, 100.03)] == [
+        ACCEPT, HOLD, HOLD, JUMP, ACCEPT
+    ]  # fmt: skip
+
+
+def test_reset_believes_the_next_stamp() -> None:
+    guard = ClockGuard()
+    verdicts(guard, 100.0, 5.0)
+    guard.reset()
+    assert guard.newest_ns is None
+    assert guard.held == []
+    assert verdicts(guard, 3.0) == [(ACCEPT, 0)]
+
+
+def test_jump_s_is_the_limit() -> None:
+    guard = ClockGuard(jump_s=0.2)
+    assert verdicts(guard, 100.0, 100.2, 100.41)[1:] == [(ACCEPT, 0), (HOLD, 0)]
+
+
+@given(st.lists(st.integers(1, 2**62), max_size=60))
+def test_no_reading_is_lost_or_counted_twice(stamps: list[int]) -> None:
+    """Each is accepted, or comes back in just one of the lists, or is still held."""
+    guard = ClockGuard()
+    accepted = returned = 0
+    for number, stamp_ns in enumerate(stamps, start=1):
+        verdict, others = guard.judge(Reading(Source.IMU, stamp_ns, (0.0, 0.0, 0.0)))
+        accepted += verdict is ACCEPT
+        returned += len(others)
+        assert accepted + returned + len(guard.held) == number
+        assert len(guard.held) < 3

@@ -1,0 +1,236 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Naive predictors against closed forms, what may be scored, and how scores add up."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from adk_ros.signals.channels import TICK_NS, Flag, FloatArray, Record
+from adk_ros.signals.score import (
+    DIVERGED,
+    HORIZON_STEPS,
+    TICK_S,
+    Score,
+    best_naive,
+    imu_integration,
+    naive_predictions,
+    noise_floor,
+    persistence,
+    pool,
+    score,
+    starts,
+    straight_line,
+)
+
+
+def record_of(x: FloatArray, a: FloatArray | None = None, **columns: Any) -> Record:
+    n = len(x)
+    plain: dict[str, Any] = {
+        "stamp_ns": np.arange(n, dtype=np.int64) * TICK_NS,
+        "u": np.zeros((n, 2)),
+        "flags": np.zeros(n, dtype=np.int64),
+        "x_ref": x.copy(),
+        "episode": np.zeros(n, dtype=np.int64),
+    }
+    return Record(x=x, a=np.full((n, 2), np.nan) if a is None else a, **plain | columns)
+
+
+def random_record(n: int = 200, seed: int = 0) -> Record:
+    random = np.random.default_rng(seed)
+    return record_of(random.normal(size=(n, 3)), random.normal(size=(n, 2)))
+
+
+def test_persistence() -> None:
+    record, rows = random_record(), np.array([0, 7, 150])
+    predicted = persistence(record, rows, 5)
+    assert predicted.shape == (3, 5, 3)
+    for step in range(5):
+        np.testing.assert_array_equal(predicted[:, step], record.x[rows])
+
+
+def test_straight_line_is_exact_on_one() -> None:
+    k = np.arange(100.0)[:, None]
+    record = record_of(np.array([[1.0, -2.0, 0.1]]) + k * np.array([[0.3, 0.01, -0.02]]))
+    rows = np.array([1, 50])
+    predicted = straight_line(record, rows, 40)
+    for step in range(1, 41):
+        np.testing.assert_allclose(predicted[:, step - 1], record.x[rows + step], atol=1e-12)
+
+
+def integrate(v: FloatArray, a: FloatArray, rate: float, seconds: float) -> FloatArray:
+    """Runge-Kutta in very small steps."""
+
+    def slope(now: FloatArray) -> FloatArray:
+        return np.array([a[0] + rate * now[1], a[1] - rate * now[0]])
+
+    count = 400
+    h = seconds / count
+    for _ in range(count):
+        k1 = slope(v)
+        k2 = slope(v + 0.5 * h * k1)
+        k3 = slope(v + 0.5 * h * k2)
+        v = v + h / 6.0 * (k1 + 2 * k2 + 2 * k3 + slope(v + h * k3))
+    return v
+
+
+@settings(max_examples=40)
+@given(
+    st.floats(-40, 40), st.floats(-4, 4), st.floats(-9, 9), st.floats(-9, 9),
+    st.one_of(st.floats(-3, 3), st.sampled_from([0.0, 1e-12, -1e-9, 1e-7, 3e-5])),
+)  # fmt: skip
+def test_imu_integration_is_exact_for_constant_force_and_yaw_rate(
+    v_x: float, v_y: float, a_x: float, a_y: float, rate: float
+) -> None:
+    record = record_of(np.tile([v_x, v_y, rate], (3, 1)), np.tile([a_x, a_y], (3, 1)))
+    predicted = imu_integration(record, np.array([1]), 80)[0]
+    for steps in (1, 20, 80):
+        exact = integrate(
+            np.array([v_x, v_y]), np.array([a_x, a_y]), rate, steps * TICK_S
+        )  # fmt: skip
+        np.testing.assert_allclose(predicted[steps - 1], [*exact, rate], atol=1e-7)
+
+
+def test_imu_integration_when_the_vehicle_goes_round_in_a_circle() -> None:
+    """Centripetal force alone: in its own frame the velocity does not change."""
+    record = record_of(np.tile([20.0, 0.0, 0.5], (2, 1)), np.tile([0.0, 10.0], (2, 1)))
+    predicted = imu_integration(record, np.array([0, 1]), 400)
+    np.testing.assert_allclose(predicted, np.broadcast_to([20.0, 0.0, 0.5], (2, 400, 3)), atol=1e-9)
+
+
+def test_naive_predictors_of_a_record_without_imu() -> None:
+    record, rows = random_record(), np.arange(5, 100)
+    assert list(naive_predictions(record, rows, 3)) == [
+        "persistence", "straight line", "IMU integration"
+    ]  # fmt: skip
+    lacking = replace(record, a=record.a.copy())
+    lacking.a[50, 1] = np.nan
+    assert list(naive_predictions(lacking, rows, 3)) == ["persistence", "straight line"]
+    assert len(naive_predictions(lacking, rows[rows > 50], 3)) == 3
+
+
+def allowed(record: Record, row: int, history: int, ahead: int) -> bool:
+    """Spelt out from the docstring."""
+    if row - history < 0 or row + ahead >= len(record):
+        return False
+    past = slice(row - history, row + 1)
+    future = slice(row, row + ahead + 1)
+    return bool(
+        len(set(record.episode[row - history : row + ahead + 1])) == 1
+        and record.learnable[past].all()
+        and np.isfinite(record.x[past]).all()
+        and np.isfinite(record.x_ref[future]).all()
+        and np.isfinite(record.u[future]).all()
+    )
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 10**6), st.integers(0, 6), st.integers(1, 12), st.integers(0, 90))
+def test_starts(seed: int, history: int, ahead: int, n: int) -> None:
+    random = np.random.default_rng(seed)
+    record = random_record(n, seed)
+    record = replace(record, episode=np.cumsum(random.random(n) < 0.04))
+    for column in (record.x, record.x_ref, record.u):
+        column[random.random(n) < 0.03] = np.nan
+    kinds = [int(Flag.COASTING), int(Flag.FROZEN), int(Flag.COMMAND_STALE), int(Flag.NO_IMU)]
+    spoilt = random.random(n) < 0.05
+    record.flags[spoilt] = random.choice(kinds, int(spoilt.sum()))
+    expected = [row for row in range(n) if allowed(record, row, history, ahead)]
+    assert starts(record, history, ahead).tolist() == expected
+    assert starts(record, history, ahead, stride=3).tolist() == expected[::3]
+
+
+def test_score_of_known_errors() -> None:
+    record = record_of(np.zeros((100, 3)))
+    rows = np.array([0, 10])
+    predicted = np.zeros((2, 80, 3))
+    predicted[0, 0], predicted[1, 0] = (3.0, 0.0, 1.0), (-4.0, 0.0, -1.0)
+    predicted[:, 79, 1] = 2.0
+    result = score(record, rows, predicted, (1, 80))
+    assert result.steps == (1, 80)
+    assert result.count == 2
+    assert result.diverged == 0
+    np.testing.assert_allclose(result.rmse, [[12.5**0.5, 0.0, 1.0], [0.0, 2.0, 0.0]])
+    np.testing.assert_allclose(result.worst, [[4.0, 0.0, 1.0], [0.0, 2.0, 0.0]])
+
+
+def test_score_is_against_the_measurement_at_the_right_step() -> None:
+    k = np.arange(200.0)
+    record = record_of(np.stack([k, k**2, np.sin(k)], axis=1))
+    rows = np.arange(3, 100)
+    exact = record.x_ref[rows[:, None] + np.arange(1, 81)]
+    assert score(record, rows, exact).rmse.max() == 0.0
+    assert score(record, rows, exact).steps == HORIZON_STEPS
+    late = record.x_ref[rows[:, None] + np.arange(0, 80)]
+    np.testing.assert_allclose(score(record, rows, late).rmse[:, 0], 1.0)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e5, -1e300])
+def test_diverged_predictions_are_a_score(bad: float) -> None:
+    record = record_of(np.zeros((100, 3)))
+    predicted = np.zeros((4, 80, 3))
+    predicted[0, 79, 0] = predicted[0, 79, 1] = predicted[2, 9, 2] = bad
+    predicted[3, 5] = bad
+    result = score(record, np.arange(4), predicted)
+    assert result.diverged == 2
+    assert result.worst.max() == DIVERGED
+    np.testing.assert_allclose(result.rmse[4], [DIVERGED / 2, DIVERGED / 2, 0.0])
+    assert np.isfinite(result.rmse).all()
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 999), st.lists(st.integers(0, 40), min_size=1, max_size=5))
+def test_pool_is_the_score_over_all_starts(seed: int, counts: list[int]) -> None:
+    record, random = random_record(300, seed), np.random.default_rng(seed)
+    rows = np.arange(sum(counts))
+    predicted = random.normal(size=(len(rows), 80, 3))
+    predicted[random.random(len(rows)) < 0.1] = np.inf
+    edges = np.cumsum([0, *counts])
+    if not sum(counts):
+        with pytest.raises(ValueError, match="nothing was scored"):
+            pool([])
+        return
+    parts = [
+        score(record, rows[a:b], predicted[a:b])
+        for a, b in zip(edges, edges[1:], strict=False) if b > a
+    ]  # fmt: skip
+    empty = Score(HORIZON_STEPS, np.full((5, 3), np.nan), np.full((5, 3), np.nan), 0, 0)
+    pooled, joint = pool([empty, *parts]), score(record, rows, predicted)
+    np.testing.assert_allclose(pooled.rmse, joint.rmse)
+    np.testing.assert_allclose(pooled.worst, joint.worst)
+    assert (pooled.count, pooled.diverged) == (joint.count, joint.diverged)
+
+
+def test_pool_of_nothing() -> None:
+    empty = Score((1,), np.full((1, 3), np.nan), np.full((1, 3), np.nan), 0, 0)
+    with pytest.raises(ValueError, match="nothing was scored"):
+        pool([empty])
+
+
+def test_noise_floor_recovers_a_known_deviation() -> None:
+    random = np.random.default_rng(0)
+    t = np.arange(8000)[:, None] * TICK_S
+    sigma = np.array([0.02, 0.003, 0.001])
+    smooth = np.sin(t * [0.5, 1.0, 2.0]) * [5.0, 0.3, 0.2]
+    record = record_of(smooth + random.normal(size=(8000, 3)) * sigma)
+    np.testing.assert_allclose(noise_floor(record), sigma, rtol=0.08)
+    # A few jerks and gaps are no noise.
+    record.x_ref[::400] += 3.0
+    record.x_ref[1000:1100] = np.nan
+    np.testing.assert_allclose(noise_floor(record), sigma, rtol=0.1)
+
+
+def test_noise_floor_of_too_little() -> None:
+    assert np.isnan(noise_floor(random_record(12))).all()
+    assert np.isnan(noise_floor(record_of(np.full((500, 3), np.nan)))).all()
+
+
+def test_best_naive_cell_by_cell() -> None:
+    one = Score((1,), np.array([[1.0, 5.0, 3.0]]), np.zeros((1, 3)), 4, 0)
+    two = Score((1,), np.array([[2.0, 4.0, 3.5]]), np.zeros((1, 3)), 4, 0)
+    assert best_naive({"one": one, "two": two}).tolist() == [[1.0, 4.0, 3.0]]
