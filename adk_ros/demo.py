@@ -3,8 +3,8 @@
 """
 The first five minutes: train, predict live over real topics, compare, draw.
 
-Three processes, as on a vehicle: the node, the player, and this one, which listens. All three run on
-the loopback, in a ROS domain of their own, and are ended whatever happens.
+Three processes, as on a vehicle: the node, the player, and this one, which listens. All run on the
+loopback, in a ROS domain of their own, and are ended whatever happens.
 """
 
 from __future__ import annotations
@@ -177,8 +177,8 @@ def _compare(live: dict[int, tuple[float, ...]], model: Path, bag: Path, out: Pa
     both = [p for p in replayed if p.stamp_ns in live]
     differences = [float(np.abs(np.array(live[p.stamp_ns]) - p.x).max()) for p in both]
     console.note(
-        f"     {len(live)} predictions heard, {len(both)} of {len(replayed)} of the replay's ticks; "
-        f"largest difference {max(differences, default=float('nan')):.1e}"
+        f"     {len(live)} predictions heard, {len(both)} of {len(replayed)} of the replay's "
+        f"ticks; largest difference {max(differences, default=float('nan')):.1e}"
     )
     if out.exists():
         for file in out.iterdir():

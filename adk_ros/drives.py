@@ -64,6 +64,8 @@ def sources(topics: Topics) -> dict[str, Source]:
     found = {topics.odometry: Source.ODOMETRY, topics.command: Source.COMMAND}
     if topics.imu is not None:
         found[topics.imu] = Source.IMU
+    if topics.steering is not None:
+        found[topics.steering] = Source.STEERING
     return found
 
 

@@ -36,6 +36,11 @@ def generate_launch_description() -> LaunchDescription:
             description="Topic of the vehicle's commands, of the type that `command_type` names.",
         ),
         DeclareLaunchArgument(
+            "steering",
+            default_value="steering",
+            description="Topic of the measured steering angle, where `command_type` has one.",
+        ),
+        DeclareLaunchArgument(
             "params_file",
             default_value=default_params,
             description="YAML file of the node's parameters.",
@@ -70,7 +75,8 @@ def generate_launch_description() -> LaunchDescription:
             },
         ],
         remappings=[
-            (name, LaunchConfiguration(name)) for name in ("imu", "odometry", "command")
+            (name, LaunchConfiguration(name))
+            for name in ("imu", "odometry", "command", "steering")
         ],
         ros_arguments=["--log-level", LaunchConfiguration("log_level")],
         output="screen",

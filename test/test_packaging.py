@@ -425,6 +425,7 @@ def test_launch_arguments(launched: list[Recorder]) -> None:
         "imu": "imu",
         "odometry": "odometry",
         "command": "command",
+        "steering": "steering",
         "params_file": None,
         "use_sim_time": "false",
         "namespace": "",
@@ -442,7 +443,7 @@ def test_launched_node(launched: list[Recorder]) -> None:
     assert node["executable"] == node["name"] == "predictor"
     assert node["namespace"].args == ("namespace",)
     remapped = {topic: target.args[0] for topic, target in node["remappings"]}
-    assert remapped == {"imu": "imu", "odometry": "odometry", "command": "command"}
+    assert remapped == {name: name for name in ("imu", "odometry", "command", "steering")}
     file, values = node["parameters"]
     assert file.args[0].args == ("params_file",)
     types_of = {

@@ -1,11 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The default training: does it learn, is it the same each time, and after a kill, and when does it stop."""
+"""The default training: that it learns, is the same each time, survives a kill, and stops."""
 
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -60,20 +59,18 @@ def kill_at(step: int):
 
 
 @pytest.fixture
-def often(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def often(monkeypatch: pytest.MonkeyPatch) -> None:
     """A checkpoint every 10 steps."""
     monkeypatch.setattr(fit, "_CHECKPOINT_EVERY", 10)
-    yield
 
 
 def test_it_learns_far_more_than_persistence_knows() -> None:
     trained = small().run.trained
     assert trained is not None
     losses = np.array(trained.curve)
-    assert losses[0, 1] > 0.5
-    assert losses[-1, 1] < 0.4
+    # Losses in units of persistence's: 1 is to have learned nothing.
+    assert losses[-1, 1] < 0.4 < losses[0, 1]
     assert losses[:, 2].min() < 0.6
-    assert losses[:, 2].min() < 0.5 * losses[0, 2]
 
 
 def test_the_state_kept_is_that_of_the_best_validation(whole: Trained) -> None:
@@ -200,7 +197,8 @@ def test_a_damaged_checkpoint_is_none(kept: Path) -> None:
     content = kept.read_bytes()
     middle = len(content) // 2
     damaged = [content[:n] for n in (0, 1, 4, 1000, middle, len(content) - 1)]
-    damaged += [b"\x00" * 1000, b"\x80\x04N.", content[:middle] + b"?" * 50 + content[middle + 50 :]]
+    damaged += [b"\x00" * 1000, b"\x80\x04N."]
+    damaged += [content[:middle] + b"?" * 50 + content[middle + 50 :]]
     for number, part in enumerate(damaged):
         kept.write_bytes(part)
         assert checkpoint.load(kept, key, network, optimiser) is None, number

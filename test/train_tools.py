@@ -108,9 +108,7 @@ def kept(stream: Stream, rows: np.ndarray) -> Stream:
     return Stream(stream.stamp_ns[rows], stream.log_ns[rows], stream.values[rows])
 
 
-def made_record(
-    x: FloatArray, u: FloatArray | None = None, episode: np.ndarray | None = None, name: str = "made"
-) -> Record:
+def made_record(x: FloatArray, u: FloatArray | None = None, name: str = "made") -> Record:
     """A flawless record of states `x` (n, 3), without accelerations."""
     n = len(x)
     x = np.asarray(x, dtype=np.float64)
@@ -121,7 +119,7 @@ def made_record(
         a=np.full((n, 2), np.nan),
         flags=np.zeros(n, dtype=np.int64),
         x_ref=x.copy(),
-        episode=np.zeros(n, dtype=np.int64) if episode is None else episode,
+        episode=np.zeros(n, dtype=np.int64),
         name=name,
     )
 

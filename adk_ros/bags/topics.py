@@ -12,7 +12,7 @@ from adk_ros.signals import commands
 
 IMU_TYPE = "sensor_msgs/msg/Imu"
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
-STEERING_TYPE = "autoware_vehicle_msgs/msg/SteeringReport"
+STEERING_TYPE = commands.COMMAND_TYPES["autoware_control"].steering_msgtype or ""
 COMMAND_TYPES = {name: kind.msgtype for name, kind in commands.COMMAND_TYPES.items()}
 
 
@@ -48,7 +48,7 @@ def find_topics(
     if command_type not in COMMAND_TYPES:
         known = ", ".join(COMMAND_TYPES)
         raise UsageError(f"command type {command_type!r} is unknown: choose one of {known}")
-    wants_steering = command_type == "autoware_control"
+    wants_steering = commands.COMMAND_TYPES[command_type].steering_msgtype is not None
     return Topics(
         imu=_optional(bag, "imu", imu, IMU_TYPE),
         odometry=_needed(bag, "odometry", odometry, ODOMETRY_TYPE),

@@ -23,7 +23,7 @@ _fast: Any = njit(cache=True, fastmath={"contract", "reassoc"}, error_model="num
 
 @_fast
 def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
-    """out (m,) += matrix' vector, matrix (n, m): four rows at a time, so out stays in registers."""
+    """out (m,) += matrix' vector, matrix (n, m): four rows at a time, to save loads."""
     n, m = matrix.shape
     i = 0
     while i + 4 <= n:

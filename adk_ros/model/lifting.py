@@ -7,7 +7,7 @@ The only torch that runs on the vehicle. The encoder's input is one row
     [x_k, x_(k-1), ..., x_(k-p), u_(k-1), ..., u_(k-p)]   (scaled; 3 (p + 1) + 2 p columns),
 its output the `features` that stand behind the state in z = [x_k, features].
 
-Rolling the model out over a horizon lifts eighty times a tick, which the interpreter of TorchScript
+Rolling the model out over a horizon lifts eighty times a tick, which TorchScript's interpreter
 cannot afford. An encoder that is a plain perceptron therefore also yields its weights, so that a
 compiled twin may do the roll-out; the twin is compared with the encoder before it is trusted.
 """

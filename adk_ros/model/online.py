@@ -4,7 +4,7 @@
 The ways to adapt the lifted linear model y = theta phi online, one class each.
 
 phi = [z_k; u_k; 1] (the 1 only in the affine form), y = z_(k+1), or its scaled increment in the
-residual form. `METHODS` names them; a new one is a class with `update` and `reset` and a row there.
+residual form. `METHODS` names them; a new one is a class like the others and a row there.
 """
 
 from __future__ import annotations
@@ -128,16 +128,17 @@ class SlidingWindow:
     """
     The paper's Algorithm 1 (SWLS), faithful but for the transpose that eq. (33) lacks.
 
-    P = [X X']^+ over the last M regressors (eqs. 30 to 32), theta += (y - theta phi) phi' P. It is no
-    windowed least squares: old samples leave P but not theta. The Gram is usually rank-deficient,
-    so its pseudo-inverse is taken, as eq. (10) does.
+    P = [X X']^+ over the last M regressors (eqs. 30 to 32), theta += (y - theta phi) phi' P. It is
+    no windowed least squares: old samples leave P but not theta. The Gram is usually singular, so
+    its pseudo-inverse is taken, as eq. (10) does.
     """
 
     def __init__(self, theta0: FloatArray, settings: OnlineSettings) -> None:
         self._theta0 = theta0.copy()
+        self.theta = theta0.copy()
         self._phis = np.zeros((settings.window, theta0.shape[1]))
+        self._count = 0
         self.failures = 0
-        self.reset()
 
     def update(self, phi: FloatArray, y: FloatArray) -> None:
         """Learn one pair by eqs. (30) to (33)."""
@@ -218,7 +219,7 @@ class Windowed:
         stacked = np.vstack([phi, np.sqrt(self._ridge) * np.eye(n_phi)])
         target = np.vstack([y, np.zeros((n_phi, y.shape[1]))])
         solution: FloatArray = np.linalg.lstsq(stacked, target, rcond=None)[0]
-        return self._theta0 + solution.T
+        return np.asarray(self._theta0 + solution.T)
 
 
 def _condition(matrix: FloatArray) -> float:

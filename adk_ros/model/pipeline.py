@@ -20,7 +20,6 @@ from adk_ros.signals.channels import Flag, Reading, Sample, Source
 from adk_ros.signals.decode import Decoder, Refused, SensorConfig
 from adk_ros.signals.plausibility import Plausibility
 
-
 _RESTART = int(Flag.RESTART)
 
 

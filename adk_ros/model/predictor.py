@@ -6,7 +6,7 @@ One tick of the predictor: sample in, prediction out. No clock, no files, no ROS
     z_k = [x_k, features(x_k .. x_(k-p), u_(k-1) .. u_(k-p))]        lift
     e_k = x_k - (prediction made a tick ago)                         innovation, before the update
     theta <- online method, fed with the pair that has just become known
-    x_(k+1) = x_k + s * (theta phi_k + d),  phi_k = [z_k; u_k; 1]    predict (residual, affine form)
+    x_(k+1) = x_k + s * (theta phi_k + d),  phi_k = [z_k; u_k; 1]    predict (residual form)
     x_(k+j): the same, lifted anew at each step, u held, d decaying  horizon
 
 d is the disturbance: an exponentially weighted mean of what the adapted model left of the
@@ -157,15 +157,16 @@ class Predictor:
         """
         Take the sample of one tick; return the prediction, or None where there is none to make.
 
-        Samples come in time order; a gap in the grid or a RESTART flag resets everything, since the
-        past no longer tells anything. `status` says why there is no prediction.
+        Samples come in time order; a gap in the grid or a RESTART flag resets everything: the past
+        no longer tells anything. `status` says why there is no prediction.
         """
         gap = self._last_ns is not None and sample.stamp_ns != self._last_ns + TICK_NS
         if gap or sample.flags & _RESTART:
             self.reset()
         self._last_ns = sample.stamp_ns
         if not (math.isfinite(sample.u[0]) and math.isfinite(sample.u[1])):
-            return self._give_up()
+            self._give_up()
+            return None
         measured = not sample.flags & _COASTING and math.isfinite(sum(sample.x))
         if measured:
             self._coasted = 0
@@ -173,7 +174,8 @@ class Predictor:
         else:
             self._coasted += 1
             if self._predicted is None or self._coasted > self.max_coast_steps:
-                return self._give_up()
+                self._give_up()
+                return None
             state = self._predicted
         return self._advance(sample, state, measured)
 
@@ -289,7 +291,7 @@ class Predictor:
         return np.full((u_ahead.shape[0], 3), math.nan) if result is None else result
 
     def _published_covariance(self) -> FloatArray:
-        covariance = self._covariance.copy()
+        covariance: FloatArray = self._covariance.copy()
         if self._coasted:
             table = self.model.horizon_covariance
             if len(table):

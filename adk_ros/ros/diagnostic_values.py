@@ -41,6 +41,8 @@ def describe(
     }
     elapsed_s = max(now.now_s - before.now_s, 1e-9)
     for source in Source:
+        if source is Source.STEERING and not now.received[source]:
+            continue
         name = source.name.lower()
         heard_s = counters.heard_s[source]
         values[f"{name}.received"] = now.received[source]

@@ -14,7 +14,7 @@ import difflib
 import math
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -212,6 +212,19 @@ def sensor_config(values: Values) -> SensorConfig:
         mass=values["mass"],
         wheel_radius=values["wheel_radius"],
     )
+
+
+def unlike_training(sensors: SensorConfig, training: Mapping[str, Any]) -> list[str]:
+    """Where the vehicle is described otherwise than when the model was trained, a line each."""
+    trained = training.get("sensors") or {}
+    lines = []
+    for name, value in asdict(sensors).items():
+        given = list(value) if isinstance(value, tuple) else value
+        if name in trained and trained[name] != given:
+            lines.append(
+                f"parameter '{name}' is {given}, but the model was trained with {trained[name]}"
+            )
+    return lines
 
 
 def online_settings(values: Values, own: OnlineSettings) -> OnlineSettings:

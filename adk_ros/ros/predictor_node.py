@@ -61,8 +61,13 @@ class PredictorNode:
         self._logger.info(f"loading {path}; the first start compiles for some seconds")
         loaded = artefact.load(path)
         settings = parameters.pipeline_settings(self.values, loaded.model.online)
-        kind = COMMAND_TYPES[self.values["command_type"]].msgtype
-        command_class = message_class(kind, f"command_type '{self.values['command_type']}'")
+        kind = COMMAND_TYPES[self.values["command_type"]]
+        needs = f"command_type '{self.values['command_type']}'"
+        classes = {Source.COMMAND: message_class(kind.msgtype, needs)}
+        if kind.steering_msgtype is not None:
+            classes[Source.STEERING] = message_class(kind.steering_msgtype, needs)
+        for line in parameters.unlike_training(settings.sensors, loaded.manifest["training"]):
+            self._logger.warning(line)
         warm_up(loaded.model, settings)
 
         self.core = Core(Pipeline(loaded.model, settings), self._publish, self._tell)
@@ -76,7 +81,7 @@ class PredictorNode:
         self._clock = self.node.get_clock()
         self.node.add_on_set_parameters_callback(self._on_set)
         self._open_outputs()
-        self._inputs = self._open_inputs(command_class)
+        self._inputs = self._open_inputs(classes)
         self._facts = self._make_facts(loaded)
         self.diagnostics = Diagnostics(
             self.core.pipeline, self.core.counters, self._facts, self.values["use_imu"],
@@ -104,14 +109,14 @@ class PredictorNode:
         period_s = self.values["diagnostics_period_s"]
         node.create_timer(period_s, self._on_diagnostics, clock=steady)
 
-    def _open_inputs(self, command_class: Any) -> dict[Source, Any]:
+    def _open_inputs(self, classes: dict[Source, Any]) -> dict[Source, Any]:
         profile: Any = QoSProfile
         qos = profile(
             history=HistoryPolicy.KEEP_LAST,
             depth=INPUT_DEPTH,
             reliability=ReliabilityPolicy.BEST_EFFORT,
         )
-        kinds = {Source.IMU: Imu, Source.ODOMETRY: Odometry, Source.COMMAND: command_class}
+        kinds = {Source.IMU: Imu, Source.ODOMETRY: Odometry} | classes
         if self.values["use_imu"] == "never":
             del kinds[Source.IMU]
         return {

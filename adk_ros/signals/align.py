@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Readings of three streams that are not in step -> samples on the causal 25 ms grid.
+Readings of three or four streams that are not in step -> samples on the causal 25 ms grid.
 
 The grid is header time: tick t_k = k * 25 ms. A sample at t_k holds what readings stamped at or
 before t_k say, so it depends on the set of those readings and not on the order in which they
@@ -14,10 +14,11 @@ as soon as
   `max_wait_s` of the other streams' time. A stream that lets itself be waited for in vain though
   1.2 of its period have gone by is not waited for again until it is back.
 
-State at t_k: yaw rate from the gyro (else from odometry) by `Stream.line`; velocities from the last
-odometry reading, carried to t_k by the accelerometer,
+State at t_k: yaw rate from the gyro (else from odometry) by `Stream.line`; velocities from the
+last odometry reading, carried to t_k by the accelerometer,
     dv_x = (a_x + r v_y) dt,  dv_y = (a_y - r v_x) dt,
-else by `Stream.line`. The command is the last one: commands are held until the next.
+else by `Stream.line`. The command is the last one: commands are held until the next. A
+measured road-wheel angle, if there is such a stream, takes the place of the commanded one.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 
-from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample, Source
+from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample
 from adk_ros.signals.clock import ClockGuard, Verdict
 from adk_ros.signals.stream import Known, Stream
 
@@ -70,7 +71,7 @@ class Aligner:
         self._begin()
 
     def _begin(self) -> None:
-        self.streams = (Stream(), Stream(), Stream())
+        self.streams = (Stream(), Stream(), Stream(), Stream())
         self._tick_ns: int | None = None
         self._restarted = True
 
@@ -128,7 +129,7 @@ class Aligner:
 
     def _complete(self, now_ns: int | None = None) -> list[Sample]:
         newest = self._guard.newest_ns
-        imu, odometry, command = self.streams
+        _, odometry, command, _ = self.streams
         if newest is None or not odometry or not command:
             return []
         reached = newest if now_ns is None else max(newest, now_ns)
@@ -167,7 +168,7 @@ class Aligner:
         )
 
     def _sample(self, tick_ns: int) -> Sample:
-        imu, odometry, command = self.streams
+        imu, odometry, command, steering = self.streams
         flags = _RESTART if self._restarted else 0
         moved = odometry.at_or_before(tick_ns)
         held = command.at_or_before(tick_ns)
@@ -175,6 +176,11 @@ class Aligner:
         u = (held.values[0], held.values[1]) if held else _NAN2
         if held is None or not self._fresh(held, tick_ns):
             flags |= _COMMAND_STALE
+        steered = steering.at_or_before(tick_ns) if steering else None
+        if steered is not None:
+            u = (u[0], steered.values[0])
+            if not self._fresh(steered, tick_ns):
+                flags |= _COMMAND_STALE
 
         a, gyro = _NAN2, None
         sensed = imu.at_or_before(tick_ns) if imu else None
@@ -187,7 +193,8 @@ class Aligner:
         else:
             line = imu.line(tick_ns)
             mean = imu.mean(tick_ns - TICK_NS, tick_ns)
-            assert line is not None and mean is not None
+            assert line is not None
+            assert mean is not None
             gyro = line[2]
             a = (mean[0], mean[1])
 
@@ -211,7 +218,7 @@ class Aligner:
         gyro: float | None,
         a: tuple[float, float],
     ) -> tuple[float, float, float]:
-        imu, odometry, _ = self.streams
+        imu, odometry = self.streams[:2]
         if gyro is None or not math.isfinite(a[0]):
             line = odometry.line(tick_ns)
             assert line is not None
@@ -221,7 +228,7 @@ class Aligner:
         if elapsed_s > 0.0:
             mean = imu.mean(moved.stamp_ns, tick_ns)
             assert mean is not None
-            # The turn's rate over the same time as the force: in a swerve, their difference counts.
+            # The turn's rate over the same time as the force: in a swerve the difference counts.
             v_x, v_y = (
                 v_x + (mean[0] + mean[2] * v_y) * elapsed_s,
                 v_y + (mean[1] - mean[2] * v_x) * elapsed_s,

@@ -4,8 +4,8 @@
 The named channels of a vehicle and the three shapes they travel in.
 
 A `Reading` is what one message says, a `Sample` what is known on one tick of the 25 ms grid, a
-`Record` a whole drive of samples. SI units and radians throughout; REP-103 axes: x forward, y left,
-z up. Accelerations are specific force: what an accelerometer senses, gravity not removed from it.
+`Record` a whole drive of samples. SI units and radians throughout; REP-103 axes: x forward, y
+left, z up. Accelerations are specific force: what an accelerometer senses, gravity not removed.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ class Source(IntEnum):
     IMU = 0
     ODOMETRY = 1
     COMMAND = 2
+    STEERING = 3
+    """Measured road-wheel angle, where a command carries only the wished one (Autoware)."""
 
 
 class Reading(NamedTuple):
@@ -45,7 +47,7 @@ class Reading(NamedTuple):
     One message's content at the vehicle's reference point.
 
     `values` by source: IMU (a_x, a_y, yaw_rate), ODOMETRY (v_x, v_y, yaw_rate), COMMAND (torque,
-    delta). A channel that the message does not report is NaN.
+    delta), STEERING (delta,). A channel that the message does not report is NaN.
     """
 
     source: Source
@@ -58,7 +60,7 @@ class Flag(IntFlag):
 
     OK = 0
     NO_IMU = 1
-    """Yaw rate and rates of change come from odometry; not a fault where there never was an IMU."""
+    """All comes from odometry; not a fault where there never was an IMU."""
     IMU_STALE = 2
     """An IMU that was there fell silent."""
     ODOMETRY_STALE = 4

@@ -12,10 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from adk_ros.signals.decode import SensorConfig
+from typing import Any, Protocol
 
 MAX_DRIVE = 1e6
 """N m; a larger net wheel torque is a fault of the message."""
@@ -27,6 +24,30 @@ class Refused(Exception):
     """A message cannot be used; the text is the reason, the same for the same fault."""
 
 
+class CommandConfig(Protocol):
+    """What of the sensors' configuration the decoders below need, see `decode.SensorConfig`."""
+
+    @property
+    def drive_joints(self) -> tuple[str, ...]:
+        """Joints whose efforts add up to the wheel torque."""
+
+    @property
+    def steer_joint(self) -> str:
+        """Joint whose position is the steering angle."""
+
+    @property
+    def steering_ratio(self) -> float:
+        """Its angle over the road wheel's."""
+
+    @property
+    def mass(self) -> float:
+        """Of the vehicle, kg."""
+
+    @property
+    def wheel_radius(self) -> float:
+        """In m."""
+
+
 @dataclass(frozen=True)
 class CommandType:
     """
@@ -34,11 +55,14 @@ class CommandType:
 
     `inferred_torque` marks a torque computed from a wanted acceleration (mass times acceleration
     times wheel radius): good enough as an input to a learned model, no evidence of drive physics.
+    `steering_msgtype`: type of the message that reports the measured road-wheel angle, where the
+    command itself carries only the wished one.
     """
 
     msgtype: str
-    decode: Callable[[Any, SensorConfig], tuple[float, float]]
+    decode: Callable[[Any, CommandConfig], tuple[float, float]]
     inferred_torque: bool = False
+    steering_msgtype: str | None = None
 
 
 def _checked(torque: float, delta: float) -> tuple[float, float]:
@@ -49,7 +73,7 @@ def _checked(torque: float, delta: float) -> tuple[float, float]:
     return torque, delta
 
 
-def _joint_state(msg: Any, config: SensorConfig) -> tuple[float, float]:
+def _joint_state(msg: Any, config: CommandConfig) -> tuple[float, float]:
     names = list(msg.name)
     torque = 0.0
     for joint in config.drive_joints:
@@ -67,15 +91,24 @@ def _joint_state(msg: Any, config: SensorConfig) -> tuple[float, float]:
     return _checked(torque, float(msg.position[index]) / config.steering_ratio)
 
 
-def _ackermann(msg: Any, config: SensorConfig) -> tuple[float, float]:
+def _ackermann(msg: Any, config: CommandConfig) -> tuple[float, float]:
     drive = msg.drive
     torque = float(drive.acceleration) * config.mass * config.wheel_radius
     return _checked(torque, float(drive.steering_angle))
 
 
-def _autoware_control(msg: Any, config: SensorConfig) -> tuple[float, float]:
+def _autoware_control(msg: Any, config: CommandConfig) -> tuple[float, float]:
     torque = float(msg.longitudinal.acceleration) * config.mass * config.wheel_radius
     return _checked(torque, float(msg.lateral.steering_tire_angle))
+
+
+def steering_report(msg: Any) -> float:
+    """
+    Return the measured road-wheel angle (rad) of an Autoware SteeringReport.
+
+    :raises Refused: it is not finite or absurd.
+    """
+    return _checked(0.0, float(msg.steering_tire_angle))[1]
 
 
 COMMAND_TYPES: dict[str, CommandType] = {
@@ -84,6 +117,9 @@ COMMAND_TYPES: dict[str, CommandType] = {
         "ackermann_msgs/msg/AckermannDriveStamped", _ackermann, inferred_torque=True
     ),
     "autoware_control": CommandType(
-        "autoware_control_msgs/msg/Control", _autoware_control, inferred_torque=True
+        "autoware_control_msgs/msg/Control",
+        _autoware_control,
+        inferred_torque=True,
+        steering_msgtype="autoware_vehicle_msgs/msg/SteeringReport",
     ),
 }

@@ -16,7 +16,7 @@ from typing import Any
 
 from adk_ros.errors import UsageError
 from adk_ros.signals.channels import Reading, Source
-from adk_ros.signals.commands import COMMAND_TYPES, Refused
+from adk_ros.signals.commands import COMMAND_TYPES, Refused, steering_report
 from adk_ros.signals.frames import LeverArm, rotation, shift_velocity
 
 MAX_SPEED = 150.0
@@ -34,7 +34,7 @@ class SensorConfig:
     """
     How this vehicle's messages are to be read.
 
-    Lengths in m, angles in rad. `reference_point` is the centre of gravity (x, y) in the odometry's
+    Lengths in m, angles in rad. `reference_point` is the centre of gravity (x, y) in odometry's
     child frame (`base_link`), `imu_position` the IMU (x, y) in the same frame, `imu_rotation` its
     roll, pitch, yaw. `steering_ratio` is hand-wheel angle over road-wheel angle: 1 where the
     steer joint is the road wheel. `mass` (kg) and `wheel_radius` (m) are needed by commands
@@ -79,7 +79,7 @@ class SensorConfig:
 
 class Decoder:
     """
-    Decodes messages of the three streams; counts what it refuses, by stream and reason.
+    Decodes messages of the streams; counts what it refuses, by stream and reason.
 
     `refused` maps (source, reason) to how often. An instance keeps the gyro's last value for the
     IMU's lever arm, so each stream of messages needs its own.
@@ -105,10 +105,13 @@ class Decoder:
             stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
             if stamp_ns <= 0:
                 raise Refused("no time stamp")
+            values: tuple[float, ...]
             if source is Source.IMU:
                 values = self._imu(stamp_ns, msg)
             elif source is Source.ODOMETRY:
                 values = self._odometry(msg)
+            elif source is Source.STEERING:
+                values = (steering_report(msg),)
             else:
                 values = self._command(msg, self.config)
         except Refused as refusal:

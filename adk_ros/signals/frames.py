@@ -20,7 +20,7 @@ _MAX_GAP_S = 0.2
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> FloatArray:
-    """Return the (3, 3) matrix that turns sensor axes into body axes (fixed-axis roll, pitch, yaw)."""
+    """Return the (3, 3) matrix from sensor to body axes (fixed-axis roll, pitch, yaw)."""
     cr, sr = math.cos(roll), math.sin(roll)
     cp, sp = math.cos(pitch), math.sin(pitch)
     cy, sy = math.cos(yaw), math.sin(yaw)

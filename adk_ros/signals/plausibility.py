@@ -78,8 +78,8 @@ class Plausibility:
         if yaw.xx > _ENOUGH_YAW and abs(yaw.correlation) > 0.8:
             if yaw.value > 20.0:
                 found.append(
-                    f"the IMU's yaw rate is {yaw.value:.0f} times odometry's: it looks like deg/s, "
-                    "the topic must carry rad/s"
+                    f"the IMU's yaw rate is {yaw.value:.0f} times odometry's: it looks like "
+                    "deg/s, the topic must carry rad/s"
                 )
             elif yaw.value < -0.3:
                 found.append(
@@ -90,7 +90,7 @@ class Plausibility:
             if 0.05 < force.value < 0.2:
                 found.append(
                     f"the IMU's lateral acceleration is {force.value:.3f} of v_x times yaw rate: "
-                    f"it looks like g, the topic must carry m/s^2 (1 g = {_STANDARD_GRAVITY} m/s^2)"
+                    f"it looks like g, the topic must carry m/s^2 (1 g = {_STANDARD_GRAVITY})"
                 )
             elif force.value < -0.3:
                 found.append(

@@ -60,7 +60,8 @@ def starts(record: Record, history: int, ahead: int, stride: int = 1) -> IntArra
     bad_after = np.concatenate([[0], np.cumsum(~known)])
     clean = bad_before[rows + 1] == bad_before[rows - history]
     clean &= bad_after[rows + ahead + 1] == bad_after[rows]
-    return rows[same & clean][::stride].astype(np.int64)
+    chosen: IntArray = rows[same & clean][::stride].astype(np.int64)
+    return chosen
 
 
 def persistence(record: Record, rows: IntArray, ahead: int) -> FloatArray:
@@ -131,7 +132,7 @@ def score(
 
 
 def pool(scores: Sequence[Score]) -> Score:
-    """One score over all starts of several (of the same steps); those without a start count nothing."""
+    """One score over all starts of several, of the same steps; empty ones are left out."""
     used = [item for item in scores if item.count]
     if not used:
         raise ValueError("nothing was scored")
@@ -162,4 +163,4 @@ def noise_floor(record: Record) -> FloatArray:
 
 def best_naive(scores: Mapping[str, Score]) -> FloatArray:
     """Smallest RMSE of any of the given scores, cell by cell, shape (steps, 3)."""
-    return np.min([item.rmse for item in scores.values()], axis=0)
+    return np.asarray(np.min([item.rmse for item in scores.values()], axis=0))

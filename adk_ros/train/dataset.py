@@ -42,7 +42,8 @@ class Split:
             rows = parts == part
             if not rows.any():
                 continue
-            breaks = np.concatenate([[False], (np.diff(parts) != 0) | (np.diff(record.episode) != 0)])
+            change = (np.diff(parts) != 0) | (np.diff(record.episode) != 0)
+            breaks = np.concatenate([[False], change])
             chosen.append(replace(record, episode=np.cumsum(breaks)).rows(rows))
         return chosen
 
@@ -55,8 +56,9 @@ def split_records(records: Sequence[Record], kind: str = "blocks") -> Split:
     """
     Assign every row of every record to a part.
 
-    "blocks": blocks of up to 30 s, of each ten seven to train on, one to validate, two to test on. A
-    drive is cut into about forty, so that the test meets more than one kind of road. "tail": the first 70 % in time of each bag, the next 10 %, the last 20 %.
+    "blocks": blocks of up to 30 s, of each ten seven to train on, one to validate, two to test on.
+    A drive is cut into about forty, so that the test meets more than one kind of road. "tail": the
+    first 70 % in time of each bag, the next 10 %, the last 20 %.
     "bags": the last bag is the test, and a tenth of each other one, its end, the validation.
 
     :raises UsageError: the kind is unknown, or "bags" with fewer than two bags.

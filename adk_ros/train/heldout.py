@@ -85,7 +85,7 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Range:
-    """What the training data cover: the central 99 % of each channel, `low` and `high` (5,), SI."""
+    """What the training data cover: the central 99 % of each channel; `low`, `high` (5,), SI."""
 
     low: FloatArray
     high: FloatArray
@@ -98,8 +98,10 @@ class Range:
         return Range(low, high)
 
     def share_beyond(self, result: HeldOut) -> dict[str, float]:
-        """Channels that leave the range, with a tenth of it to spare, in over 5 % of the starts."""
-        rows = np.concatenate([np.hstack([r.record.x, r.record.u])[r.rows] for r in result.rollouts])
+        """Channels that leave the range by a tenth of it in over 5 % of the starts."""
+        rows = np.concatenate(
+            [np.hstack([r.record.x, r.record.u])[r.rows] for r in result.rollouts]
+        )
         spare = 0.1 * (self.high - self.low)
         share = ((rows < self.low - spare) | (rows > self.high + spare)).mean(axis=0)
         names = (*STATE_NAMES, *INPUT_NAMES)
@@ -173,7 +175,7 @@ def _why(result: HeldOut, step: int, channel: int, known: Range | None) -> str:
         if beyond:
             name, share = max(beyond.items(), key=lambda item: item[1])
             return (
-                f"{text}; in {100 * share:.0f} % of the starts {name} is beyond what was trained on"
+                f"{text}; in {100 * share:.0f} % of the starts {name} was beyond the training data"
             )
     errors = np.concatenate(
         [r.predicted[:, HORIZON_STEPS[step] - 1, channel]

@@ -1,0 +1,229 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""From network to model: the same predictions, tidy features, settings chosen from tables."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from train_tools import SMALL, drive, record, small
+
+from adk_ros.model import artefact
+from adk_ros.model.evaluate import sample_at
+from adk_ros.model.online import OnlineSettings
+from adk_ros.model.predictor import Model, Predictor
+from adk_ros.signals.channels import Record, Source
+from adk_ros.signals.record import build_record
+from adk_ros.train import assemble as module
+from adk_ros.train.assemble import assemble, horizon_covariance, tune
+from adk_ros.train.dataset import TRAIN, VALIDATION, Split, sequences, split_records
+from adk_ros.train.fit import Trained, fit
+from adk_ros.train.network import as_tensor
+
+HISTORY = SMALL.history
+
+
+@pytest.fixture(scope="module")
+def split() -> Split:
+    return split_records([record()])
+
+
+@pytest.fixture(scope="module")
+def trained(split: Split) -> Trained:
+    """Not `small()`: that one's network has its features folded in already."""
+    return fit(split.of(TRAIN), split.of(VALIDATION), replace(SMALL, steps=60))
+
+
+@pytest.fixture(scope="module")
+def model(trained: Trained, split: Split) -> Model:
+    part = sequences(split.of(TRAIN), HISTORY, 2, "training")
+    return assemble(copy.deepcopy(trained), part, uses_imu=True).model
+
+
+def encoder_rows(model: Model, of: Record, rows: np.ndarray) -> np.ndarray:
+    """The encoder's input by its definition: x_k ... x_(k-p), u_(k-1) ... u_(k-p), scaled."""
+    x, u = model.scaling.scale_x(of.x), model.scaling.scale_u(of.u)
+    past = [x[rows - i] for i in range(model.history + 1)]
+    past += [u[rows - i] for i in range(1, model.history + 1)]
+    return np.concatenate(past, axis=1).astype(np.float32)
+
+
+def good_rows(of: Record, ahead: int = 20) -> np.ndarray:
+    return sequences([of], HISTORY, ahead, "some").rows
+
+
+def test_features_have_zero_mean_and_unit_deviation(model: Model, split: Split) -> None:
+    features = []
+    for of in split.of(TRAIN):
+        rows = good_rows(of, 2)
+        features += [model.lifting(row).copy() for row in encoder_rows(model, of, rows[::3])]
+    table = np.array(features)
+    assert table.shape[1] == SMALL.features
+    np.testing.assert_allclose(table.mean(axis=0), 0.0, atol=0.05)
+    np.testing.assert_allclose(table.std(axis=0), 1.0, atol=0.05)
+
+
+def test_folding_changes_no_prediction(trained: Trained, model: Model) -> None:
+    """The network before, in torch, against the model after, by the predictor."""
+    of = record()
+    rows = good_rows(of)[::200]
+    column, past, step = rows[:, None], np.arange(HISTORY + 1), np.arange(20)
+    x, u = trained.scaling.scale_x(of.x), trained.scaling.scale_u(of.u)
+    network = trained.network.eval()
+    with torch.no_grad():
+        wanted = network.roll_out(
+            as_tensor(x[column - past]), as_tensor(u[column - 1 - past[:-1]]),
+            as_tensor(u[column + step]),
+        ).numpy()
+    wanted = trained.scaling.unscale_x(wanted)
+    predictor = Predictor(model, OnlineSettings("constant"), horizon_steps=0)
+    for number, row in enumerate(rows):
+        predictor.reset()
+        for k in range(row - HISTORY, row + 1):
+            made = predictor.step(sample_at(of, k))
+        assert made is not None
+        predicted = predictor.roll_out(of.u[row : row + 20])
+        np.testing.assert_allclose(predicted, wanted[number], rtol=1e-4, atol=1e-4)
+
+
+def test_the_rows_of_the_features_are_least_squares(model: Model, split: Split) -> None:
+    """The normal equations hold, with a ridge of 1: phi' (change - phi theta') = theta'."""
+    normal, size, moved, left = 0.0, 0, 0.0, 0.0
+    for of in split.of(TRAIN):
+        rows = good_rows(of, 2)
+        now = np.array([model.lifting(row).copy() for row in encoder_rows(model, of, rows)])
+        then = np.array([model.lifting(row).copy() for row in encoder_rows(model, of, rows + 1)])
+        x, u = model.scaling.scale_x(of.x[rows]), model.scaling.scale_u(of.u[rows])
+        phi = np.concatenate([x, now, u, np.ones((rows.size, 1))], axis=1)
+        change = (then - now).astype(np.float64)
+        residual = change - phi @ model.theta0[3:].T
+        normal, size = normal + phi.T @ residual, size + rows.size
+        moved, left = moved + np.square(change).sum(), left + np.square(residual).sum()
+    assert np.abs(normal - model.theta0[3:].T).max() / size < 1e-5
+    assert left < 0.9 * moved
+
+
+def test_the_offline_model_does_not_adapt(model: Model) -> None:
+    assert model.online.method == "constant"
+    assert not model.disturbance_gain.any()
+    assert (model.residual, model.affine, model.relift) == (True, True, True)
+    assert model.uses_imu
+    assert model.lifting.twin is not None
+    assert model.theta0.shape == (3 + SMALL.features, 3 + SMALL.features + 3)
+
+
+def test_choices_come_from_the_tables_and_get_into_the_artefact() -> None:
+    made = small().run.model
+    stored = artefact.load(small().path).model
+    assert stored.online == made.online
+    assert (made.online.window, made.online.ridge) in module._WINDOWS
+    assert made.online.method == "windowed"
+    np.testing.assert_array_equal(stored.disturbance_gain, made.disturbance_gain)
+    np.testing.assert_array_equal(stored.disturbance_decay, made.disturbance_decay)
+    np.testing.assert_array_equal(stored.horizon_covariance, made.horizon_covariance)
+    np.testing.assert_array_equal(stored.theta0, made.theta0)
+    for pair in zip(made.disturbance_gain, made.disturbance_decay, strict=True):
+        assert tuple(map(float, pair)) in module._DISTURBANCES
+
+
+def test_the_best_choice_is_taken(
+    model: Model, split: Split, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows by the mean over all cells, gains channel by channel."""
+    asked: list[tuple[Model, OnlineSettings]] = []
+
+    def ratio(of: Model, cases: object, online: OnlineSettings) -> np.ndarray:
+        asked.append((of, online))
+        number = len(asked) - 1
+        if number < len(module._WINDOWS):
+            return np.full((2, 5, 3), 0.0 if number == 2 else 1.0)
+        best = {0: 1, 1: 4, 2: 0}
+        number -= len(module._WINDOWS)
+        return np.tile([0.0 if best[c] == number else 1.0 for c in range(3)], (2, 5, 1))
+
+    monkeypatch.setattr(module, "_ratio", ratio)
+    told: list[tuple[str, int, int]] = []
+    chosen = tune(model, split, lambda *what: told.append(what))
+    window, ridge = module._WINDOWS[2]
+    assert (chosen.online.window, chosen.online.ridge) == (window, ridge)
+    wanted = [module._DISTURBANCES[i] for i in (1, 4, 0)]
+    np.testing.assert_array_equal(chosen.disturbance_gain, [gain for gain, _ in wanted])
+    np.testing.assert_array_equal(chosen.disturbance_decay, [decay for _, decay in wanted])
+    assert all(online.window == window for _, online in asked[len(module._WINDOWS) :])
+    total = len(module._WINDOWS) + len(module._DISTURBANCES)
+    assert [done for _, done, _ in told] == list(range(total))
+    assert {end for _, _, end in told} == {total}
+
+
+def test_tuning_helps_a_car_that_has_changed(model: Model, split: Split) -> None:
+    cases = module._cases(split)
+    assert len(cases) == 2
+    drawn = cases[1][0].u - cases[1][0].u.mean(axis=0)
+    np.testing.assert_allclose(
+        drawn.std(axis=0) / cases[0][0].u.std(axis=0), 1.0 / module._CHANGED_CAR
+    )
+    tuned = tune(model, split)
+    before = module._ratio(model, cases, OnlineSettings("constant"))
+    after = module._ratio(tuned, cases, tuned.online)
+    assert after[1].mean() < before[1].mean() - 0.1
+    assert after.mean() < before.mean()
+
+
+def test_horizon_covariance_is_one() -> None:
+    covariance = small().run.model.horizon_covariance
+    assert covariance.shape == (80, 3, 3)
+    np.testing.assert_allclose(covariance, covariance.transpose(0, 2, 1))
+    assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+    spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    assert (spread[-1] > spread[0]).all()
+    # Errors of a usable model: metres and radians a second, two seconds ahead.
+    assert (spread[-1] < [3.0, 1.0, 0.5]).all()
+
+
+def test_horizon_covariance_is_that_of_the_errors(model: Model) -> None:
+    """On a drive that is all validation, against errors computed here."""
+    of = record().rows(slice(0, 800))
+    everything = Split([of], [np.full(800, VALIDATION)], "blocks")
+    covariance = horizon_covariance(model, everything, ahead=4)
+    predictor = Predictor(model, horizon_steps=0)
+    errors = []
+    for row in range(len(of) - 4):
+        made = predictor.step(sample_at(of, row))
+        if made is not None and row >= 8 and (row - 8) % 8 == 0:
+            errors.append(predictor.roll_out(of.u[row : row + 4]) - of.x_ref[row + 1 : row + 5])
+    table = np.array(errors)
+    np.testing.assert_allclose(covariance, np.einsum("nhi,nhj->hij", table, table) / len(table))
+
+
+def test_too_short_a_validation_still_yields_a_model(model: Model) -> None:
+    of = record().rows(slice(0, 800))
+    parts = np.full(800, TRAIN)
+    parts[400:460] = VALIDATION
+    tuned = tune(model, Split([of], [parts], "blocks"))
+    assert tuned.online.method == "windowed"
+    assert tuned.horizon_covariance.shape == (80, 3, 3)
+    assert (np.linalg.eigvalsh(tuned.horizon_covariance) > 0.0).all()
+
+
+def test_a_frozen_sensor_in_the_training_data_does_not_spoil_the_model(split: Split) -> None:
+    """While odometry repeats itself there is no state, though measurements on both sides."""
+    readings, stuck = [], None
+    start_ns = drive().stamp_ns[0]
+    for reading in drive().readings:
+        since_s = (reading.stamp_ns - start_ns) * 1e-9
+        values = reading.values
+        if reading.source is Source.ODOMETRY and 10.0 < since_s < 13.0:
+            values = stuck = stuck or values
+        readings.append(reading._replace(values=values))
+    of = build_record(readings, "frozen")
+    stateless = ~np.isfinite(of.x).all(axis=1)
+    assert (stateless & np.isfinite(of.x_ref).all(axis=1)).sum() > 40
+    parts = split_records([of])
+    assert (parts.parts[0][stateless] == TRAIN).any()
+    fitted = fit(parts.of(TRAIN), parts.of(VALIDATION), replace(SMALL, steps=20))
+    joined = sequences(parts.of(TRAIN), HISTORY, 2, "training")
+    assert np.isfinite(assemble(fitted, joined, uses_imu=True).model.theta0).all()
