@@ -9,7 +9,6 @@ loopback, in a ROS domain of their own, and are ended whatever happens.
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -62,7 +61,7 @@ def run_demo(out: Path, train_bag: Path, play_bag: Path, steps: int) -> None:
         f"better than the best naive predictor in {better} of {cells} cells from 0.25 to 2 s; "
         f"done in {time.monotonic() - started:.0f} s"
     )
-    for name in ("model/report.html", "predicted", "score.json", "prediction.png", "horizon.png"):
+    for name in ("model/report.html", "predicted", "score.csv", "prediction.png", "horizon.png"):
         console.note(f"  {out / name}")
 
 
@@ -202,5 +201,5 @@ def _score(model: Path, bag: Path, out: Path) -> HeldOut:
         raise DataError(f"{bag} has no stretch of 2 s without a gap: nothing to score")
     prediction_figure(test, out / "prediction.png")
     horizon_figure(test, out / "horizon.png")
-    (out / "score.json").write_text(json.dumps(test.as_json(), indent=2) + "\n")
+    test.write_csv(out / "score.csv")
     return test

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of the model share: small models with random encoders, and drives to run them on."""
+"""What the tests of the model share: small models with random encoders, and drives for them."""
 
 import functools
 from collections.abc import Iterable, Iterator
@@ -35,7 +35,8 @@ def plain_program(n_in: int, features: int = FEATURES) -> bytes:
     """An encoder of another form, without twin."""
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        return to_torchscript(torch.nn.Sequential(torch.nn.Linear(n_in, features), torch.nn.Tanh()))
+        linear = torch.nn.Linear(n_in, features)
+        return to_torchscript(torch.nn.Sequential(linear, torch.nn.Tanh()))
 
 
 SCALING = Scaling(

@@ -38,10 +38,17 @@ def command(time_s: float) -> tuple[float, float]:
     return 200.0 * math.cos(0.4 * time_s), 0.06 * math.sin(0.9 * time_s + 0.2)
 
 
+def steering(time_s: float) -> float:
+    """Return what becomes of the wished road-wheel angle."""
+    return 0.9 * command(time_s - 0.1)[1]
+
+
 def values(source: Source, time_s: float) -> tuple[float, ...]:
     """Return what a perfect sensor of `source` says."""
     if source is Source.IMU:
         return (*force(time_s), state(time_s)[2])
+    if source is Source.STEERING:
+        return (steering(time_s),)
     return state(time_s) if source is Source.ODOMETRY else command(time_s)
 
 
@@ -80,14 +87,15 @@ def drive(
     odometry_hz: float = 50.0,
     command_hz: float = 40.0,
     *,
+    steering_hz: float = 0.0,
     jitter: float = 0.0,
     noise: float = 0.0,
     seed: int = 0,
     begin_s: float = 0.0,
     start_ns: int = START_NS,
 ) -> list[list[Reading]]:
-    """Readings of the three sensors, none in step with another; a rate of 0 leaves one out."""
-    rates = (imu_hz, odometry_hz, command_hz)
+    """Readings of the sensors, none in step with another; a rate of 0 leaves one out."""
+    rates = (imu_hz, odometry_hz, command_hz, steering_hz)
     return [
         stream(
             source, rate, duration_s, phase=0.29 + 0.17 * source, jitter=jitter, noise=noise,
@@ -104,7 +112,7 @@ def in_order(streams: Iterable[Rows]) -> list[Reading]:
 
 
 def arriving(streams: Iterable[Rows], seed: int, max_delay_s: float) -> list[Reading]:
-    """All readings in the order of arrival, each under way for a while; a stream stays in order."""
+    """All readings as they arrive, each under way for a while; a stream stays in order."""
     random = np.random.default_rng(seed)
     events = []
     for rows in streams:

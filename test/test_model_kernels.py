@@ -76,8 +76,9 @@ def test_take_sample_over_many_ticks(history: int, random: Random) -> None:
     row = np.zeros(input_size(history), np.float32)
     scaled_x, scaled_u = (x - x_mean) / x_scale, (u - u_mean) / u_scale
     for k in range(12):
+        command = tuple(u[k].tolist())
         kernels.take_sample(
-            x[k], tuple(u[k].tolist()), x_mean, x_scale, u_mean, u_scale, x_past, u_past, u_now, row
+            x[k], command, x_mean, x_scale, u_mean, u_scale, x_past, u_past, u_now, row
         )  # fmt: skip
         if k >= history:
             past = [scaled_x[k - i] for i in range(history + 1)]
@@ -219,8 +220,8 @@ def test_roll_out_linear_is_matrix_powers(random: Random) -> None:
 
 
 def test_roll_out_linear_is_bounded() -> None:
-    out = np.empty((100, 3))
-    kernels.roll_out_linear(np.ones(4), np.hstack([2 * np.eye(4), np.zeros((4, 2))]), np.zeros((100, 2)), out)
+    theta, out = np.hstack([2 * np.eye(4), np.zeros((4, 2))]), np.empty((100, 3))
+    kernels.roll_out_linear(np.ones(4), theta, np.zeros((100, 2)), out)
     assert out.max() == 50.0
 
 

@@ -305,7 +305,7 @@ def test_condition_numbers() -> None:
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"method": "magic"}, "'magic' is unknown: choose one of constant, rls, ffrls, swls, windowed"),
+        ({"method": "magic"}, "'magic' is unknown: choose one of constant, rls, ffrls, swls"),
         ({"window": 1}, "window is 1 samples: choose 2 to 100000"),
         ({"window": 100_001}, "window is 100001"),
         ({"ridge": 0.0}, "ridge is 0: choose 0.001 to 1e12"),

@@ -27,8 +27,9 @@ def message(reading: Reading, **changes: float) -> Message:
     header = Message(stamp=Message(sec=reading.stamp_ns // S, nanosec=reading.stamp_ns % S))
     values = list(reading.values)
     if reading.source is Source.COMMAND:
+        torque, delta = values
         return Message(
-            header=header, name=["drive", "steer"], position=[0.0, values[1]], effort=[values[0], 0]
+            header=header, name=["drive", "steer"], position=[0.0, delta], effort=[torque, 0.0]
         )  # fmt: skip
     if reading.source is Source.ODOMETRY:
         twist = Message(
@@ -217,10 +218,11 @@ def test_plausibility_is_watched() -> None:
     run(pipeline, readings)
     assert pipeline.plausibility.warnings() == []
     pipeline.reset()
-    run(pipeline, [
-        r._replace(values=(r.values[0], r.values[1], -r.values[2])) if r.source is Source.IMU else r
+    flipped = [
+        r._replace(values=(*r.values[:2], -r.values[2])) if r.source is Source.IMU else r
         for r in readings
-    ])  # fmt: skip
+    ]  # fmt: skip
+    run(pipeline, flipped)
     assert "opposite sign" in pipeline.plausibility.warnings()[0]
 
 

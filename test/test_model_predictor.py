@@ -67,7 +67,8 @@ def test_prediction_by_hand(twin: bool, residual: bool, affine: bool, history: i
     assert last is not None
     np.testing.assert_allclose(last.horizon, by_hand(model, samples, 30), rtol=2e-5, atol=2e-5)
     np.testing.assert_array_equal(last.x, last.horizon[0])
-    assert (last.origin_ns, last.stamp_ns) == (samples[-1].stamp_ns, samples[-1].stamp_ns + TICK_NS)
+    assert last.origin_ns == samples[-1].stamp_ns
+    assert last.stamp_ns == samples[-1].stamp_ns + TICK_NS
     assert last.status is predictor.status is Status.PREDICTED
 
 
@@ -383,7 +384,8 @@ def test_covariance_is_that_of_the_innovations() -> None:
     random, sigma = np.random.default_rng(0), np.array([0.02, 0.01, 0.005])
     found = []
     for k in range(3000):
-        made = predictor.step(sample(k, SCALING.x_mean + sigma * random.normal(size=3), (0.0, 0.0)))
+        x = SCALING.x_mean + sigma * random.normal(size=3)
+        made = predictor.step(sample(k, x, (0.0, 0.0)))
         if k > 500 and made is not None:
             found.append(np.diag(made.covariance))
     # The difference of two readings: twice the variance of one.

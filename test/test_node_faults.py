@@ -23,7 +23,7 @@ from adk_ros.model.predictor import Model
 from adk_ros.ros.diagnostics import Level, Report
 from adk_ros.ros.messages import join_stamp, split_stamp
 from adk_ros.ros.traffic import Rates
-from adk_ros.signals.channels import TICK_NS, Source
+from adk_ros.signals.channels import TICK_NS, USUAL, Source
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +108,7 @@ def test_nothing_but_nan(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("hours", [1, -1, 24 * 365 * 10])
-@pytest.mark.parametrize("source", list(Source))
+@pytest.mark.parametrize("source", USUAL)
 def test_message_from_another_time(rig: Rig, source: Source, hours: int) -> None:
     """A single one is ignored; the grid does not move."""
     done: list[bool] = []
@@ -256,7 +256,7 @@ def test_imu_silent(rig: Rig) -> None:
         (Source.ODOMETRY, Source.COMMAND),
         (Source.ODOMETRY, Source.IMU),
         (Source.COMMAND, Source.IMU),
-        tuple(Source),
+        USUAL,
     ],
 )
 def test_several_silent(rig: Rig, sources: tuple[Source, ...]) -> None:
@@ -288,7 +288,7 @@ def test_never_there(model: Model, missing: tuple[Source, ...], said: str) -> No
 
 def test_nothing_ever(model: Model) -> None:
     rig = Rig(model)
-    report = rig.drive(60.0, without(*Source))[-1]
+    report = rig.drive(60.0, without(*USUAL))[-1]
     assert report.level is Level.WARN
     assert report.message == "waiting for odometry, command"
     is_well(rig)
@@ -444,7 +444,7 @@ def test_rate_changes(rig: Rig, after: Rates, said: str) -> None:
     assert any(said in report.message for report in reports)
     assert all(report.level is Level.OK for report in reports)
     assert len(rig.published) - published >= 397
-    rates = [value(reports[-1], f"{source.name.lower()}.rate_hz") for source in Source]
+    rates = [value(reports[-1], f"{source.name.lower()}.rate_hz") for source in USUAL]
     np.testing.assert_allclose(rates, after, rtol=0.03)
 
 

@@ -3,6 +3,7 @@
 """The causal grid on sound data: complete, causal, the same in any order, close to the truth."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -20,11 +21,12 @@ from signals_tools import (
     same,
     seconds,
     state,
+    steering,
     stream,
 )
 
 from adk_ros.signals.align import Aligner, align_samples
-from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample, Source
+from adk_ros.signals.channels import TICK_NS, USUAL, Flag, Reading, Sample, Source
 
 RATES = [
     (200, 50, 40), (1000, 200, 200), (50, 10, 5), (50, 200, 200), (100, 30, 10), (1000, 10, 5),
@@ -95,15 +97,16 @@ def test_command_is_the_last_one_and_force_the_mean_over_the_tick() -> None:
     for sample in samples[40:]:
         held = [r for r in streams[2] if r.stamp_ns <= sample.stamp_ns][-1]
         assert sample.u == held.values
-        within = [
-            r.values for r in streams[0] if sample.stamp_ns - TICK_NS < r.stamp_ns <= sample.stamp_ns
-        ]
+        low_ns, high_ns = sample.stamp_ns - TICK_NS, sample.stamp_ns
+        within = [r.values for r in streams[0] if low_ns < r.stamp_ns <= high_ns]
         assert sample.a == pytest.approx(np.mean(within, axis=0)[:2])
         assert sample.a == pytest.approx(force(seconds(sample) - 0.0125), abs=0.03)
         assert sample.u == pytest.approx(command(seconds(sample)), abs=80.0 / 30 + 1e-6)
 
 
-@pytest.mark.parametrize("rates", [(200, 50, 40), (1000, 200, 200), (50, 10, 5), (0, 20, 10)], ids=str)
+@pytest.mark.parametrize(
+    "rates", [(200, 50, 40), (1000, 200, 200), (50, 10, 5), (0, 20, 10)], ids=str
+)
 @settings(max_examples=8)
 @given(cut_s=st.floats(2.0, 3.5), seed=st.integers(0, 99))
 def test_causality(rates: tuple[int, int, int], cut_s: float, seed: int) -> None:
@@ -130,7 +133,9 @@ def test_order_of_arrival_among_streams_does_not_matter(
     rates: tuple[int, int, int], seed: int, max_delay_s: float
 ) -> None:
     """Up to 30 ms under way, each message for itself: the same samples to the last bit."""
-    streams = drive(3.0, *rates, jitter=0.05, noise=0.01, seed=seed)
+    streams = drive(
+        3.0, *rates, steering_hz=30 * (seed % 2), jitter=0.05, noise=0.01, seed=seed
+    )  # fmt: skip
     plain = {s.stamp_ns: s for s in align_samples(in_order(streams))}
     moved = {s.stamp_ns: s for s in align_samples(arriving(streams, seed, max_delay_s))}
     both = [t for t in plain if t in moved and late(rates, (t - START_NS) * 1e-9)]
@@ -155,7 +160,7 @@ def test_a_tick_is_given_out_in_time(
         r for r in in_order(drive(4.0, *rates, jitter=0.05))
         if r.source is not missing or r.stamp_ns < silent_ns
     ]  # fmt: skip
-    gap_ns = max(b.stamp_ns - a.stamp_ns for a, b in zip(readings, readings[1:], strict=False))
+    gap_ns = max(b.stamp_ns - a.stamp_ns for a, b in pairwise(readings))
     waits = []
     for reading in readings:
         for sample in aligner.push(reading):
@@ -184,7 +189,7 @@ def test_without_waiting_a_tick_comes_with_the_first_reading_past_it() -> None:
         assert at_ns == stamps[np.searchsorted(stamps, tick_ns)]
 
 
-@pytest.mark.parametrize("source", list(Source))
+@pytest.mark.parametrize("source", USUAL)
 @pytest.mark.parametrize("factor", [0.25, 4.0])
 def test_a_rate_that_changes_half_way(source: Source, factor: float) -> None:
     rates = {Source.IMU: 200.0, Source.ODOMETRY: 50.0, Source.COMMAND: 40.0}
@@ -195,6 +200,15 @@ def test_a_rate_that_changes_half_way(source: Source, factor: float) -> None:
     assert_grid(samples)
     assert {s.flags for s in samples if seconds(s) > 4.5} == {0}
     assert np.abs(errors([s for s in samples if seconds(s) > 1.0])).max() < 0.02
+
+
+def test_a_measured_steering_angle_takes_the_wished_ones_place() -> None:
+    samples = align_samples(in_order(drive(4.0, steering_hz=60)))
+    assert_grid(samples)
+    for sample in samples[4:]:
+        assert sample.flags == 0
+        assert sample.u[0] == pytest.approx(command(seconds(sample))[0], abs=80.0 / 40)
+        assert sample.u[1] == pytest.approx(steering(seconds(sample)), abs=0.05 / 60)
 
 
 def test_nothing_before_odometry_and_command_are_both_there() -> None:
@@ -229,10 +243,9 @@ def test_imu_without_accelerometer_still_gives_the_yaw_rate() -> None:
 def test_accelerometer_that_stops_reporting() -> None:
     """Half of a mean window says nothing: the state comes from odometry, or is not given."""
     streams = drive(4.0)
-    streams[0] = [
-        r if r.stamp_ns < START_NS + 2 * 10**9 else r._replace(values=(math.nan,) * 2 + r.values[2:])
-        for r in streams[0]
-    ]
+    for k, reading in enumerate(streams[0]):
+        if reading.stamp_ns > START_NS + 2 * 10**9:
+            streams[0][k] = reading._replace(values=(math.nan, math.nan, reading.values[2]))
     for sample in align_samples(in_order(streams))[1:]:
         assert sample.flags in (0, Flag.COASTING)
         if not sample.flags:

@@ -53,7 +53,7 @@ def test_velocity_of_another_point(
 
 
 def test_velocity_at_the_centre_of_gravity() -> None:
-    """REP-105: base_link under the rear axle; v_y there is nearly zero, at the centre l_r r more."""
+    """REP-105: base_link under the rear axle; at the centre v_y is l_r r more."""
     assert shift_velocity(20.0, 0.01, 0.5, 1.35, 0.0) == pytest.approx((20.0, 0.685))
 
 

@@ -81,10 +81,10 @@ def test_too_little_to_tell() -> None:
 
 
 def test_standing_still_with_noise() -> None:
-    readings = [
-        r._replace(values=tuple(0.05 * math.sin(7919.0 * k * (i + 1)) for i in range(len(r.values))))
-        for k, r in enumerate(in_order(drive(60.0)))
-    ]
+    readings = []
+    for k, reading in enumerate(in_order(drive(60.0))):
+        noise = (0.05 * math.sin(7919.0 * k * (i + 1)) for i in range(len(reading.values)))
+        readings.append(reading._replace(values=tuple(noise)))
     assert found(readings) == []
 
 
@@ -107,6 +107,18 @@ def test_a_mistake_put_right_is_forgotten() -> None:
     assert plausibility.warnings()
     found(in_order(drive(120.0, 50, 20, 20)), plausibility)
     assert plausibility.warnings() == []
+
+
+def test_a_mistake_that_comes_late_is_found() -> None:
+    """Two minutes count, not all that was ever seen."""
+    plausibility, aligner = Plausibility(), Aligner()
+    wrong = imu(rate=-1.0)
+    for reading in plausibility.watch(
+        wrong(r) if k > 9000 else r for k, r in enumerate(in_order(drive(230.0, 50, 20, 20)))
+    ):
+        for sample in aligner.push(reading):
+            plausibility.add(sample)
+    assert len(plausibility.warnings()) == 1
 
 
 def test_reset() -> None:

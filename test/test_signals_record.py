@@ -146,7 +146,9 @@ def test_of_duplicates_the_first_counts_as_in_the_samples() -> None:
     np.testing.assert_array_equal(one.x_ref, other.x_ref)
 
 
-@pytest.mark.parametrize("rates", [(200, 50, 40), (0, 50, 40), (1000, 10, 5), (50, 200, 200)], ids=str)
+@pytest.mark.parametrize(
+    "rates", [(200, 50, 40), (0, 50, 40), (1000, 10, 5), (50, 200, 200)], ids=str
+)
 def test_reference_is_closer_to_the_truth_than_the_state(rates: tuple[int, int, int]) -> None:
     record = build_record(in_order(drive(20.0, *rates, noise=0.01)))
     known = np.isfinite(record.x_ref).all(axis=1)

@@ -4,6 +4,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -100,7 +101,7 @@ def test_imu_integration_when_the_vehicle_goes_round_in_a_circle() -> None:
     """Centripetal force alone: in its own frame the velocity does not change."""
     record = record_of(np.tile([20.0, 0.0, 0.5], (2, 1)), np.tile([0.0, 10.0], (2, 1)))
     predicted = imu_integration(record, np.array([0, 1]), 400)
-    np.testing.assert_allclose(predicted, np.broadcast_to([20.0, 0.0, 0.5], (2, 400, 3)), atol=1e-9)
+    np.testing.assert_allclose(predicted, np.tile([20.0, 0.0, 0.5], (2, 400, 1)), atol=1e-9)
 
 
 def test_naive_predictors_of_a_record_without_imu() -> None:
@@ -197,7 +198,7 @@ def test_pool_is_the_score_over_all_starts(seed: int, counts: list[int]) -> None
         return
     parts = [
         score(record, rows[a:b], predicted[a:b])
-        for a, b in zip(edges, edges[1:], strict=False) if b > a
+        for a, b in pairwise(edges) if b > a
     ]  # fmt: skip
     empty = Score(HORIZON_STEPS, np.full((5, 3), np.nan), np.full((5, 3), np.nan), 0, 0)
     pooled, joint = pool([empty, *parts]), score(record, rows, predicted)

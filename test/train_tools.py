@@ -39,11 +39,15 @@ def folder() -> Path:
     return path
 
 
-@lru_cache
 def drive(
     name: str = "handling", seconds: float = 120.0, imu: bool = True, clean: bool = False
 ) -> Drive:
     """A drive of the package's own car; `clean`: sensors without noise, and mu 1."""
+    return _drive(name, float(seconds), imu, clean)
+
+
+@lru_cache
+def _drive(name: str, seconds: float, imu: bool, clean: bool) -> Drive:
     scenario = load_scenario(name)
     if clean:
         scenario = scenario.model_copy(update={"sensors": scenario.sensors.clean(), "mu": 1.0})
@@ -53,19 +57,23 @@ def drive(
     return simulate(scenario, duration_s=seconds)
 
 
-@lru_cache
 def record(name: str = "handling", seconds: float = 120.0, imu: bool = True) -> Record:
     """What the aligner makes of a drive's readings."""
+    return _record(name, float(seconds), imu)
+
+
+@lru_cache
+def _record(name: str, seconds: float, imu: bool) -> Record:
     return build_record(drive(name, seconds, imu).readings, name)
 
 
-@lru_cache
 def bag(
     name: str = "town", seconds: float = 30.0, imu: bool = True, clean: bool = False
 ) -> Path:
-    """The same as a bag."""
+    """A drive as a bag."""
     path = folder() / f"{name}_{seconds:g}_{imu}_{clean}"
-    write_bag(drive(name, seconds, imu, clean), path)
+    if not path.exists():
+        write_bag(drive(name, seconds, imu, clean), path)
     return path
 
 

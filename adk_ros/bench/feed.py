@@ -15,7 +15,7 @@ from adk_ros.model import artefact
 from adk_ros.model.predictor import Model
 from adk_ros.plant.scenarios import load_scenario
 from adk_ros.plant.simulate import simulate
-from adk_ros.signals.channels import Source
+from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.train.fit import Step
 from adk_ros.train.run import run_training
 from adk_ros.train.settings import TrainSettings
@@ -47,11 +47,13 @@ def endless(messages: list[Message]) -> Iterator[Message]:
     """
     last = max(stamp_of(msg) for _, msg in messages)
     first = min(stamp_of(msg) for _, msg in messages)
-    length_s = -(-(last - first) // 10**9)
+    # A whole number of ticks, the next one after the last message: no stamp comes twice.
+    length_ns = ((last - first) // TICK_NS + 1) * TICK_NS
     while True:
         yield from messages
         for _, msg in messages:
-            msg.header.stamp.sec += length_s
+            stamp = msg.header.stamp
+            stamp.sec, stamp.nanosec = divmod(stamp_of(msg) + length_ns, 10**9)
 
 
 def bench_model(path: Path | None) -> Model:

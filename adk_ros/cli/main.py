@@ -55,7 +55,7 @@ app.add_typer(bench.app, name="bench")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code: 0, 2 for a wrong request, 3 for unfit data."""
     try:
-        result = app(args=arguments, standalone_mode=False)
+        result = app(args=arguments, prog_name="adk", standalone_mode=False)
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except AdkError as error:

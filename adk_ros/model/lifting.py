@@ -15,6 +15,7 @@ compiled twin may do the roll-out; the twin is compared with the encoder before 
 from __future__ import annotations
 
 import io
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,12 +68,14 @@ class Lifting:
         """
         torch.set_num_threads(1)
         try:
-            module = torch.jit.load(io.BytesIO(program), map_location="cpu")
-            module.eval()
-            parameters = {k: v.detach().clone() for k, v in module.state_dict().items()}
-            # Straight to the compiled method: the module's own call machinery costs as much again.
-            # Freezing makes the weights constants, so there is no gradient to switch off.
-            self._forward: Any = torch.jit.freeze(module).forward
+            with warnings.catch_warnings():
+                # torch announces TorchScript's retirement; this package is built on it.
+                warnings.simplefilter("ignore", DeprecationWarning)
+                module = torch.jit.load(io.BytesIO(program), map_location="cpu").eval()
+                parameters = {k: v.detach().clone() for k, v in module.state_dict().items()}
+                # Straight to the compiled method: the module's own call costs as much again.
+                # Freezing makes the weights constants, so there is no gradient to switch off.
+                self._forward: Any = torch.jit.freeze(module).forward
         except Exception as error:
             # What a stranger's program raises, here and below, is not to be foreseen.
             first = _lines(error)[0]

@@ -26,9 +26,8 @@ from adk_ros.errors import DataError
 from adk_ros.ros.messages import split_stamp
 from adk_ros.ros.pacing import paced
 from adk_ros.ros.session import Session, stopping
-from adk_ros.signals.channels import Reading, Source
+from adk_ros.signals.channels import USUAL, Reading, Source
 
-_SENSORS = (Source.IMU, Source.ODOMETRY, Source.COMMAND)
 _SPEED = 15.0
 _SWAY = 0.5
 """rad/s of the slalom's own rhythm."""
@@ -104,7 +103,7 @@ def schedule(rates: Rates, duration_s: float) -> Iterator[Due]:
         for offset_ns in range(first_ns, round(duration_s * 1e9), period_ns):
             yield Due(offset_ns, source)
 
-    streams = [ticks(source, rate) for source, rate in zip(_SENSORS, rates, strict=True) if rate]
+    streams = [ticks(source, rate) for source, rate in zip(USUAL, rates, strict=True) if rate]
     return heapq.merge(*streams)
 
 

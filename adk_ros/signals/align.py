@@ -116,8 +116,8 @@ class Aligner:
     def _insert(self, reading: Reading) -> None:
         stream = self.streams[reading.source]
         stamp_ns = reading.stamp_ns
-        if stream:
-            if stamp_ns <= stream.last_ns:
+        if stream.stamps:
+            if stamp_ns <= stream.stamps[-1]:
                 if stream.has(stamp_ns):
                     self.counts["duplicate"] += 1
                     return
@@ -130,7 +130,7 @@ class Aligner:
     def _complete(self, now_ns: int | None = None) -> list[Sample]:
         newest = self._guard.newest_ns
         _, odometry, command, _ = self.streams
-        if newest is None or not odometry or not command:
+        if newest is None or not odometry.stamps or not command.stamps:
             return []
         reached = newest if now_ns is None else max(newest, now_ns)
         if self._tick_ns is None:
@@ -145,9 +145,10 @@ class Aligner:
 
     def _settled(self, tick_ns: int, reached_ns: int) -> bool:
         for stream in self.streams:
-            if not stream or not stream.awaited or stream.last_ns >= tick_ns:
+            stamps = stream.stamps
+            if not stamps or not stream.awaited or stamps[-1] >= tick_ns:
                 continue
-            age_ns = tick_ns - stream.last_ns
+            age_ns = tick_ns - stamps[-1]
             if age_ns < _AWAITED_FROM * stream.period_ns:
                 continue
             if reached_ns - tick_ns < self._max_wait_ns:

@@ -42,6 +42,10 @@ class Source(IntEnum):
     """Measured road-wheel angle, where a command carries only the wished one (Autoware)."""
 
 
+USUAL = (Source.IMU, Source.ODOMETRY, Source.COMMAND)
+"""The streams of any drive; a measured steering angle is for commands that need one."""
+
+
 class Reading(NamedTuple):
     """
     One message's content at the vehicle's reference point.

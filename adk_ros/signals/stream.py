@@ -72,14 +72,15 @@ class Stream:
     def add(self, stamp_ns: int, values: tuple[float, ...]) -> None:
         """Insert a reading in its place; the caller has checked that its stamp is new."""
         stamps = self.stamps
+        place = len(stamps)
         if not stamps:
-            place, standing = 0, (0.0, 0, stamp_ns)
+            standing = (0.0, 0, stamp_ns)
         elif stamp_ns > stamps[-1]:
             self._learn_period(stamp_ns - stamps[-1])
-            _, repeats, since_ns = self._standing[-1]
-            same = values == self._values[-1]
-            place = len(stamps)
-            standing = (self.period_ns, repeats + 1 if same else 0, since_ns if same else stamp_ns)
+            standing = (self.period_ns, 0, stamp_ns)
+            if values == self._values[-1]:
+                _, repeats, since_ns = self._standing[-1]
+                standing = (self.period_ns, repeats + 1, since_ns)
         else:
             place = bisect_right(stamps, stamp_ns)
             standing = (self._standing[max(place - 1, 0)][0], 0, stamp_ns)

@@ -89,7 +89,7 @@ def curve_figure(curve: list[tuple[int, float, float]], best_step: int, path: Pa
     """Training and validation loss by step."""
     table = np.array(curve)
     figure, axis = plt.subplots(figsize=(7, 3.6), constrained_layout=True)
-    axis.plot(table[:, 0], table[:, 1], label="training (running mean)")
+    axis.plot(table[:, 0], table[:, 1], label="training (short, then long roll-outs)")
     axis.plot(table[:, 0], table[:, 2], label="validation, full roll-out")
     axis.axvline(best_step, color="black", linewidth=0.7, linestyle=":", label="state kept")
     axis.set_yscale("log")

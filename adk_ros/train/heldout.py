@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -56,6 +58,17 @@ class HeldOut:
     def naive(self) -> FloatArray:
         """RMSE of the best naive predictor in each cell, (steps, 3)."""
         return best_naive({k: v for k, v in self.scores.items() if k not in (MODEL, HELD)})
+
+    def write_csv(self, path: Path) -> None:
+        """Write `predictor,channel,horizon_s,rmse,max` rows, SI units."""
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["predictor", "channel", "horizon_s", "rmse", "max"])
+            for name, item in self.scores.items():
+                for c, channel in enumerate(STATE_NAMES):
+                    for i, step in enumerate(item.steps):
+                        cell = (f"{v[i, c]:.6g}" for v in (item.rmse, item.worst))
+                        writer.writerow([name, channel, f"{step * TICK_NS * 1e-9:g}", *cell])
 
     def as_json(self) -> dict[str, Any]:
         """SI units; rmse and max by predictor, channel and horizon."""
