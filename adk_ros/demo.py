@@ -29,7 +29,7 @@ from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.replay import TWIST_TOPIC, TWIST_TYPE, predictions, twist_message
 from adk_ros.train.fit import Step
-from adk_ros.train.heldout import HELD, MODEL, HeldOut, held_out
+from adk_ros.train.heldout import HeldOut, Range, held_out
 
 _END_S = 5.0
 
@@ -53,8 +53,7 @@ def run_demo(out: Path, train_bag: Path, play_bag: Path, steps: int) -> None:
     _compare(live, model, play_bag, out / "predicted")
     console.note(f"4/4  scoring on {play_bag}, which the model has never seen")
     test = _score(model, play_bag, out)
-    title = f"RMSE on {play_bag.name} ({test.scores[MODEL].count} starts)"
-    console.show(console.score_table(test.scores, (MODEL, HELD), title))
+    console.show_test(test, f"RMSE on {play_bag.name}, commands known")
     cells = test.ratio[1:].size
     better = int((test.ratio[1:] < 1.0).sum())
     console.note(
@@ -194,9 +193,9 @@ def _score(model: Path, bag: Path, out: Path) -> HeldOut:
     from adk_ros.train.figures import horizon_figure, prediction_figure
 
     with console.progress("scoring") as bar:
-        test = held_out(
-            artefact.load(model).model, [(read_drive(bag).record, None)], progress=bar
-        )
+        loaded = artefact.load(model)
+        known = Range.from_json(loaded.manifest["training"].get("range"))
+        test = held_out(loaded.model, [(read_drive(bag).record, None)], known, progress=bar)
     if test is None:
         raise DataError(f"{bag} has no stretch of 2 s without a gap: nothing to score")
     prediction_figure(test, out / "prediction.png")

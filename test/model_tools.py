@@ -12,7 +12,7 @@ import torch
 
 from adk_ros.model.lifting import Lifting, input_size
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model
+from adk_ros.model.predictor import Model, Prediction, Predictor
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import TICK_NS, Flag, Sample
 from adk_ros.train.network import Encoder, to_torchscript
@@ -98,7 +98,7 @@ def without_steps(scaling: Scaling) -> Scaling:
 def sample(k: int, x: Iterable[float], u: Iterable[float], flags: int = 0) -> Sample:
     """Return the k-th tick's sample."""
     state, inputs = tuple(map(float, x)), tuple(map(float, u))
-    return Sample(START_NS + k * TICK_NS, state, inputs, (0.0, 0.0), flags)  # type: ignore[arg-type]
+    return Sample(START_NS + k * TICK_NS, state, inputs, (0.0, 0.0), flags)
 
 
 def inputs(n: int, seed: int = 0) -> Array:
@@ -119,3 +119,8 @@ def slalom(n: int, seed: int = 0) -> Iterator[Sample]:
         x = np.array([15 + 3 * np.sin(0.4 * t), -0.2 * np.sin(0.9 * t), 0.3 * np.sin(0.9 * t)])
         flags = int(Flag.RESTART) if k == 0 else 0
         yield sample(k, x + random.normal(0, 1e-3, 3), u[k], flags)
+
+
+def fold(predictor: Predictor, samples: Iterable[Sample]) -> list[Prediction | None]:
+    """Step through `samples`."""
+    return [predictor.step(item) for item in samples]

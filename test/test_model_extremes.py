@@ -138,6 +138,6 @@ def test_commands_that_swing_from_limit_to_limit() -> None:
     predictor = Predictor(make_model(), horizon_steps=20)
     limits: Array = np.array([[1e6, math.pi / 2], [-1e6, -math.pi / 2]])
     for k, item in enumerate(slalom(300)):
-        made = predictor.step(item._replace(u=tuple(limits[k % 2])))  # type: ignore[arg-type]
+        made = predictor.step(item._replace(u=tuple(limits[k % 2])))
         check(made, predictor, 20)
     assert made is not None

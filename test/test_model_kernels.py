@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The compiled loops against plain numpy, torch and textbook formulae."""
 
+import importlib.util
 from collections.abc import Callable
 from typing import Any
 
@@ -46,6 +47,24 @@ def test_perceptron_is_the_torch_module(
         kernels.perceptron(row, *weights(encoder), scratch, out)
         np.testing.assert_allclose(out, truth, rtol=1e-5, atol=1e-5 * max(1.0, scale))
         np.testing.assert_array_equal(row, before)
+
+
+def test_where_no_cache_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Installed by root, run by somebody without a home: compiled at each start."""
+    from numba.core.registry import CPUDispatcher
+
+    def refuse(_: object) -> None:
+        raise RuntimeError("cannot cache function: no locator available")
+
+    monkeypatch.setattr(CPUDispatcher, "enable_caching", refuse)
+    spec = importlib.util.spec_from_file_location("kernels_without_cache", kernels.__file__)
+    assert spec is not None
+    assert spec.loader is not None
+    fresh = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(fresh)
+    states = np.ones((1, 3))
+    assert fresh.to_si(states, np.zeros(3), np.full(3, 2.0))
+    assert states.tolist() == [[2.0, 2.0, 2.0]]
 
 
 def test_fill_row_is_newest_first() -> None:

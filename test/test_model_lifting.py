@@ -78,7 +78,7 @@ def test_parameters_of_the_twins_names_but_other_shapes() -> None:
                 self.register_parameter(name, nn.Parameter(torch.ones(())))
 
         def forward(self, row: Tensor) -> Tensor:
-            return row[:, :4] * self.w1  # type: ignore[operator]
+            return row[:, :4] * self.w1
 
     assert Lifting(to_torchscript(Odd()), 13, 4).twin is None
 

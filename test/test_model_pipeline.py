@@ -212,6 +212,19 @@ def test_settings_reach_their_places() -> None:
     assert v_y - plain.x[1] == pytest.approx(1.4 * rate, abs=0.05)
 
 
+@pytest.mark.parametrize("max_wait_s", [0.0, 0.02, 0.05])
+def test_how_long_a_tick_waits(max_wait_s: float) -> None:
+    """For odometry that has fallen silent, by the stamps of the others."""
+    pipeline = Pipeline(make_model(), PipelineSettings(max_wait_s=max_wait_s, horizon_steps=0))
+    waits = []
+    for reading in in_order(drive(4.0)):
+        if reading.source is Source.ODOMETRY and reading.stamp_ns > START_NS + 2 * S:
+            continue
+        for made in pipeline.take_reading(reading):
+            waits.append((reading.stamp_ns - made.origin_ns) * 1e-9)
+    assert max_wait_s <= max(waits) <= max_wait_s + 0.006
+
+
 def test_plausibility_is_watched() -> None:
     pipeline = Pipeline(make_model())
     readings = in_order(drive(20.0, noise=1e-3))

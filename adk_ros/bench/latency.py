@@ -128,9 +128,11 @@ def _stages(
     names = ("decode", "align", "lift", "update", "horizon", "rest")
     watches = {name: _Watch(name) for name in names}
     pipeline = Pipeline(model)
+    decoder: Any = pipeline.decoder
+    aligner: Any = pipeline.aligner
     predictor: Any = pipeline.predictor
-    pipeline.decoder.decode = watches["decode"].wrap(pipeline.decoder.decode)  # type: ignore[method-assign]
-    pipeline.aligner.push = watches["align"].wrap(pipeline.aligner.push)  # type: ignore[method-assign]
+    decoder.decode = watches["decode"].wrap(decoder.decode)
+    aligner.push = watches["align"].wrap(aligner.push)
     predictor._lift = watches["lift"].wrap(predictor._lift)
     predictor.online.update = watches["update"].wrap(predictor.online.update)
     predictor._roll_out = watches["horizon"].wrap(predictor._roll_out)

@@ -21,6 +21,7 @@ from adk_ros.signals.score import REPORT_SCALE, Score, best_naive
 
 if TYPE_CHECKING:
     from adk_ros.drives import Drive
+    from adk_ros.train.heldout import HeldOut
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 output = Console(highlight=False, soft_wrap=True)
@@ -150,3 +151,13 @@ def show(table: Table) -> None:
     """Print a table on stdout, as wide as it needs to be where nobody looks."""
     console = output if output.is_terminal else Console(highlight=False, width=120)
     console.print(table)
+
+
+def show_test(test: HeldOut, title: str) -> None:
+    """Print a held-out table, and of each cell that a naive predictor wins the reason."""
+    from adk_ros.train.heldout import HELD, MODEL
+
+    starts = test.scores[MODEL].count
+    show(score_table(test.scores, (MODEL, HELD), f"{title} ({starts} starts)"))
+    for cell, why in test.lost.items():
+        note(f"not better than a naive predictor: {cell}: {why}")

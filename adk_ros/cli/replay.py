@@ -63,7 +63,7 @@ def replay(
     from adk_ros.model.online import OnlineSettings
     from adk_ros.model.pipeline import PipelineSettings
     from adk_ros.replay import replay as run
-    from adk_ros.train.heldout import HELD, MODEL, Range, held_out
+    from adk_ros.train.heldout import Range, held_out
 
     loaded = artefact.load(model)
     facts = loaded.manifest["training"]
@@ -107,13 +107,7 @@ def replay(
     if test is None:
         console.warn("no stretch without a gap is as long as the horizon: nothing to score")
     else:
-        title = (
-            f"RMSE on {drive.record.name}, method {online.method} "
-            f"({test.scores[MODEL].count} starts)"
-        )
-        console.show(console.score_table(test.scores, (MODEL, HELD), title))
-        for cell, why in test.lost.items():
-            console.note(f"not better than a naive predictor: {cell}: {why}")
+        console.show_test(test, f"RMSE on {drive.record.name}, method {online.method}")
     console.note(
         f"{len(predictions)} predictions on {pipeline.ticks} ticks of 25 ms"
         + (f" in {out}" if out else " (nothing written: no --out)")

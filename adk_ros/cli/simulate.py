@@ -37,7 +37,7 @@ def simulate(
         drive = run(load_scenario(scenario), seed, duration, bar)
     with console.progress("writing") as bar:
         write_bag(drive, out, storage, None if compression == "none" else compression, bar)
-    seconds = len(drive.stamp_ns) * 0.025
+    seconds = round((len(drive.stamp_ns) - 1) * 0.025, 3)
     if as_json:
         console.answer({
             "scenario": drive.name, "seed": drive.seed, "seconds": seconds,

@@ -62,6 +62,7 @@ def train(
     Example: adk train bags/handling --out models/handling
     """
     started = time.monotonic()
+    from adk_ros.train.dataset import TEST
     from adk_ros.train.report import write_report
     from adk_ros.train.run import run_training
     from adk_ros.train.settings import PaperSettings, TrainSettings
@@ -79,7 +80,7 @@ def train(
     options = drive_options(imu, odometry, command, no_imu, params)
     records = read_records(bags, options)
     writer = _scalars(tensorboard)
-    with console.progress("training") as bar, console.progress("after training") as after:
+    with console.progress("training") as bar, console.progress("tuning and scoring") as after:
 
         def on_step(step: Step) -> None:
             text = f"loss {step.loss:.4f}"
@@ -107,15 +108,8 @@ def train(
     if run.test is None:
         console.warn("nothing was held out that is long enough to score")
     else:
-        from adk_ros.train.heldout import HELD, MODEL
-
-        title = (
-            f"RMSE on held-out data ({run.test.scores[MODEL].count} starts, "
-            f"{run.split.seconds(2):.0f} s not trained on), commands known unless said otherwise"
-        )
-        console.show(console.score_table(run.test.scores, (MODEL, HELD), title))
-        for cell, why in run.test.lost.items():
-            console.note(f"not better than a naive predictor: {cell}: {why}")
+        held_s = run.split.seconds(TEST)
+        console.show_test(run.test, f"RMSE on {held_s:.0f} s not trained on, commands known")
     data_s = sum(record.duration_s for record in records)
     console.note(f"trained on {data_s:.0f} s of driving in {seconds:.0f} s: model in {out}")
     if report:

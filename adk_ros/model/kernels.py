@@ -9,6 +9,7 @@ float64 but the perceptron. Equation numbers are the paper's.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,21 @@ from numba import njit
 _LIMIT = 50.0
 """Scaled states are held within this: far outside any data, and finite."""
 
-_jit: Any = njit(cache=True, fastmath=False)
-_fast: Any = njit(cache=True, fastmath={"contract", "reassoc"}, error_model="numpy")
+
+
+def _compiled(**options: Any) -> Callable[[Any], Any]:
+    def decorate(function: Any) -> Any:
+        try:
+            return njit(cache=True, **options)(function)
+        except RuntimeError:
+            # Neither the package nor the home folder may be written to: compile at each start.
+            return njit(**options)(function)
+
+    return decorate
+
+
+_jit = _compiled(fastmath=False)
+_fast = _compiled(fastmath={"contract", "reassoc"}, error_model="numpy")
 
 
 @_fast

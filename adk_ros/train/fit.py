@@ -47,8 +47,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Trained:
-    """Result of a training: the network at its best validation, and the curve (m, 3): step, loss,
-    validation."""
+    """The network at its best validation, and the curve (m, 3): step, loss, validation."""
 
     network: Network
     scaling: Scaling

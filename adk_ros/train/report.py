@@ -78,5 +78,3 @@ def _rows(test: HeldOut) -> list[dict[str, Any]]:
                 "first": i == 0,
             })
     return rows
-
-
