@@ -13,6 +13,7 @@ from train_tools import bag, lines, refused, small
 from adk_ros.bags import BagWriter, message
 from adk_ros.cli.main import main
 from adk_ros.model import artefact
+from adk_ros.train import fit
 
 QUICK = ["--steps", "20", "--hidden", "8", "--history", "2", "--no-report"]
 
@@ -28,7 +29,7 @@ def test_two_bags_a_table_and_a_report(capsys, tmp_path: Path) -> None:
         assert line == (
             f"{path}: imu /imu/data, odometry /odometry, command /vehicle/command; {seconds} s"
         )
-    assert lines(said.out)[0].startswith("RMSE on held-out data (")
+    assert lines(said.out)[0].startswith("RMSE on ")
     assert "persistence" in said.out
     assert f"report: {out / 'report.html'}" in told
     assert any(line.startswith("trained on 90 s of driving in ") for line in told)
@@ -52,6 +53,26 @@ def test_json_is_all_there_is_on_stdout(capsys, tmp_path: Path) -> None:
     assert told["settings"]["seed"] == 7
     assert (told["settings"]["steps"], told["settings"]["hidden"]) == (20, 8)
     assert set(told["held_out"]["ratio_to_best_naive"]) == {"v_x", "v_y", "yaw_rate"}
+
+
+def test_an_interrupted_training_goes_on(capsys, monkeypatch, tmp_path: Path) -> None:
+    arguments = ["train", str(bag("handling", 60.0)), "--out", str(tmp_path / "m"), *QUICK]
+    monkeypatch.setattr(fit, "_CHECKPOINT_EVERY", 5)
+    one_step = fit._Trainer.one_step
+
+    def interrupted(trainer: fit._Trainer, step: int, stage: int, running: float) -> float:
+        if step == 12:
+            raise KeyboardInterrupt
+        return one_step(trainer, step, stage, running)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fit._Trainer, "one_step", interrupted)
+        assert main(arguments) == 130
+    assert "going on" not in capsys.readouterr().err
+    assert main(arguments) == 0
+    assert "going on from step 10, where it was interrupted" in lines(capsys.readouterr().err)
+    assert main([*arguments[:-1], "--json"]) == 0
+    assert "going on" not in capsys.readouterr().err
 
 
 def test_without_the_imu(capsys, tmp_path: Path) -> None:

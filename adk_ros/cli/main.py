@@ -47,6 +47,8 @@ VERBS: dict[str, Callable[..., Any]] = {
     "simulate": simulate.simulate,
     "demo": demo.demo,
 }
+_INTERRUPTED = 128 + signal.SIGINT
+
 for _name, _verb in VERBS.items():
     app.command(_name)(_verb)
 app.add_typer(bench.app, name="bench")
@@ -57,13 +59,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         result = app(args=arguments, prog_name="adk", standalone_mode=False)
         sys.stdout.flush()
+        if result == _INTERRUPTED:
+            print("adk: interrupted", file=sys.stderr)
         return result if isinstance(result, int) else 0
     except AdkError as error:
         print(f"adk: {error}", file=sys.stderr)
         return error.exit_code
     except (KeyboardInterrupt, typer.Abort):
         print("adk: interrupted", file=sys.stderr)
-        return 128 + signal.SIGINT
+        return _INTERRUPTED
     except typer.Exit as stop:
         return stop.exit_code
     except BrokenPipeError:

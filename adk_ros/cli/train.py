@@ -80,9 +80,14 @@ def train(
     options = drive_options(imu, odometry, command, no_imu, params)
     records = read_records(bags, options)
     writer = _scalars(tensorboard)
+    begun = paper is not None
     with console.progress("training") as bar, console.progress("tuning and scoring") as after:
 
         def on_step(step: Step) -> None:
+            nonlocal begun
+            if not begun and step.step > 1:
+                console.note(f"going on from step {step.step - 1}, where it was interrupted")
+            begun = True
             text = f"loss {step.loss:.4f}"
             if not math.isnan(step.validation):
                 text += f", validation {step.validation:.4f}"

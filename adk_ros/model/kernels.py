@@ -19,7 +19,6 @@ _LIMIT = 50.0
 """Scaled states are held within this: far outside any data, and finite."""
 
 
-
 def _compiled(**options: Any) -> Callable[[Any], Any]:
     def decorate(function: Any) -> Any:
         try:
