@@ -19,7 +19,7 @@ from train_tools import SMALL, record, small
 from adk_ros.signals.channels import STATE_NAMES, Flag
 from adk_ros.signals.score import REPORT_SCALE
 from adk_ros.train.dataset import TEST, split_records
-from adk_ros.train.report import write_report
+from adk_ros.train.report import FILES, remove_report, write_report
 from adk_ros.train.run import run_training
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
@@ -168,3 +168,11 @@ def test_a_report_without_a_test_says_so(tmp_path: Path) -> None:
     assert page.rows == []
     assert len(pictures(page)) == 1
     assert not (tmp_path / "m" / "held_out.json").exists()
+
+
+def test_a_report_of_an_earlier_training_does_not_stay(tmp_path: Path) -> None:
+    for name in FILES:
+        (tmp_path / name).write_text("of another model")
+    (tmp_path / "manifest.json").write_text("{}")
+    remove_report(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]

@@ -63,7 +63,7 @@ def train(
     """
     started = time.monotonic()
     from adk_ros.train.dataset import TEST
-    from adk_ros.train.report import write_report
+    from adk_ros.train.report import remove_report, write_report
     from adk_ros.train.run import run_training
     from adk_ros.train.settings import PaperSettings, TrainSettings
 
@@ -106,6 +106,8 @@ def train(
         writer.close()
     if report:
         write_report(run, out)
+    else:
+        remove_report(out)
     seconds = time.monotonic() - started
     if as_json:
         console.answer({"model": str(out), "seconds": round(seconds, 1)} | run.facts)

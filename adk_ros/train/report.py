@@ -20,8 +20,19 @@ from adk_ros.train.run import Run
 _UNITS = ("km/h", "km/h", "deg/s")
 
 
+FILES = ("report.html", "held_out.json", "training.png", "horizon.png", "prediction.png")
+"""All that a report consists of."""
+
+
+def remove_report(out: Path) -> None:
+    """Remove the report of an earlier training: it would not be about the model beside it."""
+    for name in FILES:
+        (out / name).unlink(missing_ok=True)
+
+
 def write_report(run: Run, out: Path) -> Path:
     """Write `report.html`, its figures as PNG and `held_out.json` into `out`; return the page."""
+    remove_report(out)
     figures: dict[str, Path] = {}
     if run.trained is not None and run.trained.curve:
         figures["Training"] = out / "training.png"
