@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from adk_ros.bags import Bag, Topics, find_topics
 from adk_ros.errors import DataError
 from adk_ros.signals.channels import Reading, Record, Source
@@ -112,6 +114,7 @@ def read_drive(
     warnings += [f"{record.name}: {text}" for text in _refusals(decoder)]
     warnings += [f"{record.name}: {count} times {what}" for what, count in counts.items()]
     warnings += [f"{record.name}: {text}" for text in plausibility.warnings()]
+    warnings += [f"{record.name}: {text}" for text in _never_measured(record)]
     return Drive(record, topics, warnings, start_ns, commands)
 
 
@@ -120,6 +123,20 @@ def _keeping(stream: Iterable[Reading], commands: list[Reading]) -> Iterator[Rea
         if reading.source is Source.COMMAND:
             commands.append(reading)
         yield reading
+
+
+def _never_measured(record: Record) -> list[str]:
+    """A channel that is the same number throughout, though the car moves."""
+    x = record.x_ref[np.isfinite(record.x_ref).all(axis=1)]
+    if len(x) < 400 or np.ptp(x[:, 0]) < 1.0:
+        return []
+    # The reference point's shift puts yaw rate into v_y: what counts is what odometry said.
+    return [
+        f"odometry's {name} is {x[0, i]:g} throughout: it is not measured, and what is learned "
+        "of it means nothing"
+        for i, name in ((1, "v_y"), (2, "yaw rate"))
+        if np.ptp(x[:, i]) == 0.0
+    ]
 
 
 def _refusals(decoder: Decoder) -> list[str]:

@@ -220,3 +220,34 @@ def test_a_parameter_file_describes_the_sensors(capsys, tmp_path: Path) -> None:
         assert main([*arguments, str(out), "--bag", str(path), "--params", str(file)]) == 2
         (line,) = lines(capsys.readouterr().err)
         assert said in line
+
+
+def test_a_v_y_that_is_not_measured_is_told(capsys, tmp_path: Path) -> None:
+    """Many stacks publish a planar twist whose v_y is nothing but zero."""
+    with Bag(bag("town", 20.0)) as source, BagWriter(tmp_path / "zero") as writer:
+        for topic in source.topics:
+            writer.add_topic(topic.name, topic.msgtype)
+        for topic, log_ns, msg in source.messages():
+            if topic == "/odometry":
+                msg.twist.twist.linear.y = 0.0
+            writer.write(topic, msg, log_ns)
+    drive = read_drive(tmp_path / "zero")
+    (told,) = [text for text in drive.warnings if "v_y" in text]
+    assert "odometry's v_y is 0 throughout: it is not measured" in told
+    assert not [text for text in read_drive(bag("town", 20.0)).warnings if "v_y" in text]
+
+
+def test_a_misspelt_parameter_is_told(capsys, tmp_path: Path) -> None:
+    file = tmp_path / "p.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    referense_point: [1.0, 0.0]\n")
+    out = str(tmp_path / "r.csv")
+    arguments = ["rollout", "--model", "imdv", "--bag", str(bag("town", 20.0)), "--out", out]
+    assert main([*arguments, "--params", str(file)]) == 0
+    assert "'referense_point' is unknown and ignored: did you mean 'reference_point'?" in (
+        " ".join(capsys.readouterr().err.split())
+    )
+
+
+def test_the_version(capsys) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("adk_ros 0.1")

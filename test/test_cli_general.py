@@ -179,7 +179,7 @@ def test_ctrl_c_ends_a_training_and_keeps_nothing_half_done(tmp_path: Path) -> N
         assert process.stderr.readline().startswith(str(bag("handling", 60.0)))
         time.sleep(1.0)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=30)
+        out, err = process.communicate(timeout=120)
     finally:
         process.kill()
     assert process.returncode == 130

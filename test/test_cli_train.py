@@ -68,10 +68,13 @@ def test_an_interrupted_training_goes_on(capsys, monkeypatch, tmp_path: Path) ->
     with monkeypatch.context() as patch:
         patch.setattr(fit._Trainer, "one_step", interrupted)
         assert main(arguments) == 130
-    assert "going on" not in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "going on" not in said
+    assert "the same command goes on from the last checkpoint" in said
     assert main(arguments) == 0
     assert "going on from step 10, where it was interrupted" in lines(capsys.readouterr().err)
-    assert main([*arguments[:-1], "--json"]) == 0
+    assert "add --force to replace it" in refused(capsys, arguments, 2)
+    assert main([*arguments[:-1], "--json", "--force"]) == 0
     assert "going on" not in capsys.readouterr().err
 
 
@@ -86,6 +89,8 @@ def test_without_the_imu(capsys, tmp_path: Path) -> None:
 
 def test_the_papers_way(capsys, tmp_path: Path) -> None:
     arguments = ["train", str(bag("handling", 60.0)), "--out", str(tmp_path / "m"), "--no-report"]
+    assert "--epochs is for --paper" in refused(capsys, [*arguments, "--epochs", "1"], 2)
+    arguments += ["--force"]
     assert main([*arguments, "--paper", "dk", "--epochs", "1", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["kind"] == "dk"

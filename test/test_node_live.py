@@ -39,7 +39,7 @@ from adk_ros.ros.echo import Recording, echo, record, watch_diagnostics
 from adk_ros.ros.messages import join_stamp
 from adk_ros.ros.session import Session
 from adk_ros.ros.traffic import Rates, message
-from adk_ros.signals.channels import Reading, Source
+from adk_ros.signals.channels import USUAL, Reading, Source
 
 PLAY = f"""
 import json, sys
@@ -272,7 +272,7 @@ def test_faults_over_real_topics_and_sim_time_that_starts_late(model: Path) -> N
         session.node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
         publishers = {
             source: session.node.create_publisher(kind, source.name.lower(), 10)
-            for source, kind in zip(Source, (Imu, Odometry, JointState), strict=True)
+            for source, kind in zip(USUAL, (Imu, Odometry, JointState), strict=True)
         }
         clock = session.node.create_publisher(Clock, "/clock", 10)
         wait_for(

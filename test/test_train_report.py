@@ -19,6 +19,7 @@ from train_tools import SMALL, record, small
 from adk_ros.signals.channels import STATE_NAMES, Flag
 from adk_ros.signals.score import REPORT_SCALE
 from adk_ros.train.dataset import TEST, split_records
+from adk_ros.train.heldout import TIE
 from adk_ros.train.report import FILES, remove_report, write_report
 from adk_ros.train.run import run_training
 
@@ -110,27 +111,32 @@ def test_the_table_is_held_out_json(page: Page) -> None:
     assert test is not None
     assert told == test.as_json()
     head, *rows = page.rows
-    assert head == ["channel", "horizon", *told["predictors"], "model / best naive"]
+    assert head == ["channel", "horizon", *told["predictors"],
+                    "known / best naive", "held / best naive"]
     cells = iter(rows)
     for c, channel in enumerate(STATE_NAMES):
         for i, horizon in enumerate(told["horizons_s"]):
-            name, when, *values, ratio = next(cells)
+            name, when, *values, ratio, held = next(cells)
             assert name == (f"{channel} ({'deg/s' if c == 2 else 'km/h'})" if i == 0 else "")
             assert when == f"{horizon:g} s"
             for value, of in zip(values, told["predictors"].values(), strict=True):
                 assert value == f"{of[channel]['rmse'][i] * REPORT_SCALE[c]:.4g}"
             assert ratio == f"{told['ratio_to_best_naive'][channel][i]:.2f}"
+            assert held == f"{told['ratio_to_best_naive_commands_held'][channel][i]:.2f}"
     assert next(cells, None) is None
     lost = [bool("lost" in name) for name in page.classes[1:]]
-    assert lost == [bool(v >= 1.0) for channel in STATE_NAMES for v in
+    assert lost == [bool(v >= TIE) for channel in STATE_NAMES for v in
                     told["ratio_to_best_naive"][channel]]
 
 
 def test_the_words_fit_the_numbers(page: Page) -> None:
     test = small().run.test
     assert test is not None
-    better = int((test.ratio < 1.0).sum())
-    assert f"Better than the best naive predictor in {better} of 15 cells" in page.text
+    better = int((test.ratio < TIE).sum())
+    said = f"Given the commands, better than the best naive predictor in {better} of 15 cells"
+    assert said in page.text
+    held = int((test.ratio_held < TIE).sum())
+    assert f"as the node publishes its horizon, better in {held}." in page.text
     v_x, v_y, yaw = test.ratio[3]
     assert f"its RMSE is {v_x:.2f}, {v_y:.2f} and {yaw:.2f} of the best naive" in page.text
     for cell, why in test.lost.items():

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -121,7 +122,7 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
 
 
 def score_table(scores: dict[str, Score], model_names: tuple[str, ...], title: str) -> Table:
-    """RMSE by channel and horizon, the model's and the naive predictors', in km/h and deg/s."""
+    """RMSE by channel and horizon, km/h and deg/s; `model_names`: commands known and held."""
     naive = [name for name in scores if name not in model_names]
     best = best_naive({name: scores[name] for name in naive})
     # Narrow enough for 80 columns: headings are broken, units stand below the channels.
@@ -130,7 +131,9 @@ def score_table(scores: dict[str, Score], model_names: tuple[str, ...], title: s
     table.add_column("horizon")
     for name in (*model_names, *naive):
         table.add_column(name.replace(" ", "\n"), justify="right")
-    table.add_column(f"{model_names[0]} /\nbest\nnaive", justify="right")
+    # The node publishes what comes of held commands; known ones show what the model can do.
+    table.add_column("known\n/best", justify="right")
+    table.add_column("held\n/best", justify="right")
     first = scores[model_names[0]]
     for channel, (label, unit) in enumerate(zip(STATE_NAMES, _REPORT_UNITS, strict=True)):
         for row, step in enumerate(first.steps):
@@ -138,11 +141,15 @@ def score_table(scores: dict[str, Score], model_names: tuple[str, ...], title: s
                 f"{scores[name].rmse[row, channel] * REPORT_SCALE[channel]:.4g}"
                 for name in (*model_names, *naive)
             ]
-            ratio = first.rmse[row, channel] / max(best[row, channel], 1e-12)
+            ratios = [
+                scores[name].rmse[row, channel] / max(best[row, channel], 1e-12)
+                for name in model_names
+            ]
             name = label if row == 0 else unit if row == 1 else ""
             table.add_row(
-                name, f"{step * TICK_NS * 1e-9:g} s", *cells, f"{ratio:.2f}",
-                end_section=row == len(first.steps) - 1, style=None if ratio < 1.0 else "yellow",
+                name, f"{step * TICK_NS * 1e-9:g} s", *cells, *(f"{r:.2f}" for r in ratios),
+                end_section=row == len(first.steps) - 1,
+                style=None if ratios[0] < 1.0 else "yellow",
             )
     return table
 
@@ -153,11 +160,17 @@ def show(table: Table) -> None:
     console.print(table)
 
 
+def flush() -> None:
+    """Hand on what was printed, so that notes on stderr come after it."""
+    sys.stdout.flush()
+
+
 def show_test(test: HeldOut, title: str) -> None:
     """Print a held-out table, and of each cell that a naive predictor wins the reason."""
     from adk_ros.train.heldout import HELD, MODEL
 
     starts = test.scores[MODEL].count
     show(score_table(test.scores, (MODEL, HELD), f"{title} ({starts} starts)"))
+    flush()
     for cell, why in test.lost.items():
-        note(f"not better than a naive predictor: {cell}: {why}")
+        note(f"not better than a naive predictor, commands known: {cell}: {why}")

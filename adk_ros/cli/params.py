@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+import difflib
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from adk_ros.cli import console
 from adk_ros.errors import UsageError
 from adk_ros.signals.decode import SensorConfig
 
@@ -29,6 +31,10 @@ def read_sensors(path: Path) -> SensorConfig:
     specs = {spec.name: spec for spec in parameters.TABLE}
     for name, value in _parameters(path).items():
         if name not in specs:
+            if name != "use_sim_time":
+                close = difflib.get_close_matches(name, specs, 1)
+                hint = f": did you mean '{close[0]}'?" if close else ""
+                console.warn(f"{path}: parameter '{name}' is unknown and ignored{hint}")
             continue
         try:
             values[name] = specs[name].convert(value)

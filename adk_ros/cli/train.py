@@ -51,7 +51,10 @@ def train(
     paper: Annotated[
         str | None, typer.Option(help="train exactly as the paper does: 'dk' or 'aldk'")
     ] = None,
-    epochs: Annotated[int, typer.Option(help="epochs, with --paper alone")] = 2000,
+    epochs: Annotated[
+        int | None, typer.Option(help="epochs, with --paper alone; the paper's 2000 by default")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="replace a model at --out")] = False,
     tensorboard: Annotated[Path | None, typer.Option(help="write scalars to this folder")] = None,
     report: Annotated[bool, typer.Option(help="write report.html and figures")] = True,
     as_json: JsonOption = False,
@@ -62,19 +65,24 @@ def train(
     Example: adk train bags/handling --out models/handling
     """
     started = time.monotonic()
+    from adk_ros.model.artefact import MANIFEST
     from adk_ros.train.dataset import TEST
     from adk_ros.train.report import remove_report, write_report
-    from adk_ros.train.run import run_training
+    from adk_ros.train.run import checkpoint_of, run_training
     from adk_ros.train.settings import PaperSettings, TrainSettings
 
     settings: TrainSettings | PaperSettings
+    if (out / MANIFEST).is_file() and not force:
+        raise UsageError(f"{out} holds a model already: add --force to replace it")
     if paper is None:
+        if epochs is not None:
+            raise UsageError("--epochs is for --paper; the default training takes --steps")
         settings = TrainSettings(
             steps=steps, history=history, hidden=hidden, learning_rate=learning_rate, seed=seed,
             device=device, validate_every=min(200, max(1, steps // 10)),
         )
     elif paper in ("dk", "aldk"):
-        settings = PaperSettings(acceleration=paper == "aldk", epochs=epochs, seed=seed)
+        settings = PaperSettings(acceleration=paper == "aldk", epochs=epochs or 2000, seed=seed)
     else:
         raise UsageError(f"--paper {paper} is unknown: choose dk or aldk")
     options = drive_options(imu, odometry, command, no_imu, params)
@@ -101,7 +109,12 @@ def train(
         def on_note(what: str, done: int, total: int) -> None:
             after(done, total, what)
 
-        run = run_training(records, out, settings, split, options.sensors, on_step, on_note)
+        try:
+            run = run_training(records, out, settings, split, options.sensors, on_step, on_note)
+        except KeyboardInterrupt:
+            if checkpoint_of(out).is_file():
+                console.note("the same command goes on from the last checkpoint")
+            raise
     if writer is not None:
         writer.close()
     if report:
@@ -117,6 +130,9 @@ def train(
     else:
         held_s = run.split.seconds(TEST)
         console.show_test(run.test, f"RMSE on {held_s:.0f} s not trained on, commands known")
+    if run.trained is not None and run.trained.stopped_early:
+        kept = run.trained.best_step
+        console.note(f"stopped early, since the validation no longer gained: step {kept} is kept")
     data_s = sum(record.duration_s for record in records)
     console.note(f"trained on {data_s:.0f} s of driving in {seconds:.0f} s: model in {out}")
     if report:

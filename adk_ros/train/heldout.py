@@ -25,6 +25,7 @@ from adk_ros.signals.channels import (
 )
 from adk_ros.signals.score import (
     HORIZON_STEPS,
+    REPORT_SCALE,
     Score,
     best_naive,
     naive_predictions,
@@ -34,7 +35,10 @@ from adk_ros.signals.score import (
 )
 
 MODEL, HELD = "model", "model, commands held"
+TIE = 0.995
+"""A ratio of RMSEs from here on is no win."""
 _AHEAD = HORIZON_STEPS[-1]
+_UNIT = ("km/h", "km/h", "deg/s")
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,11 @@ class HeldOut:
     def ratio(self) -> FloatArray:
         """RMSE of the model over the best naive predictor's, (steps, 3)."""
         return self.scores[MODEL].rmse / np.maximum(self.naive, 1e-12)
+
+    @property
+    def ratio_held(self) -> FloatArray:
+        """The same under held commands, as the node publishes its horizon."""
+        return self.scores[HELD].rmse / np.maximum(self.naive, 1e-12)
 
     @property
     def naive(self) -> FloatArray:
@@ -89,6 +98,10 @@ class HeldOut:
             },
             "ratio_to_best_naive": {
                 channel: [float(v) for v in self.ratio[:, c]]
+                for c, channel in enumerate(STATE_NAMES)
+            },
+            "ratio_to_best_naive_commands_held": {
+                channel: [float(v) for v in self.ratio_held[:, c]]
                 for c, channel in enumerate(STATE_NAMES)
             },
             "geometric_mean_ratio": float(np.exp(np.log(self.ratio).mean())),
@@ -169,7 +182,7 @@ def held_out(
             by_name.setdefault(name, []).append(score(rolled.record, rolled.rows, predicted))
     scores = {name: pool(items) for name, items in by_name.items() if name in (common or set())}
     result = HeldOut(scores, {}, rollouts)
-    for step, channel in np.argwhere(result.ratio >= 1.0):
+    for step, channel in np.argwhere(result.ratio >= TIE):
         horizon = HORIZON_STEPS[step] * TICK_NS * 1e-9
         cell = f"{STATE_NAMES[channel]} at {horizon:g} s"
         result.lost[cell] = _why(result, int(step), int(channel), known)
@@ -182,7 +195,8 @@ def _why(result: HeldOut, step: int, channel: int, known: Range | None) -> str:
     floors = [noise_floor(rolled.record)[channel] for rolled in result.rollouts]
     floor = float(np.nanmedian(floors))
     if naive < 2.0 * floor:
-        return f"{text}; both are at the measurement's noise (about {floor:.3g})"
+        shown = f"{floor * REPORT_SCALE[channel]:.2g} {_UNIT[channel]}"
+        return f"{text}; both are within twice the measurement's noise ({shown})"
     if known is not None:
         beyond = known.share_beyond(result)
         if beyond:

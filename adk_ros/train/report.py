@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import REPORT_SCALE
 from adk_ros.train.figures import curve_figure, horizon_figure, prediction_figure
-from adk_ros.train.heldout import MODEL, HeldOut
+from adk_ros.train.heldout import MODEL, TIE, HeldOut
 from adk_ros.train.run import Run
 
 _UNITS = ("km/h", "km/h", "deg/s")
@@ -66,12 +66,14 @@ def _sentence(test: HeldOut | None) -> str:
     if test is None:
         return "Nothing was held out that is long enough to score."
     ratio = test.ratio
-    better = int((ratio < 1.0).sum())
+    better, held = int((ratio < TIE).sum()), int((test.ratio_held < TIE).sum())
     second = test.scores[MODEL].steps.index(40)
     return (
-        f"Better than the best naive predictor in {better} of {ratio.size} cells of held-out "
-        f"data; 1 s ahead its RMSE is {ratio[second, 0]:.2f}, {ratio[second, 1]:.2f} and "
-        f"{ratio[second, 2]:.2f} of the best naive one's for v_x, v_y and yaw rate."
+        f"Given the commands, better than the best naive predictor in {better} of {ratio.size} "
+        f"cells of held-out data: 1 s ahead its RMSE is {ratio[second, 0]:.2f}, "
+        f"{ratio[second, 1]:.2f} and {ratio[second, 2]:.2f} of the best naive one's for v_x, v_y "
+        "and yaw rate. With the commands held, as the node publishes its horizon, better in "
+        f"{held}."
     )
 
 
@@ -85,7 +87,8 @@ def _rows(test: HeldOut) -> list[dict[str, Any]]:
                 "horizon": f"{step * TICK_NS * 1e-9:g} s",
                 "cells": [f"{s.rmse[i, c] * REPORT_SCALE[c]:.4g}" for s in test.scores.values()],
                 "ratio": f"{test.ratio[i, c]:.2f}",
-                "lost": bool(test.ratio[i, c] >= 1.0),
+                "ratio_held": f"{test.ratio_held[i, c]:.2f}",
+                "lost": bool(test.ratio[i, c] >= TIE),
                 "first": i == 0,
             })
     return rows

@@ -35,6 +35,11 @@ class Run:
     facts: dict[str, Any]
 
 
+def checkpoint_of(out: Path) -> Path:
+    """Where a training that will write `out` keeps its checkpoint."""
+    return out.with_name(out.name + ".checkpoint.npz")
+
+
 def run_training(
     records: list[Record],
     out: Path,
@@ -65,7 +70,7 @@ def run_training(
         built = fit_paper(train, settings, on_step)
         model = replace(built.model, horizon_covariance=horizon_covariance(built.model, split))
     else:
-        checkpoint = out.with_name(out.name + ".checkpoint.npz")
+        checkpoint = checkpoint_of(out)
         trained = fit(train, validation, settings, on_step, checkpoint)
         joined = sequences(train, settings.history, 2, "training")
         built = assemble(trained, joined, uses_imu)
@@ -96,7 +101,7 @@ def run_training(
         facts |= {"best_step": trained.best_step, "stopped_early": trained.stopped_early}
     artefact.save(out, built.program, model, facts)
     if trained is not None:
-        out.with_name(out.name + ".checkpoint.npz").unlink(missing_ok=True)
+        checkpoint_of(out).unlink(missing_ok=True)
     return Run(model, split, trained, test, facts)
 
 
