@@ -29,7 +29,7 @@ from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.replay import TWIST_TOPIC, TWIST_TYPE, predictions, twist_message
 from adk_ros.train.fit import Step
-from adk_ros.train.heldout import HeldOut, Range, held_out
+from adk_ros.train.heldout import TIE, HeldOut, Range, held_out
 
 _END_S = 5.0
 
@@ -54,10 +54,10 @@ def run_demo(out: Path, train_bag: Path, play_bag: Path, steps: int) -> None:
     console.note(f"4/4  scoring on {play_bag}, which the model has never seen")
     test = _score(model, play_bag, out)
     console.show_test(test, f"RMSE on {play_bag.name}, commands known")
-    cells = test.ratio[1:].size
-    better = int((test.ratio[1:] < 1.0).sum())
+    known, held = (int((r[1:] < TIE).sum()) for r in (test.ratio, test.ratio_held))
     console.note(
-        f"better than the best naive predictor in {better} of {cells} cells from 0.25 to 2 s; "
+        f"of {test.ratio[1:].size} cells from 0.25 to 2 s, {known} are better than the best naive "
+        f"predictor's given the commands, {held} with the commands held; "
         f"done in {time.monotonic() - started:.0f} s"
     )
     for name in ("model/report.html", "predicted", "score.csv", "prediction.png", "horizon.png"):
