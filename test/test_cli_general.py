@@ -169,8 +169,10 @@ def test_an_interrupt_is_no_traceback(capsys, monkeypatch, tmp_path: Path) -> No
 
 def test_ctrl_c_ends_a_training_and_keeps_nothing_half_done(tmp_path: Path) -> None:
     arguments = ["train", str(bag("handling", 60.0)), "--out", str(tmp_path / "m")]
+    # Where tests run in the background SIGINT is ignored, and children inherit that.
+    heeding = f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {ADK}"
     process = subprocess.Popen(
-        [sys.executable, "-c", ADK, *arguments, "--steps", "1000000"], text=True,
+        [sys.executable, "-c", heeding, *arguments, "--steps", "1000000"], text=True,
         stderr=subprocess.PIPE, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL,
     )  # fmt: skip
     assert process.stderr is not None
