@@ -110,20 +110,22 @@ def test_take_sample_over_many_ticks(history: int, random: Random) -> None:
 @pytest.mark.parametrize("affine", [True, False])
 def test_fill_phi(affine: bool) -> None:
     phi = np.full(6 + affine, np.nan)
-    kernels.fill_phi(np.arange(4.0), np.array([7.0, 8.0]), affine, phi)
+    x, features = np.arange(6.0).reshape(2, 3), np.array([3.0], np.float32)
+    kernels.fill_phi(x, features, np.array([7.0, 8.0]), affine, phi)
     assert phi.tolist() == [0.0, 1.0, 2.0, 3.0, 7.0, 8.0] + [1.0] * affine
 
 
 @pytest.mark.parametrize("residual", [True, False])
 def test_make_pair(residual: bool, random: Random) -> None:
-    z, before = random.normal(size=5), random.normal(size=5)
+    x, features = random.normal(size=(2, 3)), random.normal(size=2).astype(np.float32)
     phi, theta = random.normal(size=8), random.normal(size=(5, 8))
     step, gain, disturbance = np.array([0.1, 0.2, 0.5]), np.array([0.1, 0.0, 1.0]), np.ones(3)
     y = np.zeros(5)
     assert kernels.make_pair(
-        z, before, phi, theta, step, residual, gain, disturbance, y, 1e3
+        x, features, phi, theta, step, residual, gain, disturbance, y, 1e3
     )  # fmt: skip
-    expected = z - before if residual else z.copy()
+    z = np.concatenate([x[0], features])
+    expected = z - phi[:5] if residual else z.copy()
     if residual:
         expected[:3] /= step
     np.testing.assert_allclose(y, expected)
@@ -132,15 +134,16 @@ def test_make_pair(residual: bool, random: Random) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e4, -1e300])
-@pytest.mark.parametrize("where", ["z", "phi"])
+@pytest.mark.parametrize("where", ["x", "features", "phi"])
 def test_make_pair_refuses_what_is_absurd(bad: float, where: str, random: Random) -> None:
     """A regressor that large would leave its rounding in the Gram for good."""
-    arrays = {"z": random.normal(size=5), "phi": random.normal(size=8)}
-    arrays[where][4] = bad
+    x, features, phi = random.normal(size=(1, 3)), np.ones(2, np.float32), np.ones(8)
+    with np.errstate(over="ignore"):
+        {"x": x, "features": features, "phi": phi}[where].flat[1] = bad
     disturbance = np.ones(3)
     assert not kernels.make_pair(
-        arrays["z"], np.zeros(5), arrays["phi"], np.zeros((5, 8)), np.ones(3), True,
-        np.full(3, 0.5), disturbance, np.zeros(5), 1e3,
+        x, features, phi, np.zeros((5, 8)), np.ones(3), True, np.full(3, 0.5), disturbance,
+        np.zeros(5), 1e3,
     )  # fmt: skip
     assert disturbance.tolist() == [1.0, 1.0, 1.0]
 

@@ -54,20 +54,22 @@ def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
 
 
 @_fast
+def hidden_layer(row, weights, bias, out):  # type: ignore[no-untyped-def]
+    """out (m,) = softsign(weights' row + bias), weights (n, m)."""
+    out[:] = bias
+    add_product(out, weights, row)
+    one = np.float32(1.0)
+    for j in range(out.shape[0]):
+        out[j] = out[j] / (one + abs(out[j]))
+
+
+@_fast
 def perceptron(row, w1, b1, w2, b2, w3, b3, skip, scratch, out):  # type: ignore[no-untyped-def]
     """out (m,) = w3' s(w2' s(w1' row + b1) + b2) + b3 + skip' row with softsign s."""
-    one = np.float32(1.0)
-    first, second = scratch[0], scratch[1]
-    first[:] = b1
-    add_product(first, w1, row)
-    for j in range(first.shape[0]):
-        first[j] = first[j] / (one + abs(first[j]))
-    second[:] = b2
-    add_product(second, w2, first)
-    for j in range(second.shape[0]):
-        second[j] = second[j] / (one + abs(second[j]))
+    hidden_layer(row, w1, b1, scratch[0])
+    hidden_layer(scratch[0], w2, b2, scratch[1])
     out[:] = b3
-    add_product(out, w3, second)
+    add_product(out, w3, scratch[1])
     add_product(out, skip, row)
 
 
@@ -111,21 +113,23 @@ def take_sample(  # type: ignore[no-untyped-def]
 
 @_jit
 def make_pair(  # type: ignore[no-untyped-def]
-    z, z_before, phi, theta, step_scale, residual, gain, disturbance, y, limit
+    x, features, phi, theta, step_scale, residual, gain, disturbance, y, limit
 ):
     """
     Target y (n_z,) of the tick that has just ended, the disturbance moved towards what is left.
 
-    Return False, with the disturbance as it was, if the pair is absurd and must not be learned: a
-    regressor of 1e6 would leave 1e-4 of rounding in the Gram for good.
+    `x` (>= 1, 3) with the state now in its first row and `features` make up z; `phi` is of the
+    tick before and begins with its z. Return False, with the disturbance as it was, if the pair
+    is absurd and must not be learned: a regressor of 1e6 would leave 1e-4 of rounding in the Gram
+    for good.
     """
     for j in range(phi.shape[0]):
         if not abs(phi[j]) < limit:
             return False
     for i in range(y.shape[0]):
-        value = z[i]
+        value = x[0, i] if i < 3 else np.float64(features[i - 3])
         if residual:
-            value -= z_before[i]
+            value -= phi[i]
             if i < 3:
                 value /= step_scale[i]
         y[i] = value
@@ -140,10 +144,13 @@ def make_pair(  # type: ignore[no-untyped-def]
 
 
 @_jit
-def fill_phi(z, u_now, affine, phi):  # type: ignore[no-untyped-def]
-    """phi = [z; u] or [z; u; 1]."""
-    n_z = z.shape[0]
-    phi[:n_z] = z
+def fill_phi(x, features, u_now, affine, phi):  # type: ignore[no-untyped-def]
+    """phi = [z; u] or [z; u; 1] with z = [x; features], `x` (>= 1, 3) with its first row."""
+    n_z = 3 + features.shape[0]
+    for i in range(3):
+        phi[i] = x[0, i]
+    for i in range(3, n_z):
+        phi[i] = features[i - 3]
     phi[n_z] = u_now[0]
     phi[n_z + 1] = u_now[1]
     if affine:
@@ -170,6 +177,17 @@ def follow_covariance(covariance, innovation, gain):  # type: ignore[no-untyped-
 
 
 @_fast
+def head_through(theta, n_features, matrix, out):  # type: ignore[no-untyped-def]
+    """out (3, k) = theta[:3, 3:3 + n_features] matrix' for `matrix` (k, n_features)."""
+    for c in range(3):
+        for i in range(matrix.shape[0]):
+            value = 0.0
+            for j in range(n_features):
+                value += theta[c, 3 + j] * matrix[i, j]
+            out[c, i] = value
+
+
+@_fast
 def roll_out_lifting(  # type: ignore[no-untyped-def]
     x_past, u_past, theta, step_scale, residual, affine, u_ahead,
     disturbance, decay, w1, b1, w2, b2, w3, b3, skip, out
@@ -177,47 +195,68 @@ def roll_out_lifting(  # type: ignore[no-untyped-def]
     """
     Predict len(out) steps, lifting anew at each: out (h, 3) scaled.
 
-    `u_ahead` (h, 2) scaled; `theta` (n_z, n_phi), of which the state's three rows are used;
-    `disturbance` (3,) is added to the increments and decays by `decay` (3,) a step.
+    `u_ahead` (up to h, 2) scaled, its last row held; `theta` (n_z, n_phi), of which the state's
+    three rows are used; `disturbance` (3,) is added to the increments and decays by `decay` (3,)
+    a step. The lift's last layer and the head are both linear: they are multiplied out once, and
+    the features themselves never formed.
     """
+    n, hidden = w1.shape
     n_features = w3.shape[1]
     n_z = 3 + n_features
-    row = np.empty(w1.shape[0], dtype=np.float32)
-    scratch = np.empty((2, w1.shape[1]), dtype=np.float32)
-    features = np.empty(n_features, dtype=np.float32)
-    x = x_past.copy()
-    u = u_past.copy()
-    push = disturbance.copy()
-    new = np.empty(3)
+    n_x, last = 3 * x_past.shape[0], u_ahead.shape[0] - 1
+    row = np.empty(n, dtype=np.float32)
+    fill_row(x_past, u_past, row)
+    first, second = np.empty(hidden, dtype=np.float32), np.empty(hidden, dtype=np.float32)
+    head, short = np.empty((3, hidden), dtype=np.float32), np.empty((3, n), dtype=np.float32)
+    head_through(theta, n_features, w3, head)
+    head_through(theta, n_features, skip, short)
+    level = np.zeros(3)
+    for c in range(3):
+        for j in range(n_features):
+            level[c] += theta[c, 3 + j] * b3[j]
+        if affine:
+            level[c] += theta[c, n_z + 2]
+    x, push, new = x_past[0].copy(), disturbance.copy(), np.empty(3)
     for step in range(out.shape[0]):
-        fill_row(x, u, row)
-        perceptron(row, w1, b1, w2, b2, w3, b3, skip, scratch, features)
+        u0, u1 = u_ahead[min(step, last), 0], u_ahead[min(step, last), 1]
+        hidden_layer(row, w1, b1, first)
+        hidden_layer(first, w2, b2, second)
         for c in range(3):
-            value = theta[c, n_z] * u_ahead[step, 0] + theta[c, n_z + 1] * u_ahead[step, 1]
+            lifted = np.float32(0.0)
+            for i in range(hidden):
+                lifted += head[c, i] * second[i]
+            for i in range(n):
+                lifted += short[c, i] * row[i]
+            value = level[c] + lifted + theta[c, n_z] * u0 + theta[c, n_z + 1] * u1
             for j in range(3):
-                value += theta[c, j] * x[0, j]
-            for j in range(n_features):
-                value += theta[c, 3 + j] * features[j]
-            if affine:
-                value += theta[c, n_z + 2]
+                value += theta[c, j] * x[j]
             value += push[c]
             push[c] *= decay[c]
-            value = value * step_scale[c] + (x[0, c] if residual else 0.0)
+            value = value * step_scale[c] + (x[c] if residual else 0.0)
             new[c] = min(max(value, -_LIMIT), _LIMIT)
-        shift_in(x, new)
-        shift_in(u, u_ahead[step])
-        out[step, :] = new
+        for i in range(n_x - 1, 2, -1):
+            row[i] = row[i - 3]
+        for i in range(n - 1, n_x + 1, -1):
+            row[i] = row[i - 2]
+        if n > n_x:
+            row[n_x], row[n_x + 1] = u0, u1
+        for c in range(3):
+            x[c] = new[c]
+            row[c] = new[c]
+            out[step, c] = new[c]
 
 
 @_jit
 def roll_out_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
-    """Predict in the lifted space alone, z+ = A z + B u (eq. 5): out (h, 3) scaled."""
+    """Predict in the lifted space, z+ = A z + B u (eq. 5): as above, no lift on the way."""
     n_z = z.shape[0]
+    last = u_ahead.shape[0] - 1
     now = z.copy()
     new = np.empty(n_z)
     for step in range(out.shape[0]):
+        u = u_ahead[min(step, last)]
         for c in range(n_z):
-            value = theta[c, n_z] * u_ahead[step, 0] + theta[c, n_z + 1] * u_ahead[step, 1]
+            value = theta[c, n_z] * u[0] + theta[c, n_z + 1] * u[1]
             for j in range(n_z):
                 value += theta[c, j] * now[j]
             new[c] = min(max(value, -_LIMIT), _LIMIT)

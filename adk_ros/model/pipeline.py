@@ -21,6 +21,7 @@ from adk_ros.signals.decode import Decoder, Refused, SensorConfig
 from adk_ros.signals.plausibility import Plausibility
 
 _RESTART = int(Flag.RESTART)
+_ODOMETRY = Source.ODOMETRY
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Pipeline:
     """
     Folds messages into predictions and keeps count of what happened on the way.
 
-    `received` counts messages by source; `last_sample` and `last_prediction` are the newest;
+    `last_sample` and `last_prediction` are the newest;
     `predictor`, `aligner`, `decoder`, `plausibility` are open to be looked at by diagnostics.
     """
 
@@ -64,15 +65,21 @@ class Pipeline:
             max_coast_steps=round(settings.max_coast_s / 0.025),
         )
         self.plausibility = Plausibility()
-        self.received: Counter[Source] = Counter()
+        # By number: a source as a key would be hashed in Python, eight times a tick.
+        self._received = [0] * len(Source)
         self.ticks = 0
         self.restarts = 0
         self.last_sample: Sample | None = None
         self.last_prediction: Prediction | None = None
 
+    @property
+    def received(self) -> Counter[Source]:
+        """Messages taken, by source."""
+        return Counter({s: n for s, n in zip(Source, self._received, strict=True) if n})
+
     def take(self, source: Source, msg: Any) -> list[Prediction]:
         """Take a message; return the predictions of the ticks that it completed, often none."""
-        self.received[source] += 1
+        self._received[source] += 1
         try:
             reading = self.decoder.decode(source, msg)
         except Refused:
@@ -81,8 +88,10 @@ class Pipeline:
 
     def take_reading(self, reading: Reading) -> list[Prediction]:
         """Take a reading that has been decoded already."""
-        self.plausibility.see(reading)
-        return self._predict(self.aligner.push(reading))
+        if reading.source is _ODOMETRY:
+            self.plausibility.see(reading)
+        samples = self.aligner.push(reading)
+        return self._predict(samples) if samples else []
 
     def advance(self, now_ns: int) -> list[Prediction]:
         """Let the clock complete ticks, see `Aligner.advance`."""

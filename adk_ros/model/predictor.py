@@ -24,7 +24,7 @@ import numpy as np
 
 from adk_ros.errors import UsageError
 from adk_ros.model import kernels
-from adk_ros.model.lifting import Lifting, input_size
+from adk_ros.model.lifting import Float32Array, Lifting, input_size
 from adk_ros.model.online import METHODS, OnlineSettings
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, FloatArray, Sample
@@ -123,9 +123,9 @@ class Predictor:
         self._row = np.zeros(input_size(model.history), dtype=np.float32)
         self._u = np.zeros(2)
         self._phi = np.zeros(model.theta0.shape[1])
-        self._z = np.zeros(model.n_z)
         self._y = np.zeros(model.n_z)
-        self._u_held = np.zeros((1, 2))
+        # A view: the command now, as commands ahead that hold it.
+        self._u_held = self._u[None]
         self._twin = model.lifting.twin.arrays() if model.lifting.twin is not None else None
         self.reset()
 
@@ -198,20 +198,15 @@ class Predictor:
         if self._known <= model.history:
             self.status = Status.WARMING_UP
             return None
-        z = self._lift()
+        features = self._lift()
         innovation = _UNKNOWN
         if self._predicted is not None and measured:
             innovation = state - self._predicted
             # Both lifts of the pair, pasts included, must be of samples that may be learned from.
             if self._clean >= model.history + 2:
-                self._learn(z, innovation)
-        self._z = z
-        kernels.fill_phi(z, self._u, model.affine, self._phi)
-        steps = max(self.horizon_steps, 1)
-        if self._u_held.shape[0] != steps:
-            self._u_held = np.empty((steps, 2))
-        self._u_held[:] = self._u
-        horizon = self._roll_out(self._u_held)
+                self._learn(features, innovation)
+        kernels.fill_phi(self._x_past, features, self._u, model.affine, self._phi)
+        horizon = self._roll_out(self._u_held, max(self.horizon_steps, 1))
         if horizon is None:
             # Nothing here can yield this from finite samples; if it does, start afresh.
             self.reset()
@@ -229,29 +224,26 @@ class Predictor:
             status=self.status,
         )
 
-    def _lift(self) -> FloatArray:
-        z = np.empty(self.model.n_z)
-        z[:3] = self._x_past[0]
-        z[3:] = self.model.lifting(self._row)
-        return z
+    def _lift(self) -> Float32Array:
+        return self.model.lifting(self._row)
 
-    def _learn(self, z: FloatArray, innovation: FloatArray) -> None:
+    def _learn(self, features: Float32Array, innovation: FloatArray) -> None:
         model = self.model
         usable = kernels.make_pair(
-            z, self._z, self._phi, self.online.theta, model.scaling.step_scale, model.residual,
-            model.disturbance_gain, self._disturbance, self._y, _MAX_PAIR,
+            self._x_past, features, self._phi, self.online.theta, model.scaling.step_scale,
+            model.residual, model.disturbance_gain, self._disturbance, self._y, _MAX_PAIR,
         )
         if usable:
             self.online.update(self._phi, self._y)
             kernels.follow_covariance(self._covariance, innovation, _COVARIANCE_GAIN)
 
-    def _roll_out(self, u_ahead: FloatArray) -> FloatArray | None:
-        """Scaled commands (h, 2) ahead -> states (h, 3) in SI units, None if not finite."""
+    def _roll_out(self, u_ahead: FloatArray, steps: int) -> FloatArray | None:
+        """Scaled commands ahead, the last held -> states (steps, 3), SI; None if not finite."""
         model = self.model
-        out = np.empty((u_ahead.shape[0], 3))
+        out = np.empty((steps, 3))
         theta = self.online.theta
         if not model.relift:
-            kernels.roll_out_linear(self._z, theta, u_ahead, out)
+            kernels.roll_out_linear(self._phi[: model.n_z], theta, u_ahead, out)
         elif self._twin is not None:
             kernels.roll_out_lifting(
                 self._x_past, self._u_past, theta, model.scaling.step_scale, model.residual,
@@ -270,12 +262,13 @@ class Predictor:
             kernels.fill_row(x_past, u_past, row)
             phi[:3] = x_past[0]
             phi[3 : model.n_z] = model.lifting(row)
-            phi[model.n_z : model.n_z + 2] = u_ahead[step]
+            u = u_ahead[min(step, u_ahead.shape[0] - 1)]
+            phi[model.n_z : model.n_z + 2] = u
             change = (self.online.theta[:3] @ phi + push) * model.scaling.step_scale
             push *= model.disturbance_decay
             new = np.clip(change + x_past[0] if model.residual else change, -50.0, 50.0)
             kernels.shift_in(x_past, new)
-            kernels.shift_in(u_past, u_ahead[step])
+            kernels.shift_in(u_past, u)
             out[step] = new
 
     def roll_out(self, u_ahead: FloatArray) -> FloatArray:
@@ -287,7 +280,7 @@ class Predictor:
         """
         if self._predicted is None:
             raise RuntimeError("no state to predict from")
-        result = self._roll_out(self.model.scaling.scale_u(u_ahead))
+        result = self._roll_out(self.model.scaling.scale_u(u_ahead), u_ahead.shape[0])
         return np.full((u_ahead.shape[0], 3), math.nan) if result is None else result
 
     def _published_covariance(self) -> FloatArray:

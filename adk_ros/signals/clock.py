@@ -31,13 +31,22 @@ class ClockGuard:
 
     def __init__(self, jump_s: float = 1.0) -> None:
         self._jump_ns = round(jump_s * 1e9)
-        self._newest_ns: int | None = None
+        self.newest_ns: int | None = None
+        """Newest believed stamp, or None before the first."""
         self.held: list[Reading] = []
 
-    @property
-    def newest_ns(self) -> int | None:
-        """Newest believed stamp, or None before the first."""
-        return self._newest_ns
+    def follows(self, stamp_ns: int) -> bool:
+        """
+        Accept a stamp that needs no judgement: near the newest one, with nothing held.
+
+        Return whether it was accepted; if not, nothing has changed and `judge` is to decide.
+        """
+        newest_ns = self.newest_ns
+        if newest_ns is None or self.held or abs(stamp_ns - newest_ns) > self._jump_ns:
+            return False
+        if stamp_ns > newest_ns:
+            self.newest_ns = stamp_ns
+        return True
 
     def judge(self, reading: Reading) -> tuple[Verdict, list[Reading]]:
         """
@@ -46,10 +55,10 @@ class ClockGuard:
         ACCEPT frees nothing (`held` readings were stray and are returned to be counted), HOLD
         frees nothing, JUMP returns all held readings in order of arrival: they start a new time.
         """
-        if self._newest_ns is None or abs(reading.stamp_ns - self._newest_ns) <= self._jump_ns:
+        if self.newest_ns is None or abs(reading.stamp_ns - self.newest_ns) <= self._jump_ns:
             stray, self.held = self.held, []
-            if self._newest_ns is None or reading.stamp_ns > self._newest_ns:
-                self._newest_ns = reading.stamp_ns
+            if self.newest_ns is None or reading.stamp_ns > self.newest_ns:
+                self.newest_ns = reading.stamp_ns
             return Verdict.ACCEPT, stray
         if self.held and abs(reading.stamp_ns - self.held[-1].stamp_ns) > self._jump_ns:
             stray, self.held = self.held, [reading]
@@ -58,10 +67,10 @@ class ClockGuard:
         if len(self.held) < _CONFIRMATIONS:
             return Verdict.HOLD, []
         freed, self.held = self.held, []
-        self._newest_ns = max(item.stamp_ns for item in freed)
+        self.newest_ns = max(item.stamp_ns for item in freed)
         return Verdict.JUMP, freed
 
     def reset(self) -> None:
         """Believe the next stamp, whatever it is."""
-        self._newest_ns = None
+        self.newest_ns = None
         self.held = []

@@ -74,21 +74,22 @@ def _checked(torque: float, delta: float) -> tuple[float, float]:
 
 
 def _joint_state(msg: Any, config: CommandConfig) -> tuple[float, float]:
-    names = list(msg.name)
+    names, efforts, positions = list(msg.name), msg.effort, msg.position
     torque = 0.0
     for joint in config.drive_joints:
         if joint not in names:
             raise Refused(f"joint '{joint}' is missing")
         index = names.index(joint)
-        if index >= len(msg.effort):
+        if index >= len(efforts):
             raise Refused(f"joint '{joint}' has no effort")
-        torque += float(msg.effort[index])
-    if config.steer_joint not in names:
-        raise Refused(f"joint '{config.steer_joint}' is missing")
-    index = names.index(config.steer_joint)
-    if index >= len(msg.position):
-        raise Refused(f"joint '{config.steer_joint}' has no position")
-    return _checked(torque, float(msg.position[index]) / config.steering_ratio)
+        torque += float(efforts[index])
+    joint = config.steer_joint
+    if joint not in names:
+        raise Refused(f"joint '{joint}' is missing")
+    index = names.index(joint)
+    if index >= len(positions):
+        raise Refused(f"joint '{joint}' has no position")
+    return _checked(torque, float(positions[index]) / config.steering_ratio)
 
 
 def _ackermann(msg: Any, config: CommandConfig) -> tuple[float, float]:

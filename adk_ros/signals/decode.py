@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,9 +89,17 @@ class Decoder:
     def __init__(self, config: SensorConfig | None = None) -> None:
         self.config = config or SensorConfig()
         self.refused: Counter[tuple[Source, str]] = Counter()
-        self._command = COMMAND_TYPES[self.config.command_type].decode
+        command = COMMAND_TYPES[self.config.command_type].decode
+        self._values: tuple[Callable[[int, Any], tuple[float, ...]], ...] = (
+            self._imu,
+            self._odometry,
+            lambda _, msg: command(msg, self.config),
+            lambda _, msg: (steering_report(msg),),
+        )
         position, reference = self.config.imu_position, self.config.reference_point
         self._arm = LeverArm(position[0] - reference[0], position[1] - reference[1])
+        # Asked once: these are on the way of every message.
+        self._off_centre, self._shifted = position != reference, any(reference)
         self._turned = any(self.config.imu_rotation)
         self._rotation = rotation(*self.config.imu_rotation)
 
@@ -101,19 +110,15 @@ class Decoder:
         :raises Refused: it cannot be used; the reason is counted in `refused` as well.
         """
         try:
-            stamp = msg.header.stamp if hasattr(msg, "header") else msg.stamp
+            try:
+                stamp = msg.header.stamp
+            except AttributeError:
+                # Autoware's have no header.
+                stamp = msg.stamp
             stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
             if stamp_ns <= 0:
                 raise Refused("no time stamp")
-            values: tuple[float, ...]
-            if source is Source.IMU:
-                values = self._imu(stamp_ns, msg)
-            elif source is Source.ODOMETRY:
-                values = self._odometry(msg)
-            elif source is Source.STEERING:
-                values = (steering_report(msg),)
-            else:
-                values = self._command(msg, self.config)
+            values = self._values[source](stamp_ns, msg)
         except Refused as refusal:
             self.refused[(source, str(refusal))] += 1
             raise
@@ -142,15 +147,17 @@ class Decoder:
             return math.nan, math.nan, yaw_rate
         if not (abs(a_x) <= MAX_FORCE and abs(a_y) <= MAX_FORCE):
             raise Refused("acceleration is not finite or absurd")
-        a_x, a_y = self._arm.compensate(stamp_ns, a_x, a_y, yaw_rate)
+        if self._off_centre:
+            a_x, a_y = self._arm.compensate(stamp_ns, a_x, a_y, yaw_rate)
         return a_x, a_y, yaw_rate
 
-    def _odometry(self, msg: Any) -> tuple[float, float, float]:
+    def _odometry(self, _: int, msg: Any) -> tuple[float, float, float]:
         twist = msg.twist.twist
         v_x, v_y, yaw_rate = float(twist.linear.x), float(twist.linear.y), float(twist.angular.z)
         if not (abs(v_x) <= MAX_SPEED and abs(v_y) <= MAX_SPEED):
             raise Refused("velocity is not finite or absurd")
         if not abs(yaw_rate) <= MAX_YAW_RATE:
             raise Refused("yaw rate is not finite or absurd")
-        v_x, v_y = shift_velocity(v_x, v_y, yaw_rate, *self.config.reference_point)
+        if self._shifted:
+            v_x, v_y = shift_velocity(v_x, v_y, yaw_rate, *self.config.reference_point)
         return v_x, v_y, yaw_rate

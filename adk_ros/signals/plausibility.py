@@ -20,6 +20,7 @@ _FORGETTING = 0.9995
 _ENOUGH_YAW = 0.5
 _ENOUGH_FORCE = 200.0
 _STANDARD_GRAVITY = 9.80665
+_ODOMETRY = Source.ODOMETRY
 _UNFIT = int(Flag.NO_IMU | Flag.IMU_STALE | Flag.COASTING | Flag.FROZEN)
 
 
@@ -51,7 +52,7 @@ class Plausibility:
 
     def see(self, reading: Reading) -> None:
         """Take note of a reading on its way to the aligner."""
-        if reading.source is Source.ODOMETRY:
+        if reading.source is _ODOMETRY:
             self._odometry_yaw_rate = reading.values[2]
 
     def watch(self, readings: Iterable[Reading]) -> Iterator[Reading]:
@@ -66,9 +67,11 @@ class Plausibility:
         if sample.flags & _UNFIT:
             return
         gyro, v_x, a_y = sample.x[2], sample.x[0], sample.a[1]
-        if math.isfinite(odometry_yaw_rate) and math.isfinite(gyro):
+        if not math.isfinite(odometry_yaw_rate):
+            return
+        if math.isfinite(gyro):
             self._yaw.add(odometry_yaw_rate, gyro)
-        if math.isfinite(a_y) and math.isfinite(odometry_yaw_rate) and abs(v_x) > 3.0:
+        if math.isfinite(a_y) and abs(v_x) > 3.0:
             self._force.add(v_x * odometry_yaw_rate, a_y)
 
     def warnings(self) -> list[str]:

@@ -19,6 +19,7 @@ _KEEP_NS = 500_000_000
 _MAX_EXTRAPOLATION = 1.5
 _PERIOD_GAIN = 0.1
 _SHORTEST_PERIOD_NS = 1e6
+_LAST_ALONE = [1.0]
 
 
 class Known(NamedTuple):
@@ -72,24 +73,27 @@ class Stream:
     def add(self, stamp_ns: int, values: tuple[float, ...]) -> None:
         """Insert a reading in its place; the caller has checked that its stamp is new."""
         stamps = self.stamps
-        place = len(stamps)
-        if not stamps:
-            standing = (0.0, 0, stamp_ns)
-        elif stamp_ns > stamps[-1]:
+        if stamps and stamp_ns < stamps[-1]:
+            place = bisect_right(stamps, stamp_ns)
+            standing = (self._standing[max(place - 1, 0)][0], 0, stamp_ns)
+            stamps.insert(place, stamp_ns)
+            self._values.insert(place, values)
+            self._standing.insert(place, standing)
+            return
+        standing = (0.0, 0, stamp_ns)
+        if stamps:
             self._learn_period(stamp_ns - stamps[-1])
-            standing = (self.period_ns, 0, stamp_ns)
             if values == self._values[-1]:
                 _, repeats, since_ns = self._standing[-1]
                 standing = (self.period_ns, repeats + 1, since_ns)
-        else:
-            place = bisect_right(stamps, stamp_ns)
-            standing = (self._standing[max(place - 1, 0)][0], 0, stamp_ns)
-        stamps.insert(place, stamp_ns)
-        self._values.insert(place, values)
-        self._standing.insert(place, standing)
-        if stamps[-1] - stamps[0] > 2 * _KEEP_NS:
+            else:
+                standing = (self.period_ns, 0, stamp_ns)
+        stamps.append(stamp_ns)
+        self._values.append(values)
+        self._standing.append(standing)
+        if stamp_ns - stamps[0] > 2 * _KEEP_NS:
             # One older than that is kept: it is what held until the oldest of the others.
-            drop = min(bisect_right(stamps, stamps[-1] - _KEEP_NS), len(stamps)) - 1
+            drop = min(bisect_right(stamps, stamp_ns - _KEEP_NS), len(stamps)) - 1
             del stamps[:drop]
             del self._values[:drop]
             del self._standing[:drop]
@@ -120,22 +124,43 @@ class Stream:
         end = bisect_right(self.stamps, stamp_ns)
         if end == 0:
             return None
-        newest, period_ns = self.stamps[end - 1], self._standing[end - 1][0]
-        window_ns = max(float(TICK_NS), 2.5 * period_ns)
-        start = bisect_right(self.stamps, newest - window_ns, 0, end)
+        weights = self._line_weights(stamp_ns, end)
+        columns = zip(*self._values[end - len(weights) : end], strict=True)
+        return tuple([sum(map(float.__mul__, weights, column)) for column in columns])
+
+    def line_of(self, channel: int, stamp_ns: int) -> float | None:
+        """Return one channel of `line`; None if empty."""
+        end = bisect_right(self.stamps, stamp_ns)
+        if end == 0:
+            return None
+        weights = self._line_weights(stamp_ns, end)
+        values = self._values
+        if len(weights) == 1:
+            return values[end - 1][channel]
+        total, index = 0.0, end - len(weights)
+        for weight in weights:
+            total += weight * values[index][channel]
+            index += 1
+        return total
+
+    def _line_weights(self, stamp_ns: int, end: int) -> list[float]:
+        """Weights of the last readings before index `end` in the line's value at `stamp_ns`."""
+        stamps = self.stamps
+        newest, period_ns = stamps[end - 1], self._standing[end - 1][0]
+        window_ns = max(TICK_NS, int(2.5 * period_ns))
+        start = bisect_right(stamps, newest - window_ns, 0, end)
         count = end - start
         # Readings at nearly the same instant say nothing of a slope.
-        if count < 2 or newest - self.stamps[start] < 0.5 * period_ns:
-            return self._values[end - 1]
-        reach = min(stamp_ns, newest + _MAX_EXTRAPOLATION * period_ns)
-        times = [(stamp - reach) * 1e-9 for stamp in self.stamps[start:end]]
+        if count < 2 or newest - stamps[start] < 0.5 * period_ns:
+            return _LAST_ALONE
+        reach = min(stamp_ns, newest + int(_MAX_EXTRAPOLATION * period_ns))
+        times = [(stamp - reach) * 1e-9 for stamp in stamps[start:end]]
         mean_t = sum(times) / count
-        spread = sum(t * t for t in times) - count * mean_t * mean_t
+        spread = sum([t * t for t in times]) - count * mean_t * mean_t
         if spread <= 0.0:
-            return self._values[end - 1]
-        weights = [1.0 / count - (t - mean_t) * mean_t / spread for t in times]
-        columns = zip(*self._values[start:end], strict=True)
-        return tuple(sum(map(float.__mul__, weights, column)) for column in columns)
+            return _LAST_ALONE
+        level, lean = 1.0 / count, mean_t / spread
+        return [level - (t - mean_t) * lean for t in times]
 
     def mean(self, after_ns: int, until_ns: int) -> tuple[float, ...] | None:
         """Mean of the readings in (after, until], else the newest at or before; None if empty."""
@@ -146,4 +171,5 @@ class Stream:
         if end - start == 1:
             return self._values[start]
         share = 1.0 / (end - start)
-        return tuple(sum(column) * share for column in zip(*self._values[start:end], strict=True))
+        columns = zip(*self._values[start:end], strict=True)
+        return tuple([sum(column) * share for column in columns])
