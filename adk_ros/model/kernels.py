@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The compiled inner loops: perceptron, roll-out, window and recursive least squares.
+The compiled inner loops of a tick: perceptron, roll-out, and the pair that is learned from.
 
 Arrays are updated in place, nothing is allocated in a tick but small temporaries. Everything is
 float64 but the perceptron. Equation numbers are the paper's.
@@ -9,32 +9,15 @@ float64 but the perceptron. Equation numbers are the paper's.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
-from numba import njit
+
+from adk_ros.model.compiled import fast, jit
 
 _LIMIT = 50.0
 """Scaled states are held within this: far outside any data, and finite."""
 
 
-def _compiled(**options: Any) -> Callable[[Any], Any]:
-    def decorate(function: Any) -> Any:
-        try:
-            return njit(cache=True, **options)(function)
-        except RuntimeError:
-            # Neither the package nor the home folder may be written to: compile at each start.
-            return njit(**options)(function)
-
-    return decorate
-
-
-_jit = _compiled(fastmath=False)
-_fast = _compiled(fastmath={"contract", "reassoc"}, error_model="numpy")
-
-
-@_fast
+@fast
 def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
     """out (m,) += matrix' vector, matrix (n, m): four rows at a time, to save loads."""
     n, m = matrix.shape
@@ -53,7 +36,7 @@ def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
         i += 1
 
 
-@_fast
+@fast
 def hidden_layer(row, weights, bias, out):  # type: ignore[no-untyped-def]
     """out (m,) = softsign(weights' row + bias), weights (n, m)."""
     out[:] = bias
@@ -63,7 +46,7 @@ def hidden_layer(row, weights, bias, out):  # type: ignore[no-untyped-def]
         out[j] = out[j] / (one + abs(out[j]))
 
 
-@_fast
+@fast
 def perceptron(row, w1, b1, w2, b2, w3, b3, skip, scratch, out):  # type: ignore[no-untyped-def]
     """out (m,) = w3' s(w2' s(w1' row + b1) + b2) + b3 + skip' row with softsign s."""
     hidden_layer(row, w1, b1, scratch[0])
@@ -73,7 +56,7 @@ def perceptron(row, w1, b1, w2, b2, w3, b3, skip, scratch, out):  # type: ignore
     add_product(out, skip, row)
 
 
-@_jit
+@jit
 def fill_row(x_past, u_past, row):  # type: ignore[no-untyped-def]
     """Encoder input from scaled pasts, newest first: x_past (p + 1, 3), u_past (p, 2)."""
     position = 0
@@ -87,7 +70,7 @@ def fill_row(x_past, u_past, row):  # type: ignore[no-untyped-def]
             position += 1
 
 
-@_jit
+@jit
 def shift_in(past, value):  # type: ignore[no-untyped-def]
     """Put `value` in front of `past` (rows, newest first) and drop the oldest."""
     for i in range(past.shape[0] - 1, 0, -1):
@@ -96,7 +79,7 @@ def shift_in(past, value):  # type: ignore[no-untyped-def]
         past[0, :] = value
 
 
-@_jit
+@jit
 def take_sample(  # type: ignore[no-untyped-def]
     state, command, x_mean, x_scale, u_mean, u_scale, x_past, u_past, u_now, row
 ):
@@ -111,7 +94,7 @@ def take_sample(  # type: ignore[no-untyped-def]
     fill_row(x_past, u_past, row)
 
 
-@_jit
+@jit
 def make_pair(  # type: ignore[no-untyped-def]
     x, features, phi, theta, step_scale, residual, gain, disturbance, y, limit
 ):
@@ -143,7 +126,7 @@ def make_pair(  # type: ignore[no-untyped-def]
     return True
 
 
-@_jit
+@jit
 def fill_phi(x, features, u_now, affine, phi):  # type: ignore[no-untyped-def]
     """phi = [z; u] or [z; u; 1] with z = [x; features], `x` (>= 1, 3) with its first row."""
     n_z = 3 + features.shape[0]
@@ -157,7 +140,7 @@ def fill_phi(x, features, u_now, affine, phi):  # type: ignore[no-untyped-def]
         phi[n_z + 2] = 1.0
 
 
-@_jit
+@jit
 def to_si(states, x_mean, x_scale):  # type: ignore[no-untyped-def]
     """Unscale states (h, 3) in place; return whether all are finite."""
     finite = True
@@ -168,7 +151,7 @@ def to_si(states, x_mean, x_scale):  # type: ignore[no-untyped-def]
     return finite
 
 
-@_jit
+@jit
 def follow_covariance(covariance, innovation, gain):  # type: ignore[no-untyped-def]
     """covariance += gain (innovation innovation' - covariance), all (3, ...)."""
     for i in range(3):
@@ -176,7 +159,7 @@ def follow_covariance(covariance, innovation, gain):  # type: ignore[no-untyped-
             covariance[i, j] += gain * (innovation[i] * innovation[j] - covariance[i, j])
 
 
-@_fast
+@fast
 def head_through(theta, n_features, matrix, out):  # type: ignore[no-untyped-def]
     """out (3, k) = theta[:3, 3:3 + n_features] matrix' for `matrix` (k, n_features)."""
     for c in range(3):
@@ -187,7 +170,7 @@ def head_through(theta, n_features, matrix, out):  # type: ignore[no-untyped-def
             out[c, i] = value
 
 
-@_fast
+@fast
 def roll_out_lifting(  # type: ignore[no-untyped-def]
     x_past, u_past, theta, step_scale, residual, affine, u_ahead,
     disturbance, decay, w1, b1, w2, b2, w3, b3, skip, out
@@ -246,7 +229,7 @@ def roll_out_lifting(  # type: ignore[no-untyped-def]
             out[step, c] = new[c]
 
 
-@_jit
+@jit
 def roll_out_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
     """Predict in the lifted space, z+ = A z + B u (eq. 5): as above, no lift on the way."""
     n_z = z.shape[0]
@@ -262,123 +245,3 @@ def roll_out_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
             new[c] = min(max(value, -_LIMIT), _LIMIT)
         now[:] = new
         out[step, :] = now[:3]
-
-
-@_jit
-def cholesky_solve(matrix, right):  # type: ignore[no-untyped-def]
-    """
-    Solve matrix @ X = right in place (X in `right`), `matrix` (n, n) overwritten by its factor.
-
-    Return the smallest pivot; not positive means that the matrix is not positive definite.
-    """
-    n, m = right.shape
-    smallest = np.inf
-    for j in range(n):
-        pivot = matrix[j, j]
-        for k in range(j):
-            pivot -= matrix[j, k] * matrix[j, k]
-        smallest = min(smallest, pivot)
-        if not pivot > 0.0:
-            return pivot
-        pivot = np.sqrt(pivot)
-        matrix[j, j] = pivot
-        for i in range(j + 1, n):
-            value = matrix[i, j]
-            for k in range(j):
-                value -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = value / pivot
-    for j in range(n):
-        for k in range(j):
-            factor = matrix[j, k]
-            for c in range(m):
-                right[j, c] -= factor * right[k, c]
-        for c in range(m):
-            right[j, c] /= matrix[j, j]
-    for j in range(n - 1, -1, -1):
-        for k in range(j + 1, n):
-            factor = matrix[k, j]
-            for c in range(m):
-                right[j, c] -= factor * right[k, c]
-        for c in range(m):
-            right[j, c] /= matrix[j, j]
-    return smallest
-
-
-@_jit
-def rank_one(gram, cross, phi, y, sign):  # type: ignore[no-untyped-def]
-    """gram += sign phi phi', cross += sign phi y'; (n, n) and (n, m)."""
-    n = phi.shape[0]
-    m = y.shape[0]
-    for i in range(n):
-        value = sign * phi[i]
-        for j in range(n):
-            gram[i, j] += value * phi[j]
-        for j in range(m):
-            cross[i, j] += value * y[j]
-
-
-@_jit
-def windowed_update(  # type: ignore[no-untyped-def]
-    phi, y, theta0, theta, phis, ys, gram, cross, ridge, slot, full, work, right
-):
-    """
-    Slide the window by one pair and solve it anew.
-
-    theta = argmin sum |y_i - theta phi_i|^2 + ridge |theta - theta0|^2 over the window. The window
-    holds what is left of y after the offline model, so that theta0 is the zero of the problem.
-    Return False if there is no finite solution.
-    """
-    n_out, n_phi = theta.shape
-    if full:
-        rank_one(gram, cross, phis[slot], ys[slot], -1.0)
-    phis[slot, :] = phi
-    for c in range(n_out):
-        value = y[c]
-        for j in range(n_phi):
-            value -= theta0[c, j] * phi[j]
-        ys[slot, c] = value
-    rank_one(gram, cross, phis[slot], ys[slot], 1.0)
-    work[:] = gram
-    for j in range(n_phi):
-        work[j, j] += ridge
-    right[:] = cross
-    if not cholesky_solve(work, right) > 0.0:
-        return False
-    total = 0.0
-    for c in range(n_out):
-        for j in range(n_phi):
-            theta[c, j] = theta0[c, j] + right[j, c]
-            total += abs(theta[c, j])
-    return np.isfinite(total)
-
-
-@_jit
-def rls_update(phi, y, theta, covariance, forgetting, gain):  # type: ignore[no-untyped-def]
-    """
-    Recursive least squares with forgetting factor (1: none); the textbook recursion.
-
-    gain = P phi / (f + phi' P phi); theta += (y - theta phi) gain'; P = (P - gain phi' P) / f.
-    Return False if P or theta is no longer finite.
-    """
-    n_out, n_phi = theta.shape
-    total = forgetting
-    for i in range(n_phi):
-        value = 0.0
-        for j in range(n_phi):
-            value += covariance[i, j] * phi[j]
-        gain[i] = value
-        total += phi[i] * value
-    if not (np.isfinite(total) and total > 0.0):
-        return False
-    for i in range(n_phi):
-        for j in range(n_phi):
-            covariance[i, j] = (covariance[i, j] - gain[i] * gain[j] / total) / forgetting
-    for c in range(n_out):
-        error = y[c]
-        for j in range(n_phi):
-            error -= theta[c, j] * phi[j]
-        for j in range(n_phi):
-            theta[c, j] += error * gain[j] / total
-            if not np.isfinite(theta[c, j]):
-                return False
-    return True

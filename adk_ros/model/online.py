@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from adk_ros.errors import UsageError
-from adk_ros.model import kernels
+from adk_ros.model.least_squares import rls_update, windowed_update
 from adk_ros.signals.channels import FloatArray
 
 
@@ -106,8 +106,8 @@ class Recursive:
         self.reset()
 
     def update(self, phi: FloatArray, y: FloatArray) -> None:
-        """Learn one pair by the recursion of `kernels.rls_update`."""
-        finite = kernels.rls_update(
+        """Learn one pair by the recursion of `rls_update`."""
+        finite = rls_update(
             phi, y, self.theta, self._covariance, self._forgetting, self._gain
         )
         if not finite:
@@ -190,7 +190,7 @@ class Windowed:
     def update(self, phi: FloatArray, y: FloatArray) -> None:
         """Slide the window by one pair and solve."""
         window = self._phis.shape[0]
-        solved = kernels.windowed_update(
+        solved = windowed_update(
             phi, y, self._theta0, self.theta, self._phis, self._ys, self._gram, self._cross,
             self._ridge, self._count % window, self._count >= window, self._work, self._right,
         )
