@@ -34,34 +34,40 @@ _EXACT = 1e-9
 Progress = Callable[[int, int], None]
 
 _Maker = Callable[[int, list[float]], Any]
+"""From a stamp and values to a message: one and the same object, filled in anew each time."""
 
 
 def _variance(noise: float) -> float:
     return max(noise * noise, _EXACT)
 
 
-def _header(stamp_ns: int, frame_id: str) -> dict[str, Any]:
-    return {"stamp": stamp_ns, "frame_id": frame_id}
+def _stamped(frame_id: str) -> dict[str, Any]:
+    return {"stamp": 0, "frame_id": frame_id}
+
+
+def _set_stamp(msg: Any, stamp_ns: int) -> None:
+    stamp = msg.header.stamp
+    stamp.sec, stamp.nanosec = divmod(stamp_ns, 10**9)
 
 
 def _imu(sensors: Sensors) -> _Maker:
-    """Orientation is not reported (REP-145: -1); the car rolls and pitches not at all."""
+    """Orientation is not reported (REP-145: -1); gravity is on the axis that points up."""
     accel = gyro = _EXACT
     if sensors.imu is not None:
         accel, gyro = _variance(sensors.imu.accel_noise), _variance(sensors.imu.gyro_noise)
-    unreported = [-1.0] + [0.0] * 8
+    msg = message(
+        IMU_TYPE,
+        header=_stamped("imu_link"),
+        orientation_covariance=[-1.0] + [0.0] * 8,
+        angular_velocity_covariance=_diagonal(3, {0: gyro, 1: gyro, 2: gyro}),
+        linear_acceleration={"z": GRAVITY},
+        linear_acceleration_covariance=_diagonal(3, {0: accel, 1: accel, 2: accel}),
+    )
 
     def make(stamp_ns: int, values: list[float]) -> Any:
-        a_x, a_y, yaw_rate = values
-        return message(
-            IMU_TYPE,
-            header=_header(stamp_ns, "imu_link"),
-            orientation_covariance=unreported,
-            angular_velocity={"z": yaw_rate},
-            angular_velocity_covariance=_diagonal(3, {0: gyro, 1: gyro, 2: gyro}),
-            linear_acceleration={"x": a_x, "y": a_y, "z": GRAVITY},
-            linear_acceleration_covariance=_diagonal(3, {0: accel, 1: accel, 2: accel}),
-        )
+        _set_stamp(msg, stamp_ns)
+        msg.linear_acceleration.x, msg.linear_acceleration.y, msg.angular_velocity.z = values
+        return msg
 
     return make
 
@@ -69,39 +75,41 @@ def _imu(sensors: Sensors) -> _Maker:
 def _odometry(sensors: Sensors) -> _Maker:
     o = sensors.odometry
     position, velocity = _variance(o.position_noise), _variance(o.velocity_noise)
-    pose = _planar(position, _variance(o.heading_noise))
-    twist = _planar(velocity, _variance(o.yaw_rate_noise))
+    msg = message(
+        ODOMETRY_TYPE,
+        header=_stamped("odom"),
+        child_frame_id="base_link",
+        pose={"covariance": _planar(position, _variance(o.heading_noise))},
+        twist={"covariance": _planar(velocity, _variance(o.yaw_rate_noise))},
+    )
+    place, turn = msg.pose.pose.position, msg.pose.pose.orientation
+    linear, angular = msg.twist.twist.linear, msg.twist.twist.angular
+    turn.x = turn.y = 0.0
 
     def make(stamp_ns: int, values: list[float]) -> Any:
-        v_x, v_y, yaw_rate, x, y, heading = values
-        turn = {"z": math.sin(0.5 * heading), "w": math.cos(0.5 * heading)}
-        return message(
-            ODOMETRY_TYPE,
-            header=_header(stamp_ns, "odom"),
-            child_frame_id="base_link",
-            pose={"pose": {"position": {"x": x, "y": y}, "orientation": turn}, "covariance": pose},
-            twist={
-                "twist": {"linear": {"x": v_x, "y": v_y}, "angular": {"z": yaw_rate}},
-                "covariance": twist,
-            },
-        )
+        _set_stamp(msg, stamp_ns)
+        linear.x, linear.y, angular.z, place.x, place.y, heading = values
+        turn.z, turn.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
+        return msg
 
     return make
 
 
 def _command(_: Sensors) -> _Maker:
     """Joint `drive`: effort, the torque of all wheels; joint `steer`: position, their angle."""
+    msg = message(
+        COMMAND_TYPES["joint_state"],
+        header=_stamped("base_link"),
+        name=["drive", "steer"],
+        position=[math.nan, math.nan],
+        velocity=[math.nan, math.nan],
+        effort=[math.nan, math.nan],
+    )
 
     def make(stamp_ns: int, values: list[float]) -> Any:
-        torque, delta = values
-        return message(
-            COMMAND_TYPES["joint_state"],
-            header=_header(stamp_ns, "base_link"),
-            name=["drive", "steer"],
-            position=[math.nan, delta],
-            velocity=[math.nan, math.nan],
-            effort=[torque, math.nan],
-        )
+        _set_stamp(msg, stamp_ns)
+        msg.effort[0], msg.position[1] = values
+        return msg
 
     return make
 

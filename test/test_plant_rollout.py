@@ -24,7 +24,10 @@ def windows(rows: FloatArray, starts: np.ndarray, begin: int) -> FloatArray:
     return np.stack([rows[i + begin : i + begin + HORIZON] for i in starts])
 
 
-@pytest.mark.parametrize("name", scenarios())
+PLANAR = [name for name in scenarios() if load_scenario(name).plant == "seven_dof"]
+
+
+@pytest.mark.parametrize("name", PLANAR)
 def test_the_nominal_vehicle_stays_with_the_plant_for_two_seconds(name: str) -> None:
     """
     The floor of every prediction: right parameters, no noise, only the wheels simplified.

@@ -15,9 +15,10 @@ import math
 import numpy as np
 from pydantic import Field
 
+from adk_ros.plant.coloured import coloured
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.params import AIR_DENSITY, GRAVITY, Constants
-from adk_ros.plant.road import ROAD_CURVATURE, ROAD_SPEED, Route, lookup
+from adk_ros.plant.road import ROAD_CURVATURE, ROAD_GRADE, ROAD_SPEED, Route, lookup
 from adk_ros.plant.tyre import axle_tyre, friction
 from adk_ros.plant.yaml_file import FileModel
 from adk_ros.signals.channels import FloatArray
@@ -81,38 +82,33 @@ def plan_speed(route: Route, plan: SpeedPlan) -> Route:
     return Route(table, route.spacing)
 
 
-def _coloured(
-    rng: np.random.Generator, n: int, period_s: float, bandwidth_hz: float
-) -> FloatArray:
-    """Unit-variance noise through two first-order low-passes, shape (n,)."""
-    keep = math.exp(-2.0 * math.pi * bandwidth_hz * period_s)
-    white = rng.standard_normal(n)
-    out = np.empty(n)
-    first = second = 0.0
-    for k in range(n):
-        first = keep * first + (1.0 - keep) * white[k]
-        second = keep * second + (1.0 - keep) * first
-        out[k] = second
-    # Variance of the cascade in steady state, from its impulse response (1 - a)^2 (k + 1) a^k.
-    power = (1.0 - keep) ** 4 * (1.0 + keep**2) / (1.0 - keep**2) ** 3
-    return out / math.sqrt(power)
-
-
 def excitation_signals(
-    rng: np.random.Generator, n: int, period_s: float, excitation: Excitation, plan: SpeedPlan
+    rng: np.random.Generator,
+    n: int,
+    period_s: float,
+    excitation: Excitation,
+    plan: SpeedPlan,
+    start_speed: float | None = None,
 ) -> FloatArray:
-    """Return (n, 3), a row a command: torque to add, angle to add, factor on the speed plan."""
-    out = np.empty((n, 3))
+    """
+    Return (n, 5), a row a command: torque to add, angle to add, factor on the speed plan, limit.
+
+    The limit on the wished speed, m/s, rises from `start_speed` at the last column's rate, the
+    plan's acceleration; there is none for a drive that starts at the plan's own speed.
+    """
+    out = np.empty((n, 5))
     t = period_s * np.arange(n)
     switches = np.cumsum(rng.random(n) < period_s / 1.5)
     levels = rng.choice([-1.0, 0.0, 1.0], size=n + 1)
     out[:, 0] = excitation.torque_step * levels[switches]
-    out[:, 0] += excitation.torque * _coloured(rng, n, period_s, excitation.torque_bandwidth_hz)
-    out[:, 1] = excitation.steer * _coloured(rng, n, period_s, excitation.steer_bandwidth_hz)
+    out[:, 0] += excitation.torque * coloured(rng, n, period_s, excitation.torque_bandwidth_hz)
+    out[:, 1] = excitation.steer * coloured(rng, n, period_s, excitation.steer_bandwidth_hz)
     phases = rng.uniform(0.0, 2.0 * math.pi, 2)
     wander = 0.6 * np.sin(2.0 * math.pi * t / 37.0 + phases[0])
     wander += 0.4 * np.sin(2.0 * math.pi * t / 13.0 + phases[1])
     out[:, 2] = 1.0 + plan.variation * wander
+    out[:, 3] = np.inf if start_speed is None else start_speed + plan.accel * t
+    out[:, 4] = plan.accel
     return out
 
 
@@ -166,9 +162,13 @@ def drive(
     after = lookup(table, spacing, ahead + spacing, ROAD_SPEED)
     wanted = added[2] * plan
     accel = added[2] * added[2] * plan * (after - plan) / spacing
+    if added[3] < wanted:
+        wanted = added[3]
+        accel = added[4]
     error = wanted - v_x
     air = 0.5 * AIR_DENSITY * c.cda * v_x * abs(v_x)
     force = c.mass * (accel + _GAIN_P * error + integral) + air + c.crr * c.mass * GRAVITY
+    force += c.mass * GRAVITY * math.sin(lookup(table, spacing, s, ROAD_GRADE))
     torque = force * c.wheel_radius + added[0]
     if -c.max_brake_torque < torque < c.max_drive_torque:
         integral = min(max(integral + _GAIN_I * error * period_s, -2.0), 2.0)

@@ -15,6 +15,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field, model_validator
 
+from adk_ros.plant.chassis import Chassis
 from adk_ros.plant.yaml_file import FileModel, load, packaged
 
 GRAVITY = 9.81
@@ -92,6 +93,8 @@ class Vehicle(FileModel):
     """Stop of the road-wheel angle on either side, rad."""
     steer_lag: float = Field(default=0.03, ge=0.0, le=5.0)
     """Time constant of the steering actuator, s."""
+    chassis: Chassis | None = None
+    """Suspension, wheels and body, of which only the fourteen-degree-of-freedom plant knows."""
 
     @model_validator(mode="after")
     def _resolvable(self) -> Vehicle:
@@ -103,7 +106,16 @@ class Vehicle(FileModel):
                     f"the {axle} wheels are too light for the stiffness of their tyres: raise "
                     f"wheel_inertia or {axle}_tyre.relaxation_length_x"
                 )
+        if self.chassis is not None:
+            # It needs this module's own Vehicle.
+            from adk_ros.plant.body import resolve
+
+            resolve(self)
         return self
+
+    def chassis_or_default(self) -> Chassis:
+        """Return what the file says of the chassis, all left open where it says nothing."""
+        return Chassis() if self.chassis is None else self.chassis
 
     def constants(self) -> Constants:
         """Return the parameters as the kernels take them."""

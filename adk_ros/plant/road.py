@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field, model_validator
 
+from adk_ros.plant.elevation import Height, Undulation, profile_slope
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.yaml_file import FileModel
 from adk_ros.signals.channels import FloatArray
@@ -25,8 +26,13 @@ SPACING = 0.5
 
 ROAD_X, ROAD_Y, ROAD_HEADING, ROAD_CURVATURE = 0, 1, 2, 3
 ROAD_MU, ROAD_GRADE, ROAD_BANK, ROAD_SPEED = 4, 5, 6, 7
-ROAD_SIZE = 8
-"""Columns of a route's table; ROAD_SPEED is the plan's, filled in by the driver."""
+ROAD_HEIGHT, ROAD_SLOPE, ROAD_CAMBER = 8, 9, 10
+ROAD_SIZE = 11
+"""
+Columns of a route's table; ROAD_SPEED is the plan's, filled in by the driver.
+
+Grade and bank are angles, slope and camber their tangents; the height is the slope's integral.
+"""
 
 _FINE = 0.05
 _SHORTEST = 5.0
@@ -163,12 +169,21 @@ def _trace(segments: list[Segment], lengths: list[float]) -> tuple[FloatArray, F
     return np.column_stack([along, x, y, psi, kappa]), np.array(headings)
 
 
-def build_route(segments: list[Segment], places: list[Place], mu: float) -> Route:
+def build_route(
+    segments: list[Segment],
+    places: list[Place],
+    mu: float,
+    heights: list[Height] | None = None,
+    undulations: list[Undulation] | None = None,
+) -> Route:
     """
     Lay out a closed route; `mu` holds where no place says otherwise. The lap starts at (0, 0).
 
+    The profile of `heights` and `undulations` comes on top of the places' grades.
+
     Raises `ValueError` for a route that does not close: bends that do not turn by a whole number
-    of circles, straights that would have to shrink to less than 5 m, a place beyond the lap.
+    of circles, straights that would have to shrink to less than 5 m; for a place or a height
+    beyond the lap.
     """
     turned = sum(segment.bend.angle_deg for segment in segments if segment.bend is not None)
     if turned == 0.0 or abs(turned / 360.0 - round(turned / 360.0)) > 1e-9:
@@ -198,7 +213,14 @@ def build_route(segments: list[Segment], places: list[Place], mu: float) -> Rout
         if place.end > lap:
             raise ValueError(f"a place ends at {place.end:g} m, but the lap has {lap:.0f} m")
         _lay(table, s, place)
+    if heights or undulations:
+        slope = profile_slope(heights or [], undulations or [], rows, lap)
+        table[:, ROAD_GRADE] = np.arctan(np.tan(table[:, ROAD_GRADE]) + slope)
     table[-1, ROAD_CURVATURE:] = table[0, ROAD_CURVATURE:]
+    table[:, ROAD_SLOPE] = np.tan(table[:, ROAD_GRADE])
+    table[:, ROAD_CAMBER] = np.tan(table[:, ROAD_BANK])
+    climbs = 0.5 * (table[1:, ROAD_SLOPE] + table[:-1, ROAD_SLOPE]) * (lap / rows)
+    table[1:, ROAD_HEIGHT] = np.cumsum(climbs)
     return Route(table, lap / rows)
 
 

@@ -15,17 +15,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.errors import UsageError
+from adk_ros.plant.body import NO_BODY, Body, resolve
 from adk_ros.plant.driver import drive, excitation_signals
+from adk_ros.plant.fourteen_dof import rolling_state as rolling_on_plane
 from adk_ros.plant.jit import kernel
+from adk_ros.plant.on_route import STATE_SIZES, step_on_route
 from adk_ros.plant.params import Constants, Vehicle
 from adk_ros.plant.road import (
-    ROAD_BANK,
-    ROAD_GRADE,
     ROAD_HEADING,
-    ROAD_MU,
     ROAD_SPEED,
     ROAD_X,
     ROAD_Y,
+    Route,
     locate,
     lookup,
 )
@@ -38,18 +39,10 @@ from adk_ros.plant.sensors import (
     odometry_stream,
     stamps,
 )
-from adk_ros.plant.seven_dof import (
-    HEADING,
-    STATE_SIZE,
-    STEP,
-    V_X,
-    V_Y,
-    YAW_RATE,
-    X,
-    Y,
-    rk4_step,
-    rolling_state,
-)
+from adk_ros.plant.seven_dof import HEADING, STEP, V_X, V_Y, YAW_RATE, X, Y, rolling_state
+from adk_ros.plant.surface import tangent_plane
+from adk_ros.plant.swept_sine import steering_angles
+from adk_ros.plant.wind import wind_at, wind_series
 from adk_ros.signals.channels import (
     TICK_NS,
     FloatArray,
@@ -65,6 +58,7 @@ START_NS = 1_760_000_000_000_000_000
 Progress = Callable[[float, float], None]
 """Called with seconds done and seconds in all."""
 
+_TICK = round(TICK_NS * 1e-9 / STEP)
 _CHUNK_S = 5.0
 _TRUTH_SIZE = 9
 _T_A_X, _T_A_Y, _T_YAW_RATE, _T_V_X, _T_V_Y, _T_X, _T_Y, _T_HEADING, _T_PLACE = range(_TRUTH_SIZE)
@@ -78,6 +72,10 @@ class Drive:
     `stamp_ns` (n,), `x` (n, 3), `u` (n, 2) the command in force from the tick on, `a` (n, 2)
     specific force, `pose` (n, 3) x, y, heading, `place` (n,) metres driven along the route,
     `streams` by source. `readings` are all streams merged in order of arrival, `log_ns` (m,) when.
+
+    And what it takes to drive on from any of the grid's rows as the plant did: `plant`, `route`,
+    the full `states` (n, size), the `wind` (n, 2), and the true `commands` (k, 2), each in force
+    from integration step `command_step` (k,) on: see `floor`.
     """
 
     name: str
@@ -93,6 +91,12 @@ class Drive:
     streams: dict[Source, Stream]
     readings: list[Reading]
     log_ns: IntArray
+    plant: str
+    route: Route
+    states: FloatArray
+    wind: FloatArray
+    commands: FloatArray
+    command_step: IntArray
 
     def truth(self) -> Record:
         """Return the truth as a record: what perfect sensors on the grid would give."""
@@ -104,11 +108,14 @@ class Drive:
 
 @kernel
 def _drive(
+    fourteen: bool,
     c: Constants,
+    b: Body,
     table: FloatArray,
     spacing: float,
-    wind: tuple[float, float],
+    wind: FloatArray,
     added: FloatArray,
+    angles: FloatArray,
     every: int,
     phase: int,
     first: int,
@@ -116,17 +123,18 @@ def _drive(
     state: FloatArray,
     hidden: FloatArray,
     truth: FloatArray,
+    states: FloatArray,
     commands: FloatArray,
 ) -> None:
     """
     Drive steps `first` to `first + steps`, a row of `truth` each; continues where it left off.
 
     Command k is given at step `phase + (k - 1) every`, the first one at step 0; `hidden` carries
-    the place, the speed integral and the command in force from one call to the next.
+    the place, the speed integral and the command in force from one call to the next. `angles`,
+    one a command or none, steer instead of the driver.
     """
-    road = np.zeros(5)
-    road[3], road[4] = wind
-    work = np.empty((5, STATE_SIZE))
+    road = np.empty((4, 5))
+    work = np.empty((5, state.shape[0]))
     command = hidden[2:4]
     for n in range(first, first + steps):
         s, across, road_heading = locate(table, spacing, hidden[0], state[X], state[Y])
@@ -138,16 +146,21 @@ def _drive(
                 state[HEADING], added[k], hidden[1], every * STEP,
             )
             hidden[1] = integral
+            if angles.shape[0] > 0:
+                delta = min(max(angles[k], -c.max_steer), c.max_steer)
             command[0], command[1] = torque, delta
             commands[k] = command
-        road[0] = lookup(table, spacing, s, ROAD_MU)
-        road[1] = lookup(table, spacing, s, ROAD_GRADE)
-        road[2] = lookup(table, spacing, s, ROAD_BANK)
+            if n == 0 and phase == 0:
+                commands[1] = command
         row = truth[n]
         row[_T_V_X], row[_T_V_Y], row[_T_YAW_RATE] = state[V_X], state[V_Y], state[YAW_RATE]
         row[_T_X], row[_T_Y], row[_T_HEADING] = state[X], state[Y], state[HEADING]
         row[_T_PLACE] = s
-        row[_T_A_X], row[_T_A_Y] = rk4_step(c, state, command, road, STEP, work)
+        if n % _TICK == 0:
+            states[n // _TICK] = state
+        row[_T_A_X], row[_T_A_Y] = step_on_route(
+            fourteen, c, b, table, spacing, s, wind_at(wind, n, _TICK), state, command, road, work
+        )
 
 
 def _at(truth: FloatArray, at_ns: IntArray, columns: list[int]) -> FloatArray:
@@ -174,6 +187,21 @@ def _merge(streams: dict[Source, Stream]) -> tuple[list[Reading], IntArray]:
     return [readings[i] for i in order.tolist()], logs[order]
 
 
+def _start(scenario: Scenario, c: Constants, route: Route, s: float) -> FloatArray:
+    """State at distance `s`, rolling along the route at the scenario's or the plan's speed."""
+    x, y, heading, speed = (
+        lookup(route.table, route.spacing, s, column)
+        for column in (ROAD_X, ROAD_Y, ROAD_HEADING, ROAD_SPEED)
+    )
+    if scenario.start_speed is not None:
+        speed = scenario.start_speed
+    if scenario.plant == "seven_dof":
+        return rolling_state(c, speed, x, y, heading)
+    plane = np.empty(5)
+    tangent_plane(route.table, route.spacing, s, x, y, plane)
+    return rolling_on_plane(c, speed, plane, x, y, heading)
+
+
 def simulate(
     scenario: Scenario,
     seed: int | None = None,
@@ -195,29 +223,35 @@ def simulate(
     vehicle, route = scenario.car(), scenario.planned_route()
     constants, sensors = vehicle.constants(), scenario.sensors
     # One stream of random numbers each, so that no sensor's settings disturb another's noise.
-    rngs = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4)]
+    rngs = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(5)]
 
     steps = round(seconds / STEP)
     every = round(1.0 / (sensors.command.rate_hz * STEP))
     phase = round(sensors.command.phase_s / STEP) % every
     count = 1 + len(range(phase, steps + 1, every))
     period_s = every * STEP
-    added = excitation_signals(rngs[0], count, period_s, scenario.excitation, scenario.speed)
-    truth = np.empty((steps + 1, _TRUTH_SIZE))
-    commands = np.zeros((count, 2))
-    start = scenario.start % route.length
-    x, y, heading, speed = (
-        lookup(route.table, route.spacing, start, column)
-        for column in (ROAD_X, ROAD_Y, ROAD_HEADING, ROAD_SPEED)
+    added = excitation_signals(
+        rngs[0], count, period_s, scenario.excitation, scenario.speed, scenario.start_speed
     )
-    state = rolling_state(constants, speed, x, y, heading)
+    angles = np.empty(0)
+    if scenario.steering is not None:
+        angles = steering_angles(scenario.steering, period_s * np.arange(count, dtype=np.float64))
+    wind = wind_series(rngs[4], scenario.wind, steps // _TICK)
+    truth = np.empty((steps + 1, _TRUTH_SIZE))
+    states = np.empty((steps // _TICK + 1, STATE_SIZES[scenario.plant]))
+    commands = np.zeros((count, 2))
+    fourteen = scenario.plant == "fourteen_dof"
+    body = resolve(vehicle) if fourteen else NO_BODY
+    start = scenario.start % route.length
+    state = _start(scenario, constants, route, start)
     hidden = np.array([start, 0.0, 0.0, 0.0])
     chunk = round(_CHUNK_S / STEP)
     for first in range(0, steps + 1, chunk):
         _drive(
-            constants, route.table, route.spacing, (scenario.wind.x, scenario.wind.y), added,
-            every, phase, first, min(chunk, steps + 1 - first), state, hidden, truth, commands,
-        )
+            fourteen, constants, body, route.table, route.spacing, wind, added, angles,
+            every, phase, first, min(chunk, steps + 1 - first), state, hidden, truth, states,
+            commands,
+        )  # fmt: skip
         if progress is not None:
             progress(min(first + chunk, steps) * STEP, seconds)
 
@@ -239,8 +273,7 @@ def simulate(
     }
     readings, log_ns = _merge(streams)
 
-    tick = round(TICK_NS * 1e-9 / STEP)
-    grid = truth[::tick]
+    grid = truth[::_TICK]
     grid_ns = np.arange(grid.shape[0], dtype=np.int64) * TICK_NS
     # A command stamped on a tick acts from it on; command 0 acts from the start.
     acting = np.maximum(np.searchsorted(given_ns, grid_ns, side="right") - 1, 0)
@@ -258,4 +291,10 @@ def simulate(
         streams=streams,
         readings=readings,
         log_ns=log_ns,
+        plant=scenario.plant,
+        route=route,
+        states=states,
+        wind=wind,
+        commands=commands,
+        command_step=np.maximum(phase + every * np.arange(-1, count - 1), 0),
     )

@@ -72,12 +72,11 @@ def _text(source: str | Path, kind: str) -> tuple[str, str]:
         raise UsageError(f"{path}: cannot read the {kind} file: {reason}") from None
 
 
-def load(source: str | Path, kind: str, model: type[M]) -> M:
+def read(source: str | Path, kind: str) -> tuple[str, dict[str, Any]]:
     """
-    Read a parameter file into `model`.
+    Return a parameter file's name, for messages, and its content as it stands there.
 
-    `source` is a YAML file's path, or the bare name of one that comes with the package
-    (`data/<name>.<kind>.yaml`). Raises `UsageError` naming the file and the first bad key.
+    `source` as for `load`; raises `UsageError` naming the file.
     """
     name, text = _text(source, kind)
     try:
@@ -91,7 +90,29 @@ def load(source: str | Path, kind: str, model: type[M]) -> M:
         raise UsageError(f"{name}: not valid YAML") from None
     if not isinstance(content, dict):
         raise UsageError(f"{name}: expected a mapping of {kind} parameters at the top level")
-    return validate(name, content, model)
+    return name, content
+
+
+def load(source: str | Path, kind: str, model: type[M]) -> M:
+    """
+    Read a parameter file into `model`.
+
+    `source` is a YAML file's path, or the bare name of one that comes with the package
+    (`data/<name>.<kind>.yaml`). Raises `UsageError` naming the file and the first bad key.
+    """
+    return validate(*read(source, kind), model)
+
+
+def replaced(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Return `base` with the keys of `changes` in place of its own; mappings key by key."""
+    out = dict(base)
+    for key, value in changes.items():
+        old = out.get(key)
+        if isinstance(old, dict) and isinstance(value, dict):
+            out[key] = replaced(old, value)
+        else:
+            out[key] = value
+    return out
 
 
 def validate(name: str, content: Any, model: type[M]) -> M:

@@ -1,0 +1,51 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One integration step of either plant on a route: the road looked up, then the car moved."""
+
+from __future__ import annotations
+
+from adk_ros.plant import fourteen_dof, seven_dof
+from adk_ros.plant.body import Body
+from adk_ros.plant.jit import kernel
+from adk_ros.plant.params import Constants
+from adk_ros.plant.road import ROAD_BANK, ROAD_GRADE, ROAD_MU, lookup
+from adk_ros.plant.seven_dof import HEADING, STEP, X, Y
+from adk_ros.plant.surface import planes_under
+from adk_ros.signals.channels import FloatArray
+
+STATE_SIZES = {"seven_dof": seven_dof.STATE_SIZE, "fourteen_dof": fourteen_dof.STATE_SIZE}
+"""Entries of a plant's state; the first 15 and DELTA to HEADING are the same in both."""
+
+_seven_step = seven_dof.rk4_step
+_fourteen_step = fourteen_dof.rk4_step
+
+
+@kernel
+def step_on_route(
+    fourteen: bool,
+    c: Constants,
+    b: Body,
+    table: FloatArray,
+    spacing: float,
+    s: float,
+    wind: tuple[float, float],
+    state: FloatArray,
+    command: FloatArray,
+    road: FloatArray,
+    work: FloatArray,
+) -> tuple[float, float]:
+    """
+    Advance `state` in place by one `STEP` at distance `s`; return (a_x, a_y) at its start.
+
+    `fourteen` tells which plant's state it is; `b` is `NO_BODY` for the other. `road` (4, 5) and
+    `work` (5, state size) are scratch.
+    """
+    if fourteen:
+        planes_under(c, table, spacing, s, (state[X], state[Y], state[HEADING]), road)
+        return _fourteen_step(c, b, state, command, road, wind, STEP, work)
+    even = road[0]
+    even[0] = lookup(table, spacing, s, ROAD_MU)
+    even[1] = lookup(table, spacing, s, ROAD_GRADE)
+    even[2] = lookup(table, spacing, s, ROAD_BANK)
+    even[3], even[4] = wind
+    return _seven_step(c, state, command, even, STEP, work)
