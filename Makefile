@@ -9,6 +9,10 @@ DEMO_ARGS ?=
 TEST_ARGS ?=
 BENCH_ARGS ?= latency
 
+# Other people's predictors, to compare with: pins that exclude those of adk_ros.
+PEERS := .venv-peers
+PEERS_PYTHON ?= python3.11
+
 BIN := $(VENV)/bin
 RUNTIME := $(VENV)/.runtime-installed
 TESTING := $(VENV)/.testing-installed
@@ -44,7 +48,7 @@ endef
 export CHECK
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test lint bench colcon clean distclean
+.PHONY: help install demo test lint bench peers colcon clean distclean
 
 help: ## Say what can be made
 	@echo "make TARGET [PYTHON=python3.11] [PIP_ARGS=...]"
@@ -65,6 +69,8 @@ lint: $(TESTING) ## Check style and types
 bench: $(TESTING) ## Measure (BENCH_ARGS="live", "latency --json")
 	@$(BIN)/adk bench $(BENCH_ARGS)
 
+peers: $(PEERS)/.peers-installed ## Make .venv-peers with the libraries that `adk bench paper` compares with
+
 colcon: $(TESTING) ## Build as a ROS workspace would, in a scratch folder, and start the node's --help
 	@set -e; scratch=$$(mktemp -d); trap 'rm -rf "$$scratch"' EXIT; \
 	$(BIN)/colcon --log-base "$$scratch/log" build --paths . \
@@ -78,7 +84,7 @@ clean: ## Remove what was built and cached, but for .venv
 	find adk_ros launch test -name __pycache__ -prune -exec rm -rf {} +
 
 distclean: clean ## Remove .venv as well
-	rm -rf $(VENV)
+	rm -rf $(VENV) $(PEERS)
 
 # venv without pip, and pip from outside: Debian and Ubuntu keep ensurepip in a package of its own.
 $(BIN)/python:
@@ -100,4 +106,15 @@ $(RUNTIME): $(RUNTIME_PINS) $(PACKAGE) | $(BIN)/pip
 
 $(TESTING): requirements/test.txt $(RUNTIME)
 	$(PIP_INSTALL) -r requirements/test.txt
+	@touch $@
+
+# One of the peers has wheels for no other Python. The list is complete, and shorter than what they
+# ask for: see there.
+$(PEERS)/.peers-installed: requirements/peers.txt | $(BIN)/pip
+	@$(PEERS_PYTHON) -c "import sys; sys.exit(sys.version_info[:2] != (3, 11))" || \
+	    { echo "The peers need Python 3.11: \`make peers PEERS_PYTHON=...\`" >&2; exit 1; }
+	$(PEERS_PYTHON) -m venv --clear --without-pip $(PEERS)
+	@echo "*" > $(PEERS)/.gitignore
+	$(BIN)/python -m pip --python $(PEERS)/bin/python install --disable-pip-version-check \
+	    $(PIP_ARGS) --no-deps --only-binary :all: -r requirements/peers.txt
 	@touch $@
