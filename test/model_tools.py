@@ -4,12 +4,14 @@
 
 import functools
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
+from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting, input_size
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model, Prediction, Predictor
@@ -48,6 +50,12 @@ SCALING = Scaling(
 )
 
 
+def slow(gain: float, decay: float = 1.0, **changes: Any) -> Correction:
+    """A slow disturbance, the same on all channels, and nothing else but `changes`."""
+    gains = {"slow_gain": np.full(3, gain), "slow_decay": np.full(3, decay)}
+    return replace(Correction.none(), **gains | changes)
+
+
 def make_model(**changes: Any) -> Model:
     """A complete model that is stable and predicts little of use; `twin=False` takes it away."""
     history, features = changes.pop("history", HISTORY), changes.pop("features", FEATURES)
@@ -71,9 +79,9 @@ def make_model(**changes: Any) -> Model:
         "residual": residual,
         "affine": affine,
         "relift": True,
-        "disturbance_gain": np.full(3, 0.05),
-        "disturbance_decay": np.full(3, 0.97),
+        "correction": slow(0.05, 0.97),
         "horizon_covariance": steps * np.diag([0.01, 0.004, 0.001]),
+        "usual_change": np.zeros((0, 3)),
         "uses_imu": True,
         "online": OnlineSettings("windowed", window=100, ridge=1.0),
     }
@@ -84,7 +92,7 @@ def paper_model(**changes: Any) -> Model:
     """The paper's form: no past, no constant, no increments, rolled out in the lifted space."""
     form = {
         "history": 0, "residual": False, "affine": False, "relift": False,
-        "disturbance_gain": np.zeros(3), "disturbance_decay": np.ones(3),
+        "correction": Correction.none(),
         "horizon_covariance": np.zeros((0, 3, 3)), "online": OnlineSettings("swls", window=60),
     }  # fmt: skip
     return make_model(**form | changes)

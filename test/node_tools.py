@@ -21,6 +21,7 @@ import torch
 from adk_ros.bags import BagWriter
 from adk_ros.bags import message as bag_message
 from adk_ros.model import artefact
+from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting, input_size
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.predictor import Model, Prediction
@@ -76,7 +77,10 @@ def write_model(folder: Path, uses_imu: bool = True) -> Path:
             np.array([500.0, 0.05]), np.array([0.01, 0.05, 0.05]),
         ),
         theta0=theta, history=history, residual=True, affine=True, relift=True,
-        disturbance_gain=np.full(3, 0.05), disturbance_decay=np.full(3, 0.97),
+        correction=Correction(
+            np.ones(3), np.full(3, 0.05), np.full(3, 0.97), np.full(3, 0.5), np.full(3, 0.8)
+        ),
+        usual_change=np.outer(np.arange(1.0, 81.0), [0.02, 0.01, 0.001]),
         horizon_covariance=np.stack([np.diag([0.01, 0.01, 0.001]) * (j + 1) for j in range(80)]),
         uses_imu=uses_imu,
     )  # fmt: skip

@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 import torch
-from model_tools import make_model, paper_model, plain_program, program, slalom
+from model_tools import make_model, paper_model, plain_program, program, slalom, slow
 
 from adk_ros.errors import UsageError
 from adk_ros.model import artefact
@@ -204,7 +204,7 @@ READABLE, FINITE = "arrays.npz is not readable", "holds values that are not fini
         (manifest_is(b"[]"), "does not describe an adk_ros.model"),
         (manifest_is(b"{}"), "does not describe an adk_ros.model"),
         (edit(format="webapp"), "does not describe an adk_ros.model"),
-        (edit(version=2), "version is 2, this program runs 1: train the model anew"),
+        (edit(version=3), "version is 3, this program runs 2: train the model anew"),
         (edit(version=None), "version is null"),
         (edit(dt_s=0.02), r"dt_s is 0.02, this program runs 0.025"),
         (edit(dt_s=math.nan), "dt_s is NaN"),
@@ -266,7 +266,7 @@ READABLE, FINITE = "arrays.npz is not readable", "holds values that are not fini
         (with_arrays(theta0=np.zeros(70)), "theta0 has shape"),
         (with_arrays(x_mean=np.zeros(2)), "x_mean has shape"),
         (with_arrays(u_scale=np.ones((2, 1))), "u_scale has shape"),
-        (with_arrays(disturbance_gain=np.zeros(())), "disturbance_gain has shape"),
+        (with_arrays(slow_gain=np.zeros(())), "slow_gain has shape"),
         (with_arrays(horizon_covariance=np.zeros((80, 3))), "horizon_covariance has shape"),
         (with_arrays(theta0=np.full((7, 10), np.nan)), f"theta0 {FINITE}"),
         (with_arrays(x_scale=np.array([1.0, np.inf, 1.0])), f"x_scale {FINITE}"),
@@ -306,11 +306,11 @@ def test_whole_numbers_written_by_hand_serve(folder: Path) -> None:
 
 def test_a_model_may_be_written_over(folder: Path) -> None:
     (folder / "report.html").write_text("of the training before")
-    other = make_model(disturbance_gain=np.full(3, 0.3))
+    other = make_model(correction=slow(0.3))
     artefact.save(folder, program(), other, {"seed": 4})
     loaded = artefact.load(folder)
     assert loaded.manifest["training"] == {"seed": 4}
-    assert loaded.model.disturbance_gain.tolist() == [0.3] * 3
+    assert loaded.model.correction.slow_gain.tolist() == [0.3] * 3
     assert (folder / "report.html").exists()
     assert [p.name for p in folder.parent.iterdir()] == ["model"]
 
@@ -391,7 +391,7 @@ def test_interrupted_while_writing_over(
     folder: Path, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
     """Then it is the old one, or the new one, or refused for a hash: never a mixture."""
-    other = make_model(history=0, disturbance_gain=np.full(3, 0.3))
+    other = make_model(history=0, correction=slow(0.3))
     with monkeypatch.context() as patch:
         fail_after(count, patch)
         try:

@@ -75,9 +75,9 @@ def test_only_what_is_asked_for_is_scored(record: Record) -> None:
 
 
 def test_warm_up_is_limited() -> None:
-    record = build_record(in_order(drive(30.0, 50, 40, 40)))
+    record = build_record(in_order(drive(60.0, 50, 40, 40)))
     scored = np.zeros(len(record), dtype=bool)
-    scored[1000:1100] = True
+    scored[2100:2200] = True
     calls: list[tuple[int, int]] = []
     rolled = roll_out_record(
         make_model(), record, scored=scored, ahead=20, stride=4,

@@ -16,8 +16,10 @@ from model_tools import (
     paper_model,
     sample,
     slalom,
+    slow,
 )
 
+from adk_ros.model.correction import Correction
 from adk_ros.model.online import METHODS, OnlineSettings
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import UNLEARNABLE, Flag
@@ -41,7 +43,7 @@ def test_learning_does_not_reach_back() -> None:
 
 def test_a_wrong_model_of_a_linear_car_is_put_right() -> None:
     """Data made by another theta: windowed least squares finds it, constant never does."""
-    model = make_model(disturbance_gain=np.zeros(3))
+    model = make_model(correction=Correction.none())
     truth = model.theta0.copy()
     truth[:3] += np.random.default_rng(5).normal(0.0, 0.3, truth[:3].shape)
     truth[:3, :3] -= 0.5 * np.eye(3)
@@ -124,7 +126,7 @@ def test_no_imu_is_no_hindrance() -> None:
 
 def test_a_constant_disturbance_is_found() -> None:
     """The increments are off by a constant: the disturbance gets there, as an acceleration."""
-    model = make_model(disturbance_gain=np.full(3, 0.05), disturbance_decay=np.full(3, 0.99))
+    model = make_model(correction=slow(0.05, 0.99))
     predictor, car = Predictor(model, CONSTANT, 20), Predictor(model, CONSTANT, 0)
     push = np.array([0.4, -0.2, 0.1])
     u, x = inputs(300), np.array(SCALING.x_mean)
@@ -149,7 +151,7 @@ def test_a_constant_disturbance_is_found() -> None:
 
 
 def test_gain_zero_switches_the_disturbance_off() -> None:
-    predictor = Predictor(make_model(disturbance_gain=np.zeros(3)))
+    predictor = Predictor(make_model(correction=Correction.none()))
     fold(predictor, slalom(50))
     assert predictor.disturbance.tolist() == [0.0, 0.0, 0.0]
 

@@ -19,6 +19,7 @@ from model_tools import (
 )
 
 from adk_ros.errors import UsageError
+from adk_ros.model.correction import Correction
 from adk_ros.model.online import OnlineSettings, Windowed
 from adk_ros.model.predictor import Model, Prediction, Predictor, Status
 from adk_ros.signals.channels import TICK_NS, Sample
@@ -51,7 +52,7 @@ def by_hand(model: Model, samples: list[Sample], steps: int) -> Array:
 def test_prediction_by_hand(twin: bool, residual: bool, affine: bool, history: int) -> None:
     model = make_model(
         twin=twin, residual=residual, affine=affine, history=history,
-        disturbance_gain=np.zeros(3), online=CONSTANT,
+        correction=Correction.none(), online=CONSTANT,
     )  # fmt: skip
     predictor = Predictor(model, horizon_steps=30)
     samples = list(slalom(12))
@@ -122,7 +123,7 @@ def test_innovation_is_the_error_of_the_last_prediction() -> None:
 def test_covariance_is_that_of_the_innovations() -> None:
     """White noise of known size on a car that stands still."""
     model = make_model(
-        theta0=np.zeros((3 + FEATURES, 3 + FEATURES + 3)), disturbance_gain=np.zeros(3)
+        theta0=np.zeros((3 + FEATURES, 3 + FEATURES + 3)), correction=Correction.none()
     )
     predictor = Predictor(model, CONSTANT, horizon_steps=0)
     random, sigma = np.random.default_rng(0), np.array([0.02, 0.01, 0.005])

@@ -12,6 +12,7 @@ import pytest
 import torch
 from train_tools import made_record, record, small
 
+from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting, input_size
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model
@@ -40,9 +41,9 @@ def linear_model(change: np.ndarray) -> Model:
         residual=True,
         affine=True,
         relift=True,
-        disturbance_gain=np.zeros(3),
-        disturbance_decay=np.ones(3),
+        correction=Correction.none(),
         horizon_covariance=np.zeros((0, 3, 3)),
+        usual_change=np.zeros((0, 3)),
         uses_imu=False,
         online=OnlineSettings("constant"),
     )

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.errors import UsageError
+from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting, input_size
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model
@@ -39,7 +40,7 @@ from adk_ros.signals.channels import (
 )
 
 FORMAT = "adk_ros.model"
-VERSION = 1
+VERSION = 2
 REFERENCE_POINT = "centre_of_gravity"
 CHANNELS = {
     "state": dict(zip(STATE_NAMES, STATE_UNITS, strict=True)),
@@ -47,7 +48,7 @@ CHANNELS = {
 }
 _ARRAYS = (
     "x_mean", "x_scale", "u_mean", "u_scale", "step_scale", "theta0",
-    "disturbance_gain", "disturbance_decay", "horizon_covariance",
+    "horizon_covariance", "usual_change", *Correction.names(),
 )
 MANIFEST, ENCODER, ARRAYS = "manifest.json", "encoder.pt", "arrays.npz"
 
@@ -168,9 +169,9 @@ def load(folder: Path) -> Artefact:
         residual=manifest["residual"],
         affine=manifest["affine"],
         relift=manifest["relift"],
-        disturbance_gain=arrays["disturbance_gain"],
-        disturbance_decay=arrays["disturbance_decay"],
+        correction=Correction(**{n: arrays[n] for n in Correction.names()}),
         horizon_covariance=arrays["horizon_covariance"],
+        usual_change=arrays["usual_change"],
         uses_imu=manifest["uses_imu"],
         online=OnlineSettings(**manifest["online"]),
     )
@@ -234,7 +235,9 @@ def _check_online(path: Path, online: dict[str, Any]) -> None:
 def _pack(model: Model) -> bytes:
     scaling = model.scaling
     arrays: dict[str, FloatArray] = {name: getattr(scaling, name) for name in _ARRAYS[:5]}
-    arrays |= {name: getattr(model, name) for name in _ARRAYS[5:]}
+    own = ("theta0", "horizon_covariance", "usual_change")
+    arrays |= {name: getattr(model, name) for name in own}
+    arrays |= {name: getattr(model.correction, name) for name in Correction.names()}
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
     return buffer.getvalue()
@@ -261,9 +264,8 @@ def _checked_bytes(folder: Path, name: str, manifest: dict[str, Any]) -> bytes:
 def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine: bool) -> None:
     shapes = {
         "x_mean": (3,), "x_scale": (3,), "u_mean": (2,), "u_scale": (2,), "step_scale": (3,),
-        "theta0": (n_z, n_z + 2 + int(affine)), "disturbance_gain": (3,),
-        "disturbance_decay": (3,),
-    }
+        "theta0": (n_z, n_z + 2 + int(affine)),
+    } | {name: (3,) for name in Correction.names()}
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise UsageError(
@@ -273,6 +275,9 @@ def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine:
     covariance = arrays["horizon_covariance"]
     if covariance.ndim != 3 or covariance.shape[1:] != (3, 3):
         raise UsageError(f"{folder / ARRAYS}: horizon_covariance has shape {covariance.shape}")
+    usual = arrays["usual_change"]
+    if usual.size and usual.shape != covariance.shape[:2]:
+        raise UsageError(f"{folder / ARRAYS}: usual_change has shape {usual.shape}")
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise UsageError(f"{folder / ARRAYS}: {name} holds values that are not finite")

@@ -20,8 +20,8 @@ from adk_ros.model.predictor import Model, Predictor
 from adk_ros.signals.channels import BoolArray, FloatArray, IntArray, Record, Sample
 from adk_ros.signals.score import starts
 
-WARM_UP_STEPS = 800
-"""Samples before a scored stretch that the predictor may adapt on: 20 s, past data only."""
+WARM_UP_STEPS = 2000
+"""Samples before a scored stretch that the predictor may adapt on: 50 s, past data only."""
 
 
 @dataclass(frozen=True)

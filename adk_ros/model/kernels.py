@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The compiled inner loops of a tick: perceptron, roll-out, and the pair that is learned from.
+The compiled inner loops of a tick: sample in, perceptron, and the pair that is learned from.
 
 Arrays are updated in place, nothing is allocated in a tick but small temporaries. Everything is
 float64 but the perceptron. Equation numbers are the paper's.
@@ -12,9 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from adk_ros.model.compiled import fast, jit
-
-_LIMIT = 50.0
-"""Scaled states are held within this: far outside any data, and finite."""
 
 
 @fast
@@ -81,14 +78,25 @@ def shift_in(past, value):  # type: ignore[no-untyped-def]
 
 @jit
 def take_sample(  # type: ignore[no-untyped-def]
-    state, command, x_mean, x_scale, u_mean, u_scale, x_past, u_past, u_now, row
+    state, predicted, correction, command, x_mean, x_scale, u_mean, u_scale,
+    measured, x_past, u_past, u_now, row
 ):
-    """Scale a state (3,) and command (2,), shift both pasts, fill the encoder's input row."""
+    """
+    Scale a state (3,) and command (2,), shift both pasts, fill the encoder's input row.
+
+    `measured` (3,) is the state scaled, and x_past's first row what the observer makes of it and
+    of what was `predicted` (3,) for it, SI, NaN if nothing was. `correction` (5, 3) as
+    `Correction.table` gives it.
+    """
     shift_in(u_past, u_now)
     for i in range(x_past.shape[0] - 1, 0, -1):
         x_past[i, :] = x_past[i - 1, :]
     for c in range(3):
-        x_past[0, c] = (state[c] - x_mean[c]) / x_scale[c]
+        measured[c] = (state[c] - x_mean[c]) / x_scale[c]
+        x_past[0, c] = measured[c]
+        if correction[0, c] < 1.0 and np.isfinite(predicted[c]):
+            expected = (predicted[c] - x_mean[c]) / x_scale[c]
+            x_past[0, c] = expected + correction[0, c] * (measured[c] - expected)
     for c in range(2):
         u_now[c] = (command[c] - u_mean[c]) / u_scale[c]
     fill_row(x_past, u_past, row)
@@ -96,21 +104,21 @@ def take_sample(  # type: ignore[no-untyped-def]
 
 @jit
 def make_pair(  # type: ignore[no-untyped-def]
-    x, features, phi, theta, step_scale, residual, gain, disturbance, y, limit
+    measured, features, phi, theta, step_scale, residual, correction, disturbance, y, limit
 ):
     """
-    Target y (n_z,) of the tick that has just ended, the disturbance moved towards what is left.
+    Target y (n_z,) of the tick that has just ended, the disturbances moved towards what is left.
 
-    `x` (>= 1, 3) with the state now in its first row and `features` make up z; `phi` is of the
-    tick before and begins with its z. Return False, with the disturbance as it was, if the pair
-    is absurd and must not be learned: a regressor of 1e6 would leave 1e-4 of rounding in the Gram
-    for good.
+    `measured` (3,) scaled and `features` make up z; `phi` is of the tick before and begins with
+    its z, the observer's state in it; `disturbance` (2, 3) slow and fast. Return False,
+    with the disturbance as it was, if the pair is absurd and must not be learned: a regressor of
+    1e6 would leave 1e-4 of rounding in the Gram for good.
     """
     for j in range(phi.shape[0]):
         if not abs(phi[j]) < limit:
             return False
     for i in range(y.shape[0]):
-        value = x[0, i] if i < 3 else np.float64(features[i - 3])
+        value = measured[i] if i < 3 else np.float64(features[i - 3])
         if residual:
             value -= phi[i]
             if i < 3:
@@ -122,7 +130,9 @@ def make_pair(  # type: ignore[no-untyped-def]
         left = y[c]
         for j in range(phi.shape[0]):
             left -= theta[c, j] * phi[j]
-        disturbance[c] += gain[c] * (left - disturbance[c])
+        disturbance[0, c] += correction[1, c] * (left - disturbance[0, c])
+        left -= disturbance[0, c]
+        disturbance[1, c] += correction[3, c] * (left - disturbance[1, c])
     return True
 
 
@@ -157,91 +167,3 @@ def follow_covariance(covariance, innovation, gain):  # type: ignore[no-untyped-
     for i in range(3):
         for j in range(3):
             covariance[i, j] += gain * (innovation[i] * innovation[j] - covariance[i, j])
-
-
-@fast
-def head_through(theta, n_features, matrix, out):  # type: ignore[no-untyped-def]
-    """out (3, k) = theta[:3, 3:3 + n_features] matrix' for `matrix` (k, n_features)."""
-    for c in range(3):
-        for i in range(matrix.shape[0]):
-            value = 0.0
-            for j in range(n_features):
-                value += theta[c, 3 + j] * matrix[i, j]
-            out[c, i] = value
-
-
-@fast
-def roll_out_lifting(  # type: ignore[no-untyped-def]
-    x_past, u_past, theta, step_scale, residual, affine, u_ahead,
-    disturbance, decay, w1, b1, w2, b2, w3, b3, skip, out
-):
-    """
-    Predict len(out) steps, lifting anew at each: out (h, 3) scaled.
-
-    `u_ahead` (up to h, 2) scaled, its last row held; `theta` (n_z, n_phi), of which the state's
-    three rows are used; `disturbance` (3,) is added to the increments and decays by `decay` (3,)
-    a step. The lift's last layer and the head are both linear: they are multiplied out once, and
-    the features themselves never formed.
-    """
-    n, hidden = w1.shape
-    n_features = w3.shape[1]
-    n_z = 3 + n_features
-    n_x, last = 3 * x_past.shape[0], u_ahead.shape[0] - 1
-    row = np.empty(n, dtype=np.float32)
-    fill_row(x_past, u_past, row)
-    first, second = np.empty(hidden, dtype=np.float32), np.empty(hidden, dtype=np.float32)
-    head, short = np.empty((3, hidden), dtype=np.float32), np.empty((3, n), dtype=np.float32)
-    head_through(theta, n_features, w3, head)
-    head_through(theta, n_features, skip, short)
-    level = np.zeros(3)
-    for c in range(3):
-        for j in range(n_features):
-            level[c] += theta[c, 3 + j] * b3[j]
-        if affine:
-            level[c] += theta[c, n_z + 2]
-    x, push, new = x_past[0].copy(), disturbance.copy(), np.empty(3)
-    for step in range(out.shape[0]):
-        u0, u1 = u_ahead[min(step, last), 0], u_ahead[min(step, last), 1]
-        hidden_layer(row, w1, b1, first)
-        hidden_layer(first, w2, b2, second)
-        for c in range(3):
-            lifted = np.float32(0.0)
-            for i in range(hidden):
-                lifted += head[c, i] * second[i]
-            for i in range(n):
-                lifted += short[c, i] * row[i]
-            value = level[c] + lifted + theta[c, n_z] * u0 + theta[c, n_z + 1] * u1
-            for j in range(3):
-                value += theta[c, j] * x[j]
-            value += push[c]
-            push[c] *= decay[c]
-            value = value * step_scale[c] + (x[c] if residual else 0.0)
-            new[c] = min(max(value, -_LIMIT), _LIMIT)
-        for i in range(n_x - 1, 2, -1):
-            row[i] = row[i - 3]
-        for i in range(n - 1, n_x + 1, -1):
-            row[i] = row[i - 2]
-        if n > n_x:
-            row[n_x], row[n_x + 1] = u0, u1
-        for c in range(3):
-            x[c] = new[c]
-            row[c] = new[c]
-            out[step, c] = new[c]
-
-
-@jit
-def roll_out_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
-    """Predict in the lifted space, z+ = A z + B u (eq. 5): as above, no lift on the way."""
-    n_z = z.shape[0]
-    last = u_ahead.shape[0] - 1
-    now = z.copy()
-    new = np.empty(n_z)
-    for step in range(out.shape[0]):
-        u = u_ahead[min(step, last)]
-        for c in range(n_z):
-            value = theta[c, n_z] * u[0] + theta[c, n_z + 1] * u[1]
-            for j in range(n_z):
-                value += theta[c, j] * now[j]
-            new[c] = min(max(value, -_LIMIT), _LIMIT)
-        now[:] = new
-        out[step, :] = now[:3]

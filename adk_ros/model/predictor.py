@@ -23,14 +23,18 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.errors import UsageError
-from adk_ros.model import kernels
+from adk_ros.model import kernels, roll_out
+from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Float32Array, Lifting, input_size
 from adk_ros.model.online import METHODS, OnlineSettings
 from adk_ros.model.scaling import Scaling
+from adk_ros.model.trials import Trials
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, FloatArray, Sample
 
 _COVARIANCE_GAIN = 0.01
 _MAX_PAIR = 1e3
+_PRIOR_TRIALS = 5.0
+_FULL_TRUST = np.ones((0, 3))
 # Plain integers: operations on flags themselves cost a microsecond each.
 _RESTART, _COASTING, _UNLEARNABLE = int(Flag.RESTART), int(Flag.COASTING), int(UNLEARNABLE)
 _UNKNOWN = np.full(3, math.nan)
@@ -43,10 +47,10 @@ class Model:
     What training yields, all that a predictor needs.
 
     `theta0` (n_z, n_phi): offline [A0 B0 c0] (`affine`) or [A0 B0]; in the residual form its rows
-    give increments, the state's in units of `scaling.step_scale`. `disturbance_gain` and
-    `disturbance_decay` (3,): per tick, per channel; gain 0 switches it off. `horizon_covariance`
-    (steps, 3, 3): error covariance in SI units by horizon, on data not trained on. `relift`: lift
-    anew at each step of a roll-out, else stay in the lifted space.
+    give increments, the state's in units of `scaling.step_scale`. `horizon_covariance`
+    (steps, 3, 3): error covariance in SI units by horizon, on data not trained on, and
+    `usual_change` (steps, 3) the mean square change of the state over it; both empty where there
+    are none. `relift`: lift anew at each step of a roll-out, else stay in the lifted space.
     """
 
     lifting: Lifting
@@ -56,9 +60,9 @@ class Model:
     residual: bool
     affine: bool
     relift: bool
-    disturbance_gain: FloatArray
-    disturbance_decay: FloatArray
+    correction: Correction
     horizon_covariance: FloatArray
+    usual_change: FloatArray
     uses_imu: bool
     online: OnlineSettings = field(default_factory=OnlineSettings)
 
@@ -122,23 +126,28 @@ class Predictor:
         self._u_past = np.zeros((model.history, 2))
         self._row = np.zeros(input_size(model.history), dtype=np.float32)
         self._u = np.zeros(2)
+        self._measured = np.zeros(3)
+        self._correction = model.correction.table()
         self._phi = np.zeros(model.theta0.shape[1])
         self._y = np.zeros(model.n_z)
         # A view: the command now, as commands ahead that hold it.
         self._u_held = self._u[None]
         self._twin = model.lifting.twin.arrays() if model.lifting.twin is not None else None
+        self.trials = _trials(model)
         self.reset()
 
     def reset(self) -> None:
         """Forget all samples and adaptation."""
         self.online.reset()
+        if self.trials is not None:
+            self.trials.reset()
         self.status = Status.WARMING_UP
         self._known = 0
         self._last_ns: int | None = None
         self._coasted = 0
         self._predicted: FloatArray | None = None
         self._clean = 0
-        self._disturbance = np.zeros(3)
+        self._disturbance = np.zeros((2, 3))
         self._covariance = self._initial_covariance()
 
     def _initial_covariance(self) -> FloatArray:
@@ -147,11 +156,24 @@ class Predictor:
         return np.diag(np.square(self.model.scaling.x_scale * self.model.scaling.step_scale))
 
     @property
+    def horizon_covariance(self) -> FloatArray:
+        """
+        Covariance (steps, 3, 3) of measured less predicted state, by horizon, SI.
+
+        What the trials of the last half minute showed, at first what validation found; under
+        commands that are known. Empty for a model without either.
+        """
+        if self.trials is None:
+            return self.model.horizon_covariance
+        scale = self.model.scaling.x_scale
+        return np.asarray(self.trials.covariance * np.outer(scale, scale))
+
+    @property
     def disturbance(self) -> FloatArray:
         """Disturbance (3,) as acceleration: m/s^2, m/s^2, rad/s^2."""
         scaling = self.model.scaling
         unit = scaling.step_scale * scaling.x_scale / (TICK_NS * 1e-9)
-        return np.asarray(self._disturbance * unit)
+        return np.asarray(self._disturbance.sum(axis=0) * unit)
 
     def step(self, sample: Sample) -> Prediction | None:
         """
@@ -181,6 +203,8 @@ class Predictor:
 
     def _give_up(self) -> None:
         self.status = Status.NO_STATE
+        if self.trials is not None:
+            self.trials.stop()
         self._known = 0
         self._predicted = None
         self._clean = 0
@@ -189,10 +213,19 @@ class Predictor:
         self, sample: Sample, state: FloatArray, measured: bool
     ) -> Prediction | None:
         model, scaling = self.model, self.model.scaling
+        # Until the sample is taken, this is the command of the tick that has passed.
+        u_passed = self._u.copy()
+        expected = _UNKNOWN if self._predicted is None else self._predicted
         kernels.take_sample(
-            state, sample.u, scaling.x_mean, scaling.x_scale, scaling.u_mean, scaling.u_scale,
-            self._x_past, self._u_past, self._u, self._row,
+            state, expected, self._correction, sample.u, scaling.x_mean, scaling.x_scale,
+            scaling.u_mean, scaling.u_scale, self._measured, self._x_past, self._u_past, self._u,
+            self._row,
         )
+        if self.trials is not None:
+            self.trials.compare(
+                self._measured, u_passed, measured and not sample.flags & _UNLEARNABLE,
+                3 * (model.history + 1), scaling.step_scale, model.residual, self._correction,
+            )
         self._known += 1
         self._clean = self._clean + 1 if measured and not sample.flags & _UNLEARNABLE else 0
         if self._known <= model.history:
@@ -206,6 +239,10 @@ class Predictor:
             if self._clean >= model.history + 2:
                 self._learn(features, innovation)
         kernels.fill_phi(self._x_past, features, self._u, model.affine, self._phi)
+        if self.trials is not None and measured:
+            self.trials.start(
+                self._x_past, self._u_past, self.online.theta, model.affine, self._disturbance
+            )
         horizon = self._roll_out(self._u_held, max(self.horizon_steps, 1))
         if horizon is None:
             # Nothing here can yield this from finite samples; if it does, start afresh.
@@ -230,8 +267,8 @@ class Predictor:
     def _learn(self, features: Float32Array, innovation: FloatArray) -> None:
         model = self.model
         usable = kernels.make_pair(
-            self._x_past, features, self._phi, self.online.theta, model.scaling.step_scale,
-            model.residual, model.disturbance_gain, self._disturbance, self._y, _MAX_PAIR,
+            self._measured, features, self._phi, self.online.theta, model.scaling.step_scale,
+            model.residual, self._correction, self._disturbance, self._y, _MAX_PAIR,
         )
         if usable:
             self.online.update(self._phi, self._y)
@@ -243,16 +280,19 @@ class Predictor:
         out = np.empty((steps, 3))
         theta = self.online.theta
         if not model.relift:
-            kernels.roll_out_linear(self._phi[: model.n_z], theta, u_ahead, out)
+            roll_out.roll_out_linear(self._phi[: model.n_z], theta, u_ahead, out)
         elif self._twin is not None:
-            kernels.roll_out_lifting(
+            roll_out.roll_out_lifting(
                 self._x_past, self._u_past, theta, model.scaling.step_scale, model.residual,
-                model.affine, u_ahead, self._disturbance, model.disturbance_decay,
+                model.affine, u_ahead, self._disturbance, self._correction,
                 *self._twin, out,
             )
         else:
             self._roll_out_by_torch(u_ahead, out)
-        return out if kernels.to_si(out, model.scaling.x_mean, model.scaling.x_scale) else None
+        trust = _FULL_TRUST if self.trials is None else self.trials.trust
+        scaling = model.scaling
+        finite = roll_out.to_si(out, self._x_past[0], trust, scaling.x_mean, scaling.x_scale)
+        return out if finite else None
 
     def _roll_out_by_torch(self, u_ahead: FloatArray, out: FloatArray) -> None:
         model = self.model
@@ -264,8 +304,8 @@ class Predictor:
             phi[3 : model.n_z] = model.lifting(row)
             u = u_ahead[min(step, u_ahead.shape[0] - 1)]
             phi[model.n_z : model.n_z + 2] = u
-            change = (self.online.theta[:3] @ phi + push) * model.scaling.step_scale
-            push *= model.disturbance_decay
+            change = (self.online.theta[:3] @ phi + push.sum(axis=0)) * model.scaling.step_scale
+            push *= self._correction[[2, 4]]
             new = np.clip(change + x_past[0] if model.residual else change, -50.0, 50.0)
             kernels.shift_in(x_past, new)
             kernels.shift_in(u_past, u)
@@ -292,3 +332,15 @@ class Predictor:
             else:
                 covariance *= 1.0 + self._coasted
         return covariance
+
+
+def _trials(model: Model) -> Trials | None:
+    """Trials for a model that can have them: lifted anew at each step, by the compiled twin."""
+    if model.lifting.twin is None or not model.relift or not len(model.usual_change):
+        return None
+    scale = model.scaling.x_scale
+    change = model.usual_change / scale**2
+    errors = change[:, :, None] * np.eye(3)
+    if len(model.horizon_covariance):
+        errors = model.horizon_covariance / np.outer(scale, scale)
+    return Trials(model.lifting.twin.arrays(), change, errors, _PRIOR_TRIALS)

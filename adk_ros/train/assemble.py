@@ -1,40 +1,21 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-From a trained network to a model: features of unit size, the lifted rows, gains, covariance.
-
-What is chosen here is chosen on the validation part alone, by the predictor itself:
-`Predictor.step` over the samples, scored against the best naive predictor of each cell. To value
-adaptation as well as the fit, every choice is also made on the validation data with its commands
-scaled (torque 0.8, steering 0.85), which to the model is a car that answers otherwise than the
-one it knows.
-"""
+"""From a trained network to a model: features of unit size, and the lifted rows of theta."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 
-from adk_ros.model.evaluate import Rollouts, roll_out_record
+from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting, input_size
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model
-from adk_ros.signals.channels import BoolArray, FloatArray, Record
-from adk_ros.signals.score import best_naive, naive_predictions, score
-from adk_ros.train.dataset import VALIDATION, Sequences, Split
+from adk_ros.train.dataset import Sequences
 from adk_ros.train.fit import Trained
 from adk_ros.train.network import Network, as_tensor, to_torchscript
-
-_AHEAD = 80
-_CHANGED_CAR = np.array([0.8, 0.85])
-_WINDOWS = ((400, 100.0), (400, 1000.0), (400, 10000.0), (1000, 1000.0))
-_DISTURBANCES = ((0.0, 1.0), (0.02, 0.99), (0.05, 0.99), (0.05, 0.97), (0.1, 0.97))
-_TUNING_ROWS = 400
-
-Note = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -78,9 +59,9 @@ def assemble(trained: Trained, part: Sequences, uses_imu: bool) -> Assembled:
         residual=True,
         affine=True,
         relift=True,
-        disturbance_gain=np.zeros(3),
-        disturbance_decay=np.ones(3),
+        correction=Correction.none(),
         horizon_covariance=np.zeros((0, 3, 3)),
+        usual_change=np.zeros((0, 3)),
         uses_imu=uses_imu,
         online=OnlineSettings("constant"),
     )
@@ -106,85 +87,3 @@ def _normalise(network: Network, rows: torch.Tensor) -> None:
     block = slice(3, 3 + features.shape[1])
     head[-1] += mean @ head[block]
     head[block] *= spread[:, None]
-
-
-def tune(model: Model, split: Split, note: Note | None = None) -> Model:
-    """
-    Choose window, ridge and the disturbance's gains on the validation part; set the covariance.
-
-    Gains are chosen channel by channel, windows by the geometric mean over all cells.
-    """
-    cases = _cases(split)
-    total = len(_WINDOWS) + len(_DISTURBANCES)
-    ratios = []
-    for number, (window, ridge) in enumerate(_WINDOWS):
-        if note:
-            note("tuning adaptation", number, total)
-        online = OnlineSettings("windowed", window=window, ridge=ridge)
-        ratios.append(_ratio(model, cases, online).mean())
-    window, ridge = _WINDOWS[int(np.argmin(ratios))]
-    online = OnlineSettings("windowed", window=window, ridge=ridge)
-    by_channel = []
-    for number, (gain, decay) in enumerate(_DISTURBANCES):
-        if note:
-            note("tuning adaptation", len(_WINDOWS) + number, total)
-        trial = replace(
-            model, disturbance_gain=np.full(3, gain), disturbance_decay=np.full(3, decay)
-        )
-        by_channel.append(_ratio(trial, cases, online).mean(axis=(0, 1)))
-    chosen = np.argmin(by_channel, axis=0)
-    model = replace(
-        model,
-        disturbance_gain=np.array([_DISTURBANCES[i][0] for i in chosen]),
-        disturbance_decay=np.array([_DISTURBANCES[i][1] for i in chosen]),
-        online=online,
-    )
-    return replace(model, horizon_covariance=horizon_covariance(model, split))
-
-
-def _cases(split: Split) -> list[tuple[Record, BoolArray]]:
-    cases = []
-    for record, parts in zip(split.records, split.parts, strict=True):
-        scored = parts == VALIDATION
-        if scored.any():
-            cases.append((record, scored))
-            changed = record.u.mean(axis=0) + (record.u - record.u.mean(axis=0)) / _CHANGED_CAR
-            cases.append((replace(record, u=changed), scored))
-    return cases
-
-
-def _ratio(
-    model: Model, cases: list[tuple[Record, BoolArray]], online: OnlineSettings
-) -> FloatArray:
-    """Log of RMSE over the best naive predictor's, (cases, steps, 3)."""
-    rows = sum(int(scored.sum()) for _, scored in cases)
-    stride = max(4, rows // _TUNING_ROWS)
-    result = []
-    for record, scored in cases:
-        rolled = roll_out_record(model, record, online, scored, _AHEAD, stride)
-        if rolled.rows.size:
-            result.append(np.log(_against_naive(rolled)))
-    # Too short a validation part for a horizon: nothing to choose by, the first choice stands.
-    return np.array(result) if result else np.zeros((1, 1, 3))
-
-
-def _against_naive(rolled: Rollouts) -> FloatArray:
-    ours = score(rolled.record, rolled.rows, rolled.predicted).rmse
-    naive = naive_predictions(rolled.record, rolled.rows, _AHEAD)
-    best = best_naive({k: score(rolled.record, rolled.rows, v) for k, v in naive.items()})
-    return ours / np.maximum(best, 1e-9)
-
-
-def horizon_covariance(model: Model, split: Split, ahead: int = _AHEAD) -> FloatArray:
-    """Covariance (ahead, 3, 3) of the errors under known commands on the validation part, SI."""
-    errors = []
-    for record, parts in zip(split.records, split.parts, strict=True):
-        rolled = roll_out_record(model, record, None, parts == VALIDATION, ahead, stride=8)
-        if rolled.rows.size:
-            future = rolled.rows[:, None] + np.arange(1, ahead + 1)
-            errors.append(rolled.predicted - record.x_ref[future])
-    if not errors:
-        usual = np.square(model.scaling.x_scale * model.scaling.step_scale)
-        return np.diag(usual)[None] * np.arange(1, ahead + 1)[:, None, None]
-    joined = np.concatenate(errors)
-    return np.asarray(np.einsum("nhi,nhj->hij", joined, joined) / joined.shape[0])

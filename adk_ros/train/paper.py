@@ -21,6 +21,7 @@ import numpy as np
 import torch
 
 from adk_ros.errors import DataError
+from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model
@@ -124,9 +125,9 @@ def _assemble(network: PaperNetwork, scaling: Scaling, settings: PaperSettings) 
         residual=False,
         affine=False,
         relift=False,
-        disturbance_gain=np.zeros(3),
-        disturbance_decay=np.ones(3),
+        correction=Correction.none(),
         horizon_covariance=np.zeros((0, 3, 3)),
+        usual_change=np.zeros((0, 3)),
         uses_imu=settings.acceleration,
         online=OnlineSettings("swls", window=settings.window),
     )

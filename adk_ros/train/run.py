@@ -14,12 +14,13 @@ from adk_ros.model import artefact
 from adk_ros.model.predictor import Model
 from adk_ros.signals.channels import Record
 from adk_ros.signals.decode import SensorConfig
-from adk_ros.train.assemble import assemble, horizon_covariance, tune
+from adk_ros.train.assemble import assemble
 from adk_ros.train.dataset import PARTS, TEST, TRAIN, VALIDATION, Split, sequences, split_records
 from adk_ros.train.fit import Step, Trained, fit
 from adk_ros.train.heldout import HeldOut, Range, held_out
 from adk_ros.train.paper import fit_paper
 from adk_ros.train.settings import PaperSettings, TrainSettings
+from adk_ros.train.tune import horizon_covariance, tune
 
 Note = Callable[[str, int, int], None]
 

@@ -1,0 +1,151 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+How far can the model be trusted? Roll-outs of the recent past, held against what then happened.
+
+Every ten ticks a roll-out starts from where the car then is, with the model as it then is. It goes
+on by a step a tick, under the commands that really come, and is compared with each measurement.
+For each step h of the horizon and each channel, over the trials of the last minutes,
+
+    trust_h = sum m y / sum m^2   in 0 to 1,      m: predicted change since the start, y: measured
+
+is the share of the predicted change that a least-squares fit keeps: 1 for a model that is right,
+0 for one that tells nothing, which leaves "no change". The errors that remain, y - trust m, give
+the covariance of the horizon. Both begin with what validation found, as if from `prior` trials.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adk_ros.model.compiled import fast
+from adk_ros.model.kernels import fill_row
+from adk_ros.model.lifting import Float32Array
+from adk_ros.model.roll_out import advance, mix
+from adk_ros.signals.channels import FloatArray
+
+EVERY = 10
+"""Ticks between two starts."""
+_FORGETTING = 0.99
+"""A trial's weight per later trial: 100 trials, or 25 s, are remembered."""
+
+
+class Trials:
+    """
+    Trials of one model; `trust` (h, 3) and `covariance` (h, 3, 3), scaled, are their outcome.
+
+    :param change: mean square change (h, 3) of the scaled state over each step of the horizon.
+    :param errors: covariance (h, 3, 3) of the scaled prediction errors on validation data.
+    """
+
+    def __init__(
+        self, twin: tuple[Float32Array, ...], change: FloatArray, errors: FloatArray, prior: float
+    ) -> None:
+        n, hidden = twin[0].shape
+        steps = change.shape[0]
+        self._lanes = max(1, -(-steps // EVERY))
+        self._twin = twin
+        lanes = self._lanes
+        self._row = np.zeros((lanes, n), np.float32)
+        self._x = np.zeros((lanes, 3))
+        self._base = np.zeros((lanes, 3))
+        self._push = np.zeros((lanes, 2, 3))
+        self._head = np.zeros((lanes, 3, hidden), np.float32)
+        self._short = np.zeros((lanes, 3, n), np.float32)
+        self._rest = np.zeros((lanes, 3, 3))
+        self._age = np.full(lanes, -1)
+        self._scratch = np.zeros((2, hidden), np.float32)
+        self._prior = prior
+        self._change, self._errors = change, errors
+        self._sums = np.zeros((2, steps, 3))
+        self._count = np.zeros(steps)
+        self.trust = np.ones((steps, 3))
+        self.covariance = np.zeros((steps, 3, 3))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all trials."""
+        self.stop()
+        self._ticks = 0
+        self._sums[:] = self._prior * self._change
+        self._count[:] = self._prior
+        self.trust[:] = 1.0
+        self.covariance[:] = self._errors
+
+    def stop(self) -> None:
+        """End the trials under way, after a gap; what was learned stays."""
+        self._age[:] = -1
+
+    def compare(
+        self, measured: FloatArray, u: FloatArray, usable: bool, n_x: int, step_scale: FloatArray,
+        residual: bool, correction: FloatArray,
+    ) -> None:
+        """Go on by the tick that has passed under command `u` (2,), to `measured` (3,), scaled."""
+        w1, b1, w2, b2 = self._twin[:4]
+        compare(
+            measured, u, usable, n_x, step_scale, residual, correction, w1, b1, w2, b2,
+            self._row, self._x, self._base, self._push, self._head, self._short, self._rest,
+            self._age, self._scratch, self._sums, self._count, self.trust, self.covariance,
+            _FORGETTING,
+        )
+
+    def start(
+        self, x_past: FloatArray, u_past: FloatArray, theta: FloatArray, affine: bool,
+        disturbance: FloatArray,
+    ) -> None:
+        """Begin a trial here, if one is due."""
+        self._ticks += 1
+        if self._ticks % EVERY:
+            return
+        lane = (self._ticks // EVERY) % self._lanes
+        w3, b3, skip = self._twin[4:]
+        begin(
+            x_past, u_past, theta, affine, disturbance, w3, b3, skip, self._row[lane],
+            self._x[lane], self._base[lane], self._push[lane], self._head[lane],
+            self._short[lane], self._rest[lane],
+        )
+        self._age[lane] = 0
+
+
+@fast
+def begin(  # type: ignore[no-untyped-def]
+    x_past, u_past, theta, affine, disturbance, w3, b3, skip, row, x, base, push, head, short, rest
+):
+    """Fill one lane with the state, the disturbances and the model of now."""
+    fill_row(x_past, u_past, row)
+    mix(theta, affine, w3, b3, skip, head, short, rest)
+    x[:] = x_past[0]
+    base[:] = x_past[0]
+    push[:] = disturbance
+
+
+@fast
+def compare(  # type: ignore[no-untyped-def]
+    measured, u, usable, n_x, step_scale, residual, correction, w1, b1, w2, b2,
+    row, x, base, push, head, short, rest, age, scratch, sums, count, trust, covariance, forgetting
+):
+    """Advance every lane by a step and, if the measurement is `usable`, account for it."""
+    steps = trust.shape[0]
+    error = np.empty(3)
+    for lane in range(age.shape[0]):
+        if age[lane] < 0:
+            continue
+        advance(
+            row[lane], x[lane], push[lane], u[0], u[1], n_x, step_scale, residual, correction,
+            w1, b1, w2, b2, head[lane], short[lane], rest[lane], scratch[0], scratch[1],
+        )
+        h = age[lane]
+        age[lane] = h + 1 if h + 1 < steps else -1
+        if not usable:
+            continue
+        count[h] = forgetting * count[h] + 1.0
+        for c in range(3):
+            m, y = x[lane, c] - base[lane, c], measured[c] - base[lane, c]
+            sums[0, h, c] = forgetting * sums[0, h, c] + m * y
+            sums[1, h, c] = forgetting * sums[1, h, c] + m * m
+            trust[h, c] = min(max(sums[0, h, c] / max(sums[1, h, c], 1e-12), 0.0), 1.0)
+            error[c] = y - trust[h, c] * m
+        share = 1.0 / count[h]
+        for i in range(3):
+            for j in range(3):
+                covariance[h, i, j] += share * (error[i] * error[j] - covariance[h, i, j])

@@ -1,0 +1,139 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What of a model is chosen on validation data alone: ridge, gains and decays, covariance.
+
+Chosen by the predictor itself, `Predictor.step` over the samples, scored against the best naive
+predictor of each cell. To value adaptation as well as the fit, every choice is also made on the
+validation data with its commands scaled (torque 0.8, steering 0.85), which to the model is a car
+that answers otherwise than the one it knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from adk_ros.model.correction import Correction
+from adk_ros.model.evaluate import Rollouts, roll_out_record
+from adk_ros.model.online import OnlineSettings
+from adk_ros.model.predictor import Model
+from adk_ros.signals.channels import BoolArray, FloatArray, Record
+from adk_ros.signals.score import best_naive, naive_predictions, score
+from adk_ros.train.dataset import TRAIN, VALIDATION, Split
+
+_AHEAD = 80
+_CHANGED_CAR = np.array([0.8, 0.85])
+_WINDOW = 2000
+_RIDGES = (300.0, 1000.0, 10000.0)
+_SLOW = ((0.0, 1.0), (0.02, 0.99), (0.05, 0.99), (0.05, 0.97), (0.1, 0.97))
+_FAST = ((0.0, 1.0), (0.3, 0.7), (0.3, 0.9), (0.6, 0.8), (1.0, 0.7), (1.0, 0.9))
+_OBSERVERS = (1.0, 0.6, 0.35, 0.2, 0.1)
+_TRIALS = len(_RIDGES) + len(_SLOW) + len(_FAST) + len(_OBSERVERS)
+_LOST = 4.0
+"""Weight of how far a cell is behind the best naive predictor, beside the mean of all cells."""
+_TUNING_ROWS = 400
+
+Note = Callable[[str, int, int], None]
+
+
+def tune(model: Model, split: Split, note: Note | None = None) -> Model:
+    """
+    Choose ridge and correction on the validation part; set covariance and usual change.
+
+    One after the other: the ridge, by the mean over all cells, then the slow disturbance, the fast
+    one and the observer, each channel by its own cells.
+    """
+    cases = _cases(split)
+    done = 0
+
+    def cost(trial: Model) -> FloatArray:
+        nonlocal done
+        if note:
+            note("tuning adaptation", done, _TRIALS)
+        done += 1
+        ratio = _ratio(trial, cases)
+        return np.asarray((ratio + _LOST * np.maximum(ratio, 0.0)).mean(axis=(0, 1)))
+
+    model = replace(model, usual_change=usual_change(split))
+    rivals = [
+        replace(model, online=OnlineSettings("windowed", window=_WINDOW, ridge=ridge))
+        for ridge in _RIDGES
+    ]
+    model = rivals[int(np.argmin([cost(rival).mean() for rival in rivals]))]
+
+    def choose(corrections: Sequence[Correction]) -> Correction:
+        costs = [cost(replace(model, correction=item)) for item in corrections]
+        best = np.argmin(costs, axis=0)
+        return Correction(**{
+            name: np.array([getattr(corrections[i], name)[c] for c, i in enumerate(best)])
+            for name in Correction.names()
+        })
+
+    now, each = model.correction, np.ones(3)
+    now = choose([replace(now, slow_gain=g * each, slow_decay=d * each) for g, d in _SLOW])
+    now = choose([replace(now, fast_gain=g * each, fast_decay=d * each) for g, d in _FAST])
+    now = choose([replace(now, observer_gain=g * each) for g in _OBSERVERS])
+    model = replace(model, correction=now)
+    return replace(model, horizon_covariance=horizon_covariance(model, split))
+
+
+def _cases(split: Split) -> list[tuple[Record, BoolArray]]:
+    cases = []
+    for record, parts in zip(split.records, split.parts, strict=True):
+        scored = parts == VALIDATION
+        if scored.any():
+            cases.append((record, scored))
+            changed = record.u.mean(axis=0) + (record.u - record.u.mean(axis=0)) / _CHANGED_CAR
+            cases.append((replace(record, u=changed), scored))
+    return cases
+
+
+def _ratio(model: Model, cases: list[tuple[Record, BoolArray]]) -> FloatArray:
+    """Log of RMSE over the best naive predictor's, (cases, steps, 3)."""
+    rows = sum(int(scored.sum()) for _, scored in cases)
+    stride = max(4, rows // _TUNING_ROWS)
+    result = []
+    for record, scored in cases:
+        rolled = roll_out_record(model, record, None, scored, _AHEAD, stride)
+        if rolled.rows.size:
+            result.append(np.log(_against_naive(rolled)))
+    # Too short a validation part for a horizon: nothing to choose by, the first choice stands.
+    return np.array(result) if result else np.zeros((1, 1, 3))
+
+
+def _against_naive(rolled: Rollouts) -> FloatArray:
+    ours = score(rolled.record, rolled.rows, rolled.predicted).rmse
+    naive = naive_predictions(rolled.record, rolled.rows, _AHEAD)
+    best = best_naive({k: score(rolled.record, rolled.rows, v) for k, v in naive.items()})
+    return ours / np.maximum(best, 1e-9)
+
+
+def usual_change(split: Split, ahead: int = _AHEAD) -> FloatArray:
+    """Mean square change (ahead, 3) of the state over each step of the horizon, training, SI."""
+    total, count = np.zeros((ahead, 3)), np.zeros((ahead, 1))
+    for record in split.of(TRAIN):
+        for j in range(1, ahead + 1):
+            same = record.episode[j:] == record.episode[:-j]
+            change = (record.x_ref[j:] - record.x_ref[:-j])[same]
+            change = change[np.isfinite(change).all(axis=1)]
+            total[j - 1] += np.square(change).sum(axis=0)
+            count[j - 1] += len(change)
+    return np.asarray(total / np.maximum(count, 1.0))
+
+
+def horizon_covariance(model: Model, split: Split, ahead: int = _AHEAD) -> FloatArray:
+    """Covariance (ahead, 3, 3) of the errors under known commands on the validation part, SI."""
+    errors = []
+    for record, parts in zip(split.records, split.parts, strict=True):
+        rolled = roll_out_record(model, record, None, parts == VALIDATION, ahead, stride=8)
+        if rolled.rows.size:
+            future = rolled.rows[:, None] + np.arange(1, ahead + 1)
+            errors.append(rolled.predicted - record.x_ref[future])
+    if not errors:
+        usual = np.square(model.scaling.x_scale * model.scaling.step_scale)
+        return np.diag(usual)[None] * np.arange(1, ahead + 1)[:, None, None]
+    joined = np.concatenate(errors)
+    return np.asarray(np.einsum("nhi,nhj->hij", joined, joined) / joined.shape[0])
