@@ -4,7 +4,7 @@
 
 import functools
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,13 @@ import numpy.typing as npt
 import torch
 
 from adk_ros.model.correction import Correction
-from adk_ros.model.lifting import Lifting, input_size
+from adk_ros.model.lifting import Lifting, Twin, input_size
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model, Prediction, Predictor
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import TICK_NS, Flag, Sample
-from adk_ros.train.network import Encoder, to_torchscript
+from adk_ros.train.network import Encoder, Lift, to_torchscript
+from adk_ros.train.quadratic import Quadratic, input_columns
 
 Array = npt.NDArray[np.float64]
 START_NS = 68_000_000_000 * TICK_NS
@@ -29,7 +30,27 @@ def program(history: int = HISTORY, features: int = FEATURES, hidden: int = 8) -
     """A TorchScript encoder with random weights, of the form that has a compiled twin."""
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        return to_torchscript(Encoder(history, hidden, features))
+        return to_torchscript(random_lift(history, hidden, features))
+
+
+def random_lift(history: int, hidden: int, features: int) -> Lift:
+    """An encoder with torch's random weights, its last feature a quadratic form, if it has two."""
+    columns, k = input_columns(history), int(features > 1)
+
+    def normal(*shape: int) -> Array:
+        return torch.randn(*shape).numpy()
+
+    forms = Quadratic(
+        columns, np.full(columns.size, 1.5, np.float32), 0.3 * normal(columns.size, 5),
+        0.3 * normal(5, k), 0.1 * normal(input_size(history), k), normal(k), normal(2, k),
+    )  # fmt: skip
+    encoder = Encoder(history, hidden, features - k, forms)
+    return Lift(encoder, torch.zeros(features), torch.ones(features))
+
+
+def weights(lift: Lift) -> list[Any]:
+    """Its arrays in the order that the kernels take them."""
+    return [getattr(lift, field.name).detach().numpy() for field in fields(Twin)]
 
 
 @functools.cache

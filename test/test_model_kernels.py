@@ -4,16 +4,15 @@
 
 import importlib.util
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from model_tools import random_lift, weights
 
 from adk_ros.model import kernels
 from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import input_size
-from adk_ros.train.network import Encoder
 
 Random = np.random.Generator
 
@@ -23,11 +22,6 @@ def random() -> Random:
     return np.random.default_rng(0)
 
 
-def weights(encoder: Encoder) -> list[Any]:
-    names = ("w1", "b1", "w2", "b2", "w3", "b3", "skip")
-    return [getattr(encoder, name).detach().numpy() for name in names]
-
-
 @pytest.mark.parametrize(("history", "hidden", "features"), [
     (0, 1, 1), (0, 8, 4), (2, 16, 6), (4, 48, 12), (8, 31, 16), (1, 5, 3),
 ])  # fmt: skip
@@ -35,8 +29,8 @@ def test_perceptron_is_the_torch_module(
     history: int, hidden: int, features: int, random: Random
 ) -> None:
     torch.manual_seed(history)
-    encoder = Encoder(history, hidden, features)
-    scratch, out = np.empty((2, hidden), np.float32), np.empty(features, np.float32)
+    encoder = random_lift(history, hidden, features)
+    scratch, out = np.empty((2, hidden + 5), np.float32), np.empty(features, np.float32)
     for scale in (0.0, 0.1, 1.0, 30.0):
         row = (scale * random.normal(size=input_size(history))).astype(np.float32)
         with torch.no_grad():

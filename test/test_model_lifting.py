@@ -11,13 +11,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from model_tools import plain_program, program
+from model_tools import plain_program, program, random_lift
 from torch import Tensor, nn
 
 from adk_ros.errors import UsageError
 from adk_ros.model.lifting import Lifting, input_size
 from adk_ros.model.scaling import Scaling
-from adk_ros.train.network import Encoder, to_torchscript
+from adk_ros.train.network import Encoder, Lift, to_torchscript
 
 
 def rows(n: int, n_in: int) -> Any:
@@ -30,7 +30,7 @@ def test_input_size() -> None:
 
 def test_features_are_the_encoders() -> None:
     torch.manual_seed(0)
-    encoder = Encoder(3, 16, 5)
+    encoder = random_lift(3, 16, 5)
     lifting = Lifting(to_torchscript(encoder), input_size(3), 5)
     for row in rows(20, input_size(3)):
         with torch.no_grad():
@@ -51,13 +51,34 @@ def test_twin_is_found_where_there_is_one() -> None:
     twin = Lifting(program(), input_size(2), 4).twin
     assert twin is not None
     assert [array.shape for array in twin.arrays()] == [
-        (13, 8), (8,), (8, 8), (8,), (8, 4), (4,), (13, 4)
+        (13, 8), (8,), (8, 8), (8,), (13, 4), (4,), (13, 4), (13,), (13,), (13, 5)
     ]  # fmt: skip
-    assert {array.dtype for array in twin.arrays()} == {np.dtype(np.float32)}
+    assert [str(array.dtype) for array in twin.arrays()] == [
+        "int64" if name == "columns" else "float32" for name in vars(twin)
+    ]
     assert Lifting(plain_program(13), 13, 4).twin is None
 
 
-class Otherwise(Encoder):
+def test_a_perceptron_without_squares_has_a_twin_too() -> None:
+    class Plain(nn.Module):
+        def __init__(self, lift: Lift) -> None:
+            super().__init__()
+            self.w1, self.b1 = nn.Parameter(lift.w1), nn.Parameter(lift.b1)
+            self.w2, self.b2 = nn.Parameter(lift.w2), nn.Parameter(lift.b2)
+            self.w3, self.b3 = nn.Parameter(lift.w3[:8]), nn.Parameter(lift.b3)
+            self.skip = nn.Parameter(lift.skip)
+
+        def forward(self, row: Tensor) -> Tensor:
+            first = torch.nn.functional.softsign(torch.addmm(self.b1, row, self.w1))
+            second = torch.nn.functional.softsign(torch.addmm(self.b2, first, self.w2))
+            return torch.addmm(torch.addmm(self.b3, second, self.w3), row, self.skip)
+
+    twin = Lifting(to_torchscript(Plain(random_lift(2, 8, 4))), 13, 4).twin
+    assert twin is not None
+    assert twin.directions.shape == (0, 0)
+
+
+class Otherwise(Lift):
     """The same parameters by name and shape, used otherwise."""
 
     def forward(self, row: Tensor) -> Tensor:
@@ -67,7 +88,11 @@ class Otherwise(Encoder):
 
 
 def test_a_twin_that_computes_something_else_is_not_trusted() -> None:
-    assert Lifting(to_torchscript(Otherwise(2, 8, 4)), 13, 4).twin is None
+    encoder = Encoder(2, 8, 4)
+    other = Otherwise(encoder, torch.zeros(4), torch.ones(4))
+    assert Lifting(to_torchscript(other), 13, 4).twin is None
+    same = Lift(encoder, torch.zeros(4), torch.ones(4))
+    assert Lifting(to_torchscript(same), 13, 4).twin is not None
 
 
 def test_parameters_of_the_twins_names_but_other_shapes() -> None:

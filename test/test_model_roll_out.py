@@ -4,16 +4,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from model_tools import Array
+from model_tools import Array, random_lift, weights
 
 from adk_ros.model import roll_out
 from adk_ros.model.correction import Correction
-from adk_ros.train.network import Encoder
 
 Random = np.random.Generator
 ALL = np.ones((0, 3))
@@ -22,11 +20,6 @@ ALL = np.ones((0, 3))
 @pytest.fixture
 def random() -> Random:
     return np.random.default_rng(0)
-
-
-def weights(encoder: Encoder) -> list[Any]:
-    names = ("w1", "b1", "w2", "b2", "w3", "b3", "skip")
-    return [getattr(encoder, name).detach().numpy() for name in names]
 
 
 def test_to_si() -> None:
@@ -43,7 +36,7 @@ def test_to_si() -> None:
 
 
 def test_commands_that_end_are_held(random: Random) -> None:
-    encoder, out = Encoder(1, 4, 2), np.empty((2, 30, 3))
+    encoder, out = random_lift(1, 4, 2), np.empty((2, 30, 3))
     theta = random.normal(0.0, 0.1, (5, 8))
     for u_ahead, of in ((np.ones((1, 2)), out[0]), (np.ones((30, 2)), out[1])):
         roll_out.roll_out_lifting(
@@ -76,7 +69,7 @@ def plain_roll_out(
 @pytest.mark.parametrize("affine", [True, False])
 def test_roll_out_lifting(history: int, residual: bool, affine: bool, random: Random) -> None:
     torch.manual_seed(1)
-    encoder, n_z = Encoder(history, 16, 5), 8
+    encoder, n_z = random_lift(history, 16, 5), 8
     n_phi = n_z + 2 + affine
     theta = random.normal(0.0, 0.03, (n_z, n_phi))
     theta[:3, :3] -= 0.3 * np.eye(3)
@@ -106,7 +99,7 @@ def test_roll_out_lifting(history: int, residual: bool, affine: bool, random: Ra
 
 
 def test_roll_out_lifting_is_bounded_and_shows_what_is_no_number(random: Random) -> None:
-    encoder = Encoder(0, 4, 2)
+    encoder = random_lift(0, 4, 2)
     theta, out = np.zeros((5, 8)), np.empty((20, 3))
     fixed = (np.zeros((1, 3)), np.zeros((0, 2)))
     rest = (np.ones((20, 2)), np.zeros((2, 3)), np.ones((5, 3)), *weights(encoder), out)

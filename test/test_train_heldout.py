@@ -21,7 +21,7 @@ from adk_ros.signals.channels import STATE_NAMES, Flag, Record
 from adk_ros.signals.score import HORIZON_STEPS
 from adk_ros.train.dataset import TEST, TRAIN, split_records
 from adk_ros.train.heldout import HELD, MODEL, TIE, HeldOut, Range, held_out
-from adk_ros.train.network import Encoder, to_torchscript
+from adk_ros.train.network import Encoder, Lift, to_torchscript
 
 
 def linear_model(change: np.ndarray) -> Model:
@@ -30,7 +30,7 @@ def linear_model(change: np.ndarray) -> Model:
     with torch.no_grad():
         for value in encoder.parameters():
             value.zero_()
-    program = to_torchscript(encoder)
+    program = to_torchscript(Lift(encoder, torch.zeros(1), torch.ones(1)))
     theta = np.zeros((4, 7))
     theta[:3, :6] = change
     return Model(

@@ -46,6 +46,9 @@ def train(
     history: Annotated[int, typer.Option(help="past samples beside the state")] = 5,
     hidden: Annotated[int, typer.Option(help="width of the encoder's hidden layers")] = 32,
     learning_rate: Annotated[float, typer.Option(help="largest step of the optimiser")] = 4e-3,
+    quadratic: Annotated[
+        bool, typer.Option("--quadratic", help="add quadratic forms: exact on smooth data")
+    ] = False,
     seed: Annotated[int, typer.Option(help="same seed, same model")] = 0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda")] = "auto",
     paper: Annotated[
@@ -78,8 +81,9 @@ def train(
         if epochs is not None:
             raise UsageError("--epochs is for --paper; the default training takes --steps")
         settings = TrainSettings(
-            steps=steps, history=history, hidden=hidden, learning_rate=learning_rate, seed=seed,
-            device=device, validate_every=min(200, max(1, steps // 10)),
+            steps=steps, history=history, hidden=hidden, learning_rate=learning_rate,
+            quadratic=quadratic, seed=seed, device=device,
+            validate_every=min(200, max(1, steps // 10)),
         )
     elif paper in ("dk", "aldk"):
         settings = PaperSettings(acceleration=paper == "aldk", epochs=epochs or 2000, seed=seed)

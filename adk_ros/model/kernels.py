@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.model.compiled import fast, jit
+from adk_ros.model.compiled import fast, jit, part
 
 
-@fast
+@part
 def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
     """out (m,) += matrix' vector, matrix (n, m): four rows at a time, to save loads."""
     n, m = matrix.shape
@@ -33,21 +33,51 @@ def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
         i += 1
 
 
-@fast
+@part
 def hidden_layer(row, weights, bias, out):  # type: ignore[no-untyped-def]
-    """out (m,) = softsign(weights' row + bias), weights (n, m)."""
-    out[:] = bias
+    """out (>= m,) begins with softsign(weights' row + bias), weights (n, m); row (>= n,)."""
+    for j in range(bias.shape[0]):
+        out[j] = bias[j]
     add_product(out, weights, row)
     one = np.float32(1.0)
-    for j in range(out.shape[0]):
+    for j in range(bias.shape[0]):
         out[j] = out[j] / (one + abs(out[j]))
 
 
+@part
+def last_layer_input(  # type: ignore[no-untyped-def]
+    row, w1, b1, w2, b2, columns, reach, directions, first, out
+):
+    """
+    out (h + q,): the second hidden layer and q squares; `first` (>= h,) is scratch.
+
+    The squares are of directions' c, with c the row's `columns`, stopped at +-`reach`.
+    """
+    hidden_layer(row, w1, b1, first)
+    hidden_layer(first, w2, b2, out)
+    hidden = b2.shape[0]
+    for j in range(directions.shape[1]):
+        out[hidden + j] = np.float32(0.0)
+    for i in range(columns.shape[0]):
+        value = min(max(row[columns[i]], -reach[i]), reach[i])
+        for j in range(directions.shape[1]):
+            out[hidden + j] += directions[i, j] * value
+    for j in range(hidden, hidden + directions.shape[1]):
+        out[j] = out[j] * out[j]
+
+
 @fast
-def perceptron(row, w1, b1, w2, b2, w3, b3, skip, scratch, out):  # type: ignore[no-untyped-def]
-    """out (m,) = w3' s(w2' s(w1' row + b1) + b2) + b3 + skip' row with softsign s."""
-    hidden_layer(row, w1, b1, scratch[0])
-    hidden_layer(scratch[0], w2, b2, scratch[1])
+def perceptron(  # type: ignore[no-untyped-def]
+    row, w1, b1, w2, b2, w3, b3, skip, columns, reach, directions, scratch, out
+):
+    """
+    out (m,) = w3' [s(w2' s(w1' row + b1) + b2); squares] + b3 + skip' row with softsign s.
+
+    `scratch` (2, h + q).
+    """
+    last_layer_input(
+        row, w1, b1, w2, b2, columns, reach, directions, scratch[0], scratch[1]
+    )
     out[:] = b3
     add_product(out, w3, scratch[1])
     add_product(out, skip, row)

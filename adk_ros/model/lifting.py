@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import io
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,10 @@ from adk_ros.errors import UsageError
 from adk_ros.model.kernels import perceptron
 
 Float32Array = NDArray[np.float32]
+TwinArrays = tuple[
+    Float32Array, Float32Array, Float32Array, Float32Array, Float32Array, Float32Array,
+    Float32Array, NDArray[np.int64], Float32Array, Float32Array,
+]
 _WARM_UP_CALLS = 30
 _TWIN_TOLERANCE = 1e-4
 
@@ -34,9 +38,11 @@ _TWIN_TOLERANCE = 1e-4
 @dataclass(frozen=True)
 class Twin:
     """
-    Weights of the encoder as a perceptron with two hidden softsign layers and a linear shortcut.
+    Weights of the encoder: two hidden softsign layers, squares beside them, a linear shortcut.
 
-    `w1` (n, h), `w2` (h, h), `w3` (h, m), `skip` (n, m); biases (h,), (h,), (m,); float32.
+    `w1` (n, h), `w2` (h, h), `w3` (h + q, m), `skip` (n, m); biases (h,), (h,), (m,). The squares
+    are of `directions` (c, q) of the inputs `columns` (c,), which stop at +-`reach` (c,). All
+    float32, but for the columns.
     """
 
     w1: Float32Array
@@ -46,10 +52,16 @@ class Twin:
     w3: Float32Array
     b3: Float32Array
     skip: Float32Array
+    columns: NDArray[np.int64]
+    reach: Float32Array
+    directions: Float32Array
 
-    def arrays(self) -> tuple[Float32Array, ...]:
+    def arrays(self) -> TwinArrays:
         """The arrays in the order that the kernels take them."""
-        return self.w1, self.b1, self.w2, self.b2, self.w3, self.b3, self.skip
+        return (
+            self.w1, self.b1, self.w2, self.b2, self.w3, self.b3, self.skip, self.columns,
+            self.reach, self.directions,
+        )
 
 
 def input_size(history: int) -> int:
@@ -106,21 +118,35 @@ class Lifting:
     def _find_twin(
         self, parameters: dict[str, torch.Tensor], n_in: int, n_features: int
     ) -> Twin | None:
-        names = ("w1", "b1", "w2", "b2", "w3", "b3", "skip")
+        names = [field.name for field in fields(Twin)]
+        if set(parameters) == set(names[:7]):
+            parameters |= {
+                "columns": torch.zeros(0), "reach": torch.zeros(0),
+                "directions": torch.zeros(0, 0),
+            }
         if set(parameters) != set(names):
             return None
-        arrays = [np.ascontiguousarray(parameters[n].numpy().astype(np.float32)) for n in names]
-        twin = Twin(*arrays)
-        hidden = twin.w1.shape[-1]
-        shapes = [(n_in, hidden), (hidden,), (hidden, hidden), (hidden,), (hidden, n_features),
-                  (n_features,), (n_in, n_features)]
-        if [a.shape for a in arrays] != shapes:
+        arrays: dict[str, Any] = {
+            name: np.ascontiguousarray(
+                parameters[name].numpy().astype(np.int64 if name == "columns" else np.float32)
+            )
+            for name in names
+        }
+        twin = Twin(**arrays)
+        hidden, squares = twin.w1.shape[-1], twin.directions.shape[-1]
+        chosen = twin.columns.shape
+        shapes = [(n_in, hidden), (hidden,), (hidden, hidden), (hidden,),
+                  (hidden + squares, n_features), (n_features,), (n_in, n_features), chosen,
+                  chosen, (*chosen, squares)]
+        if [a.shape for a in arrays.values()] != shapes or len(chosen) != 1:
+            return None
+        if ((twin.columns < 0) | (twin.columns >= n_in)).any():
             return None
         probes = np.random.default_rng(0).normal(0.0, 1.5, (16, n_in)).astype(np.float32)
-        scratch = np.empty((2, hidden), dtype=np.float32)
+        scratch = np.empty((2, hidden + squares), dtype=np.float32)
         out = np.empty(n_features, dtype=np.float32)
         for probe in probes:
-            perceptron(probe, *arrays, scratch, out)
+            perceptron(probe, *twin.arrays(), scratch, out)
             truth = self(probe)
             if not np.allclose(out, truth, rtol=_TWIN_TOLERANCE, atol=_TWIN_TOLERANCE):
                 return None

@@ -7,7 +7,8 @@ With a lift anew at each step the state's increment is linear in what the lift's
 
     theta [x; features; u; 1] = head s + short row + u part + level,
 
-with s the second hidden layer and row the encoder's input, features = w3' s + skip' row + b3. So
+with s what the lift's last layer sees and row the encoder's input, features = w3' s + skip' row +
+b3. So
 the lift's last layer and theta are multiplied out once (`mix`), and the features never formed.
 """
 
@@ -15,8 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.model.compiled import fast, jit
-from adk_ros.model.kernels import fill_row, hidden_layer
+from adk_ros.model.compiled import fast, jit, part
+from adk_ros.model.kernels import fill_row, last_layer_input
 
 _LIMIT = 50.0
 """Scaled states are held within this: far outside any data, and finite."""
@@ -26,7 +27,7 @@ _LIMIT = 50.0
 def mix(  # type: ignore[no-untyped-def]
     theta, affine, w3, b3, skip, head, short, rest
 ):
-    """Write head (3, hidden), short (3, n) float32 and rest (3, 3): u's two columns and level."""
+    """Write head (3, h + q), short (3, n) float32 and rest (3, 3): u's two columns and level."""
     n_features = w3.shape[1]
     n_z = 3 + n_features
     for c in range(3):
@@ -47,25 +48,30 @@ def mix(  # type: ignore[no-untyped-def]
         rest[c, 0], rest[c, 1], rest[c, 2] = theta[c, n_z], theta[c, n_z + 1], level
 
 
-@fast
+@part
 def advance(  # type: ignore[no-untyped-def]
     row, x, push, u0, u1, n_x, step_scale, residual, correction, w1, b1, w2, b2,
-    head, short, rest, first, second
+    columns, reach, directions, head, short, rest, first, second
 ):
     """
     One step: `row` (n,), scaled state `x` (3,) and disturbances `push` (2, 3) are moved on.
 
     `u0`, `u1` are the command in force, scaled; the first `n_x` of the row's columns are states.
     """
-    n, hidden = w1.shape
-    hidden_layer(row, w1, b1, first)
-    hidden_layer(first, w2, b2, second)
+    n, seen = short.shape[1], head.shape[1]
+    last_layer_input(row, w1, b1, w2, b2, columns, reach, directions, first, second)
+    # All three at once: a sum of its own each would wait for itself.
+    s0 = s1 = s2 = np.float32(0.0)
+    for i in range(seen):
+        s0 += head[0, i] * second[i]
+        s1 += head[1, i] * second[i]
+        s2 += head[2, i] * second[i]
+    for i in range(n):
+        s0 += short[0, i] * row[i]
+        s1 += short[1, i] * row[i]
+        s2 += short[2, i] * row[i]
     for c in range(3):
-        lifted = np.float32(0.0)
-        for i in range(hidden):
-            lifted += head[c, i] * second[i]
-        for i in range(n):
-            lifted += short[c, i] * row[i]
+        lifted = s0 if c == 0 else s1 if c == 1 else s2
         value = rest[c, 2] + lifted + rest[c, 0] * u0 + rest[c, 1] * u1
         value += push[0, c] + push[1, c]
         push[0, c] *= correction[2, c]
@@ -85,7 +91,7 @@ def advance(  # type: ignore[no-untyped-def]
 @fast
 def roll_out_lifting(  # type: ignore[no-untyped-def]
     x_past, u_past, theta, step_scale, residual, affine, u_ahead,
-    disturbance, correction, w1, b1, w2, b2, w3, b3, skip, out
+    disturbance, correction, w1, b1, w2, b2, w3, b3, skip, columns, reach, directions, out
 ):
     """
     Predict len(out) steps, lifting anew at each: out (h, 3) scaled.
@@ -94,12 +100,12 @@ def roll_out_lifting(  # type: ignore[no-untyped-def]
     three rows are used; `disturbance` (2, 3) is added to the increments and decays as `correction`
     (5, 3) says, see `correction.Correction`.
     """
-    n, hidden = w1.shape
+    n, seen = w1.shape[0], w3.shape[0]
     n_x, last = 3 * x_past.shape[0], u_ahead.shape[0] - 1
     row = np.empty(n, dtype=np.float32)
     fill_row(x_past, u_past, row)
-    first, second = np.empty(hidden, dtype=np.float32), np.empty(hidden, dtype=np.float32)
-    head, short = np.empty((3, hidden), dtype=np.float32), np.empty((3, n), dtype=np.float32)
+    first, second = np.empty(seen, dtype=np.float32), np.empty(seen, dtype=np.float32)
+    head, short = np.empty((3, seen), dtype=np.float32), np.empty((3, n), dtype=np.float32)
     rest = np.empty((3, 3))
     mix(theta, affine, w3, b3, skip, head, short, rest)
     x, push = x_past[0].copy(), disturbance.copy()
@@ -107,7 +113,7 @@ def roll_out_lifting(  # type: ignore[no-untyped-def]
         u0, u1 = u_ahead[min(step, last), 0], u_ahead[min(step, last), 1]
         advance(
             row, x, push, u0, u1, n_x, step_scale, residual, correction, w1, b1, w2, b2,
-            head, short, rest, first, second,
+            columns, reach, directions, head, short, rest, first, second,
         )
         out[step] = x
 

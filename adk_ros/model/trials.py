@@ -20,7 +20,7 @@ import numpy as np
 
 from adk_ros.model.compiled import fast
 from adk_ros.model.kernels import fill_row
-from adk_ros.model.lifting import Float32Array
+from adk_ros.model.lifting import TwinArrays
 from adk_ros.model.roll_out import advance, mix
 from adk_ros.signals.channels import FloatArray
 
@@ -39,9 +39,9 @@ class Trials:
     """
 
     def __init__(
-        self, twin: tuple[Float32Array, ...], change: FloatArray, errors: FloatArray, prior: float
+        self, twin: TwinArrays, change: FloatArray, errors: FloatArray, prior: float
     ) -> None:
-        n, hidden = twin[0].shape
+        n, seen = twin[0].shape[0], twin[4].shape[0]
         steps = change.shape[0]
         self._lanes = max(1, -(-steps // EVERY))
         self._twin = twin
@@ -50,11 +50,11 @@ class Trials:
         self._x = np.zeros((lanes, 3))
         self._base = np.zeros((lanes, 3))
         self._push = np.zeros((lanes, 2, 3))
-        self._head = np.zeros((lanes, 3, hidden), np.float32)
+        self._head = np.zeros((lanes, 3, seen), np.float32)
         self._short = np.zeros((lanes, 3, n), np.float32)
         self._rest = np.zeros((lanes, 3, 3))
         self._age = np.full(lanes, -1)
-        self._scratch = np.zeros((2, hidden), np.float32)
+        self._scratch = np.zeros((2, seen), np.float32)
         self._prior = prior
         self._change, self._errors = change, errors
         self._sums = np.zeros((2, steps, 3))
@@ -81,10 +81,10 @@ class Trials:
         residual: bool, correction: FloatArray,
     ) -> None:
         """Go on by the tick that has passed under command `u` (2,), to `measured` (3,), scaled."""
-        w1, b1, w2, b2 = self._twin[:4]
         compare(
-            measured, u, usable, n_x, step_scale, residual, correction, w1, b1, w2, b2,
-            self._row, self._x, self._base, self._push, self._head, self._short, self._rest,
+            measured, u, usable, n_x, step_scale, residual, correction, *self._twin[:4],
+            *self._twin[7:], self._row, self._x, self._base, self._push, self._head, self._short,
+            self._rest,
             self._age, self._scratch, self._sums, self._count, self.trust, self.covariance,
             _FORGETTING,
         )
@@ -98,7 +98,7 @@ class Trials:
         if self._ticks % EVERY:
             return
         lane = (self._ticks // EVERY) % self._lanes
-        w3, b3, skip = self._twin[4:]
+        w3, b3, skip = self._twin[4:7]
         begin(
             x_past, u_past, theta, affine, disturbance, w3, b3, skip, self._row[lane],
             self._x[lane], self._base[lane], self._push[lane], self._head[lane],
@@ -122,7 +122,8 @@ def begin(  # type: ignore[no-untyped-def]
 @fast
 def compare(  # type: ignore[no-untyped-def]
     measured, u, usable, n_x, step_scale, residual, correction, w1, b1, w2, b2,
-    row, x, base, push, head, short, rest, age, scratch, sums, count, trust, covariance, forgetting
+    columns, reach, directions, row, x, base, push, head, short, rest, age, scratch,
+    sums, count, trust, covariance, forgetting
 ):
     """Advance every lane by a step and, if the measurement is `usable`, account for it."""
     steps = trust.shape[0]
@@ -132,7 +133,8 @@ def compare(  # type: ignore[no-untyped-def]
             continue
         advance(
             row[lane], x[lane], push[lane], u[0], u[1], n_x, step_scale, residual, correction,
-            w1, b1, w2, b2, head[lane], short[lane], rest[lane], scratch[0], scratch[1],
+            w1, b1, w2, b2, columns, reach, directions, head[lane], short[lane], rest[lane],
+            scratch[0], scratch[1],
         )
         h = age[lane]
         age[lane] = h + 1 if h + 1 < steps else -1

@@ -13,17 +13,26 @@ from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting, input_size
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model
+from adk_ros.signals.channels import FloatArray
 from adk_ros.train.dataset import Sequences
 from adk_ros.train.fit import Trained
-from adk_ros.train.network import Network, as_tensor, to_torchscript
+from adk_ros.train.network import Lift, Network, as_tensor, to_torchscript
+
+_PULLS = (1.0, 1e-2, 1e-4, 1e-6)
 
 
 @dataclass(frozen=True)
 class Assembled:
-    """A model and its encoder's program, as the artefact stores them."""
+    """
+    A model and its encoder's program, as the artefact stores them.
+
+    `refitted`: the model's theta0 with the state's rows drawn towards one-step least squares, by
+    less and less; which is best is for validation to say.
+    """
 
     model: Model
     program: bytes
+    refitted: tuple[FloatArray, ...] = ()
 
 
 def assemble(trained: Trained, part: Sequences, uses_imu: bool) -> Assembled:
@@ -39,18 +48,24 @@ def assemble(trained: Trained, part: Sequences, uses_imu: bool) -> Assembled:
     # A sample without a state may lie between measurements that are there, as of a frozen sensor.
     followed = part.rows[np.isfinite(part.x[part.rows + 1]).all(axis=1)]
     rows = torch.from_numpy(followed[:: max(1, followed.size // 20000)])
-    n_features = network.encoder.w3.shape[1]
     with torch.no_grad():
-        _normalise(network, _inputs(network, x, u, rows))
-        now = network.encoder(_inputs(network, x, u, rows))
-        then = network.encoder(_inputs(network, x, u, rows + 1))
+        features = network.encoder(_inputs(network, x, u, rows))
+        mean, spread = features.mean(0), features.std(0).clamp_min(1e-6)
+        lift = Lift(network.encoder, mean, spread)
+        n_features = mean.shape[0]
+        now = lift(_inputs(network, x, u, rows))
+        then = lift(_inputs(network, x, u, rows + 1))
         ones = torch.ones(len(rows), 1)
         phi = torch.cat([x[rows], now, u[rows], ones], dim=1).double().numpy()
         change = (then - now).double().numpy()
+        target = (as_tensor(scaling.scale_x(part.x_ref))[rows + 1] - x[rows]).double().numpy()
     theta = np.zeros((3 + n_features, phi.shape[1]))
-    theta[:3] = network.head.detach().double().numpy().T
+    theta[:3] = _head(network, mean, spread).T
     theta[3:] = np.linalg.solve(phi.T @ phi + np.eye(phi.shape[1]), phi.T @ change).T
-    program = to_torchscript(network.encoder)
+    refitted: tuple[FloatArray, ...] = ()
+    if network.encoder.level.shape[0]:
+        refitted = _refitted(theta, phi, target / scaling.step_scale)
+    program = to_torchscript(lift)
     model = Model(
         lifting=Lifting(program, input_size(network.history), n_features),
         scaling=scaling,
@@ -65,7 +80,7 @@ def assemble(trained: Trained, part: Sequences, uses_imu: bool) -> Assembled:
         uses_imu=uses_imu,
         online=OnlineSettings("constant"),
     )
-    return Assembled(model, program)
+    return Assembled(model, program, refitted)
 
 
 def _inputs(
@@ -77,13 +92,29 @@ def _inputs(
     return torch.cat([x_row, u_row], dim=1)
 
 
-def _normalise(network: Network, rows: torch.Tensor) -> None:
-    encoder, head = network.encoder, network.head
-    features = encoder(rows)
-    mean, spread = features.mean(0), features.std(0).clamp_min(1e-6)
-    encoder.w3.div_(spread)
-    encoder.skip.div_(spread)
-    encoder.b3.sub_(mean).div_(spread)
-    block = slice(3, 3 + features.shape[1])
+def _refitted(theta: FloatArray, phi: FloatArray, target: FloatArray) -> tuple[FloatArray, ...]:
+    """
+    Return `theta` with its first three rows refitted, one copy for each of `_PULLS`.
+
+    Multi-step training does not care for the last digits of one step; least squares does. With
+    rows as if measured `pull` times as often that say what `theta` says, along every regressor.
+    """
+    known = np.isfinite(target).all(axis=1)
+    phi, target = phi[known], target[known]
+    left = phi.T @ (target - phi @ theta[:3].T)
+    result = []
+    for pull in _PULLS:
+        changed = theta.copy()
+        ridge = pull * len(phi) * np.eye(phi.shape[1])
+        changed[:3] += np.linalg.solve(phi.T @ phi + ridge, left).T
+        result.append(changed)
+    return tuple(result)
+
+
+def _head(network: Network, mean: torch.Tensor, spread: torch.Tensor) -> FloatArray:
+    """The head (n_phi, 3) for features less `mean`, over `spread`."""
+    head = (network.base + network.head).detach()
+    block = slice(3, 3 + mean.shape[0])
     head[-1] += mean @ head[block]
     head[block] *= spread[:, None]
+    return np.asarray(head.double().numpy())

@@ -18,18 +18,29 @@ from torch import Tensor, nn
 
 from adk_ros.model.lifting import input_size
 from adk_ros.signals.channels import FloatArray
+from adk_ros.train.quadratic import Quadratic
 
 
 class Encoder(nn.Module):
     """
-    Perceptron with two hidden softsign layers and a linear shortcut: (b, n) -> (b, m).
+    Perceptron with two hidden softsign layers and a linear shortcut: (b, n) -> (b, m + k).
 
     Softsign because it is bounded, as features must be that are rolled out, and costs a division.
+    The last k features are not learned here: `quadratic` forms fitted by least squares.
     """
 
-    def __init__(self, history: int, hidden: int, features: int) -> None:
+    def __init__(
+        self, history: int, hidden: int, features: int, quadratic: Quadratic | None = None
+    ) -> None:
         super().__init__()
         n = input_size(history)
+        quadratic = quadratic or Quadratic.none(n)
+        self.columns = nn.Buffer(torch.from_numpy(quadratic.columns))
+        self.reach = nn.Buffer(torch.from_numpy(quadratic.reach))
+        self.directions = nn.Buffer(torch.from_numpy(quadratic.directions))
+        self.weights = nn.Buffer(torch.from_numpy(quadratic.weights))
+        self.linear = nn.Buffer(torch.from_numpy(quadratic.linear))
+        self.level = nn.Buffer(torch.from_numpy(quadratic.level))
         self.w1 = nn.Parameter(torch.randn(n, hidden) / n**0.5)
         self.b1 = nn.Parameter(torch.randn(hidden) * 0.1)
         self.w2 = nn.Parameter(torch.randn(hidden, hidden) / hidden**0.5)
@@ -40,10 +51,56 @@ class Encoder(nn.Module):
         self.activation = nn.Softsign()
 
     def forward(self, row: Tensor) -> Tensor:
-        """Features (b, m) of input rows (b, n), columns as in `lifting.input_size`."""
+        """Features (b, m + k) of input rows (b, n), columns as in `lifting.input_size`."""
         first = self.activation(torch.addmm(self.b1, row, self.w1))
         second = self.activation(torch.addmm(self.b2, first, self.w2))
-        return torch.addmm(torch.addmm(self.b3, second, self.w3), row, self.skip)
+        learned = torch.addmm(torch.addmm(self.b3, second, self.w3), row, self.skip)
+        if self.level.shape[0] == 0:
+            return learned
+        inputs = torch.clamp(row.index_select(1, self.columns), -self.reach, self.reach)
+        known = torch.addmm(self.level, (inputs @ self.directions).square(), self.weights)
+        return torch.cat([learned, torch.addmm(known, row, self.linear)], dim=1)
+
+
+class Lift(nn.Module):
+    """
+    An `Encoder` as one whole, for the vehicle: its last layers joined, features normalised.
+
+    `mean`, `spread` (m + k,): features are given out less their mean, over their spread.
+    """
+
+    def __init__(self, encoder: Encoder, mean: Tensor, spread: Tensor) -> None:
+        super().__init__()
+        features, squares = encoder.b3.shape[0], encoder.directions.shape[1]
+        hidden, fitted = encoder.w2.shape[1], encoder.level.shape[0]
+        w3 = torch.zeros(hidden + squares, features + fitted)
+        w3[:hidden, :features], w3[hidden:, features:] = encoder.w3, encoder.weights
+        skip = torch.cat([encoder.skip, encoder.linear], dim=1)
+        b3 = torch.cat([encoder.b3, encoder.level])
+        # Class annotations would say their types to a reader, but TorchScript cannot read them.
+        self.w1, self.b1 = _fixed(encoder.w1), _fixed(encoder.b1)
+        self.w2, self.b2 = _fixed(encoder.w2), _fixed(encoder.b2)
+        self.w3, self.b3 = _fixed(w3 / spread), _fixed((b3 - mean) / spread)
+        self.skip = _fixed(skip / spread)
+        self.columns, self.reach = _fixed(encoder.columns), _fixed(encoder.reach)
+        self.directions = _fixed(encoder.directions)
+        self.plain = squares == 0
+
+    def forward(self, row: Tensor) -> Tensor:
+        """Features (b, m + k) of input rows (b, n)."""
+        first = torch.addmm(self.b1, row, self.w1)
+        first = first / (1.0 + first.abs())
+        second = torch.addmm(self.b2, first, self.w2)
+        second = second / (1.0 + second.abs())
+        seen = second
+        if not self.plain:
+            inputs = torch.clamp(row.index_select(1, self.columns), -self.reach, self.reach)
+            seen = torch.cat([second, (inputs @ self.directions).square()], dim=1)
+        return torch.addmm(torch.addmm(self.b3, seen, self.w3), row, self.skip)
+
+
+def _fixed(value: Tensor) -> nn.Buffer:
+    return nn.Buffer(value.detach().clone())
 
 
 class Network(nn.Module):
@@ -51,14 +108,24 @@ class Network(nn.Module):
 
     step_scale: Tensor
 
-    def __init__(self, history: int, hidden: int, features: int, step_scale: FloatArray) -> None:
+    def __init__(
+        self, history: int, hidden: int, features: int, step_scale: FloatArray,
+        quadratic: Quadratic | None = None,
+    ) -> None:
         super().__init__()
         self.history = history
-        self.encoder = Encoder(history, hidden, features)
-        self.head = nn.Parameter(torch.zeros(3 + features + 3, 3))
+        self.encoder = Encoder(history, hidden, features, quadratic)
+        fitted = self.encoder.level.shape[0]
+        self.head = nn.Parameter(torch.zeros(3 + features + fitted + 3, 3))
+        self.base = nn.Buffer(torch.zeros_like(self.head))
         self.register_buffer("step_scale", torch.tensor(step_scale, dtype=torch.float32))
         with torch.no_grad():
             self.head.normal_(0.0, 0.02)
+            if quadratic is not None and fitted:
+                # The fitted forms predict the increments already: the rest begins at nothing.
+                self.head.zero_()
+                self.base[3 + features : 3 + features + fitted] = torch.eye(fitted)
+                self.base[3 + features + fitted : -1] = torch.from_numpy(quadratic.command)
 
     def roll_out(self, x_past: Tensor, u_past: Tensor, u_ahead: Tensor) -> Tensor:
         """
@@ -75,7 +142,7 @@ class Network(nn.Module):
             now, u = x_row[:, :3], u_ahead[:, step]
             features = self.encoder(torch.cat([x_row, u_row], dim=1))
             phi = torch.cat([now, features, u, ones], dim=1)
-            new = now + (phi @ self.head) * self.step_scale
+            new = now + (phi @ (self.base + self.head)) * self.step_scale
             out.append(new)
             if self.history:
                 x_row = torch.cat([new, x_row[:, :-3]], dim=1)

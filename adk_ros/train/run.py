@@ -75,7 +75,7 @@ def run_training(
         trained = fit(train, validation, settings, on_step, checkpoint)
         joined = sequences(train, settings.history, 2, "training")
         built = assemble(trained, joined, uses_imu)
-        model = tune(built.model, split, note)
+        model = tune(built.model, split, note, built.refitted)
 
     def scoring(done: int, total: int) -> None:
         if note is not None:

@@ -32,6 +32,10 @@ _SLOW = ((0.0, 1.0), (0.02, 0.99), (0.05, 0.99), (0.05, 0.97), (0.1, 0.97))
 _FAST = ((0.0, 1.0), (0.3, 0.7), (0.3, 0.9), (0.6, 0.8), (1.0, 0.7), (1.0, 0.9))
 _OBSERVERS = (1.0, 0.6, 0.35, 0.2, 0.1)
 _TRIALS = len(_RIDGES) + len(_SLOW) + len(_FAST) + len(_OBSERVERS)
+_QUICK = replace(
+    Correction.none(), slow_gain=np.full(3, 0.05), slow_decay=np.full(3, 0.99)
+)
+"""With which theta0 is chosen: not for what a disturbance takes care of anyway."""
 _LOST = 4.0
 """Weight of how far a cell is behind the best naive predictor, beside the mean of all cells."""
 _TUNING_ROWS = 400
@@ -39,36 +43,49 @@ _TUNING_ROWS = 400
 Note = Callable[[str, int, int], None]
 
 
-def tune(model: Model, split: Split, note: Note | None = None) -> Model:
+def tune(
+    model: Model,
+    split: Split,
+    note: Note | None = None,
+    refitted: Sequence[FloatArray] = (),
+) -> Model:
     """
-    Choose ridge and correction on the validation part; set covariance and usual change.
+    Choose theta0, ridge and correction on the validation part; set covariance and usual change.
 
-    One after the other: the ridge, by the mean over all cells, then the slow disturbance, the fast
-    one and the observer, each channel by its own cells.
+    One after the other: theta0, the model's or one of `refitted`, and the ridge, by the mean over
+    all cells, then the slow disturbance, the fast one and the observer, each channel by its own
+    cells.
     """
     cases = _cases(split)
-    done = 0
+    done, total = 0, _TRIALS + (1 + len(refitted) if refitted else 0)
 
     def cost(trial: Model) -> FloatArray:
         nonlocal done
         if note:
-            note("tuning adaptation", done, _TRIALS)
+            note("tuning adaptation", done, total)
         done += 1
         ratio = _ratio(trial, cases)
         return np.asarray((ratio + _LOST * np.maximum(ratio, 0.0)).mean(axis=(0, 1)))
 
     model = replace(model, usual_change=usual_change(split))
-    rivals = [
-        replace(model, online=OnlineSettings("windowed", window=_WINDOW, ridge=ridge))
-        for ridge in _RIDGES
-    ]
-    model = rivals[int(np.argmin([cost(rival).mean() for rival in rivals]))]
+
+    def best(rivals: Sequence[Model]) -> Model:
+        return rivals[int(np.argmin([cost(rival).mean() for rival in rivals]))]
+
+    def windowed(ridge: float) -> OnlineSettings:
+        return OnlineSettings("windowed", window=_WINDOW, ridge=ridge)
+
+    if refitted:
+        start = replace(model, online=windowed(_RIDGES[0]), correction=_QUICK)
+        model = best([start, *(replace(start, theta0=theta) for theta in refitted)])
+        model = replace(model, correction=Correction.none())
+    model = best([replace(model, online=windowed(ridge)) for ridge in _RIDGES])
 
     def choose(corrections: Sequence[Correction]) -> Correction:
         costs = [cost(replace(model, correction=item)) for item in corrections]
-        best = np.argmin(costs, axis=0)
+        chosen = np.argmin(costs, axis=0)
         return Correction(**{
-            name: np.array([getattr(corrections[i], name)[c] for c, i in enumerate(best)])
+            name: np.array([getattr(corrections[i], name)[c] for c, i in enumerate(chosen)])
             for name in Correction.names()
         })
 

@@ -1,0 +1,114 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Quadratic forms that predict the increments, fitted by least squares before anything is trained.
+
+    dx_k / s = c' Q c + l' v + B u_k + 1 b,   v = [x_k, x_(k-1), x_(k-2), u_(k-1), u_(k-2)] scaled
+
+with c the same as v but held within what the training data show, so that the forms do not grow
+without bound outside of it. On noise-free data three past states tell nearly all there is to know,
+and a solved problem is exact where a trained network is not: what is left to the network is what
+a quadratic form cannot express, and to multi-step training what one step cannot show. Each Q is
+given by its eigenvectors, c' Q c = sum over j of w_j (d_j' c)^2, which is a layer of squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from adk_ros.model.lifting import input_size
+from adk_ros.signals.channels import FloatArray, IntArray
+
+_PAST_STATES, _PAST_COMMANDS = 3, 2
+_RIDGE = 1e-11
+"""Per row, in units of scaled regressors: enough for the solution to exist."""
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """
+    Three forms of an encoder's input row (n,), float32.
+
+    `columns` (c,) of the row enter, held within +-`reach` (c,); `directions` (c, q), `weights`
+    (q, 3), `linear` (n, 3), `level` (3,). `command` (2, 3): the increments' share in u_k, which
+    is no input of the encoder.
+    """
+
+    columns: IntArray
+    reach: NDArray[np.float32]
+    directions: NDArray[np.float32]
+    weights: NDArray[np.float32]
+    linear: NDArray[np.float32]
+    level: NDArray[np.float32]
+    command: NDArray[np.float32]
+
+    @staticmethod
+    def none(n: int) -> Quadratic:
+        """No forms, for rows of `n`."""
+        def empty(*shape: int) -> Any:
+            return np.zeros(shape, dtype=np.float32)
+
+        return Quadratic(
+            np.zeros(0, dtype=np.int64), empty(0), empty(0, 0), empty(0, 0), empty(n, 0), empty(0),
+            empty(2, 0),
+        )
+
+
+def input_columns(history: int) -> IntArray:
+    """Columns of the encoder's input that hold v, see above; fewer for a shorter history."""
+    states = 3 * min(_PAST_STATES, history + 1)
+    commands = 2 * min(_PAST_COMMANDS, history)
+    first = 3 * (history + 1)
+    return np.concatenate([np.arange(states), np.arange(first, first + commands)])
+
+
+def fit_quadratic(
+    x: FloatArray, u: FloatArray, target: FloatArray, rows: IntArray, history: int
+) -> Quadratic:
+    """
+    Fit the forms at `rows` of scaled `x` (n, 3), `u` (n, 2); `target` (n, 3) the scaled increment.
+
+    Rows whose target is not known are left out.
+    """
+    rows = rows[np.isfinite(target[rows]).all(axis=1)]
+    columns = input_columns(history)
+    past = [x[rows - j] for j in range(history + 1)]
+    past += [u[rows - 1 - j] for j in range(history)]
+    inputs = np.concatenate(past, axis=1)[:, columns]
+    reach = np.abs(inputs).max(axis=0)
+    i, j = np.triu_indices(columns.size)
+    products = inputs[:, i] * inputs[:, j]
+    phi = np.hstack([products, inputs, u[rows], np.ones((rows.size, 1))])
+    size = np.sqrt(np.mean(np.square(phi), axis=0)) + 1e-12
+    phi /= size
+    normal = phi.T @ phi + _RIDGE * rows.size * np.eye(phi.shape[1])
+    solution = np.linalg.solve(normal, phi.T @ target[rows]) / size[:, None]
+    directions, weights = _forms(solution[: i.size], i, j, columns.size)
+    linear = np.zeros((input_size(history), 3))
+    linear[columns] = solution[i.size : i.size + columns.size]
+    single = np.float32
+    return Quadratic(
+        columns, reach.astype(single), directions.astype(single), weights.astype(single),
+        linear.astype(single), solution[-1].astype(single), solution[-3:-1].astype(single),
+    )
+
+
+def _forms(
+    coefficients: FloatArray, i: IntArray, j: IntArray, size: int
+) -> tuple[FloatArray, FloatArray]:
+    """Upper triangles (m, 3) of three forms -> directions (size, 3 size), weights (3 size, 3)."""
+    directions, weights = np.zeros((size, 3 * size)), np.zeros((3 * size, 3))
+    for c in range(3):
+        form = np.zeros((size, size))
+        form[i, j] = coefficients[:, c]
+        values, vectors = np.linalg.eigh(0.5 * (form + form.T))
+        block = slice(c * size, (c + 1) * size)
+        # The weight's root goes into the direction, so that both are of like size in float32.
+        root = np.sqrt(np.abs(values))
+        directions[:, block] = vectors * root
+        weights[block, c] = np.sign(values)
+    return directions, weights
