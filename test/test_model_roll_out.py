@@ -31,6 +31,9 @@ def test_to_si() -> None:
     trust = np.array([[1.0, 0.5, 0.0], [0.0, 0.5, 1.0]])
     assert roll_out.to_si(kept, start, trust, *scaling)
     assert kept.tolist() == [[1.0, 102.0, 4.0], [11.0, 252.0, 8.0]]
+    longer = np.tile(np.array([1.0, 1.0, 5.0]), (3, 1))
+    assert roll_out.to_si(longer, start, trust, np.zeros(3), np.ones(3))
+    assert longer[:, 2].tolist() == [1.0, 5.0, 5.0]
     for bad in (np.nan, np.inf):
         assert not roll_out.to_si(np.array([[0.0, bad, 0.0]]), start, ALL, np.zeros(3), np.ones(3))
 

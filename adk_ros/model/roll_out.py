@@ -141,14 +141,16 @@ def to_si(states, base, trust, x_mean, x_scale):  # type: ignore[no-untyped-def]
     """
     Unscale states (h, 3) in place; return whether all are finite.
 
-    Of the change since `base` (3,), scaled, a share `trust` (>= h or 0, 3) is kept.
+    Of the change since `base` (3,), scaled, a share `trust` (k, 3) is kept, by step, its last row
+    from there on; all of it if k is 0.
     """
     finite = True
+    last = trust.shape[0] - 1
     for i in range(states.shape[0]):
         for c in range(3):
             value = states[i, c]
-            if i < trust.shape[0]:
-                value = base[c] + trust[i, c] * (value - base[c])
+            if last >= 0:
+                value = base[c] + trust[min(i, last), c] * (value - base[c])
             states[i, c] = value * x_scale[c] + x_mean[c]
             finite = finite and np.isfinite(states[i, c])
     return finite
