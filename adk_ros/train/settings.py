@@ -18,7 +18,7 @@ class TrainSettings:
     `steps`: updates of `batch` sequences each. The roll-out in the loss is `short_steps` long for
     the first `short_share` of the training and `long_steps` after. `noise`: deviation added to
     the past, in units of the usual change in one tick. `quadratic`: quadratic forms, fitted by
-    least squares, beside what is learned (`train.quadratic`): nearer to smooth data, slower a tick;
+    least squares, beside what is learned (`train.quadratic`): nearer to smooth data, slower;
     trained at a quarter of the rate, with less noise where the data have less.
     `weight_decay`: AdamW's, without which little data (three laps) is learned by heart.
     `patience`: validations without gain before the training stops early (never in the first
