@@ -25,9 +25,11 @@ def simulate(
     """
     Drive a simulated car and write what its sensors send as a bag.
 
-    The car is a 7-DoF Magic Formula model; `handling` and `town` are scenarios that come with it.
+    The car has fourteen degrees of freedom (seven in `handling` and `town`). Scenarios that come
+    with it: handling, town, xyz_edges, mass_plus_160, mass_minus_170, inertia_plus_142,
+    inertia_minus_158, mountain, slalom, winter, gusts, worn_tyres.
 
-    Example: adk simulate town --out town
+    Example: adk simulate mountain --out mountain
     """
     from adk_ros.bag_export import write_bag
     from adk_ros.plant.scenarios import load_scenario
