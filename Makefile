@@ -80,7 +80,7 @@ colcon: $(TESTING) ## Build as a ROS workspace would, in a scratch folder, and s
 	"$$scratch/install/adk_ros/lib/adk_ros/predictor" --help
 
 clean: ## Remove what was built and cached, but for .venv
-	rm -rf build install log demo_out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build install log demo_out paper_out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find adk_ros launch test -name __pycache__ -prune -exec rm -rf {} +
 
 distclean: clean ## Remove .venv as well

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""adk bench: how fast the tick is, how late a live prediction comes, what a million ticks do."""
+"""adk bench: how fast the tick is, how late a prediction comes, how good it is."""
 
 from __future__ import annotations
 
@@ -12,10 +12,13 @@ from typing import Annotated, Any
 
 import typer
 
-from adk_ros.cli import console
+from adk_ros.cli import bench_paper, console
 from adk_ros.cli.options import JsonOption
 
-app = typer.Typer(help="Measure speed and endurance.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(
+    help="Measure speed, endurance and accuracy.", no_args_is_help=True, rich_markup_mode=None
+)
+app.command("paper")(bench_paper.paper)
 ModelChoice = Annotated[
     Path | None, typer.Option(help="model folder; default: one trained for the purpose")
 ]

@@ -1,0 +1,211 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the default predictor has to reach, and whether it did: one line each, PASS or FAIL.
+
+A cell is a test, a channel, a horizon and a variant; all ten tests count, the paper's seven and
+our three. Ratios are of RMSE over the best naive predictor's in the same cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.bench.paper.av21 import JUDGED, Recorded
+from adk_ros.bench.paper.cases import CLEAN
+from adk_ros.bench.paper.predictors import ALDK, MF_TUNED, OURS, PYKOOP, PYKOOPMAN, SWLS
+from adk_ros.bench.paper.published import TABLES, effect
+from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Board, Cell, cells_text
+from adk_ros.signals.channels import FloatArray
+
+MEAN_MOST = 0.25
+AHEAD_LEAST = 0.9
+COVERAGE = 0.85, 0.95
+PASS, FAIL, INFO = "PASS", "FAIL", "INFO"
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One line: `verdict` is PASS, FAIL or, where nothing was asked, INFO."""
+
+    verdict: str
+    name: str
+    figure: str
+
+    def __str__(self) -> str:
+        return f"{self.verdict} {self.name} {self.figure}"
+
+
+def judge(board: Board, recorded: Recorded | None, without: str = "") -> list[Bar]:
+    """Return all bars; `without` says why the peers did not take part."""
+    return [
+        _mean(board),
+        _none_above(board),
+        *(_peer(board, name, without) for name in (PYKOOP, PYKOOPMAN)),
+        _ahead(board, MF_TUNED, "ahead-of-tuned-7dof"),
+        *_coverage(board),
+        *_recordings(recorded),
+        _effect(board),
+    ]
+
+
+def _bar(passed: bool, name: str, figure: str) -> Bar:
+    return Bar(PASS if passed else FAIL, name, figure)
+
+
+def _mean(board: Board) -> Bar:
+    ratios = board.ratios(OURS)
+    mean = _geometric(list(ratios.values()))
+    parts = {
+        v: _geometric([r for cell, r in ratios.items() if cell.variant == v])
+        for v in board.variants()
+    }
+    text = ", ".join(f"{variant} {value:.3f}" for variant, value in parts.items())
+    return _bar(
+        mean <= MEAN_MOST, "geometric-mean",
+        f"{mean:.3f} of the best naive predictor's RMSE over {len(ratios)} cells, at most "
+        f"{MEAN_MOST} ({text})",
+    )  # fmt: skip
+
+
+def _geometric(ratios: list[FloatArray]) -> float:
+    means = np.array([ratio.mean() for ratio in ratios])
+    return float(np.exp(np.log(np.maximum(means, 1e-12)).mean()))
+
+
+def _none_above(board: Board) -> Bar:
+    """A cell is lost if even the best of the seeds is above 1."""
+    ratios = board.ratios(OURS)
+    lost = {cell: r for cell, r in ratios.items() if r.min() > 1.0}
+    within = [cell for cell, r in ratios.items() if r.min() <= 1.0 < r.mean()]
+    figure = f"{len(lost)} of {len(ratios)} cells, all seeds above 1.0"
+    if lost:
+        shown = {cell: _spread(r) for cell, r in lost.items()}
+        figure += f": {cells_text(list(lost), shown)}"
+    if within:
+        shown = {cell: _spread(ratios[cell]) for cell in within}
+        figure += f"; above in the mean but within the spread: {cells_text(within, shown)}"
+    return _bar(not lost, "no-cell-above-1", figure)
+
+
+def _spread(ratio: FloatArray) -> str:
+    if ratio.size == 1:
+        return f"{ratio[0]:.2f}"
+    return f"{ratio.mean():.2f} ({ratio.min():.2f} to {ratio.max():.2f})"
+
+
+def _peer(board: Board, name: str, without: str) -> Bar:
+    if not board.has(name):
+        return Bar(FAIL, f"ahead-of-{name}", f"not measured: {without or 'it was not run'}")
+    return _ahead(board, name, f"ahead-of-{name}")
+
+
+def _ahead(board: Board, rival: str, name: str) -> Bar:
+    ratios = board.against(OURS, rival)
+    if not ratios:
+        return Bar(FAIL, name, "not measured: it was not run")
+    behind = [cell for cell, ratio in ratios.items() if not ratio < 1.0]
+    share = 1.0 - len(behind) / len(ratios)
+    figure = (
+        f"{100.0 * share:.1f} % of {len(ratios)} cells, at least {100.0 * AHEAD_LEAST:.0f} %"
+    )
+    if behind:
+        shown = {cell: f"{ratios[cell]:.2f}" for cell in behind}
+        figure += f"; behind in {len(behind)}: {cells_text(behind, shown)}"
+    return _bar(share >= AHEAD_LEAST, name, figure)
+
+
+def _coverage(board: Board) -> list[Bar]:
+    """Each variant, horizon and channel, over all tests and seeds, must be within the bounds."""
+    low, high = COVERAGE
+    pooled = {
+        Cell(variant, "all tests", i, c): float(board.coverage(variant)[i, c])
+        for variant in board.variants()
+        for i in range(len(HORIZONS))
+        for c in range(3)
+    }
+    known = [value for value in pooled.values() if value == value]
+    if not known:
+        return [Bar(FAIL, "coverage", "not measured: the model gave no covariance")]
+    outside = {cell: value for cell, value in pooled.items() if not low <= value <= high}
+    figure = (
+        f"90 % intervals cover {100.0 * min(known):.1f} to {100.0 * max(known):.1f} % on the "
+        f"held-out drives, {len(pooled) - len(outside)} of {len(pooled)} (variant, horizon, "
+        f"channel) within {100.0 * low:.0f} to {100.0 * high:.0f} %"
+    )
+    if outside:
+        figure += f"; outside: {_percent(outside)}"
+    by_test = {
+        Cell(variant, test, i, c): float(board.coverage(variant, test)[i, c])
+        for variant in board.variants()
+        for test in board.tests()
+        for i in range(len(HORIZONS))
+        for c in range(3)
+    }
+    lost = {cell: value for cell, value in by_test.items() if not low <= value <= high}
+    told = f"{len(by_test) - len(lost)} of {len(by_test)} cells within"
+    if lost:
+        told += f"; outside: {_percent(lost)}"
+    return [_bar(not outside, "coverage", figure), Bar(INFO, "coverage-by-cell", told)]
+
+
+def _percent(values: dict[Cell, float]) -> str:
+    return cells_text(list(values), {c: f"{100.0 * v:.1f} %" for c, v in values.items()})
+
+
+def _recordings(recorded: Recorded | None) -> list[Bar]:
+    if recorded is None:
+        return [Bar(FAIL, "av21", "not measured: give --recordings DIR")]
+    own, other = recorded.pairs(own=True), recorded.pairs(own=False)
+    bars = []
+    total, lost = _lost(own)
+    figure = f"below the best naive predictor in {total - len(lost)} of {total} cells"
+    figure += f" of {len(own)} recordings (0.5, 1, 2 s)"
+    if lost:
+        figure += f"; not below: {', '.join(lost)}"
+    bars.append(_bar(not lost, "av21", figure))
+    if other:
+        total, lost = _lost(other)
+        figure = f"{total - len(lost)} of {total} cells, trained on one and tested on another"
+        if lost:
+            figure += f"; not below: {', '.join(lost)}"
+        bars.append(Bar(INFO, "av21-across", figure))
+    return bars
+
+
+def _lost(tables: dict[str, FloatArray]) -> tuple[int, list[str]]:
+    lost = [
+        f"{name} {CHANNELS[c]} {HORIZONS[i]} {table[i, c]:.2f}"
+        for name, table in tables.items()
+        for c in range(3)
+        for i in JUDGED
+        if not table[i, c] < 1.0
+    ]
+    return len(tables) * 3 * len(JUDGED), lost
+
+
+def _effect(board: Board) -> Bar:
+    """SWLS against ALDK, one step, clean: as much better as in the paper's own tables."""
+    tests = [test for pair in list(TABLES.values())[1:] for test in pair]
+    short, total = [], 0
+    for test in tests:
+        if (CLEAN, test, SWLS) not in board.scores:
+            continue
+        ours = 1.0 - board.rmse(CLEAN, test, SWLS)[0] / board.rmse(CLEAN, test, ALDK)[0]
+        for c, (here, there) in enumerate(zip(ours, effect(test), strict=True)):
+            total += 1
+            if not here >= there:
+                short.append(
+                    f"{test} {CHANNELS[c]} {100.0 * here:.2f} % (paper {100.0 * there:.2f} %)"
+                )
+    if not total:
+        return Bar(FAIL, "papers-effect", "not measured: ALDK-SWLS was not run")
+    figure = (
+        f"ALDK-SWLS's one-step RMSE below ALDK's by at least the paper's share in "
+        f"{total - len(short)} of {total} cells of Tables 4 to 8"
+    )
+    if short:
+        figure += f"; short: {', '.join(short)}"
+    return _bar(not short, "papers-effect", figure)

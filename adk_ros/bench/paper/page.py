@@ -1,0 +1,156 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report: one page that stands by itself, and its tables and figures as files beside it."""
+
+from __future__ import annotations
+
+import base64
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from adk_ros.bench.paper.bars import Bar, judge
+from adk_ros.bench.paper.cases import (
+    AHEAD,
+    DROPPED,
+    FORCE_NOISE,
+    HISTORY,
+    NOISE,
+    TRAINING_SHARE,
+)
+from adk_ros.bench.paper.claims import RULE, Claim
+from adk_ros.bench.paper.claims_list import beside
+from adk_ros.bench.paper.claims_list import judge as judge_claims
+from adk_ros.bench.paper.figures import write_figures
+from adk_ros.bench.paper.jobs import Plan, read_series
+from adk_ros.bench.paper.run import Result
+from adk_ros.bench.paper.tables import (
+    Table,
+    coverage_tables,
+    horizon_tables,
+    one_step_tables,
+    summary_table,
+)
+from adk_ros.signals.channels import FloatArray
+
+PAPER_EPOCHS, PAPER_BATCH = 2000, 20
+"""What Table 2 of the paper says."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was written, and what it says."""
+
+    page: Path
+    bars: list[Bar]
+    claims: list[Claim]
+    times: Table
+
+
+def write_report(result: Result, plan: Plan, scratch: Path, out: Path) -> Report:
+    """
+    Write `report.html`, `tables/`, `figures/`, `scores.csv`, `claims.md` and `bars.txt`.
+
+    `scratch` is the folder that the run left its predictions in. Files of an earlier report in
+    `tables` and `figures` are removed: they would not belong to this one.
+    """
+
+    def series(test: str, name: str) -> tuple[FloatArray, ...]:
+        return read_series(scratch, plan, test, name)
+
+    board = result.board
+    folders = {name: out / name for name in ("tables", "figures")}
+    for folder in folders.values():
+        folder.mkdir(parents=True, exist_ok=True)
+        for pattern in ("*.md", "*.csv", "*.png"):
+            for path in folder.glob(pattern):
+                path.unlink()
+    groups = {
+        "Summary": [summary_table(board)],
+        "One step ahead": one_step_tables(board),
+        "0.25 to 2 s ahead": horizon_tables(board),
+        "Coverage": coverage_tables(board),
+    }
+    for tables in groups.values():
+        for table in tables:
+            table.write(folders["tables"])
+    board.write_csv(out / "scores.csv")
+    figures = write_figures(board, series, folders["figures"])
+    bars = judge(board, result.recorded, result.without)
+    claims = judge_claims(board, series)
+    times = times_table(result)
+    (out / "bars.txt").write_text("".join(f"{bar}\n" for bar in bars))
+    (out / "claims.md").write_text(_claims_text(claims))
+    environment = Environment(
+        loader=PackageLoader("adk_ros.bench.paper"), autoescape=True, undefined=StrictUndefined
+    )
+    page = environment.get_template("page.html.j2").render(
+        bars=bars, claims=claims, rule=RULE, beside=beside(board), groups=groups, times=times,
+        setting=setting(result, plan), notes=result.settings,
+        figures={
+            title: base64.b64encode(path.read_bytes()).decode() for title, path in figures.items()
+        },
+    )  # fmt: skip
+    path = out / "report.html"
+    # A template's own line ends, so that a report of the same run is the same file.
+    path.write_text(re.sub(r"\n{3,}", "\n\n", page))
+    return Report(path, bars, claims, times)
+
+
+def setting(result: Result, plan: Plan) -> dict[str, Any]:
+    """What the introduction says of the run, in numbers."""
+    return {
+        "quick": plan.quick,
+        "seeds": plan.seeds,
+        "tests": result.board.tests(),
+        "variants": result.board.variants(),
+        "epochs": plan.paper_epochs,
+        "batch": plan.paper_batch,
+        "steps": plan.train.steps,
+        "stride_s": plan.stride * 0.025,
+        "paper_epochs": PAPER_EPOCHS,
+        "paper_batch": PAPER_BATCH,
+        "noise": NOISE.tolist(),
+        "force_noise": FORCE_NOISE,
+        "dropped": DROPPED,
+        "share": TRAINING_SHARE,
+        "history": HISTORY,
+        "ahead_s": AHEAD * 0.025,
+        "without": result.without,
+        "minutes": result.seconds / 60.0,
+        "shortened": plan.durations.train is not None or plan.durations.test is not None,
+        "train_s": plan.durations.train,
+        "test_s": plan.durations.test,
+    }
+
+
+def times_table(result: Result) -> Table:
+    """Seconds by job and part; jobs ran side by side, so they add up to more than the whole."""
+    parts = list(dict.fromkeys(part for o in result.outcomes for part in o.seconds))
+    rows = [
+        [o.job.name, *(f"{o.seconds[p]:.1f}" if p in o.seconds else "" for p in parts)]
+        for o in result.outcomes
+        if o.job.kind != "simulate"
+    ]
+    drives = [o for o in result.outcomes if o.job.kind == "simulate"]
+    whole = {p: sum(o.seconds.get(p, 0.0) for o in drives) for p in parts}
+    rows.insert(
+        0, [f"simulate {len(drives)} drives", *(f"{v:.1f}" if v else "" for v in whole.values())]
+    )
+    sums = {p: sum(o.seconds.get(p, 0.0) for o in result.outcomes) for p in parts}
+    rows.append(["all, one after the other", *(f"{v:.1f}" for v in sums.values())])
+    title = f"Seconds by job; {result.seconds:.0f} s from beginning to end"
+    return Table("times", title, ["job", *parts], rows, (len(rows) - 1,))
+
+
+def _claims_text(claims: list[Claim]) -> str:
+    lines = ["# The paper's claims", "", RULE, ""]
+    for claim in claims:
+        lines.append(f"- **{claim.verdict}** ({claim.section}): {claim.text}")
+        lines += [
+            f"  - {'true' if item.true else 'false'}: {item.text}" for item in claim.comparisons
+        ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,214 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables 3 to 8, their like for our own tests, and the same at 0.25 to 2 s: Markdown and CSV."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from adk_ros.bench.paper.cases import CLEAN, OWN_TESTS
+from adk_ros.bench.paper.predictors import FLOOR, OURS, PAPERS
+from adk_ros.bench.paper.published import TABLES, TITLES, Entry, published
+from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, Board
+from adk_ros.signals.score import REPORT_SCALE
+
+_NONE = "-"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text; `strong` are the rows to be seen first."""
+
+    name: str
+    title: str
+    header: list[str]
+    rows: list[list[str]]
+    strong: tuple[int, ...] = ()
+
+    def markdown(self) -> str:
+        """As a heading and a table."""
+        lines = [f"### {self.title}", "", _line(self.header)]
+        lines.append(_line(["---", *["---:"] * (len(self.header) - 1)]))
+        for i, row in enumerate(self.rows):
+            lines.append(_line([f"**{row[0]}**", *row[1:]] if i in self.strong else row))
+        return "\n".join(lines) + "\n"
+
+    def write(self, folder: Path) -> None:
+        """Write `name`.md and `name`.csv."""
+        (folder / f"{self.name}.md").write_text(self.markdown())
+        with (folder / f"{self.name}.csv").open("w", newline="") as file:
+            csv.writer(file).writerows([self.header, *self.rows])
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def number(value: float) -> str:
+    """Three digits, and no more than the paper's where that says enough."""
+    if value == 0.0:
+        return "0"
+    if value >= 99.95:
+        return f"{value:.0f}"
+    if value >= 9.995:
+        return f"{value:.1f}"
+    if value >= 0.9995:
+        return f"{value:.2f}"
+    return f"{value:.3g}" if value >= 1e-4 else f"{value:.1e}"
+
+
+def one_step_tables(board: Board) -> list[Table]:
+    """Return the paper's tables in their order, then ours; each clean, then noisy."""
+    have = set(board.tests())
+    result = []
+    for variant in board.variants():
+        for table, tests in TABLES.items():
+            shown = [test for test in tests if test in have]
+            if shown:
+                title = f"Table {table}, {variant}: {TITLES[table]}"
+                result.append(_one_step(board, variant, shown, table, title))
+        for test in OWN_TESTS:
+            if test in have:
+                title = f"One step, {variant}: {test} (not in the paper)"
+                result.append(_one_step(board, variant, [test], None, title))
+    return result
+
+
+def _one_step(
+    board: Board, variant: str, tests: list[str], table: int | None, title: str
+) -> Table:
+    """Max/RMSE, with the paper's own beside them where it has any."""
+    header = ["predictor"]
+    for test in tests:
+        of = f"{test}: " if len(tests) > 1 else ""
+        for channel, unit in zip(CHANNELS, UNITS, strict=True):
+            header.append(f"{of}{channel} Max/RMSE ({unit})")
+            if table is not None:
+                header.append("paper")
+    rows = []
+    names = _in_order(board, table)
+    for name in names:
+        row = [name]
+        for test in tests:
+            theirs = published(table, test).get(name) if table is not None else None
+            for c in range(3):
+                row.append(_max_rmse(board, variant, test, name, c))
+                if table is not None:
+                    row.append(_quoted(theirs, c))
+        rows.append(row)
+    name = f"table_{table}_{variant}" if table is not None else f"one_step_{tests[0]}_{variant}"
+    return Table(name, title, header, rows, _strong(names))
+
+
+def _in_order(board: Board, table: int | None) -> list[str]:
+    """The paper's rows for that table first; nobody stands in between."""
+    names = board.names()
+    if table is None:
+        return names
+    own = [name for name in published(table, TABLES[table][0]) if name in names]
+    others = [name for name in names if name in PAPERS and name not in own]
+    return own + others + [name for name in names if name not in PAPERS]
+
+
+def _strong(names: list[str]) -> tuple[int, ...]:
+    return tuple(i for i, name in enumerate(names) if name == OURS)
+
+
+def _quoted(theirs: Entry | None, channel: int) -> str:
+    if theirs is None:
+        return _NONE
+    worst, rmse = theirs[channel]
+    return f"{worst:g}/{rmse:g}"
+
+
+def _diverged(board: Board, variant: str, test: str, name: str, horizon: int) -> str:
+    """Say how many diverged, or nothing if none did."""
+    lost, count = board.diverged(variant, test, name)
+    return f"diverged ({lost[horizon]} of {count[horizon]})" if lost[horizon] else ""
+
+
+def _max_rmse(board: Board, variant: str, test: str, name: str, channel: int) -> str:
+    if (variant, test, name) not in board.scores:
+        return _NONE
+    said = _diverged(board, variant, test, name, 0)
+    if said:
+        return said
+    worst = board.worst(variant, test, name)[0, channel] * REPORT_SCALE[channel]
+    rmse = board.rmse(variant, test, name)[0, channel] * REPORT_SCALE[channel]
+    return f"{number(worst)}/{number(rmse)}"
+
+
+def horizon_tables(board: Board) -> list[Table]:
+    """Return, by test and variant, RMSE at 0.25 to 2 s under known commands."""
+    result = []
+    for test in board.tests():
+        for variant in board.variants():
+            header = ["predictor"]
+            for channel, unit in zip(CHANNELS, UNITS, strict=True):
+                header += [f"{channel} {horizon} ({unit})" for horizon in HORIZONS[1:]]
+            names = [n for n in board.names() if (variant, test, n) in board.scores]
+            rows = [[name, *_by_horizon(board, variant, test, name)] for name in names]
+            title = f"{test}, {variant}: RMSE of open-loop prediction, commands known"
+            result.append(Table(f"horizon_{test}_{variant}", title, header, rows, _strong(names)))
+    return result
+
+
+def _by_horizon(board: Board, variant: str, test: str, name: str) -> list[str]:
+    rmse = board.rmse(variant, test, name) * REPORT_SCALE
+    return [
+        _diverged(board, variant, test, name, i) or number(rmse[i, channel])
+        for channel in range(3)
+        for i in range(1, len(HORIZONS))
+    ]
+
+
+def summary_table(board: Board) -> Table:
+    """Return geometric means over tests and channels of RMSE over the best naive one's."""
+    header = ["predictor"]
+    header += [f"{v} {h}" for v in board.variants() for h in HORIZONS]
+    rows = []
+    names = board.names()
+    means = {name: geometric_means(board, name) for name in names}
+    for name in names:
+        cells = [means[name].get((v, i)) for v in board.variants() for i in range(len(HORIZONS))]
+        rows.append([name, *(_NONE if cell is None else number(cell) for cell in cells)])
+    title = "RMSE over the best naive predictor's: geometric mean over all tests and channels"
+    return Table("summary", title, header, rows, _strong(names))
+
+
+def geometric_means(board: Board, name: str) -> dict[tuple[str, int], float]:
+    """
+    By variant and horizon, over tests and channels, seeds averaged first.
+
+    The floor has none where it starts from the truth: its errors are rounding.
+    """
+    gathered: dict[tuple[str, int], list[float]] = {}
+    for cell, ratio in board.ratios(name).items():
+        if name == FLOOR and cell.variant == CLEAN:
+            continue
+        gathered.setdefault((cell.variant, cell.horizon), []).append(float(ratio.mean()))
+    return {
+        key: float(np.exp(np.mean(np.log(np.maximum(values, 1e-12)))))
+        for key, values in gathered.items()
+    }
+
+
+def coverage_tables(board: Board) -> list[Table]:
+    """Return, by variant, the share of measurements within our 90 % intervals, in per cent."""
+    result = []
+    for variant in board.variants():
+        header = ["test", *(f"{c} {h}" for c in CHANNELS for h in HORIZONS)]
+        rows = []
+        for test in [*board.tests(), None]:
+            table = board.coverage(variant, test)
+            cells = [f"{100.0 * v:.1f}" if v == v else _NONE for v in table.T.ravel()]
+            rows.append(["all tests" if test is None else test, *cells])
+        title = f"Coverage of the 90 % intervals, {variant}, per cent"
+        name = f"coverage_{variant}"
+        result.append(Table(name, title, header, rows, (len(rows) - 1,)))
+    return result

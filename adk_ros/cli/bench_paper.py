@@ -1,0 +1,116 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk bench paper: the paper's tables and figures, its claims, and our default's bars."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from adk_ros.cli import console
+from adk_ros.cli.options import JsonOption
+from adk_ros.errors import UsageError
+
+if TYPE_CHECKING:
+    from adk_ros.bench.paper.jobs import Plan
+
+_QUICK_STEPS = 2000
+_QUICK_EPOCHS, _QUICK_BATCH = 80, 256
+_QUICK_STRIDE = 40
+
+
+def paper(
+    out: Annotated[Path, typer.Option(help="folder to write the report into")] = Path("paper_out"),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="shorter training, fewer starts: up to 20 minutes")
+    ] = False,
+    seeds: Annotated[int, typer.Option(help="trainings of our default, each with its seed")] = 3,
+    steps: Annotated[int | None, typer.Option(help="training steps of our default")] = None,
+    epochs: Annotated[int | None, typer.Option(help="epochs of DK and ALDK")] = None,
+    recordings: Annotated[
+        Path | None, typer.Option(help="folder of recordings of a real car, to be judged as well")
+    ] = None,
+    peers: Annotated[bool, typer.Option(help="run pykoop and pykoopman (`make peers`)")] = True,
+    test: Annotated[list[str] | None, typer.Option(help="run these tests alone")] = None,
+    jobs: Annotated[int, typer.Option(help="processes, of one thread each")] = 2,
+    as_json: JsonOption = False,
+) -> None:
+    """
+    Reproduce the paper's tables, judge its claims and our default predictor.
+
+    Prints a line PASS or FAIL for each bar; a FAIL is a measurement, not an error.
+
+    Example: adk bench paper --quick
+    """
+    started = time.monotonic()
+    from adk_ros.bench.paper.run import check, run_paper
+
+    plan = _plan(quick, seeds, steps, epochs, recordings, peers, tuple(test or ()))
+    check(plan)
+    if not 1 <= jobs <= 64:
+        raise UsageError(f"--jobs is {jobs}: choose 1 to 64")
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out} is no folder: choose another --out")
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="adk_paper_") as folder:
+        with console.progress("bench") as bar:
+            result = run_paper(plan, Path(folder), jobs, bar, console.note)
+        from adk_ros.bench.paper.page import write_report
+
+        report = write_report(result, plan, Path(folder), out)
+    seconds = time.monotonic() - started
+    if as_json:
+        console.answer({
+            "bars": [vars(item) for item in report.bars],
+            "claims": [
+                {"section": c.section, "claim": c.text, "verdict": c.verdict}
+                for c in report.claims
+            ],
+            "seconds": round(seconds, 1),
+            "report": str(report.page),
+        })
+        return
+    for item in report.bars:
+        console.output.print(str(item), markup=False)
+    verdicts = [claim.verdict for claim in report.claims]
+    counts = {verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)}
+    console.flush()
+    console.note(f"the paper's claims: {', '.join(f'{n} {v}' for v, n in counts.items())}")
+    console.note(report.times.title)
+    for row in [report.times.header, *report.times.rows]:
+        console.note(f"  {row[0]:<34}" + "".join(f"{cell:>12}" for cell in row[1:]))
+    console.note(f"done in {seconds:.0f} s: {report.page}")
+
+
+def _plan(
+    quick: bool, seeds: int, steps: int | None, epochs: int | None, recordings: Path | None,
+    peers: bool, tests: tuple[str, ...],
+) -> Plan:
+    from adk_ros.bench.paper.av21 import find_recordings
+    from adk_ros.bench.paper.cases import TESTS
+    from adk_ros.bench.paper.jobs import Plan
+    from adk_ros.train.settings import TrainSettings
+
+    plan = Plan(quick=quick, seeds=seeds, tests=tests or TESTS, peers=peers)
+    if quick:
+        plan = replace(
+            plan, train=replace(plan.train, steps=_QUICK_STEPS), paper_epochs=_QUICK_EPOCHS,
+            paper_batch=_QUICK_BATCH, stride=_QUICK_STRIDE,
+        )  # fmt: skip
+    if steps is not None:
+        every = min(TrainSettings().validate_every, max(1, steps // 10))
+        plan = replace(plan, train=replace(plan.train, steps=steps, validate_every=every))
+    if epochs is not None:
+        if not 1 <= epochs <= 10**6:
+            raise UsageError(f"--epochs is {epochs}: choose 1 to 1000000")
+        plan = replace(plan, paper_epochs=epochs)
+    if recordings is not None:
+        if not recordings.is_dir():
+            raise UsageError(f"--recordings {recordings} is no folder")
+        plan = replace(plan, recordings=find_recordings(recordings))
+    return plan
