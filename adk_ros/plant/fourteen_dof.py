@@ -38,7 +38,7 @@ from adk_ros.plant.body import Body
 from adk_ros.plant.forces import air, rolling_resistance
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.params import AIR_DENSITY, GRAVITY, Constants
-from adk_ros.plant.seven_dof import clip
+from adk_ros.plant.runge_kutta import clip, moved, take_step
 from adk_ros.plant.surface import PLANE_MU, PLANE_OFFSET, PLANE_X, PLANE_Y, PLANE_Z
 from adk_ros.plant.suspension import corner, suspension_force, tyre_load
 from adk_ros.plant.tyre import SLIP_SPEED_MIN, axle_tyre, friction, grip_shares, relaxation_rate
@@ -238,18 +238,13 @@ def rk4_step(
     `work` (5, STATE_SIZE) is scratch. Returns the specific force at the *start* of the step.
     """
     a_x, a_y = derivative(c, b, state, command, planes, wind, step, work[0])
-    for j in range(STATE_SIZE):
-        work[4, j] = state[j] + 0.5 * step * work[0, j]
+    moved(state, 0.5 * step, work[0], work[4])
     derivative(c, b, work[4], command, planes, wind, step, work[1])
-    for j in range(STATE_SIZE):
-        work[4, j] = state[j] + 0.5 * step * work[1, j]
+    moved(state, 0.5 * step, work[1], work[4])
     derivative(c, b, work[4], command, planes, wind, step, work[2])
-    for j in range(STATE_SIZE):
-        work[4, j] = state[j] + step * work[2, j]
+    moved(state, step, work[2], work[4])
     derivative(c, b, work[4], command, planes, wind, step, work[3])
-    for j in range(STATE_SIZE):
-        change = work[0, j] + 2.0 * (work[1, j] + work[2, j]) + work[3, j]
-        state[j] = clip(state[j] + step / 6.0 * change, STATE_LIMIT[j])
+    take_step(state, step, work, STATE_LIMIT)
     return a_x, a_y
 
 

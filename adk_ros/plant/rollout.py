@@ -31,7 +31,8 @@ from adk_ros.plant.forces import (
 )
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.params import GRAVITY, Constants, Vehicle
-from adk_ros.plant.seven_dof import STEP, clip, drive_torque
+from adk_ros.plant.runge_kutta import clip, moved, take_step
+from adk_ros.plant.seven_dof import STEP, drive_torque
 from adk_ros.plant.tyre import (
     SLIP_SPEED_MIN,
     AxleTyre,
@@ -161,18 +162,13 @@ def _rollouts(
             command = u[n, k]
             for _ in range(substeps):
                 _derivative(c, state, command, road, step, work[0], unused)
-                for j in range(_SIZE):
-                    work[4, j] = state[j] + 0.5 * step * work[0, j]
+                moved(state, 0.5 * step, work[0], work[4])
                 _derivative(c, work[4], command, road, step, work[1], unused)
-                for j in range(_SIZE):
-                    work[4, j] = state[j] + 0.5 * step * work[1, j]
+                moved(state, 0.5 * step, work[1], work[4])
                 _derivative(c, work[4], command, road, step, work[2], unused)
-                for j in range(_SIZE):
-                    work[4, j] = state[j] + step * work[2, j]
+                moved(state, step, work[2], work[4])
                 _derivative(c, work[4], command, road, step, work[3], unused)
-                for j in range(_SIZE):
-                    change = work[0, j] + 2.0 * (work[1, j] + work[2, j]) + work[3, j]
-                    state[j] = clip(state[j] + step / 6.0 * change, _LIMIT[j])
+                take_step(state, step, work, _LIMIT)
             for j in range(3):
                 out[n, k, j] = state[j]
 

@@ -42,6 +42,7 @@ from adk_ros.plant.forces import (
 )
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.params import GRAVITY, Constants
+from adk_ros.plant.runge_kutta import clip, moved, take_step
 from adk_ros.plant.tyre import SLIP_SPEED_MIN, axle_tyre, friction, grip_shares, relaxation_rate
 from adk_ros.signals.channels import FloatArray
 
@@ -62,12 +63,6 @@ STATE_LIMIT = np.array(
     [150.0, 150.0, 30.0] + [2000.0] * 4 + [1.0] * 8 + [100.0, 100.0, 1e6, 1.5, 1e9, 1e9, 1e9]
 )
 """No entry of the state passes this, SI units."""
-
-
-@kernel
-def clip(value: float, limit: float) -> float:
-    """Return `value` within -limit ... limit."""
-    return min(max(value, -limit), limit)
 
 
 @kernel
@@ -153,20 +148,14 @@ def rk4_step(
 
     `work` (5, STATE_SIZE) is scratch. Returns the specific force at the *start* of the step.
     """
-    size = state.shape[0]
     a_x, a_y = derivative(c, state, command, road, step, work[0])
-    for j in range(size):
-        work[4, j] = state[j] + 0.5 * step * work[0, j]
+    moved(state, 0.5 * step, work[0], work[4])
     derivative(c, work[4], command, road, step, work[1])
-    for j in range(size):
-        work[4, j] = state[j] + 0.5 * step * work[1, j]
+    moved(state, 0.5 * step, work[1], work[4])
     derivative(c, work[4], command, road, step, work[2])
-    for j in range(size):
-        work[4, j] = state[j] + step * work[2, j]
+    moved(state, step, work[2], work[4])
     derivative(c, work[4], command, road, step, work[3])
-    for j in range(size):
-        change = work[0, j] + 2.0 * (work[1, j] + work[2, j]) + work[3, j]
-        state[j] = clip(state[j] + step / 6.0 * change, STATE_LIMIT[j])
+    take_step(state, step, work, STATE_LIMIT)
     return a_x, a_y
 
 
