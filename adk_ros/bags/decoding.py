@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from rosbags.serde.errors import SerdeError
 from rosbags.typesys.store import Typestore
 
 from adk_ros.bags.compression import ZSTD_MAGIC, inflate
@@ -36,7 +37,7 @@ def deserialiser(channel: Channel) -> Decoder:
         data = _unpacked(data)
         try:
             return store.deserialize_cdr(data, msgtype)
-        except Exception:
+        except SerdeError:
             # rclpy's serialize_message adds 4 bytes after a trailing empty sequence of doubles.
             return store.deserialize_cdr(data[:-4], msgtype)
 
