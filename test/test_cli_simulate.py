@@ -16,6 +16,7 @@ from adk_ros.bags import Bag
 from adk_ros.cli import main as cli
 from adk_ros.cli.main import main
 from adk_ros.drives import read_drive
+from adk_ros.plant.scenarios import scenarios
 
 
 def contents(path: Path) -> list[tuple[str, str, int, bytes]]:
@@ -87,3 +88,9 @@ def test_each_verb_runs_under_its_own_name(capsys, monkeypatch: pytest.MonkeyPat
         monkeypatch.setattr(sys, "argv", [f"/opt/ws/lib/adk_ros/{verb}", "--help"])
         assert getattr(cli, f"{verb}_main")() == 0
         assert capsys.readouterr().out.startswith(f"Usage: adk {verb} ")
+
+
+def test_help_names_every_scenario(capsys) -> None:
+    assert main(["simulate", "--help"]) == 0
+    told = capsys.readouterr().out
+    assert all(name in told for name in scenarios())

@@ -47,7 +47,7 @@ def train(
     hidden: Annotated[int, typer.Option(help="width of the encoder's hidden layers")] = 32,
     learning_rate: Annotated[float, typer.Option(help="largest step of the optimiser")] = 4e-3,
     quadratic: Annotated[
-        bool, typer.Option("--quadratic", help="add quadratic forms: exact on smooth data")
+        bool, typer.Option("--quadratic", help="add quadratic forms: nearer smooth data, slower")
     ] = False,
     seed: Annotated[int, typer.Option(help="same seed, same model")] = 0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda")] = "auto",

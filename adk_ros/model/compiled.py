@@ -14,5 +14,5 @@ jit = compiler(_HERE, fastmath=False)
 """Strict arithmetic, for what is summed over many ticks."""
 fast = compiler(_HERE, fastmath={"contract", "reassoc"}, error_model="numpy")
 """Sums may be reordered and fused: for the perceptron, which is float32 anyway."""
-part = compiler(_HERE, fastmath={"contract", "reassoc"}, error_model="numpy", inline="always")
+inlined = compiler(_HERE, fastmath={"contract", "reassoc"}, error_model="numpy", inline="always")
 """As `fast`, for what is called in the innermost loops: a call with its arrays costs as much."""

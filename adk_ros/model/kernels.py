@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.model.compiled import fast, jit, part
+from adk_ros.model.compiled import fast, inlined, jit
 
 
-@part
+@inlined
 def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
     """out (m,) += matrix' vector, matrix (n, m): four rows at a time, to save loads."""
     n, m = matrix.shape
@@ -33,7 +33,7 @@ def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
         i += 1
 
 
-@part
+@inlined
 def hidden_layer(row, weights, bias, out):  # type: ignore[no-untyped-def]
     """out (>= m,) begins with softsign(weights' row + bias), weights (n, m); row (>= n,)."""
     for j in range(bias.shape[0]):
@@ -44,7 +44,7 @@ def hidden_layer(row, weights, bias, out):  # type: ignore[no-untyped-def]
         out[j] = out[j] / (one + abs(out[j]))
 
 
-@part
+@inlined
 def last_layer_input(  # type: ignore[no-untyped-def]
     row, w1, b1, w2, b2, columns, reach, directions, first, out
 ):

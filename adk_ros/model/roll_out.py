@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.model.compiled import fast, jit, part
+from adk_ros.model.compiled import fast, inlined, jit
 from adk_ros.model.kernels import fill_row, last_layer_input
 
 _LIMIT = 50.0
@@ -48,7 +48,7 @@ def mix(  # type: ignore[no-untyped-def]
         rest[c, 0], rest[c, 1], rest[c, 2] = theta[c, n_z], theta[c, n_z + 1], level
 
 
-@part
+@inlined
 def advance(  # type: ignore[no-untyped-def]
     row, x, push, u0, u1, n_x, step_scale, residual, correction, w1, b1, w2, b2,
     columns, reach, directions, head, short, rest, first, second

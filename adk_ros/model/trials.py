@@ -84,9 +84,8 @@ class Trials:
         compare(
             measured, u, usable, n_x, step_scale, residual, correction, *self._twin[:4],
             *self._twin[7:], self._row, self._x, self._base, self._push, self._head, self._short,
-            self._rest,
-            self._age, self._scratch, self._sums, self._count, self.trust, self.covariance,
-            _FORGETTING,
+            self._rest, self._age, self._scratch, self._sums, self._count, self.trust,
+            self.covariance, _FORGETTING,
         )
 
     def start(

@@ -148,11 +148,11 @@ def fit(
     change = change[np.isfinite(change).all(axis=1)]
     scaling = Scaling.standard(part.x[part.rows], part.u[part.rows], change)
     torch.manual_seed(settings.seed)
-    x, x_ref = scaling.scale_x(part.x), scaling.scale_x(part.x_ref)
-    target = np.full_like(x, np.nan)
-    target[:-1] = (x_ref[1:] - x[:-1]) / scaling.step_scale
     quadratic, noise = None, np.full(3, settings.noise)
     if settings.quadratic:
+        x, x_ref = scaling.scale_x(part.x), scaling.scale_x(part.x_ref)
+        target = np.full_like(x, np.nan)
+        target[:-1] = (x_ref[1:] - x[:-1]) / scaling.step_scale
         quadratic = fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, settings.history)
         noise = input_noise(train, scaling, settings.noise)
     network = Network(
