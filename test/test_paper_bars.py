@@ -218,6 +218,13 @@ def test_most_claims_hold_by_the_papers_own_tables() -> None:
     assert by_start["ALDK-SWLS's RMSE is below ALDK's by 95, "] == HOLDS
 
 
+def test_verdicts_are_counted_in_words() -> None:
+    found = papers_claims()
+    n = len(found)
+    said = f"Of {n} claims: {n - 3} holds, 2 holds in part, 1 not measured."
+    assert claims.counts(found) == said
+
+
 def test_verdicts_follow_the_figures() -> None:
     swapped = papers_board()
     for test in PAPER_TESTS:

@@ -166,7 +166,7 @@ def test_the_report_stands_by_itself(done: tuple[runs.Result, Path, Path]) -> No
 def test_failing_peers_do_not_end_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(train: list[Record]) -> None:
+    def broken(train: list[Record], scratch: Path) -> None:
         raise DataError("the peers failed: LinAlgError")
 
     def nothing(job: Job, plan: Plan, folder: Path, tell: Callable[[float], None]) -> Outcome:

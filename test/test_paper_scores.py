@@ -28,14 +28,13 @@ from adk_ros.bench.paper.predictors import (
     run,
 )
 from adk_ros.bench.paper.published import FIVE, TABLES, effect, printed, published
+from adk_ros.bench.paper.ratios import geometric_means, summary_table
 from adk_ros.bench.paper.scores import Board, Cell, cells_text, score_case
 from adk_ros.bench.paper.tables import (
     coverage_tables,
-    geometric_means,
     horizon_tables,
     number,
     one_step_tables,
-    summary_table,
 )
 from adk_ros.signals.channels import Flag, Record
 from adk_ros.signals.score import DIVERGED, HORIZON_STEPS
@@ -162,7 +161,7 @@ def test_all_predictors_are_in_every_table_and_the_floor_is_last() -> None:
     assert any(table.name == "one_step_winter_noisy" for table in tables)
     summary = summary_table(board)
     ours = next(row for row in summary.rows if row[0] == OURS)
-    assert ours[1:] == ["0.1"] * 10
+    assert ours[1:] == ["0.100"] * 10
     # Rounding over the best naive one says nothing.
     assert (CLEAN, 0) not in geometric_means(board, FLOOR)
     assert geometric_means(board, FLOOR)[NOISY, 0] == pytest.approx(0.01)

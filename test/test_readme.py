@@ -4,11 +4,19 @@
 
 from __future__ import annotations
 
+import base64
 import importlib.util
 import re
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from paper_tools import good_board
+
+from adk_ros.bench.paper.bars import judge
+from adk_ros.bench.paper.headline import headline
 from adk_ros.cli.main import VERBS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -40,3 +48,60 @@ def test_all_verbs_are_described() -> None:
     text = (ROOT / "README.md").read_text()
     for verb in VERBS:
         assert f"adk {verb}" in text or f"make {verb}" in text, verb
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """What a run of `adk bench paper` leaves, with one figure and one table."""
+    folder = tmp_path / "run"
+    for name in ("tables", "figures"):
+        (folder / name).mkdir(parents=True)
+    board = good_board()
+    headline(board, "One seed.").write(folder)
+    (folder / "bars.txt").write_text("".join(f"{bar}\n" for bar in judge(board, None)))
+    figure, axis = plt.subplots()
+    axis.plot(np.random.default_rng(1).standard_normal((500, 3)))
+    figure.savefig(folder / "figures" / "summary.png")
+    plt.close(figure)
+    picture = base64.b64encode((folder / "figures" / "summary.png").read_bytes()).decode()
+    (folder / "report.html").write_text(f'<img src="data:image/png;base64,{picture}">')
+    (folder / "claims.md").write_text("# The paper's claims\n")
+    (folder / "tables" / "summary.md").write_text("### Summary\n")
+    (folder / "scores.csv").write_text("not for the repository\n")
+    return folder
+
+
+def test_a_report_goes_into_the_readme(run: Path, tmp_path: Path) -> None:
+    script, paper = _script(), tmp_path / "paper"
+    text = (ROOT / "README.md").read_text()
+    bare = script.filled(text, paper)
+    assert "<!-- paper -->\n<!-- /paper -->" in bare
+    (paper / "tables").mkdir(parents=True)
+    (paper / "tables" / "old.md").write_text("of the report before")
+    size = script.take(run, paper)
+    files = {path.relative_to(paper).as_posix() for path in paper.rglob("*") if path.is_file()}
+    assert files == {
+        "report.html", "headline.md", "headline.csv", "claims.md", "bars.txt",
+        "tables/summary.md", "figures/summary.png",
+    }  # fmt: skip
+    assert size == sum((paper / name).stat().st_size for name in files)
+    picture = (paper / "figures" / "summary.png").read_bytes()
+    assert len(picture) < 0.8 * (run / "figures" / "summary.png").stat().st_size
+    assert base64.b64encode(picture).decode() in (paper / "report.html").read_text()
+    full = script.filled(text, paper)
+    assert "| **adk_ros** | **0.100** |" in full
+    assert "- **PASS** `geometric-mean`: 0.100 of" in full
+    assert "doc/paper/figures/summary.png" in full
+    assert script.filled(full, paper) == full
+    (paper / "headline.md").unlink()
+    assert script.filled(full, paper) == bare
+
+
+def test_what_is_no_report_or_too_large_changes_nothing(run: Path, tmp_path: Path) -> None:
+    script, paper = _script(), tmp_path / "paper"
+    with pytest.raises(SystemExit, match=r"it has no report\.html"):
+        script.take(tmp_path / "nothing", paper)
+    script.MOST_BYTES = 1000
+    with pytest.raises(SystemExit, match="MB for doc/paper"):
+        script.take(run, paper)
+    assert not paper.exists()

@@ -48,6 +48,8 @@ def paper(
     Example: adk bench paper --quick
     """
     started = time.monotonic()
+    from adk_ros.bench.paper.claims import counts
+    from adk_ros.bench.paper.ending import TERMINATED, Terminated, unwinding
     from adk_ros.bench.paper.run import check, run_paper
 
     plan = _plan(quick, seeds, steps, epochs, recordings, peers, tuple(test or ()))
@@ -57,12 +59,16 @@ def paper(
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out} is no folder: choose another --out")
     out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="adk_paper_") as folder:
-        with console.progress("bench") as bar:
-            result = run_paper(plan, Path(folder), jobs, bar, console.note)
-        from adk_ros.bench.paper.page import write_report
+    try:
+        with unwinding(), tempfile.TemporaryDirectory(prefix="adk_paper_") as folder:
+            with console.progress("bench") as bar:
+                result = run_paper(plan, Path(folder), jobs, bar, console.note)
+            from adk_ros.bench.paper.page import write_report
 
-        report = write_report(result, plan, Path(folder), out)
+            report = write_report(result, plan, Path(folder), out)
+    except Terminated:
+        console.note("adk: terminated")
+        raise typer.Exit(TERMINATED) from None
     seconds = time.monotonic() - started
     if as_json:
         console.answer({
@@ -77,10 +83,8 @@ def paper(
         return
     for item in report.bars:
         console.output.print(str(item), markup=False)
-    verdicts = [claim.verdict for claim in report.claims]
-    counts = {verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)}
     console.flush()
-    console.note(f"the paper's claims: {', '.join(f'{n} {v}' for v, n in counts.items())}")
+    console.note(f"the paper's claims: {counts(report.claims)}")
     console.note(report.times.title)
     for row in [report.times.header, *report.times.rows]:
         console.note(f"  {row[0]:<34}" + "".join(f"{cell:>12}" for cell in row[1:]))

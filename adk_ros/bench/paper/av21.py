@@ -10,7 +10,7 @@ measurement with hindsight, from rows whose past may be learned from.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -88,9 +88,14 @@ def _scored(record: Record, rows: IntArray, predicted: FloatArray) -> CaseScore:
 
 @dataclass(frozen=True)
 class Recorded:
-    """RMSE over the best naive one's (5, 3), mean over seeds, by `trained on / tested on`."""
+    """
+    By `trained on / tested on`: RMSE over the best naive one's, mean over seeds, (5, 3).
+
+    `rmse`: the means themselves, by predictor, (5, 3) SI.
+    """
 
     ratios: dict[str, FloatArray]
+    rmse: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
 
     @staticmethod
     def of(outcomes: list[Outcome]) -> Recorded:
@@ -99,15 +104,17 @@ class Recorded:
         for outcome in outcomes:
             for test, name, item in outcome.scores:
                 found.setdefault(test, {}).setdefault(name, []).append(item)
-        ratios = {}
+        ratios: dict[str, FloatArray] = {}
+        rmse: dict[str, dict[str, FloatArray]] = {}
         for test, by_name in found.items():
             mean = {
-                name: np.mean([item.rmse for item in items], axis=0)
+                name: np.asarray(np.mean([item.rmse for item in items], axis=0))
                 for name, items in by_name.items()
             }
             best = np.min([mean[name] for name in NAIVE if name in mean], axis=0)
             ratios[test] = np.asarray(mean[OURS] / np.maximum(best, 1e-12))
-        return Recorded(ratios)
+            rmse[test] = mean
+        return Recorded(ratios, rmse)
 
     def pairs(self, own: bool) -> dict[str, FloatArray]:
         """Those tested on the rest of their own recording, or those tested on another."""

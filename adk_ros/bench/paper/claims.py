@@ -10,6 +10,7 @@ since the paper has no noise and no horizon. Figures are in km/h, km/h, deg/s.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -61,6 +62,13 @@ class Claim:
             return UNKNOWN
         true = sum(item.true for item in self.comparisons)
         return HOLDS if true == len(self.comparisons) else PART if true else NOT
+
+
+def counts(claims: Sequence[Claim]) -> str:
+    """How many claims there are of each verdict, in words."""
+    found = Counter(claim.verdict for claim in claims)
+    listed = ", ".join(f"{found[v]} {v}" for v in (HOLDS, PART, NOT, UNKNOWN) if found[v])
+    return f"Of {len(claims)} claims: {listed}."
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ matplotlib.use("Agg")
 
 import numpy as np
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 
-from adk_ros.bench.paper.cases import NOMINAL
+from adk_ros.bench.paper.cases import CLEAN, NOMINAL
 from adk_ros.bench.paper.claims import Series
 from adk_ros.bench.paper.predictors import (
     ALDK,
@@ -22,6 +23,7 @@ from adk_ros.bench.paper.predictors import (
     FFRLS,
     FLOOR,
     LINEAR,
+    LINEAR_ADAPTED,
     MF,
     MF_TUNED,
     OURS,
@@ -30,8 +32,8 @@ from adk_ros.bench.paper.predictors import (
     RLS,
     SWLS,
 )
+from adk_ros.bench.paper.ratios import geometric_means
 from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, Board
-from adk_ros.bench.paper.tables import geometric_means
 from adk_ros.signals.channels import FloatArray
 from adk_ros.signals.score import HORIZON_STEPS, REPORT_SCALE, TICK_S
 
@@ -52,11 +54,15 @@ STYLES: dict[str, tuple[str, str]] = {
     DK: ("#CC79A7", "-"), MF: ("#999999", "-"), ALDK: ("#E69F00", "-"), RLS: ("#56B4E9", "--"),
     FFRLS: ("#009E73", "--"), SWLS: ("#0072B2", "-"), OURS: ("#D55E00", "-"),
     PYKOOP: ("#009E73", "-"), PYKOOPMAN: ("#009E73", "--"), MF_TUNED: ("#999999", "--"),
-    LINEAR: ("#56B4E9", ":"), FLOOR: ("#000000", ":"),
+    LINEAR: ("#56B4E9", ":"), LINEAR_ADAPTED: ("#56B4E9", ":"), FLOOR: ("#000000", ":"),
 }  # fmt: skip
-_SUMMARY = (ALDK, SWLS, MF_TUNED, LINEAR, PYKOOP, PYKOOPMAN, OURS, FLOOR)
+_SUMMARY = (DK, ALDK, SWLS, MF_TUNED, LINEAR_ADAPTED, PYKOOP, PYKOOPMAN, OURS, FLOOR)
 _AVERAGED = 40
-_LEAST, _MOST = 3e-3, 30.0
+_LEAST, _MOST = 3e-3, 50.0
+_LABEL = 0.045
+"""Height of a label, as a share of the axes'."""
+_MOVES = 500
+_BEST_NAIVE = "best naive predictor"
 
 
 def write_figures(board: Board, series: Series, folder: Path) -> dict[str, Path]:
@@ -138,44 +144,67 @@ def summary_figure(board: Board, path: Path) -> None:
     """Geometric mean over tests and channels of RMSE over the best naive one's, by horizon."""
     variants = board.variants()
     figure, axes = plt.subplots(
-        1, len(variants), figsize=(5.5 * len(variants), 4.6), sharey=True, squeeze=False,
+        1, len(variants), figsize=(6.2 * len(variants), 5.2), sharey=True, squeeze=False,
         constrained_layout=True,
     )  # fmt: skip
-    horizon_s = np.array(HORIZON_STEPS) * TICK_S
-    off = set()
     for axis, variant in zip(axes[0], variants, strict=True):
-        for name in [name for name in _SUMMARY if board.has(name)]:
-            means = geometric_means(board, name)
-            values = np.array([means.get((variant, i), np.nan) for i in range(len(HORIZONS))])
-            if np.isnan(values).all():
-                continue
-            if ((values > _MOST) | (values < _LEAST)).any():
-                off.add(name)
-            colour, dashes = STYLES[name]
-            axis.plot(
-                horizon_s, values, color=colour, linestyle=dashes, marker="o", markersize=4,
-                linewidth=2.6 if name == OURS else 1.4, label=name,
-            )  # fmt: skip
-        axis.axhline(1.0, color="black", linewidth=0.8)
-        axis.set_xscale("log")
-        axis.set_yscale("log")
-        axis.set_ylim(_LEAST, _MOST)
-        axis.set_xticks(horizon_s, [f"{value:g}" for value in horizon_s])
-        axis.minorticks_off()
-        axis.set_xlabel("predicted ahead (s)")
-        axis.set_title(variant)
-        axis.grid(alpha=0.3)
+        _by_horizon(axis, board, variant)
     axes[0, 0].set_ylabel("RMSE / best naive predictor's RMSE")
-    handles = {
-        label: handle
-        for axis in axes[0]
-        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
-    }
-    labels = [f"{label} (off the scale)" if label in off else label for label in handles]
-    figure.legend(
-        list(handles.values()), labels, loc="outside lower center", ncols=4, fontsize=8
-    )
     tests = len(board.tests())
-    figure.suptitle(f"Geometric mean over {tests} tests and 3 channels; below 1 is a win")
-    figure.savefig(path, dpi=110)
+    figure.suptitle(f"Geometric mean over {tests} tests and 3 channels; below the line is a win")
+    figure.savefig(path, dpi=100)
     plt.close(figure)
+
+
+def _by_horizon(axis: Axes, board: Board, variant: str) -> None:
+    """Draw each predictor's line, its name at the line's end."""
+    horizon_s = np.array(HORIZON_STEPS) * TICK_S
+    ends: dict[str, float] = {}
+    for name in [name for name in _SUMMARY if board.has(name)]:
+        means = geometric_means(board, name)
+        values = np.array([means.get((variant, i), np.nan) for i in range(len(HORIZONS))])
+        if np.isnan(values).all():
+            continue
+        colour, dashes = STYLES[name]
+        axis.plot(
+            horizon_s, values, color=colour, linestyle=dashes, marker="o", markersize=4,
+            linewidth=3.0 if name == OURS else 1.4, zorder=3 if name == OURS else 2,
+        )  # fmt: skip
+        ends[name] = float(np.clip(values[-1], _LEAST, _MOST))
+    axis.axhline(1.0, color="black", linewidth=0.8)
+    # Fixed limits, so that the figures of two runs can be laid side by side.
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.set_xlim(0.02, 2.4)
+    axis.set_ylim(_LEAST, _MOST)
+    axis.set_xticks(horizon_s, [f"{value:g}" for value in horizon_s])
+    axis.minorticks_off()
+    axis.set_xlabel("predicted ahead (s)")
+    axis.set_title(f"from {'exact' if variant == CLEAN else 'noisy'} measurements ({variant})")
+    axis.grid(alpha=0.3)
+    ends[_BEST_NAIVE] = 1.0
+    for name, (at, height) in zip(ends, _apart(list(ends.values())), strict=True):
+        off = " (off the scale)" if at >= _MOST else ""
+        axis.annotate(
+            f"{name}{off}", (2.4, height), (4, 0), textcoords="offset points", va="center",
+            color=STYLES.get(name, ("black", "-"))[0], fontsize=9, annotation_clip=False,
+            fontweight="bold" if name == OURS else "normal",
+        )  # fmt: skip
+
+
+def _apart(values: Sequence[float]) -> list[tuple[float, float]]:
+    """Each value with a height for its label: in the values' order, none over another."""
+    low, high = np.log10(_LEAST), np.log10(_MOST)
+    gap = _LABEL * (high - low)
+    order = np.argsort(values, kind="stable")
+    heights = np.log10(np.asarray(values, dtype=np.float64))[order]
+    for _ in range(_MOVES):
+        short = np.maximum(gap - np.diff(heights), 0.0)
+        if not short.any():
+            break
+        heights[1:] += 0.5 * short
+        heights[:-1] -= 0.5 * short
+        heights = np.clip(heights, low, high)
+    placed = np.empty(len(heights))
+    placed[order] = 10.0**heights
+    return list(zip(values, placed.tolist(), strict=True))

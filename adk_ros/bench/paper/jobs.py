@@ -223,7 +223,7 @@ def peers_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
     train = cases.training_record(folder, job.variant)
     try:
         with outcome.clocked("fitting"):
-            peers = Peers([train])
+            peers = Peers([train], scratch=folder)
         with peers:
             tell(0.5)
             for peer in peers.predictors:

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import base64
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from adk_ros.bench.paper.bars import Bar, judge
+from adk_ros.bench.paper.bars import Bar, brief, judge
 from adk_ros.bench.paper.cases import (
     AHEAD,
     DROPPED,
@@ -21,21 +21,27 @@ from adk_ros.bench.paper.cases import (
     NOISE,
     TRAINING_SHARE,
 )
-from adk_ros.bench.paper.claims import RULE, Claim
+from adk_ros.bench.paper.claims import RULE, Claim, counts
 from adk_ros.bench.paper.claims_list import beside
 from adk_ros.bench.paper.claims_list import judge as judge_claims
 from adk_ros.bench.paper.figures import write_figures
+from adk_ros.bench.paper.headline import headline
 from adk_ros.bench.paper.jobs import Plan, read_series
+from adk_ros.bench.paper.place import into_place
+from adk_ros.bench.paper.predictors import OURS
+from adk_ros.bench.paper.ratios import ratio_tables, summary_table
 from adk_ros.bench.paper.run import Result
 from adk_ros.bench.paper.tables import (
     Table,
     coverage_tables,
     horizon_tables,
     one_step_tables,
-    summary_table,
+    recording_tables,
 )
+from adk_ros.bench.paper.why import why
 from adk_ros.signals.channels import FloatArray
 
+PAGE = "report.html"
 PAPER_EPOCHS, PAPER_BATCH = 2000, 20
 """What Table 2 of the paper says."""
 
@@ -52,11 +58,16 @@ class Report:
 
 def write_report(result: Result, plan: Plan, scratch: Path, out: Path) -> Report:
     """
-    Write `report.html`, `tables/`, `figures/`, `scores.csv`, `claims.md` and `bars.txt`.
+    Write `report.html`, `headline.md`, `tables/`, `figures/`, `claims.md`, `bars.txt` and more.
 
-    `scratch` is the folder that the run left its predictions in. Files of an earlier report in
-    `tables` and `figures` are removed: they would not belong to this one.
+    `scratch` is the folder that the run left its predictions in. An earlier report in `out` is
+    replaced, once all of this one is there.
     """
+    with into_place(out, PAGE) as staged:
+        return replace(_write(result, plan, scratch, staged), page=out / PAGE)
+
+
+def _write(result: Result, plan: Plan, scratch: Path, out: Path) -> Report:
 
     def series(test: str, name: str) -> tuple[FloatArray, ...]:
         return read_series(scratch, plan, test, name)
@@ -64,19 +75,20 @@ def write_report(result: Result, plan: Plan, scratch: Path, out: Path) -> Report
     board = result.board
     folders = {name: out / name for name in ("tables", "figures")}
     for folder in folders.values():
-        folder.mkdir(parents=True, exist_ok=True)
-        for pattern in ("*.md", "*.csv", "*.png"):
-            for path in folder.glob(pattern):
-                path.unlink()
+        folder.mkdir()
+    top = headline(board, how_made(plan))
     groups = {
-        "Summary": [summary_table(board)],
+        "Summary": [summary_table(board), *ratio_tables(board)],
         "One step ahead": one_step_tables(board),
         "0.25 to 2 s ahead": horizon_tables(board),
         "Coverage": coverage_tables(board),
     }
+    if result.recorded is not None:
+        groups["Recordings of a real car"] = recording_tables(result.recorded)
     for tables in groups.values():
         for table in tables:
             table.write(folders["tables"])
+    top.write(out)
     board.write_csv(out / "scores.csv")
     figures = write_figures(board, series, folders["figures"])
     bars = judge(board, result.recorded, result.without)
@@ -88,16 +100,37 @@ def write_report(result: Result, plan: Plan, scratch: Path, out: Path) -> Report
         loader=PackageLoader("adk_ros.bench.paper"), autoescape=True, undefined=StrictUndefined
     )
     page = environment.get_template("page.html.j2").render(
-        bars=bars, claims=claims, rule=RULE, beside=beside(board), groups=groups, times=times,
-        setting=setting(result, plan), notes=result.settings,
+        bars=bars, claims=claims, rule=RULE, count=counts(claims), beside=beside(board),
+        groups=groups, times=times,
+        setting=setting(result, plan), notes=result.settings, headline=top,
+        why=why(board, result.recorded, bars), brief=brief,
         figures={
             title: base64.b64encode(path.read_bytes()).decode() for title, path in figures.items()
         },
     )  # fmt: skip
-    path = out / "report.html"
+    path = out / PAGE
     # A template's own line ends, so that a report of the same run is the same file.
     path.write_text(re.sub(r"\n{3,}", "\n\n", page))
     return Report(path, bars, claims, times)
+
+
+def how_made(plan: Plan) -> str:
+    """Say in a sentence or two with which effort the run was made."""
+    seeds = f"mean of {plan.seeds} seeds" if plan.seeds > 1 else "one seed"
+    text = (
+        f"{OURS}: {plan.train.steps} training steps, {seeds}; DK and ALDK: {plan.paper_epochs} "
+        f"epochs in batches of {plan.paper_batch} (the paper: {PAPER_EPOCHS} in batches of "
+        f"{PAPER_BATCH})."
+    )
+    if plan.quick:
+        text += " Made with --quick, which shortens these trainings."
+    if _shortened(plan):
+        text += " The drives were cut short: a trial run, not a result."
+    return text
+
+
+def _shortened(plan: Plan) -> bool:
+    return plan.durations.train is not None or plan.durations.test is not None
 
 
 def setting(result: Result, plan: Plan) -> dict[str, Any]:
@@ -121,7 +154,7 @@ def setting(result: Result, plan: Plan) -> dict[str, Any]:
         "ahead_s": AHEAD * 0.025,
         "without": result.without,
         "minutes": result.seconds / 60.0,
-        "shortened": plan.durations.train is not None or plan.durations.test is not None,
+        "shortened": _shortened(plan),
         "train_s": plan.durations.train,
         "test_s": plan.durations.test,
     }
@@ -147,7 +180,7 @@ def times_table(result: Result) -> Table:
 
 
 def _claims_text(claims: list[Claim]) -> str:
-    lines = ["# The paper's claims", "", RULE, ""]
+    lines = ["# The paper's claims", "", RULE, "", counts(claims), ""]
     for claim in claims:
         lines.append(f"- **{claim.verdict}** ({claim.section}): {claim.text}")
         lines += [

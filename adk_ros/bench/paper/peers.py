@@ -92,9 +92,11 @@ class Peer:
 class Worker:
     """The process under the other Python, and the files that it is asked and answers by."""
 
-    def __init__(self, python: Path, script: Path, timeout_s: float) -> None:
+    def __init__(
+        self, python: Path, script: Path, timeout_s: float, scratch: Path | None = None
+    ) -> None:
         self._timeout_s = timeout_s
-        self._folder = tempfile.TemporaryDirectory(prefix="adk_peers_")
+        self._folder = tempfile.TemporaryDirectory(prefix="adk_peers_", dir=scratch)
         self._log = Path(self._folder.name, "log")
         with self._log.open("wb") as log:
             # Isolated: neither PYTHONPATH nor the user's own packages belong to what is compared.
@@ -169,6 +171,7 @@ class Peers:
 
     :param train: training records, at least one with `MIN_STRETCH` samples in a row.
     :param python: the peers' Python; see `find_python`.
+    :param scratch: where their files go for a while; None: among the system's temporary ones.
     :raises UsageError: there is no such environment, or it does not work.
     :raises DataError: nothing to learn from, the libraries fail, or their own predictions differ
         from those in batches.
@@ -182,9 +185,10 @@ class Peers:
         names: Sequence[str] = PEERS,
         worker: Path = WORKER,
         timeout_s: float = TIMEOUT_S,
+        scratch: Path | None = None,
     ) -> None:
         x, u, episode = stretches(train)
-        self._worker = Worker(find_python(python), worker, timeout_s)
+        self._worker = Worker(find_python(python), worker, timeout_s, scratch)
         try:
             answer = self._worker.ask(peers=np.array(names), x=x, u=u, episode=episode)
             self.predictors = [self._peer(name, answer) for name in names]

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 import time
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -18,6 +17,7 @@ from typing import Any
 from adk_ros.bench.paper import jobs
 from adk_ros.bench.paper.av21 import Recorded, recording_job
 from adk_ros.bench.paper.cases import NOMINAL, TESTS, VARIANTS
+from adk_ros.bench.paper.ending import TERMINATED, begin_worker, end_all
 from adk_ros.bench.paper.jobs import Job, Outcome, Plan, Tell
 from adk_ros.bench.paper.peers import find_python
 from adk_ros.bench.paper.predictors import PYKOOP, PYKOOPMAN
@@ -173,15 +173,18 @@ def _begin(shares: Any) -> None:
     """Set up a worker."""
     global _shares  # noqa: PLW0603 (how a worker is handed what cannot be sent later)
     _shares = shares
-    # An interrupted run ends them; a traceback of theirs would say nothing.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    begin_worker()
 
 
 def _work(number: int, job: Job, plan: Plan, folder: Path) -> Outcome:
     def tell(share: float) -> None:
         _shares[number] = share
 
-    return KINDS[job.kind](job, plan, folder, tell)
+    try:
+        return KINDS[job.kind](job, plan, folder, tell)
+    except SystemExit:
+        # Told to end, and all is unwound; the executor would wait for the next job.
+        os._exit(TERMINATED)
 
 
 class _Pool:
@@ -208,8 +211,7 @@ class _Pool:
             else:
                 os.environ[name] = value
         if kind is not None:
-            for child in set(multiprocessing.active_children()) - self._before:
-                child.terminate()
+            end_all(set(multiprocessing.active_children()) - self._before)
         self._executor.shutdown(wait=kind is None, cancel_futures=True)
 
     def run(

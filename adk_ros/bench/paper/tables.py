@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables 3 to 8, their like for our own tests, and the same at 0.25 to 2 s: Markdown and CSV."""
+"""Tables 3 to 8, their like for our own tests and recordings, and at 0.25 to 2 s: text, CSV."""
 
 from __future__ import annotations
 
@@ -9,33 +9,43 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from adk_ros.bench.paper.cases import CLEAN, OWN_TESTS
-from adk_ros.bench.paper.predictors import FLOOR, OURS, PAPERS
+from adk_ros.bench.paper.av21 import Recorded
+from adk_ros.bench.paper.cases import OWN_TESTS
+from adk_ros.bench.paper.predictors import ORDER, OURS, PAPERS
 from adk_ros.bench.paper.published import TABLES, TITLES, Entry, published
 from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, Board
 from adk_ros.signals.score import REPORT_SCALE
 
-_NONE = "-"
+NONE = "-"
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text; `strong` are the rows to be seen first."""
+    """
+    A table of text; `strong` are the rows to be seen first, `best` single cells (row, column).
+
+    Of a strong row only its name is set in bold: what is not good must not look so.
+    """
 
     name: str
     title: str
     header: list[str]
     rows: list[list[str]]
     strong: tuple[int, ...] = ()
+    best: frozenset[tuple[int, int]] = frozenset()
+
+    def bold(self, row: int, column: int) -> bool:
+        """Whether a cell is set in bold."""
+        return (column == 0 and row in self.strong) or (row, column) in self.best
 
     def markdown(self) -> str:
         """As a heading and a table."""
         lines = [f"### {self.title}", "", _line(self.header)]
         lines.append(_line(["---", *["---:"] * (len(self.header) - 1)]))
         for i, row in enumerate(self.rows):
-            lines.append(_line([f"**{row[0]}**", *row[1:]] if i in self.strong else row))
+            lines.append(_line([
+                f"**{cell}**" if self.bold(i, j) else cell for j, cell in enumerate(row)
+            ]))  # fmt: skip
         return "\n".join(lines) + "\n"
 
     def write(self, folder: Path) -> None:
@@ -102,7 +112,7 @@ def _one_step(
                     row.append(_quoted(theirs, c))
         rows.append(row)
     name = f"table_{table}_{variant}" if table is not None else f"one_step_{tests[0]}_{variant}"
-    return Table(name, title, header, rows, _strong(names))
+    return Table(name, title, header, rows, strong(names))
 
 
 def _in_order(board: Board, table: int | None) -> list[str]:
@@ -115,13 +125,14 @@ def _in_order(board: Board, table: int | None) -> list[str]:
     return own + others + [name for name in names if name not in PAPERS]
 
 
-def _strong(names: list[str]) -> tuple[int, ...]:
+def strong(names: list[str]) -> tuple[int, ...]:
+    """Return which rows are ours."""
     return tuple(i for i, name in enumerate(names) if name == OURS)
 
 
 def _quoted(theirs: Entry | None, channel: int) -> str:
     if theirs is None:
-        return _NONE
+        return NONE
     worst, rmse = theirs[channel]
     return f"{worst:g}/{rmse:g}"
 
@@ -134,7 +145,7 @@ def _diverged(board: Board, variant: str, test: str, name: str, horizon: int) ->
 
 def _max_rmse(board: Board, variant: str, test: str, name: str, channel: int) -> str:
     if (variant, test, name) not in board.scores:
-        return _NONE
+        return NONE
     said = _diverged(board, variant, test, name, 0)
     if said:
         return said
@@ -154,7 +165,7 @@ def horizon_tables(board: Board) -> list[Table]:
             names = [n for n in board.names() if (variant, test, n) in board.scores]
             rows = [[name, *_by_horizon(board, variant, test, name)] for name in names]
             title = f"{test}, {variant}: RMSE of open-loop prediction, commands known"
-            result.append(Table(f"horizon_{test}_{variant}", title, header, rows, _strong(names)))
+            result.append(Table(f"horizon_{test}_{variant}", title, header, rows, strong(names)))
     return result
 
 
@@ -167,37 +178,6 @@ def _by_horizon(board: Board, variant: str, test: str, name: str) -> list[str]:
     ]
 
 
-def summary_table(board: Board) -> Table:
-    """Return geometric means over tests and channels of RMSE over the best naive one's."""
-    header = ["predictor"]
-    header += [f"{v} {h}" for v in board.variants() for h in HORIZONS]
-    rows = []
-    names = board.names()
-    means = {name: geometric_means(board, name) for name in names}
-    for name in names:
-        cells = [means[name].get((v, i)) for v in board.variants() for i in range(len(HORIZONS))]
-        rows.append([name, *(_NONE if cell is None else number(cell) for cell in cells)])
-    title = "RMSE over the best naive predictor's: geometric mean over all tests and channels"
-    return Table("summary", title, header, rows, _strong(names))
-
-
-def geometric_means(board: Board, name: str) -> dict[tuple[str, int], float]:
-    """
-    By variant and horizon, over tests and channels, seeds averaged first.
-
-    The floor has none where it starts from the truth: its errors are rounding.
-    """
-    gathered: dict[tuple[str, int], list[float]] = {}
-    for cell, ratio in board.ratios(name).items():
-        if name == FLOOR and cell.variant == CLEAN:
-            continue
-        gathered.setdefault((cell.variant, cell.horizon), []).append(float(ratio.mean()))
-    return {
-        key: float(np.exp(np.mean(np.log(np.maximum(values, 1e-12)))))
-        for key, values in gathered.items()
-    }
-
-
 def coverage_tables(board: Board) -> list[Table]:
     """Return, by variant, the share of measurements within our 90 % intervals, in per cent."""
     result = []
@@ -206,9 +186,31 @@ def coverage_tables(board: Board) -> list[Table]:
         rows = []
         for test in [*board.tests(), None]:
             table = board.coverage(variant, test)
-            cells = [f"{100.0 * v:.1f}" if v == v else _NONE for v in table.T.ravel()]
+            cells = [f"{100.0 * v:.1f}" if v == v else NONE for v in table.T.ravel()]
             rows.append(["all tests" if test is None else test, *cells])
         title = f"Coverage of the 90 % intervals, {variant}, per cent"
         name = f"coverage_{variant}"
         result.append(Table(name, title, header, rows, (len(rows) - 1,)))
+    return result
+
+
+def recording_tables(recorded: Recorded) -> list[Table]:
+    """Return, by recording trained on and tested on, RMSE at 1 step to 2 s and our ratio."""
+    result = []
+    for number_of, (test, by_name) in enumerate(recorded.rmse.items(), 1):
+        header = ["predictor"]
+        for channel, unit in zip(CHANNELS, UNITS, strict=True):
+            header += [f"{channel} {horizon} ({unit})" for horizon in HORIZONS]
+        names = [name for name in ORDER if name in by_name]
+        rows = [
+            [name, *(number(float(v)) for v in (by_name[name] * REPORT_SCALE).T.ravel())]
+            for name in names
+        ]
+        ratio = recorded.ratios[test].T.ravel()
+        rows.append([f"{OURS} / best naive", *(number(float(v)) for v in ratio)])
+        trained, tested = test.split(" / ")
+        where = "tested on its rest" if trained == tested else f"tested on all of {tested}"
+        title = f"Trained on the first 60 % of {trained}, {where}, commands known"
+        # Names of folders are other people's: they are no names for our files.
+        result.append(Table(f"recording_{number_of}", title, header, rows, strong(names)))
     return result

@@ -1,0 +1,120 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The headline: each predictor in one row, how it fares against knowing nothing, by horizon."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+from adk_ros.bench.paper.cases import CLEAN
+from adk_ros.bench.paper.predictors import (
+    ALDK,
+    DK,
+    FLOOR,
+    LINEAR_ADAPTED,
+    MF_TUNED,
+    NAIVE,
+    OURS,
+    PYKOOP,
+    PYKOOPMAN,
+    SWLS,
+)
+from adk_ros.bench.paper.ratios import best_cells, geometric_means, lost_tests, mean_text
+from adk_ros.bench.paper.scores import HORIZONS, Board
+from adk_ros.bench.paper.tables import Table
+
+ROWS = (
+    *NAIVE, LINEAR_ADAPTED, DK, ALDK, SWLS, MF_TUNED, PYKOOP, PYKOOPMAN, OURS, FLOOR,
+)  # fmt: skip
+EXACT = "exact"
+NOT_RUN = "not run"
+
+
+@dataclass(frozen=True)
+class Headline:
+    """
+    Geometric means over tests and channels of RMSE over the best naive predictor's.
+
+    `tables`: one a variant, as people read it. `means` and `lost`: by predictor, variant and
+    horizon the mean, and in how many tests at least one prediction diverged.
+    """
+
+    lead: str
+    tables: list[Table]
+    means: dict[tuple[str, str, int], float]
+    lost: dict[tuple[str, str, int], int]
+
+    def markdown(self) -> str:
+        """The lead, then the tables."""
+        return "\n".join([f"{self.lead}\n", *(table.markdown() for table in self.tables)])
+
+    def write(self, folder: Path) -> None:
+        """Write `headline.md`, and `headline.csv` with a line a predictor and variant."""
+        (folder / "headline.md").write_text(self.markdown())
+        with (folder / "headline.csv").open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([
+                "variant", "predictor", *HORIZONS, *(f"tests diverged {h}" for h in HORIZONS),
+            ])  # fmt: skip
+            for variant, name in sorted(
+                {(v, n) for n, v, _ in self.lost}, key=lambda k: (k[0], ROWS.index(k[1]))
+            ):
+                keys = [(name, variant, i) for i in range(len(HORIZONS))]
+                means = [f"{self.means[k]:.5g}" if k in self.means else "" for k in keys]
+                writer.writerow([variant, name, *means, *(self.lost[k] for k in keys)])
+
+
+def headline(board: Board, setting: str = "") -> Headline:
+    """Put the headline together; `setting` says in a sentence how the run was made."""
+    means = {
+        (name, *key): value
+        for name in ROWS
+        for key, value in geometric_means(board, name).items()
+    }
+    lost = {
+        (name, *key): count
+        for name in ROWS if board.has(name)
+        for key, count in lost_tests(board, name).items()
+    }  # fmt: skip
+    tables = [_table(board, variant, means, lost) for variant in board.variants()]
+    lead = (
+        f"RMSE over that of the best naive predictor (persistence, straight line, IMU "
+        f"integration) in the same cell, commands known: geometric mean over "
+        f"{len(board.tests())} tests and three channels. Below 1 is better than knowing nothing "
+        f"of the car; the best in each column is bold. The floor is the simulated car itself, "
+        f"started from the same samples as they are. Where n tests hold predictions that "
+        f'diverged, "> a (n)" is a lower bound: those count as off by 1000 m/s or rad/s.'
+    )
+    return Headline(f"{lead} {setting}".strip(), tables, means, lost)
+
+
+def _table(
+    board: Board, variant: str, means: dict[tuple[str, str, int], float],
+    lost: dict[tuple[str, str, int], int],
+) -> Table:  # fmt: skip
+    rows = []
+    names = [n for n in ROWS if board.has(n) or n in (PYKOOP, PYKOOPMAN)]
+    for name in names:
+        if not board.has(name):
+            rows.append([name, *[NOT_RUN] * len(HORIZONS)])
+            continue
+        keys = [(name, variant, i) for i in range(len(HORIZONS))]
+        cells = [mean_text(means.get(key), lost[key]) for key in keys]
+        if name == FLOOR and variant == CLEAN:
+            cells = [EXACT] * len(HORIZONS)
+        rows.append([name, *cells])
+    columns = [
+        {
+            name: means[name, variant, i] for name in names
+            if (name, variant, i) in means and not lost[name, variant, i]
+        }
+        for i in range(len(HORIZONS))
+    ]  # fmt: skip
+    title = "From noisy measurements" if variant != CLEAN else "From exact measurements (clean)"
+    header = ["predictor", *HORIZONS]
+    strong = tuple(i for i, name in enumerate(names) if name == OURS)
+    return Table(
+        f"headline_{variant}", title, header, rows, strong, best_cells(names, columns)
+    )

@@ -1,0 +1,110 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""RMSE over the best naive predictor's: means over tests and channels, and test by test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from adk_ros.bench.paper.cases import CLEAN
+from adk_ros.bench.paper.predictors import FLOOR, OURS
+from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Board, Cell
+from adk_ros.bench.paper.tables import NONE, Table, number, strong
+
+
+def geometric_means(board: Board, name: str) -> dict[tuple[str, int], float]:
+    """
+    By variant and horizon, over tests and channels, seeds averaged first.
+
+    The floor has none where it starts from the truth: its errors are rounding.
+    """
+    gathered: dict[tuple[str, int], list[float]] = {}
+    for cell, ratio in board.ratios(name).items():
+        if name == FLOOR and cell.variant == CLEAN:
+            continue
+        gathered.setdefault((cell.variant, cell.horizon), []).append(float(ratio.mean()))
+    return {
+        key: float(np.exp(np.mean(np.log(np.maximum(values, 1e-12)))))
+        for key, values in gathered.items()
+    }
+
+
+def lost_tests(board: Board, name: str) -> dict[tuple[str, int], int]:
+    """Return, by variant and horizon, in how many tests at least one prediction diverged."""
+    return {
+        (variant, i): sum(
+            bool(board.diverged(variant, test, name)[0][i])
+            for test in board.tests()
+            if (variant, test, name) in board.scores
+        )
+        for variant in board.variants()
+        for i in range(len(HORIZONS))
+    }
+
+
+def mean_text(mean: float | None, lost: int) -> str:
+    """A geometric mean with three digits; a bound from below where predictions diverged."""
+    if mean is None:
+        return NONE
+    text = f"{mean:#.3g}" if 1e-4 <= mean < 0.9995 else number(mean)
+    return f"> {text} ({lost})" if lost else text
+
+
+def summary_table(board: Board) -> Table:
+    """Return geometric means over tests and channels of RMSE over the best naive one's."""
+    header = ["predictor"]
+    header += [f"{v} {h}" for v in board.variants() for h in HORIZONS]
+    rows = []
+    names = board.names()
+    means = {name: geometric_means(board, name) for name in names}
+    lost = {name: lost_tests(board, name) for name in names}
+    keys = [(v, i) for v in board.variants() for i in range(len(HORIZONS))]
+    for name in names:
+        rows.append([name, *(mean_text(means[name].get(k), lost[name][k]) for k in keys)])
+    columns = [
+        {n: means[n][key] for n in names if key in means[n] and not lost[n][key]} for key in keys
+    ]
+    title = (
+        "RMSE over the best naive predictor's: geometric mean over all tests and channels; "
+        "> a (n): predictions diverged in n tests"
+    )
+    best = best_cells(names, columns)
+    return Table("summary", title, header, rows, strong(names), best)
+
+
+def best_cells(
+    names: Sequence[str], columns: Sequence[Mapping[str, float]]
+) -> frozenset[tuple[int, int]]:
+    """
+    Return (row, column) of the lowest ratio in each column, the names' column being 0.
+
+    The floor is no predictor, and what is not below 1 is not worth being seen. Bounds, of those
+    that diverged, do not belong into the columns.
+    """
+    found = set()
+    for j, column in enumerate(columns):
+        real = {name: value for name, value in column.items() if name != FLOOR}
+        least = min(real, key=real.__getitem__, default=None)
+        if least is not None and real[least] < 1.0:
+            found.add((names.index(least), j + 1))
+    return frozenset(found)
+
+
+def ratio_tables(board: Board) -> list[Table]:
+    """Return our RMSE over the best naive predictor's in every cell, a table a variant."""
+    result = []
+    ours = board.ratios(OURS)
+    for variant in board.variants():
+        header = ["test", *(f"{c} {h}" for c in CHANNELS for h in HORIZONS)]
+        rows = [
+            [test, *(
+                number(float(ours[Cell(variant, test, i, c)].mean()))
+                for c in range(len(CHANNELS)) for i in range(len(HORIZONS))
+            )]
+            for test in board.tests() if (variant, test, OURS) in board.scores
+        ]  # fmt: skip
+        title = f"{OURS}, {variant}: RMSE over the best naive predictor's, test by test"
+        result.append(Table(f"ratios_{variant}", title, header, rows))
+    return result
