@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.drives import DriveOptions, choose_topics, sources
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
@@ -16,8 +18,10 @@ from adk_ros.signals.channels import FloatArray
 
 TWIST_TOPIC = "/predictor/predicted_twist"
 HORIZON_TOPIC = "/predictor/predicted_horizon"
+COVARIANCE_TOPIC = "/predictor/predicted_horizon_covariance"
 TWIST_TYPE = "geometry_msgs/msg/TwistWithCovarianceStamped"
 HORIZON_TYPE = "trajectory_msgs/msg/MultiDOFJointTrajectory"
+COVARIANCE_TYPE = "std_msgs/msg/Float64MultiArray"
 _PLANE = (0, 1, 5)
 _NOT_ESTIMATED = 1e6
 
@@ -52,8 +56,9 @@ def replay(
     """
     Replay a bag; return the predictions, the pipeline with its counts, and the bag's warnings.
 
-    `out`: rosbag2 to write, with the predicted twist, on request the horizon, and the odometry
-    they are to be compared with.
+    The predictions are without their `horizon_covariance`, which of an hour would be 0.8 GB.
+    `out`: rosbag2 to write, with the predicted twist, on request the horizon and its covariance,
+    and the odometry they are to be compared with.
     :raises UsageError, DataError: as `bags`.
     """
     pipeline = Pipeline(model, settings)
@@ -61,7 +66,7 @@ def replay(
     with Bag(path) as bag:
         found = predictions(bag, pipeline, options, progress)
         if out is None:
-            kept = [prediction for _, prediction in found]
+            kept = [_light(prediction) for _, prediction in found]
         else:
             odometry = choose_topics(bag, options).odometry
             with BagWriter(out, "mcap", "zstd") as writer:
@@ -69,15 +74,21 @@ def replay(
                 writer.add_topic(odometry, "nav_msgs/msg/Odometry")
                 if with_horizon:
                     writer.add_topic(HORIZON_TOPIC, HORIZON_TYPE)
+                    writer.add_topic(COVARIANCE_TOPIC, COVARIANCE_TYPE)
                 for topic, _, log_ns, content in bag.raw([odometry]):
                     writer.write(topic, content, log_ns)
                 for log_ns, prediction in found:
-                    kept.append(prediction)
+                    kept.append(_light(prediction))
                     writer.write(TWIST_TOPIC, twist_message(prediction), log_ns)
                     if with_horizon:
                         writer.write(HORIZON_TOPIC, horizon_message(prediction), log_ns)
+                        writer.write(COVARIANCE_TOPIC, covariance_message(prediction), log_ns)
         warnings = list(bag.warnings)
     return kept, pipeline, warnings
+
+
+def _light(prediction: Prediction) -> Prediction:
+    return prediction._replace(horizon_covariance=np.zeros((0, 3, 3)))
 
 
 def twist_message(prediction: Prediction, frame_id: str = "base_link") -> Any:
@@ -112,6 +123,23 @@ def horizon_message(prediction: Prediction, frame_id: str = "base_link") -> Any:
         header={"stamp": prediction.origin_ns, "frame_id": frame_id},
         joint_names=["vehicle"],
         points=[message("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint", **p) for p in points],
+    )
+
+
+def covariance_message(prediction: Prediction) -> Any:
+    """The covariance along the horizon (steps, 3, 3) as the node publishes it."""
+    steps = len(prediction.horizon_covariance)
+    dims = (("step", steps, 9 * steps), ("row", 3, 9), ("column", 3, 3))
+    return message(
+        COVARIANCE_TYPE,
+        layout={
+            "dim": [
+                message("std_msgs/msg/MultiArrayDimension", label=label, size=size, stride=stride)
+                for label, size, stride in dims
+            ],
+            "data_offset": 0,
+        },
+        data=np.ascontiguousarray(prediction.horizon_covariance).ravel(),
     )
 
 

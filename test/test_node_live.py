@@ -26,6 +26,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -67,6 +68,7 @@ class Listener:
 
     def __init__(self) -> None:
         self.horizons: dict[int, Any] = {}
+        self.covariances: list[Any] = []
         self.shown: dict[str, str] = {}
         self.recording = Recording("")
         self._ended = threading.Event()
@@ -79,6 +81,10 @@ class Listener:
             node.create_subscription(
                 MultiDOFJointTrajectory, "/predictor/predicted_horizon", self._take_horizon, 1000
             )
+            node.create_subscription(
+                Float64MultiArray, "/predictor/predicted_horizon_covariance",
+                self.covariances.append, 1000,
+            )  # fmt: skip
 
         self.recording = record(
             wait_s=60.0, until=self._ended.is_set, on_ready=lambda _name: self._ready.set(),
@@ -155,6 +161,11 @@ def test_live_equals_replay(model: Path, bag: Path) -> None:
             for twist in point.velocities
         ]
         np.testing.assert_allclose(rows, prediction.horizon, rtol=0.0, atol=1e-9)
+    # They have no stamp, but come in order, and the last ones are of the last ticks.
+    tables = [np.reshape(message.data, (80, 3, 3)) for message in listener.covariances]
+    assert len(expected) - 4 <= len(tables) <= len(expected)
+    for table, prediction in zip(tables[::-1], expected[::-1], strict=False):
+        np.testing.assert_allclose(table, prediction.horizon_covariance, rtol=0.0, atol=1e-9)
     assert listener.shown["internal_errors"] == "0"
     assert listener.shown["imu"] == "/imu"
     assert listener.shown["method"] == "windowed"
@@ -235,9 +246,13 @@ def test_service_parameters_and_echo(
             assert not fixed.successful
             assert live.successful
             horizons: list[Any] = []
-            session.node.create_subscription(
-                MultiDOFJointTrajectory, "/predictor/predicted_horizon", horizons.append, 10
-            )
+            for kind, name in (
+                (MultiDOFJointTrajectory, "predicted_horizon"),
+                (Float64MultiArray, "predicted_horizon_covariance"),
+            ):
+                session.node.create_subscription(
+                    kind, f"/predictor/{name}", horizons.append, 10
+                )
             until = time.monotonic() + 1.0
             while time.monotonic() < until:
                 session.spin(0.1)

@@ -31,7 +31,7 @@ from adk_ros.model.online import METHODS, OnlineSettings
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.predictor import Model, Prediction
 from adk_ros.plant.sensors import Stream
-from adk_ros.replay import HORIZON_TOPIC, TWIST_TOPIC, replay
+from adk_ros.replay import COVARIANCE_TOPIC, HORIZON_TOPIC, TWIST_TOPIC, replay
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.decode import SensorConfig
 
@@ -122,7 +122,20 @@ def test_horizons_on_request(model: Model, tmp_path: Path) -> None:
     )
     with Bag(tmp_path / "p") as opened:
         horizons = [msg for _, _, msg in opened.messages([HORIZON_TOPIC])]
-    assert len(horizons) == len(made)
+    with Bag(tmp_path / "p") as opened:
+        covariances = [msg for _, _, msg in opened.messages([COVARIANCE_TOPIC])]
+    assert len(horizons) == len(covariances) == len(made)
+    # What is kept is without, of long bags it would be gigabytes.
+    assert all(prediction.horizon_covariance.size == 0 for prediction in made)
+    wanted = fold(bag("town", 10.0), Pipeline(model, settings))
+    for msg, (_, prediction) in zip(covariances, wanted, strict=True):
+        assert [(dim.label, dim.size, dim.stride) for dim in msg.layout.dim] == [
+            ("step", 10, 90), ("row", 3, 9), ("column", 3, 3),
+        ]  # fmt: skip
+        table = msg.data.reshape(10, 3, 3)
+        np.testing.assert_array_equal(table, prediction.horizon_covariance)
+        np.testing.assert_array_equal(table, table.transpose(0, 2, 1))
+        assert np.linalg.eigvalsh(table).min() > 0.0
     for msg, prediction in zip(horizons, made, strict=True):
         assert stamp(msg) == prediction.origin_ns
         assert msg.joint_names == ["vehicle"]

@@ -7,13 +7,15 @@ import math
 import numpy as np
 import pytest
 from geometry_msgs.msg import TwistWithCovarianceStamped
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from adk_ros.model.predictor import Prediction, Status
 from adk_ros.ros.echo import Heard, header, json_line, line
 from adk_ros.ros.messages import (
     NOT_ESTIMATED,
+    CovarianceBytes,
     HorizonBytes,
     TwistBytes,
     join_stamp,
@@ -30,6 +32,7 @@ def prediction(steps: int = 80, stamp_ns: int = 1_760_000_000_123_456_789) -> Pr
         x=rng.normal(size=3),
         covariance=root @ root.T,
         horizon=rng.normal(size=(steps, 3)),
+        horizon_covariance=rng.normal(size=(steps, 3, 3)),
         innovation=np.zeros(3),
         status=Status.PREDICTED,
     )
@@ -77,6 +80,29 @@ def test_horizon(frame_id: str, steps: int) -> None:
             (twist,) = point.velocities
             assert (twist.linear.x, twist.linear.y, twist.angular.z) == tuple(row)
             assert (twist.linear.z, twist.angular.x, twist.angular.y) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("steps", [1, 2, 40, 80, 400])
+def test_horizon_covariance(steps: int) -> None:
+    made = CovarianceBytes(steps)
+    for seed in (0, 1):
+        wanted = np.random.default_rng(seed).normal(size=(steps, 3, 3))
+        content = made.fill(wanted)
+        message = Float64MultiArray()
+        sizes = {"step": (steps, 9 * steps), "row": (3, 9), "column": (3, 3)}
+        message.layout.dim = [
+            MultiArrayDimension(label=label, size=size, stride=stride)
+            for label, (size, stride) in sizes.items()
+        ]
+        message.data = wanted.ravel().tolist()
+        read = deserialize_message(content, Float64MultiArray)
+        # Byte by byte they may differ where rclpy leaves gaps for the alignment.
+        assert read == message
+        assert len(content) == len(serialize_message(message))
+        np.testing.assert_array_equal(np.reshape(read.data, (steps, 3, 3)), wanted)
+        # As std_msgs/MultiArrayLayout has it: strides of the rows are those of the dims behind.
+        flat, (_, row, column) = read.data, (dim.stride for dim in read.layout.dim)
+        assert flat[row * (steps - 1) + column * 1 + 2] == wanted[steps - 1, 1, 2]
 
 
 @pytest.mark.parametrize("stamp_ns", [0, 1, 999_999_999, 10**9, 1_760_000_000_999_999_999])

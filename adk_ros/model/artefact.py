@@ -5,7 +5,7 @@ A trained model on disk: a folder with a manifest, an encoder and arrays, each h
 
     manifest.json   what it is, for people and for the checks below; SHA-256 of the other files
     encoder.pt      TorchScript program (read by torch's own loader, which runs no Python pickle)
-    arrays.npz      scaling, [A0 B0 c0], gains, horizon covariance (numpy, pickle refused)
+    arrays.npz      scaling, [A0 B0 c0], gains, horizon covariances (numpy, pickle refused)
 
 A folder that does not fit this code, this grid, these channels or its own hashes is refused.
 """
@@ -40,7 +40,7 @@ from adk_ros.signals.channels import (
 )
 
 FORMAT = "adk_ros.model"
-VERSION = 2
+VERSION = 3
 REFERENCE_POINT = "centre_of_gravity"
 CHANNELS = {
     "state": dict(zip(STATE_NAMES, STATE_UNITS, strict=True)),
@@ -48,7 +48,7 @@ CHANNELS = {
 }
 _ARRAYS = (
     "x_mean", "x_scale", "u_mean", "u_scale", "step_scale", "theta0",
-    "horizon_covariance", "usual_change", *Correction.names(),
+    "horizon_covariance", "held_covariance", "usual_change", *Correction.names(),
 )
 MANIFEST, ENCODER, ARRAYS = "manifest.json", "encoder.pt", "arrays.npz"
 
@@ -171,6 +171,7 @@ def load(folder: Path) -> Artefact:
         relift=manifest["relift"],
         correction=Correction(**{n: arrays[n] for n in Correction.names()}),
         horizon_covariance=arrays["horizon_covariance"],
+        held_covariance=arrays["held_covariance"],
         usual_change=arrays["usual_change"],
         uses_imu=manifest["uses_imu"],
         online=OnlineSettings(**manifest["online"]),
@@ -235,7 +236,7 @@ def _check_online(path: Path, online: dict[str, Any]) -> None:
 def _pack(model: Model) -> bytes:
     scaling = model.scaling
     arrays: dict[str, FloatArray] = {name: getattr(scaling, name) for name in _ARRAYS[:5]}
-    own = ("theta0", "horizon_covariance", "usual_change")
+    own = ("theta0", "horizon_covariance", "held_covariance", "usual_change")
     arrays |= {name: getattr(model, name) for name in own}
     arrays |= {name: getattr(model.correction, name) for name in Correction.names()}
     buffer = io.BytesIO()
@@ -275,6 +276,9 @@ def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine:
     covariance = arrays["horizon_covariance"]
     if covariance.ndim != 3 or covariance.shape[1:] != (3, 3):
         raise UsageError(f"{folder / ARRAYS}: horizon_covariance has shape {covariance.shape}")
+    held = arrays["held_covariance"]
+    if held.size and held.shape != covariance.shape:
+        raise UsageError(f"{folder / ARRAYS}: held_covariance has shape {held.shape}")
     usual = arrays["usual_change"]
     if usual.size and usual.shape != covariance.shape[:2]:
         raise UsageError(f"{folder / ARRAYS}: usual_change has shape {usual.shape}")

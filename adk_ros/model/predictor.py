@@ -27,6 +27,7 @@ from adk_ros.model import kernels, roll_out
 from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Float32Array, Lifting, input_size
 from adk_ros.model.online import METHODS, OnlineSettings
+from adk_ros.model.published import Published
 from adk_ros.model.scaling import Scaling
 from adk_ros.model.trials import Trials
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, FloatArray, Sample
@@ -50,7 +51,8 @@ class Model:
     give increments, the state's in units of `scaling.step_scale`. `horizon_covariance`
     (steps, 3, 3): error covariance in SI units by horizon, on data not trained on, and
     `usual_change` (steps, 3) the mean square change of the state over it; both empty where there
-    are none. `relift`: lift anew at each step of a roll-out, else stay in the lifted space.
+    are none. `held_covariance`: as the former, under held commands; if empty, that one serves.
+    `relift`: lift anew at each step of a roll-out, else stay in the lifted space.
     """
 
     lifting: Lifting
@@ -65,6 +67,7 @@ class Model:
     usual_change: FloatArray
     uses_imu: bool
     online: OnlineSettings = field(default_factory=OnlineSettings)
+    held_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
     @property
     def n_z(self) -> int:
@@ -85,8 +88,9 @@ class Prediction(NamedTuple):
     """
     The state predicted one tick ahead, at `stamp_ns`, from the sample at `origin_ns`.
 
-    `x` (3,), `covariance` (3, 3), `horizon` (steps, 3), all SI; `innovation` (3,) is measured less
-    predicted for the sample just taken, NaN where no prediction was made for it.
+    `x` (3,), `covariance` (3, 3), `horizon` (steps, 3) and its `horizon_covariance` (steps, 3, 3),
+    all SI; `innovation` (3,) is measured less predicted for the sample just taken, NaN where no
+    prediction was made for it.
     """
 
     origin_ns: int
@@ -94,6 +98,7 @@ class Prediction(NamedTuple):
     x: FloatArray
     covariance: FloatArray
     horizon: FloatArray
+    horizon_covariance: FloatArray
     innovation: FloatArray
     status: Status
 
@@ -134,6 +139,7 @@ class Predictor:
         self._u_held = self._u[None]
         self._twin = model.lifting.twin.arrays() if model.lifting.twin is not None else None
         self.trials = _trials(model)
+        self._published = Published(_held_errors(model, horizon_steps), _PRIOR_TRIALS)
         self.reset()
 
     def reset(self) -> None:
@@ -141,6 +147,7 @@ class Predictor:
         self.online.reset()
         if self.trials is not None:
             self.trials.reset()
+        self._published.reset()
         self.status = Status.WARMING_UP
         self._known = 0
         self._last_ns: int | None = None
@@ -161,12 +168,22 @@ class Predictor:
         Covariance (steps, 3, 3) of measured less predicted state, by horizon, SI.
 
         What the trials of the last half minute showed, at first what validation found; under
-        commands that are known. Empty for a model without either.
+        commands that are known, and calibrated: 90 % of the errors lie within 1.645 deviations.
+        Empty for a model without either.
         """
         if self.trials is None:
             return self.model.horizon_covariance
         scale = self.model.scaling.x_scale
         return np.asarray(self.trials.covariance * np.outer(scale, scale))
+
+    @property
+    def held_covariance(self) -> FloatArray:
+        """
+        The same (horizon_steps, 3, 3) of the horizon as it is published, under held commands.
+
+        What the horizons published in the last half minute showed, at first what validation found.
+        """
+        return self._published.covariance
 
     @property
     def disturbance(self) -> FloatArray:
@@ -205,6 +222,7 @@ class Predictor:
         self.status = Status.NO_STATE
         if self.trials is not None:
             self.trials.stop()
+        self._published.stop()
         self._known = 0
         self._predicted = None
         self._clean = 0
@@ -248,6 +266,7 @@ class Predictor:
             # Nothing here can yield this from finite samples; if it does, start afresh.
             self.reset()
             return None
+        ahead = horizon[: self.horizon_steps]
         # A copy: what is handed out may be written to.
         self._predicted = horizon[0].copy()
         self.status = Status.PREDICTED if measured else Status.COASTING
@@ -256,7 +275,10 @@ class Predictor:
             stamp_ns=sample.stamp_ns + TICK_NS,
             x=horizon[0],
             covariance=self._published_covariance(),
-            horizon=horizon[: self.horizon_steps],
+            horizon=ahead,
+            horizon_covariance=self._published.tick(
+                state, measured and not sample.flags & _UNLEARNABLE, ahead, self._coasted
+            ),
             innovation=innovation,
             status=self.status,
         )
@@ -344,3 +366,17 @@ def _trials(model: Model) -> Trials | None:
     if len(model.horizon_covariance):
         errors = model.horizon_covariance / np.outer(scale, scale)
     return Trials(model.lifting.twin.arrays(), change, errors, _PRIOR_TRIALS)
+
+
+def _held_errors(model: Model, steps: int) -> FloatArray:
+    """
+    Covariance (steps, 3, 3), SI, that the horizon under held commands begins with.
+
+    The model's, its last row held where the horizon is longer; if it has none, of so many usual
+    steps.
+    """
+    for table in (model.held_covariance, model.horizon_covariance):
+        if len(table):
+            return np.asarray(table[np.minimum(np.arange(steps), len(table) - 1)])
+    usual = np.square(model.scaling.x_scale * model.scaling.step_scale)
+    return np.asarray(np.diag(usual) * np.arange(1, steps + 1)[:, None, None])

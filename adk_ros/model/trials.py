@@ -11,28 +11,27 @@ For each step h of the horizon and each channel, over the trials of the last min
 
 is the share of the predicted change that a least-squares fit keeps: 1 for a model that is right,
 0 for one that tells nothing, which leaves "no change". The errors that remain, y - trust m, give
-the covariance of the horizon. Both begin with what validation found, as if from `prior` trials.
+the covariance of the horizon, calibrated by how often the intervals given at the trials' starts
+held (see `calibration`). All begin with what validation found, as if from `prior` trials.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from adk_ros.model.calibration import EVERY, FORGETTING, Calibration, learn
 from adk_ros.model.compiled import fast
 from adk_ros.model.kernels import fill_row
 from adk_ros.model.lifting import TwinArrays
 from adk_ros.model.roll_out import advance, mix
 from adk_ros.signals.channels import FloatArray
 
-EVERY = 10
-"""Ticks between two starts."""
-_FORGETTING = 0.99
-"""A trial's weight per later trial: 100 trials, or 25 s, are remembered."""
-
 
 class Trials:
     """
     Trials of one model; `trust` (h, 3) and `covariance` (h, 3, 3), scaled, are their outcome.
+
+    `covariance` is calibrated.
 
     :param change: mean square change (h, 3) of the scaled state over each step of the horizon.
     :param errors: covariance (h, 3, 3) of the scaled prediction errors on validation data.
@@ -56,11 +55,13 @@ class Trials:
         self._age = np.full(lanes, -1)
         self._scratch = np.zeros((2, seen), np.float32)
         self._prior = prior
-        self._change, self._errors = change, errors
+        self._change = change
         self._sums = np.zeros((2, steps, 3))
-        self._count = np.zeros(steps)
+        self._promised = np.zeros((lanes, steps, 2, 3))
+        self._calibration = Calibration(errors, prior)
+        self._arrays = self._calibration.arrays()
         self.trust = np.ones((steps, 3))
-        self.covariance = np.zeros((steps, 3, 3))
+        self.covariance = self._calibration.calibrated
         self.reset()
 
     def reset(self) -> None:
@@ -68,9 +69,8 @@ class Trials:
         self.stop()
         self._ticks = 0
         self._sums[:] = self._prior * self._change
-        self._count[:] = self._prior
+        self._calibration.reset()
         self.trust[:] = 1.0
-        self.covariance[:] = self._errors
 
     def stop(self) -> None:
         """End the trials under way, after a gap; what was learned stays."""
@@ -84,8 +84,8 @@ class Trials:
         compare(
             measured, u, usable, n_x, step_scale, residual, correction, *self._twin[:4],
             *self._twin[7:], self._row, self._x, self._base, self._push, self._head, self._short,
-            self._rest, self._age, self._scratch, self._sums, self._count, self.trust,
-            self.covariance, _FORGETTING,
+            self._rest, self._age, self._scratch, self._sums, self.trust, self._promised,
+            *self._arrays,
         )
 
     def start(
@@ -103,6 +103,8 @@ class Trials:
             self._x[lane], self._base[lane], self._push[lane], self._head[lane],
             self._short[lane], self._rest[lane],
         )
+        self._promised[lane, :, 0] = self.trust
+        self._promised[lane, :, 1] = np.einsum("hcc->hc", self.covariance)
         self._age[lane] = 0
 
 
@@ -122,11 +124,15 @@ def begin(  # type: ignore[no-untyped-def]
 def compare(  # type: ignore[no-untyped-def]
     measured, u, usable, n_x, step_scale, residual, correction, w1, b1, w2, b2,
     columns, reach, directions, row, x, base, push, head, short, rest, age, scratch,
-    sums, count, trust, covariance, forgetting
+    sums, trust, promised, count, covariance, factor, calibrated
 ):
-    """Advance every lane by a step and, if the measurement is `usable`, account for it."""
+    """
+    Advance every lane by a step and, if the measurement is `usable`, account for it.
+
+    `promised` (lanes, steps, 2, 3): trust and variances when the lanes began.
+    """
     steps = trust.shape[0]
-    error = np.empty(3)
+    error, surprise = np.empty(3), np.empty(3)
     for lane in range(age.shape[0]):
         if age[lane] < 0:
             continue
@@ -139,14 +145,13 @@ def compare(  # type: ignore[no-untyped-def]
         age[lane] = h + 1 if h + 1 < steps else -1
         if not usable:
             continue
-        count[h] = forgetting * count[h] + 1.0
         for c in range(3):
             m, y = x[lane, c] - base[lane, c], measured[c] - base[lane, c]
-            sums[0, h, c] = forgetting * sums[0, h, c] + m * y
-            sums[1, h, c] = forgetting * sums[1, h, c] + m * m
+            sums[0, h, c] = FORGETTING * sums[0, h, c] + m * y
+            sums[1, h, c] = FORGETTING * sums[1, h, c] + m * m
             trust[h, c] = min(max(sums[0, h, c] / max(sums[1, h, c], 1e-12), 0.0), 1.0)
             error[c] = y - trust[h, c] * m
-        share = 1.0 / count[h]
-        for i in range(3):
-            for j in range(3):
-                covariance[h, i, j] += share * (error[i] * error[j] - covariance[h, i, j])
+            surprise[c] = y - promised[lane, h, 0, c] * m
+        learn(
+            h, error, surprise, promised[lane, h, 1], count, covariance, factor, calibrated
+        )

@@ -122,6 +122,7 @@ class Core:
             np.isfinite(prediction.x).all()
             and np.isfinite(prediction.covariance).all()
             and np.isfinite(prediction.horizon).all()
+            and np.isfinite(prediction.horizon_covariance).all()
         )
         if not finite:
             self.counters.withheld += 1

@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Prediction -> the bytes that go out: TwistWithCovarianceStamped and MultiDOFJointTrajectory.
+Prediction -> the bytes that go out: a twist, a trajectory and the covariances along it.
 
 A horizon of 80 points costs rclpy half a millisecond to serialise, though from one tick to the
 next only numbers change. So each message is serialised once, by rclpy, with marks in place of its
@@ -18,6 +18,7 @@ import numpy as np
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Twist, TwistWithCovarianceStamped
 from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from adk_ros.model.predictor import Prediction
@@ -107,6 +108,34 @@ class HorizonBytes:
         _STAMP.pack_into(self._buffer, _STAMP_AT, *split_stamp(origin_ns))
         self._linear[:] = horizon[:, :2]
         self._yaw_rate[:] = horizon[:, 2]
+        return bytes(self._buffer)
+
+
+class CovarianceBytes:
+    """
+    CDR of a Float64MultiArray (steps, 3, 3): covariance of the horizon's errors by step, SI.
+
+    Row-major; rows and columns are v_x, v_y, yaw rate. It has no stamp: it goes out with each
+    horizon, right behind it.
+    """
+
+    def __init__(self, steps: int) -> None:
+        message = Float64MultiArray()
+        sizes = {"step": steps, "row": 3, "column": 3}
+        strides = (9 * steps, 9, 3)
+        message.layout = MultiArrayLayout(
+            dim=[
+                MultiArrayDimension(label=label, size=size, stride=stride)
+                for (label, size), stride in zip(sizes.items(), strides, strict=True)
+            ]
+        )
+        message.data = [_MARK, *[0.0] * (9 * steps - 1)]
+        self._buffer = bytearray(serialize_message(message))
+        self._data = _doubles(self._buffer, _find(self._buffer, _MARK), (steps, 3, 3))
+
+    def fill(self, covariance: FloatArray) -> bytes:
+        """Return the message for `covariance` (steps, 3, 3)."""
+        self._data[:] = covariance
         return bytes(self._buffer)
 
 

@@ -134,7 +134,7 @@ TABLE: tuple[Spec, ...] = (
          0.0, 1e12),
     Spec("forgetting", 0.0, "Factor per tick of method ffrls; 0: the model's own.", 0.0, 1.0),
     Spec("horizon_s", 2.0, "Length of the predicted horizon in s; 0: none.", 0.0, 10.0),
-    Spec("publish_horizon", True, "Publish ~/predicted_horizon.", live=True),
+    Spec("publish_horizon", True, "Publish ~/predicted_horizon and its covariance.", live=True),
     Spec("frame_id", "base_link", "Frame in whose axes the predicted twist is given."),
     Spec("use_imu", "auto", "auto: use an IMU where there is one; required: report an error "
          "without one; never: do not subscribe.", choices=("auto", "required", "never")),

@@ -20,6 +20,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -30,7 +31,7 @@ from adk_ros.ros import parameters
 from adk_ros.ros.core import Core, warm_up
 from adk_ros.ros.diagnostic_values import Clocks
 from adk_ros.ros.diagnostics import Diagnostics, Level
-from adk_ros.ros.messages import DIAGNOSTIC_NAME, HorizonBytes, TwistBytes
+from adk_ros.ros.messages import DIAGNOSTIC_NAME, CovarianceBytes, HorizonBytes, TwistBytes
 from adk_ros.ros.session import message_class
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.commands import COMMAND_TYPES
@@ -73,9 +74,10 @@ class PredictorNode:
         self.core = Core(Pipeline(loaded.model, settings), self._publish, self._tell)
         frame_id = self.values["frame_id"]
         self._twist = TwistBytes(frame_id)
-        self._horizon = None
+        self._horizon = self._covariance = None
         if settings.horizon_steps:
             self._horizon = HorizonBytes(frame_id, settings.horizon_steps)
+            self._covariance = CovarianceBytes(settings.horizon_steps)
         self._publish_horizon = bool(self.values["publish_horizon"])
         self._sim_time = bool(self.node.get_parameter("use_sim_time").value)
         self._clock = self.node.get_clock()
@@ -98,6 +100,9 @@ class PredictorNode:
         )
         self._horizon_out = node.create_publisher(
             MultiDOFJointTrajectory, "~/predicted_horizon", OUTPUT_DEPTH
+        )
+        self._covariance_out = node.create_publisher(
+            Float64MultiArray, "~/predicted_horizon_covariance", OUTPUT_DEPTH
         )
         self._diagnostics_out = node.create_publisher(
             DiagnosticArray, "/diagnostics", OUTPUT_DEPTH
@@ -139,9 +144,11 @@ class PredictorNode:
 
     def _publish(self, prediction: Prediction) -> None:
         self._twist_out.publish(self._twist.fill(prediction))
-        if self._horizon is not None and self._publish_horizon:
+        if self._horizon and self._covariance and self._publish_horizon:
             content = self._horizon.fill(prediction.origin_ns, prediction.horizon)
             self._horizon_out.publish(content)
+            content = self._covariance.fill(prediction.horizon_covariance)
+            self._covariance_out.publish(content)
 
     def _tell(self, error: Exception) -> None:
         self._logger.error(

@@ -50,7 +50,7 @@ def tune(
     refitted: Sequence[FloatArray] = (),
 ) -> Model:
     """
-    Choose theta0, ridge and correction on the validation part; set covariance and usual change.
+    Choose theta0, ridge and correction on the validation part; set covariances, usual change.
 
     One after the other: theta0, the model's or one of `refitted`, and the ridge, by the mean over
     all cells, then the slow disturbance, the fast one and the observer, each channel by its own
@@ -94,7 +94,8 @@ def tune(
     now = choose([replace(now, fast_gain=g * each, fast_decay=d * each) for g, d in _FAST])
     now = choose([replace(now, observer_gain=g * each) for g in _OBSERVERS])
     model = replace(model, correction=now)
-    return replace(model, horizon_covariance=horizon_covariance(model, split))
+    known, held = horizon_covariances(model, split)
+    return replace(model, horizon_covariance=known, held_covariance=held)
 
 
 def _cases(split: Split) -> list[tuple[Record, BoolArray]]:
@@ -143,14 +144,27 @@ def usual_change(split: Split, ahead: int = _AHEAD) -> FloatArray:
 
 def horizon_covariance(model: Model, split: Split, ahead: int = _AHEAD) -> FloatArray:
     """Covariance (ahead, 3, 3) of the errors under known commands on the validation part, SI."""
-    errors = []
+    return horizon_covariances(model, split, ahead)[0]
+
+
+def horizon_covariances(
+    model: Model, split: Split, ahead: int = _AHEAD
+) -> tuple[FloatArray, FloatArray]:
+    """The same under commands that are known, and under commands that are held."""
+    known, held = [], []
     for record, parts in zip(split.records, split.parts, strict=True):
         rolled = roll_out_record(model, record, None, parts == VALIDATION, ahead, stride=8)
         if rolled.rows.size:
             future = rolled.rows[:, None] + np.arange(1, ahead + 1)
-            errors.append(rolled.predicted - record.x_ref[future])
-    if not errors:
+            known.append(rolled.predicted - record.x_ref[future])
+            held.append(rolled.held - record.x_ref[future])
+    if not known:
         usual = np.square(model.scaling.x_scale * model.scaling.step_scale)
-        return np.diag(usual)[None] * np.arange(1, ahead + 1)[:, None, None]
+        table: FloatArray = np.asarray(np.diag(usual) * np.arange(1, ahead + 1)[:, None, None])
+        return table, table.copy()
+    return _covariance(known), _covariance(held)
+
+
+def _covariance(errors: list[FloatArray]) -> FloatArray:
     joined = np.concatenate(errors)
     return np.asarray(np.einsum("nhi,nhj->hij", joined, joined) / joined.shape[0])
