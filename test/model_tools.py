@@ -40,17 +40,20 @@ def random_lift(history: int, hidden: int, features: int) -> Lift:
     def normal(*shape: int) -> Array:
         return torch.randn(*shape).numpy()
 
-    forms = Quadratic(
-        columns, np.full(columns.size, 1.5, np.float32), 0.3 * normal(columns.size, 5),
-        0.3 * normal(5, k), 0.1 * normal(input_size(history), k), normal(k), normal(2, k),
-    )  # fmt: skip
+    n = input_size(history)
+    reach, directions = np.full(n, 1.5, np.float32), np.zeros((n, 5), np.float32)
+    directions[columns] = 0.3 * normal(columns.size, 5)
+    forms = Quadratic(reach, directions, 0.3 * normal(5, k), 0.1 * normal(n, k), normal(k))
     encoder = Encoder(history, hidden, features - k, forms)
     return Lift(encoder, torch.zeros(features), torch.ones(features))
 
 
 def weights(lift: Lift) -> list[Any]:
     """Its arrays in the order that the kernels take them."""
-    return [getattr(lift, field.name).detach().numpy() for field in fields(Twin)]
+    columns = np.flatnonzero(lift.directions.any(dim=1).numpy())
+    given: dict[str, Any] = {name: value.numpy() for name, value in lift.state_dict().items()}
+    given |= {"columns": columns, "directions": given["directions"][columns]}
+    return [given[field.name] for field in fields(Twin)]
 
 
 @functools.cache

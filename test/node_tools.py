@@ -53,11 +53,10 @@ class Perceptron(torch.nn.Module):
         self.w2, self.b2 = some(hidden, hidden), some(hidden)
         self.w3, self.b3 = some(hidden, n_out), some(n_out)
         self.skip = some(n_in, n_out)
-        self.act = torch.nn.Softsign()
 
     def forward(self, row: torch.Tensor) -> torch.Tensor:
-        first = self.act(torch.addmm(self.b1, row, self.w1))
-        second = self.act(torch.addmm(self.b2, first, self.w2))
+        first = torch.tanh(torch.addmm(self.b1, row, self.w1))
+        second = torch.tanh(torch.addmm(self.b2, first, self.w2))
         return torch.addmm(self.b3, second, self.w3) + row @ self.skip
 
 

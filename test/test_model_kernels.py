@@ -30,7 +30,8 @@ def test_perceptron_is_the_torch_module(
 ) -> None:
     torch.manual_seed(history)
     encoder = random_lift(history, hidden, features)
-    scratch, out = np.empty((2, hidden + 5), np.float32), np.empty(features, np.float32)
+    scratch = np.empty((2, max(hidden + 5, input_size(history))), np.float32)
+    out = np.empty(features, np.float32)
     for scale in (0.0, 0.1, 1.0, 30.0):
         row = (scale * random.normal(size=input_size(history))).astype(np.float32)
         with torch.no_grad():
@@ -60,11 +61,13 @@ def test_where_no_cache_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_fill_row_is_newest_first() -> None:
-    row = np.zeros(13, np.float32)
+    row = np.zeros(15, np.float32)
     kernels.fill_row(np.arange(9.0).reshape(3, 3), np.arange(20.0, 24.0).reshape(2, 2), row)
-    assert row.tolist() == [*range(9), *range(20, 24)]
+    kernels.set_command(row, 9, 30.0, 31.0)
+    assert row.tolist() == [*range(9), 30, 31, *range(20, 24)]
     alone = np.zeros(3, np.float32)
     kernels.fill_row(np.array([[1.0, 2.0, 3.0]]), np.zeros((0, 2)), alone)
+    kernels.set_command(alone, 3, 30.0, 31.0)
     assert alone.tolist() == [1.0, 2.0, 3.0]
 
 
@@ -79,7 +82,7 @@ def test_shift_in() -> None:
 
 @pytest.mark.parametrize("history", [0, 1, 3])
 def test_take_sample_over_many_ticks(history: int, random: Random) -> None:
-    """Against the definition: row k = [x_k .. x_(k-p), u_(k-1) .. u_(k-p)], scaled."""
+    """Against the definition: row k = [x_k .. x_(k-p), u_k .. u_(k-p)], scaled."""
     x, u = random.normal(size=(12, 3)), random.normal(size=(12, 2))
     x_mean, x_scale = random.normal(size=3), random.uniform(0.5, 2.0, 3)
     u_mean, u_scale = random.normal(size=2), random.uniform(0.5, 2.0, 2)
@@ -95,7 +98,7 @@ def test_take_sample_over_many_ticks(history: int, random: Random) -> None:
         )  # fmt: skip
         if k >= history:
             past = [scaled_x[k - i] for i in range(history + 1)]
-            past += [scaled_u[k - 1 - i] for i in range(history)]
+            past += [scaled_u[k - i] for i in range(history + 1) if history]
             np.testing.assert_allclose(row, np.concatenate(past), rtol=1e-6)
             np.testing.assert_allclose(u_now, scaled_u[k])
             np.testing.assert_allclose(x_past[0], scaled_x[k])

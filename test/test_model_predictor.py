@@ -35,7 +35,8 @@ def by_hand(model: Model, samples: list[Sample], steps: int) -> Array:
     us = [scaling.scale_u(np.array(s.u)) for s in reversed(samples[:-1])][:p]
     result = []
     for _ in range(steps):
-        row = np.concatenate([*xs[: p + 1], *us[:p]]).astype(np.float32)
+        commands = [u, *us[:p]] if p else []
+        row = np.concatenate([*xs[: p + 1], *commands]).astype(np.float32)
         z = np.concatenate([xs[0], model.lifting(row)])
         phi = np.concatenate([z, u, [1.0] if model.affine else []])
         change = scaling.step_scale * (model.theta0[:3] @ phi)

@@ -58,7 +58,8 @@ def plain_roll_out(
     xs, us = list(x_past), list(u_past)
     result = []
     for j, u in enumerate(u_ahead):
-        row = np.concatenate([*xs[: len(x_past)], *us[: len(u_past)]])
+        commands = [u, *us[: len(u_past)]] if len(u_past) else []
+        row = np.concatenate([*xs[: len(x_past)], *commands])
         phi = np.concatenate([xs[0], features_of(row), u, [1.0] if affine else []])
         change = step * (theta[:3] @ phi + (disturbance * decays**j).sum(axis=0))
         xs.insert(0, change + xs[0] if residual else change)

@@ -81,7 +81,7 @@ def test_trials_are_the_predictions_under_the_commands_that_came() -> None:
     car = Predictor(of, horizon_steps=0)
     first = made = -1
     ahead = np.zeros((80, 3))
-    sums: Array = np.zeros((2, 80, 3))
+    sums: Array = np.zeros((3, 80, 3))
     for k in range(200):
         car.step(sample(k, x[k], u[k]))
         assert car.trials is not None
@@ -98,8 +98,11 @@ def test_trials_are_the_predictions_under_the_commands_that_came() -> None:
     assert made >= 0
     scale = of.scaling.x_scale
     m, y = (ahead - x[first]) / scale, (x[first + 1 : first + 81] - x[first]) / scale
-    np.testing.assert_allclose(car.trials._sums[0], 0.99 * sums[0] + m * y, rtol=1e-4, atol=1e-6)
-    np.testing.assert_allclose(car.trials._sums[1], 0.99 * sums[1] + m * m, rtol=1e-4, atol=1e-6)
+    for found, before, new in zip(car.trials._sums, sums, (m * y, m * m, 1.0), strict=True):
+        np.testing.assert_allclose(found, 0.97 * before + new, rtol=1e-4, atol=1e-6)
+    kept, moved, count = car.trials._sums
+    trust = np.clip((count * kept / moved + 5.0) / (count + 5.0), 0.0, 1.0)
+    np.testing.assert_allclose(car.trials.trust, trust, rtol=1e-6)
 
 
 def test_a_trial_starts_every_ten_ticks_and_lasts_its_horizon() -> None:

@@ -19,6 +19,7 @@ from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model, Predictor
 from adk_ros.signals.channels import Record, Source
 from adk_ros.signals.record import build_record
+from adk_ros.train import assemble as assembly
 from adk_ros.train import tune as module
 from adk_ros.train.assemble import assemble
 from adk_ros.train.dataset import TRAIN, VALIDATION, Split, sequences, split_records
@@ -47,10 +48,10 @@ def model(trained: Trained, split: Split) -> Model:
 
 
 def encoder_rows(model: Model, of: Record, rows: np.ndarray) -> np.ndarray:
-    """The encoder's input by its definition: x_k ... x_(k-p), u_(k-1) ... u_(k-p), scaled."""
+    """The encoder's input by its definition: x_k ... x_(k-p), u_k ... u_(k-p), scaled."""
     x, u = model.scaling.scale_x(of.x), model.scaling.scale_u(of.u)
     past = [x[rows - i] for i in range(model.history + 1)]
-    past += [u[rows - i] for i in range(1, model.history + 1)]
+    past += [u[rows - i] for i in range(model.history + 1)]
     return np.concatenate(past, axis=1).astype(np.float32)
 
 
@@ -64,7 +65,7 @@ def test_features_have_zero_mean_and_unit_deviation(model: Model, split: Split) 
         rows = good_rows(of, 2)
         features += [model.lifting(row).copy() for row in encoder_rows(model, of, rows[::3])]
     table = np.array(features)
-    assert table.shape[1] == SMALL.features
+    assert table.shape[1] == model.n_z - 3
     np.testing.assert_allclose(table.mean(axis=0), 0.0, atol=0.05)
     np.testing.assert_allclose(table.std(axis=0), 1.0, atol=0.05)
 
@@ -158,7 +159,7 @@ def test_the_best_choice_is_taken(
         return np.tile([-1.0 if of_c == number else -0.5 for of_c in best], (2, 5, 1))
 
     monkeypatch.setattr(module, "_FAST", module._FAST[: len(module._SLOW)])
-    monkeypatch.setattr(module, "_TRIALS", 3 * len(module._SLOW) + len(module._RIDGES))
+    monkeypatch.setattr(module, "_TRIALS", 4 * len(module._SLOW) + len(module._RIDGES))
     monkeypatch.setattr(module, "_ratio", ratio)
     told: list[tuple[str, int, int]] = []
     chosen = tune(model, split, lambda *what: told.append(what))
@@ -173,6 +174,35 @@ def test_the_best_choice_is_taken(
     total = len(asked)
     assert [done for _, done, _ in told] == list(range(total))
     assert {end for _, _, end in told} == {total}
+
+
+@pytest.mark.parametrize("best", range(5))
+def test_theta_is_the_one_that_validation_likes(
+    model: Model, split: Split, monkeypatch: pytest.MonkeyPatch, best: int
+) -> None:
+    thetas = [model.theta0 + 0.01 * k for k in range(5)]
+
+    def ratio(of: Model, cases: object) -> np.ndarray:
+        near = np.abs(of.theta0 - thetas[best]).max()
+        return np.full((2, 5, 3), near - 1.0)
+
+    monkeypatch.setattr(module, "_ratio", ratio)
+    chosen = tune(model, split, None, thetas[1:])
+    np.testing.assert_array_equal(chosen.theta0, thetas[best])
+
+
+def test_refitted_lies_between_theta_and_least_squares() -> None:
+    random = np.random.default_rng(0)
+    phi, truth = random.normal(size=(500, 6)), random.normal(size=(3, 6))
+    target = phi @ truth.T
+    target[7] = np.nan
+    theta = np.vstack([np.zeros((3, 6)), np.ones((2, 6))])
+    made = assembly._refitted(theta, phi, target)
+    off = [float(np.abs(each[:3] - truth).max()) for each in made]
+    assert off == sorted(off, reverse=True)
+    assert off[0] > 0.3 * np.abs(truth).max()
+    assert off[-1] < 1e-4
+    assert all((each[3:] == 1.0).all() for each in made)
 
 
 def test_a_lost_cell_costs_more_than_others_gain(
@@ -194,10 +224,9 @@ def test_a_lost_cell_costs_more_than_others_gain(
 def test_tuning_helps_a_car_that_has_changed(model: Model, split: Split) -> None:
     cases = module._cases(split)
     assert len(cases) == 2
-    drawn = cases[1][0].u - cases[1][0].u.mean(axis=0)
-    np.testing.assert_allclose(
-        drawn.std(axis=0) / cases[0][0].u.std(axis=0), 1.0 / module._CHANGED_CAR
-    )
+    (same, _), (other, _) = cases[0][0], cases[1][0]
+    drawn = other.u - other.u.mean(axis=0)
+    np.testing.assert_allclose(drawn.std(axis=0) / same.u.std(axis=0), 1.0 / module._CHANGED_CAR)
     tuned = tune(model, split)
     before = module._ratio(model, cases)
     after = module._ratio(tuned, cases)

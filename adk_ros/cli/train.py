@@ -47,8 +47,8 @@ def train(
     hidden: Annotated[int, typer.Option(help="width of the encoder's hidden layers")] = 32,
     learning_rate: Annotated[float, typer.Option(help="largest step of the optimiser")] = 4e-3,
     quadratic: Annotated[
-        bool, typer.Option("--quadratic", help="add quadratic forms: nearer smooth data, slower")
-    ] = False,
+        bool, typer.Option(help="quadratic forms, fitted by least squares, beside what is learned")
+    ] = True,
     seed: Annotated[int, typer.Option(help="same seed, same model")] = 0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda")] = "auto",
     paper: Annotated[

@@ -13,6 +13,11 @@ import numpy as np
 
 from adk_ros.model.compiled import fast, inlined, jit
 
+_single = np.float32
+_TANH_REACH = _single(-6.3)
+_P0, _P1, _P2, _P3 = (_single(v) for v in (34459425, 4729725, 135135, 990))
+_Q1, _Q2, _Q3, _Q4 = (_single(v) for v in (16216200, 945945, 13860, 45))
+
 
 @inlined
 def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
@@ -35,13 +40,16 @@ def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
 
 @inlined
 def hidden_layer(row, weights, bias, out):  # type: ignore[no-untyped-def]
-    """out (>= m,) begins with softsign(weights' row + bias), weights (n, m); row (>= n,)."""
+    """out (>= m,) begins with tanh(weights' row + bias), weights (n, m); row (>= n,)."""
     for j in range(bias.shape[0]):
         out[j] = bias[j]
     add_product(out, weights, row)
-    one = np.float32(1.0)
     for j in range(bias.shape[0]):
-        out[j] = out[j] / (one + abs(out[j]))
+        # Pade's approximant of order 9/8: to 7e-6, and loops over it are vectorised.
+        x = min(max(out[j], _TANH_REACH), -_TANH_REACH)
+        s = x * x
+        above = x * (_P0 + s * (_P1 + s * (_P2 + s * (_P3 + s))))
+        out[j] = above / (_P0 + s * (_Q1 + s * (_Q2 + s * (_Q3 + s * _Q4))))
 
 
 @inlined
@@ -49,21 +57,23 @@ def last_layer_input(  # type: ignore[no-untyped-def]
     row, w1, b1, w2, b2, columns, reach, directions, first, out
 ):
     """
-    out (h + q,): the second hidden layer and q squares; `first` (>= h,) is scratch.
+    out (>= h + q,): the second hidden layer and q squares; `first` (>= h, >= n) is scratch.
 
-    The squares are of directions' c, with c the row's `columns`, stopped at +-`reach`.
+    Of the row held within +-`reach` (n,). The squares are of directions' c, c its `columns`.
     """
-    hidden_layer(row, w1, b1, first)
+    held = np.empty(row.shape[0], np.float32)
+    for i in range(row.shape[0]):
+        held[i] = min(max(row[i], -reach[i]), reach[i])
+    hidden_layer(held, w1, b1, first)
     hidden_layer(first, w2, b2, out)
-    hidden = b2.shape[0]
-    for j in range(directions.shape[1]):
-        out[hidden + j] = np.float32(0.0)
+    squares = out[b2.shape[0] :]
     for i in range(columns.shape[0]):
-        value = min(max(row[columns[i]], -reach[i]), reach[i])
-        for j in range(directions.shape[1]):
-            out[hidden + j] += directions[i, j] * value
-    for j in range(hidden, hidden + directions.shape[1]):
-        out[j] = out[j] * out[j]
+        first[i] = held[columns[i]]
+    for j in range(directions.shape[1]):
+        squares[j] = np.float32(0.0)
+    add_product(squares, directions, first)
+    for j in range(directions.shape[1]):
+        squares[j] = squares[j] * squares[j]
 
 
 @fast
@@ -71,9 +81,9 @@ def perceptron(  # type: ignore[no-untyped-def]
     row, w1, b1, w2, b2, w3, b3, skip, columns, reach, directions, scratch, out
 ):
     """
-    out (m,) = w3' [s(w2' s(w1' row + b1) + b2); squares] + b3 + skip' row with softsign s.
+    out (m,) = w3' [s(w2' s(w1' row + b1) + b2); squares] + b3 + skip' row with s = tanh.
 
-    `scratch` (2, h + q).
+    `scratch` (2, >= h + q, >= n).
     """
     last_layer_input(
         row, w1, b1, w2, b2, columns, reach, directions, scratch[0], scratch[1]
@@ -85,16 +95,28 @@ def perceptron(  # type: ignore[no-untyped-def]
 
 @jit
 def fill_row(x_past, u_past, row):  # type: ignore[no-untyped-def]
-    """Encoder input from scaled pasts, newest first: x_past (p + 1, 3), u_past (p, 2)."""
+    """
+    Encoder input from scaled pasts, newest first: x_past (p + 1, 3), u_past (p, 2).
+
+    The command in force has a place between the two, if p is not 0; see `set_command`.
+    """
     position = 0
     for i in range(x_past.shape[0]):
         for j in range(3):
             row[position] = x_past[i, j]
             position += 1
+    position += 2
     for i in range(u_past.shape[0]):
         for j in range(2):
             row[position] = u_past[i, j]
             position += 1
+
+
+@inlined
+def set_command(row, n_x, u0, u1):  # type: ignore[no-untyped-def]
+    """Set the command in force, scaled, in a row whose first `n_x` columns are states."""
+    if row.shape[0] > n_x:
+        row[n_x], row[n_x + 1] = u0, u1
 
 
 @jit
@@ -130,6 +152,7 @@ def take_sample(  # type: ignore[no-untyped-def]
     for c in range(2):
         u_now[c] = (command[c] - u_mean[c]) / u_scale[c]
     fill_row(x_past, u_past, row)
+    set_command(row, 3 * x_past.shape[0], u_now[0], u_now[1])
 
 
 @jit

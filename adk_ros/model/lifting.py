@@ -4,8 +4,9 @@
 The lift: TorchScript encoder on a few past samples -> lifted state, once a tick.
 
 The only torch that runs on the vehicle. The encoder's input is one row
-    [x_k, x_(k-1), ..., x_(k-p), u_(k-1), ..., u_(k-p)]   (scaled; 3 (p + 1) + 2 p columns),
-its output the `features` that stand behind the state in z = [x_k, features].
+    [x_k, x_(k-1), ..., x_(k-p), u_k, u_(k-1), ..., u_(k-p)]   (scaled; 5 (p + 1) columns),
+or x_k alone where there is no past, as in the paper; its output the `features` that stand behind
+the state in z = [x_k, features].
 
 Rolling the model out over a horizon lifts eighty times a tick, which TorchScript's interpreter
 cannot afford. An encoder that is a plain perceptron therefore also yields its weights, so that a
@@ -38,11 +39,12 @@ _TWIN_TOLERANCE = 1e-4
 @dataclass(frozen=True)
 class Twin:
     """
-    Weights of the encoder: two hidden softsign layers, squares beside them, a linear shortcut.
+    Weights of the encoder: two hidden tanh layers, squares beside them, a linear shortcut.
+
+    Into layers and squares the row enters held within +-`reach` (n,), into the shortcut as it is.
 
     `w1` (n, h), `w2` (h, h), `w3` (h + q, m), `skip` (n, m); biases (h,), (h,), (m,). The squares
-    are of `directions` (c, q) of the inputs `columns` (c,), which stop at +-`reach` (c,). All
-    float32, but for the columns.
+    are of `directions` (c, q) of the row's `columns` (c,). All float32, but for the columns.
     """
 
     w1: Float32Array
@@ -66,7 +68,7 @@ class Twin:
 
 def input_size(history: int) -> int:
     """Columns of the encoder's input for `history` past samples."""
-    return 3 * (history + 1) + 2 * history
+    return 5 * (history + 1) if history else 3
 
 
 class Lifting:
@@ -120,30 +122,31 @@ class Lifting:
     ) -> Twin | None:
         names = [field.name for field in fields(Twin)]
         if set(parameters) == set(names[:7]):
-            parameters |= {
-                "columns": torch.zeros(0), "reach": torch.zeros(0),
-                "directions": torch.zeros(0, 0),
-            }
-        if set(parameters) != set(names):
+            unbounded = torch.full((n_in,), float("inf"))
+            parameters |= {"reach": unbounded, "directions": torch.zeros(n_in, 0)}
+        if set(parameters) != set(names) - {"columns"}:
             return None
+        directions = parameters["directions"]
+        if directions.dim() != 2 or directions.shape[0] != n_in:
+            return None
+        # Half of the row has no part in the squares: the twin leaves that out.
+        columns = directions.ne(0.0).any(dim=1).nonzero()[:, 0]
+        parameters |= {"directions": directions[columns]}
         arrays: dict[str, Any] = {
-            name: np.ascontiguousarray(
-                parameters[name].numpy().astype(np.int64 if name == "columns" else np.float32)
-            )
-            for name in names
-        }
+            name: np.ascontiguousarray(parameters[name].numpy().astype(np.float32))
+            for name in names if name != "columns"
+        }  # fmt: skip
+        arrays["columns"] = columns.numpy().astype(np.int64)
         twin = Twin(**arrays)
         hidden, squares = twin.w1.shape[-1], twin.directions.shape[-1]
         chosen = twin.columns.shape
         shapes = [(n_in, hidden), (hidden,), (hidden, hidden), (hidden,),
                   (hidden + squares, n_features), (n_features,), (n_in, n_features), chosen,
-                  chosen, (*chosen, squares)]
-        if [a.shape for a in arrays.values()] != shapes or len(chosen) != 1:
-            return None
-        if ((twin.columns < 0) | (twin.columns >= n_in)).any():
+                  (n_in,), (*chosen, squares)]
+        if [a.shape for a in twin.arrays()] != shapes:
             return None
         probes = np.random.default_rng(0).normal(0.0, 1.5, (16, n_in)).astype(np.float32)
-        scratch = np.empty((2, hidden + squares), dtype=np.float32)
+        scratch = np.empty((2, max(hidden + squares, n_in)), dtype=np.float32)
         out = np.empty(n_features, dtype=np.float32)
         for probe in probes:
             perceptron(probe, *twin.arrays(), scratch, out)

@@ -38,6 +38,7 @@ _PRIOR_TRIALS = 5.0
 _FULL_TRUST = np.ones((0, 3))
 # Plain integers: operations on flags themselves cost a microsecond each.
 _RESTART, _COASTING, _UNLEARNABLE = int(Flag.RESTART), int(Flag.COASTING), int(UNLEARNABLE)
+_ODOMETRY_STALE = int(Flag.ODOMETRY_STALE)
 _UNKNOWN = np.full(3, math.nan)
 _UNKNOWN.flags.writeable = False
 
@@ -133,6 +134,8 @@ class Predictor:
         self._u = np.zeros(2)
         self._measured = np.zeros(3)
         self._correction = model.correction.table()
+        self._unobserved = self._correction.copy()
+        self._unobserved[0] = 0.0
         self._phi = np.zeros(model.theta0.shape[1])
         self._y = np.zeros(model.n_z)
         # A view: the command now, as commands ahead that hold it.
@@ -234,10 +237,12 @@ class Predictor:
         # Until the sample is taken, this is the command of the tick that has passed.
         u_passed = self._u.copy()
         expected = _UNKNOWN if self._predicted is None else self._predicted
+        # A held velocity tells less than what was predicted for this tick.
+        held = sample.flags & _ODOMETRY_STALE
         kernels.take_sample(
-            state, expected, self._correction, sample.u, scaling.x_mean, scaling.x_scale,
-            scaling.u_mean, scaling.u_scale, self._measured, self._x_past, self._u_past, self._u,
-            self._row,
+            state, expected, self._unobserved if held else self._correction, sample.u,
+            scaling.x_mean, scaling.x_scale, scaling.u_mean, scaling.u_scale, self._measured,
+            self._x_past, self._u_past, self._u, self._row,
         )
         if self.trials is not None:
             self.trials.compare(
@@ -321,10 +326,11 @@ class Predictor:
         x_past, u_past = self._x_past.copy(), self._u_past.copy()
         row, phi, push = self._row.copy(), self._phi.copy(), self._disturbance.copy()
         for step in range(out.shape[0]):
+            u = u_ahead[min(step, u_ahead.shape[0] - 1)]
             kernels.fill_row(x_past, u_past, row)
+            kernels.set_command(row, 3 * x_past.shape[0], u[0], u[1])
             phi[:3] = x_past[0]
             phi[3 : model.n_z] = model.lifting(row)
-            u = u_ahead[min(step, u_ahead.shape[0] - 1)]
             phi[model.n_z : model.n_z + 2] = u
             change = (self.online.theta[:3] @ phi + push.sum(axis=0)) * model.scaling.step_scale
             push *= self._correction[[2, 4]]
@@ -365,7 +371,7 @@ def _trials(model: Model) -> Trials | None:
     errors = change[:, :, None] * np.eye(3)
     if len(model.horizon_covariance):
         errors = model.horizon_covariance / np.outer(scale, scale)
-    return Trials(model.lifting.twin.arrays(), change, errors, _PRIOR_TRIALS)
+    return Trials(model.lifting.twin.arrays(), errors, _PRIOR_TRIALS)
 
 
 def _held_errors(model: Model, steps: int) -> FloatArray:

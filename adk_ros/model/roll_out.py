@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from adk_ros.model.compiled import fast, inlined, jit
-from adk_ros.model.kernels import fill_row, last_layer_input
+from adk_ros.model.kernels import fill_row, last_layer_input, set_command
 
 _LIMIT = 50.0
 """Scaled states are held within this: far outside any data, and finite."""
@@ -59,6 +59,7 @@ def advance(  # type: ignore[no-untyped-def]
     `u0`, `u1` are the command in force, scaled; the first `n_x` of the row's columns are states.
     """
     n, seen = short.shape[1], head.shape[1]
+    set_command(row, n_x, u0, u1)
     last_layer_input(row, w1, b1, w2, b2, columns, reach, directions, first, second)
     # All three at once: a sum of its own each would wait for itself.
     s0 = s1 = s2 = np.float32(0.0)
@@ -82,8 +83,6 @@ def advance(  # type: ignore[no-untyped-def]
         row[i] = row[i - 3]
     for i in range(n - 1, n_x + 1, -1):
         row[i] = row[i - 2]
-    if n > n_x:
-        row[n_x], row[n_x + 1] = u0, u1
     for c in range(3):
         row[c] = x[c]
 
@@ -104,7 +103,8 @@ def roll_out_lifting(  # type: ignore[no-untyped-def]
     n_x, last = 3 * x_past.shape[0], u_ahead.shape[0] - 1
     row = np.empty(n, dtype=np.float32)
     fill_row(x_past, u_past, row)
-    first, second = np.empty(seen, dtype=np.float32), np.empty(seen, dtype=np.float32)
+    first = np.empty(max(seen, n), dtype=np.float32)
+    second = np.empty(seen, dtype=np.float32)
     head, short = np.empty((3, seen), dtype=np.float32), np.empty((3, n), dtype=np.float32)
     rest = np.empty((3, 3))
     mix(theta, affine, w3, b3, skip, head, short, rest)

@@ -5,26 +5,30 @@ How far can the model be trusted? Roll-outs of the recent past, held against wha
 
 Every ten ticks a roll-out starts from where the car then is, with the model as it then is. It goes
 on by a step a tick, under the commands that really come, and is compared with each measurement.
-For each step h of the horizon and each channel, over the trials of the last minutes,
+For each step h of the horizon and each channel, over the n trials of the last ten seconds or so,
 
-    trust_h = sum m y / sum m^2   in 0 to 1,      m: predicted change since the start, y: measured
+    q_h = sum m y / sum m^2                       m: predicted change since the start, y: measured
+    trust_h = (n q_h + prior) / (n + prior),      held within 0 to 1
 
 is the share of the predicted change that a least-squares fit keeps: 1 for a model that is right,
 0 for one that tells nothing, which leaves "no change". The errors that remain, y - trust m, give
 the covariance of the horizon, calibrated by how often the intervals given at the trials' starts
-held (see `calibration`). All begin with what validation found, as if from `prior` trials.
+held (see `calibration`), which begins with what validation found, as if from `prior` trials.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.model.calibration import EVERY, FORGETTING, Calibration, learn
+from adk_ros.model.calibration import EVERY, Calibration, learn
 from adk_ros.model.compiled import fast
 from adk_ros.model.kernels import fill_row
 from adk_ros.model.lifting import TwinArrays
 from adk_ros.model.roll_out import advance, mix
 from adk_ros.signals.channels import FloatArray
+
+_TRUST_FORGETTING = 0.97
+"""A trial's weight per later trial: 33 trials, or 8 s. What is driven changes sooner than tyres."""
 
 
 class Trials:
@@ -33,15 +37,12 @@ class Trials:
 
     `covariance` is calibrated.
 
-    :param change: mean square change (h, 3) of the scaled state over each step of the horizon.
     :param errors: covariance (h, 3, 3) of the scaled prediction errors on validation data.
     """
 
-    def __init__(
-        self, twin: TwinArrays, change: FloatArray, errors: FloatArray, prior: float
-    ) -> None:
+    def __init__(self, twin: TwinArrays, errors: FloatArray, prior: float) -> None:
         n, seen = twin[0].shape[0], twin[4].shape[0]
-        steps = change.shape[0]
+        steps = errors.shape[0]
         self._lanes = max(1, -(-steps // EVERY))
         self._twin = twin
         lanes = self._lanes
@@ -53,10 +54,9 @@ class Trials:
         self._short = np.zeros((lanes, 3, n), np.float32)
         self._rest = np.zeros((lanes, 3, 3))
         self._age = np.full(lanes, -1)
-        self._scratch = np.zeros((2, seen), np.float32)
+        self._scratch = np.zeros((2, max(seen, n)), np.float32)
         self._prior = prior
-        self._change = change
-        self._sums = np.zeros((2, steps, 3))
+        self._sums = np.zeros((3, steps, 3))
         self._promised = np.zeros((lanes, steps, 2, 3))
         self._calibration = Calibration(errors, prior)
         self._arrays = self._calibration.arrays()
@@ -68,7 +68,7 @@ class Trials:
         """Forget all trials."""
         self.stop()
         self._ticks = 0
-        self._sums[:] = self._prior * self._change
+        self._sums[:] = 0.0
         self._calibration.reset()
         self.trust[:] = 1.0
 
@@ -84,8 +84,8 @@ class Trials:
         compare(
             measured, u, usable, n_x, step_scale, residual, correction, *self._twin[:4],
             *self._twin[7:], self._row, self._x, self._base, self._push, self._head, self._short,
-            self._rest, self._age, self._scratch, self._sums, self.trust, self._promised,
-            *self._arrays,
+            self._rest, self._age, self._scratch, self._sums, self._prior, self.trust,
+            self._promised, *self._arrays,
         )
 
     def start(
@@ -124,7 +124,7 @@ def begin(  # type: ignore[no-untyped-def]
 def compare(  # type: ignore[no-untyped-def]
     measured, u, usable, n_x, step_scale, residual, correction, w1, b1, w2, b2,
     columns, reach, directions, row, x, base, push, head, short, rest, age, scratch,
-    sums, trust, promised, count, covariance, factor, calibrated
+    sums, prior, trust, promised, count, covariance, factor, calibrated
 ):
     """
     Advance every lane by a step and, if the measurement is `usable`, account for it.
@@ -147,9 +147,12 @@ def compare(  # type: ignore[no-untyped-def]
             continue
         for c in range(3):
             m, y = x[lane, c] - base[lane, c], measured[c] - base[lane, c]
-            sums[0, h, c] = FORGETTING * sums[0, h, c] + m * y
-            sums[1, h, c] = FORGETTING * sums[1, h, c] + m * m
-            trust[h, c] = min(max(sums[0, h, c] / max(sums[1, h, c], 1e-12), 0.0), 1.0)
+            sums[0, h, c] = _TRUST_FORGETTING * sums[0, h, c] + m * y
+            sums[1, h, c] = _TRUST_FORGETTING * sums[1, h, c] + m * m
+            sums[2, h, c] = _TRUST_FORGETTING * sums[2, h, c] + 1.0
+            share = sums[0, h, c] / max(sums[1, h, c], 1e-12)
+            weight = sums[2, h, c] / (sums[2, h, c] + prior)
+            trust[h, c] = min(max(1.0 + weight * (share - 1.0), 0.0), 1.0)
             error[c] = y - trust[h, c] * m
             surprise[c] = y - promised[lane, h, 0, c] * m
         learn(

@@ -62,9 +62,7 @@ def assemble(trained: Trained, part: Sequences, uses_imu: bool) -> Assembled:
     theta = np.zeros((3 + n_features, phi.shape[1]))
     theta[:3] = _head(network, mean, spread).T
     theta[3:] = np.linalg.solve(phi.T @ phi + np.eye(phi.shape[1]), phi.T @ change).T
-    refitted: tuple[FloatArray, ...] = ()
-    if network.encoder.level.shape[0]:
-        refitted = _refitted(theta, phi, target / scaling.step_scale)
+    refitted = _refitted(theta, phi, target / scaling.step_scale)
     program = to_torchscript(lift)
     model = Model(
         lifting=Lifting(program, input_size(network.history), n_features),
@@ -88,8 +86,9 @@ def _inputs(
 ) -> torch.Tensor:
     past = torch.arange(network.history + 1)
     x_row = x[rows[:, None] - past].reshape(len(rows), -1)
-    u_row = u[rows[:, None] - 1 - past[:-1]].reshape(len(rows), -1)
-    return torch.cat([x_row, u_row], dim=1)
+    if not network.history:
+        return x_row
+    return torch.cat([x_row, u[rows[:, None] - past].reshape(len(rows), -1)], dim=1)
 
 
 def _refitted(theta: FloatArray, phi: FloatArray, target: FloatArray) -> tuple[FloatArray, ...]:

@@ -28,13 +28,21 @@ from adk_ros.signals.score import noise_floor
 from adk_ros.train import checkpoint
 from adk_ros.train.dataset import Sequences, sequences
 from adk_ros.train.network import Network, as_tensor
-from adk_ros.train.quadratic import fit_quadratic
+from adk_ros.train.quadratic import Quadratic, fit_quadratic
 from adk_ros.train.settings import TrainSettings
 
 _CHECKPOINT_EVERY = 500
 _LEAST_ROWS = 800
 _VALIDATION_ROWS = 4096
 _QUADRATIC_RATE = 0.25
+_BESIDE_FORMS = 0.75
+"""Of the network's width and features, beside forms that do most of the work: to stay as fast."""
+_FORMS_MOST = 0.15
+"""
+Of the validation loss, where 1 is persistence, of forms not yet trained, for them to be kept. What
+three past states do not tell, forms fit to how the data were made: on recordings resampled from
+another rate they roll out wildly wherever the car does something new.
+"""
 _NOISE_SHARE, _LEAST_NOISE = 0.45, 0.02
 
 
@@ -147,25 +155,30 @@ def fit(
     change = np.diff(part.x_ref, axis=0)
     change = change[np.isfinite(change).all(axis=1)]
     scaling = Scaling.standard(part.x[part.rows], part.u[part.rows], change)
-    torch.manual_seed(settings.seed)
-    quadratic, noise = None, np.full(3, settings.noise)
-    if settings.quadratic:
-        x, x_ref = scaling.scale_x(part.x), scaling.scale_x(part.x_ref)
-        target = np.full_like(x, np.nan)
-        target[:-1] = (x_ref[1:] - x[:-1]) / scaling.step_scale
-        quadratic = fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, settings.history)
-        noise = input_noise(train, scaling, settings.noise)
-    network = Network(
-        settings.history, settings.hidden, settings.features, scaling.step_scale, quadratic
-    )
-    network.to(device)
-    trainer = _Trainer(
-        network, _Data(part, scaling, device), _Data(held, scaling, device), settings,
-        noise,
-    )
+    data, held_data = _Data(part, scaling, device), _Data(held, scaling, device)
+
+    def trainer_of(quadratic: Quadratic | None) -> _Trainer:
+        torch.manual_seed(settings.seed)
+        share, noise = 1.0, np.full(3, settings.noise)
+        if quadratic is not None:
+            share, noise = _BESIDE_FORMS, input_noise(train, scaling, settings.noise)
+        hidden, features = (max(1, int(share * n)) for n in (settings.hidden, settings.features))
+        network = Network(settings.history, hidden, features, scaling.step_scale, quadratic)
+        return _Trainer(network.to(device), data, held_data, settings, noise)
+
+    trainer = trainer_of(_forms(part, scaling, settings.history) if settings.quadratic else None)
+    if trainer.forms and not trainer.validate() < _FORMS_MOST:
+        trainer = trainer_of(None)
     key = checkpoint.fingerprint(settings, [*train, *validation])
     curve, best_step, early = trainer.run(key, checkpoint_path, on_step)
-    return Trained(network.to("cpu"), scaling, curve, best_step, early)
+    return Trained(trainer.network.to("cpu"), scaling, curve, best_step, early)
+
+
+def _forms(part: Sequences, scaling: Scaling, history: int) -> Quadratic:
+    x, x_ref = scaling.scale_x(part.x), scaling.scale_x(part.x_ref)
+    target = np.full_like(x, np.nan)
+    target[:-1] = (x_ref[1:] - x[:-1]) / scaling.step_scale
+    return fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, history)
 
 
 class _Trainer:
@@ -174,6 +187,7 @@ class _Trainer:
         noise: FloatArray,
     ) -> None:
         self.network, self.data, self.held, self.settings = network, data, held, settings
+        self.forms = network.encoder.level.shape[0] > 0
         longest = max(settings.short_steps, settings.long_steps)
         self.weight = 1.0 / data.persistence(longest)
         self.optimiser = torch.optim.AdamW(
@@ -200,7 +214,7 @@ class _Trainer:
         share = step / self.settings.steps
         shape = share / 0.1 if share < 0.1 else 0.5 * (1 + math.cos(math.pi * (share - 0.1) / 0.9))
         # The forms are near the solution already: smaller steps do not lose what they know.
-        share = _QUADRATIC_RATE if self.settings.quadratic else 1.0
+        share = _QUADRATIC_RATE if self.forms else 1.0
         return self.settings.learning_rate * share * max(shape, 1e-3)
 
     def run(

@@ -23,10 +23,10 @@ from adk_ros.train.quadratic import Quadratic
 
 class Encoder(nn.Module):
     """
-    Perceptron with two hidden softsign layers and a linear shortcut: (b, n) -> (b, m + k).
+    Perceptron with two hidden tanh layers and a linear shortcut: (b, n) -> (b, m + k).
 
-    Softsign because it is bounded, as features must be that are rolled out, and costs a division.
-    The last k features are not learned here: `quadratic` forms fitted by least squares.
+    tanh because it is bounded, as features must be that are rolled out, and but one call in
+    TorchScript. The last k features are not learned: `quadratic` forms fitted by least squares.
     """
 
     def __init__(
@@ -35,7 +35,6 @@ class Encoder(nn.Module):
         super().__init__()
         n = input_size(history)
         quadratic = quadratic or Quadratic.none(n)
-        self.columns = nn.Buffer(torch.from_numpy(quadratic.columns))
         self.reach = nn.Buffer(torch.from_numpy(quadratic.reach))
         self.directions = nn.Buffer(torch.from_numpy(quadratic.directions))
         self.weights = nn.Buffer(torch.from_numpy(quadratic.weights))
@@ -48,17 +47,17 @@ class Encoder(nn.Module):
         self.w3 = nn.Parameter(torch.randn(hidden, features) / hidden**0.5)
         self.b3 = nn.Parameter(torch.zeros(features))
         self.skip = nn.Parameter(torch.randn(n, features) * 0.1 / n**0.5)
-        self.activation = nn.Softsign()
 
     def forward(self, row: Tensor) -> Tensor:
         """Features (b, m + k) of input rows (b, n), columns as in `lifting.input_size`."""
-        first = self.activation(torch.addmm(self.b1, row, self.w1))
-        second = self.activation(torch.addmm(self.b2, first, self.w2))
+        inside = torch.clamp(row, -self.reach, self.reach)
+        first = torch.tanh(torch.addmm(self.b1, inside, self.w1))
+        second = torch.tanh(torch.addmm(self.b2, first, self.w2))
         learned = torch.addmm(torch.addmm(self.b3, second, self.w3), row, self.skip)
         if self.level.shape[0] == 0:
             return learned
-        inputs = torch.clamp(row.index_select(1, self.columns), -self.reach, self.reach)
-        known = torch.addmm(self.level, (inputs @ self.directions).square(), self.weights)
+        seen = torch.mm(inside, self.directions)
+        known = torch.addmm(self.level, seen * seen, self.weights)
         return torch.cat([learned, torch.addmm(known, row, self.linear)], dim=1)
 
 
@@ -82,20 +81,18 @@ class Lift(nn.Module):
         self.w2, self.b2 = _fixed(encoder.w2), _fixed(encoder.b2)
         self.w3, self.b3 = _fixed(w3 / spread), _fixed((b3 - mean) / spread)
         self.skip = _fixed(skip / spread)
-        self.columns, self.reach = _fixed(encoder.columns), _fixed(encoder.reach)
-        self.directions = _fixed(encoder.directions)
+        self.reach, self.directions = _fixed(encoder.reach), _fixed(encoder.directions)
         self.plain = squares == 0
 
     def forward(self, row: Tensor) -> Tensor:
         """Features (b, m + k) of input rows (b, n)."""
-        first = torch.addmm(self.b1, row, self.w1)
-        first = first / (1.0 + first.abs())
-        second = torch.addmm(self.b2, first, self.w2)
-        second = second / (1.0 + second.abs())
+        inside = torch.clamp(row, -self.reach, self.reach)
+        first = torch.tanh(torch.addmm(self.b1, inside, self.w1))
+        second = torch.tanh(torch.addmm(self.b2, first, self.w2))
         seen = second
         if not self.plain:
-            inputs = torch.clamp(row.index_select(1, self.columns), -self.reach, self.reach)
-            seen = torch.cat([second, (inputs @ self.directions).square()], dim=1)
+            forms = torch.mm(inside, self.directions)
+            seen = torch.cat([second, forms * forms], dim=1)
         return torch.addmm(torch.addmm(self.b3, seen, self.w3), row, self.skip)
 
 
@@ -125,7 +122,6 @@ class Network(nn.Module):
                 # The fitted forms predict the increments already: the rest begins at nothing.
                 self.head.zero_()
                 self.base[3 + features : 3 + features + fitted] = torch.eye(fitted)
-                self.base[3 + features + fitted : -1] = torch.from_numpy(quadratic.command)
 
     def roll_out(self, x_past: Tensor, u_past: Tensor, u_ahead: Tensor) -> Tensor:
         """
@@ -140,7 +136,9 @@ class Network(nn.Module):
         out = []
         for step in range(ahead):
             now, u = x_row[:, :3], u_ahead[:, step]
-            features = self.encoder(torch.cat([x_row, u_row], dim=1))
+            # Without a past there are no commands either, as in the paper.
+            row = torch.cat([x_row, u, u_row], dim=1) if self.history else x_row
+            features = self.encoder(row)
             phi = torch.cat([now, features, u, ones], dim=1)
             new = now + (phi @ (self.base + self.head)) * self.step_scale
             out.append(new)

@@ -3,7 +3,7 @@
 """
 Quadratic forms that predict the increments, fitted by least squares before anything is trained.
 
-    dx_k / s = c' Q c + l' v + B u_k + 1 b,   v = [x_k, x_(k-1), x_(k-2), u_(k-1), u_(k-2)] scaled
+    dx_k / s = c' Q c + l' v + 1 b,   v = [x_k, x_(k-1), x_(k-2), u_k, u_(k-1), u_(k-2)] scaled
 
 with c the same as v but held within what the training data show, so that the forms do not grow
 without bound outside of it. On noise-free data three past states tell nearly all there is to know,
@@ -23,9 +23,12 @@ from numpy.typing import NDArray
 from adk_ros.model.lifting import input_size
 from adk_ros.signals.channels import FloatArray, IntArray
 
-_PAST_STATES, _PAST_COMMANDS = 3, 2
-_RIDGE = 1e-11
-"""Per row, in units of scaled regressors: enough for the solution to exist."""
+_NEWEST = 3
+_RIDGES = 1e-11, 1e-8, 1e-8
+"""
+For v_x, v_y, yaw rate, per row, in units of scaled regressors. A weaker one makes v_y and yaw rate
+no better one step ahead, and worse in seconds; a stronger one costs v_x most of its digits.
+"""
 
 
 @dataclass(frozen=True)
@@ -33,18 +36,15 @@ class Quadratic:
     """
     Three forms of an encoder's input row (n,), float32.
 
-    `columns` (c,) of the row enter, held within +-`reach` (c,); `directions` (c, q), `weights`
-    (q, 3), `linear` (n, 3), `level` (3,). `command` (2, 3): the increments' share in u_k, which
-    is no input of the encoder.
+    The row enters held within +-`reach` (n,), what the training data show; `directions` (n, q),
+    `weights` (q, 3), `linear` (n, 3), `level` (3,).
     """
 
-    columns: IntArray
     reach: NDArray[np.float32]
     directions: NDArray[np.float32]
     weights: NDArray[np.float32]
     linear: NDArray[np.float32]
     level: NDArray[np.float32]
-    command: NDArray[np.float32]
 
     @staticmethod
     def none(n: int) -> Quadratic:
@@ -52,17 +52,15 @@ class Quadratic:
         def empty(*shape: int) -> Any:
             return np.zeros(shape, dtype=np.float32)
 
-        return Quadratic(
-            np.zeros(0, dtype=np.int64), empty(0), empty(0, 0), empty(0, 0), empty(n, 0), empty(0),
-            empty(2, 0),
-        )
+        wide = np.full(n, np.finfo(np.float32).max, dtype=np.float32)
+        return Quadratic(wide, empty(n, 0), empty(0, 0), empty(n, 0), empty(0))
 
 
 def input_columns(history: int) -> IntArray:
     """Columns of the encoder's input that hold v, see above; fewer for a shorter history."""
-    states = 3 * min(_PAST_STATES, history + 1)
-    commands = 2 * min(_PAST_COMMANDS, history)
-    first = 3 * (history + 1)
+    newest = min(_NEWEST, history + 1)
+    states, first = 3 * newest, 3 * (history + 1)
+    commands = 2 * newest if history else 0
     return np.concatenate([np.arange(states), np.arange(first, first + commands)])
 
 
@@ -77,23 +75,28 @@ def fit_quadratic(
     rows = rows[np.isfinite(target[rows]).all(axis=1)]
     columns = input_columns(history)
     past = [x[rows - j] for j in range(history + 1)]
-    past += [u[rows - 1 - j] for j in range(history)]
+    past += [u[rows - j] for j in range(history + 1)] if history else []
     inputs = np.concatenate(past, axis=1)[:, columns]
-    reach = np.abs(inputs).max(axis=0)
     i, j = np.triu_indices(columns.size)
     products = inputs[:, i] * inputs[:, j]
-    phi = np.hstack([products, inputs, u[rows], np.ones((rows.size, 1))])
+    phi = np.hstack([products, inputs, np.ones((rows.size, 1))])
     size = np.sqrt(np.mean(np.square(phi), axis=0)) + 1e-12
     phi /= size
-    normal = phi.T @ phi + _RIDGE * rows.size * np.eye(phi.shape[1])
-    solution = np.linalg.solve(normal, phi.T @ target[rows]) / size[:, None]
-    directions, weights = _forms(solution[: i.size], i, j, columns.size)
-    linear = np.zeros((input_size(history), 3))
+    gram, right = phi.T @ phi, phi.T @ target[rows]
+    solution = np.stack([
+        np.linalg.solve(gram + ridge * rows.size * np.eye(len(gram)), right[:, c]) / size
+        for c, ridge in enumerate(_RIDGES)
+    ], axis=1)
+    own, weights = _forms(solution[: i.size], i, j, columns.size)
+    n = input_size(history)
+    linear, directions, reach = np.zeros((n, 3)), np.zeros((n, own.shape[1])), np.zeros(n)
     linear[columns] = solution[i.size : i.size + columns.size]
+    directions[columns] = own
+    reach[:] = np.abs(np.concatenate(past, axis=1)).max(axis=0)
     single = np.float32
     return Quadratic(
-        columns, reach.astype(single), directions.astype(single), weights.astype(single),
-        linear.astype(single), solution[-1].astype(single), solution[-3:-1].astype(single),
+        reach.astype(single), directions.astype(single), weights.astype(single),
+        linear.astype(single), solution[-1].astype(single),
     )
 
 

@@ -14,12 +14,13 @@ class TrainSettings:
     """
     Settings of the default training.
 
-    `history`: past samples beside the state. `hidden`, `features`: sizes of the encoder.
+    `history`: past samples beside the state. `hidden`, `features`: sizes of the encoder,
+    three quarters of them beside quadratic forms.
     `steps`: updates of `batch` sequences each. The roll-out in the loss is `short_steps` long for
     the first `short_share` of the training and `long_steps` after. `noise`: deviation added to
     the past, in units of the usual change in one tick. `quadratic`: quadratic forms, fitted by
-    least squares, beside what is learned (`train.quadratic`): nearer to smooth data, slower;
-    trained at a quarter of the rate, with less noise where the data have less.
+    least squares, beside what is learned (`train.quadratic`), where they fit the data; trained at
+    a quarter of the rate, with less noise where the data have less.
     `weight_decay`: AdamW's, without which little data (three laps) is learned by heart.
     `patience`: validations without gain before the training stops early (never in the first
     stage). `device`: auto, cpu or cuda.
@@ -36,7 +37,7 @@ class TrainSettings:
     long_steps: int = 60
     short_share: float = 0.6
     noise: float = 0.25
-    quadratic: bool = False
+    quadratic: bool = True
     patience: int = 6
     validate_every: int = 200
     seed: int = 0

@@ -21,7 +21,7 @@ from adk_ros.model.evaluate import Rollouts, roll_out_record
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model
 from adk_ros.signals.channels import BoolArray, FloatArray, Record
-from adk_ros.signals.score import best_naive, naive_predictions, score
+from adk_ros.signals.score import naive_predictions, noise_floor, score
 from adk_ros.train.dataset import TRAIN, VALIDATION, Split
 
 _AHEAD = 80
@@ -31,7 +31,7 @@ _RIDGES = (300.0, 1000.0, 10000.0)
 _SLOW = ((0.0, 1.0), (0.02, 0.99), (0.05, 0.99), (0.05, 0.97), (0.1, 0.97))
 _FAST = ((0.0, 1.0), (0.3, 0.7), (0.3, 0.9), (0.6, 0.8), (1.0, 0.7), (1.0, 0.9))
 _OBSERVERS = (1.0, 0.6, 0.35, 0.2, 0.1)
-_TRIALS = len(_RIDGES) + len(_SLOW) + len(_FAST) + len(_OBSERVERS)
+_TRIALS = len(_RIDGES) + len(_SLOW) + len(_FAST) + 2 * len(_OBSERVERS)
 _QUICK = replace(
     Correction.none(), slow_gain=np.full(3, 0.05), slow_decay=np.full(3, 0.99)
 )
@@ -39,8 +39,11 @@ _QUICK = replace(
 _LOST = 4.0
 """Weight of how far a cell is behind the best naive predictor, beside the mean of all cells."""
 _TUNING_ROWS = 400
+_LEAST_SHARE = 0.05
+"""Of a square error that is not put down to the measurement's noise, which is an estimate."""
 
 Note = Callable[[str, int, int], None]
+Drives = list[tuple[Record, BoolArray]]
 
 
 def tune(
@@ -53,8 +56,8 @@ def tune(
     Choose theta0, ridge and correction on the validation part; set covariances, usual change.
 
     One after the other: theta0, the model's or one of `refitted`, and the ridge, by the mean over
-    all cells, then the slow disturbance, the fast one and the observer, each channel by its own
-    cells.
+    all cells, then the slow disturbance, the observer, the fast disturbance and the observer once
+    more, each channel by its own cells.
     """
     cases = _cases(split)
     done, total = 0, _TRIALS + (1 + len(refitted) if refitted else 0)
@@ -91,6 +94,8 @@ def tune(
 
     now, each = model.correction, np.ones(3)
     now = choose([replace(now, slow_gain=g * each, slow_decay=d * each) for g, d in _SLOW])
+    # Before the fast one: that would take noise back that the observer had better not let in.
+    now = choose([replace(now, observer_gain=g * each) for g in _OBSERVERS])
     now = choose([replace(now, fast_gain=g * each, fast_decay=d * each) for g, d in _FAST])
     now = choose([replace(now, observer_gain=g * each) for g in _OBSERVERS])
     model = replace(model, correction=now)
@@ -98,35 +103,63 @@ def tune(
     return replace(model, horizon_covariance=known, held_covariance=held)
 
 
-def _cases(split: Split) -> list[tuple[Record, BoolArray]]:
-    cases = []
+def _cases(split: Split) -> tuple[Drives, Drives]:
+    """The validation part as it is, and with another car's commands."""
+    same, other = [], []
     for record, parts in zip(split.records, split.parts, strict=True):
         scored = parts == VALIDATION
         if scored.any():
-            cases.append((record, scored))
+            same.append((record, scored))
             changed = record.u.mean(axis=0) + (record.u - record.u.mean(axis=0)) / _CHANGED_CAR
-            cases.append((replace(record, u=changed), scored))
-    return cases
+            other.append((replace(record, u=changed), scored))
+    return same, other
 
 
-def _ratio(model: Model, cases: list[tuple[Record, BoolArray]]) -> FloatArray:
-    """Log of RMSE over the best naive predictor's, (cases, steps, 3)."""
-    rows = sum(int(scored.sum()) for _, scored in cases)
+def _ratio(model: Model, cases: Sequence[Drives]) -> FloatArray:
+    """Log of RMSE over the best naive predictor's, (cases, steps, 3); a case's drives as one."""
+    rows = sum(int(scored.sum()) for drives in cases for _, scored in drives)
     stride = max(4, rows // _TUNING_ROWS)
     result = []
-    for record, scored in cases:
-        rolled = roll_out_record(model, record, None, scored, _AHEAD, stride)
-        if rolled.rows.size:
+    for drives in cases:
+        rolled = [
+            roll_out_record(model, record, None, scored, _AHEAD, stride)
+            for record, scored in drives
+        ]
+        rolled = [item for item in rolled if item.rows.size]
+        if rolled:
             result.append(np.log(_against_naive(rolled)))
     # Too short a validation part for a horizon: nothing to choose by, the first choice stands.
     return np.array(result) if result else np.zeros((1, 1, 3))
 
 
-def _against_naive(rolled: Rollouts) -> FloatArray:
-    ours = score(rolled.record, rolled.rows, rolled.predicted).rmse
-    naive = naive_predictions(rolled.record, rolled.rows, _AHEAD)
-    best = best_naive({k: score(rolled.record, rolled.rows, v) for k, v in naive.items()})
-    return ours / np.maximum(best, 1e-9)
+def _against_naive(rolled: Sequence[Rollouts]) -> FloatArray:
+    naive = [naive_predictions(item.record, item.rows, _AHEAD) for item in rolled]
+    count = [item.rows.size for item in rolled]
+    floors = np.square([noise_floor(item.record) for item in rolled])
+    noise = np.average(np.where(np.isfinite(floors), floors, 0.0), axis=0, weights=count)
+
+    def pooled(predicted: Sequence[FloatArray]) -> FloatArray:
+        rmse = [
+            score(item.record, item.rows, values).rmse
+            for item, values in zip(rolled, predicted, strict=True)
+        ]
+        return _without(noise, np.average(np.square(rmse), axis=0, weights=count))
+
+    # One that needs an IMU is no rival where some of the drives have none.
+    names = [name for name in naive[0] if all(name in each for each in naive)]
+    best = np.min([pooled([each[name] for each in naive]) for name in names], axis=0)
+    ours = pooled([item.predicted for item in rolled])
+    return np.asarray(np.sqrt(ours / np.maximum(best, 1e-18)))
+
+
+def _without(noise: FloatArray, square: FloatArray) -> FloatArray:
+    """
+    What a mean square error against a measurement (steps, 3) would be against the truth.
+
+    The noise of a tick to come is in nobody's prediction, so its square (3,) adds to everybody's;
+    left in, it hides what a filter gains.
+    """
+    return np.asarray(np.maximum(square - noise, _LEAST_SHARE * square))
 
 
 def usual_change(split: Split, ahead: int = _AHEAD) -> FloatArray:
