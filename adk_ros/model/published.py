@@ -66,10 +66,11 @@ class Published:
             if self._number % EVERY == 0:
                 lane = (self._number // EVERY) % self._lanes
         compare(state, usable, horizon, lane, self._kept, self._age, *self._arrays)
-        table = self._calibration.calibrated
+        table: FloatArray = self._calibration.calibrated
         if coasted:
-            return table[np.minimum(np.arange(horizon.shape[0]) + coasted, last)]
-        return table[: horizon.shape[0]].copy()
+            rows = np.minimum(np.arange(horizon.shape[0]) + coasted, last)
+            return np.asarray(table[rows])
+        return np.array(table[: horizon.shape[0]])
 
 
 @fast
@@ -79,7 +80,8 @@ def compare(  # type: ignore[no-untyped-def]
     """
     Hold `state` (3,) against the horizons of all lanes, and begin lane `new` if it is not -1.
 
-    `kept` (lanes, steps, 2, 3) holds horizons and the variances promised with them; a lane's next step is its `age`, -1 where it is done.
+    `kept` (lanes, steps, 2, 3) holds horizons and the variances promised with them; a lane's next
+    step is its `age`, -1 where it is done.
     """
     lanes, steps = kept.shape[0], kept.shape[1]
     error, variance = np.empty(3), np.empty(3)
