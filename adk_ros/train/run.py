@@ -20,7 +20,7 @@ from adk_ros.train.fit import Step, Trained, fit
 from adk_ros.train.heldout import HeldOut, Range, held_out
 from adk_ros.train.paper import fit_paper
 from adk_ros.train.settings import PaperSettings, TrainSettings
-from adk_ros.train.tune import horizon_covariance, tune
+from adk_ros.train.tune import horizon_covariances, tune
 
 Note = Callable[[str, int, int], None]
 
@@ -69,7 +69,10 @@ def run_training(
     trained: Trained | None = None
     if isinstance(settings, PaperSettings):
         built = fit_paper(train, settings, on_step)
-        model = replace(built.model, horizon_covariance=horizon_covariance(built.model, split))
+        known_commands, held_commands = horizon_covariances(built.model, split)
+        model = replace(
+            built.model, horizon_covariance=known_commands, held_covariance=held_commands
+        )
     else:
         checkpoint = checkpoint_of(out)
         trained = fit(train, validation, settings, on_step, checkpoint)
