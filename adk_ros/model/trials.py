@@ -28,7 +28,7 @@ from adk_ros.model.roll_out import advance, mix
 from adk_ros.signals.channels import FloatArray
 
 _TRUST_FORGETTING = 0.97
-"""A trial's weight per later trial: 33 trials, or 8 s. What is driven changes sooner than tyres."""
+"""A trial's weight per later trial: 33 trials, or 8 s. What is driven changes before tyres do."""
 
 
 class Trials:

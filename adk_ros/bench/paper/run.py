@@ -212,7 +212,9 @@ class _Pool:
                 os.environ[name] = value
         if kind is not None:
             end_all(set(multiprocessing.active_children()) - self._before)
-        self._executor.shutdown(wait=kind is None, cancel_futures=True)
+        # To the end, even of a pool that is broken: its thread, still closing a pipe when the
+        # interpreter leaves, would leave a traceback.
+        self._executor.shutdown(wait=True, cancel_futures=True)
 
     def run(
         self, todo: list[Job], what: str, progress: Progress | None, note: Note | None
