@@ -30,7 +30,7 @@ def test_perceptron_is_the_torch_module(
 ) -> None:
     torch.manual_seed(history)
     encoder = random_lift(history, hidden, features)
-    scratch = np.empty((2, max(hidden + 5, input_size(history))), np.float32)
+    scratch = np.empty((2, hidden + 5 + input_size(history)), np.float32)
     out = np.empty(features, np.float32)
     for scale in (0.0, 0.1, 1.0, 30.0):
         row = (scale * random.normal(size=input_size(history))).astype(np.float32)

@@ -57,12 +57,12 @@ def last_layer_input(  # type: ignore[no-untyped-def]
     row, w1, b1, w2, b2, columns, reach, directions, first, out
 ):
     """
-    out (>= h + q,): the second hidden layer and q squares; `first` (>= h, >= n) is scratch.
+    out (>= h + q,): the second hidden layer and q squares; `first` (>= h + n,) is scratch.
 
     Of the row held within +-`reach` (n,). The squares are of directions' c, c its `columns`.
     """
-    held = np.empty(row.shape[0], np.float32)
-    for i in range(row.shape[0]):
+    held = first[b2.shape[0] :]
+    for i in range(reach.shape[0]):
         held[i] = min(max(row[i], -reach[i]), reach[i])
     hidden_layer(held, w1, b1, first)
     hidden_layer(first, w2, b2, out)
@@ -83,7 +83,7 @@ def perceptron(  # type: ignore[no-untyped-def]
     """
     out (m,) = w3' [s(w2' s(w1' row + b1) + b2); squares] + b3 + skip' row with s = tanh.
 
-    `scratch` (2, >= h + q, >= n).
+    `scratch` (2, >= h + q + n).
     """
     last_layer_input(
         row, w1, b1, w2, b2, columns, reach, directions, scratch[0], scratch[1]

@@ -146,7 +146,7 @@ class Lifting:
         if [a.shape for a in twin.arrays()] != shapes:
             return None
         probes = np.random.default_rng(0).normal(0.0, 1.5, (16, n_in)).astype(np.float32)
-        scratch = np.empty((2, max(hidden + squares, n_in)), dtype=np.float32)
+        scratch = np.empty((2, hidden + squares + n_in), dtype=np.float32)
         out = np.empty(n_features, dtype=np.float32)
         for probe in probes:
             perceptron(probe, *twin.arrays(), scratch, out)

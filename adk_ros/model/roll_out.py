@@ -103,7 +103,7 @@ def roll_out_lifting(  # type: ignore[no-untyped-def]
     n_x, last = 3 * x_past.shape[0], u_ahead.shape[0] - 1
     row = np.empty(n, dtype=np.float32)
     fill_row(x_past, u_past, row)
-    first = np.empty(max(seen, n), dtype=np.float32)
+    first = np.empty(seen + n, dtype=np.float32)
     second = np.empty(seen, dtype=np.float32)
     head, short = np.empty((3, seen), dtype=np.float32), np.empty((3, n), dtype=np.float32)
     rest = np.empty((3, 3))

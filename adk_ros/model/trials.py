@@ -54,7 +54,7 @@ class Trials:
         self._short = np.zeros((lanes, 3, n), np.float32)
         self._rest = np.zeros((lanes, 3, 3))
         self._age = np.full(lanes, -1)
-        self._scratch = np.zeros((2, max(seen, n)), np.float32)
+        self._scratch = np.zeros((2, seen + n), np.float32)
         self._prior = prior
         self._sums = np.zeros((3, steps, 3))
         self._promised = np.zeros((lanes, steps, 2, 3))

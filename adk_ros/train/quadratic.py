@@ -103,8 +103,10 @@ def fit_quadratic(
 def _forms(
     coefficients: FloatArray, i: IntArray, j: IntArray, size: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Upper triangles (m, 3) of three forms -> directions (size, 3 size), weights (3 size, 3)."""
-    directions, weights = np.zeros((size, 3 * size)), np.zeros((3 * size, 3))
+    """Upper triangles (m, 3) of three forms -> directions (size, q), weights (q, 3)."""
+    # Filled up with nothing: a vector unit takes eight at a time, and single ones are slow.
+    squares = -(-3 * size // 8) * 8
+    directions, weights = np.zeros((size, squares)), np.zeros((squares, 3))
     for c in range(3):
         form = np.zeros((size, size))
         form[i, j] = coefficients[:, c]
