@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Open-loop predictions along a bag, by a trained model or by the 7-DoF model: `rollouts.csv`.
+Open-loop predictions along a bag, by a trained model or by a physics model: `rollouts.csv`.
 
 From every start, the prediction under the bag's own commands. Measurements up to the start may be
 used, none after it: a trained model adapts up to each start, the 7-DoF model starts from the
@@ -17,8 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from adk_ros.drives import Drive
+from adk_ros.drives import Drive, DriveOptions
 from adk_ros.errors import DataError, UsageError
+from adk_ros.mismatch.model_file import load_stand_in
+from adk_ros.mismatch.open_loop import Roller, start_times
+from adk_ros.mismatch.reading import read_evidence
 from adk_ros.model.evaluate import sample_at
 from adk_ros.model.predictor import Model, Predictor
 from adk_ros.plant.params import Vehicle, load_vehicle, vehicles
@@ -91,6 +94,29 @@ def roll_out(
     if rows.size == 0:
         raise DataError(f"{record.name}: the model could not predict from any start")
     return since_s[rows], predicted
+
+
+def roll_out_stand_in(
+    model: Path,
+    bag: Path,
+    options: DriveOptions,
+    steps: int,
+    stride_s: float,
+    progress: Progress | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Return starts and predictions as `roll_out` does, by a model that `adk mismatch` wrote.
+
+    :raises UsageError: the file or the bag cannot be read.
+    :raises DataError: the bag lacks a stream, or there is no start.
+    """
+    stand_in = load_stand_in(model)
+    evidence = read_evidence(
+        bag, options.imu if options.use_imu else "", options.odometry, options.command,
+        options.sensors, progress, needs_imu=False,
+    )
+    starts = start_times(evidence, steps, stride_s, FIRST_START_S)
+    return starts, Roller(stand_in.content, evidence).predict(starts, steps)
 
 
 def start_rows(record: Record, since_s: FloatArray, steps: int, stride_s: float) -> IntArray:

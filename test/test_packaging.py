@@ -31,7 +31,7 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
-VERBS = ["train", "replay", "play", "echo", "rollout", "info", "simulate", "bench"]
+VERBS = ["train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench"]
 PYTHONS = ["3.10", "3.11", "3.12", "3.13", "3.14"]
 
 # rosdep key -> (what pip calls it, what Python calls it).

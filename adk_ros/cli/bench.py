@@ -12,13 +12,14 @@ from typing import Annotated, Any
 
 import typer
 
-from adk_ros.cli import bench_paper, console
+from adk_ros.cli import bench_concealed, bench_paper, console
 from adk_ros.cli.options import JsonOption
 
 app = typer.Typer(
     help="Measure speed, endurance and accuracy.", no_args_is_help=True, rich_markup_mode=None
 )
 app.command("paper")(bench_paper.paper)
+app.command("concealed")(bench_concealed.concealed)
 ModelChoice = Annotated[
     Path | None, typer.Option(help="model folder; default: one trained for the purpose")
 ]

@@ -22,6 +22,7 @@ from adk_ros.cli import (
     demo,
     echo,
     info,
+    mismatch,
     play,
     replay,
     rollout,
@@ -64,6 +65,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "rollout": rollout.rollout,
     "info": info.info,
     "simulate": simulate.simulate,
+    "mismatch": mismatch.mismatch,
     "demo": demo.demo,
 }
 _INTERRUPTED = 128 + signal.SIGINT
@@ -130,6 +132,7 @@ echo_main = _verb_main("echo")
 rollout_main = _verb_main("rollout")
 info_main = _verb_main("info")
 simulate_main = _verb_main("simulate")
+mismatch_main = _verb_main("mismatch")
 bench_main = _verb_main("bench")
 
 if __name__ == "__main__":

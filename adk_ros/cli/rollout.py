@@ -19,11 +19,14 @@ from adk_ros.cli.options import (
     ParamsOption,
     drive_options,
 )
+from adk_ros.signals.channels import FloatArray
 
 
 def rollout(
     model: Annotated[
-        Path, typer.Option(help="folder that 'adk train' wrote, or a vehicle's YAML or name")
+        Path,
+        typer.Option(help="folder that 'adk train' wrote, a vehicle's YAML or name, or the YAML "
+                     "that 'adk mismatch' wrote"),
     ],
     bag: Annotated[Path, typer.Option(help="the recording to start from")],
     out: Annotated[Path, typer.Option(help="CSV file to write")],
@@ -42,10 +45,17 @@ def rollout(
     Example: adk rollout --model models/handling --bag bags/town --horizon 1 --out rollouts.csv
     """
     from adk_ros.drives import read_drive
+    from adk_ros.mismatch.model_file import is_stand_in
     from adk_ros.model import artefact
-    from adk_ros.rollouts import find_vehicle, horizon_steps, roll_out, write_csv
+    from adk_ros.rollouts import find_vehicle, horizon_steps, roll_out, roll_out_stand_in
 
     steps = horizon_steps(horizon, stride)
+    if is_stand_in(model):
+        options = drive_options(imu, odometry, command, no_imu, params, None)
+        with console.progress(f"reading {bag.name}") as bar:
+            starts, predicted = roll_out_stand_in(model, bag, options, steps, stride, bar)
+        _done(out, starts, predicted, as_json)
+        return
     loaded = artefact.load(model) if model.is_dir() else None
     predicting = loaded.model if loaded else find_vehicle(model)
     sensors = loaded.manifest["training"].get("sensors") if loaded else None
@@ -55,10 +65,17 @@ def rollout(
     console.tell(drive, loaded.model.uses_imu if loaded else False)
     with console.progress("rolling out") as bar:
         starts, predicted = roll_out(predicting, drive, steps, stride, bar)
+    _done(out, starts, predicted, as_json)
+
+
+def _done(out: Path, starts: FloatArray, predicted: FloatArray, as_json: bool) -> None:
+    from adk_ros.rollouts import write_csv
+
     write_csv(out, starts, predicted)
+    steps = int(predicted.shape[1])
     if as_json:
         console.answer({
-            "out": str(out), "starts": int(starts.size), "steps": int(predicted.shape[1]),
+            "out": str(out), "starts": int(starts.size), "steps": steps,
         })
         return
     console.note(

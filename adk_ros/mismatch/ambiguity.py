@@ -1,0 +1,112 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a drive cannot tell apart: for each effect found, others that would explain as much.
+
+Each rival takes the effect's place in the hypothesis and is fitted. It is an alternative if its
+loss is no more than a margin above: the margin is what chance allows, plus what the inexact form
+of the effect's equation allows (a share of what the effect explains). Some pairs are the same
+physics on any drive, and are alternatives in any case.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.mismatch.catalogue import EFFECTS
+from adk_ros.mismatch.effect import ALWAYS, PLACE, Effect
+from adk_ros.mismatch.likelihood import Active, Hypothesis, Likelihood
+from adk_ros.mismatch.screen import Screen
+
+MARGIN = 12.0
+MARGIN_SHARE = 2e-4
+_TRIED = 4
+_QUICK = 5
+
+SAME: dict[str, tuple[str, ...]] = {
+    "drive_torque_gain": ("wheel_radius",),
+    "wheel_radius": ("drive_torque_gain",),
+}
+"""What no drive of one car can tell apart."""
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A hypothesis that was beaten by `behind` in loss, with another effect in one's place."""
+
+    of: str
+    name: str
+    behind: float
+    fitted: Active
+    alternative: bool
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How sure an effect is: what its absence would cost, and its rivals, closest first."""
+
+    gain: float
+    rivals: tuple[Rival, ...]
+
+    @property
+    def alternatives(self) -> list[str]:
+        """Names that the data cannot tell from it."""
+        return [rival.name for rival in self.rivals if rival.alternative]
+
+    def confidence(self) -> float:
+        """Return the share of belief, between 0 and 1, that the name is the right one."""
+        scale = 2.0 * (1.0 + MARGIN_SHARE * self.gain / MARGIN) * 3.0
+        others = sum(float(np.exp(-max(r.behind, 0.0) / scale)) for r in self.rivals)
+        chance = float(np.exp(-max(self.gain, 0.0) / 20.0))
+        return min(0.99, 1.0 / (1.0 + others + chance))
+
+
+def standing(likelihood: Likelihood, h: Hypothesis, which: int) -> Standing:
+    """Return how sure effect `which` of a hypothesis is."""
+    active = h.actives[which]
+    others = [a for i, a in enumerate(h.actives) if i != which]
+    without = likelihood.fit(others, h.tolerances, 6, None, 1e-4)
+    gain = without.cost - h.cost
+    margin = MARGIN + MARGIN_SHARE * max(gain, 0.0)
+    known = likelihood.tolerance_columns(h)
+    screen = Screen(likelihood, without, likelihood.tolerance_columns(without))
+    scope = PLACE if active.gate.kind == PLACE else ALWAYS
+    tried: list[tuple[float, Active]] = []
+    taken = {a.effect.name for a in h.actives}
+    for effect in EFFECTS.values():
+        if effect.name in taken or scope not in effect.scopes:
+            continue
+        first = screen.effect(effect, active.gate)[0]
+        likely = effect.name in active.effect.confused or effect.name in SAME.get(
+            active.effect.name, ()
+        )
+        tried.append((first.gain * (4.0 if likely else 1.0), first.active))
+    tried.sort(key=lambda x: -x[0])
+    rivals = []
+    for _, start in tried[:_TRIED]:
+        fitted = likelihood.fit([*others, start], h.tolerances, _QUICK, known, 1e-5)
+        behind = fitted.cost - h.cost
+        if behind < 20.0 * margin:
+            fitted = likelihood.fit(fitted.actives, fitted.tolerances, 6, None, 1e-5)
+            behind = fitted.cost - h.cost
+        name = start.effect.name
+        same = name in SAME.get(active.effect.name, ())
+        near = (behind < margin or same) and fitted.actives[-1].material()
+        rivals.append(Rival(active.effect.name, name, behind, fitted.actives[-1], near))
+    rivals.sort(key=lambda r: r.behind)
+    return Standing(gain, tuple(rivals))
+
+
+def better_name(active: Active, deviation: tuple[float, ...]) -> Effect:
+    """
+    Return the effect that an equal one is rather called by.
+
+    A bias that the gyro does not share is as good as a tilt, and a tilt has no gyro bias.
+    """
+    if active.effect.name == "imu_bias":
+        gyro = active.effect.parameters[2]
+        if not gyro.material(active.inner[2]) or abs(active.inner[2]) < 3.0 * deviation[2]:
+            return EFFECTS["imu_tilt"]
+    return active.effect

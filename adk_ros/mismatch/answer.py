@@ -1,0 +1,90 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The machine's answer, `mismatch.json`, and the folder that holds it with all the rest."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from adk_ros.mismatch.effect import PLACE, TIME
+from adk_ros.mismatch.findings import Findings, FoundEffect
+from adk_ros.mismatch.report.folder import into_folder
+from adk_ros.mismatch.report.page import FIGURES, PAGE, write_page
+
+SCHEMA = 1
+ANSWER, SIMULATION, CORRECTED = "mismatch.json", "simulation.yaml", "corrected.yaml"
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.6g}") if math.isfinite(value) else None
+
+
+def where_text(effect: FoundEffect) -> str:
+    """Return where an effect acts, in words."""
+    if effect.kind == PLACE:
+        parts = ", ".join(f"{a:.0f} to {b:.0f} m" for a, b in effect.stretches)
+        return f"at a place: {parts} along the lap, every lap"
+    if effect.kind == TIME:
+        return f"from {effect.onset_s or 0.0:.1f} s on"
+    return effect.effect.where
+
+
+def as_dict(findings: Findings) -> dict[str, Any]:
+    """Return the answer as the contract has it."""
+    effects = []
+    for effect in findings.effects:
+        effects.append({
+            "name": effect.effect.name,
+            "confidence": effect.confidence,
+            "alternatives": effect.alternatives,
+            "parameters": {
+                name: {
+                    "value": _number(x.value), "low": _number(x.low), "high": _number(x.high),
+                    "unit": x.unit,
+                }
+                for name, x in effect.parameters.items()
+            },
+            "where": {
+                "kind": effect.kind, "time_intervals_s": effect.time_intervals_s,
+                "text": where_text(effect),
+            },
+            "equations": list(effect.effect.equations),
+        })
+    answer: dict[str, Any] = {
+        "schema": SCHEMA,
+        "verdict": findings.verdict,
+        "effects": effects,
+        "fit": {
+            "horizon_s": findings.horizon_s,
+            "held_out": True,
+            "before": {name: _number(x) for name, x in findings.before.items()},
+            "after": {name: _number(x) for name, x in findings.after.items()},
+        },
+        "identifiability": {"groups": findings.groups, "suggest": findings.suggestion},
+    }
+    if findings.unexplained is not None:
+        rest = findings.unexplained
+        answer["unexplained"] = {
+            "equations": rest.equations, "share": rest.share, "text": rest.text,
+            "expression": rest.expression,
+        }
+    return answer
+
+
+def write_report(findings: Findings, out: Path) -> None:
+    """
+    Write the answer, its page with figures and both models into the folder `out`: all or none.
+
+    Raises `UsageError` where it cannot be written.
+    """
+    with into_folder(out, FIGURES, (ANSWER, PAGE)) as staged:
+        texts = {
+            ANSWER: json.dumps(as_dict(findings), indent=2) + "\n",
+            SIMULATION: findings.simulation_yaml, CORRECTED: findings.corrected_yaml,
+        }
+        for name, text in texts.items():
+            (staged / name).write_text(text, encoding="utf-8")
+        write_page(findings, staged)

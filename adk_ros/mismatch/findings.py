@@ -1,0 +1,107 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the tool has found: all that the machine's answer and a person's report are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from adk_ros.mismatch.ambiguity import Rival
+from adk_ros.mismatch.effect import Effect
+from adk_ros.mismatch.places import PlaceMap
+from adk_ros.mismatch.unknown import Piece
+from adk_ros.signals.channels import FloatArray
+
+NONE, EXPLAINED, UNKNOWN = "none", "explained", "unknown"
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A parameter's value with its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """
+    One effect that the recording has and the simulation lacks.
+
+    `gain` is what the loss would rise without it; `rivals` what was tried in its place;
+    `stretches` (begin, end) in m along the lap where it is bound to a place.
+    """
+
+    effect: Effect
+    parameters: dict[str, Interval]
+    confidence: float
+    alternatives: list[str]
+    kind: str
+    time_intervals_s: list[list[float]]
+    gain: float
+    rivals: tuple[Rival, ...]
+    stretches: tuple[tuple[float, float], ...] = ()
+    onset_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """A remainder, by what it depends on: see `unknown`."""
+
+    equations: list[str]
+    share: float
+    text: str
+    expression: str
+    pieces: tuple[Piece, ...] = ()
+
+
+@dataclass(frozen=True)
+class Series:
+    """
+    What a report draws: all in bins of 40 ms, SI.
+
+    `time_s` (b,); `x`, `y` (b,) the pose; `signals` by name (b,): v_x, v_y, yaw_rate, a_x, a_y,
+    torque, delta; `before`, `after` (6, b) residuals of `evidence.CHANNELS` of the stand-in and
+    of the corrected model; `noise` (6,) of a bin; `distance` (b,) along the lap, if there is one.
+    """
+
+    time_s: FloatArray
+    x: FloatArray
+    y: FloatArray
+    signals: dict[str, FloatArray]
+    before: FloatArray
+    after: FloatArray
+    noise: FloatArray
+    distance: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Findings:
+    """
+    The whole answer.
+
+    `before`, `after`: root mean square errors (v_x, v_y, yaw rate) `horizon_s` ahead, on the last
+    part of the recording, which the parameters of `after` were not fitted to. `losses` the loss
+    of the best hypothesis with 0, 1, 2, ... effects; `level` the number of residuals, which a
+    perfect model's loss would be about. `simulation_yaml`, `corrected_yaml` the models' files.
+    """
+
+    verdict: str
+    effects: list[FoundEffect]
+    unexplained: Unexplained | None
+    horizon_s: float
+    before: dict[str, float]
+    after: dict[str, float]
+    groups: list[list[str]]
+    suggestion: str
+    simulation_yaml: str
+    corrected_yaml: str
+    series: Series
+    stand_in_error: dict[str, float]
+    losses: list[tuple[str, float]]
+    level: float
+    lap_m: float | None = None
+    maps: list[PlaceMap] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)

@@ -1,0 +1,222 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The whole way from two recordings to findings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from adk_ros.mismatch.checks import check, check_alike, check_vehicle, torque_mass
+from adk_ros.mismatch.course import BIN, Course, prepare
+from adk_ros.mismatch.effect import PLACE
+from adk_ros.mismatch.evidence import CHANNELS, Evidence
+from adk_ros.mismatch.findings import NONE, Findings, Series
+from adk_ros.mismatch.lap import Lap, find_lap
+from adk_ros.mismatch.likelihood import TOLERANCES, Active, Hypothesis, Likelihood
+from adk_ros.mismatch.model_file import StandInFile, content_of
+from adk_ros.mismatch.nominal import Nominal
+from adk_ros.mismatch.open_loop import errors_ahead
+from adk_ros.mismatch.parameters import HIGH, LOW
+from adk_ros.mismatch.search import search
+from adk_ros.mismatch.standin import StandIn, identify
+from adk_ros.mismatch.unknown import MARK, Remainder, signals_of
+from adk_ros.mismatch.verdict import Verdict, judge
+from adk_ros.plant.yaml_file import validate
+from adk_ros.signals.channels import STATE_NAMES, FloatArray
+
+HORIZON_S = 1.0
+WHEEL_RADIUS = 0.325
+"""m, where no vehicle is given: mass and radius act as one on torque."""
+HELD_OUT = 0.25
+"""Last share of the recording, on which the improvement is measured."""
+
+Progress = Callable[[float, float, str], None]
+
+
+def investigate(
+    simulation: Evidence,
+    recording: Evidence,
+    nominal: Nominal | None = None,
+    progress: Progress | None = None,
+) -> Findings:
+    """
+    Find out what `recording` has that `simulation` leaves out.
+
+    Without a `nominal` vehicle one is assumed, and its masses and lengths are identified as far as
+    the simulation shows them. `progress` is called with (done, total, what). Raises
+    `DataError` for recordings that no finding can be drawn from.
+    """
+    tell = progress or (lambda done, total, text: None)
+    check(simulation)
+    check(recording)
+    check_alike(simulation, recording)
+    if nominal is not None:
+        check_vehicle(nominal, simulation)
+    tell(0.0, 10.0, "identifying the simulator")
+    stand_in = identify(
+        prepare(simulation), (nominal or assumed(simulation)).parameters(),
+        lambda done, total: tell(2.0 * done / total, 10.0, "identifying the simulator"),
+        body_known=nominal is not None,
+    )
+    course = prepare(recording)
+    lap = find_lap(course)
+    likelihood = Likelihood.of(course, stand_in)
+    found = search(
+        likelihood, lap, lambda done, total, text: tell(2.0 + 5.0 * done / total, 10.0, text)
+    )
+    tell(7.0, 10.0, "judging rivals")
+    verdict = judge(likelihood, found)
+    tell(9.0, 10.0, "driving on held-out data")
+    plain = content_of(stand_in.parameters)
+    corrected = _corrected(stand_in, verdict, verdict.hypothesis, lap)
+    before, after = _improvement(likelihood, stand_in, verdict, lap)
+    groups = [[e.effect.name, *e.alternatives] for e in verdict.effects if e.alternatives]
+    suggestions = [e.effect.manoeuvre for e in verdict.effects if e.alternatives]
+    tell(10.0, 10.0, "done")
+    return Findings(
+        verdict=verdict.word, effects=verdict.effects, unexplained=verdict.unexplained,
+        horizon_s=HORIZON_S, before=before, after=after, groups=groups,
+        suggestion="; ".join(s for s in suggestions if s),
+        simulation_yaml=plain, corrected_yaml=corrected,
+        series=_series(course, likelihood, stand_in, verdict.hypothesis, lap),
+        stand_in_error=dict(zip(CHANNELS, (float(x) for x in stand_in.error), strict=True)),
+        losses=[("+".join(level[0].names) or NONE, level[0].cost) for level in found.levels],
+        level=found.noise, lap_m=None if lap is None else lap.length, maps=found.maps,
+        notes=_notes(nominal, lap),
+    )
+
+
+def assumed(simulation: Evidence) -> Nominal:
+    """Return a middling car as heavy as the simulation's answer to torque says."""
+    mass = min(max(torque_mass(simulation, WHEEL_RADIUS) or 1600.0, 200.0), 4e4)
+    return Nominal(
+        mass=mass, yaw_inertia=1.75 * mass, cg_to_front_axle=1.3, cg_to_rear_axle=1.4,
+        track_width=1.6, wheel_radius=WHEEL_RADIUS,
+    )
+
+
+def _notes(nominal: Nominal | None, lap: Lap | None) -> list[str]:
+    notes = []
+    if nominal is None:
+        notes.append(
+            "no --vehicle: masses and lengths are what the simulation shows of them, with wheels "
+            f"of {WHEEL_RADIUS:g} m"
+        )
+    if lap is None:
+        notes.append(
+            "no place is passed twice: nothing can be said of what is bound to a place"
+        )
+    return notes
+
+
+def _where(active: Active, lap: Lap | None) -> dict[str, Any]:
+    gate = active.gate
+    if gate.kind != PLACE or lap is None:
+        out: dict[str, Any] = {"kind": gate.kind}
+        if gate.onset_s is not None:
+            out["onset_s"] = round(gate.onset_s, 3)
+        return out
+    line = np.column_stack([lap.line_s, lap.line])
+    return {
+        "kind": PLACE,
+        "lap": round(lap.length, 3),
+        "stretches": [[round(a, 2), round(b, 2)] for a, b in gate.stretches],
+        "line": [[round(float(x), 4) for x in row] for row in line],
+    }
+
+
+def _corrected(
+    stand_in: StandIn, verdict: Verdict, h: Hypothesis, lap: Lap | None
+) -> str:
+    """Return the corrected model's file: stand-in, build tolerances, vehicle effects."""
+    k = len(TOLERANCES)
+    vector = np.clip(stand_in.parameters + h.tolerances[k:] @ stand_in.unsure, LOW, HIGH)
+    terms = [
+        {
+            "effect": a.effect.name,
+            "parameters": {name: float(f"{value:.8g}") for name, value in a.values().items()},
+            "where": _where(a, lap),
+        }
+        for a in h.actives
+        # What a sensor makes up is not the vehicle's.
+        if not a.effect.sensor and not a.effect.name.startswith(MARK)
+    ]
+    return content_of(
+        vector, dict(zip(TOLERANCES, (float(x) for x in h.tolerances[:k]), strict=True)), terms,
+        _correction(verdict.remainder, h),
+    )
+
+
+def _correction(remainder: Remainder | None, h: Hypothesis) -> list[dict[str, Any]]:
+    if remainder is None:
+        return []
+    fitted = {a.effect.name: a.inner[0] for a in remainder.hypothesis.actives}
+    now = {a.effect.name: a.inner[0] for a in h.actives}
+    out = []
+    for piece in remainder.pieces:
+        name = f"{MARK}{piece.equation}:{piece.feature}"
+        # The same scale as when the piece was found, the coefficient as it is fitted now.
+        share = now[name] / fitted[name] if fitted[name] else 1.0
+        out.append({
+            "equation": piece.equation, "feature": piece.feature,
+            "coefficient": float(f"{piece.coefficient * share:.8g}"),
+        })
+    return out
+
+
+def _parsed(text: str) -> StandInFile:
+    import yaml  # type: ignore[import-untyped, unused-ignore]
+
+    return validate("model", yaml.safe_load(text), StandInFile)
+
+
+def _improvement(
+    likelihood: Likelihood, stand_in: StandIn, verdict: Verdict, lap: Lap | None
+) -> tuple[dict[str, float], dict[str, float]]:
+    """
+    Return the errors ahead before and after, on the last part of the recording.
+
+    What was found is fitted anew to the part before it.
+    """
+    course = likelihood.course
+    from_s = course.evidence.duration_s * (1.0 - HELD_OUT)
+    part = Likelihood.of(course, stand_in, from_s)
+    h = verdict.hypothesis
+    early = part.fit(h.actives, h.tolerances, 3, None, 1e-4)
+    before = errors_ahead(
+        _parsed(content_of(stand_in.parameters)), course.evidence, HORIZON_S, from_s
+    )
+    after = errors_ahead(
+        _parsed(_corrected(stand_in, verdict, early, lap)), course.evidence, HORIZON_S, from_s
+    )
+    return _named(before), _named(after)
+
+
+def _named(values: FloatArray) -> dict[str, float]:
+    return dict(zip(STATE_NAMES, (float(x) for x in values), strict=True))
+
+
+def _binned(course: Course, values: FloatArray) -> FloatArray:
+    row = np.minimum(
+        ((course.middle_s - course.start_s) / BIN + 1e-6).astype(np.int64), course.bins - 1
+    )
+    count = np.maximum(np.bincount(row, minlength=course.bins), 1)
+    return np.asarray(np.bincount(row, values, course.bins) / count)
+
+
+def _series(
+    course: Course, likelihood: Likelihood, stand_in: StandIn, h: Hypothesis, lap: Lap | None
+) -> Series:
+    p, terms = likelihood.setting(h.tolerances, h.actives)
+    out = course.run(p, terms)
+    signals = {name: _binned(course, x) for name, x in signals_of(course, out).items()}
+    return Series(
+        time_s=course.bin_s, x=_binned(course, course.pose[:, 0]),
+        y=_binned(course, course.pose[:, 1]), signals=signals,
+        before=course.residuals(stand_in.parameters), after=course.residuals(p, terms, out=out),
+        noise=course.sigma / np.sqrt(np.maximum(np.median(course.counts, axis=1), 1.0)),
+        distance=None if lap is None else _binned(course, lap.unwrapped) % lap.length,
+    )

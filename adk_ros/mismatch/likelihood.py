@@ -1,0 +1,298 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+How well a stand-in with some effects explains a recording: one likelihood over all channels.
+
+The residuals of `course`, over their noise, are whitened channel by channel with an autoregressive
+filter. Its spectrum is that of the sensors' white noise plus that of the stand-in's own error on
+the simulation, where nothing is missing: what the stand-in cannot say of the simulator is no
+evidence of missing physics. The car may differ from the nominal one by build tolerance in a dozen
+parameters, each with a prior and a hard bound; without the bound they swallow effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.mismatch.course import Course, Terms
+from adk_ros.mismatch.effect import Effect
+from adk_ros.mismatch.fit import Fit, Unknowns, minimise
+from adk_ros.mismatch.gates import ALL, Gate
+from adk_ros.mismatch.parameters import HIGH, INDEX, LOW
+from adk_ros.mismatch.standin import StandIn
+from adk_ros.signals.channels import FloatArray
+
+TOLERANCES = (
+    "mass", "yaw_inertia", "cg_to_front_axle", "cg_to_rear_axle", "cg_height", "stiffness_f",
+    "stiffness_r", "grip_f", "grip_r", "wheel_radius", "drag_area", "rolling",
+)
+"""Parameters in which one built car differs from the next."""
+TOLERANCE = 0.004
+"""Usual relative spread of those."""
+TOLERANCE_MOST = 0.012
+TOLERANCE_STEP = 0.002
+SETTLING_S = 1.0
+"""Beginning of a recording that is not judged: the stand-in's state has yet to settle."""
+EDGE_STEP = 1.0
+"""m, of differences with respect to a place's ends."""
+ONSET_STEP = 0.1
+_ORDER = 30
+_UNSURE_MOST = 3.0
+_UNSURE_STEP = 0.2
+
+_WHERE = np.array([INDEX[name] for name in TOLERANCES])
+
+
+@dataclass(frozen=True)
+class Active:
+    """An effect at work: its fitted variables (one a parameter) and where it acts."""
+
+    effect: Effect
+    inner: tuple[float, ...]
+    gate: Gate = ALL
+
+    def values(self) -> dict[str, float]:
+        """Return parameter name -> value, as a person reads it."""
+        return {
+            parameter.name: parameter.value(x)
+            for parameter, x in zip(self.effect.parameters, self.inner, strict=True)
+        }
+
+    def material(self) -> bool:
+        """Whether any parameter is more than build tolerance."""
+        return any(
+            parameter.material(x)
+            for parameter, x in zip(self.effect.parameters, self.inner, strict=True)
+        )
+
+
+def whitener(
+    course: Course, own_error: FloatArray, order: int = _ORDER
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Return prediction-error filters (6, order + 1) for residuals over noise, and shares (6,).
+
+    A share is that of the stand-in's own error in the variance of its channel.
+
+    `own_error` (6, bins) is what the stand-in leaves of the simulation. Solves the Yule-Walker
+    equations of the sum of both autocovariances, in units of the sensors' noise in a bin.
+    """
+    filters = np.zeros((6, order + 1))
+    shares = np.zeros(6)
+    per_bin = course.sigma / np.sqrt(np.maximum(np.median(course.counts, axis=1), 1.0))
+    for channel in range(6):
+        error = own_error[channel] / per_bin[channel]
+        error = np.clip(error - error.mean(), -5.0, 5.0)
+        n = error.shape[0]
+        covariance = np.array([error[: n - k] @ error[k:] / n for k in range(order + 1)])
+        shares[channel] = covariance[0] / (1.0 + covariance[0])
+        covariance[0] += 1.0
+        toeplitz = covariance[np.abs(np.subtract.outer(np.arange(order), np.arange(order)))]
+        ahead = np.linalg.solve(toeplitz, covariance[1:])
+        left = covariance[0] - ahead @ covariance[1:]
+        filters[channel] = np.concatenate([[1.0], -ahead]) / np.sqrt(max(left, 1e-6))
+    return filters, shares
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Effects with a fit: `x` holds the tolerances, then the effects' variables in order."""
+
+    actives: tuple[Active, ...]
+    tolerances: FloatArray
+    cost: float
+    fit: Fit | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The effects' names."""
+        return tuple(active.effect.name for active in self.actives)
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """A course, the stand-in's parameters, and how residuals are weighed."""
+
+    course: Course
+    parameters: FloatArray
+    weights: FloatArray
+    filters: FloatArray
+    unsure: FloatArray
+    own_share: FloatArray
+    """(6,) share of the stand-in's own error in what a clean recording leaves, by channel."""
+    until_s: float = np.inf
+
+    @classmethod
+    def of(cls, course: Course, stand_in: StandIn, until_s: float = np.inf) -> Likelihood:
+        """Return the likelihood of a recording; of its part before `until_s`."""
+        weights = course.weights()
+        outside = (course.bin_s < course.start_s + SETTLING_S) | (course.bin_s >= until_s)
+        weights[:, outside] = 0.0
+        filters, shares = whitener(course, stand_in.residuals)
+        return cls(
+            course, stand_in.parameters, weights, filters, stand_in.unsure, shares, until_s
+        )
+
+    def level(self, e: FloatArray) -> float:
+        """
+        Return the loss that residuals `e` would have with nothing missing, at most.
+
+        One for each, and as much again of what is the stand-in's own error: on another route it
+        may be twice what it was in the simulation.
+        """
+        own = self.own_share * np.count_nonzero(self.weights, axis=1)
+        return float(np.count_nonzero(e) + own.sum())
+
+    @property
+    def nuisances(self) -> int:
+        """Number of nuisance variables: tolerances, then what the simulation left open."""
+        return len(TOLERANCES) + int(self.unsure.shape[0])
+
+    def base(self, tolerances: FloatArray) -> FloatArray:
+        """Return the stand-in's vector with the nuisances: relative, then in deviations."""
+        k = len(TOLERANCES)
+        p = np.clip(self.parameters + tolerances[k:] @ self.unsure, LOW, HIGH)
+        p[_WHERE] *= 1.0 + tolerances[:k]
+        return np.asarray(p)
+
+    def setting(
+        self, tolerances: FloatArray, actives: Sequence[Active]
+    ) -> tuple[FloatArray, Terms]:
+        """Return the vector and the terms that a run takes; what always acts is in the vector."""
+        base = self.base(tolerances)
+        p = base.copy()
+        index, amount, gate = [], [], []
+        gates = [np.ones(self.course.steps)]
+        for active in actives:
+            row = 0
+            if not active.gate.always:
+                gates.append(active.gate.series(self.course))
+                row = len(gates) - 1
+            for parameter, inner in zip(active.effect.parameters, active.inner, strict=True):
+                for i, size in parameter.amounts(inner, base):
+                    if row == 0:
+                        p[i] += size
+                    else:
+                        index.append(i)
+                        amount.append(size)
+                        gate.append(row)
+        return p, Terms(
+            np.array(index, dtype=np.int64), np.array(amount, dtype=np.float64),
+            np.array(gate, dtype=np.int64), np.array(gates),
+        )
+
+    def residuals(self, tolerances: FloatArray, actives: Sequence[Active]) -> FloatArray:
+        """Return all whitened residuals as one vector, the ways driven last."""
+        p, terms = self.setting(tolerances, actives)
+        e = self.white(self.course.residuals(p, terms))
+        ways = self.course.way_residuals(p)
+        keep = int(min(ways.shape[0], max(0.0, (self.until_s - self.course.start_s) / 2.0)))
+        return np.concatenate([e.ravel(), ways[:keep]])
+
+    def white(self, residuals: FloatArray) -> FloatArray:
+        """Return residuals (6, bins) over their noise, whitened."""
+        scaled = residuals * self.weights
+        out = np.empty_like(scaled)
+        n = scaled.shape[1]
+        for channel in range(6):
+            out[channel] = np.convolve(scaled[channel], self.filters[channel])[:n]
+        out[self.weights == 0.0] = 0.0
+        return out
+
+    def fit(
+        self, actives: Sequence[Active], tolerances: FloatArray | None = None,
+        iterations: int = 8, known: FloatArray | None = None, settled: float = 1e-5,
+        edges: bool = False,
+    ) -> Hypothesis:
+        """
+        Fit tolerances and the effects' variables together, starting from those given.
+
+        `known` (m, nuisances): derivatives with respect to the tolerances, taken as they are,
+        which is much faster. With `edges`, where the effects act is fitted as well.
+        """
+        unknowns = self._unknowns(actives, tolerances, edges)
+        k = self.nuisances
+
+        def residuals(x: FloatArray) -> FloatArray:
+            return self.residuals(x[:k], replaced(actives, x[k:], edges))
+
+        found = minimise(residuals, unknowns, iterations, settled, known)
+        return Hypothesis(
+            tuple(replaced(actives, found.x[k:], edges)), found.x[:k].copy(), found.cost, found
+        )
+
+    def _unknowns(
+        self, actives: Sequence[Active], tolerances: FloatArray | None, edges: bool
+    ) -> Unknowns:
+        k = self.nuisances
+        start = list(np.zeros(k) if tolerances is None else tolerances)
+        high = list(self.nuisance_bounds())
+        low = [-x for x in high]
+        step = list(self.nuisance_steps())
+        for active in actives:
+            for parameter, inner in zip(active.effect.parameters, active.inner, strict=True):
+                start.append(inner)
+                bounds = parameter.bounds()
+                low.append(bounds[0])
+                high.append(bounds[1])
+                step.append(parameter.step)
+            for value in active.gate.variables() if edges else ():
+                start.append(value)
+                room = 0.5 * active.gate.lap if active.gate.stretches else 1e4
+                low.append(value - room)
+                high.append(value + room)
+                step.append(EDGE_STEP if active.gate.stretches else ONSET_STEP)
+        loose = len(start) - k
+        return Unknowns(
+            np.array(start), np.array(low), np.array(high), np.array(step), np.zeros(k + loose),
+            np.concatenate([self.nuisance_deviations(), np.full(loose, np.inf)]),
+        )
+
+    def tolerance_columns(self, of: Hypothesis) -> FloatArray:
+        """Return the residuals' derivatives (m, nuisances) with respect to the nuisances."""
+        e = self.residuals(of.tolerances, of.actives)
+        out = np.empty((e.shape[0], self.nuisances))
+        for j, step in enumerate(self.nuisance_steps()):
+            moved = of.tolerances.copy()
+            moved[j] += step
+            out[:, j] = (self.residuals(moved, of.actives) - e) / step
+        return out
+
+    def nuisance_steps(self) -> FloatArray:
+        """Return the steps of differences with respect to the nuisances."""
+        left_open = np.full(self.unsure.shape[0], _UNSURE_STEP)
+        return np.concatenate([np.full(len(TOLERANCES), TOLERANCE_STEP), left_open])
+
+    def nuisance_bounds(self) -> FloatArray:
+        """Return the most that each nuisance may be, either way."""
+        left_open = np.full(self.unsure.shape[0], _UNSURE_MOST)
+        return np.concatenate([np.full(len(TOLERANCES), TOLERANCE_MOST), left_open])
+
+    def nuisance_deviations(self) -> FloatArray:
+        """Return the prior standard deviations of the nuisances."""
+        return np.concatenate(
+            [np.full(len(TOLERANCES), TOLERANCE), np.ones(self.unsure.shape[0])]
+        )
+
+
+def replaced(
+    actives: Sequence[Active], values: FloatArray, edges: bool = False
+) -> list[Active]:
+    """Return the effects with their fitted variables replaced, in order."""
+    out, rest = [], [float(v) for v in values]
+    for active in actives:
+        inner, rest = tuple(rest[: len(active.inner)]), rest[len(active.inner) :]
+        gate = active.gate
+        if edges:
+            count = len(gate.variables())
+            gate, rest = gate.with_variables(rest[:count]), rest[count:]
+        out.append(Active(active.effect, inner, gate))
+    return out
+
+
+def neutral(effect: Effect, gate: Gate = ALL) -> Active:
+    """Return an effect that does not act."""
+    return Active(effect, tuple(p.inner_neutral for p in effect.parameters), gate)

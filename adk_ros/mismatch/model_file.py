@@ -1,0 +1,165 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The stand-in as a YAML file, with the terms that were found, and back.
+
+A file holds every entry of the parameter vector by name; the build tolerances that the recording
+showed (relative); terms, each an effect of the catalogue with its parameters and where it acts;
+and a correction by features, for what no effect explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml  # type: ignore[import-untyped, unused-ignore]
+from pydantic import Field, model_validator
+
+from adk_ros.mismatch.catalogue import EFFECTS
+from adk_ros.mismatch.correction import FEATURES
+from adk_ros.mismatch.parameters import ENTRIES, INDEX, NAMES, usual
+from adk_ros.plant.yaml_file import FileModel, load, read
+from adk_ros.signals.channels import FloatArray
+
+KIND = "stand_in"
+
+
+class Where(FileModel):
+    """
+    Where a term acts.
+
+    At a place: stretches (begin, end) in m along a lap, whose line is given as rows of distance,
+    x, y (m) and heading (rad) in the frame of the recording's odometry. From a time on, a term
+    found in one recording acts throughout any other.
+    """
+
+    kind: Literal["always", "place", "time"] = "always"
+    onset_s: float | None = None
+    lap: float | None = Field(default=None, gt=0.0, le=1e6)
+    stretches: list[list[float]] = Field(default_factory=list)
+    line: list[list[float]] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _complete(self) -> Where:
+        if self.kind == "place" and not (self.lap and self.stretches and self.line):
+            raise ValueError("a place needs lap, stretches and line")
+        if any(len(stretch) != 2 for stretch in self.stretches):
+            raise ValueError("a stretch is [begin, end]")
+        if any(len(row) != 4 for row in self.line):
+            raise ValueError("a row of the line is [distance, x, y, heading]")
+        return self
+
+
+class Term(FileModel):
+    """An effect of the catalogue at work."""
+
+    effect: str
+    parameters: dict[str, float]
+    where: Where = Where()
+
+    @model_validator(mode="after")
+    def _known(self) -> Term:
+        if self.effect not in EFFECTS:
+            raise ValueError(f"effect '{self.effect}' is not in the catalogue")
+        wanted = {p.name for p in EFFECTS[self.effect].parameters}
+        if set(self.parameters) != wanted:
+            raise ValueError(f"effect '{self.effect}' takes {', '.join(sorted(wanted))}")
+        return self
+
+
+class Correction(FileModel):
+    """What a feature adds to an equation: `coefficient` times the feature, SI."""
+
+    equation: Literal["v_x", "v_y", "yaw_rate"]
+    feature: str
+    coefficient: float
+
+    @model_validator(mode="after")
+    def _known(self) -> Correction:
+        if self.feature not in FEATURES:
+            raise ValueError(f"feature '{self.feature}' is unknown")
+        return self
+
+
+class StandInFile(FileModel):
+    """The content of `simulation.yaml` and `corrected.yaml`."""
+
+    kind: Literal["stand_in"]
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    parameters: dict[str, float]
+    tolerances: dict[str, float] = Field(default_factory=dict)
+    terms: list[Term] = Field(default_factory=list)
+    correction: list[Correction] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _names(self) -> StandInFile:
+        for name in (*self.parameters, *self.tolerances):
+            if name not in INDEX:
+                raise ValueError(f"parameter '{name}' is unknown")
+        for name, value in self.parameters.items():
+            entry = ENTRIES[name]
+            if not entry.low <= value <= entry.high:
+                raise ValueError(f"{name} must be {entry.low:g} to {entry.high:g}, got {value:g}")
+        return self
+
+    def vector(self) -> FloatArray:
+        """Return the parameter vector with the tolerances, terms apart."""
+        p = usual()
+        for name, value in self.parameters.items():
+            p[INDEX[name]] = value
+        for name, share in self.tolerances.items():
+            p[INDEX[name]] *= 1.0 + share
+        return p
+
+
+@dataclass(frozen=True)
+class Source:
+    """A model that was loaded, with its name for messages."""
+
+    name: str
+    content: StandInFile
+
+
+def is_stand_in(path: Path) -> bool:
+    """
+    Whether a YAML file is a stand-in's and not a vehicle's.
+
+    Raises `UsageError` for a file that cannot be read.
+    """
+    return path.is_file() and read(path, "model")[1].get("kind") == KIND
+
+
+def load_stand_in(path: Path) -> Source:
+    """
+    Load a stand-in's YAML.
+
+    Raises `UsageError`, one line naming the file and the key.
+    """
+    return Source(path.name, load(path, "stand-in", StandInFile))
+
+
+def content_of(
+    vector: FloatArray, tolerances: dict[str, float] | None = None,
+    terms: list[dict[str, Any]] | None = None, correction: list[dict[str, Any]] | None = None,
+) -> str:
+    """Return a stand-in's file as text."""
+    content: dict[str, Any] = {
+        "kind": KIND,
+        "schema": 1,
+        "parameters": {name: _short(vector[i]) for i, name in enumerate(NAMES)},
+    }
+    if tolerances:
+        content["tolerances"] = {name: _short(x) for name, x in tolerances.items()}
+    if terms:
+        content["terms"] = terms
+    if correction:
+        content["correction"] = correction
+    text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=96)
+    return text
+
+
+def _short(value: float) -> float:
+    return float(np.format_float_positional(value, 8, unique=False, fractional=False))

@@ -1,0 +1,240 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Open-loop predictions by the stand-in: from what was measured so far, under known commands.
+
+Up to each start the model runs along with odometry, drawn towards each message by a fixed gain;
+from there on it runs alone. Measurements after a start are not used by it. A place is where the
+car comes to by its own predicted speed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.errors import DataError
+from adk_ros.mismatch.catalogue import EFFECTS
+from adk_ros.mismatch.correction import values
+from adk_ros.mismatch.course import SPACING, integral
+from adk_ros.mismatch.evidence import Evidence
+from adk_ros.mismatch.gates import at_stretches
+from adk_ros.mismatch.kernel import (
+    A_X,
+    A_Y,
+    OUTPUTS,
+    S_STEER,
+    S_STEER_MORE,
+    S_V_X,
+    S_V_Y,
+    S_YAW_RATE,
+    STATE_SIZE,
+    V_X,
+    V_Y,
+    YAW_RATE,
+    simulate,
+)
+from adk_ros.mismatch.lap import on_line
+from adk_ros.mismatch.model_file import StandInFile
+from adk_ros.signals.channels import TICK_NS, FloatArray, IntArray
+
+FIRST_START_S = 2.0
+STEP = 0.005
+PER_TICK = 5
+GAINS = np.array([0.1, 0.15, 0.15])
+"""Share of a message's difference that is made up at once: v_x, v_y, yaw rate."""
+_FAR = 30.0
+"""m; farther than this from a place's line, the car is somewhere else."""
+_PASSES = 2
+_PLAY = S_STEER_MORE + 1
+
+
+@dataclass(frozen=True)
+class _Gated:
+    """Terms at places: entries, amounts, and of each which place."""
+
+    index: IntArray
+    amount: FloatArray
+    gate: IntArray
+
+
+class Roller:
+    """A stand-in's file ready to predict along one drive."""
+
+    def __init__(self, model: StandInFile, evidence: Evidence) -> None:
+        self.model = model
+        self.evidence = evidence
+        e = evidence
+        end = float(max(e.odometry_s[-1], e.command_s[-1])) + 1.0
+        self.torques = integral(e.command_s, e.command[:, 0], SPACING, end)
+        self.angles = integral(e.command_s, e.command[:, 1], SPACING, end)
+        self.base = model.vector()
+        self.places = [t.where for t in model.terms if t.where.kind == "place"]
+        index, amount, gate = [], [], []
+        vector = self.base.copy()
+        for term in model.terms:
+            placed = term.where.kind == "place"
+            for parameter in EFFECTS[term.effect].parameters:
+                inner = parameter.inner(term.parameters[parameter.name])
+                for i, size in parameter.amounts(inner, self.base):
+                    if placed:
+                        index.append(i)
+                        amount.append(size)
+                        gate.append(1 + self.places.index(term.where))
+                    else:
+                        vector[i] += size
+        self.vector = vector
+        self.gated = _Gated(
+            np.array(index, dtype=np.int64), np.array(amount, dtype=np.float64),
+            np.array(gate, dtype=np.int64),
+        )
+        self.names = sorted({c.feature for c in model.correction})
+        self.coefficients = np.zeros((len(self.names), 3))
+        equations = ("v_x", "v_y", "yaw_rate")
+        for c in model.correction:
+            row = self.names.index(c.feature)
+            self.coefficients[row, equations.index(c.equation)] += c.coefficient
+        self.lines = [np.array(place.line) for place in self.places]
+
+    def _gates(self, s_of: list[FloatArray], n: int) -> FloatArray:
+        gates = np.ones((1 + len(self.places), n))
+        for row, (place, s) in enumerate(zip(self.places, s_of, strict=True), start=1):
+            where = tuple((a, b) for a, b in place.stretches)
+            gates[row] = np.nan_to_num(at_stretches(s, where, place.lap or 1.0))
+        return gates
+
+    def _run(
+        self, state: FloatArray, start: float, n: int, measured: FloatArray, gates: FloatArray,
+        extra: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        out, states = np.empty((OUTPUTS, n)), np.empty((n + 1, 6))
+        simulate(
+            self.vector, self.gated.index, self.gated.amount, self.gated.gate, gates,
+            self.torques, self.angles, SPACING, start - float(self.evidence.command_s[0]), STEP,
+            np.empty(0), measured, GAINS, extra, state, out, states,
+        )
+        return out, states
+
+    def _extra(self, out: FloatArray, start: float) -> FloatArray:
+        """Return the correction (n, 3) along a run that was made without it, or with an older."""
+        n = out.shape[1]
+        at = start - float(self.evidence.command_s[0]) + STEP * np.arange(n + 1)
+        grid = SPACING * np.arange(self.torques.shape[0])
+        torque = np.diff(np.interp(at, grid, self.torques)) / STEP
+        delta = np.diff(np.interp(at, grid, self.angles)) / STEP
+        signals = {
+            "v_x": out[V_X], "v_y": out[V_Y], "yaw_rate": out[YAW_RATE], "a_x": out[A_X],
+            "a_y": out[A_Y], "torque": torque, "delta": delta,
+        }
+        return np.ascontiguousarray(values(self.names, signals) @ self.coefficients)
+
+    def predict(
+        self, starts_s: FloatArray, ticks: int, ticks_phase_s: float = 0.0
+    ) -> FloatArray:
+        """
+        Return (n, ticks, 3): v_x, v_y, yaw rate at 1 to `ticks` ticks after each start.
+
+        `starts_s` (n,) ascending, seconds from the bag's first message.
+        """
+        e = self.evidence
+        out = np.empty((starts_s.shape[0], ticks, 3))
+        now = max(float(starts_s[0]) - 3.0, float(e.odometry_s[0]))
+        now = float(starts_s[0]) - STEP * np.floor((float(starts_s[0]) - now) / STEP)
+        state = np.zeros(STATE_SIZE)
+        first = max(int(np.searchsorted(e.odometry_s, now + 1e-9)) - 1, 0)
+        state[[S_V_X, S_V_Y, S_YAW_RATE]] = e.odometry[first]
+        angle = e.command[max(int(np.searchsorted(e.command_s, now + 1e-9)) - 1, 0), 1]
+        state[[S_STEER, S_STEER_MORE, _PLAY]] = angle
+        ahead = ticks * PER_TICK
+        silent = np.full((ahead, 3), np.nan)
+        none = np.empty((0, 3))
+        for i, start in enumerate(starts_s):
+            n = round((start - now) / STEP)
+            if n > 0:
+                state = self._follow(state, now, n)
+            now = float(start)
+            s0 = self._places_at(now)
+            speed = state[S_V_X]
+            along = [s + speed * STEP * (np.arange(ahead) + 0.5) for s in s0]
+            extra = none
+            passes = 1 + (_PASSES if self.places or self.names else 0)
+            for _ in range(passes):
+                run, states = self._run(
+                    state.copy(), now, ahead, silent, self._gates(along, ahead), extra
+                )
+                along = [s + np.cumsum(run[V_X]) * STEP for s in s0]
+                if self.names:
+                    extra = self._extra(run, now)
+            out[i] = states[PER_TICK::PER_TICK, :3]
+        return out
+
+    def _follow(self, state: FloatArray, now: float, n: int) -> FloatArray:
+        """Return the state after `n` steps along with the measurements of that time."""
+        e = self.evidence
+        measured = np.full((n, 3), np.nan)
+        first, last = np.searchsorted(e.odometry_s, [now + 1e-9, now + n * STEP + 1e-9])
+        # A message counts in the step that it falls into: never before it is there.
+        row = np.clip(((e.odometry_s[first:last] - now) / STEP - 1e-6).astype(int), 0, n - 1)
+        measured[row] = e.odometry[first:last]
+        along = [
+            np.full(n, s) + state[S_V_X] * STEP * (np.arange(n) + 0.5)
+            for s in self._places_at(now)
+        ]
+        gates = self._gates(along, n)
+        before = state.copy()
+        out, _ = self._run(state, now, n, measured, gates, np.empty((0, 3)))
+        if self.names:
+            state = before
+            self._run(state, now, n, measured, gates, self._extra(out, now))
+        return state
+
+    def _places_at(self, now: float) -> list[FloatArray]:
+        """Return the distance along each place's lap by the last pose before `now`, or NaN."""
+        e = self.evidence
+        i = max(int(np.searchsorted(e.odometry_s, now + 1e-9)) - 1, 0)
+        since = now - e.odometry_s[i]
+        return [
+            np.asarray(on_line(line, place.lap or 1.0, e.pose[i], _FAR) + since * e.odometry[i, 0])
+            for place, line in zip(self.places, self.lines, strict=True)
+        ]
+
+
+def start_times(evidence: Evidence, ticks: int, stride_s: float, from_s: float) -> FloatArray:
+    """
+    Return starts (n,): every `stride_s` from `from_s` on, on the tick grid, commands known.
+
+    Raises `DataError` where there is none.
+    """
+    phase = (-evidence.start_ns % TICK_NS) * 1e-9
+    tick = TICK_NS * 1e-9
+    last = min(evidence.duration_s, float(evidence.command_s[-1]) + 2.0 * tick) - ticks * tick
+    wanted = np.arange(from_s, last + 1e-9, stride_s)
+    starts = np.unique(phase + tick * np.ceil((wanted - phase) / tick - 1e-6))
+    starts = starts[starts <= last + 1e-9]
+    # A start needs a measurement just before it.
+    before = np.searchsorted(evidence.odometry_s, starts + 1e-9) - 1
+    fresh = (before >= 0) & (starts - evidence.odometry_s[np.maximum(before, 0)] < 0.1)
+    starts = starts[fresh]
+    if starts.size == 0:
+        raise DataError(
+            f"{evidence.name}: from no start after {from_s:g} s are commands known for "
+            f"{ticks * tick:g} s: give a longer bag, or a shorter --horizon"
+        )
+    return np.asarray(starts)
+
+
+def errors_ahead(
+    model: StandInFile, evidence: Evidence, horizon_s: float, from_s: float,
+    stride_s: float = 0.5,
+) -> FloatArray:
+    """Return the root mean square error (3,) at the end of the horizon, on a part of a drive."""
+    ticks = round(horizon_s / (TICK_NS * 1e-9))
+    starts = start_times(evidence, ticks, stride_s, max(from_s, FIRST_START_S))
+    predicted = Roller(model, evidence).predict(starts, ticks)[:, -1]
+    at = starts + horizon_s
+    inside = at <= evidence.odometry_s[-1]
+    measured = np.column_stack(
+        [np.interp(at, evidence.odometry_s, evidence.odometry[:, i]) for i in range(3)]
+    )
+    return np.asarray(np.sqrt(np.mean((predicted - measured)[inside] ** 2, axis=0)))

@@ -1,0 +1,166 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Effects that are bound to a place: a map over the lap, then stretches with edges.
+
+The lap is cut into bins. What an effect changes it changes within half a second, so that one run
+with the effect everywhere, cut into the bins, tells what it would change in each; a ridge
+regression with a smoothness prior then gives its size along the lap, and dynamic programming the
+stretches of one common size. Size and edges are then fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from adk_ros.mismatch.effect import PLACE, Effect
+from adk_ros.mismatch.gates import EDGE, Gate
+from adk_ros.mismatch.lap import Lap
+from adk_ros.mismatch.likelihood import Active, Hypothesis, Likelihood
+from adk_ros.mismatch.screen import Screen
+from adk_ros.signals.channels import BoolArray, FloatArray
+
+BINS = 90
+_SIZES = {"low_friction": (-0.15,), "crosswind": (4.0,), "headwind": (4.0,)}
+AMOUNTS = tuple(sign * 0.12 * 1.35**k for sign in (1.0, -1.0) for k in range(16))
+"""Sizes that are tried, in the sizes of the derivatives."""
+PER_STRETCH = 16.0
+MOST_STRETCHES = 6
+_WIDE = 24.0
+_RIDGE = 0.03
+
+
+@dataclass(frozen=True)
+class PlaceMap:
+    """An effect's size (bins,) along the lap, less its neutral value; `at` (bins,) m."""
+
+    effect: str
+    at: FloatArray
+    size: FloatArray
+
+
+def stretches(mask: BoolArray, lap: float) -> tuple[tuple[float, float], ...]:
+    """Return the (begin, end) in m of runs of True on a ring of bins."""
+    n = mask.shape[0]
+    if mask.all() or not mask.any():
+        return ()
+    width = lap / n
+    out = []
+    begins = np.flatnonzero(mask & ~np.roll(mask, 1))
+    for begin in begins:
+        count = 1
+        while mask[(begin + count) % n]:
+            count += 1
+        out.append((float(begin * width), float((begin + count) * width)))
+    return tuple(out)
+
+
+def candidate(
+    screen: Screen, effect: Effect, lap: Lap
+) -> tuple[tuple[float, Active] | None, PlaceMap]:
+    """
+    Return the best stretches for `effect` with their linear gain, if any, and its map.
+
+    For an amount a of the effect, bin b gains 2 a n_b - a^2 d_b, n and d its part of the normal
+    equation; `best_mask` takes the bins that pay, and the best of `AMOUNTS` is kept.
+    """
+    size = _SIZES.get(effect.name, (effect.parameters[0].step * 5.0,))[0]
+    neutral = effect.parameters[0].inner_neutral
+    width = lap.length / BINS
+    course = screen.likelihood.course
+    everywhere = screen.column(Active(effect, (neutral + size,)))
+    whole = everywhere[: 6 * course.bins].reshape(6, course.bins)
+    bin_of = np.floor(np.interp(course.bin_s, course.middle_s, lap.unwrapped) / width)
+    stacked = np.zeros((everywhere.shape[0], BINS))
+    for b in range(BINS):
+        there = bin_of.astype(np.int64) % BINS == b
+        stacked[: 6 * course.bins, b] = (whole * there).ravel()
+    free = screen.clean(stacked)
+    normal = free.T @ free
+    usual = float(np.median(np.diag(normal)))
+    smooth = 2.0 * np.eye(BINS) - np.roll(np.eye(BINS), 1, axis=0) - np.roll(np.eye(BINS), -1, 0)
+    penalty = _RIDGE * usual * (smooth + 0.02 * np.eye(BINS))
+    profile = np.linalg.solve(normal + penalty, -(free.T @ screen.left))
+    at = np.asarray((np.arange(BINS) + 0.5) * width, dtype=np.float64)
+    place_map = PlaceMap(effect.name, at, np.asarray(profile * size))
+    low, high = effect.parameters[0].bounds()
+    weight, right = np.diag(normal), -(free.T @ screen.left)
+    best: tuple[float, Active] | None = None
+    for amount in AMOUNTS:
+        if not low <= neutral + size * amount <= high:
+            continue
+        mask = best_mask(2.0 * amount * right - amount**2 * weight, PER_STRETCH)
+        where = stretches(mask, lap.length)
+        if not 0 < len(where) <= MOST_STRETCHES:
+            continue
+        solved, gain = screen.solve(stacked[:, mask].sum(axis=1)[:, None])
+        gain -= PER_STRETCH * len(where)
+        if best is None or gain > best[0]:
+            inner = float(np.clip(neutral + size * solved[0], low, high))
+            gate = Gate(stretches=where, lap=lap.length, distance=lap.distance)
+            best = (gain, Active(effect, (inner,), gate))
+    return best, place_map
+
+
+def best_mask(gain: FloatArray, per_stretch: float) -> BoolArray:
+    """
+    Return which bins of a ring (n,) to take for the largest sum of gains less a price a stretch.
+
+    By dynamic programming over two states, once for each state that the ring may begin in. Bins
+    that say nothing join what lies around them, since a stretch more costs more than they do.
+    """
+    n = gain.shape[0]
+    best_total, best = 0.0, np.zeros(n, dtype=bool)
+    own = gain - 1e-3
+    for first in (0, 1):
+        value = np.array([0.0, -np.inf]) if first == 0 else np.array([-np.inf, own[0]])
+        came = np.zeros((n, 2), dtype=np.int64)
+        for k in range(1, n):
+            off = (value[0], value[1])
+            on = (value[0] - per_stretch, value[1])
+            came[k] = int(off[1] > off[0]), int(on[1] >= on[0])
+            value = np.array([max(off), max(on) + own[k]])
+        # Round the ring: what ends off and begins on begins a stretch there.
+        if first == 1:
+            value[0] -= per_stretch
+        state = int(np.argmax(value))
+        total = float(value[state])
+        if total <= best_total:
+            continue
+        mask = np.zeros(n, dtype=bool)
+        for k in range(n - 1, -1, -1):
+            mask[k] = state == 1
+            state = int(came[k, state])
+        best_total, best = total, mask
+    return best
+
+
+def refine(
+    likelihood: Likelihood, start: Hypothesis, known: FloatArray, iterations: int = 5
+) -> Hypothesis:
+    """Fit sizes and edges, the edges wide at first so that they feel how far off they are."""
+    wide = [
+        replace(a, gate=replace(a.gate, edge=_WIDE)) if a.gate.kind == PLACE else a
+        for a in start.actives
+    ]
+    coarse = likelihood.fit(wide, start.tolerances, iterations, known, edges=True)
+    sharp = [
+        replace(a, gate=replace(_merged(a.gate), edge=EDGE)) if a.gate.kind == PLACE else a
+        for a in coarse.actives
+    ]
+    return likelihood.fit(sharp, coarse.tolerances, iterations, known, edges=True)
+
+
+def _merged(gate: Gate) -> Gate:
+    """Return the gate without stretches that have shrunk to nothing or run into the next."""
+    kept = [s for s in gate.stretches if s[1] - s[0] > 2.0 * EDGE]
+    kept.sort()
+    out: list[tuple[float, float]] = []
+    for begin, end in kept:
+        if out and begin < out[-1][1] + EDGE:
+            out[-1] = (out[-1][0], max(end, out[-1][1]))
+        else:
+            out.append((begin, end))
+    return replace(gate, stretches=tuple(out) or gate.stretches[:1])

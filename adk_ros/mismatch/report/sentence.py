@@ -1,0 +1,183 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The answer in a sentence or two: the same on the terminal and on top of the page."""
+
+from __future__ import annotations
+
+import math
+
+from adk_ros.mismatch.correction import FEATURES
+from adk_ros.mismatch.effect import PLACE, TIME
+from adk_ros.mismatch.findings import (
+    EXPLAINED,
+    NONE,
+    UNKNOWN,
+    Findings,
+    FoundEffect,
+    Interval,
+    Unexplained,
+)
+from adk_ros.mismatch.report.words import (
+    STATES,
+    THAN,
+    WORDS,
+    Quantity,
+    listed,
+    quantity,
+    title,
+)
+from adk_ros.mismatch.unknown import WORDS as EQUATION_WORDS
+
+BETTER = 0.98
+"""An error this many times smaller than before, or less, has fallen."""
+
+
+def number(value: float, width: float) -> str:
+    """Return a value with as many digits as an interval of this width leaves it."""
+    if not (math.isfinite(width) and width > 0.0):
+        return f"{value:.3g}"
+    decimals = -math.floor(math.log10(0.5 * width))
+    rounded = round(value, decimals)
+    return f"{rounded:.{max(decimals, 0)}f}"
+
+
+def interval_text(x: Interval, said: Quantity) -> str:
+    """Return "0.92 m2 (0.88 to 0.97)"."""
+    value, low, high = (said.factor * each for each in (x.value, x.low, x.high))
+    # An end that is out of sight has no digits to give the others.
+    wide = high - low if abs(high) < 100.0 * abs(value) else abs(value) * 0.1
+    unit = f" {said.unit}" if said.unit else ""
+    if abs(high) >= 100.0 * max(abs(value), 1e-12) and high > 1e3:
+        return f"{number(value, wide)}{unit} (at least {number(low, wide)})"
+    return f"{number(value, wide)}{unit} ({number(low, wide)} to {number(high, wide)})"
+
+
+def parameters_text(found: FoundEffect) -> str:
+    """Return the effect's parameters with their 90 % intervals."""
+    parts = []
+    for name, x in found.parameters.items():
+        said = quantity(found.effect.name, name, x.unit)
+        parts.append(f"{said.label} {interval_text(x, said)}")
+    return listed(parts)
+
+
+def phrase(found: FoundEffect) -> str:
+    """Return what the recording has; ends in "than" if it compares with the simulation."""
+    words = WORDS.get(found.effect.name)
+    if words is None:
+        return title(found.effect.name)
+    first = next(iter(found.effect.parameters))
+    x = found.parameters.get(first.name)
+    below = x is not None and x.value < first.neutral
+    return words.opposite if below else words.phrase
+
+
+def where_words(found: FoundEffect) -> str:
+    """Return where it acts, or nothing where it acts throughout."""
+    if found.kind == PLACE:
+        parts = [f"{a:.0f} to {b:.0f} m" for a, b in found.stretches]
+        return f"at {listed(parts)} of every lap" if parts else "at a place"
+    if found.kind == TIME:
+        return f"from {found.onset_s or 0.0:.1f} s on"
+    return ""
+
+
+def _values(found: FoundEffect) -> str:
+    where = where_words(found)
+    return parameters_text(found) + (f", {where}" if where else "")
+
+
+def found_text(effects: list[FoundEffect]) -> str:
+    """Return what the recording has, with values; without a stop at the end."""
+    if len(effects) == 1:
+        (one,) = effects
+        what = phrase(one)
+        lacks = " the simulation" if what.endswith(THAN) else " that the simulation lacks"
+        if one.effect.sensor:
+            lacks = " the simulation" if what.endswith(THAN) else ""
+        return f"{what}{lacks}: {_values(one)}"
+    parts = [f"{phrase(one).removesuffix(THAN)}, {_values(one)}" for one in effects]
+    return f"{_COUNTS.get(len(parts), str(len(parts)))} things that the simulation lacks: " + (
+        "; ".join(f"({i}) {part}" for i, part in enumerate(parts, 1))
+    )
+
+
+_COUNTS = {2: "two", 3: "three", 4: "four"}
+
+
+def worst_channel(findings: Findings) -> str:
+    """Return the state whose error falls most, as a share."""
+    return max(
+        findings.before, key=lambda name: findings.before[name] / max(findings.after[name], 1e-9)
+    )
+
+
+def gain_text(findings: Findings) -> str:
+    """Return by how much the corrected simulation is better, on held-out data."""
+    name = worst_channel(findings)
+    what, unit = STATES.get(name, (name, ""))
+    before, after = findings.before[name], findings.after[name]
+    error = f"the {findings.horizon_s:g} s {what} error"
+    if after < BETTER * before:
+        first, second = pair_text(before, after)
+        return f"{error} falls from {first} to {second} {unit}"
+    stays = f"{error} stays at {before:.2g} {unit}"
+    if findings.verdict == EXPLAINED and all(found.effect.sensor for found in findings.effects):
+        return f"a sensor's fault is not corrected into the car, so {stays}"
+    return stays
+
+
+def pair_text(before: float, after: float) -> tuple[str, str]:
+    """Return two errors with as many decimals as give the smaller one two digits."""
+    if not (0.0 < after < math.inf and 0.0 < before < math.inf):
+        return f"{before:.3g}", f"{after:.3g}"
+    decimals = 1 - math.floor(math.log10(min(before, after)))
+    most = 3 - math.floor(math.log10(max(before, after)))
+    places = max(min(decimals, most), 0)
+    first, second = (
+        f"{x:.{places}f}" if x >= 10.0**-places else f"{x:.2g}" for x in (before, after)
+    )
+    return first, second
+
+
+def unexplained_text(rest: Unexplained) -> str:
+    """Return what an unexplained remainder is and what it goes with."""
+    if not rest.pieces:
+        return rest.text
+    goes: dict[str, list[str]] = {}
+    for piece in rest.pieces:
+        goes.setdefault(piece.equation, []).append(FEATURES[piece.feature].text)
+    return listed([
+        f"a {EQUATION_WORDS[equation]} that goes with {listed(features)}"
+        for equation, features in goes.items()
+    ])
+
+
+def _ties(effects: list[FoundEffect]) -> str:
+    parts = []
+    for found in effects:
+        if found.alternatives:
+            names = listed([title(name) for name in found.alternatives], "or")
+            parts.append(f" This drive cannot tell {title(found.effect.name)} from {names}.")
+    return "".join(parts)
+
+
+def sentence(findings: Findings) -> str:
+    """Return the answer in a sentence; a second one says what the drive cannot tell apart."""
+    if findings.verdict == NONE:
+        return (
+            "Nothing material is missing from the simulation: build tolerance and the sensors' "
+            f"noise explain what differs ({findings.horizon_s:g} s speed error "
+            f"{findings.before['v_x']:.2g} m/s)."
+        )
+    gain = gain_text(findings)
+    ties = _ties(findings.effects)
+    if findings.verdict == UNKNOWN and findings.unexplained is not None:
+        rest = findings.unexplained
+        formula = f", as {rest.expression}" if rest.expression else ""
+        also = f" It also has {found_text(findings.effects)}." if findings.effects else ""
+        return (
+            "The recording has something that the simulation lacks and no known effect explains: "
+            f"{unexplained_text(rest)}{formula}; with it, {gain}.{also}{ties}"
+        )
+    return f"The recording has {found_text(findings.effects)}; {gain}.{ties}"

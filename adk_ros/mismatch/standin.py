@@ -1,0 +1,145 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The stand-in of a simulator: the model's parameters identified from the simulation's recording.
+
+Masses and lengths are given; tyres, lags, drag and what the simulator has of them are fitted to
+all channels. The observer's gain falls over three rounds, since a direct fit diverges while the
+tyres are wrong. A simulation hardly saturates its tyres: what it says nothing of is pulled
+weakly to usual values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.mismatch.course import Course
+from adk_ros.mismatch.fit import Unknowns, minimise
+from adk_ros.mismatch.parameters import HIGH, INDEX, LOW, SIZE
+from adk_ros.signals.channels import FloatArray, IntArray
+
+FITTED: dict[str, tuple[float, float]] = {
+    # name: (usual spread, step of the differences)
+    "stiffness_f": (8.0, 0.05),
+    "stiffness_r": (8.0, 0.05),
+    "shape_f": (0.1, 0.005),
+    "shape_r": (0.1, 0.005),
+    "curvature_f": (0.4, 0.02),
+    "curvature_r": (0.4, 0.02),
+    "grip_f": (0.15, 0.005),
+    "grip_r": (0.15, 0.005),
+    "load_sensitivity": (0.1, 0.005),
+    "stiffness_falloff": (0.1, 0.005),
+    "combined_slip": (0.3, 0.03),
+    "relaxation_length": (0.5, 0.02),
+    "roll_share_front": (0.1, 0.01),
+    "load_lag": (0.1, 0.005),
+    "torque_split_front": (0.2, 0.02),
+    "drag_area": (0.7, 0.02),
+    "rolling": (0.015, 0.0005),
+    "steer_delay": (0.03, 0.002),
+    "steer_lag": (0.05, 0.002),
+    "torque_delay": (0.03, 0.002),
+    "torque_lag": (0.05, 0.002),
+}
+_BODY: dict[str, tuple[float, float]] = {
+    "mass": (300.0, 5.0),
+    "yaw_inertia": (800.0, 10.0),
+    "cg_to_front_axle": (0.2, 0.01),
+    "cg_to_rear_axle": (0.2, 0.01),
+    "cg_height": (0.06, 0.01),
+}
+_NARROW: dict[str, tuple[float, float]] = {
+    "shape_f": (1.05, 1.9), "shape_r": (1.05, 1.9),
+    "curvature_f": (-5.0, 0.95), "curvature_r": (-5.0, 0.95),
+}
+"""Bounds of the fit within those of the entries: what is left open may go beyond, smoothly."""
+_ROUNDS = (10.0, 2.0, 0.5)
+_COLOURED = 0.25
+"""
+What is left is the model's own error, not white noise: one sample of it in this many squared is
+new. Counted as white it would bend the tyres' shape to explain itself.
+"""
+_UNSURE = 0.1
+"""Directions known to less than this share of the usual spread are kept as known."""
+_INFLATED = 2.0
+_MOST_UNSURE = 6
+_SETTLING_BINS = 25
+
+Progress = Callable[[float, float], None]
+
+
+@dataclass(frozen=True)
+class StandIn:
+    """
+    Parameters (SIZE,) of the simulator, and how well they meet its recording.
+
+    `error` (6,) is the root mean square of what is left in 40 ms bins, by channel.
+    """
+
+    parameters: FloatArray
+    error: FloatArray
+    residuals: FloatArray
+    unsure: FloatArray
+    """
+    (k, SIZE) directions in which the parameters are ill-determined by the simulation, each as
+    long as its standard deviation.
+    """
+
+
+def identify(
+    course: Course, start: FloatArray, progress: Progress | None = None, body_known: bool = True
+) -> StandIn:
+    """
+    Identify the stand-in on the simulation's course, from a nominal vehicle's parameters.
+
+    Unless `body_known`, masses and lengths are fitted as well.
+    """
+    fitted = FITTED if body_known else FITTED | _BODY
+    names = list(fitted)
+    where = np.array([INDEX[name] for name in names])
+    mean = start[where].copy()
+    spread = np.array([fitted[name][0] for name in names])
+    low = np.array([_NARROW.get(name, (LOW[INDEX[name]],))[0] for name in names])
+    high = np.array([_NARROW.get(name, (HIGH[INDEX[name]],))[-1] for name in names])
+    weights = course.weights() * _COLOURED
+    weights[:, course.bin_s < course.start_s + 1.0] = 0.0
+    p = start.copy()
+    x = mean.copy()
+    x[names.index("relaxation_length")] = 0.2
+    x[names.index("drag_area")] = 0.3
+    x[names.index("load_lag")] = 0.05
+    for done, gain in enumerate(_ROUNDS):
+
+        def residuals(x: FloatArray, gain: float = gain) -> FloatArray:
+            q = p.copy()
+            q[where] = x
+            return np.asarray((course.residuals(q, gain=gain) * weights).ravel())
+
+        unknowns = Unknowns(
+            x, low, high, np.array([fitted[name][1] for name in names]), mean, spread
+        )
+        fit = minimise(residuals, unknowns, iterations=8 if done == 2 else 5, settled=1e-3)
+        x = fit.x
+        if progress is not None:
+            progress(done + 1, len(_ROUNDS))
+    p[where] = x
+    left = course.residuals(p)
+    error = np.sqrt(np.mean(left[:, _SETTLING_BINS:] ** 2, axis=1))
+    return StandIn(p, error, left[:, _SETTLING_BINS:], _unsure(fit.normal, spread, where))
+
+
+def _unsure(normal: FloatArray, spread: FloatArray, where: IntArray) -> FloatArray:
+    """Return the ill-determined directions of a fit, from its normal matrix."""
+    values, vectors = np.linalg.eigh(normal * np.outer(spread, spread))
+    deviation = _INFLATED / np.sqrt(np.maximum(values, 1.0))
+    out: list[FloatArray] = []
+    for size, vector in zip(deviation, vectors.T, strict=True):
+        if size > _UNSURE * _INFLATED and len(out) < _MOST_UNSURE:
+            row = np.zeros(SIZE)
+            row[where] = min(size, 1.0) * vector * spread
+            out.append(row)
+    return np.array(out).reshape(-1, SIZE)

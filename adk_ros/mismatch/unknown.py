@@ -1,0 +1,158 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A remainder that no effect explains: which equation it is in, and what it depends on.
+
+Features of the drive (`correction`) times a coefficient are added to the accelerations of the
+three equations, one after the other, as long as each gains enough; all is orthogonal to the build
+tolerances and to the effects that were found. The result is a short expression, and a small smooth
+correction of the model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.mismatch.correction import FEATURES, Signals, values
+from adk_ros.mismatch.course import SPACING, STEP, Course
+from adk_ros.mismatch.effect import Effect, Parameter
+from adk_ros.mismatch.gates import Gate
+from adk_ros.mismatch.kernel import A_X, A_Y, V_Y, YAW_RATE
+from adk_ros.mismatch.likelihood import Active, Hypothesis, Likelihood
+from adk_ros.mismatch.screen import Screen
+from adk_ros.signals.channels import FloatArray
+
+EQUATIONS = {"v_x": "extra_x", "v_y": "extra_y", "yaw_rate": "extra_yaw"}
+WORDS = {
+    "v_x": "longitudinal acceleration", "v_y": "lateral acceleration",
+    "yaw_rate": "yaw acceleration",
+}
+UNITS = {"v_x": "m/s^2", "v_y": "m/s^2", "yaw_rate": "rad/s^2"}
+MARK = "~"
+_STEPS = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.01}
+_MOST = 4
+_LEAST_SHARE = 0.08
+_LEAST_GAIN = 60.0
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One feature in one equation: `coefficient` of the feature itself, SI; `gain` in loss."""
+
+    equation: str
+    feature: str
+    coefficient: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left unexplained, and its description; `share` of all that was to be explained."""
+
+    share: float
+    pieces: tuple[Piece, ...]
+    hypothesis: Hypothesis
+
+    @property
+    def equations(self) -> list[str]:
+        """Equations that it is in, the most telling first."""
+        gains: dict[str, float] = {}
+        for piece in self.pieces:
+            gains[piece.equation] = gains.get(piece.equation, 0.0) + piece.gain
+        top = max(gains.values(), default=0.0)
+        order = sorted(gains, key=lambda name: -gains[name])
+        return [name for name in order if gains[name] > 0.1 * top]
+
+    def text(self) -> str:
+        """Return what depends on what, in words."""
+        if not self.pieces:
+            return "a structured remainder that depends on none of the features looked at"
+        return "; ".join(
+            f"{WORDS[p.equation]} against {FEATURES[p.feature].text}" for p in self.pieces
+        )
+
+    def expression(self) -> str:
+        """Return the expression with its units."""
+        parts = []
+        for equation in self.equations:
+            terms = [
+                f"{p.coefficient:+.4g} {FEATURES[p.feature].expression}"
+                for p in self.pieces if p.equation == equation
+            ]
+            parts.append(f"d({equation})/dt += {' '.join(terms)} [{UNITS[equation]}]")
+        return "; ".join(parts)
+
+
+def signals_of(course: Course, out: FloatArray) -> Signals:
+    """Return the drive's signals (n,) at the grid's steps, of a run's output."""
+    at = course.start_s - course.command_from_s + STEP * np.arange(course.steps + 1)
+    grid = SPACING * np.arange(course.torques.shape[0])
+    return {
+        "v_x": course.smooth[:, 0], "v_y": out[V_Y], "yaw_rate": out[YAW_RATE], "a_x": out[A_X],
+        "a_y": out[A_Y],
+        "torque": np.diff(np.interp(at, grid, course.torques)) / STEP,
+        "delta": np.diff(np.interp(at, grid, course.angles)) / STEP,
+    }
+
+
+def pseudo(equation: str, feature: str, weight: FloatArray) -> Effect:
+    """Return a feature in an equation as if it were an effect."""
+    step = _STEPS[equation]
+    parameter = Parameter(
+        "coefficient", UNITS[equation], -20.0, 20.0, step, 0.0, {EQUATIONS[equation]: 1.0}
+    )
+    return Effect(f"{MARK}{equation}:{feature}", (parameter,), (equation,), feature, "")
+
+
+def describe(
+    likelihood: Likelihood, start: Hypothesis, noise: float, at_all: float
+) -> Remainder:
+    """Describe what `start` leaves by as few features as it takes."""
+    course = likelihood.course
+    p, terms = likelihood.setting(start.tolerances, start.actives)
+    out = course.run(p, terms)
+    signals = signals_of(course, out)
+    names = list(FEATURES)
+    table = values(names, signals)
+    scale = np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-12)
+    known = likelihood.tolerance_columns(start)
+    now = start
+    left = max(start.cost - noise, 0.0)
+    gains: list[float] = []
+    for _ in range(_MOST):
+        screen = Screen(likelihood, now, known)
+        best: tuple[float, Active] | None = None
+        for equation in EQUATIONS:
+            for j, name in enumerate(names):
+                gate = Gate(weight=np.ascontiguousarray(table[:, j] / scale[j]))
+                effect = pseudo(equation, name, table[:, j])
+                if effect.name in now.names:
+                    continue
+                found = screen.effect(effect, gate)[0]
+                if best is None or found.gain > best[0]:
+                    best = (found.gain, found.active)
+        if best is None or best[0] < max(_LEAST_GAIN, _LEAST_SHARE * left):
+            break
+        more = likelihood.fit([*now.actives, best[1]], now.tolerances, 4, known, 1e-4)
+        gain = now.cost - more.cost
+        if gain < max(_LEAST_GAIN, _LEAST_SHARE * left):
+            break
+        gains.append(gain)
+        now = more
+        if now.cost - noise < 0.03 * left:
+            break
+    pieces = []
+    own = [a for a in now.actives if a.effect.name.startswith(MARK)]
+    for active, gain in zip(own, gains, strict=True):
+        equation, feature = active.effect.name.removeprefix(MARK).split(":")
+        size = active.inner[0] / scale[names.index(feature)]
+        pieces.append(Piece(equation, feature, float(size), gain))
+    share = left / at_all if at_all > 0.0 else 0.0
+    return Remainder(share, tuple(pieces), now)
+
+
+def without_features(h: Hypothesis) -> tuple[Active, ...]:
+    """Return the hypothesis' effects of the catalogue."""
+    return tuple(a for a in h.actives if not a.effect.name.startswith(MARK))

@@ -1,0 +1,125 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk mismatch and adk bench concealed on bags, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mismatch_tools import case
+
+from adk_ros.bench.concealed.case_files import write_case, write_evidence
+from adk_ros.cli.main import main
+from adk_ros.mismatch.model_file import content_of
+from adk_ros.mismatch.parameters import INDEX, usual
+from adk_ros.mismatch.reading import read_evidence
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("cases") / "drag"
+    write_case(case("aero_drag", cda=1.0), path)
+    return path
+
+
+def refused(capsys: pytest.CaptureFixture[str], code: int, *arguments: str) -> str:
+    assert main([*arguments]) == code
+    said = capsys.readouterr()
+    assert said.out == ""
+    lines = [line for line in said.err.splitlines() if not line.startswith("warning")]
+    assert len(lines) == 1
+    assert lines[0].startswith("adk: ")
+    return lines[0]
+
+
+def test_a_bag_is_read_as_it_was_written(folder: Path) -> None:
+    written, read = case("aero_drag", cda=1.0).recording, read_evidence(folder / "recording")
+    np.testing.assert_allclose(read.imu, written.imu, atol=1e-12)
+    np.testing.assert_allclose(read.odometry, written.odometry, atol=1e-12)
+    np.testing.assert_allclose(read.pose[:, :2], written.pose[:, :2], atol=1e-12)
+    turned = read.pose[:, 2] - written.pose[:, 2]
+    np.testing.assert_allclose(turned, turned[0], atol=1e-9)
+    np.testing.assert_allclose(read.command, written.command, atol=1e-12)
+    np.testing.assert_allclose(read.odometry_s, written.odometry_s, atol=1e-6)
+
+
+def test_the_bench_runs_and_scores_a_case(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["bench", "concealed", "--cases", str(folder.parent), "--json"]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    result = json.loads(capsys.readouterr().out)
+    (one,) = result["cases"]
+    assert one["failure"] == ""
+    assert one["right"] == 1.0
+    assert one["errors"]["aero_drag.cda"] < 0.05
+    assert one["removed"]["v_x"] > 0.7
+    assert result["summary"]["singles_right"] == 1.0
+    report = tmp_path / "out" / "drag"
+    assert {p.name for p in report.iterdir()} >= {
+        "mismatch.json", "simulation.yaml", "corrected.yaml"
+    }
+
+
+def test_rollout_by_a_stand_in(folder: Path, tmp_path: Path) -> None:
+    model, out = tmp_path / "model.yaml", tmp_path / "r.csv"
+    model.write_text(content_of(usual()))
+    bag = str(folder / "heldout")
+    arguments = ["rollout", "--model", str(model), "--bag", bag, "--out", str(out)]
+    assert main([*arguments, "--horizon", "1", "--stride", "0.5"]) == 0
+    table = np.genfromtxt(out, delimiter=",", names=True)
+    starts = np.unique(table["start_s"])
+    np.testing.assert_allclose(starts, 2.0 + 0.5 * np.arange(starts.size), atol=1e-6)
+    assert table.size == 40 * starts.size
+    assert np.isfinite(table["v_x"]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"parameters": {"mess": 1.0}}, "parameter 'mess' is unknown"),
+        ({"parameters": {"mass": -1.0}}, "mass must be"),
+        ({"terms": [{"effect": "gravity", "parameters": {}}]}, "is not in the catalogue"),
+        ({"terms": [{"effect": "aero_drag", "parameters": {}}]}, "takes cda"),
+        ({"correction": [{"equation": "v_x", "feature": "luck", "coefficient": 1.0}]}, "luck"),
+        ({"schema": 2}, "schema"),
+        ({"more": 1}, "no such parameter"),
+    ],
+)
+def test_a_bad_model_is_refused(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict, said: str
+) -> None:
+    content = {"kind": "stand_in", "schema": 1, "parameters": {"mass": 1500.0}} | change
+    model = tmp_path / "model.yaml"
+    model.write_text(yaml.safe_dump(content))
+    arguments = ["rollout", "--model", str(model), "--bag", str(folder / "heldout")]
+    line = refused(capsys, 2, *arguments, "--out", str(tmp_path / "r.csv"))
+    assert said in line
+
+
+def test_what_is_too_short_is_refused_and_leaves_nothing(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_evidence(case().recording.between(0.0, 10.0), tmp_path / "short")
+    line = refused(
+        capsys, 3, "mismatch", "--simulation", str(folder / "simulation"),
+        "--recording", str(tmp_path / "short"), "--out", str(tmp_path / "report"),
+    )
+    assert "at least 30 s" in line
+    assert not list(tmp_path.glob("report*"))
+
+
+def test_a_folder_without_cases_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "no case" in refused(capsys, 2, "bench", "concealed", "--cases", str(tmp_path))
+
+
+def test_a_corrected_model_keeps_its_numbers() -> None:
+    p = usual()
+    p[INDEX["mass"]] = 1234.56789
+    assert "mass: 1234.5679" in content_of(p)

@@ -1,0 +1,118 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The catalogue, and how an effect enters the stand-in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mismatch_tools import car, steady, with_commands
+
+from adk_ros.mismatch.catalogue import EFFECTS
+from adk_ros.mismatch.course import Course, prepare
+from adk_ros.mismatch.effect import Effect
+from adk_ros.mismatch.gates import Gate
+from adk_ros.mismatch.likelihood import TOLERANCES, Active, Likelihood, neutral
+from adk_ros.mismatch.parameters import INDEX, SIZE
+from adk_ros.mismatch.places import best_mask, stretches
+from adk_ros.mismatch.standin import StandIn
+
+NAMES = [
+    "aero_drag", "rolling_resistance", "headwind", "crosswind", "aero_downforce", "road_grade",
+    "road_bank", "low_friction", "front_tyre_stiffness", "rear_tyre_stiffness",
+    "tyre_relaxation", "load_sensitivity", "payload", "cg_shift", "yaw_inertia",
+    "steering_offset", "steering_ratio", "steering_delay", "steering_lag", "steering_backlash",
+    "compliance_steer", "rear_wheel_steer", "drive_torque_gain", "brake_torque_gain",
+    "drive_torque_delay", "drive_torque_lag", "torque_offset", "power_limit", "rotating_inertia",
+    "wheel_radius", "brake_drag_one_side", "imu_bias", "imu_tilt", "imu_lever_arm", "imu_delay",
+    "odometry_scale", "gyro_scale", "odometry_filter", "clock_offset",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def course() -> Course:
+    """A drive with torque and steering of several frequencies."""
+    evidence = steady(22.0, seconds=40.0)
+    t = evidence.command_s
+    command = np.column_stack(
+        [900.0 * np.sin(0.9 * t) + 500.0 * np.sign(np.sin(2.3 * t)),
+         0.025 * np.sin(1.3 * t) + 0.01 * np.sin(5.0 * t)]
+    )
+    return prepare(with_commands(evidence, command))
+
+
+@pytest.fixture(scope="module")
+def likelihood(course: Course) -> Likelihood:
+    p = car(drag_area=0.5, rolling=0.01)
+    own = StandIn(p, np.zeros(6), 1e-4 * np.ones((6, course.bins)), np.empty((0, SIZE)))
+    return Likelihood.of(course, own)
+
+
+def test_all_names_are_there() -> None:
+    assert sorted(EFFECTS) == sorted(NAMES)
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda e: e.name)
+def test_an_effect_is_whole(effect: Effect) -> None:
+    assert all((effect.text, effect.needs, effect.equations, effect.scopes))
+    assert all(name in EFFECTS for name in effect.confused)
+    for p in effect.parameters:
+        low, high = p.bounds()
+        assert low <= p.inner_neutral <= high
+        assert all(entry in INDEX for entry in p.entries)
+        assert not p.material(p.inner_neutral)
+        for start in p.starts:
+            assert low <= p.inner(start) <= high
+            assert p.value(p.inner(start)) == pytest.approx(start)
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda e: e.name)
+def test_neutral_adds_nothing_and_anything_else_something(
+    likelihood: Likelihood, effect: Effect
+) -> None:
+    none = np.zeros(len(TOLERANCES))
+    before = likelihood.residuals(none, [])
+    np.testing.assert_allclose(likelihood.residuals(none, [neutral(effect)]), before, atol=1e-9)
+    for j, p in enumerate(effect.parameters):
+        inner = [q.inner_neutral for q in effect.parameters]
+        inner[j] = p.inner(p.starts[-1]) if p.starts else p.inner_neutral + 10.0 * p.step
+        after = likelihood.residuals(none, [Active(effect, tuple(inner))])
+        assert np.abs(after - before).max() > 0.1, p.name
+
+
+def test_a_gate_limits_an_effect_to_a_time(course: Course, likelihood: Likelihood) -> None:
+    none = np.zeros(len(TOLERANCES))
+    before = likelihood.residuals(none, [])
+    late = Active(EFFECTS["imu_bias"], (0.5, 0.0, 0.0), Gate(onset_s=20.0))
+    change = (likelihood.residuals(none, [late]) - before)[: course.bins]
+    assert np.abs(change[course.bin_s < 18.0]).max() < 1e-6
+    assert np.abs(change[course.bin_s > 22.0]).min() > 1.0
+
+
+def test_intervals_of_a_place(course: Course) -> None:
+    distance = (course.middle_s * 22.0) % 220.0
+    gate = Gate(stretches=((44.0, 88.0),), lap=220.0, distance=distance)
+    assert gate.kind == "place"
+    intervals = gate.intervals(course)
+    assert len(intervals) == 4
+    np.testing.assert_allclose(intervals[1], [12.0, 14.0], atol=0.02)
+    # Across the lap's beginning.
+    gate = Gate(stretches=((198.0, 242.0),), lap=220.0, distance=distance)
+    np.testing.assert_allclose(gate.intervals(course)[1], [9.0, 11.0], atol=0.02)
+
+
+def test_its_variables_go_out_and_in() -> None:
+    gate = Gate(stretches=((1.0, 2.0), (5.0, 6.0)), lap=10.0, distance=np.zeros(1))
+    assert gate.variables() == [1.0, 2.0, 5.0, 6.0]
+    assert gate.with_variables([1.5, 2.0, 5.0, 7.0]).stretches == ((1.5, 2.0), (5.0, 7.0))
+    assert Gate(onset_s=3.0).with_variables([4.0]).onset_s == 4.0
+
+
+def test_stretches_that_pay() -> None:
+    gain = np.array([-1.0, 30.0, 0.0, 30.0, -1.0, -50.0, 0.5, -1.0, 40.0, 40.0])
+    mask = best_mask(gain, 16.0)
+    # What says nothing between two that pay joins them; one that pays less than a stretch is left.
+    np.testing.assert_array_equal(np.flatnonzero(mask), [0, 1, 2, 3, 8, 9])
+    assert stretches(mask, 100.0) == ((80.0, 140.0),)
+    assert not best_mask(-np.ones(10), 16.0).any()
+    assert best_mask(np.ones(40), 16.0).all()

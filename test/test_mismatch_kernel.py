@@ -1,0 +1,147 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The stand-in's equations, against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mismatch_tools import CAR, car, steady, with_commands
+
+from adk_ros.mismatch.course import STEP, Course, prepare
+from adk_ros.mismatch.kernel import (
+    A_X,
+    A_Y,
+    OUTPUTS,
+    S_V_X,
+    STATE_SIZE,
+    V_X,
+    V_Y,
+    YAW_RATE,
+    held_mean,
+    lagged,
+    simulate,
+)
+from adk_ros.mismatch.parameters import ENTRIES, HIGH, LOW, usual
+from adk_ros.plant.params import AIR_DENSITY, GRAVITY
+from adk_ros.signals.channels import FloatArray
+
+
+def run(course: Course, p: FloatArray) -> FloatArray:
+    """Run without an observer, v_x followed."""
+    return course.run(p, gain=0.0)
+
+
+def test_usual_values_lie_within_their_bounds() -> None:
+    assert np.all((usual() >= LOW) & (usual() <= HIGH))
+    assert all(entry.unit and entry.text for entry in ENTRIES.values())
+
+
+def test_a_steady_circle_has_the_understeer_gradient() -> None:
+    delta, speed = 0.01, 20.0
+    p = car(cg_height=0.0, stiffness_f=16.0, stiffness_r=20.0)
+    out = run(prepare(steady(speed, delta)), p)
+    front = GRAVITY * CAR.cg_to_rear_axle / (CAR.cg_to_front_axle + CAR.cg_to_rear_axle)
+    rear = GRAVITY - front
+    # Axle loads over their stiffnesses: m_f / C_f - m_r / C_r.
+    gradient = front / (16.0 * front) - rear / (20.0 * rear)
+    wheelbase = CAR.cg_to_front_axle + CAR.cg_to_rear_axle
+    expected = speed * delta / (wheelbase + gradient * speed**2 / GRAVITY)
+    assert out[YAW_RATE, -1] == pytest.approx(expected, rel=5e-3)
+    assert out[A_Y, -1] == pytest.approx(speed * out[YAW_RATE, -1], rel=1e-6)
+
+
+def test_left_and_right_are_mirror_images() -> None:
+    left = run(prepare(steady(20.0, 0.02, 500.0)), car())
+    right = run(prepare(steady(20.0, -0.02, 500.0)), car())
+    for row in (A_Y, YAW_RATE, V_Y):
+        np.testing.assert_allclose(left[row], -right[row], atol=1e-12)
+    np.testing.assert_allclose(left[A_X], right[A_X], atol=1e-12)
+
+
+def test_what_drives_and_what_drags() -> None:
+    p = car(drag_area=0.8, rolling=0.01)
+    out = run(prepare(steady(25.0, 0.0, 600.0)), p)
+    spin = CAR.wheel_inertia * 4.0 / CAR.wheel_radius**2
+    force = 600.0 / CAR.wheel_radius - 0.5 * AIR_DENSITY * 0.8 * 25.0**2
+    force -= 0.01 * CAR.mass * GRAVITY
+    assert out[A_X, -1] == pytest.approx(force / (CAR.mass + spin), rel=1e-3)
+
+
+def test_gravity_on_a_slope_is_not_felt() -> None:
+    flat, slope = (
+        run(prepare(steady(20.0)), car(grade=grade, wheel_inertia=0.0)) for grade in (0.0, 0.05)
+    )
+    np.testing.assert_allclose(flat[A_X], slope[A_X], atol=1e-9)
+    # And v_x, which is followed for the forces, falls by it.
+    lost = flat[V_X, -1] - slope[V_X, -1]
+    assert lost == pytest.approx(GRAVITY * math.sin(0.05) * 40.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("time", [0.0, 1e-4, 0.03, 0.5])
+def test_a_lag_is_its_exact_solution(time: float) -> None:
+    mean, after = lagged(0.0, 1.0, time, 0.01)
+    if time == 0.0:
+        assert (mean, after) == (1.0, 1.0)
+        return
+    fine = np.linspace(0.0, 0.01, 20001)
+    exact = 1.0 - np.exp(-fine / time)
+    assert after == pytest.approx(exact[-1], abs=1e-12)
+    assert mean == pytest.approx(np.trapezoid(exact, fine) / 0.01, abs=1e-6)
+
+
+def test_a_held_command_is_averaged_over_the_step() -> None:
+    total = np.concatenate([[0.0], np.cumsum(np.repeat([1.0, 3.0], 10)) * 0.0025])
+    assert held_mean(total, 0.0025, 0.02, 0.01) == pytest.approx(2.0)
+    assert held_mean(total, 0.0025, -1.0, 0.01) == pytest.approx(1.0)
+    assert held_mean(total, 0.0025, 9.0, 0.01) == pytest.approx(3.0)
+
+
+def test_a_delay_shifts_the_answer() -> None:
+    at_rest = steady(20.0, 0.0, seconds=20.0)
+    command = at_rest.command.copy()
+    command[400:, 1] = 0.01
+    course = prepare(with_commands(at_rest, command))
+    now = run(course, car())[YAW_RATE]
+    late = run(course, car(steer_delay=0.2))[YAW_RATE]
+    np.testing.assert_allclose(late[20:], now[:-20], atol=1e-9)
+
+
+def test_play_is_lost_when_turning_round() -> None:
+    evidence = steady(20.0, 0.0, seconds=30.0)
+    swing = 0.02 * np.sin(2.0 * np.pi * 0.2 * evidence.command_s)
+    course = prepare(with_commands(evidence, np.column_stack([0.0 * swing, swing])))
+    free = run(course, car())[YAW_RATE, 1000:]
+    slack = run(course, car(steer_half_gap=0.004))[YAW_RATE, 1000:]
+    assert np.max(np.abs(slack)) / np.max(np.abs(free)) == pytest.approx(0.8, abs=0.01)
+
+
+def test_second_order_in_the_step() -> None:
+    angles = np.concatenate([[0.0], np.cumsum(0.02 * np.sin(0.003 * np.arange(4000)))]) * 0.0025
+    torques = np.zeros_like(angles)
+    ends = []
+    for divide in (1, 2, 4, 16):
+        step = 0.04 / divide
+        n = round(8.0 / step)
+        state = np.zeros(STATE_SIZE)
+        state[S_V_X] = 20.0
+        out = np.empty((OUTPUTS, n))
+        none = np.zeros(0, dtype=np.int64)
+        simulate(
+            car(), none, np.zeros(0), none, np.ones((1, n)), torques, angles, 0.0025, 0.0, step,
+            np.full(n + 1, 20.0), np.full((n, 3), np.nan), np.zeros(3), np.empty((0, 3)), state,
+            out, np.empty((0, 6)),
+        )  # fmt: skip
+        ends.append(state[1])
+    errors = np.abs(np.array(ends[:3]) - ends[3])
+    # The loads follow a step behind, which is of first order, and small.
+    assert errors[2] < errors[1] < errors[0]
+    assert errors[2] < 1e-3 * abs(ends[3]) + 1e-4
+
+
+def test_the_grid_steps_are_ten_milliseconds_with_stamps_in_their_middles() -> None:
+    course = prepare(steady(20.0))
+    assert course.middle_s[0] == pytest.approx(course.evidence.imu_s[0])
+    assert np.diff(course.middle_s) == pytest.approx(STEP)
