@@ -17,12 +17,15 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import nn
 
 from adk_ros.errors import UsageError
 from adk_ros.model.kernels import perceptron
@@ -71,6 +74,27 @@ def input_size(history: int) -> int:
     return 5 * (history + 1) if history else 3
 
 
+class _Into(nn.Module):
+    """Writes an encoder's output where it is wanted: a new tensor a tick costs 3 us of it."""
+
+    def __init__(self, encoder: nn.Module) -> None:
+        super().__init__()
+        self.encoder = encoder
+
+    def forward(self, row: torch.Tensor, out: torch.Tensor) -> int:
+        """Write the features of `row` (1, n) into `out` (1, m)."""
+        out.copy_(self.encoder(row))
+        return 0
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without torch's announcement of TorchScript's retirement; this package is built on it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        yield
+
+
 class Lifting:
     """A loaded encoder: `n_in` inputs, `n_features` outputs, called with one row at a time."""
 
@@ -82,39 +106,44 @@ class Lifting:
         """
         torch.set_num_threads(1)
         try:
-            with warnings.catch_warnings():
-                # torch announces TorchScript's retirement; this package is built on it.
-                warnings.simplefilter("ignore", DeprecationWarning)
+            with _quiet():
                 module = torch.jit.load(io.BytesIO(program), map_location="cpu").eval()
-                parameters = {k: v.detach().clone() for k, v in module.state_dict().items()}
-                # Straight to the compiled method: the module's own call costs as much again.
-                # Freezing makes the weights constants, so there is no gradient to switch off.
-                self._forward: Any = torch.jit.freeze(module).forward
+            forward: Any = module.forward
+            parameters = {k: v.detach().clone() for k, v in module.state_dict().items()}
         except Exception as error:
             # What a stranger's program raises, here and below, is not to be foreseen.
             first = _lines(error)[0]
             raise UsageError(f"the encoder is no readable TorchScript program: {first}") from None
         self._buffer = np.zeros((1, n_in), dtype=np.float32)
-        self._tensor = torch.from_numpy(self._buffer)
+        self._row = torch.from_numpy(self._buffer)
         try:
-            for _ in range(_WARM_UP_CALLS):
-                output = self._forward(self._tensor)
-            features = np.asarray(output.numpy(), dtype=np.float32)
+            with torch.no_grad():
+                self._features = np.array(forward(self._row).numpy(), dtype=np.float32)
+            with _quiet():
+                # Straight to the compiled method: the module's own call costs as much again.
+                # Freezing makes the weights constants, so there is no gradient to switch off.
+                into = torch.jit.freeze(torch.jit.script(_Into(module)).eval())
+            self._forward: Any = into.forward
         except Exception as error:
             last = _lines(error)[-1]
             raise UsageError(f"the encoder does not take {n_in} inputs: {last}") from None
-        if features.shape != (1, n_features):
+        if self._features.shape != (1, n_features):
             raise UsageError(
-                f"the encoder gives {features.shape}, its manifest promises (1, {n_features})"
+                f"the encoder gives {self._features.shape}, its manifest promises "
+                f"(1, {n_features})"
             )
-        if not np.isfinite(features).all():
+        if not np.isfinite(self._features).all():
             raise UsageError("the encoder gives values that are not finite")
+        self._out = torch.from_numpy(self._features)
+        for _ in range(_WARM_UP_CALLS):
+            self._forward(self._row, self._out)
         self.twin = self._find_twin(parameters, n_in, n_features)
 
     def __call__(self, row: Float32Array) -> Float32Array:
         """Return the features (n_features,) of one input row (n_in,)."""
         self._buffer[0] = row
-        features: Float32Array = self._forward(self._tensor).numpy()[0]
+        self._forward(self._row, self._out)
+        features: Float32Array = self._features[0].copy()
         return features
 
     def _find_twin(
