@@ -89,11 +89,13 @@ class Lift(nn.Module):
         inside = torch.clamp(row, -self.reach, self.reach)
         first = torch.tanh(torch.addmm(self.b1, inside, self.w1))
         second = torch.tanh(torch.addmm(self.b2, first, self.w2))
-        seen = second
-        if not self.plain:
-            forms = torch.mm(inside, self.directions)
-            seen = torch.cat([second, forms * forms], dim=1)
-        return torch.addmm(torch.addmm(self.b3, seen, self.w3), row, self.skip)
+        # One product for layer, squares and shortcut: each call in TorchScript has its price.
+        # Their weights, joined, become a constant when the program is frozen.
+        weights = torch.cat([self.w3, self.skip])
+        if self.plain:
+            return torch.addmm(self.b3, torch.cat([second, row], dim=1), weights)
+        forms = torch.mm(inside, self.directions)
+        return torch.addmm(self.b3, torch.cat([second, forms * forms, row], dim=1), weights)
 
 
 def _fixed(value: Tensor) -> nn.Buffer:
@@ -163,10 +165,6 @@ class PaperNetwork(nn.Module):
         self.decoder = _layers(features, hidden, 3)
         self.a = nn.Linear(3 + features, 3 + features, bias=False)
         self.b = nn.Linear(2, 3 + features, bias=False)
-
-    def lift(self, x: Tensor) -> Tensor:
-        """z = [x, Phi(x)], eq. (6): (b, 3) -> (b, 15)."""
-        return torch.cat([x, self.encoder(x)], dim=1)
 
 
 def _layers(n_in: int, hidden: int, n_out: int) -> nn.Sequential:
