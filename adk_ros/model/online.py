@@ -124,6 +124,13 @@ class Recursive:
         return _condition(self._covariance)
 
 
+_CUT = 1e-10
+"""
+Of the largest eigenvalue, below which a direction counts as not excited. Float64 sums of squares
+are good to about 1e-14; what is kept near that is noise that the update then follows.
+"""
+
+
 class SlidingWindow:
     """
     The paper's Algorithm 1 (SWLS), faithful but for the transpose that eq. (33) lacks.
@@ -147,7 +154,7 @@ class SlidingWindow:
         self._count += 1
         known = self._phis[: min(self._count, window)]
         try:
-            direction = np.linalg.pinv(known.T @ known, rcond=1e-12, hermitian=True) @ phi
+            direction = np.linalg.pinv(known.T @ known, rcond=_CUT, hermitian=True) @ phi
         except np.linalg.LinAlgError:
             direction = np.full(phi.shape[0], np.nan)
         theta = self.theta + np.outer(y - self.theta @ phi, direction)

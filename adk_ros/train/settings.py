@@ -78,7 +78,7 @@ class PaperSettings:
     hidden: int = 128
     features: int = 12
     seed: int = 0
-    window: int = 100
+    window: int = 50
 
     def __post_init__(self) -> None:
         if not 1 <= self.epochs <= 10**6:

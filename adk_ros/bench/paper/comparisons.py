@@ -26,8 +26,8 @@ MASS_UP, MASS_DOWN, INERTIA_UP, INERTIA_DOWN, MOUNTAIN, SLALOM = PAPER_TESTS[1:]
 CHANGED = PAPER_TESTS[1:5]
 OTHERS = PAPER_TESTS[1:]
 DATA_DRIVEN = (ALDK, RLS, FFRLS, SWLS)
-_WINDOW_S = 2.5
-"""100 ticks: until then the window is not full and SWLS is recursive least squares."""
+_WINDOW_S = 1.25
+"""50 ticks: until then the window is not full and SWLS is recursive least squares."""
 _TICK_US = TICK_NS * 1e-3
 
 
