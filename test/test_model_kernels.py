@@ -94,7 +94,7 @@ def test_take_sample_over_many_ticks(history: int, random: Random) -> None:
         command = tuple(u[k].tolist())
         kernels.take_sample(
             x[k], expected, Correction.none().table(), command, x_mean, x_scale, u_mean, u_scale,
-            measured, x_past, u_past, u_now, row,
+            measured, x_past, u_past, u_now, row, np.zeros((3, 3)),
         )  # fmt: skip
         if k >= history:
             past = [scaled_x[k - i] for i in range(history + 1)]
@@ -117,11 +117,30 @@ def test_take_sample_observes() -> None:
     ):
         kernels.take_sample(
             state, np.array(predicted), gains.table(), (0.0, 0.0), *scaling, measured, x_past,
-            *rest,
+            *rest, np.zeros((3, 3)),
         )  # fmt: skip
         assert x_past[0].tolist() == seen
         assert rest[-1].tolist() == seen
         assert measured.tolist() == [2.0, 2.0, 2.0]
+
+
+@pytest.mark.parametrize(("lag", "gain"), [(0.0, 0.2), (0.95, 1.0)])
+def test_take_sample_believes_what_keeps_differing(lag: float, gain: float) -> None:
+    """White innovations are noise, and the gain stays; such as follow each other are the car."""
+    gains = replace(Correction.none(), observer_gain=np.full(3, 0.2))
+    measured, x_past, whiteness = np.zeros(3), np.zeros((1, 3)), np.zeros((3, 3))
+    rest = (np.zeros((0, 2)), np.zeros(2), np.zeros(3, np.float32))
+    scaling = (np.zeros(3), np.ones(3), np.zeros(2), np.ones(2))
+    random = np.random.default_rng(0)
+    innovation, used = np.zeros(3), []
+    for _ in range(2000):
+        innovation = lag * innovation + np.sqrt(1.0 - lag**2) * random.normal(size=3)
+        kernels.take_sample(
+            innovation, np.zeros(3), gains.table(), (0.0, 0.0), *scaling, measured, x_past, *rest,
+            whiteness,
+        )  # fmt: skip
+        used.append(x_past[0] / innovation)
+    np.testing.assert_allclose(np.median(used[300:], axis=0), gain)
 
 
 @pytest.mark.parametrize("affine", [True, False])

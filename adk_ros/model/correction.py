@@ -7,6 +7,10 @@ What follows fast changes, beside the matrices that follow slow ones: gains, cha
     slow         d <- d + g_d (e - d)                e: what the model left of the last increment
     fast         f <- f + g_f (e - d - f)            what the slow one leaves of it
 
+K is the gain given as long as innovations x - p are white, as noise makes them. Where each is
+like the one before (lag-one autocorrelation r, over some 33 ticks, above 0.3), the model lags
+behind the car, and K goes up in proportion, to 1 where r reaches 0.7.
+
 The roll-out adds d and f to its increments; each decays by a factor of its own a step. All are in
 units of the usual change in one tick (`Scaling.step_scale`).
 """

@@ -15,6 +15,7 @@ from adk_ros.model.compiled import fast, inlined, jit
 
 _single = np.float32
 _TANH_REACH = _single(-6.3)
+_WHITENESS_GAIN, _WHITE, _LAGGING = 0.03, 0.3, 0.7
 _P0, _P1, _P2, _P3 = (_single(v) for v in (34459425, 4729725, 135135, 990))
 _Q1, _Q2, _Q3, _Q4 = (_single(v) for v in (16216200, 945945, 13860, 45))
 
@@ -131,14 +132,16 @@ def shift_in(past, value):  # type: ignore[no-untyped-def]
 @jit
 def take_sample(  # type: ignore[no-untyped-def]
     state, predicted, correction, command, x_mean, x_scale, u_mean, u_scale,
-    measured, x_past, u_past, u_now, row
+    measured, x_past, u_past, u_now, row, whiteness
 ):
     """
     Scale a state (3,) and command (2,), shift both pasts, fill the encoder's input row.
 
     `measured` (3,) is the state scaled, and x_past's first row what the observer makes of it and
     of what was `predicted` (3,) for it, SI, NaN if nothing was. `correction` (5, 3) as
-    `Correction.table` gives it.
+    `Correction.table` gives it. `whiteness` (3, 3): the last innovation, and running means of its
+    product with the one before and of its square, by which the observer's gain goes up; see
+    `correction`.
     """
     shift_in(u_past, u_now)
     for i in range(x_past.shape[0] - 1, 0, -1):
@@ -148,7 +151,16 @@ def take_sample(  # type: ignore[no-untyped-def]
         x_past[0, c] = measured[c]
         if correction[0, c] < 1.0 and np.isfinite(predicted[c]):
             expected = (predicted[c] - x_mean[c]) / x_scale[c]
-            x_past[0, c] = expected + correction[0, c] * (measured[c] - expected)
+            innovation = measured[c] - expected
+            gain = correction[0, c]
+            if gain > 0.0:
+                last = whiteness[0, c]
+                whiteness[0, c] = innovation
+                whiteness[1, c] += _WHITENESS_GAIN * (innovation * last - whiteness[1, c])
+                whiteness[2, c] += _WHITENESS_GAIN * (innovation * innovation - whiteness[2, c])
+                alike = whiteness[1, c] / (whiteness[2, c] + 1e-30)
+                gain += (1.0 - gain) * min(max((alike - _WHITE) / (_LAGGING - _WHITE), 0.0), 1.0)
+            x_past[0, c] = expected + gain * innovation
     for c in range(2):
         u_now[c] = (command[c] - u_mean[c]) / u_scale[c]
     fill_row(x_past, u_past, row)

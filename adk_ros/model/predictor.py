@@ -158,6 +158,7 @@ class Predictor:
         self._predicted: FloatArray | None = None
         self._clean = 0
         self._disturbance = np.zeros((2, 3))
+        self._whiteness = np.zeros((3, 3))
         self._covariance = self._initial_covariance()
 
     def _initial_covariance(self) -> FloatArray:
@@ -242,7 +243,7 @@ class Predictor:
         kernels.take_sample(
             state, expected, self._unobserved if held else self._correction, sample.u,
             scaling.x_mean, scaling.x_scale, scaling.u_mean, scaling.u_scale, self._measured,
-            self._x_past, self._u_past, self._u, self._row,
+            self._x_past, self._u_past, self._u, self._row, self._whiteness,
         )
         if self.trials is not None:
             self.trials.compare(
