@@ -159,7 +159,7 @@ def test_the_best_choice_is_taken(
         return np.tile([-1.0 if of_c == number else -0.5 for of_c in best], (2, 5, 1))
 
     monkeypatch.setattr(module, "_FAST", module._FAST[: len(module._SLOW)])
-    monkeypatch.setattr(module, "_TRIALS", 4 * len(module._SLOW) + len(module._RIDGES))
+    monkeypatch.setattr(module, "_TRIALS", 5 * len(module._SLOW) + len(module._RIDGES))
     monkeypatch.setattr(module, "_ratio", ratio)
     told: list[tuple[str, int, int]] = []
     chosen = tune(model, split, lambda *what: told.append(what))

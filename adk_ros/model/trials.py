@@ -5,10 +5,10 @@ How far can the model be trusted? Roll-outs of the recent past, held against wha
 
 Every ten ticks a roll-out starts from where the car then is, with the model as it then is. It goes
 on by a step a tick, under the commands that really come, and is compared with each measurement.
-For each step h of the horizon and each channel, over the n trials of the last ten seconds or so,
+For each step h of the horizon and each channel, over the n trials of the last 17 s or so,
 
     q_h = sum m y / sum m^2                       m: predicted change since the start, y: measured
-    trust_h = (n q_h + prior) / (n + prior),      held within 0 to 1
+    trust_h = (n q_h + 3) / (n + 3),              held within 0 to 1
 
 is the share of the predicted change that a least-squares fit keeps: 1 for a model that is right,
 0 for one that tells nothing, which leaves "no change". The errors that remain, y - trust m, give
@@ -27,8 +27,10 @@ from adk_ros.model.lifting import TwinArrays
 from adk_ros.model.roll_out import advance, mix
 from adk_ros.signals.channels import FloatArray
 
-_TRUST_FORGETTING = 0.97
-"""A trial's weight per later trial: 33 trials, or 8 s. What is driven changes before tyres do."""
+_BELIEVED = 3.0
+"""Trials' worth of full trust: a few of one kind of driving tell little of the next."""
+_TRUST_FORGETTING = 0.985
+"""A trial's weight per later trial: 67 trials, or 17 s. What is driven changes before tyres do."""
 
 
 class Trials:
@@ -55,7 +57,6 @@ class Trials:
         self._rest = np.zeros((lanes, 3, 3))
         self._age = np.full(lanes, -1)
         self._scratch = np.zeros((2, seen + n), np.float32)
-        self._prior = prior
         self._sums = np.zeros((3, steps, 3))
         self._promised = np.zeros((lanes, steps, 2, 3))
         self._calibration = Calibration(errors, prior)
@@ -84,7 +85,7 @@ class Trials:
         compare(
             measured, u, usable, n_x, step_scale, residual, correction, *self._twin[:4],
             *self._twin[7:], self._row, self._x, self._base, self._push, self._head, self._short,
-            self._rest, self._age, self._scratch, self._sums, self._prior, self.trust,
+            self._rest, self._age, self._scratch, self._sums, self.trust,
             self._promised, *self._arrays,
         )
 
@@ -124,7 +125,7 @@ def begin(  # type: ignore[no-untyped-def]
 def compare(  # type: ignore[no-untyped-def]
     measured, u, usable, n_x, step_scale, residual, correction, w1, b1, w2, b2,
     columns, reach, directions, row, x, base, push, head, short, rest, age, scratch,
-    sums, prior, trust, promised, count, covariance, factor, calibrated
+    sums, trust, promised, count, covariance, factor, calibrated
 ):
     """
     Advance every lane by a step and, if the measurement is `usable`, account for it.
@@ -151,7 +152,7 @@ def compare(  # type: ignore[no-untyped-def]
             sums[1, h, c] = _TRUST_FORGETTING * sums[1, h, c] + m * m
             sums[2, h, c] = _TRUST_FORGETTING * sums[2, h, c] + 1.0
             share = sums[0, h, c] / max(sums[1, h, c], 1e-12)
-            weight = sums[2, h, c] / (sums[2, h, c] + prior)
+            weight = sums[2, h, c] / (sums[2, h, c] + _BELIEVED)
             trust[h, c] = min(max(1.0 + weight * (share - 1.0), 0.0), 1.0)
             error[c] = y - trust[h, c] * m
             surprise[c] = y - promised[lane, h, 0, c] * m

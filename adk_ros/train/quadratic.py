@@ -5,11 +5,12 @@ Quadratic forms that predict the increments, fitted by least squares before anyt
 
     dx_k / s = c' Q c + l' v + 1 b,   v = [x_k, x_(k-1), x_(k-2), u_k, u_(k-1), u_(k-2)] scaled
 
-with c the same as v but held within what the training data show, so that the forms do not grow
-without bound outside of it. On noise-free data three past states tell nearly all there is to know,
-and a solved problem is exact where a trained network is not: what is left to the network is what
-a quadratic form cannot express, and to multi-step training what one step cannot show. Each Q is
-given by its eigenvectors, c' Q c = sum over j of w_j (d_j' c)^2, which is a layer of squares.
+with c the same as v but held within, or somewhat beyond, what the training data show, so that
+the forms do not grow without bound outside of it. On noise-free data three past states tell
+nearly all there is to know, and a solved problem is exact where a trained network is not: what is
+left to the network is what a quadratic form cannot express, and to multi-step training what one
+step cannot show. Each Q is given by its eigenvectors, c' Q c = sum over j of w_j (d_j' c)^2,
+which is a layer of squares.
 """
 
 from __future__ import annotations
@@ -28,6 +29,13 @@ _RIDGES = 1e-11, 1e-8, 1e-8
 """
 For v_x, v_y, yaw rate, per row, in units of scaled regressors. A weaker one makes v_y and yaw rate
 no better one step ahead, and worse in seconds; a stronger one costs v_x most of its digits.
+"""
+
+_BEYOND_STATE, _BEYOND_COMMAND = (1.5, 1.0, 1.5), (1.5, 1.5)
+"""
+How far the forms are believed, in units of what the training data show. A car's equations are
+nearly products of speed, yaw rate and steering, and stay so somewhat farther out; but beyond the
+largest v_y that was seen lies the sliding tyre, where a form would run away.
 """
 
 
@@ -93,6 +101,8 @@ def fit_quadratic(
     linear[columns] = solution[i.size : i.size + columns.size]
     directions[columns] = own
     reach[:] = np.abs(np.concatenate(past, axis=1)).max(axis=0)
+    reach *= np.concatenate([np.tile(_BEYOND_STATE, history + 1),
+                             np.tile(_BEYOND_COMMAND, history + 1 if history else 0)])
     single = np.float32
     return Quadratic(
         reach.astype(single), directions.astype(single), weights.astype(single),
