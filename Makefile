@@ -69,7 +69,7 @@ lint: $(TESTING) ## Check style and types
 bench: $(TESTING) ## Measure (BENCH_ARGS="live", "latency --json")
 	@$(BIN)/adk bench $(BENCH_ARGS)
 
-peers: $(PEERS)/.peers-installed ## Make .venv-peers with the libraries that `adk bench paper` compares with
+peers: $(PEERS)/.peers-installed ## Make .venv-peers with the libraries that `adk bench` compares with
 
 colcon: $(TESTING) ## Build as a ROS workspace would, in a scratch folder, and start the node's --help
 	@set -e; scratch=$$(mktemp -d); trap 'rm -rf "$$scratch"' EXIT; \

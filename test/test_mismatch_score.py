@@ -58,3 +58,37 @@ def test_parameters_and_times() -> None:
 def test_overlap_of_nothing_with_nothing_is_whole() -> None:
     assert overlap([], [], 10.0) == 1.0
     assert overlap([[1.0, 2.0]], [[1.5, 3.0]], 10.0) == pytest.approx(0.25, abs=0.01)
+
+
+LOCKED = {"effects": [{
+    "name": "unknown", "params": {}, "kind": "always", "time_intervals_s": [[0.0, 100.0]],
+    "equations": ["yaw_rate"], "driven_by": ["yaw_rate_per_speed", "yaw_rate"],
+}]}
+
+
+@pytest.mark.parametrize(
+    ("equations", "text", "right"),
+    [
+        (["yaw_rate"], "yaw acceleration against yaw rate (wheel-speed difference)", True),
+        (
+            ["yaw_rate", "v_y"],
+            "yaw acceleration against torque; yaw acceleration against relative wheel-speed "
+            "difference (path curvature)", True,
+        ),
+        (["yaw_rate"], "yaw acceleration against torque", False),
+        (["v_y"], "lateral acceleration against yaw rate (wheel-speed difference)", False),
+        ([], "", False),
+    ],
+)
+def test_what_is_unlisted_has_to_be_described(
+    equations: list[str], text: str, right: bool
+) -> None:
+    said = answer("unknown") | {"unexplained": {"equations": equations, "text": text}}
+    result = score("x", LOCKED, said)
+    assert result.described is right
+    assert result.right == float(right)
+
+
+def test_strength_and_plant_are_the_labels() -> None:
+    result = score("x", label("gyro_scale") | {"strength": 0.3, "plant": "p"}, answer("none"))
+    assert (result.strength, result.plant, result.correctable) == (0.3, "p", False)

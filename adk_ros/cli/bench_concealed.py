@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,32 +26,105 @@ def concealed(
     own: Annotated[
         bool, typer.Option("--own", help="make cases with the package's own plant instead")
     ] = False,
+    real: Annotated[
+        Path | None,
+        typer.Option(help="folder of real recordings: take a known term away, ask for it back"),
+    ] = None,
+    vehicle: Annotated[
+        Path | None, typer.Option(help="with --real: the car's masses and lengths, YAML")
+    ] = None,
     limit: Annotated[int, typer.Option(help="with --own: this many, spread evenly; 0: all")] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="folder to keep the reports in, one a case")
+        Path | None,
+        typer.Option(help="folder to keep the reports in, one a case, the bars and the tables"),
     ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="take the cases that --out has already as they are")
+    ] = False,
+    jobs: Annotated[int, typer.Option(help="cases at a time, of one thread each")] = 1,
+    peers: Annotated[
+        bool, typer.Option("--peers", help="run other methods on the same residuals (make peers)")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """
     Score `adk mismatch` on cases in which something is concealed.
 
+    Prints a line PASS, FAIL or, where no case ran, NONE for each bar; a FAIL is a measurement,
+    not an error.
+
     Example: adk bench concealed --cases cases
     """
-    from adk_ros.bench.concealed.run import run_all, run_own, summary
+    from adk_ros.bench.concealed.bars import judge
+    from adk_ros.bench.concealed.rivals import Rivals
+    from adk_ros.bench.concealed.run import Bench, jobs_of, own_jobs
+    from adk_ros.bench.concealed.tables import as_json as content
+    from adk_ros.bench.concealed.tables import besides, markdown, write_tables
+    from adk_ros.bench.paper.ending import TERMINATED, Terminated, unwinding
+    from adk_ros.mismatch.report.folder import check_folder
 
-    if (cases is None) != own:
-        raise UsageError("give --cases FOLDER or --own, one of the two")
-    with tempfile.TemporaryDirectory() as folder, console.progress("cases") as bar:
-        keep = out or Path(folder)
-        scores = run_own(limit, keep, bar) if cases is None else run_all(cases, keep, bar)
-    figures = summary(scores)
+    if (cases is not None) + own + (real is not None) != 1:
+        raise UsageError("give --cases FOLDER, --own or --real FOLDER, one of the three")
+    if real is not None:
+        _real(real, vehicle, as_json)
+        return
+    if not 1 <= jobs <= 64:
+        raise UsageError(f"--jobs is {jobs}: choose 1 to 64")
+    if resume and out is None:
+        raise UsageError("--resume goes on from what is in --out FOLDER: name it")
+    if out is not None:
+        check_folder(out)
+    todo = own_jobs(limit) if cases is None else jobs_of(cases)
+    try:
+        with (
+            unwinding(), tempfile.TemporaryDirectory() as folder, console.progress("cases") as bar
+        ):
+            rivals = Rivals() if peers else None
+            scores = Bench(out or Path(folder), jobs, resume, rivals).run(todo, bar)
+            bars = judge(scores)
+            if out is not None:
+                write_tables(scores, bars, out)
+    except Terminated:
+        console.note("adk: terminated")
+        raise typer.Exit(TERMINATED) from None
     if as_json:
-        console.answer({"summary": figures, "cases": [asdict(s) for s in scores]})
+        console.answer(content(scores, bars))
         return
     for s in scores:
         console.output.print(_line(s), markup=False)
-    for name, value in figures.items():
-        console.output.print(f"{name:<24} {value:.4g}", markup=False)
+    if peers:
+        console.output.print(markdown(*besides(scores)), markup=False, end="")
+    for one in bars:
+        console.output.print(str(one), markup=False)
+
+
+def _real(folder: Path, vehicle: Path | None, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from adk_ros.bench.concealed.real import ask, find_recordings, real_bars
+    from adk_ros.mismatch.nominal import load_nominal
+    from adk_ros.mismatch.reading import read_evidence
+
+    if vehicle is None:
+        raise UsageError("--real needs --vehicle FILE: the car's masses and lengths")
+    nominal = load_nominal(vehicle)
+    asked = []
+    for bag in find_recordings(folder):
+        with console.progress(f"reading {bag.name}") as bar:
+            recording = read_evidence(bag, needs_imu=False, progress=bar)
+        with console.progress("asking") as bar:
+            asked += ask(recording, nominal, bar)
+    bars = real_bars(asked)
+    if as_json:
+        console.answer({
+            "asked": [asdict(one) for one in asked], "bars": [asdict(bar) for bar in bars]
+        })  # fmt: skip
+        return
+    for one in asked:
+        best = f"; best single {one.best} takes {100.0 * one.gain:.1f} % off" if one.best else ""
+        console.output.print(_line(one.score) + best, markup=False)
+    for line in bars:
+        console.output.print(str(line), markup=False)
 
 
 def _line(s: Score) -> str:
@@ -62,7 +135,8 @@ def _line(s: Score) -> str:
     if s.removed:
         gone = ", ".join(f"{name} {100.0 * x:.0f} %" for name, x in s.removed.items())
         parts.append(f"removed {gone}")
-    parts.append(f"{s.cpu_s:.0f} s CPU, {s.memory_mib:.0f} MiB")
+    if math.isfinite(s.seconds):
+        parts.append(f"{s.seconds:.0f} s, {s.cpu_s:.0f} s CPU, {s.memory_mib:.0f} MiB")
     if s.failure:
         parts.append(s.failure)
     return "; ".join(parts)

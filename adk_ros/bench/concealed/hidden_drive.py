@@ -3,9 +3,10 @@
 """
 Drives the package's plant with something concealed between the commands and the car.
 
-The plant (seven or fourteen degrees of freedom, spinning wheels, its own tyres) shares no code
-with the stand-in of the mismatch tool. Commands are recorded as given; what the car gets of them,
-what pushes it besides, and what its sensors make of it is changed by a `Changes`.
+The plant (seven or fourteen degrees of freedom, spinning wheels, its own tyres; or the car of
+`spring_car`) shares no code with the stand-in of the mismatch tool. Commands are recorded as
+given; what the car gets of them, what pushes it besides, and what its sensors make of it is
+changed by a `Changes`.
 """
 
 from __future__ import annotations
@@ -16,13 +17,26 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adk_ros.bench.concealed import spring_car
+from adk_ros.bench.concealed.spring_car import step_spring_car
 from adk_ros.compiled import compiler
 from adk_ros.plant.body import NO_BODY, Body, resolve
 from adk_ros.plant.driver import Excitation, SpeedPlan, drive, excitation_signals
 from adk_ros.plant.fourteen_dof import rolling_state as rolling_on_plane
-from adk_ros.plant.on_route import STATE_SIZES, step_on_route
+from adk_ros.plant.on_route import step_on_route
 from adk_ros.plant.params import Constants, Vehicle
-from adk_ros.plant.road import ROAD_HEADING, ROAD_SPEED, ROAD_X, ROAD_Y, Route, locate, lookup
+from adk_ros.plant.road import (
+    ROAD_BANK,
+    ROAD_GRADE,
+    ROAD_HEADING,
+    ROAD_MU,
+    ROAD_SPEED,
+    ROAD_X,
+    ROAD_Y,
+    Route,
+    locate,
+    lookup,
+)
 from adk_ros.plant.seven_dof import HEADING, STEP, V_X, V_Y, YAW_RATE, X, Y, rolling_state
 from adk_ros.plant.surface import tangent_plane
 from adk_ros.signals.channels import FloatArray, IntArray
@@ -30,6 +44,9 @@ from adk_ros.signals.channels import FloatArray, IntArray
 _kernel = compiler(Path(__file__).parent, fastmath=False)
 TICK = 25
 """Integration steps of 1 ms between commands."""
+PLANTS = ("seven_dof", "fourteen_dof", "spring_car")
+"""Simulators that something can be concealed in; the last is of another family altogether."""
+_FOURTEEN, _SPRING = 1, 2
 TRUTH = 11
 """Columns of the truth: a_x, a_y, yaw rate, v_x, v_y, x, y, heading, place, time, yaw acc."""
 
@@ -56,19 +73,31 @@ class Changes(NamedTuple):
     wind_from: float = -1.0
     """Between these distances along the lap the crosswind blows; negative: everywhere."""
     wind_to: float = -1.0
+    lift_area: float = 0.0
+    """m^2; of the spring car alone, as is the next."""
+    rear_steer: float = 0.0
+    # What no catalogue lists.
     locked: float = 0.0
-    """1/s^2 per 1/m: yaw acceleration against the relative wheel-speed difference r / v_x."""
+    """m/s^2: yaw acceleration against the relative wheel-speed difference r / v_x."""
     pull: float = 0.0
-    """1/(N m): lateral acceleration by the torque's square root's sign, an unlisted effect."""
+    """1/(kg m): lateral acceleration per commanded torque."""
     shimmy: float = 0.0
-    """rad/s^2: yaw acceleration that oscillates with the speed, an unlisted effect."""
+    """rad/s^2: yaw acceleration that oscillates with the speed, sin(1.5 v_x)."""
+    damped: float = 0.0
+    """1/s: yaw acceleration against the yaw rate."""
+    scrub: float = 0.0
+    """s^2/m: deceleration by the lateral acceleration squared."""
+    vectoring: float = 0.0
+    """1/(kg m^2 rad): yaw acceleration per torque times steering angle."""
+    ploughing: float = 0.0
+    """m/s^2 per rad: deceleration by the steering angle's size."""
 
 
 @_kernel
 def _run(
-    fourteen: bool, c: Constants, later: Constants, b: Body, driver: Constants,
-    table: FloatArray, spacing: float, added: FloatArray, h: Changes, place: float,
-    state: FloatArray, truth: FloatArray, commands: FloatArray,
+    plant: int, c: Constants, later: Constants, b: Body, driver: Constants,
+    table: FloatArray, later_table: FloatArray, spacing: float, added: FloatArray, h: Changes,
+    place: float, state: FloatArray, truth: FloatArray, commands: FloatArray,
 ) -> None:
     road = np.empty((4, 5))
     work = np.empty((5, state.shape[0]))
@@ -112,7 +141,9 @@ def _run(
             push_x = -2.0 * abs(drag) / c.mass
             turn = drag * c.track_width / c.yaw_inertia
             turn -= h.locked * state[YAW_RATE] / speed
-            turn += h.shimmy * math.sin(1.5 * state[V_X])
+            turn += h.shimmy * math.sin(1.5 * state[V_X]) - h.damped * state[YAW_RATE]
+            turn += h.vectoring * driven * steered
+            push_x -= h.scrub * a_y * a_y + h.ploughing * abs(steered)
             push_y = h.pull * commands[now, 0]
             blows = h.wind_from < 0.0
             if not blows:
@@ -128,9 +159,21 @@ def _run(
         row[9] = n * STEP
         before = state[YAW_RATE]
         car = later if acts else c
-        a_x, a_y = step_on_route(
-            fourteen, car, b, table, spacing, s, (wind_x, wind_y), state, command, road, work
-        )
+        ground = later_table if acts else table
+        if plant == _SPRING:
+            surface = (
+                lookup(ground, spacing, s, ROAD_MU), lookup(ground, spacing, s, ROAD_GRADE),
+                lookup(ground, spacing, s, ROAD_BANK),
+            )
+            a_x, a_y = step_spring_car(
+                car, state, command, surface, (wind_x, wind_y), h.lift_area if acts else 0.0,
+                h.rear_steer if acts else 0.0, STEP,
+            )
+        else:
+            a_x, a_y = step_on_route(
+                plant == _FOURTEEN, car, b, ground, spacing, s, (wind_x, wind_y), state, command,
+                road, work,
+            )
         state[V_X] += STEP * push_x
         state[V_Y] += STEP * push_y
         state[YAW_RATE] += STEP * turn
@@ -141,9 +184,12 @@ def _run(
 def hidden_drive(
     vehicle: Vehicle, car: Vehicle, route: Route, changes: Changes, seed: int, seconds: float,
     plant: str = "seven_dof", start: float = 0.0, before: Vehicle | None = None,
+    later: Route | None = None,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """
     Drive `car` (`before` the onset: that) with the driver of `vehicle` along a route.
+
+    From the onset on the road is that of `later`, laid out alike.
 
     Returns truth (n, TRUTH) every millisecond, commands (m, 2), and their stamps in ms (m,).
     """
@@ -152,24 +198,26 @@ def hidden_drive(
     rng = np.random.default_rng(seed)
     excitation = Excitation(steer=0.003, torque=150.0, torque_step=200.0)
     added = excitation_signals(rng, count, TICK * STEP, excitation, SpeedPlan(variation=0.05))
-    fourteen = plant == "fourteen_dof"
+    which = PLANTS.index(plant)
     constants = car.constants()
-    body = resolve(car) if fourteen else NO_BODY
+    body = resolve(car) if which == _FOURTEEN else NO_BODY
     x, y, heading, speed = (
         lookup(route.table, route.spacing, start, column)
         for column in (ROAD_X, ROAD_Y, ROAD_HEADING, ROAD_SPEED)
     )
-    if fourteen:
+    if which == _FOURTEEN:
         plane = np.empty(5)
         tangent_plane(route.table, route.spacing, start, x, y, plane)
         state = rolling_on_plane(constants, speed, plane, x, y, heading)
+    elif which == _SPRING:
+        state = np.zeros(spring_car.STATE_SIZE)
+        state[[V_X, X, Y, HEADING]] = speed, x, y, heading
     else:
         state = rolling_state(constants, speed, x, y, heading)
-    assert state.shape[0] == STATE_SIZES[plant]
     truth = np.empty((steps + 1, TRUTH))
     commands = np.zeros((count, 2))
     _run(
-        fourteen, (before or car).constants(), constants, body, vehicle.constants(), route.table,
-        route.spacing, added, changes, start, state, truth, commands,
+        which, (before or car).constants(), constants, body, vehicle.constants(), route.table,
+        (later or route).table, route.spacing, added, changes, start, state, truth, commands,
     )
     return truth, commands, np.arange(count, dtype=np.int64) * TICK

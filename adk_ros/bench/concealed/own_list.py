@@ -1,19 +1,27 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which cases of our own there are: singles at two strengths, pairs, unlisted ones, clean ones."""
+"""
+Which cases of our own there are: singles at two strengths, pairs, unlisted ones, clean ones.
+
+Simulators, roads and noise levels take turns.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from adk_ros.bench.concealed.case_files import write_case
-from adk_ros.bench.concealed.own import FULL, UNLISTED, Secret, make_case, scaled
+from adk_ros.bench.concealed.hidden_drive import PLANTS
+from adk_ros.bench.concealed.own import OwnCase, Secret, make_case
+from adk_ros.bench.concealed.own_effects import FULL, SPRING_CAR_ONLY, UNLISTED, scaled
 
 STRENGTHS = (1.0, 0.3)
 CLEAN = 60
-PLANTS = ("seven_dof", "fourteen_dof")
+DRIVES = ("track", "track", "town")
+NOISES = (1.0, 0.5, 1.0, 2.0)
 
 PAIRS = (
     ("aero_drag", "steering_lag"), ("payload", "steering_offset"), ("road_bank", "yaw_inertia"),
@@ -27,6 +35,22 @@ TRIPLES = (
     ("payload", "steering_offset", "road_grade"),
     ("drive_torque_gain", "yaw_inertia", "imu_bias"),
 )
+TIMED = (
+    "aero_drag", "steering_lag", "drive_torque_gain", "payload", "low_friction", "imu_bias",
+)
+"""Effects that are concealed from a time on as well."""
+
+UNLISTED_IN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "locked": (("yaw_rate",), ("yaw_rate_per_speed", "yaw_rate", "delta")),
+    "pull": (("v_y",), ("torque", "torque_squared")),
+    "shimmy": (("yaw_rate",), ("sine_of_speed", "speed", "speed_squared", "speed_cubed")),
+    "damped": (("yaw_rate",), ("yaw_rate", "yaw_rate_per_speed", "yaw_rate_speed")),
+    "scrub": (("v_x",), ("lateral_squared", "lateral_size")),
+    "vectoring": (("yaw_rate",), ("torque_delta", "torque_yaw_rate", "torque_lateral")),
+    "ploughing": (("v_x",), ("delta_size", "yaw_rate_size")),
+}
+"""Unlisted effect -> equations that it is in, features of which any says what drives it."""
+
 _PLACED = {"road_grade": "place", "road_bank": "place", "low_friction": "place",
            "crosswind": "place"}
 
@@ -39,12 +63,33 @@ class Plan:
     secret: Secret
     seed: int
     plant: str
+    strength: float = 1.0
+    drive: str = "track"
+    noise: float = 1.0
+
+    def make(self) -> OwnCase:
+        """Make the case, its label complete."""
+        case = make_case(
+            self.name, self.secret, self.seed, self.plant, drive=self.drive, noise=self.noise
+        )
+        return replace(case, label=self.labelled(case.label))
 
     def write(self, folder: Path) -> Path:
         """Make the case and write it below `folder`; return where."""
         path = folder / self.name
-        write_case(make_case(self.name, self.secret, self.seed, self.plant), path)
+        write_case(self.make(), path)
         return path
+
+    def labelled(self, label: dict[str, Any]) -> dict[str, Any]:
+        """Return a label with the strength, the plant, and what drives an unlisted effect."""
+        effects = [dict(effect) for effect in label["effects"]]
+        known = [UNLISTED_IN[name] for name in self.secret.unlisted if name in UNLISTED_IN]
+        for effect in effects:
+            if effect["name"] == "unknown" and known:
+                effect["equations"] = [x for equations, _ in known for x in equations]
+                effect["driven_by"] = [x for _, features in known for x in features]
+        return {**label, "effects": effects, "strength": self.strength, "plant": self.plant,
+                "drive": self.drive, "noise": self.noise}
 
 
 def secret(names: tuple[str, ...], strength: float, kind: str = "") -> Secret:
@@ -53,28 +98,31 @@ def secret(names: tuple[str, ...], strength: float, kind: str = "") -> Secret:
     return Secret({n: scaled(n, strength) for n in names}, kinds)
 
 
+def _plan(i: int, name: str, hidden: Secret, strength: float = 1.0) -> Plan:
+    """Return the case of this number, whose turn decides on simulator, road and noise."""
+    plant = PLANTS[i % len(PLANTS)]
+    if set(SPRING_CAR_ONLY) & set(hidden.effects):
+        plant = "spring_car"
+    drive, noise = DRIVES[i // 3 % len(DRIVES)], NOISES[i // 9 % len(NOISES)]
+    return Plan(name, hidden, 1000 + i, plant, strength, drive, noise)
+
+
 def plans() -> Iterator[Plan]:
-    """Yield all cases; the plants take turns."""
-    seed = 1000
-    for i in range(CLEAN):
-        yield Plan(f"clean_{i:02}", Secret(), seed + i, PLANTS[i % 2])
-    seed += CLEAN
-    for strength in STRENGTHS:
-        for i, name in enumerate(FULL):
-            seed += 1
-            title = f"{name}_{strength:g}"
-            yield Plan(title, secret((name,), strength), seed, PLANTS[i % 2])
-    for i, names in enumerate((*PAIRS, *TRIPLES)):
-        seed += 1
-        yield Plan("_and_".join(names), secret(names, 1.0), seed, PLANTS[i % 2])
-    for i, name in enumerate(("aero_drag", "steering_lag", "drive_torque_gain", "payload")):
-        seed += 1
-        yield Plan(f"{name}_from_a_time_on", secret((name,), 1.0, "time"), seed, PLANTS[i % 2])
-    for i, (name, size) in enumerate(UNLISTED.items()):
-        for strength in STRENGTHS:
-            seed += 1
-            hidden = Secret(unlisted={name: strength * size})
-            yield Plan(f"unlisted_{name}_{strength:g}", hidden, seed, PLANTS[i % 2])
+    """Yield all cases."""
+    every: list[tuple[str, Secret, float]] = []
+    every += [(f"clean_{i:02}", Secret(), 1.0) for i in range(CLEAN)]
+    every += [
+        (f"{name}_{strength:g}", secret((name,), strength), strength)
+        for strength in STRENGTHS for name in FULL
+    ]
+    every += [("_and_".join(names), secret(names, 1.0), 1.0) for names in (*PAIRS, *TRIPLES)]
+    every += [(f"{n}_from_a_time_on", secret((n,), 1.0, "time"), 1.0) for n in TIMED]
+    every += [
+        (f"unlisted_{name}_{strength:g}", Secret(unlisted={name: strength * size}), strength)
+        for name, size in UNLISTED.items() for strength in STRENGTHS
+    ]
+    for i, (name, hidden, strength) in enumerate(every):
+        yield _plan(i, name, hidden, strength)
 
 
 def chosen(limit: int) -> list[Plan]:

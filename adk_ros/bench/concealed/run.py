@@ -1,37 +1,53 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Runs `adk mismatch` on a folder of cases, each in a process of its own, and scores the answers.
+Runs `adk mismatch` on cases, each in a process of its own, and scores the answers.
 
 A case is a folder with `simulation`, `recording`, `heldout`, `vehicle.yaml` and `label.json`. The
-tool is given the first two and the vehicle; the label is read when the answer is there.
+tool is given the first two and the vehicle; the label is read when the answer is there. A report
+comes to lie beside the others once it is whole and scored, so that an interrupted run leaves
+finished ones, which the next can go on from.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-import math
 import os
-import subprocess
-import sys
+import shutil
 import tempfile
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
-import numpy as np
-
+from adk_ros.bench.concealed.children import Children, Usage
 from adk_ros.bench.concealed.own_list import chosen
+from adk_ros.bench.concealed.rivals import Rivals
 from adk_ros.bench.concealed.score import Score, score
 from adk_ros.errors import UsageError
+from adk_ros.mismatch.answer import ANSWER
 from adk_ros.mismatch.model_file import load_stand_in
 from adk_ros.mismatch.open_loop import FIRST_START_S, errors_ahead
 from adk_ros.mismatch.reading import read_evidence
 from adk_ros.signals.channels import STATE_NAMES
 
 HORIZON_S = 1.0
+SCORED = "score.json"
+LABEL = "label.json"
 
 Progress = Callable[[float, float, str], None]
+
+
+class Job(NamedTuple):
+    """A case to come: `write` makes it below a folder and returns where; `key` tells it apart."""
+
+    name: str
+    key: str
+    write: Callable[[Path], Path]
 
 
 def find_cases(folder: Path) -> list[Path]:
@@ -42,39 +58,154 @@ def find_cases(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise UsageError(f"{folder} is no folder: give one that holds cases")
-    cases = sorted(path.parent for path in folder.glob("*/label.json"))
+    cases = sorted(path.parent for path in folder.glob(f"*/{LABEL}"))
     if not cases:
         raise UsageError(f"{folder} holds no case: a folder with label.json and its recordings")
     return cases
 
 
-def run_case(case: Path, out: Path) -> Score:
-    """Run the tool on one case and score its answer."""
-    command = [
-        sys.executable, "-m", "adk_ros.cli.main", "mismatch",
-        "--simulation", str(case / "simulation"), "--recording", str(case / "recording"),
-        "--vehicle", str(case / "vehicle.yaml"), "--out", str(out),
+def jobs_of(folder: Path) -> list[Job]:
+    """Return a job for each case of a folder."""
+    return [
+        Job(case.name, _digest((case / LABEL).read_bytes()), partial(_there, case))
+        for case in find_cases(folder)
+    ]
+
+
+def _there(case: Path, folder: Path) -> Path:
+    """Where a case is that need not be made."""
+    return case
+
+
+def own_jobs(limit: int) -> list[Job]:
+    """Return jobs that make cases of our own."""
+    return [Job(plan.name, _digest(repr(plan).encode()), plan.write) for plan in chosen(limit)]
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """
+    Where reports go, how many cases run at a time, and whether finished ones are kept.
+
+    `rivals`: other methods, run on each case as well.
+    """
+
+    out: Path
+    at_once: int = 1
+    resume: bool = False
+    rivals: Rivals | None = None
+
+    def run(self, jobs: Sequence[Job], progress: Progress | None = None) -> list[Score]:
+        """
+        Run and score all cases; in their order.
+
+        Raises `UsageError` where a folder in `out` is in the way. Interrupted, it ends what it
+        began and leaves the reports that are whole.
+        """
+        tell = progress or (lambda done, total, text: None)
+        self._check(jobs)
+        found = {job.name: s for job in jobs if (s := self._earlier(job)) is not None}
+        todo = [job for job in jobs if job.name not in found]
+        there = self.out.exists()
+        self.out.mkdir(parents=True, exist_ok=True)
+        children = Children()
+        try:
+            with tempfile.TemporaryDirectory(prefix=".concealed_", dir=self.out) as scratch:
+                pool = ThreadPoolExecutor(self.at_once)
+                try:
+                    waiting = {
+                        pool.submit(self._case, job, Path(scratch), children): job for job in todo
+                    }
+                    tell(len(found), len(jobs), "")
+                    while waiting:
+                        done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                        for future in done:
+                            job = waiting.pop(future)
+                            found[job.name] = future.result()
+                            tell(len(found), len(jobs), job.name)
+                finally:
+                    children.end()
+                    if self.rivals is not None:
+                        self.rivals.close()
+                    pool.shutdown(wait=True, cancel_futures=True)
+        except BaseException:
+            if not there:
+                with suppress(OSError):
+                    self.out.rmdir()
+            raise
+        return [found[job.name] for job in jobs]
+
+    def _check(self, jobs: Sequence[Job]) -> None:
+        for job in jobs:
+            place = self.out / job.name
+            if place.exists() and not (place / SCORED).is_file():
+                raise UsageError(
+                    f"{place} is there and no report of this command: name another --out"
+                )
+
+    def _earlier(self, job: Job) -> Score | None:
+        """Return the score of an earlier run of the same case, if it is to be kept."""
+        path = self.out / job.name / SCORED
+        if not self.resume or not path.is_file():
+            return None
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            earlier = Score(**content["score"])
+        except (ValueError, KeyError, TypeError):
+            return None
+        if self.rivals is not None and not earlier.beside:
+            return None
+        return earlier if content["key"] == job.key else None
+
+    def _case(self, job: Job, scratch: Path, children: Children) -> Score:
+        folder = scratch / job.name
+        folder.mkdir()
+        case = job.write(folder)
+        report = folder / "report"
+        result = run_case(case, report, children)
+        result.case = job.name
+        if self.rivals is not None and not result.failure:
+            result.beside = self.rivals.beside(
+                read_evidence(case / "recording", needs_imu=False), report,
+                json.loads((case / LABEL).read_text(encoding="utf-8")),
+                json.loads((report / ANSWER).read_text(encoding="utf-8")),
+            )
+        if not result.failure:
+            content = {"key": job.key, "score": asdict(result)}
+            (report / SCORED).write_text(json.dumps(content, indent=1), encoding="utf-8")
+            place = self.out / job.name
+            if place.exists():
+                shutil.rmtree(place)
+            os.replace(report, place)
+        shutil.rmtree(folder)
+        return result
+
+
+def run_case(case: Path, out: Path, children: Children | None = None) -> Score:
+    """Run the tool on one case and score its answer; the report goes into `out`."""
+    arguments = [
+        "mismatch", "--simulation", str(case / "simulation"),
+        "--recording", str(case / "recording"), "--vehicle", str(case / "vehicle.yaml"),
+        "--out", str(out),
     ]  # fmt: skip
-    one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-    started = time.monotonic()
-    with subprocess.Popen(
-        command, env=os.environ | one, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stderr is not None
-        said = process.stderr.read()
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    seconds = time.monotonic() - started
-    label = json.loads((case / "label.json").read_text(encoding="utf-8"))
-    if process.returncode != 0:
+    used = (children or Children()).adk(arguments)
+    label = json.loads((case / LABEL).read_text(encoding="utf-8"))
+    return _scored(case, label, out, used)
+
+
+def _scored(case: Path, label: dict[str, object], out: Path, used: Usage) -> Score:
+    if used.status != 0:
         result = score(case.name, label, {"verdict": "failed"})
-        result.failure = said.strip().splitlines()[-1] if said.strip() else "it said nothing"
+        result.failure = used.said or "it said nothing"
     else:
-        answer = json.loads((out / "mismatch.json").read_text(encoding="utf-8"))
+        answer = json.loads((out / ANSWER).read_text(encoding="utf-8"))
         result = score(case.name, label, answer)
         result.removed = removed(case / "heldout", out)
-    result.seconds, result.cpu_s = seconds, usage.ru_utime + usage.ru_stime
-    result.memory_mib = usage.ru_maxrss / 1024.0
+    result.seconds, result.cpu_s, result.memory_mib = used.seconds, used.cpu_s, used.memory_mib
     return result
 
 
@@ -99,61 +230,4 @@ def removed(heldout: Path, report: Path) -> dict[str, float]:
         name: float((before[i] - after[i]) / (before[i] - floor[i]))
         for i, name in enumerate(STATE_NAMES)
         if before[i] > 1.5 * floor[i]
-    }
-
-
-def run_all(folder: Path, out: Path, progress: Progress | None = None) -> list[Score]:
-    """Run and score all cases of a folder; the reports go into `out`, one folder a case."""
-    cases = find_cases(folder)
-    results = []
-    for i, case in enumerate(cases):
-        if progress is not None:
-            progress(i, len(cases), case.name)
-        results.append(run_case(case, out / case.name))
-    if progress is not None:
-        progress(len(cases), len(cases), "")
-    return results
-
-
-def run_own(limit: int, out: Path, progress: Progress | None = None) -> list[Score]:
-    """Make, run and score cases of our own, one after the other; their bags are not kept."""
-    plans = chosen(limit)
-    results = []
-    for i, plan in enumerate(plans):
-        if progress is not None:
-            progress(i, len(plans), plan.name)
-        with tempfile.TemporaryDirectory() as folder:
-            results.append(run_case(plan.write(Path(folder)), out / plan.name))
-    return results
-
-
-def summary(scores: list[Score]) -> dict[str, float]:
-    """Return the figures over all cases that the bars are about; NaN where there is no case."""
-
-    def mean(values: list[float]) -> float:
-        return float(np.mean(values)) if values else math.nan
-
-    by_kind = {
-        kind: [s for s in scores if s.kind == kind]
-        for kind in ("none", "single", "pair", "triple", "unknown")
-    }
-    errors = [x for s in scores for x in s.errors.values()]
-    covered = [float(x) for s in scores for x in s.covered.values()]
-    iou = [x for s in scores for x in s.iou.values()]
-    gone = [x for s in scores for x in s.removed.values() if s.kind not in {"none"}]
-    return {
-        "cases": len(scores),
-        "false_alarms": float(sum(1.0 - s.right for s in by_kind["none"])),
-        "clean_cases": len(by_kind["none"]),
-        "singles_right": mean([s.right for s in by_kind["single"]]),
-        "pairs_f1": mean([s.f1 for s in by_kind["pair"]]),
-        "triples_f1": mean([s.f1 for s in by_kind["triple"]]),
-        "unknown_right": mean([s.right for s in by_kind["unknown"]]),
-        "parameter_error_median": float(np.median(errors)) if errors else math.nan,
-        "interval_coverage": mean(covered),
-        "iou_median": float(np.median(iou)) if iou else math.nan,
-        "removed_median": float(np.median(gone)) if gone else math.nan,
-        "seconds_median": float(np.median([s.seconds for s in scores])) if scores else math.nan,
-        "cpu_s_median": float(np.median([s.cpu_s for s in scores])) if scores else math.nan,
-        "memory_mib_max": max((s.memory_mib for s in scores), default=math.nan),
     }

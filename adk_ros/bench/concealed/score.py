@@ -7,7 +7,12 @@ A name counts one where it is found, and its share where it stands among the alt
 found one: 1 / (1 + number of alternatives); a found name with alternatives counts that share too.
 Set-F1 is 2 right / (named + labelled). A parameter's error is relative to its size, the difference
 from where nothing acts. Where something acts is compared as a set of times: intersection over
-union. `unknown` in a label asks for the verdict `unknown`; an empty label for `none`.
+union. `unknown` in a label asks for the verdict `unknown`, and where the label says so for the
+equation and for what drives it; an empty label for `none`.
+
+A label may say besides: `strength` (share of full size, 1 unless said), `plant` (which simulator
+made it), and of an effect `unknown` its `equations` and what it is `driven_by` (names of
+`mismatch.correction.FEATURES`, any of which will do).
 """
 
 from __future__ import annotations
@@ -17,6 +22,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from adk_ros.mismatch.catalogue import EFFECTS
+from adk_ros.mismatch.correction import FEATURES
+from adk_ros.mismatch.unknown import WORDS
 
 UNKNOWN = "unknown"
 _RESOLUTION_S = 0.01
@@ -29,7 +36,9 @@ class Score:
 
     `kind`: none, single, pair, triple or unknown. `right` between 0 and 1; `f1` of the names;
     `errors` relative by parameter; `covered` whether its 90 % interval holds the true value;
-    `iou` by effect; `removed` the share of the removable held-out error that is gone, by channel.
+    `iou` by effect; `removed` the share of the removable held-out error that is gone, by channel;
+    `described` whether an unlisted effect's equation and driving variable are right, None where
+    the label does not say them; `strength` and `plant` as in the label.
     """
 
     case: str
@@ -46,6 +55,13 @@ class Score:
     cpu_s: float = math.nan
     memory_mib: float = math.nan
     failure: str = ""
+    strength: float = 1.0
+    plant: str = ""
+    described: bool | None = None
+    beside: list[dict[str, Any]] = field(default_factory=list)
+    """Rows of `rivals.Beside`, ours first, where other methods were run as well."""
+    correctable: bool = True
+    """Whether anything but a sensor's fault is concealed, which no correction removes."""
 
 
 def kind_of(label: dict[str, Any]) -> str:
@@ -82,6 +98,29 @@ def shares(name: str, found: list[dict[str, Any]]) -> float:
     return best
 
 
+def described(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
+    """
+    Return whether an answer's remainder is in the label's equation and goes with what drives it.
+
+    The most telling equation has to be one of the label's, and one of the features of that
+    equation one that the label takes. None where the label says neither.
+    """
+    asked: dict[str, Any] = next((e for e in label["effects"] if e["name"] == UNKNOWN), {})
+    equations, drivers = asked.get("equations", []), asked.get("driven_by", [])
+    if not equations and not drivers:
+        return None
+    rest = answer.get("unexplained", {})
+    first = next(iter(rest.get("equations", [])), "")
+    if equations and first not in equations:
+        return False
+    begins = f"{WORDS.get(first, '')} against "
+    goes_with = {
+        part.removeprefix(begins) for part in rest.get("text", "").split("; ")
+        if part.startswith(begins)
+    }
+    return not drivers or any(FEATURES[name].text in goes_with for name in drivers)
+
+
 def _neutral(effect: str, parameter: str) -> float:
     for known in EFFECTS[effect].parameters if effect in EFFECTS else ():
         if known.name == parameter and not known.inverse:
@@ -102,7 +141,7 @@ def score(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Score:
     if kind == "none":
         right = float(verdict == "none" and not found)
     elif kind == UNKNOWN:
-        right = float(verdict == "unknown")
+        right = float(verdict == "unknown" and described(label, answer) is not False)
     elif named == len(wanted) and verdict == "explained":
         right = math.prod(counts)
     else:
@@ -116,6 +155,12 @@ def score(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Score:
     result = Score(
         case, kind, right, f1, said or verdict,
         " + ".join(effect["name"] for effect in label["effects"]) or "none",
+        strength=float(label.get("strength", 1.0)), plant=str(label.get("plant", "")),
+        described=described(label, answer) if verdict == UNKNOWN == kind else None,
+        correctable=any(
+            effect["name"] not in EFFECTS or not EFFECTS[effect["name"]].sensor
+            for effect in label["effects"]
+        ),
     )
     end_s = max((t[1] for e in wanted for t in e["time_intervals_s"]), default=0.0)
     for effect in wanted:
