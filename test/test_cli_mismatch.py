@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 import json
+import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from mismatch_report_tools import drag
 from mismatch_tools import case
 
 from adk_ros.bench.concealed.case_files import write_case, write_evidence
@@ -58,10 +61,12 @@ def test_the_bench_runs_and_scores_a_case(
     assert one["right"] == 1.0
     assert one["errors"]["aero_drag.cda"] < 0.05
     assert one["removed"]["v_x"] > 0.7
-    assert result["summary"]["singles_right"] == 1.0
+    (first, *_) = result["bars"]
+    assert (first["name"], first["verdict"]) == ("singles-strength-1", "PASS")
+    assert (tmp_path / "out" / "bars.txt").is_file()
     report = tmp_path / "out" / "drag"
     assert {p.name for p in report.iterdir()} >= {
-        "mismatch.json", "simulation.yaml", "corrected.yaml"
+        "mismatch.json", "simulation.yaml", "corrected.yaml", "held_out.yaml"
     }
 
 
@@ -123,3 +128,60 @@ def test_a_corrected_model_keeps_its_numbers() -> None:
     p = usual()
     p[INDEX["mass"]] = 1234.56789
     assert "mass: 1234.5679" in content_of(p)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_leaves_no_half_report(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch, number: signal.Signals,
+) -> None:
+    def half_a_page(findings: object, out: Path) -> None:
+        (out / "map.png").write_bytes(b"half")
+        signal.raise_signal(number)
+
+    monkeypatch.setattr("adk_ros.mismatch.investigate.investigate", lambda *_: drag())
+    arguments = ["mismatch", "--simulation", str(folder / "simulation")]
+    arguments += ["--recording", str(folder / "recording"), "--out", str(tmp_path / "out")]
+    assert main(arguments) == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    monkeypatch.setattr("adk_ros.mismatch.answer.write_page", half_a_page)
+    assert main(arguments) == 128 + number
+    assert {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir()} == before
+    assert main([*arguments[:-1], str(tmp_path / "new")]) == 128 + number
+    assert {path.name for path in tmp_path.iterdir()} == {"out"}
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "one of the three"),
+        (["--own", "--real", "x"], "one of the three"),
+        (["--own", "--jobs", "0"], "choose 1 to 64"),
+        (["--own", "--resume"], "name it"),
+        (["--real", "x"], "needs --vehicle"),
+    ],
+)
+def test_what_the_bench_refuses(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    assert said in refused(capsys, 2, "bench", "concealed", *arguments)
+
+
+def test_a_recording_without_an_imu_is_refused_unless_told(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole = case().recording
+    bag = tmp_path / "odometry"
+    write_evidence(replace(whole, imu_s=np.empty(0), imu=np.empty((0, 3))), bag)
+    monkeypatch.setattr("adk_ros.mismatch.investigate.investigate", lambda *_: drag())
+    arguments = ["mismatch", "--simulation", str(folder / "simulation"), "--recording", str(bag)]
+    arguments += ["--out", str(tmp_path / "out")]
+    line = refused(capsys, 3, *arguments)
+    assert "no IMU" in line
+    assert "--without-imu" in line
+    assert not (tmp_path / "out").exists()
+    assert main([*arguments, "--without-imu"]) == 0
+    assert (tmp_path / "out" / "mismatch.json").is_file()
+    capsys.readouterr()

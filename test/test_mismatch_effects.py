@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mismatch_tools import car, steady, with_commands
@@ -11,10 +13,19 @@ from mismatch_tools import car, steady, with_commands
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.course import Course, prepare
 from adk_ros.mismatch.effect import Effect
-from adk_ros.mismatch.gates import Gate
-from adk_ros.mismatch.likelihood import TOLERANCES, Active, Likelihood, neutral
+from adk_ros.mismatch.gates import Gate, at_stretches
+from adk_ros.mismatch.likelihood import (
+    FIRST_OPEN,
+    OFFSETS,
+    TOLERANCES,
+    Active,
+    Hypothesis,
+    Likelihood,
+    neutral,
+)
 from adk_ros.mismatch.parameters import INDEX, SIZE
-from adk_ros.mismatch.places import best_mask, stretches
+from adk_ros.mismatch.places import GRADUAL, best_mask, stretches
+from adk_ros.mismatch.search import Search, required
 from adk_ros.mismatch.standin import StandIn
 
 NAMES = [
@@ -70,7 +81,7 @@ def test_an_effect_is_whole(effect: Effect) -> None:
 def test_neutral_adds_nothing_and_anything_else_something(
     likelihood: Likelihood, effect: Effect
 ) -> None:
-    none = np.zeros(len(TOLERANCES))
+    none = np.zeros(FIRST_OPEN)
     before = likelihood.residuals(none, [])
     np.testing.assert_allclose(likelihood.residuals(none, [neutral(effect)]), before, atol=1e-9)
     for j, p in enumerate(effect.parameters):
@@ -81,7 +92,7 @@ def test_neutral_adds_nothing_and_anything_else_something(
 
 
 def test_a_gate_limits_an_effect_to_a_time(course: Course, likelihood: Likelihood) -> None:
-    none = np.zeros(len(TOLERANCES))
+    none = np.zeros(FIRST_OPEN)
     before = likelihood.residuals(none, [])
     late = Active(EFFECTS["imu_bias"], (0.5, 0.0, 0.0), Gate(onset_s=20.0))
     change = (likelihood.residuals(none, [late]) - before)[: course.bins]
@@ -116,3 +127,38 @@ def test_stretches_that_pay() -> None:
     assert stretches(mask, 100.0) == ((80.0, 140.0),)
     assert not best_mask(-np.ones(10), 16.0).any()
     assert best_mask(np.ones(40), 16.0).all()
+
+
+def test_a_bias_below_what_is_worth_a_name_is_tolerance(likelihood: Likelihood) -> None:
+    none = np.zeros(FIRST_OPEN)
+    course = likelihood.course
+    imu = course.evidence.imu + np.array([0.012, 0.0, 0.0])
+    shifted = replace(likelihood, course=replace(
+        course, evidence=replace(course.evidence, imu=imu)
+    ))
+    off = none.copy()
+    off[len(TOLERANCES) + list(OFFSETS).index("bias_a_x")] = 0.012
+    np.testing.assert_allclose(
+        shifted.residuals(off, []), likelihood.residuals(none, []), atol=1e-6
+    )
+    for parameter, most in zip(
+        EFFECTS["imu_bias"].parameters, likelihood.nuisance_bounds()[len(TOLERANCES) :],
+        strict=False,
+    ):
+        assert most < parameter.least
+
+
+def test_less_is_asked_of_a_stand_in_that_meets_its_simulator() -> None:
+    plain = Hypothesis((), np.zeros(FIRST_OPEN), 1000.0)
+    good, poor = Search(noise=1000.0, own=10.0), Search(noise=1000.0, own=2000.0)
+    assert required(plain, good) < 50.0
+    assert required(plain, poor) > 200.0
+
+
+def test_a_slope_begins_gradually_and_wetness_at_once() -> None:
+    distance = np.linspace(0.0, 300.0, 3001)
+    sharp = at_stretches(distance, ((100.0, 200.0),), 300.0)
+    soft = at_stretches(distance, ((100.0, 200.0),), 300.0, 18.0)
+    assert sharp[1040] > 0.95 > soft[1040] > 0.5
+    assert soft[1000] == pytest.approx(0.5, abs=0.01)
+    assert set(GRADUAL) == {"road_grade", "road_bank"}

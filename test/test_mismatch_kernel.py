@@ -10,21 +10,12 @@ import numpy as np
 import pytest
 from mismatch_tools import CAR, car, steady, with_commands
 
+from adk_ros.mismatch.actuators import held_mean, lagged, sprung
 from adk_ros.mismatch.course import STEP, Course, prepare
-from adk_ros.mismatch.kernel import (
-    A_X,
-    A_Y,
-    OUTPUTS,
-    S_V_X,
-    STATE_SIZE,
-    V_X,
-    V_Y,
-    YAW_RATE,
-    held_mean,
-    lagged,
-    simulate,
-)
+from adk_ros.mismatch.forces import lateral_share
+from adk_ros.mismatch.kernel import simulate
 from adk_ros.mismatch.parameters import ENTRIES, HIGH, LOW, usual
+from adk_ros.mismatch.states import A_X, A_Y, OUTPUTS, S_V_X, STATE_SIZE, V_X, V_Y, YAW_RATE
 from adk_ros.plant.params import AIR_DENSITY, GRAVITY
 from adk_ros.signals.channels import FloatArray
 
@@ -145,3 +136,41 @@ def test_the_grid_steps_are_ten_milliseconds_with_stamps_in_their_middles() -> N
     course = prepare(steady(20.0))
     assert course.middle_s[0] == pytest.approx(course.evidence.imu_s[0])
     assert np.diff(course.middle_s) == pytest.approx(STEP)
+
+
+def test_an_accelerometer_on_a_leaning_body_feels_gravity() -> None:
+    gradient = 0.004
+    rigid, leaning = (
+        run(prepare(steady(20.0, 0.01, 300.0)), car(roll_gradient=x, pitch_gradient=x))
+        for x in (0.0, gradient)
+    )
+    for row in (A_X, A_Y):
+        felt = rigid[row, -1] * (1.0 + GRAVITY * gradient)
+        assert leaning[row, -1] == pytest.approx(felt, rel=1e-3)
+    # The lean is the sensor's alone: the car drives the same.
+    np.testing.assert_allclose(leaning[V_Y], rigid[V_Y], atol=1e-9)
+
+
+def test_a_second_order_lag_rings_at_its_frequency_and_settles() -> None:
+    step, frequency, damping = 0.0005, 10.0, 0.3
+    value, rate, seen = 0.0, 0.0, []
+    for _ in range(20000):
+        value, rate = sprung(value, rate, 1.0, frequency, damping, step)
+        seen.append(value)
+    overshoot = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
+    assert max(seen) == pytest.approx(1.0 + overshoot, abs=0.01)
+    peak = step * (int(np.argmax(seen)) + 1)
+    assert peak == pytest.approx(math.pi / (frequency * math.sqrt(1.0 - damping**2)), rel=0.01)
+    assert seen[-1] == pytest.approx(1.0, abs=1e-6)
+    # However stiff, and however long the step.
+    assert sprung(0.0, 0.0, 1.0, 1e4, 1.0, 0.01)[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_both_tyre_curves_have_one_slope_and_the_brush_slides_at_its_grip() -> None:
+    for brush in (0.0, 0.4, 1.0):
+        assert lateral_share(1e-5, 1.4, -0.3, brush) == pytest.approx(1.4e-5, rel=1e-4)
+        assert lateral_share(-0.7, 1.4, -0.3, brush) == -lateral_share(0.7, 1.4, -0.3, brush)
+    assert lateral_share(3.0 / 1.4, 1.4, 0.0, 1.0) == pytest.approx(1.0)
+    assert lateral_share(50.0, 1.4, 0.0, 1.0) == 1.0
+    # Half way: z = 1/2 gives 3/2 - 3/4 + 1/8.
+    assert lateral_share(1.5 / 1.4, 1.4, 0.0, 1.0) == pytest.approx(0.875)

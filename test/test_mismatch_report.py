@@ -87,7 +87,8 @@ def test_the_page_is_whole_and_stands_by_itself(name: str, folders: dict[str, Pa
     assert "http" not in page.source
     assert "url(" not in page.source
     assert sentence(MADE[name]()) in page.text
-    for heading in ("Where", "How much better", "What remains", "What to drive next",
+    better = "How far off the simulation is" if name == "none" else "How much better"
+    for heading in ("Where", better, "What remains", "What to drive next",
                     "How it was judged"):
         assert heading in page.text
 
@@ -176,7 +177,8 @@ def test_a_report_replaces_an_earlier_one_and_nothing_else(tmp_path: Path) -> No
     write_report(findings(), out)
     names = {path.name for path in out.iterdir()}
     assert names == ALWAYS | {
-        "report.html", "mismatch.json", "simulation.yaml", "corrected.yaml", "mine.txt",
+        "report.html", "mismatch.json", "simulation.yaml", "corrected.yaml",
+        "held_out.yaml", "mine.txt",
     }
 
 

@@ -36,6 +36,19 @@ def test_drag_is_shown_by_the_accelerometer_against_speed_squared() -> None:
     assert np.all(item.before < item.before_sides[1])
 
 
+def test_of_several_each_is_shown_less_itself_alone() -> None:
+    plain = drag().series
+    alone = replace(plain, without={"aero_drag": 2.0 * plain.before})
+    item, both = (effect_trend(s, drag().effects[0]) for s in (plain, alone))
+    np.testing.assert_allclose(both.before, 2.0 * item.before)
+    np.testing.assert_allclose(both.after, item.after)
+    rest = odd().unexplained
+    assert rest is not None
+    piece = rest.pieces[0]
+    named = replace(odd().series, without={"yaw_rate:yaw_rate_per_speed": plain.after})
+    assert np.abs(piece_trend(named, piece).before).max() < 0.1
+
+
 def test_a_place_is_shown_along_the_lap() -> None:
     item = effect_trend(bank().series, bank().effects[0])
     assert item.channel == "v_y"

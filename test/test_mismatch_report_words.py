@@ -10,11 +10,19 @@ import numpy as np
 import pytest
 from mismatch_report_tools import bank, drag, findings, found, late, odd
 
+from adk_ros.mismatch.answer import as_dict, where_text
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.effect import PLACE
-from adk_ros.mismatch.findings import Interval
+from adk_ros.mismatch.findings import Interval, Lack
 from adk_ros.mismatch.report.explain import EXPLAINS
-from adk_ros.mismatch.report.sentence import interval_text, number, pair_text, sentence
+from adk_ros.mismatch.report.sentence import (
+    interval_text,
+    number,
+    pair_text,
+    sentence,
+    where_words,
+)
+from adk_ros.mismatch.report.tables import error_rows
 from adk_ros.mismatch.report.words import WORDS, Quantity, listed, quantity, title
 
 
@@ -49,11 +57,45 @@ def test_nothing_is_said_plainly() -> None:
     assert "0.14 m/s" in said
 
 
+def test_nothing_is_not_said_plainly_where_the_simulation_was_not_met() -> None:
+    plain = findings()
+    off = replace(plain, stand_in_error=plain.stand_in_error | {"v_x": 0.1})
+    said = sentence(off)
+    assert "Nothing material" not in said
+    assert "misses the simulation's own recording in v_x, odometry (0.1 m/s)," in said
+
+
 def test_a_place_and_an_onset_are_said() -> None:
     assert "left side up by 0.102 rad (0.100 to 0.104), at 100 to 200 m of every lap;" in sentence(
         bank()
     )
     assert "delay 0.062 s (0.058 to 0.066), from 60.0 s on;" in sentence(late())
+
+
+def test_a_stretch_over_the_laps_end_stays_within_the_lap() -> None:
+    one = replace(bank().effects[0], stretches=((550.0, 640.0), (100.0, 200.0)), lap_m=600.0)
+    said = "100 to 200 m and 550 m over the start to 40 m"
+    assert where_words(one) == f"at {said} of every lap"
+    assert where_text(one).startswith("at a place: 100 to 200 m, 550 m over the start to 40 m")
+    before = replace(one, stretches=((-50.0, 40.0),))
+    assert where_words(before) == "at 550 m over the start to 40 m of every lap"
+
+
+def test_what_lacks_is_said_and_what_is_not_judged_is_no_number() -> None:
+    lacks = [Lack("an IMU", "no IMU"), Lack("a torque command", "a pedal")]
+    plain = findings()
+    narrow = replace(plain, lacking=lacks, before=plain.before | {"v_x": np.nan})
+    assert sentence(narrow).endswith(
+        "(1 s yaw rate error 0.005 rad/s). The recording is judged without an IMU and a torque "
+        "command."
+    )
+    told = odd()
+    nothing = {"v_x": np.nan}
+    told = replace(told, before=told.before | nothing, after=told.after | nothing, lacking=lacks)
+    assert "the 1 s yaw rate error falls from 0.0050 to 0.0010 rad/s." in sentence(told)
+    assert error_rows(told)[0] == ["speed (m/s)", "not judged", "", ""]
+    assert as_dict(told)["fit"]["before"]["v_x"] is None
+    assert as_dict(told)["scope"]["lacking"] == ["no IMU", "a pedal"]
 
 
 @pytest.mark.parametrize(

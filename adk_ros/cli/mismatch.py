@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,15 +18,26 @@ from adk_ros.cli.options import (
     ParamsOption,
     drive_options,
 )
+from adk_ros.errors import UsageError
+
+if TYPE_CHECKING:
+    from adk_ros.mismatch.evidence import Evidence
+    from adk_ros.mismatch.standin import StandIn
 
 
 def mismatch(
-    simulation: Annotated[Path, typer.Option(help="bag of the simulator")],
+    simulation: Annotated[
+        Path, typer.Option(help="bag of the simulator; or its vehicle, YAML as for adk simulate")
+    ],
     recording: Annotated[Path, typer.Option(help="bag of the real car")],
     out: Annotated[Path, typer.Option(help="folder for the report")],
     vehicle: Annotated[
         Path | None, typer.Option(help="the simulation's nominal vehicle, YAML")
     ] = None,
+    without_imu: Annotated[
+        bool,
+        typer.Option("--without-imu", help="judge a recording that has no IMU by odometry alone"),
+    ] = False,
     imu: ImuOption = None,
     odometry: OdometryOption = None,
     command: CommandOption = None,
@@ -38,27 +49,50 @@ def mismatch(
 
     Example: adk mismatch --simulation sim --recording real --vehicle vehicle.yaml --out report
     """
+    from adk_ros.bench.paper.ending import TERMINATED, Terminated, unwinding
     from adk_ros.mismatch.answer import as_dict, write_report
     from adk_ros.mismatch.investigate import investigate
-    from adk_ros.mismatch.nominal import load_nominal
+    from adk_ros.mismatch.nominal import load_nominal, nominal_of
     from adk_ros.mismatch.reading import read_evidence
     from adk_ros.mismatch.report.folder import check_folder
     from adk_ros.mismatch.report.sentence import sentence
+    from adk_ros.mismatch.simulator import drive_vehicle, is_file, load_simulator
+    from adk_ros.plant.params import Vehicle
 
     check_folder(out)
+    of_file = load_simulator(simulation) if is_file(simulation) else None
+    if of_file is not None and vehicle is not None:
+        raise UsageError(
+            f"{simulation} says the vehicle already: give --vehicle with a simulator's bag alone"
+        )
     nominal = None if vehicle is None else load_nominal(vehicle)
     sensors = drive_options(imu, odometry, command, False, params).sensors
-    with console.progress(f"reading {simulation.name}") as bar:
-        simulated = read_evidence(simulation, imu, odometry, command, sensors, bar)
     with console.progress(f"reading {recording.name}") as bar:
-        recorded = read_evidence(recording, imu, odometry, command, sensors, bar)
+        # Beside a simulator's own IMU a missing one is rather a topic that was forgotten.
+        needed = of_file is None and not without_imu
+        recorded = read_evidence(recording, imu, odometry, command, sensors, bar, needed)
+    simulated: Evidence | StandIn
+    if isinstance(of_file, Vehicle):
+        nominal = nominal_of(of_file)
+        simulated = drive_vehicle(of_file, recorded, simulation.name)
+    elif of_file is not None:
+        simulated = of_file
+    else:
+        with console.progress(f"reading {simulation.name}") as bar:
+            simulated = read_evidence(simulation, imu, odometry, command, sensors, bar)
     with console.progress("comparing") as bar:
         findings = investigate(simulated, recorded, nominal, bar)
-    write_report(findings, out)
+    try:
+        # What is half written goes with whoever is stopped.
+        with unwinding():
+            write_report(findings, out)
+    except Terminated:
+        console.note("adk: terminated")
+        raise typer.Exit(TERMINATED) from None
     if as_json:
         console.answer(as_dict(findings))
         return
-    for text in findings.notes:
+    for text in (*findings.notes, *(lack.text for lack in findings.lacking)):
         console.note(text)
     console.output.print(sentence(findings), markup=False)
     console.note(f"report.html, mismatch.json, simulation.yaml and corrected.yaml in {out}")

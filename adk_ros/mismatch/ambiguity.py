@@ -74,7 +74,7 @@ def standing(likelihood: Likelihood, h: Hypothesis, which: int) -> Standing:
     screen = Screen(likelihood, without, likelihood.tolerance_columns(without))
     scope = PLACE if active.gate.kind == PLACE else ALWAYS
     tried: list[tuple[float, Active]] = []
-    taken = {a.effect.name for a in h.actives}
+    taken = {a.effect.name for a in h.actives} | likelihood.beyond
     for effect in EFFECTS.values():
         if effect.name in taken or scope not in effect.scopes:
             continue

@@ -13,9 +13,12 @@ from adk_ros.mismatch.effect import PLACE, TIME
 from adk_ros.mismatch.findings import Findings, FoundEffect
 from adk_ros.mismatch.report.folder import into_folder
 from adk_ros.mismatch.report.page import FIGURES, PAGE, write_page
+from adk_ros.mismatch.report.sentence import stretch_texts
 
 SCHEMA = 1
 ANSWER, SIMULATION, CORRECTED = "mismatch.json", "simulation.yaml", "corrected.yaml"
+HELD_OUT = "held_out.yaml"
+"""The corrected model that the held-out errors are of: fitted to the recording's first part."""
 
 
 def _number(value: float) -> float | None:
@@ -25,8 +28,7 @@ def _number(value: float) -> float | None:
 def where_text(effect: FoundEffect) -> str:
     """Return where an effect acts, in words."""
     if effect.kind == PLACE:
-        parts = ", ".join(f"{a:.0f} to {b:.0f} m" for a, b in effect.stretches)
-        return f"at a place: {parts} along the lap, every lap"
+        return f"at a place: {', '.join(stretch_texts(effect))} along the lap, every lap"
     if effect.kind == TIME:
         return f"from {effect.onset_s or 0.0:.1f} s on"
     return effect.effect.where
@@ -65,6 +67,11 @@ def as_dict(findings: Findings) -> dict[str, Any]:
         },
         "identifiability": {"groups": findings.groups, "suggest": findings.suggestion},
     }
+    if findings.lacking:
+        answer["scope"] = {
+            "lacking": [lack.text for lack in findings.lacking],
+            "not_judged": findings.not_judged,
+        }
     if findings.unexplained is not None:
         rest = findings.unexplained
         answer["unexplained"] = {
@@ -84,6 +91,7 @@ def write_report(findings: Findings, out: Path) -> None:
         texts = {
             ANSWER: json.dumps(as_dict(findings), indent=2) + "\n",
             SIMULATION: findings.simulation_yaml, CORRECTED: findings.corrected_yaml,
+            HELD_OUT: findings.held_out_yaml or findings.corrected_yaml,
         }
         for name, text in texts.items():
             (staged / name).write_text(text, encoding="utf-8")

@@ -55,7 +55,7 @@ _ROAD = (
     ),
     Effect(
         "low_friction",
-        (Parameter("mu_scale", "-", 0.1, 1.3, 0.01, 0.03, {"friction": 1.0}, 1.0,
+        (Parameter("mu_scale", "-", 0.1, 1.0, 0.01, 0.03, {"friction": 1.0}, 1.0,
                    starts=(0.85, 0.55)),),
         ("v_y", "yaw_rate"), "D = mu_scale mu F_z", "lateral acceleration near the limit",
         ("front_tyre_stiffness", "rear_tyre_stiffness", "load_sensitivity"),
@@ -91,8 +91,10 @@ _TYRES = (
     ),
     Effect(
         "load_sensitivity",
-        (Parameter("slope", "-", -0.3, 0.6, 0.01, 0.03, {"load_sensitivity": 1.0}),),
-        ("v_y", "yaw_rate"), "mu (1 - slope (F_z / F_z0 - 1))", "hard cornering",
+        (Parameter("slope", "-", -0.3, 0.6, 0.01, 0.03,
+                   {"load_sensitivity": 1.0, "stiffness_falloff": 1.0}),),
+        ("v_y", "yaw_rate"), "mu (1 - slope (F_z / F_z0 - 1)), the slip stiffness alike",
+        "hard cornering",
         ("low_friction", "aero_downforce"), "a slow circle up to the limit",
     ),
 )

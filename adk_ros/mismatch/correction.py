@@ -76,6 +76,9 @@ FEATURES: dict[str, Feature] = {
         lambda s: s["torque"] * s["a_y"],
     ),
     "delta": Feature("steering angle", "delta", "rad", lambda s: s["delta"]),
+    "delta_size": Feature(
+        "steering angle's size", "|delta|", "rad", lambda s: np.abs(s["delta"])
+    ),
     "delta_cubed": Feature("steering angle cubed", "delta^3", "rad^3",
                            lambda s: s["delta"] ** 3),
     "delta_speed": Feature(

@@ -16,7 +16,10 @@ import numpy as np
 
 from adk_ros.mismatch.evidence import Evidence
 from adk_ros.mismatch.jit import kernel
-from adk_ros.mismatch.kernel import (
+from adk_ros.mismatch.kernel import simulate
+from adk_ros.mismatch.parameters import INDEX
+from adk_ros.mismatch.smoothing import noise, savitzky_golay
+from adk_ros.mismatch.states import (
     A_X,
     A_Y,
     OUTPUTS,
@@ -28,10 +31,7 @@ from adk_ros.mismatch.kernel import (
     V_Y,
     YAW_ACCELERATION,
     YAW_RATE,
-    simulate,
 )
-from adk_ros.mismatch.parameters import INDEX
-from adk_ros.mismatch.smoothing import noise, savitzky_golay
 from adk_ros.signals.channels import FloatArray, IntArray
 
 STEP = 0.01
@@ -222,8 +222,8 @@ def _smoothed(evidence: Evidence, at_s: FloatArray) -> FloatArray:
 
 def prepare(evidence: Evidence, sigma: FloatArray | None = None) -> Course:
     """Return the course of a drive; `sigma` (6,) replaces the noise found in the evidence."""
-    begin = max(evidence.imu_s[0], evidence.odometry_s[0])
-    end = min(evidence.imu_s[-1], evidence.odometry_s[-1])
+    begin = max([*evidence.imu_s[:1], evidence.odometry_s[0]])
+    end = min([*evidence.imu_s[-1:], evidence.odometry_s[-1]])
     # Step k's middle is the stamp of an IMU message, as far as they are even.
     start = begin - 0.5 * STEP
     n = int((end - begin) / STEP + 1e-6) + 1

@@ -31,7 +31,8 @@ class FoundEffect:
     One effect that the recording has and the simulation lacks.
 
     `gain` is what the loss would rise without it; `rivals` what was tried in its place;
-    `stretches` (begin, end) in m along the lap where it is bound to a place.
+    `stretches` (begin, end) in m along the lap of `lap_m` where it is bound to a place; one over
+    the lap's end ends beyond `lap_m`, or begins below zero.
     """
 
     effect: Effect
@@ -44,6 +45,7 @@ class FoundEffect:
     rivals: tuple[Rival, ...]
     stretches: tuple[tuple[float, float], ...] = ()
     onset_s: float | None = None
+    lap_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,9 @@ class Series:
 
     `time_s` (b,); `x`, `y` (b,) the pose; `signals` by name (b,): v_x, v_y, yaw_rate, a_x, a_y,
     torque, delta; `before`, `after` (6, b) residuals of `evidence.CHANNELS` of the stand-in and
-    of the corrected model; `noise` (6,) of a bin; `distance` (b,) along the lap, if there is one.
+    of the corrected model; `noise` (6,) of a bin; `distance` (b,) along the lap, if there is one;
+    `without` by what was found the residuals (6, b) of the corrected model less that alone, where
+    more than one thing was: effects by name, features of a remainder as `equation:feature`.
     """
 
     time_s: FloatArray
@@ -75,6 +79,15 @@ class Series:
     after: FloatArray
     noise: FloatArray
     distance: FloatArray | None = None
+    without: dict[str, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Lack:
+    """What a recording is without, in a few words, and what follows from it, in a sentence."""
+
+    what: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -83,9 +96,10 @@ class Findings:
     The whole answer.
 
     `before`, `after`: root mean square errors (v_x, v_y, yaw rate) `horizon_s` ahead, on the last
-    part of the recording, which the parameters of `after` were not fitted to. `losses` the loss
-    of the best hypothesis with 0, 1, 2, ... effects; `level` the number of residuals, which a
-    perfect model's loss would be about. `simulation_yaml`, `corrected_yaml` the models' files.
+    part of the recording, which the parameters of `after` were not fitted to; NaN where nothing
+    is claimed. `losses` the loss of the best hypothesis with 0, 1, 2, ... effects; `level` the
+    number of residuals, which a perfect model's loss would be about. `simulation_yaml`,
+    `corrected_yaml` the models' files.
     """
 
     verdict: str
@@ -105,3 +119,8 @@ class Findings:
     lap_m: float | None = None
     maps: list[PlaceMap] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    held_out_yaml: str = ""
+    """The corrected model fitted to the part before the last, which `after` is of."""
+    lacking: list[Lack] = field(default_factory=list)
+    not_judged: list[str] = field(default_factory=list)
+    """Effects that were not looked for, since the recording's channels say nothing of them."""

@@ -5,21 +5,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.checks import check, check_alike, check_vehicle, torque_mass
 from adk_ros.mismatch.course import BIN, Course, prepare
 from adk_ros.mismatch.effect import PLACE
 from adk_ros.mismatch.evidence import CHANNELS, Evidence
 from adk_ros.mismatch.findings import NONE, Findings, Series
 from adk_ros.mismatch.lap import Lap, find_lap
-from adk_ros.mismatch.likelihood import TOLERANCES, Active, Hypothesis, Likelihood
+from adk_ros.mismatch.likelihood import (
+    FIRST_OPEN,
+    TOLERANCES,
+    Active,
+    Hypothesis,
+    Likelihood,
+)
 from adk_ros.mismatch.model_file import StandInFile, content_of
 from adk_ros.mismatch.nominal import Nominal
 from adk_ros.mismatch.open_loop import errors_ahead
-from adk_ros.mismatch.parameters import HIGH, LOW
+from adk_ros.mismatch.parameters import HIGH, INDEX, LOW
+from adk_ros.mismatch.scope import Scope, driven, filled, scope_of
 from adk_ros.mismatch.search import search
 from adk_ros.mismatch.standin import StandIn, identify
 from adk_ros.mismatch.unknown import MARK, Remainder, signals_of
@@ -30,6 +39,8 @@ from adk_ros.signals.channels import STATE_NAMES, FloatArray
 HORIZON_S = 1.0
 WHEEL_RADIUS = 0.325
 """m, where no vehicle is given: mass and radius act as one on torque."""
+OWN_ERROR = 0.5
+"""Share of the error of a stand-in that was calibrated elsewhere, to be taken for noise."""
 HELD_OUT = 0.25
 """Last share of the recording, on which the improvement is measured."""
 
@@ -37,7 +48,7 @@ Progress = Callable[[float, float, str], None]
 
 
 def investigate(
-    simulation: Evidence,
+    simulation: Evidence | StandIn,
     recording: Evidence,
     nominal: Nominal | None = None,
     progress: Progress | None = None,
@@ -45,47 +56,63 @@ def investigate(
     """
     Find out what `recording` has that `simulation` leaves out.
 
-    Without a `nominal` vehicle one is assumed, and its masses and lengths are identified as far as
-    the simulation shows them. `progress` is called with (done, total, what). Raises
+    The simulation may be a stand-in that is known already. Of a recording without an IMU, or
+    without torques, less is asked: see `scope`. Without a `nominal` vehicle one is assumed, and
+    its masses and lengths are identified as far as the simulation shows them. `progress` is
+    called with (done, total, what). Raises
     `DataError` for recordings that no finding can be drawn from.
     """
     tell = progress or (lambda done, total, text: None)
-    check(simulation)
+    has_imu = recording.imu_s.size > 0
+    recording = recording if has_imu else filled(driven(recording))
     check(recording)
-    check_alike(simulation, recording)
-    if nominal is not None:
-        check_vehicle(nominal, simulation)
-    tell(0.0, 10.0, "identifying the simulator")
-    stand_in = identify(
-        prepare(simulation), (nominal or assumed(simulation)).parameters(),
-        lambda done, total: tell(2.0 * done / total, 10.0, "identifying the simulator"),
-        body_known=nominal is not None,
-    )
-    course = prepare(recording)
+    if isinstance(simulation, StandIn):
+        stand_in = simulation
+    else:
+        check(simulation)
+        check_alike(simulation, recording)
+        if nominal is not None:
+            check_vehicle(nominal, simulation)
+        tell(0.0, 10.0, "identifying the simulator")
+        stand_in = identify(
+            prepare(simulation), (nominal or assumed(simulation)).parameters(),
+            lambda done, total: tell(2.0 * done / total, 10.0, "identifying the simulator"),
+            body_known=nominal is not None,
+        )
+    mass, radius = (float(stand_in.parameters[INDEX[k]]) for k in ("mass", "wheel_radius"))
+    scope = scope_of(recording, mass, radius, has_imu)
+    known = isinstance(simulation, StandIn)
+    # Much of a calibrated model's own error would be cut off as outliers of a quiet sensor.
+    own = OWN_ERROR * stand_in.error if known else np.zeros(6)
+    course = prepare(recording, np.maximum(recording.noise(), own))
     lap = find_lap(course)
-    likelihood = Likelihood.of(course, stand_in)
+    likelihood = scope.narrowed(Likelihood.of(course, scope.stand_in(stand_in)))
     found = search(
         likelihood, lap, lambda done, total, text: tell(2.0 + 5.0 * done / total, 10.0, text)
     )
     tell(7.0, 10.0, "judging rivals")
-    verdict = judge(likelihood, found)
+    verdict = scope.modest(judge(likelihood, found), likelihood, found)
     tell(9.0, 10.0, "driving on held-out data")
     plain = content_of(stand_in.parameters)
     corrected = _corrected(stand_in, verdict, verdict.hypothesis, lap)
-    before, after = _improvement(likelihood, stand_in, verdict, lap)
+    before, after, early = _improvement(likelihood, stand_in, verdict, lap, scope)
     groups = [[e.effect.name, *e.alternatives] for e in verdict.effects if e.alternatives]
     suggestions = [e.effect.manoeuvre for e in verdict.effects if e.alternatives]
     tell(10.0, 10.0, "done")
+    effects = [replace(e, lap_m=None if lap is None else lap.length) for e in verdict.effects]
     return Findings(
-        verdict=verdict.word, effects=verdict.effects, unexplained=verdict.unexplained,
+        effects=effects,
+        verdict=verdict.word, unexplained=verdict.unexplained,
         horizon_s=HORIZON_S, before=before, after=after, groups=groups,
         suggestion="; ".join(s for s in suggestions if s),
         simulation_yaml=plain, corrected_yaml=corrected,
-        series=_series(course, likelihood, stand_in, verdict.hypothesis, lap),
+        series=_series(course, likelihood, verdict.hypothesis, lap),
         stand_in_error=dict(zip(CHANNELS, (float(x) for x in stand_in.error), strict=True)),
         losses=[("+".join(level[0].names) or NONE, level[0].cost) for level in found.levels],
         level=found.noise, lap_m=None if lap is None else lap.length, maps=found.maps,
-        notes=_notes(nominal, lap),
+        notes=_notes(nominal is None and not known, lap),
+        held_out_yaml=early, lacking=scope.lacking(),
+        not_judged=sorted(scope.beyond & set(EFFECTS)),
     )
 
 
@@ -98,9 +125,9 @@ def assumed(simulation: Evidence) -> Nominal:
     )
 
 
-def _notes(nominal: Nominal | None, lap: Lap | None) -> list[str]:
+def _notes(assumes: bool, lap: Lap | None) -> list[str]:
     notes = []
-    if nominal is None:
+    if assumes:
         notes.append(
             "no --vehicle: masses and lengths are what the simulation shows of them, with wheels "
             f"of {WHEEL_RADIUS:g} m"
@@ -124,6 +151,7 @@ def _where(active: Active, lap: Lap | None) -> dict[str, Any]:
         "kind": PLACE,
         "lap": round(lap.length, 3),
         "stretches": [[round(a, 2), round(b, 2)] for a, b in gate.stretches],
+        "edge": gate.edge,
         "line": [[round(float(x), 4) for x in row] for row in line],
     }
 
@@ -133,7 +161,7 @@ def _corrected(
 ) -> str:
     """Return the corrected model's file: stand-in, build tolerances, vehicle effects."""
     k = len(TOLERANCES)
-    vector = np.clip(stand_in.parameters + h.tolerances[k:] @ stand_in.unsure, LOW, HIGH)
+    vector = np.clip(stand_in.parameters + h.tolerances[FIRST_OPEN:] @ stand_in.unsure, LOW, HIGH)
     terms = [
         {
             "effect": a.effect.name,
@@ -174,25 +202,28 @@ def _parsed(text: str) -> StandInFile:
 
 
 def _improvement(
-    likelihood: Likelihood, stand_in: StandIn, verdict: Verdict, lap: Lap | None
-) -> tuple[dict[str, float], dict[str, float]]:
+    likelihood: Likelihood, stand_in: StandIn, verdict: Verdict, lap: Lap | None, scope: Scope
+) -> tuple[dict[str, float], dict[str, float], str]:
     """
-    Return the errors ahead before and after, on the last part of the recording.
+    Return the errors ahead before and after, on the last part of the recording, and the model.
 
     What was found is fitted anew to the part before it.
     """
     course = likelihood.course
     from_s = course.evidence.duration_s * (1.0 - HELD_OUT)
-    part = Likelihood.of(course, stand_in, from_s)
+    part = scope.narrowed(Likelihood.of(course, scope.stand_in(stand_in), from_s))
     h = verdict.hypothesis
     early = part.fit(h.actives, h.tolerances, 3, None, 1e-4)
     before = errors_ahead(
         _parsed(content_of(stand_in.parameters)), course.evidence, HORIZON_S, from_s
     )
+    model = _corrected(stand_in, verdict, early, lap)
     after = errors_ahead(
-        _parsed(_corrected(stand_in, verdict, early, lap)), course.evidence, HORIZON_S, from_s
+        _parsed(model), course.evidence, HORIZON_S, from_s
     )
-    return _named(before), _named(after)
+    if not scope.torque:
+        before[0] = after[0] = np.nan
+    return _named(before), _named(after), model
 
 
 def _named(values: FloatArray) -> dict[str, float]:
@@ -208,15 +239,22 @@ def _binned(course: Course, values: FloatArray) -> FloatArray:
 
 
 def _series(
-    course: Course, likelihood: Likelihood, stand_in: StandIn, h: Hypothesis, lap: Lap | None
+    course: Course, likelihood: Likelihood, h: Hypothesis, lap: Lap | None
 ) -> Series:
+    judged = likelihood.weights > 0.0
     p, terms = likelihood.setting(h.tolerances, h.actives)
     out = course.run(p, terms)
     signals = {name: _binned(course, x) for name, x in signals_of(course, out).items()}
+    without = {}
+    for i, active in enumerate(h.actives if len(h.actives) > 1 else ()):
+        others = likelihood.setting(h.tolerances, [*h.actives[:i], *h.actives[i + 1 :]])
+        without[active.effect.name.removeprefix(MARK)] = judged * course.residuals(*others)
     return Series(
         time_s=course.bin_s, x=_binned(course, course.pose[:, 0]),
         y=_binned(course, course.pose[:, 1]), signals=signals,
-        before=course.residuals(stand_in.parameters), after=course.residuals(p, terms, out=out),
+        before=judged * course.residuals(likelihood.parameters),
+        after=judged * course.residuals(p, terms, out=out),
         noise=course.sigma / np.sqrt(np.maximum(np.median(course.counts, axis=1), 1.0)),
         distance=None if lap is None else _binned(course, lap.unwrapped) % lap.length,
+        without=without,
     )

@@ -17,23 +17,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.course import Course, Terms
+from adk_ros.mismatch.course import BIN, Course, Terms
 from adk_ros.mismatch.effect import Effect
 from adk_ros.mismatch.fit import Fit, Unknowns, minimise
 from adk_ros.mismatch.gates import ALL, Gate
 from adk_ros.mismatch.parameters import HIGH, INDEX, LOW
 from adk_ros.mismatch.standin import StandIn
-from adk_ros.signals.channels import FloatArray
+from adk_ros.signals.channels import BoolArray, FloatArray
 
 TOLERANCES = (
     "mass", "yaw_inertia", "cg_to_front_axle", "cg_to_rear_axle", "cg_height", "stiffness_f",
     "stiffness_r", "grip_f", "grip_r", "wheel_radius", "drag_area", "rolling",
 )
 """Parameters in which one built car differs from the next."""
+OFFSETS: dict[str, tuple[float, float, float]] = {
+    # name: (usual spread, most, step of the differences)
+    "bias_a_x": (0.006, 0.018, 0.005),
+    "bias_a_y": (0.006, 0.018, 0.005),
+    "bias_gyro": (2e-4, 7e-4, 2e-4),
+}
+"""What sensors are off by without being worth a name: SI, absolute."""
 TOLERANCE = 0.004
 """Usual relative spread of those."""
 TOLERANCE_MOST = 0.012
 TOLERANCE_STEP = 0.002
+STANDING = 3.0
+"""m/s, below which a car is not judged: slip is stiffer there than a step of the grid allows."""
 SETTLING_S = 1.0
 """Beginning of a recording that is not judged: the stand-in's state has yet to settle."""
 EDGE_STEP = 1.0
@@ -44,6 +53,10 @@ _UNSURE_MOST = 3.0
 _UNSURE_STEP = 0.2
 
 _WHERE = np.array([INDEX[name] for name in TOLERANCES])
+_WHERE_OFFSETS = np.array([INDEX[name] for name in OFFSETS])
+_OFFSETS = np.array(list(OFFSETS.values()))
+FIRST_OPEN = len(TOLERANCES) + len(OFFSETS)
+"""Where among the nuisances those begin that the simulation left open."""
 
 
 @dataclass(frozen=True)
@@ -124,13 +137,15 @@ class Likelihood:
     own_share: FloatArray
     """(6,) share of the stand-in's own error in what a clean recording leaves, by channel."""
     until_s: float = np.inf
+    beyond: frozenset[str] = frozenset()
+    """Effects, features and equations that the recording's channels say nothing of."""
 
     @classmethod
     def of(cls, course: Course, stand_in: StandIn, until_s: float = np.inf) -> Likelihood:
         """Return the likelihood of a recording; of its part before `until_s`."""
         weights = course.weights()
         outside = (course.bin_s < course.start_s + SETTLING_S) | (course.bin_s >= until_s)
-        weights[:, outside] = 0.0
+        weights[:, outside | _standing(course)] = 0.0
         filters, shares = whitener(course, stand_in.residuals)
         return cls(
             course, stand_in.parameters, weights, filters, stand_in.unsure, shares, until_s
@@ -143,19 +158,23 @@ class Likelihood:
         One for each, and as much again of what is the stand-in's own error: on another route it
         may be twice what it was in the simulation.
         """
-        own = self.own_share * np.count_nonzero(self.weights, axis=1)
-        return float(np.count_nonzero(e) + own.sum())
+        return float(np.count_nonzero(e) + self.own_error())
+
+    def own_error(self) -> float:
+        """Return the stand-in's own error as a share of the loss: how much of it is no noise."""
+        return float((self.own_share * np.count_nonzero(self.weights, axis=1)).sum())
 
     @property
     def nuisances(self) -> int:
-        """Number of nuisance variables: tolerances, then what the simulation left open."""
-        return len(TOLERANCES) + int(self.unsure.shape[0])
+        """Number of nuisance variables: tolerances, offsets, what the simulation left open."""
+        return FIRST_OPEN + int(self.unsure.shape[0])
 
     def base(self, tolerances: FloatArray) -> FloatArray:
-        """Return the stand-in's vector with the nuisances: relative, then in deviations."""
+        """Return the stand-in's vector with the nuisances: relative, absolute, in deviations."""
         k = len(TOLERANCES)
-        p = np.clip(self.parameters + tolerances[k:] @ self.unsure, LOW, HIGH)
+        p = np.clip(self.parameters + tolerances[FIRST_OPEN:] @ self.unsure, LOW, HIGH)
         p[_WHERE] *= 1.0 + tolerances[:k]
+        p[_WHERE_OFFSETS] += tolerances[k:FIRST_OPEN]
         return np.asarray(p)
 
     def setting(
@@ -264,18 +283,32 @@ class Likelihood:
     def nuisance_steps(self) -> FloatArray:
         """Return the steps of differences with respect to the nuisances."""
         left_open = np.full(self.unsure.shape[0], _UNSURE_STEP)
-        return np.concatenate([np.full(len(TOLERANCES), TOLERANCE_STEP), left_open])
+        return np.concatenate(
+            [np.full(len(TOLERANCES), TOLERANCE_STEP), _OFFSETS[:, 2], left_open]
+        )
 
     def nuisance_bounds(self) -> FloatArray:
         """Return the most that each nuisance may be, either way."""
         left_open = np.full(self.unsure.shape[0], _UNSURE_MOST)
-        return np.concatenate([np.full(len(TOLERANCES), TOLERANCE_MOST), left_open])
+        return np.concatenate(
+            [np.full(len(TOLERANCES), TOLERANCE_MOST), _OFFSETS[:, 1], left_open]
+        )
 
     def nuisance_deviations(self) -> FloatArray:
         """Return the prior standard deviations of the nuisances."""
         return np.concatenate(
-            [np.full(len(TOLERANCES), TOLERANCE), np.ones(self.unsure.shape[0])]
+            [
+                np.full(len(TOLERANCES), TOLERANCE), _OFFSETS[:, 0],
+                np.ones(self.unsure.shape[0]),
+            ]
         )
+
+
+def _standing(course: Course) -> BoolArray:
+    """Return the bins (b,) in which the car stands or has just begun to move."""
+    slow = np.interp(course.bin_s, course.middle_s, np.abs(course.smooth[:, 0])) < STANDING
+    after = np.ones(round(SETTLING_S / BIN), dtype=np.int64)
+    return np.asarray(np.convolve(slow.astype(np.int64), after)[: slow.shape[0]] > 0)
 
 
 def replaced(

@@ -20,6 +20,7 @@ from pydantic import Field, model_validator
 
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.correction import FEATURES
+from adk_ros.mismatch.gates import EDGE
 from adk_ros.mismatch.parameters import ENTRIES, INDEX, NAMES, usual
 from adk_ros.plant.yaml_file import FileModel, load, read
 from adk_ros.signals.channels import FloatArray
@@ -32,7 +33,8 @@ class Where(FileModel):
     Where a term acts.
 
     At a place: stretches (begin, end) in m along a lap, whose line is given as rows of distance,
-    x, y (m) and heading (rad) in the frame of the recording's odometry. From a time on, a term
+    x, y (m) and heading (rad) in the frame of the recording's odometry; `edge` is how gradually it
+    begins, m. From a time on, a term
     found in one recording acts throughout any other.
     """
 
@@ -40,6 +42,7 @@ class Where(FileModel):
     onset_s: float | None = None
     lap: float | None = Field(default=None, gt=0.0, le=1e6)
     stretches: list[list[float]] = Field(default_factory=list)
+    edge: float = Field(default=EDGE, gt=0.0, le=1e3)
     line: list[list[float]] = Field(default_factory=list)
 
     @model_validator(mode="after")

@@ -9,7 +9,8 @@ from pathlib import Path
 from pydantic import Field
 
 from adk_ros.mismatch.parameters import INDEX, usual
-from adk_ros.plant.yaml_file import FileModel, load
+from adk_ros.plant.params import Vehicle
+from adk_ros.plant.yaml_file import FileModel, read, validate
 from adk_ros.signals.channels import FloatArray
 
 
@@ -35,10 +36,19 @@ class Nominal(FileModel):
         return p
 
 
+def nominal_of(vehicle: Vehicle) -> Nominal:
+    """Return the masses and lengths of a vehicle."""
+    return Nominal(**{key: getattr(vehicle, key) for key in Nominal.model_fields})
+
+
 def load_nominal(path: str | Path) -> Nominal:
     """
-    Load a nominal vehicle from a YAML file.
+    Load a nominal vehicle from a YAML file, or of one of the package's own, by file or name.
 
     Raises `UsageError`, one line naming the file and the key.
     """
-    return load(path, "vehicle", Nominal)
+    name, content = read(path, "vehicle")
+    if isinstance(content, dict) and "front_tyre" in content:
+        # A whole car, as `adk simulate` takes it, with tyres and all.
+        return nominal_of(validate(name, content, Vehicle))
+    return validate(name, content, Nominal)

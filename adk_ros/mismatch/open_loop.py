@@ -20,7 +20,11 @@ from adk_ros.mismatch.correction import values
 from adk_ros.mismatch.course import SPACING, integral
 from adk_ros.mismatch.evidence import Evidence
 from adk_ros.mismatch.gates import at_stretches
-from adk_ros.mismatch.kernel import (
+from adk_ros.mismatch.kernel import simulate
+from adk_ros.mismatch.lap import on_line
+from adk_ros.mismatch.likelihood import STANDING
+from adk_ros.mismatch.model_file import StandInFile
+from adk_ros.mismatch.states import (
     A_X,
     A_Y,
     OUTPUTS,
@@ -33,10 +37,7 @@ from adk_ros.mismatch.kernel import (
     V_X,
     V_Y,
     YAW_RATE,
-    simulate,
 )
-from adk_ros.mismatch.lap import on_line
-from adk_ros.mismatch.model_file import StandInFile
 from adk_ros.signals.channels import TICK_NS, FloatArray, IntArray
 
 FIRST_START_S = 2.0
@@ -101,7 +102,7 @@ class Roller:
         gates = np.ones((1 + len(self.places), n))
         for row, (place, s) in enumerate(zip(self.places, s_of, strict=True), start=1):
             where = tuple((a, b) for a, b in place.stretches)
-            gates[row] = np.nan_to_num(at_stretches(s, where, place.lap or 1.0))
+            gates[row] = np.nan_to_num(at_stretches(s, where, place.lap or 1.0, place.edge))
         return gates
 
     def _run(
@@ -228,7 +229,11 @@ def errors_ahead(
     model: StandInFile, evidence: Evidence, horizon_s: float, from_s: float,
     stride_s: float = 0.5,
 ) -> FloatArray:
-    """Return the root mean square error (3,) at the end of the horizon, on a part of a drive."""
+    """
+    Return the root mean square error (3,) at the end of the horizon, on a part of a drive.
+
+    Of a car that moves; NaN where it stands all the time.
+    """
     ticks = round(horizon_s / (TICK_NS * 1e-9))
     starts = start_times(evidence, ticks, stride_s, max(from_s, FIRST_START_S))
     predicted = Roller(model, evidence).predict(starts, ticks)[:, -1]
@@ -237,4 +242,8 @@ def errors_ahead(
     measured = np.column_stack(
         [np.interp(at, evidence.odometry_s, evidence.odometry[:, i]) for i in range(3)]
     )
+    begun = np.interp(starts, evidence.odometry_s, evidence.odometry[:, 0])
+    inside &= np.minimum(np.abs(measured[:, 0]), np.abs(begun)) > STANDING
+    if not inside.any():
+        return np.full(3, np.nan)
     return np.asarray(np.sqrt(np.mean((predicted - measured)[inside] ** 2, axis=0)))

@@ -26,6 +26,8 @@ BINS = 90
 _SIZES = {"low_friction": (-0.15,), "crosswind": (4.0,), "headwind": (4.0,)}
 AMOUNTS = tuple(sign * 0.12 * 1.35**k for sign in (1.0, -1.0) for k in range(16))
 """Sizes that are tried, in the sizes of the derivatives."""
+GRADUAL = {"road_grade": (9.0, 18.0, 36.0), "road_bank": (9.0, 18.0, 36.0)}
+"""Effects that may come and go gradually, with widths of the edges, m."""
 PER_STRETCH = 16.0
 MOST_STRETCHES = 6
 _WIDE = 24.0
@@ -140,7 +142,11 @@ def best_mask(gain: FloatArray, per_stretch: float) -> BoolArray:
 def refine(
     likelihood: Likelihood, start: Hypothesis, known: FloatArray, iterations: int = 5
 ) -> Hypothesis:
-    """Fit sizes and edges, the edges wide at first so that they feel how far off they are."""
+    """
+    Fit sizes and edges, the edges wide at first so that they feel how far off they are.
+
+    A place that begins gradually, as a slope does, is one of the `GRADUAL` edges' width.
+    """
     wide = [
         replace(a, gate=replace(a.gate, edge=_WIDE)) if a.gate.kind == PLACE else a
         for a in start.actives
@@ -150,7 +156,19 @@ def refine(
         replace(a, gate=replace(_merged(a.gate), edge=EDGE)) if a.gate.kind == PLACE else a
         for a in coarse.actives
     ]
-    return likelihood.fit(sharp, coarse.tolerances, iterations, known, edges=True)
+    best = likelihood.fit(sharp, coarse.tolerances, iterations, known, edges=True)
+    last = best.actives[-1]
+    if last.gate.kind != PLACE or last.effect.name not in GRADUAL:
+        return best
+    for edge in GRADUAL[last.effect.name]:
+        softer = replace(last, gate=replace(last.gate, edge=edge))
+        tried = likelihood.fit(
+            [*best.actives[:-1], softer], best.tolerances, iterations, known, edges=True
+        )
+        if tried.cost > best.cost:
+            break
+        best = tried
+    return best
 
 
 def _merged(gate: Gate) -> Gate:

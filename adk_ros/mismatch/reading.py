@@ -59,7 +59,8 @@ def read_evidence(
         if topics.imu is None and needs_imu:
             raise DataError(
                 f"bag {bag.path}: no IMU: forces cannot be told from gravity without its "
-                "accelerations; record sensor_msgs/msg/Imu as well"
+                "accelerations; record sensor_msgs/msg/Imu as well, or have a recording judged by "
+                "odometry alone with --without-imu"
             )
         source_of = {topics.odometry: Source.ODOMETRY, topics.command: Source.COMMAND}
         if topics.imu is not None:

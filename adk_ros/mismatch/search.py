@@ -6,8 +6,10 @@ Which effects: singles by their own fit, pairs and triples by extension of the b
 A hypothesis costs its Huber loss plus a penalty: `PER_VARIABLE` for each fitted variable and
 `PER_PLACE` more for each edge or onset, whose places were searched for. One effect more is
 accepted if it lowers that cost by `LEAST_GAIN` and by `LEAST_SHARE` of what was left above the
-noise, since where much is left that nothing explains, chance resemblances gain hundreds; and by
-`LEAST_OF_ALL` of what there was to explain at all, since no form of an effect is exact.
+noise, since where much is left that nothing explains, chance resemblances gain hundreds; by
+`LEAST_OF_ALL` of what there was to explain at all, since no form of an effect is exact; and by
+`LEAST_OF_OWN` of the stand-in's own error, some of which any effect may happen to resemble: it is
+the same on every lap, and whitening takes it for noise that is new each time.
 """
 
 from __future__ import annotations
@@ -26,8 +28,9 @@ from adk_ros.mismatch.screen import Screen
 PER_VARIABLE = 8.0
 PER_PLACE = 8.0
 LEAST_GAIN = 40.0
-LEAST_SHARE = 0.15
+LEAST_SHARE = 0.25
 LEAST_OF_ALL = 5e-4
+LEAST_OF_OWN = 0.12
 MOST_EFFECTS = 3
 _FITTED_SINGLES = 16
 _BEAM = 3
@@ -55,12 +58,14 @@ class Search:
     noise: float = 0.0
     all: float = 0.0
     """Loss above the noise before any effect."""
+    own: float = 0.0
+    """The stand-in's own error in the loss."""
 
     def best(self) -> Hypothesis:
         """Return the largest hypothesis each of whose effects was worth it."""
         chosen = self.levels[0][0]
         for level in self.levels[1:]:
-            if not level or not worth(level[0], chosen, self.noise, self.all):
+            if not level or not worth(level[0], chosen, self):
                 break
             chosen = level[0]
         return chosen
@@ -75,17 +80,18 @@ def penalised(h: Hypothesis) -> float:
     return h.cost + extra
 
 
-def worth(h: Hypothesis, before: Hypothesis, noise: float, at_all: float) -> bool:
+def worth(h: Hypothesis, before: Hypothesis, found: Search) -> bool:
     """Whether `h` is enough better than `before`, which has fewer effects."""
     gain = penalised(before) - penalised(h)
     more = max(len(h.actives) - len(before.actives), 1)
-    left = max(before.cost - noise, 0.0)
-    return gain > more * required(left, at_all)
+    return gain > more * required(before, found)
 
 
-def required(left: float, at_all: float) -> float:
-    """Return the gain that one effect more must bring."""
-    return max(LEAST_GAIN, LEAST_SHARE * left, LEAST_OF_ALL * at_all)
+def required(before: Hypothesis, found: Search) -> float:
+    """Return the gain that one effect more than in `before` must bring."""
+    left = max(before.cost - found.noise, 0.0)
+    least = max(LEAST_GAIN, LEAST_OF_OWN * found.own)
+    return max(least, LEAST_SHARE * left, LEAST_OF_ALL * found.all)
 
 
 def search(
@@ -97,6 +103,7 @@ def search(
     assert nothing.fit is not None
     found.noise = likelihood.level(nothing.fit.residuals)
     found.all = max(nothing.cost - found.noise, 0.0)
+    found.own = likelihood.own_error()
     found.levels.append([nothing])
     beam = [nothing]
     for size in range(1, MOST_EFFECTS + 1):
@@ -114,7 +121,7 @@ def search(
         if not level:
             break
         found.levels.append(level)
-        if not worth(level[0], found.levels[size - 1][0], found.noise, found.all):
+        if not worth(level[0], found.levels[size - 1][0], found):
             break
         near = penalised(level[0]) + 0.5 * max(level[0].cost - found.noise, 0.0) + 1000.0
         beam = [h for h in level[:_BEAM] if penalised(h) < near]
@@ -127,9 +134,10 @@ def _extend(
     """Fit the best hypotheses with one effect more."""
     known = likelihood.tolerance_columns(start)
     screen = Screen(likelihood, start, known)
-    free = [effect for effect in EFFECTS.values() if effect.name not in start.names]
+    out_of_reach = {*start.names, *likelihood.beyond}
+    free = [effect for effect in EFFECTS.values() if effect.name not in out_of_reach]
     # A linear gain may be far off where much is missing; where little is, it is nearly exact.
-    least = LEAST_GAIN if single else required(max(start.cost - found.noise, 0.0), found.all)
+    least = LEAST_GAIN if single else required(start, found)
     least *= _PRUNED
     tried: list[tuple[float, Active]] = []
     timed: list[tuple[float, Active]] = []

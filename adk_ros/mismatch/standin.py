@@ -31,12 +31,21 @@ FITTED: dict[str, tuple[float, float]] = {
     "curvature_r": (0.4, 0.02),
     "grip_f": (0.15, 0.005),
     "grip_r": (0.15, 0.005),
+    "brush_share": (0.4, 0.03),
     "load_sensitivity": (0.1, 0.005),
     "stiffness_falloff": (0.1, 0.005),
     "combined_slip": (0.3, 0.03),
     "relaxation_length": (0.5, 0.02),
     "roll_share_front": (0.1, 0.01),
     "load_lag": (0.1, 0.005),
+    "roll_gradient": (0.01, 2e-4),
+    "roll_frequency": (8.0, 0.3),
+    "roll_damping": (0.3, 0.02),
+    "roll_arm": (0.3, 0.02),
+    "pitch_gradient": (0.01, 2e-4),
+    "pitch_frequency": (8.0, 0.3),
+    "pitch_damping": (0.3, 0.02),
+    "load_springs": (0.5, 0.03),
     "torque_split_front": (0.2, 0.02),
     "drag_area": (0.7, 0.02),
     "rolling": (0.015, 0.0005),
@@ -45,6 +54,14 @@ FITTED: dict[str, tuple[float, float]] = {
     "torque_delay": (0.03, 0.002),
     "torque_lag": (0.05, 0.002),
 }
+_SPRUNG = (
+    "roll_gradient", "roll_frequency", "roll_damping", "roll_arm", "pitch_gradient",
+    "pitch_frequency", "pitch_damping", "load_springs",
+)
+"""
+The body on its springs. A simulator without springs leaves all of these open, and nothing comes
+of it on any other drive: they do not count among what is unsure.
+"""
 _BODY: dict[str, tuple[float, float]] = {
     "mass": (300.0, 5.0),
     "yaw_inertia": (800.0, 10.0),
@@ -112,6 +129,8 @@ def identify(
     x[names.index("relaxation_length")] = 0.2
     x[names.index("drag_area")] = 0.3
     x[names.index("load_lag")] = 0.05
+    x[names.index("roll_gradient")] = 0.002
+    x[names.index("pitch_gradient")] = 0.002
     for done, gain in enumerate(_ROUNDS):
 
         def residuals(x: FloatArray, gain: float = gain) -> FloatArray:
@@ -129,7 +148,13 @@ def identify(
     p[where] = x
     left = course.residuals(p)
     error = np.sqrt(np.mean(left[:, _SETTLING_BINS:] ** 2, axis=1))
-    return StandIn(p, error, left[:, _SETTLING_BINS:], _unsure(fit.normal, spread, where))
+    tyres = np.array([name not in _SPRUNG for name in names])
+    normal = fit.normal[np.ix_(tyres, tyres)]
+    # What the model cannot say of the simulator is noise to its parameters as well.
+    weighted = (left * weights / _COLOURED)[:, _SETTLING_BINS:]
+    misfit = np.sqrt(max(float(np.mean(weighted**2)), 1.0))
+    unsure = _unsure(normal / misfit**2, spread[tyres], where[tyres])
+    return StandIn(p, error, left[:, _SETTLING_BINS:], unsure)
 
 
 def _unsure(normal: FloatArray, spread: FloatArray, where: IntArray) -> FloatArray:

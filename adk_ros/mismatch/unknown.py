@@ -19,9 +19,10 @@ from adk_ros.mismatch.correction import FEATURES, Signals, values
 from adk_ros.mismatch.course import SPACING, STEP, Course
 from adk_ros.mismatch.effect import Effect, Parameter
 from adk_ros.mismatch.gates import Gate
-from adk_ros.mismatch.kernel import A_X, A_Y, V_Y, YAW_RATE
 from adk_ros.mismatch.likelihood import Active, Hypothesis, Likelihood
 from adk_ros.mismatch.screen import Screen
+from adk_ros.mismatch.search import LEAST_OF_OWN
+from adk_ros.mismatch.states import A_X, A_Y, V_Y, YAW_RATE
 from adk_ros.signals.channels import FloatArray
 
 EQUATIONS = {"v_x": "extra_x", "v_y": "extra_y", "yaw_rate": "extra_yaw"}
@@ -35,6 +36,8 @@ _STEPS = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.01}
 _MOST = 4
 _LEAST_SHARE = 0.08
 _LEAST_GAIN = 60.0
+_FITTED = 5
+_ALIKE, _ALIKE_OF_OWN = 20.0, 0.02
 
 
 @dataclass(frozen=True)
@@ -114,32 +117,28 @@ def describe(
     p, terms = likelihood.setting(start.tolerances, start.actives)
     out = course.run(p, terms)
     signals = signals_of(course, out)
-    names = list(FEATURES)
+    names = [name for name in FEATURES if name not in likelihood.beyond]
     table = values(names, signals)
     scale = np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-12)
     known = likelihood.tolerance_columns(start)
     now = start
     left = max(start.cost - noise, 0.0)
+    least = max(_LEAST_GAIN + LEAST_OF_OWN * likelihood.own_error(), _LEAST_SHARE * left)
     gains: list[float] = []
     for _ in range(_MOST):
         screen = Screen(likelihood, now, known)
-        best: tuple[float, Active] | None = None
-        for equation in EQUATIONS:
+        tried: list[tuple[float, Active]] = []
+        for equation in (name for name in EQUATIONS if name not in likelihood.beyond):
             for j, name in enumerate(names):
                 gate = Gate(weight=np.ascontiguousarray(table[:, j] / scale[j]))
                 effect = pseudo(equation, name, table[:, j])
-                if effect.name in now.names:
-                    continue
-                found = screen.effect(effect, gate)[0]
-                if best is None or found.gain > best[0]:
-                    best = (found.gain, found.active)
-        if best is None or best[0] < max(_LEAST_GAIN, _LEAST_SHARE * left):
+                if effect.name not in now.names:
+                    found = screen.effect(effect, gate)[0]
+                    tried.append((found.gain, found.active))
+        more = _best_of(likelihood, now, tried, known, least)
+        if more is None:
             break
-        more = likelihood.fit([*now.actives, best[1]], now.tolerances, 4, known, 1e-4)
-        gain = now.cost - more.cost
-        if gain < max(_LEAST_GAIN, _LEAST_SHARE * left):
-            break
-        gains.append(gain)
+        gains.append(now.cost - more.cost)
         now = more
         if now.cost - noise < 0.03 * left:
             break
@@ -151,6 +150,40 @@ def describe(
         pieces.append(Piece(equation, feature, float(size), gain))
     share = left / at_all if at_all > 0.0 else 0.0
     return Remainder(share, tuple(pieces), now)
+
+
+def _best_of(
+    likelihood: Likelihood, now: Hypothesis, tried: list[tuple[float, Active]], known: FloatArray,
+    least: float,
+) -> Hypothesis | None:
+    """
+    Return the hypothesis with the best feature more, or None where none gains `least`.
+
+    A linear gain is a guess where much is missing: the best few are fitted. Of those that gain as
+    much, but for what chance and the stand-in's own error may do, the plainest is taken.
+    """
+    tried.sort(key=lambda x: -x[0])
+    fitted = [
+        likelihood.fit([*now.actives, active], now.tolerances, 4, known, 1e-4)
+        for gain, active in tried[:_FITTED] if gain > max(least, 0.5 * tried[0][0])
+    ]
+    top = max((now.cost - h.cost for h in fitted), default=0.0)
+    if top < least:
+        return None
+    return plainest(fitted, _ALIKE + _ALIKE_OF_OWN * likelihood.own_error())
+
+
+def plainest(fitted: list[Hypothesis], margin: float) -> Hypothesis:
+    """Return that with the shortest last feature of those within `margin` of the best."""
+    best = min(h.cost for h in fitted)
+    alike = [h for h in fitted if h.cost < best + margin]
+    return min(alike, key=lambda h: (_terms(h.actives[-1]), h.cost))
+
+
+def _terms(active: Active) -> int:
+    """Return how many factors the feature of a pseudo effect has."""
+    expression = FEATURES[active.effect.text].expression
+    return len(expression.split()) + expression.count("^")
 
 
 def without_features(h: Hypothesis) -> tuple[Active, ...]:

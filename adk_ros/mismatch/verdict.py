@@ -20,7 +20,7 @@ from adk_ros.mismatch.findings import (
     Unexplained,
 )
 from adk_ros.mismatch.likelihood import Active, Hypothesis, Likelihood
-from adk_ros.mismatch.search import Search
+from adk_ros.mismatch.search import Search, required
 from adk_ros.mismatch.unknown import Remainder, describe, without_features
 
 SYSTEMATIC = 0.012
@@ -30,11 +30,15 @@ COLOURED = 1.4
 QUANTILE = 1.645
 """Standard deviations to either side that hold 90 % of a normal variable."""
 
-_LEFT_OF_NOISE = 0.04
+_LEFT_OF_NOISE, _LEFT_OF_ALL = 0.04, 0.06
+"""Shares of the noise and of all that there was; where less is left, nothing is unexplained."""
+_INEXACT = 0.35
+"""Share of all that effects may leave if what is left depends on nothing."""
+_SHAPELESS = 0.25
+"""Share of the noise that must be left to be said where no effect and no feature lessens it."""
 _SWAPS = 2
 _SWAPPED = 8.0
 """A rival that is better by this much takes the place of what was found."""
-_LEFT_OF_ALL = 0.06
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,12 @@ def judge(likelihood: Likelihood, found: Search) -> Verdict:
     edges = any(a.gate.kind in {PLACE, TIME} for a in kept)
     final = likelihood.fit(best.actives, best.tolerances, 6, None, 1e-6, edges=edges)
     final, standings = _settled(likelihood, _renamed(likelihood, final, edges), edges)
+    worthy = [a for a in final.actives if a.effect.name not in EFFECTS or a.material()]
+    if len(worthy) < len(final.actives):
+        final = likelihood.fit(worthy, final.tolerances, 6, None, 1e-6, edges=edges)
+        final, standings = _settled(likelihood, final, edges)
+    if not final.actives:
+        return Verdict(NONE, [], None, final, None)
     deviation = _deviations(likelihood, final, edges)
     effects = [
         _effect(likelihood, active, deviation[i], standings[i])
@@ -85,12 +95,15 @@ def _settled(
             i: standing(likelihood, h, i)
             for i, active in enumerate(h.actives) if active.effect.name in EFFECTS
         }
-        ahead = [(s.rivals[0].behind, i) for i, s in standings.items() if s.rivals]
-        behind, which = min(ahead, default=(0.0, 0))
+        ahead = [
+            (r.behind, i, j) for i, s in standings.items() for j, r in enumerate(s.rivals)
+            if r.fitted.material()
+        ]
+        behind, which, rival = min(ahead, default=(0.0, 0, 0))
         if behind > -_SWAPPED:
             break
         actives = list(h.actives)
-        actives[which] = standings[which].rivals[0].fitted
+        actives[which] = standings[which].rivals[rival].fitted
         h = likelihood.fit(actives, h.tolerances, 8, None, 1e-6, edges=edges)
     return h, standings
 
@@ -101,15 +114,20 @@ def _remainder(likelihood: Likelihood, found: Search, best: Hypothesis) -> Remai
     bound = any(
         x <= p.bounds()[0] + 1e-9 or x >= p.bounds()[1] - 1e-9
         for a in best.actives for p, x in zip(a.effect.parameters, a.inner, strict=True)
-        if not p.inverse and not (p.starts and x == p.neutral)
+        if not p.inverse and x != p.inner_neutral
     )
     small = left < _LEFT_OF_NOISE * found.noise or left < _LEFT_OF_ALL * found.all
-    if small and not (bound and best.actives):
+    if small and not best.actives:
         return None
     nothing = found.levels[0][0]
     plain = describe(likelihood, nothing, found.noise, found.all)
     if not best.actives:
+        # What no effect and no feature lessens is the stand-in's own error on another route.
+        return plain if plain.pieces or left > _SHAPELESS * found.noise else None
+    if simpler(plain, best, found):
         return plain
+    if small and not bound:
+        return None
     if bound:
         return plain if plain.pieces else None
     more = describe(likelihood, best, found.noise, found.all)
@@ -118,7 +136,22 @@ def _remainder(likelihood: Likelihood, found: Search, best: Hypothesis) -> Remai
     rest_more = more.hypothesis.cost - found.noise
     if rest_plain < 1.5 * max(rest_more, _LEFT_OF_NOISE * found.noise):
         return plain
+    # Effects that explain most, and what they leave depends on nothing: their form is inexact.
+    if not more.pieces and left < _INEXACT * found.all:
+        return None
     return more
+
+
+def simpler(plain: Remainder, best: Hypothesis, found: Search) -> bool:
+    """
+    Whether an expression of no more terms than there are effects does better than these.
+
+    A listed effect that is there meets the noise, and no expression can do more; of one that is
+    not, several effects together are the disguise.
+    """
+    if not plain.pieces or len(plain.pieces) > len(best.actives):
+        return False
+    return plain.hypothesis.cost + required(best, found) < best.cost
 
 
 def _renamed(likelihood: Likelihood, h: Hypothesis, edges: bool) -> Hypothesis:

@@ -105,6 +105,12 @@ def errors_figure(findings: Findings, path: Path) -> None:
     figure, axes = plt.subplots(1, 3, figsize=(9.0, 2.4), constrained_layout=True)
     for axis, (name, (what, unit)) in zip(axes, STATES.items(), strict=True):
         values = (findings.before[name], findings.after[name])
+        axis.set_xlabel(f"{what} ({unit})")
+        if not np.isfinite(values).all():
+            axis.text(0.5, 0.5, "not judged", ha="center", va="center", fontsize=9)
+            axis.set_xticks([])
+            axis.set_yticks([])
+            continue
         bars = axis.barh(
             [0, 1], values, color=("0.35", "0.85"), edgecolor="black", hatch=("", "////"),
             height=0.65,
@@ -113,7 +119,6 @@ def errors_figure(findings: Findings, path: Path) -> None:
         axis.set_yticks([0, 1], ["before", "after"])
         axis.invert_yaxis()
         axis.set_xlim(0.0, 1.3 * max(*values, 1e-9))
-        axis.set_xlabel(f"{what} ({unit})")
         axis.locator_params(axis="x", nbins=4)
     figure.savefig(path, dpi=DPI)
     plt.close(figure)

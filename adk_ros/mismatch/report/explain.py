@@ -120,11 +120,18 @@ class Trend:
 
 
 def trend(
-    series: Series, channel: str, label: str, u: FloatArray, use: BoolArray, bins: int = BINS
+    series: Series, channel: str, label: str, u: FloatArray, use: BoolArray, bins: int = BINS,
+    without: str = "",
 ) -> Trend:
-    """Cut the bins in `use` by a variable u (b,) into bins of equal count."""
+    """
+    Cut the bins in `use` by a variable u (b,) into bins of equal count.
+
+    "Before" is the simulation less all that was found; if more than one thing was, less `without`
+    alone.
+    """
     row = CHANNELS.index(channel)
-    before, after = series.before[row][use], series.after[row][use]
+    lacking = series.without.get(without, series.before)
+    before, after = lacking[row][use], series.after[row][use]
     order = np.argsort(u[use], kind="stable")
     parts = [part for part in np.array_split(order, bins) if part.size]
     counts = np.array([part.size for part in parts], dtype=np.float64)
@@ -146,12 +153,12 @@ def trend(
 
 def best_trend(
     series: Series, variables: Sequence[tuple[str, FloatArray]], equations: Sequence[str],
-    use: BoolArray, bins: int = BINS,
+    use: BoolArray, bins: int = BINS, without: str = "",
 ) -> Trend:
     """Return the trend with the most weight over the equations' channels and the variables."""
     channels = [c for equation in equations for c in _OF_EQUATION.get(equation, ())] or CHANNELS
     found = [
-        trend(series, channel, label, u, use, bins)
+        trend(series, channel, label, u, use, bins, without)
         for channel in channels for label, u in variables
     ]
     return max(found, key=lambda item: item.weight)
@@ -171,13 +178,16 @@ def effect_trend(series: Series, found: FoundEffect) -> Trend:
     if found.kind == PLACE and series.distance is not None:
         use = during(series, [[-np.inf, np.inf]])
         along = [("distance along the lap (m)", series.distance)]
-        return best_trend(series, along, found.effect.equations, use, PLACE_BINS)
+        name = found.effect.name
+        return best_trend(series, along, found.effect.equations, use, PLACE_BINS, name)
     use = during(series, found.time_intervals_s)
     if np.count_nonzero(use) < 2 * BINS:
         use = during(series, [[-np.inf, np.inf]])
     names = EXPLAINS.get(found.effect.name, tuple(VARIABLES))
     variables = [(VARIABLES[name].label, VARIABLES[name].of(series)) for name in names]
-    return best_trend(series, variables, found.effect.equations, use)
+    return best_trend(
+        series, variables, found.effect.equations, use, without=found.effect.name
+    )
 
 
 def piece_trend(series: Series, piece: Piece) -> Trend:
@@ -189,4 +199,5 @@ def piece_trend(series: Series, piece: Piece) -> Trend:
     else:
         label = f"{feature.text}, {feature.expression} ({feature.unit.replace('^', '')})"
     use = during(series, [[-np.inf, np.inf]])
-    return best_trend(series, [(label, u)], [piece.equation], use)
+    name = f"{piece.equation}:{piece.feature}"
+    return best_trend(series, [(label, u)], [piece.equation], use, without=name)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from adk_ros.mismatch.catalogue import EFFECTS
+from adk_ros.mismatch.correction import FEATURES
 from adk_ros.mismatch.findings import Findings
 from adk_ros.mismatch.likelihood import TOLERANCE_MOST
 from adk_ros.mismatch.report.evidence_figures import (
@@ -35,7 +36,8 @@ from adk_ros.mismatch.report.tables import (
 )
 from adk_ros.mismatch.report.where_figures import map_figure, timeline_figure
 from adk_ros.mismatch.report.words import CHANNELS as CHANNEL_WORDS
-from adk_ros.mismatch.report.words import title
+from adk_ros.mismatch.report.words import listed, title
+from adk_ros.mismatch.unknown import WORDS as EQUATION_WORDS
 
 PAGE = "report.html"
 _MOST_PIECES = 8
@@ -79,6 +81,7 @@ def write_page(findings: Findings, out: Path) -> Path:
         undefined=StrictUndefined,
     )
     rest = findings.unexplained
+    pieces = () if rest is None else rest.pieces
     page = environment.get_template("report.html.j2").render(
         findings=findings, sentence=sentence(findings), effects=effect_rows(findings),
         tolerance=100.0 * TOLERANCE_MOST,
@@ -91,6 +94,8 @@ def write_page(findings: Findings, out: Path) -> Path:
         remains_rows=remains_rows(before, after, series.noise),
         unexplained=None if rest is None else unexplained_text(rest),
         groups=group_rows(findings), stand_in=stand_in_rows(findings),
+        not_judged=listed([title(name) for name in findings.not_judged]),
+        drivers=listed([FEATURES[piece.feature].text for piece in pieces]) or "nothing known",
         needs=[(title(found.effect.name), found.effect.manoeuvre) for found in findings.effects],
     )
     path = out / PAGE
@@ -118,7 +123,7 @@ def _evidence(findings: Findings, out: Path) -> list[tuple[str, str, Figure]]:
     for i, piece in enumerate(pieces[:_MOST_PIECES], 1):
         item = piece_trend(findings.series, piece)
         parts.append((
-            f"unexplained, in the equation of {piece.equation}", _said(item),
+            f"unexplained: {EQUATION_WORDS[piece.equation]}", _said(item),
             _figure(out, f"remainder_{i}.png", _alt(item),
                     partial(trend_figure, findings, item, None)),
         ))

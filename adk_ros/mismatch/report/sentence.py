@@ -8,6 +8,7 @@ import math
 
 from adk_ros.mismatch.correction import FEATURES
 from adk_ros.mismatch.effect import PLACE, TIME
+from adk_ros.mismatch.evidence import CHANNELS, UNITS
 from adk_ros.mismatch.findings import (
     EXPLAINED,
     NONE,
@@ -17,6 +18,7 @@ from adk_ros.mismatch.findings import (
     Interval,
     Unexplained,
 )
+from adk_ros.mismatch.report.words import CHANNELS as CHANNEL_WORDS
 from adk_ros.mismatch.report.words import (
     STATES,
     THAN,
@@ -28,6 +30,8 @@ from adk_ros.mismatch.report.words import (
 )
 from adk_ros.mismatch.unknown import WORDS as EQUATION_WORDS
 
+POORLY = 2.0
+"""The stand-in misses a simulation that it is off by so many times a bin's noise."""
 BETTER = 0.98
 """An error this many times smaller than before, or less, has fallen."""
 
@@ -72,10 +76,20 @@ def phrase(found: FoundEffect) -> str:
     return words.opposite if below else words.phrase
 
 
+def stretch_texts(found: FoundEffect) -> list[str]:
+    """Return "306 to 617 m" for each stretch, within the lap; "1700 m over the start to 60 m"."""
+    lap = found.lap_m
+    parts = []
+    for begin, end in sorted((a % lap, b % lap) if lap else (a, b) for a, b in found.stretches):
+        over = " m over the start" if end < begin else ""
+        parts.append(f"{begin:.0f}{over} to {end:.0f} m")
+    return parts
+
+
 def where_words(found: FoundEffect) -> str:
     """Return where it acts, or nothing where it acts throughout."""
     if found.kind == PLACE:
-        parts = [f"{a:.0f} to {b:.0f} m" for a, b in found.stretches]
+        parts = stretch_texts(found)
         return f"at {listed(parts)} of every lap" if parts else "at a place"
     if found.kind == TIME:
         return f"from {found.onset_s or 0.0:.1f} s on"
@@ -107,8 +121,10 @@ _COUNTS = {2: "two", 3: "three", 4: "four"}
 
 def worst_channel(findings: Findings) -> str:
     """Return the state whose error falls most, as a share."""
+    judged = [name for name, value in findings.before.items() if math.isfinite(value)]
     return max(
-        findings.before, key=lambda name: findings.before[name] / max(findings.after[name], 1e-9)
+        judged or list(findings.before),
+        key=lambda name: findings.before[name] / max(findings.after[name], 1e-9),
     )
 
 
@@ -162,16 +178,47 @@ def _ties(effects: list[FoundEffect]) -> str:
     return "".join(parts)
 
 
+def _lacks(findings: Findings) -> str:
+    if not findings.lacking:
+        return ""
+    return f" The recording is judged without {listed([x.what for x in findings.lacking])}."
+
+
+def poorly_met(findings: Findings) -> str:
+    """Return in which channels the stand-in misses the simulation, and by how much; or nothing."""
+    return listed([
+        f"{CHANNEL_WORDS[name]} ({findings.stand_in_error[name]:.2g} {unit.replace('^', '')})"
+        for name, unit, noise in zip(CHANNELS, UNITS, findings.series.noise, strict=True)
+        if findings.stand_in_error[name] > POORLY * noise
+    ])
+
+
 def sentence(findings: Findings) -> str:
-    """Return the answer in a sentence; a second one says what the drive cannot tell apart."""
+    """
+    Return the answer in a sentence.
+
+    More say what the drive cannot tell apart, and what the recording is judged without.
+    """
+    lacks = _lacks(findings)
     if findings.verdict == NONE:
+        judged = math.isfinite(findings.before["v_x"])
+        what, unit = STATES["v_x" if judged else "yaw_rate"]
+        error = findings.before["v_x" if judged else "yaw_rate"]
+        missed = poorly_met(findings)
+        if missed:
+            return (
+                "Nothing is found, but little could be: the stand-in misses the simulation's own "
+                f"recording in {missed}, as it does one on a road with slopes, and what is "
+                "smaller than that hides in it "
+                f"({findings.horizon_s:g} s {what} error {error:.2g} {unit}).{lacks}"
+            )
         return (
             "Nothing material is missing from the simulation: build tolerance and the sensors' "
-            f"noise explain what differs ({findings.horizon_s:g} s speed error "
-            f"{findings.before['v_x']:.2g} m/s)."
+            f"noise explain what differs ({findings.horizon_s:g} s {what} error "
+            f"{error:.2g} {unit}).{lacks}"
         )
     gain = gain_text(findings)
-    ties = _ties(findings.effects)
+    ties = _ties(findings.effects) + lacks
     if findings.verdict == UNKNOWN and findings.unexplained is not None:
         rest = findings.unexplained
         formula = f", as {rest.expression}" if rest.expression else ""

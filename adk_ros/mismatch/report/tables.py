@@ -88,6 +88,8 @@ def loss_rows(findings: Findings) -> Rows:
         names = [] if name == NONE else name.split("+")
         gain = "" if before is None else f"{before - loss:,.0f}"
         so = "taken" if len(names) == taken else ""
+        if so and findings.unexplained is not None:
+            so = "taken, with a formula for what is left"
         if len(names) > taken:
             so = "not taken: " + (
                 "what is left fits a formula better" if findings.unexplained is not None
@@ -107,6 +109,9 @@ def error_rows(findings: Findings) -> Rows:
     rows = []
     for name, (what, unit) in STATES.items():
         before, after = findings.before[name], findings.after[name]
+        if not math.isfinite(before):
+            rows.append([f"{what} ({unit})", "not judged", "", ""])
+            continue
         gone = 100.0 * (1.0 - after / before) if before > 0.0 else 0.0
         rows.append([f"{what} ({unit})", *pair_text(before, after), f"{gone:.0f} %"])
     return rows

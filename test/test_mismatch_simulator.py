@@ -1,0 +1,104 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A simulator that is given as a YAML file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mismatch_report_tools import drag
+from mismatch_tools import case
+
+from adk_ros.bench.concealed.case_files import write_evidence
+from adk_ros.cli.main import main
+from adk_ros.errors import UsageError
+from adk_ros.mismatch.findings import EXPLAINED
+from adk_ros.mismatch.investigate import investigate
+from adk_ros.mismatch.model_file import content_of
+from adk_ros.mismatch.nominal import load_nominal, nominal_of
+from adk_ros.mismatch.parameters import usual
+from adk_ros.mismatch.simulator import drive_vehicle, load_simulator, manner
+from adk_ros.mismatch.standin import StandIn
+from adk_ros.plant.params import Vehicle, load_vehicle
+
+
+def vehicle() -> Vehicle:
+    return load_vehicle("imdv")
+
+
+def test_a_vehicle_is_driven_like_the_recording() -> None:
+    recording = case().recording
+    made, asked = manner(drive_vehicle(vehicle(), recording)), manner(recording)
+    assert 0.95 < made.top / asked.top < 1.2
+    assert 0.9 < made.lateral / asked.lateral < 2.0
+    assert made.forward > 0.8 * asked.forward
+    assert made.braking > 0.8 * asked.braking
+    again = drive_vehicle(vehicle(), recording)
+    np.testing.assert_array_equal(again.imu, drive_vehicle(vehicle(), recording).imu)
+
+
+def test_drag_that_a_vehicle_file_lacks_is_found() -> None:
+    plain = vehicle()
+    real = plain.model_copy(update={"cda": plain.cda + 1.0})
+    driven = drive_vehicle(real, case().recording, "recording")
+    rng = np.random.default_rng(0)
+    noisy = replace(
+        driven, imu=driven.imu + np.array([0.06, 0.06, 0.003]) * rng.normal(size=driven.imu.shape),
+        odometry=driven.odometry
+        + np.array([0.03, 0.03, 0.003]) * rng.normal(size=driven.odometry.shape),
+    )  # fmt: skip
+    found = investigate(drive_vehicle(plain, noisy), noisy, nominal_of(plain))
+    assert found.verdict == EXPLAINED
+    (one,) = found.effects
+    assert one.effect.name == "aero_drag"
+    assert one.parameters["cda"].value == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_packages_own_vehicles_are_nominal_ones_too() -> None:
+    plain = load_vehicle("imdv")
+    assert load_nominal("imdv") == nominal_of(plain)
+
+
+def test_files(tmp_path: Path) -> None:
+    file = tmp_path / "simulation.yaml"
+    file.write_text(content_of(usual()))
+    found = load_simulator(file)
+    assert isinstance(found, StandIn)
+    np.testing.assert_allclose(found.parameters, usual())
+    terms = [{"effect": "aero_drag", "parameters": {"cda": 1.0}}]
+    file.write_text(content_of(usual(), terms=terms))
+    with pytest.raises(UsageError, match=r"give the simulation\.yaml"):
+        load_simulator(file)
+    with pytest.raises(UsageError, match="is not there"):
+        load_simulator(tmp_path / "none.yaml")
+    file.write_text("mass: heavy\n")
+    with pytest.raises(UsageError, match="mass"):
+        load_simulator(file)
+
+
+def test_the_command_takes_a_stand_in(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, bag = tmp_path / "simulation.yaml", tmp_path / "recording"
+    file.write_text(content_of(usual()))
+    write_evidence(case().recording, bag)
+    given = []
+
+    def known(simulation: object, recording: object, *rest: object) -> object:
+        given.append(simulation)
+        return drag()
+
+    monkeypatch.setattr("adk_ros.mismatch.investigate.investigate", known)
+    arguments = ["mismatch", "--simulation", str(file), "--recording", str(bag)]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    assert isinstance(given[0], StandIn)
+    said = capsys.readouterr().out
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert said.split(";")[0] in page
+    car = tmp_path / "vehicle.yaml"
+    car.write_text("mass: 1500.0\n")
+    assert main([*arguments, "--out", str(tmp_path / "o"), "--vehicle", str(car)]) == 2
+    assert "give --vehicle with a simulator's bag alone" in capsys.readouterr().err
