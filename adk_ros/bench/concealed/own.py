@@ -164,7 +164,7 @@ def make_case(
         )
         if max(np.abs(truth[:, 4]).max(), np.abs(held[:, 4]).max()) < _SPUN:
             break
-    recording = sensed("recording", truth, commands, secret.effects, rng, noise)
+    recording = sensed("recording", truth, commands, secret.effects, rng, noise, onset)
     heldout = sensed("heldout", held, held_commands, secret.effects, rng, noise)
     label: dict[str, Any] = {"effects": []}
     for effect, parameters in secret.effects.items():

@@ -18,12 +18,13 @@ _LOST = 0.002
 
 def sensed(
     name: str, truth: FloatArray, commands: FloatArray, effects: dict[str, dict[str, float]],
-    rng: np.random.Generator | None, noise: float = 1.0,
+    rng: np.random.Generator | None, noise: float = 1.0, onset_s: float = 0.0,
 ) -> Evidence:
     """
     Return what the sensors make of a drive; noise and loss only with a generator.
 
-    `truth` (n, TRUTH), `commands` (m, 2) as of `hidden_drive`; `noise` is a factor.
+    `truth` (n, TRUTH), `commands` (m, 2) as of `hidden_drive`; `noise` is a factor. An IMU's
+    bias is there from `onset_s` on.
     """
     n = truth.shape[0]
     imu_at, odometry_at = np.arange(5, n, 10), np.arange(5, n, 20)
@@ -36,7 +37,7 @@ def sensed(
     imu[:, 1] += turning * arm["x"] - rate**2 * arm["y"]
     imu[:, 2] *= effects.get("gyro_scale", {}).get("scale", 1.0)
     bias = effects.get("imu_bias", {"ax": 0.0, "ay": 0.0, "gyro": 0.0})
-    imu += np.array([bias["ax"], bias["ay"], bias["gyro"]])
+    imu[0.001 * imu_at >= onset_s] += np.array([bias["ax"], bias["ay"], bias["gyro"]])
     tilt = effects.get("imu_tilt", {"roll": 0.0, "pitch": 0.0})
     imu[:, 0] -= GRAVITY * np.sin(tilt["pitch"])
     imu[:, 1] += GRAVITY * np.sin(tilt["roll"])

@@ -55,7 +55,7 @@ def find_python(given: str | Path | None = None) -> Path:
             return place.absolute()
     where = f"{named} is no executable" if named else "there is no .venv-peers"
     raise UsageError(
-        f"the peers pykoop and pykoopman need an environment of their own and {where}: run"
+        f"libraries to compare with need an environment of their own and {where}: run"
         f" `make peers`, or name its Python in {VARIABLE}"
     )
 
