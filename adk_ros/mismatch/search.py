@@ -110,7 +110,8 @@ def search(
         level: list[Hypothesis] = []
         for i, start in enumerate(beam):
             if progress is not None:
-                progress(size - 1 + i / len(beam), MOST_EFFECTS, f"{size} effects")
+                what = "one effect" if size == 1 else f"{size} effects"
+                progress(size - 1 + i / len(beam), MOST_EFFECTS, what)
             level += _extend(likelihood, start, lap, found, single=size == 1)
         quick = _distinct(level)[:_REFIT]
         level = [
