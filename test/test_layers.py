@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parent.parent
 MAY_IMPORT = {
     "errors": set(),
     "compiled": set(),
+    "report_folder": {"errors"},
     "signals": {"errors"},
     "plant": {"errors", "compiled", "signals"},
     "model": {"errors", "compiled", "signals"},
@@ -32,7 +33,7 @@ MAY_IMPORT = {
     "bags": {"errors", "signals"},
     "drives": {"errors", "signals", "bags"},
     "replay": {"errors", "signals", "model", "bags", "drives"},
-    "mismatch": {"errors", "compiled", "signals", "plant", "bags"},
+    "mismatch": {"errors", "compiled", "report_folder", "signals", "plant", "bags"},
     "rollouts": {"errors", "signals", "model", "plant", "bags", "drives", "mismatch"},
     "bag_export": {"errors", "signals", "plant", "bags"},
     "ros": {"errors", "signals", "model", "bags", "drives"},

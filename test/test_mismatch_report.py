@@ -22,9 +22,9 @@ from adk_ros.errors import UsageError
 from adk_ros.mismatch import answer
 from adk_ros.mismatch.answer import write_report
 from adk_ros.mismatch.findings import Findings
-from adk_ros.mismatch.report.folder import check_folder
 from adk_ros.mismatch.report.page import FIGURES, write_page
 from adk_ros.mismatch.report.sentence import sentence
+from adk_ros.report_folder import check_folder
 
 VOID = {"meta", "img", "br"}
 ALWAYS = {"map.png", "timeline.png", "errors.png", "remains.png"}

@@ -61,7 +61,7 @@ def concealed(
     from adk_ros.bench.concealed.tables import as_json as content
     from adk_ros.bench.concealed.tables import besides, markdown, write_tables
     from adk_ros.bench.paper.ending import TERMINATED, Terminated, unwinding
-    from adk_ros.mismatch.report.folder import check_folder
+    from adk_ros.report_folder import check_folder
 
     if (cases is not None) + own + (real is not None) != 1:
         raise UsageError("give --cases FOLDER, --own or --real FOLDER, one of the three")

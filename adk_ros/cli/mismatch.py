@@ -54,10 +54,10 @@ def mismatch(
     from adk_ros.mismatch.investigate import investigate
     from adk_ros.mismatch.nominal import load_nominal, nominal_of
     from adk_ros.mismatch.reading import read_evidence
-    from adk_ros.mismatch.report.folder import check_folder
     from adk_ros.mismatch.report.sentence import sentence
     from adk_ros.mismatch.simulator import drive_vehicle, is_file, load_simulator
     from adk_ros.plant.params import Vehicle
+    from adk_ros.report_folder import check_folder
 
     check_folder(out)
     of_file = load_simulator(simulation) if is_file(simulation) else None

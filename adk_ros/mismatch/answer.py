@@ -11,9 +11,9 @@ from typing import Any
 
 from adk_ros.mismatch.effect import PLACE, TIME
 from adk_ros.mismatch.findings import Findings, FoundEffect
-from adk_ros.mismatch.report.folder import into_folder
 from adk_ros.mismatch.report.page import FIGURES, PAGE, write_page
 from adk_ros.mismatch.report.sentence import stretch_texts
+from adk_ros.report_folder import into_folder
 
 SCHEMA = 1
 ANSWER, SIMULATION, CORRECTED = "mismatch.json", "simulation.yaml", "corrected.yaml"
@@ -87,7 +87,7 @@ def write_report(findings: Findings, out: Path) -> None:
 
     Raises `UsageError` where it cannot be written.
     """
-    with into_folder(out, FIGURES, (ANSWER, PAGE)) as staged:
+    with into_folder(out, (ANSWER, PAGE), FIGURES) as staged:
         texts = {
             ANSWER: json.dumps(as_dict(findings), indent=2) + "\n",
             SIMULATION: findings.simulation_yaml, CORRECTED: findings.corrected_yaml,

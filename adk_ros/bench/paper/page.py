@@ -27,7 +27,6 @@ from adk_ros.bench.paper.claims_list import judge as judge_claims
 from adk_ros.bench.paper.figures import write_figures
 from adk_ros.bench.paper.headline import headline
 from adk_ros.bench.paper.jobs import Plan, read_series
-from adk_ros.bench.paper.place import into_place
 from adk_ros.bench.paper.predictors import OURS
 from adk_ros.bench.paper.ratios import ratio_tables, summary_table
 from adk_ros.bench.paper.run import Result
@@ -39,6 +38,7 @@ from adk_ros.bench.paper.tables import (
     recording_tables,
 )
 from adk_ros.bench.paper.why import why
+from adk_ros.report_folder import into_folder
 from adk_ros.signals.channels import FloatArray
 
 PAGE = "report.html"
@@ -63,7 +63,7 @@ def write_report(result: Result, plan: Plan, scratch: Path, out: Path) -> Report
     `scratch` is the folder that the run left its predictions in. An earlier report in `out` is
     replaced, once all of this one is there.
     """
-    with into_place(out, PAGE) as staged:
+    with into_folder(out, (PAGE,)) as staged:
         return replace(_write(result, plan, scratch, staged), page=out / PAGE)
 
 

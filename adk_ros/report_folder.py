@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -27,9 +28,11 @@ def check_folder(out: Path) -> None:
 
 
 @contextmanager
-def into_folder(out: Path, stale: Sequence[str], last: Sequence[str]) -> Iterator[Path]:
+def into_folder(
+    out: Path, last: Sequence[str], stale: Sequence[str] = ()
+) -> Iterator[Path]:
     """
-    Yield a folder to write into; in the end all of it goes into `out`.
+    Yield a folder to write into; in the end all of it goes into `out`, folders as wholes.
 
     An exception, an interruption too, leaves `out` as it was. Of an earlier report in `out` the
     files `last` are taken away first, then those in `stale`, and the new `last` come last, in that
@@ -41,7 +44,7 @@ def into_folder(out: Path, stale: Sequence[str], last: Sequence[str]) -> Iterato
         place.parent.mkdir(parents=True, exist_ok=True)
         beside = place if place.is_dir() else place.parent
         # A folder in the temporary one: that one is readable by nobody else.
-        with tempfile.TemporaryDirectory(prefix=".mismatch_", dir=beside) as scratch:
+        with tempfile.TemporaryDirectory(prefix=".report_", dir=beside) as scratch:
             staged = Path(scratch) / "report"
             staged.mkdir()
             yield staged
@@ -52,6 +55,8 @@ def into_folder(out: Path, stale: Sequence[str], last: Sequence[str]) -> Iterato
                 (place / name).unlink(missing_ok=True)
             names = [path.name for path in staged.iterdir()]
             for name in (*(n for n in names if n not in last), *(n for n in last if n in names)):
+                if (place / name).is_dir():
+                    shutil.rmtree(place / name)
                 os.replace(staged / name, place / name)
     except OSError as error:
         raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
