@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parent.parent
 MAY_IMPORT = {
     "errors": set(),
     "compiled": set(),
+    "finite": set(),
     "report_folder": {"errors"},
     "signals": {"errors"},
     "plant": {"errors", "compiled", "signals"},

@@ -15,13 +15,13 @@ from adk_ros.bench.concealed.bars import FAIL, PASS
 from adk_ros.bench.concealed.real import (
     Asked,
     calibrated,
-    find_recordings,
     real_bars,
     removals,
     with_torque,
 )
 from adk_ros.bench.concealed.score import Score, score
-from adk_ros.errors import DataError, UsageError
+from adk_ros.bench.paper.av21 import find_recordings
+from adk_ros.errors import DataError
 from adk_ros.mismatch.evidence import Evidence
 from adk_ros.mismatch.parameters import INDEX
 
@@ -74,10 +74,10 @@ def test_bars_by_what_was_removed() -> None:
 
 
 def test_recordings_are_found_below_a_folder(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no recording"):
+    with pytest.raises(DataError, match="no recording"):
         find_recordings(tmp_path)
-    with pytest.raises(UsageError, match="no folder"):
+    with pytest.raises(DataError, match="no recording"):
         find_recordings(tmp_path / "none")
     (tmp_path / "a" / "b").mkdir(parents=True)
     (tmp_path / "a" / "b" / "metadata.yaml").write_text("x")
-    assert find_recordings(tmp_path) == [tmp_path / "a" / "b"]
+    assert find_recordings(tmp_path) == (tmp_path / "a" / "b",)

@@ -101,7 +101,8 @@ def concealed(
 def _real(folder: Path, vehicle: Path | None, as_json: bool) -> None:
     from dataclasses import asdict
 
-    from adk_ros.bench.concealed.real import ask, find_recordings, real_bars
+    from adk_ros.bench.concealed.real import ask, real_bars
+    from adk_ros.bench.paper.av21 import find_recordings
     from adk_ros.mismatch.nominal import load_nominal
     from adk_ros.mismatch.reading import read_evidence
 

@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from adk_ros.finite import finite
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import REPORT_SCALE, Score, best_naive
 
@@ -54,19 +54,7 @@ def tell(drive: Drive, wants_imu: bool = False) -> None:
 
 def answer(value: Any) -> None:
     """Print `value` as JSON on stdout; numbers that are not finite become null."""
-    print(json.dumps(_finite(value), indent=2))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
+    print(json.dumps(finite(value), indent=2))
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from adk_ros.mismatch.evidence import Evidence
 from adk_ros.mismatch.jit import kernel
 from adk_ros.mismatch.kernel import simulate
 from adk_ros.mismatch.parameters import INDEX
-from adk_ros.mismatch.smoothing import noise, savitzky_golay
+from adk_ros.mismatch.smoothing import savitzky_golay
 from adk_ros.mismatch.states import (
     A_X,
     A_Y,
@@ -33,6 +33,7 @@ from adk_ros.mismatch.states import (
     YAW_RATE,
 )
 from adk_ros.signals.channels import FloatArray, IntArray
+from adk_ros.signals.score import white_noise
 
 STEP = 0.01
 BIN = 0.04
@@ -245,7 +246,7 @@ def prepare(evidence: Evidence, sigma: FloatArray | None = None) -> Course:
     counts[:3] = np.bincount(imu_bin, minlength=bins)
     counts[3:] = np.bincount(odometry_bin, minlength=bins)
     way = _ways(middle, smooth, pose)
-    place_noise = max(noise(evidence.pose[:, 0]), noise(evidence.pose[:, 1]), 0.005)
+    place_noise = np.fmax(white_noise(evidence.pose[:, :2]), 0.005).max()
     return Course(
         evidence=evidence, start_s=float(start), middle_s=middle,
         torques=integral(evidence.command_s, evidence.command[:, 0], SPACING, end + 1.0),

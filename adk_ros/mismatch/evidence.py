@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.smoothing import noise
 from adk_ros.signals.channels import FloatArray
+from adk_ros.signals.score import white_noise
 
 CHANNELS = ("imu_a_x", "imu_a_y", "imu_yaw_rate", "v_x", "v_y", "yaw_rate")
 UNITS = ("m/s^2", "m/s^2", "rad/s", "m/s", "m/s", "rad/s")
@@ -47,9 +47,9 @@ class Evidence:
 
     def noise(self) -> FloatArray:
         """Return the noise of one sample by channel (6,), at least `FLOOR`."""
-        found = [noise(self.imu[:, i]) for i in range(3)]
-        found += [noise(self.odometry[:, i]) for i in range(3)]
-        return np.asarray(np.maximum(np.array(found), FLOOR))
+        found = np.concatenate([white_noise(self.imu), white_noise(self.odometry)])
+        # What is not known, of a sensor that is not there, is the floor too.
+        return np.asarray(np.fmax(found, FLOOR))
 
     def between(self, begin_s: float, end_s: float) -> Evidence:
         """Return the part between two times, its clock going on as before."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Smoothing a sampled signal, and telling its noise from its content."""
+"""Smoothing a sampled signal."""
 
 from __future__ import annotations
 
@@ -11,9 +11,6 @@ from adk_ros.signals.channels import FloatArray
 WINDOW = 25
 """Samples of a local fit: half a second of odometry."""
 ORDER = 3
-
-_MAD = 1.4826
-"""Standard deviation of a normal variable over its median absolute deviation."""
 
 
 def savitzky_golay(values: FloatArray, window: int = WINDOW, order: int = ORDER) -> FloatArray:
@@ -35,17 +32,3 @@ def savitzky_golay(values: FloatArray, window: int = WINDOW, order: int = ORDER)
     out[:half] = hat[:half] @ values[:window]
     out[n - (window - half) :] = hat[half:] @ values[n - window :]
     return np.asarray(out, dtype=np.float64)
-
-
-def noise(values: FloatArray) -> float:
-    """
-    Return the standard deviation of the white noise on an evenly sampled signal (n,).
-
-    From third differences, in which a smooth signal is gone and white noise is sqrt(20) times as
-    large; by their median, so that jumps do not count.
-    """
-    third = np.diff(values, 3)
-    third = third[np.isfinite(third)]
-    if third.size == 0:
-        return 0.0
-    return float(_MAD * np.median(np.abs(third)) / np.sqrt(20.0))

@@ -12,12 +12,12 @@ weakly to usual values.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from adk_ros.mismatch.course import Course
-from adk_ros.mismatch.fit import Unknowns, minimise
+from adk_ros.mismatch.fit import Fit, Unknowns, minimise
 from adk_ros.mismatch.parameters import HIGH, INDEX, LOW, SIZE
 from adk_ros.signals.channels import FloatArray, IntArray
 
@@ -75,7 +75,7 @@ _NARROW: dict[str, tuple[float, float]] = {
 }
 """Bounds of the fit within those of the entries: what is left open may go beyond, smoothly."""
 _ROUNDS = (10.0, 2.0, 0.5)
-_COLOURED = 0.25
+COLOURED = 0.25
 """
 What is left is the model's own error, not white noise: one sample of it in this many squared is
 new. Counted as white it would bend the tyres' shape to explain itself.
@@ -84,7 +84,7 @@ _UNSURE = 0.1
 """Directions known to less than this share of the usual spread are kept as known."""
 _INFLATED = 2.0
 _MOST_UNSURE = 6
-_SETTLING_BINS = 25
+SETTLING_BINS = 25
 
 Progress = Callable[[float, float], None]
 
@@ -122,7 +122,7 @@ def identify(
     spread = np.array([fitted[name][0] for name in names])
     low = np.array([_NARROW.get(name, (LOW[INDEX[name]],))[0] for name in names])
     high = np.array([_NARROW.get(name, (HIGH[INDEX[name]],))[-1] for name in names])
-    weights = course.weights() * _COLOURED
+    weights = course.weights() * COLOURED
     weights[:, course.bin_s < course.start_s + 1.0] = 0.0
     p = start.copy()
     x = mean.copy()
@@ -131,30 +131,44 @@ def identify(
     x[names.index("load_lag")] = 0.05
     x[names.index("roll_gradient")] = 0.002
     x[names.index("pitch_gradient")] = 0.002
-    for done, gain in enumerate(_ROUNDS):
-
-        def residuals(x: FloatArray, gain: float = gain) -> FloatArray:
-            q = p.copy()
-            q[where] = x
-            return np.asarray((course.residuals(q, gain=gain) * weights).ravel())
-
-        unknowns = Unknowns(
-            x, low, high, np.array([fitted[name][1] for name in names]), mean, spread
-        )
-        fit = minimise(residuals, unknowns, iterations=8 if done == 2 else 5, settled=1e-3)
-        x = fit.x
-        if progress is not None:
-            progress(done + 1, len(_ROUNDS))
-    p[where] = x
+    step = np.array([fitted[name][1] for name in names])
+    fit = fitted_in_rounds(
+        course, p, where, Unknowns(x, low, high, step, mean, spread), weights, progress
+    )
+    p[where] = fit.x
     left = course.residuals(p)
-    error = np.sqrt(np.mean(left[:, _SETTLING_BINS:] ** 2, axis=1))
+    error = np.sqrt(np.mean(left[:, SETTLING_BINS:] ** 2, axis=1))
     tyres = np.array([name not in _SPRUNG for name in names])
     normal = fit.normal[np.ix_(tyres, tyres)]
     # What the model cannot say of the simulator is noise to its parameters as well.
-    weighted = (left * weights / _COLOURED)[:, _SETTLING_BINS:]
+    weighted = (left * weights / COLOURED)[:, SETTLING_BINS:]
     misfit = np.sqrt(max(float(np.mean(weighted**2)), 1.0))
     unsure = _unsure(normal / misfit**2, spread[tyres], where[tyres])
-    return StandIn(p, error, left[:, _SETTLING_BINS:], unsure)
+    return StandIn(p, error, left[:, SETTLING_BINS:], unsure)
+
+
+def fitted_in_rounds(
+    course: Course, vector: FloatArray, where: IntArray, unknowns: Unknowns, weights: FloatArray,
+    progress: Progress | None = None,
+) -> Fit:
+    """
+    Fit the entries `where` of a parameter vector to a course, with less and less observer.
+
+    `weights` (6, bins) of the residuals; the model's own error is coloured: see `COLOURED`.
+    """
+    for done, gain in enumerate(_ROUNDS, 1):
+
+        def residuals(x: FloatArray, gain: float = gain) -> FloatArray:
+            q = vector.copy()
+            q[where] = x
+            return np.asarray((course.residuals(q, gain=gain) * weights).ravel())
+
+        last = done == len(_ROUNDS)
+        fit = minimise(residuals, unknowns, iterations=8 if last else 5, settled=1e-3)
+        unknowns = replace(unknowns, start=fit.x)
+        if progress is not None:
+            progress(done, len(_ROUNDS))
+    return fit
 
 
 def _unsure(normal: FloatArray, spread: FloatArray, where: IntArray) -> FloatArray:

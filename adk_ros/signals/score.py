@@ -149,14 +149,24 @@ def pool(scores: Sequence[Score]) -> Score:
 
 def noise_floor(record: Record) -> FloatArray:
     """
-    Deviation (3,) of the white noise in `x_ref`, SI: from third differences, /sqrt(20).
+    Deviation (3,) of the white noise in `x_ref`, SI.
 
     A predictor cannot come closer to a noisy measurement than this.
     """
-    third = np.diff(record.x_ref, n=3, axis=0)
+    return white_noise(record.x_ref)
+
+
+def white_noise(values: FloatArray) -> FloatArray:
+    """
+    Deviation (k,) of the white noise on evenly sampled signals (n, k); NaN if too few.
+
+    From third differences, in which a smooth signal is gone and white noise is sqrt(20) times as
+    large; rows that are not finite are left out.
+    """
+    third = np.diff(values, n=3, axis=0)
     third = third[np.isfinite(third).all(axis=1)]
     if third.shape[0] < 10:
-        return np.full(3, np.nan)
+        return np.full(values.shape[1], np.nan)
     # The median, so that a few real jerks do not pass for noise.
     return np.asarray(np.median(np.abs(third), axis=0) / 0.6745 / math.sqrt(20.0))
 

@@ -14,25 +14,30 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from adk_ros.bench.concealed.bars import FAIL, PASS, Bar
 from adk_ros.bench.concealed.score import Score, score
-from adk_ros.errors import DataError, UsageError
+from adk_ros.errors import DataError
 from adk_ros.mismatch.answer import as_dict
 from adk_ros.mismatch.checks import check
 from adk_ros.mismatch.course import Course, prepare
 from adk_ros.mismatch.evidence import Evidence
-from adk_ros.mismatch.fit import Unknowns, minimise
+from adk_ros.mismatch.fit import Unknowns
 from adk_ros.mismatch.investigate import investigate
 from adk_ros.mismatch.nominal import Nominal
 from adk_ros.mismatch.parameters import HIGH, INDEX, LOW, SIZE
 from adk_ros.mismatch.scope import driven, filled, scope_of
 from adk_ros.mismatch.smoothing import savitzky_golay
-from adk_ros.mismatch.standin import FITTED, StandIn
+from adk_ros.mismatch.standin import (
+    COLOURED,
+    FITTED,
+    SETTLING_BINS,
+    StandIn,
+    fitted_in_rounds,
+)
 from adk_ros.signals.channels import FloatArray
 
 REAL = "real"
@@ -48,13 +53,10 @@ _ALSO: dict[str, tuple[float, float]] = {
     "torque_offset": (200.0, 3.0),
     "yaw_inertia": (200.0, 10.0),
 }
-_ROUNDS = (10.0, 2.0, 0.5)
 _ERROR = np.array([0.3, 0.3, 0.01, 0.1, 0.05, 0.01])
 """What such a model leaves of a real drive, by channel: far more than the sensors' noise."""
-_COLOURED = 0.25
 _MOST = 3.0
 """Usual spreads by which a parameter may be off its start."""
-_SETTLING_BINS = 25
 _MOVING = 3.0
 
 
@@ -98,20 +100,6 @@ class Calibrated:
     stand_in: StandIn
     drive: Evidence
     notes: tuple[str, ...]
-
-
-def find_recordings(folder: Path) -> list[Path]:
-    """
-    Return the bags in a folder, or below it, by name.
-
-    Raises `UsageError` where there is none.
-    """
-    if not folder.is_dir():
-        raise UsageError(f"{folder} is no folder: give one that holds recordings")
-    bags = sorted({path.parent for path in folder.glob("**/metadata.yaml")})
-    if not bags:
-        raise UsageError(f"{folder} holds no recording: a folder with metadata.yaml")
-    return bags
 
 
 def with_torque(e: Evidence, mass: float, radius: float) -> tuple[Evidence, str]:
@@ -176,23 +164,14 @@ def _calibrate(course: Course, start: FloatArray, has_imu: bool) -> StandIn:
     mean = start[where].copy()
     low = np.maximum(mean - _MOST * spread, LOW[where])
     high = np.minimum(mean + _MOST * spread, HIGH[where])
-    p, x = start.copy(), np.clip(mean, low, high)
-    size = _ERROR[:, None]
-    for gain in _ROUNDS:
-
-        def residuals(x: FloatArray, gain: float = gain) -> FloatArray:
-            q = p.copy()
-            q[where] = x
-            e = course.residuals(q, gain=gain) * counted / size
-            return np.asarray(_COLOURED * e.ravel())
-
-        x = minimise(
-            residuals, Unknowns(x, low, high, step, mean, spread), iterations=8, settled=1e-3
-        ).x
-    p[where] = x
+    p = start.copy()
+    p[where] = fitted_in_rounds(
+        course, p, where, Unknowns(mean, low, high, step, mean, spread),
+        COLOURED * counted / _ERROR[:, None],
+    ).x
     left = course.residuals(p) * counted
-    error = np.sqrt(np.mean(left[:, _SETTLING_BINS:] ** 2, axis=1))
-    return StandIn(p, error, left[:, _SETTLING_BINS:], np.empty((0, SIZE)))
+    error = np.sqrt(np.mean(left[:, SETTLING_BINS:] ** 2, axis=1))
+    return StandIn(p, error, left[:, SETTLING_BINS:], np.empty((0, SIZE)))
 
 
 @dataclass(frozen=True)

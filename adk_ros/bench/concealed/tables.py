@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -16,6 +15,8 @@ import numpy as np
 from adk_ros.bench.concealed.bars import Bar
 from adk_ros.bench.concealed.rivals import NAMING, OURS
 from adk_ros.bench.concealed.score import UNKNOWN, Score
+from adk_ros.bench.paper.tables import markdown_line
+from adk_ros.finite import finite
 
 BARS, TABLE, SCORES, BESIDE = "bars.txt", "cases.md", "cases.json", "beside.md"
 _HEADER = (
@@ -37,11 +38,8 @@ def case_row(s: Score) -> list[str]:
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table; a bar in a cell is escaped."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "".join(
-        f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines
-    )
+    """Return a Markdown table."""
+    return "".join(f"{markdown_line(row)}\n" for row in (header, ["---"] * len(header), *rows))
 
 
 def cases_markdown(scores: Sequence[Score]) -> str:
@@ -100,17 +98,7 @@ def beside_markdown(scores: Sequence[Score]) -> str:
 
 def as_json(scores: Sequence[Score], bars: Sequence[Bar]) -> dict[str, Any]:
     """Return bars and cases as JSON takes them: what is not finite is null."""
-    return {"bars": [asdict(bar) for bar in bars], "cases": [_finite(asdict(s)) for s in scores]}
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return {"bars": [asdict(bar) for bar in bars], "cases": [finite(asdict(s)) for s in scores]}
 
 
 def write_tables(scores: Sequence[Score], bars: Sequence[Bar], out: Path) -> None:

@@ -40,10 +40,10 @@ class Table:
 
     def markdown(self) -> str:
         """As a heading and a table."""
-        lines = [f"### {self.title}", "", _line(self.header)]
-        lines.append(_line(["---", *["---:"] * (len(self.header) - 1)]))
+        lines = [f"### {self.title}", "", markdown_line(self.header)]
+        lines.append(markdown_line(["---", *["---:"] * (len(self.header) - 1)]))
         for i, row in enumerate(self.rows):
-            lines.append(_line([
+            lines.append(markdown_line([
                 f"**{cell}**" if self.bold(i, j) else cell for j, cell in enumerate(row)
             ]))  # fmt: skip
         return "\n".join(lines) + "\n"
@@ -55,8 +55,9 @@ class Table:
             csv.writer(file).writerows([self.header, *self.rows])
 
 
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+def markdown_line(cells: Sequence[str]) -> str:
+    """Return a row of a Markdown table; a bar in a cell is escaped."""
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 
 
 def number(value: float) -> str:
