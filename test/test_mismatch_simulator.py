@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from mismatch_report_tools import drag
 from mismatch_tools import case
 
@@ -60,6 +61,15 @@ def test_drag_that_a_vehicle_file_lacks_is_found() -> None:
 def test_the_packages_own_vehicles_are_nominal_ones_too() -> None:
     plain = load_vehicle("imdv")
     assert load_nominal("imdv") == nominal_of(plain)
+
+
+def test_a_vehicle_that_says_of_its_drag_alone_is_a_whole_one(tmp_path: Path) -> None:
+    file = tmp_path / "car.yaml"
+    file.write_text(yaml.safe_dump({**nominal_of(vehicle()).model_dump(), "cda": 0.9}))
+    assert load_nominal(file) == nominal_of(vehicle())
+    file.write_text("mas: 1500.0\n")
+    with pytest.raises(UsageError, match="mas"):
+        load_nominal(file)
 
 
 def test_files(tmp_path: Path) -> None:

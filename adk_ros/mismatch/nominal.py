@@ -48,7 +48,8 @@ def load_nominal(path: str | Path) -> Nominal:
     Raises `UsageError`, one line naming the file and the key.
     """
     name, content = read(path, "vehicle")
-    if isinstance(content, dict) and "front_tyre" in content:
-        # A whole car, as `adk simulate` takes it, with tyres and all.
+    whole = Vehicle.model_fields.keys() - Nominal.model_fields.keys()
+    if isinstance(content, dict) and not whole.isdisjoint(content):
+        # A whole car, as `adk simulate` takes it: it may say of its tyres, or of its drag alone.
         return nominal_of(validate(name, content, Vehicle))
     return validate(name, content, Nominal)
