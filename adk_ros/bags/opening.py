@@ -62,15 +62,16 @@ def open_storage(path: Path, stack: ExitStack) -> StorageFile:
         reader, scan = Ros1Reader, Ros1Scan
     else:
         raise NoBagError("is neither MCAP, SQLite nor a ROS 1 bag" if head else "is empty")
-    storage: Storage
-    # Files are from outside: whatever makes rosbags stumble, the scan finds out what there is.
-    try:
-        if scan is SqliteScan:
-            size, pages = sqlite_pages(_head(file))
-            if size * pages != file.stat().st_size:
-                raise ValueError("SQLite answers for what its tree still reaches, and is silent")
-        storage = Indexed(reader(file))
-    except Exception:
+    storage: Storage | None = None
+    # SQLite answers for what the tree of a cut file still reaches, and is silent.
+    if scan is not SqliteScan or _is_whole(file):
+        try:
+            storage = Indexed(reader(file))
+        except Exception:
+            # rosbags' parsers raise whatever they like at a file from outside. Nothing is lost:
+            # the scan below reads what is there, tells of it, and raises what it cannot read.
+            storage = None
+    if storage is None:
         storage = scan(file)
     stack.callback(storage.close)
     return StorageFile(path.name, storage, lambda: scan(file))
@@ -80,6 +81,12 @@ def _head(file: Path) -> bytes:
     """Return the first bytes: what the file is, and how large a database should be."""
     with file.open("rb") as stream:
         return stream.read(32)
+
+
+def _is_whole(database: Path) -> bool:
+    """Whether an SQLite file is as long as its header says."""
+    size, pages = sqlite_pages(_head(database))
+    return size * pages == database.stat().st_size
 
 
 def _with_log(file: Path, stack: ExitStack) -> Path:
