@@ -9,24 +9,16 @@ from pathlib import Path
 from pydantic import Field
 
 from adk_ros.mismatch.parameters import INDEX, usual
-from adk_ros.plant.params import Vehicle
-from adk_ros.plant.yaml_file import FileModel, read, validate
+from adk_ros.plant.params import Dimensions, Vehicle
+from adk_ros.plant.yaml_file import read, validate
 from adk_ros.signals.channels import FloatArray
 
 
-class Nominal(FileModel):
-    """Keys of `vehicle.yaml`; SI units. `wheel_inertia` is of one wheel."""
+class Nominal(Dimensions):
+    """Keys of `vehicle.yaml`; SI units."""
 
-    mass: float = Field(ge=50.0, le=1e5)
-    yaw_inertia: float = Field(ge=10.0, le=1e6)
-    cg_to_front_axle: float = Field(ge=0.2, le=10.0)
-    cg_to_rear_axle: float = Field(ge=0.2, le=10.0)
-    track_width: float = Field(ge=0.3, le=5.0)
-    cg_height: float = Field(default=0.53, ge=0.0, le=4.0)
-    wheel_radius: float = Field(default=0.325, ge=0.1, le=1.5)
     wheel_inertia: float = Field(default=1.3, ge=0.0, le=100.0)
-    side_force_area: float = Field(default=3.2, ge=0.0, le=100.0)
-    yaw_moment_volume: float = Field(default=1.1, ge=-100.0, le=100.0)
+    """Of one wheel, kg m^2."""
 
     def parameters(self) -> FloatArray:
         """Return the parameter vector of this vehicle on middling tyres."""

@@ -55,10 +55,9 @@ class Tyre(FileModel):
     """The same of longitudinal slip, m; it also tames the stiff wheel spin."""
 
 
-class Vehicle(FileModel):
-    """A car with four driven wheels and front steering; `base_link` at the centre of gravity."""
+class Dimensions(FileModel):
+    """Masses, lengths and wind coefficients of a car, without tyres and drive; SI units."""
 
-    name: str = "unnamed"
     mass: float = Field(ge=50.0, le=1e5)
     yaw_inertia: float = Field(ge=10.0, le=1e6)
     cg_to_front_axle: float = Field(ge=0.2, le=10.0)
@@ -66,6 +65,16 @@ class Vehicle(FileModel):
     track_width: float = Field(ge=0.3, le=5.0)
     cg_height: float = Field(default=0.53, ge=0.0, le=4.0)
     wheel_radius: float = Field(default=0.325, ge=0.1, le=1.5)
+    side_force_area: float = Field(default=3.2, ge=0.0, le=100.0)
+    """Side force over air pressure and sine of the air's sideslip, m^2."""
+    yaw_moment_volume: float = Field(default=1.1, ge=-100.0, le=100.0)
+    """Yaw moment over the same, m^3; positive where the wind turns the nose away."""
+
+
+class Vehicle(Dimensions):
+    """A car with four driven wheels and front steering; `base_link` at the centre of gravity."""
+
+    name: str = "unnamed"
     wheel_inertia: float = Field(default=1.3, ge=0.3, le=100.0)
     """Spin inertia of one wheel with its motor, kg m^2."""
     front_tyre: Tyre = Tyre(b_y=9.5)
@@ -78,10 +87,6 @@ class Vehicle(FileModel):
     """Drag area, m^2."""
     crr: float = Field(default=0.012, ge=0.0, le=0.2)
     """Rolling resistance over wheel load."""
-    side_force_area: float = Field(default=3.2, ge=0.0, le=100.0)
-    """Side force over air pressure and sine of the air's sideslip, m^2."""
-    yaw_moment_volume: float = Field(default=1.1, ge=-100.0, le=100.0)
-    """Yaw moment over the same, m^3; positive where the wind turns the nose away."""
     max_drive_torque: float = Field(default=3000.0, gt=0.0, le=1e5)
     """Most that all wheels' motors together drive with, N m."""
     max_brake_torque: float = Field(default=9000.0, gt=0.0, le=1e5)
