@@ -81,7 +81,7 @@ def test_trials_are_the_predictions_under_the_commands_that_came() -> None:
     car = Predictor(of, horizon_steps=0)
     first = made = -1
     ahead = np.zeros((80, 3))
-    sums: Array = np.zeros((3, 80, 3))
+    sums: Array = np.zeros((4, 80, 3))
     for k in range(200):
         car.step(sample(k, x[k], u[k]))
         assert car.trials is not None
@@ -98,10 +98,17 @@ def test_trials_are_the_predictions_under_the_commands_that_came() -> None:
     assert made >= 0
     scale = of.scaling.x_scale
     m, y = (ahead - x[first]) / scale, (x[first + 1 : first + 81] - x[first]) / scale
-    for found, before, new in zip(car.trials._sums, sums, (m * y, m * m, 1.0), strict=True):
+    for found, before, new in zip(
+        car.trials._sums, sums, (m * y, m * m, 1.0, y * y), strict=True
+    ):
         np.testing.assert_allclose(found, 0.985 * before + new, rtol=1e-4, atol=1e-6)
-    kept, moved, count = car.trials._sums
-    trust = np.clip((count * kept / moved + 3.0) / (count + 3.0), 0.0, 1.0)
+    kept, moved, count, whole = car.trials._sums
+    share = kept / moved
+    left = np.maximum(whole - share * kept, 0.0) / count
+    alike = np.maximum(0.5 * np.arange(1, 81) / EVERY, 1.0)[:, None]
+    chance = alike * left / np.maximum((1.0 - share) ** 2 * moved, 1e-12)
+    weight = count / (count + 3.0) * np.maximum(1.0 - chance, 0.0)
+    trust = np.clip(1.0 - weight * (1.0 - share), 0.0, 1.0)
     np.testing.assert_allclose(car.trials.trust, trust, rtol=1e-6)
 
 

@@ -216,17 +216,6 @@ def fill_phi(x, features, u_now, affine, phi):  # type: ignore[no-untyped-def]
 
 
 @jit
-def to_si(states, x_mean, x_scale):  # type: ignore[no-untyped-def]
-    """Unscale states (h, 3) in place; return whether all are finite."""
-    finite = True
-    for i in range(states.shape[0]):
-        for c in range(3):
-            states[i, c] = states[i, c] * x_scale[c] + x_mean[c]
-            finite = finite and np.isfinite(states[i, c])
-    return finite
-
-
-@jit
 def follow_covariance(covariance, innovation, gain):  # type: ignore[no-untyped-def]
     """covariance += gain (innovation innovation' - covariance), all (3, ...)."""
     for i in range(3):

@@ -8,10 +8,13 @@ on by a step a tick, under the commands that really come, and is compared with e
 For each step h of the horizon and each channel, over the n trials of the last 17 s or so,
 
     q_h = sum m y / sum m^2                       m: predicted change since the start, y: measured
-    trust_h = (n q_h + 3) / (n + 3),              held within 0 to 1
+    trust_h = 1 - (1 - q_h) (1 - w_h)+ n / (n + 3),          held within 0 to 1
 
-is the share of the predicted change that a least-squares fit keeps: 1 for a model that is right,
-0 for one that tells nothing, which leaves "no change". The errors that remain, y - trust m, give
+q is the share of the predicted change that a least-squares fit keeps: 1 for a model that is right,
+0 for one that tells nothing, which leaves "no change". Of what q lacks to 1 a part is put down to
+chance, w = var(q) / (1 - q)^2, as James and Stein shrink a mean: a model that is right is not
+distrusted for what a few trials happen to show. Trials whose horizons overlap are half alike, and
+var(q) counts them as fewer. The errors that remain, y - trust m, give
 the covariance of the horizon, calibrated by how often the intervals given at the trials' starts
 held (see `calibration`), which begins with what validation found, as if from `prior` trials.
 """
@@ -29,6 +32,7 @@ from adk_ros.signals.channels import FloatArray
 
 _BELIEVED = 3.0
 """Trials' worth of full trust: a few of one kind of driving tell little of the next."""
+_ALIKE = 0.5
 _TRUST_FORGETTING = 0.985
 """A trial's weight per later trial: 67 trials, or 17 s. What is driven changes before tyres do."""
 
@@ -57,7 +61,7 @@ class Trials:
         self._rest = np.zeros((lanes, 3, 3))
         self._age = np.full(lanes, -1)
         self._scratch = np.zeros((2, seen + n), np.float32)
-        self._sums = np.zeros((3, steps, 3))
+        self._sums = np.zeros((4, steps, 3))
         self._promised = np.zeros((lanes, steps, 2, 3))
         self._calibration = Calibration(errors, prior)
         self._arrays = self._calibration.arrays()
@@ -151,9 +155,14 @@ def compare(  # type: ignore[no-untyped-def]
             sums[0, h, c] = _TRUST_FORGETTING * sums[0, h, c] + m * y
             sums[1, h, c] = _TRUST_FORGETTING * sums[1, h, c] + m * m
             sums[2, h, c] = _TRUST_FORGETTING * sums[2, h, c] + 1.0
+            sums[3, h, c] = _TRUST_FORGETTING * sums[3, h, c] + y * y
             share = sums[0, h, c] / max(sums[1, h, c], 1e-12)
-            weight = sums[2, h, c] / (sums[2, h, c] + _BELIEVED)
-            trust[h, c] = min(max(1.0 + weight * (share - 1.0), 0.0), 1.0)
+            lack = 1.0 - share
+            left = max(sums[3, h, c] - share * sums[0, h, c], 0.0) / sums[2, h, c]
+            alike = max(_ALIKE * (h + 1) / EVERY, 1.0)
+            chance = alike * left / max(lack * lack * sums[1, h, c], 1e-12)
+            weight = sums[2, h, c] / (sums[2, h, c] + _BELIEVED) * max(1.0 - chance, 0.0)
+            trust[h, c] = min(max(1.0 - weight * lack, 0.0), 1.0)
             error[c] = y - trust[h, c] * m
             surprise[c] = y - promised[lane, h, 0, c] * m
         learn(
