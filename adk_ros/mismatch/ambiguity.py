@@ -93,10 +93,27 @@ def standing(likelihood: Likelihood, h: Hypothesis, which: int) -> Standing:
             behind = fitted.cost - h.cost
         name = start.effect.name
         same = name in SAME.get(active.effect.name, ())
-        near = (behind < margin or same) and fitted.actives[-1].material()
-        rivals.append(Rival(active.effect.name, name, behind, fitted.actives[-1], near))
+        rival = fitted.actives[-1]
+        near = (behind < margin or same) and rival.material() and not idle(rival, active)
+        if idle(rival, active):
+            behind += margin
+        rivals.append(Rival(active.effect.name, name, behind, rival, near))
     rivals.sort(key=lambda r: r.behind)
     return Standing(gain, tuple(rivals))
+
+
+def idle(rival: Active, than: Active) -> bool:
+    """
+    Whether a rival does as well only with more parameters, one of which does nothing.
+
+    A bias of the IMU that spares the gyro is as good as a tilt; but why should it spare it?
+    """
+    if len(rival.inner) <= len(than.inner):
+        return False
+    return not all(
+        parameter.material(x)
+        for parameter, x in zip(rival.effect.parameters, rival.inner, strict=True)
+    )
 
 
 def better_name(active: Active, deviation: tuple[float, ...]) -> Effect:

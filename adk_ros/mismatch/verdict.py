@@ -19,6 +19,7 @@ from adk_ros.mismatch.findings import (
     Interval,
     Unexplained,
 )
+from adk_ros.mismatch.gates import EDGE
 from adk_ros.mismatch.likelihood import Active, Hypothesis, Likelihood
 from adk_ros.mismatch.search import Search, required
 from adk_ros.mismatch.unknown import Remainder, describe, without_features
@@ -66,7 +67,7 @@ def judge(likelihood: Likelihood, found: Search) -> Verdict:
     edges = any(a.gate.kind in {PLACE, TIME} for a in kept)
     final = likelihood.fit(best.actives, best.tolerances, 6, None, 1e-6, edges=edges)
     final, standings = _settled(likelihood, _renamed(likelihood, final, edges), edges)
-    worthy = [a for a in final.actives if a.effect.name not in EFFECTS or a.material()]
+    worthy = _worthy(likelihood, final, edges)
     if len(worthy) < len(final.actives):
         final = likelihood.fit(worthy, final.tolerances, 6, None, 1e-6, edges=edges)
         final, standings = _settled(likelihood, final, edges)
@@ -84,6 +85,28 @@ def judge(likelihood: Likelihood, found: Search) -> Verdict:
         remainder.pieces,
     )
     return Verdict(UNKNOWN, effects, said, final, remainder)
+
+
+def _worthy(likelihood: Likelihood, h: Hypothesis, edges: bool) -> list[Active]:
+    """
+    Return what is worth a name: more than build tolerance, surely not nothing, and somewhere.
+
+    Next to a large effect a small one may lessen the loss only because the large one's form is
+    inexact: it is then of no sure size, or its place has shrunk to less than its own edges.
+    """
+    kept = []
+    for active, deviation in zip(h.actives, _deviations(likelihood, h, edges), strict=True):
+        sure = active.material() and any(
+            abs(inner - parameter.inner_neutral) > QUANTILE * COLOURED * one
+            for parameter, inner, one in zip(
+                active.effect.parameters, active.inner, deviation, strict=True
+            )
+        )
+        stretches = active.gate.stretches
+        somewhere = not stretches or any(b - a > 2.0 * EDGE for a, b in stretches)
+        if active.effect.name not in EFFECTS or (sure and somewhere):
+            kept.append(active)
+    return kept
 
 
 def _settled(
