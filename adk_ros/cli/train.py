@@ -71,7 +71,7 @@ def train(
     from adk_ros.model.artefact import MANIFEST
     from adk_ros.train.dataset import TEST
     from adk_ros.train.report import remove_report, write_report
-    from adk_ros.train.run import checkpoint_of, run_training
+    from adk_ros.train.run import checkpoints_of, run_training
     from adk_ros.train.settings import PaperSettings, TrainSettings
 
     settings: TrainSettings | PaperSettings
@@ -116,7 +116,7 @@ def train(
         try:
             run = run_training(records, out, settings, split, options.sensors, on_step, on_note)
         except KeyboardInterrupt:
-            if checkpoint_of(out).is_file():
+            if any(path.is_file() for path in checkpoints_of(out)):
                 console.note("the same command goes on from the last checkpoint")
             raise
     if writer is not None:

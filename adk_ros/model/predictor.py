@@ -190,6 +190,11 @@ class Predictor:
         return self._published.covariance
 
     @property
+    def observed(self) -> FloatArray:
+        """State (3,) as the observer has it after the last sample, SI."""
+        return np.asarray(self._x_past[0] * self.model.scaling.x_scale + self.model.scaling.x_mean)
+
+    @property
     def disturbance(self) -> FloatArray:
         """Disturbance (3,) as acceleration: m/s^2, m/s^2, rad/s^2."""
         scaling = self.model.scaling

@@ -18,6 +18,7 @@ from adk_ros.train.assemble import assemble
 from adk_ros.train.dataset import PARTS, TEST, TRAIN, VALIDATION, Split, sequences, split_records
 from adk_ros.train.fit import Step, Trained, fit
 from adk_ros.train.heldout import HeldOut, Range, held_out
+from adk_ros.train.observed import observed
 from adk_ros.train.paper import fit_paper
 from adk_ros.train.settings import PaperSettings, TrainSettings
 from adk_ros.train.tune import horizon_covariances, tune
@@ -36,9 +37,16 @@ class Run:
     facts: dict[str, Any]
 
 
-def checkpoint_of(out: Path) -> Path:
-    """Where a training that will write `out` keeps its checkpoint."""
-    return out.with_name(out.name + ".checkpoint.npz")
+def checkpoints_of(out: Path) -> tuple[Path, Path]:
+    """
+    Where a training that will write `out` keeps its checkpoint, and that of a first one.
+
+    Of noisy data there are two trainings, see `train.observed`.
+    """
+    return (
+        out.with_name(out.name + ".checkpoint.npz"),
+        out.with_name(out.name + ".first.checkpoint.npz"),
+    )
 
 
 def run_training(
@@ -74,7 +82,13 @@ def run_training(
             built.model, horizon_covariance=known_commands, held_covariance=held_commands
         )
     else:
-        checkpoint = checkpoint_of(out)
+        checkpoint, before = checkpoints_of(out)
+        if settings.quadratic:
+            def beginning(step: Step) -> None:
+                if note is not None:
+                    note("training an observer", step.step, step.steps)
+
+            train, validation = observed(train, validation, settings, beginning, before)
         trained = fit(train, validation, settings, on_step, checkpoint)
         joined = sequences(train, settings.history, 2, "training")
         built = assemble(trained, joined, uses_imu)
@@ -84,7 +98,7 @@ def run_training(
         if note is not None:
             note("scoring held-out data", done, total)
 
-    known = Range.of(train)
+    known = Range.of(split.of(TRAIN))
     tests = [(r, p == TEST) for r, p in zip(split.records, split.parts, strict=True)]
     test = held_out(model, tests, known, progress=scoring)
     facts: dict[str, Any] = {
@@ -105,7 +119,8 @@ def run_training(
         facts |= {"best_step": trained.best_step, "stopped_early": trained.stopped_early}
     artefact.save(out, built.program, model, facts)
     if trained is not None:
-        checkpoint_of(out).unlink(missing_ok=True)
+        for path in checkpoints_of(out):
+            path.unlink(missing_ok=True)
     return Run(model, split, trained, test, facts)
 
 

@@ -32,10 +32,11 @@ _SLOW = ((0.0, 1.0), (0.02, 0.99), (0.05, 0.99), (0.05, 0.97), (0.1, 0.97))
 _FAST = ((0.0, 1.0), (0.3, 0.7), (0.3, 0.9), (0.6, 0.8), (1.0, 0.7), (1.0, 0.9))
 _OBSERVERS = (1.0, 0.6, 0.35, 0.2, 0.1)
 _TRIALS = len(_RIDGES) + 2 * len(_SLOW) + len(_FAST) + 2 * len(_OBSERVERS)
-_AS_GOOD = 0.01
+_AS_GOOD, _AS_GOOD_SLOW = 0.01, 0.03
 """
 Of the cost, a mean log ratio: what is chosen is the least bold setting, they are listed in that
-order, within so much of the best. Validation data are few, and boldness is paid for on others.
+order, within so much of the best. Validation data are few, and boldness is paid for on others;
+most by a slow disturbance, whose error adds up for seconds.
 """
 _QUICK = replace(
     Correction.none(), slow_gain=np.full(3, 0.05), slow_decay=np.full(3, 0.99)
@@ -89,31 +90,32 @@ def tune(
         model = replace(model, correction=Correction.none())
     model = best([replace(model, online=windowed(ridge)) for ridge in _RIDGES])
 
-    def choose(corrections: Sequence[Correction]) -> Correction:
-        chosen = _least_bold(
-            np.array([cost(replace(model, correction=item)) for item in corrections])
-        )
+    def choose(corrections: Sequence[Correction], within: float = _AS_GOOD) -> Correction:
+        costs = np.array([cost(replace(model, correction=item)) for item in corrections])
+        chosen = _least_bold(costs, within)
         return Correction(**{
             name: np.array([getattr(corrections[i], name)[c] for c, i in enumerate(chosen)])
             for name in Correction.names()
         })
 
     now, each = model.correction, np.ones(3)
-    now = choose([replace(now, slow_gain=g * each, slow_decay=d * each) for g, d in _SLOW])
+    slow = [replace(now, slow_gain=g * each, slow_decay=d * each) for g, d in _SLOW]
+    now = choose(slow, _AS_GOOD_SLOW)
     # Before the fast one: that would take noise back that the observer had better not let in.
     now = choose([replace(now, observer_gain=g * each) for g in _OBSERVERS])
     now = choose([replace(now, fast_gain=g * each, fast_decay=d * each) for g, d in _FAST])
     # The fast one may have made it needless.
-    now = choose([replace(now, slow_gain=g * each, slow_decay=d * each) for g, d in _SLOW])
+    slow = [replace(now, slow_gain=g * each, slow_decay=d * each) for g, d in _SLOW]
+    now = choose(slow, _AS_GOOD_SLOW)
     now = choose([replace(now, observer_gain=g * each) for g in _OBSERVERS])
     model = replace(model, correction=now)
     known, held = horizon_covariances(model, split)
     return replace(model, horizon_covariance=known, held_covariance=held)
 
 
-def _least_bold(costs: FloatArray) -> IntArray:
-    """Index of the first of the `costs` (k, ...) within `_AS_GOOD` of the least, along axis 0."""
-    return np.asarray(np.argmax(costs <= costs.min(axis=0) + _AS_GOOD, axis=0))
+def _least_bold(costs: FloatArray, within: float = _AS_GOOD) -> IntArray:
+    """Index of the first of the `costs` (k, ...) `within` so much of the least, along axis 0."""
+    return np.asarray(np.argmax(costs <= costs.min(axis=0) + within, axis=0))
 
 
 def _cases(split: Split) -> tuple[Drives, Drives]:
