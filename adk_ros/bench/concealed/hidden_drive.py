@@ -95,7 +95,7 @@ class Changes(NamedTuple):
 
 @_kernel
 def _run(
-    plant: int, c: Constants, later: Constants, b: Body, driver: Constants,
+    plant: int, c: Constants, later: Constants, b: Body, later_b: Body, driver: Constants,
     table: FloatArray, later_table: FloatArray, spacing: float, added: FloatArray, h: Changes,
     place: float, state: FloatArray, truth: FloatArray, commands: FloatArray,
 ) -> None:
@@ -171,8 +171,8 @@ def _run(
             )
         else:
             a_x, a_y = step_on_route(
-                plant == _FOURTEEN, car, b, ground, spacing, s, (wind_x, wind_y), state, command,
-                road, work,
+                plant == _FOURTEEN, car, later_b if acts else b, ground, spacing, s,
+                (wind_x, wind_y), state, command, road, work,
             )
         state[V_X] += STEP * push_x
         state[V_Y] += STEP * push_y
@@ -200,7 +200,7 @@ def hidden_drive(
     added = excitation_signals(rng, count, TICK * STEP, excitation, SpeedPlan(variation=0.05))
     which = PLANTS.index(plant)
     constants = car.constants()
-    body = resolve(car) if which == _FOURTEEN else NO_BODY
+    bodies = [resolve(v) if which == _FOURTEEN else NO_BODY for v in (before or car, car)]
     x, y, heading, speed = (
         lookup(route.table, route.spacing, start, column)
         for column in (ROAD_X, ROAD_Y, ROAD_HEADING, ROAD_SPEED)
@@ -217,7 +217,8 @@ def hidden_drive(
     truth = np.empty((steps + 1, TRUTH))
     commands = np.zeros((count, 2))
     _run(
-        which, (before or car).constants(), constants, body, vehicle.constants(), route.table,
+        which, (before or car).constants(), constants, *bodies, vehicle.constants(),
+        route.table,
         (later or route).table, route.spacing, added, changes, start, state, truth, commands,
     )
     return truth, commands, np.arange(count, dtype=np.int64) * TICK
