@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, ODOMETRY_TYPE, BagWriter, message
+from adk_ros.plant.heard import Drive
 from adk_ros.plant.params import GRAVITY
 from adk_ros.plant.sensors import Sensors
-from adk_ros.plant.simulate import Drive
 from adk_ros.signals.channels import FloatArray, Source
 
 TOPICS = {

@@ -17,10 +17,11 @@ import numpy as np
 from adk_ros.plant import fourteen_dof
 from adk_ros.plant.body import resolve, vertical_modes
 from adk_ros.plant.floor import floor_rollout
+from adk_ros.plant.heard import Drive
 from adk_ros.plant.params import load_vehicle, vehicles
 from adk_ros.plant.road import ROAD_GRADE, ROAD_HEIGHT, locate
 from adk_ros.plant.scenarios import load_scenario, scenarios
-from adk_ros.plant.simulate import Drive, simulate
+from adk_ros.plant.simulate import simulate
 
 
 def offset(drive: Drive) -> float:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from adk_ros.plant.floor import floor_rollout
+from adk_ros.plant.heard import Drive
 from adk_ros.plant.scenarios import load_scenario
-from adk_ros.plant.simulate import Drive, simulate
+from adk_ros.plant.simulate import simulate
 
 AHEAD = 80
 

@@ -13,6 +13,7 @@ import pytest
 from adk_ros.bag_export import TOPICS, write_bag
 from adk_ros.bags import Bag
 from adk_ros.errors import UsageError
+from adk_ros.plant.heard import START_NS, Drive
 from adk_ros.plant.params import GRAVITY
 from adk_ros.plant.road import (
     ROAD_CURVATURE,
@@ -27,7 +28,7 @@ from adk_ros.plant.road import (
     locate,
 )
 from adk_ros.plant.scenarios import Scenario, load_scenario, scenarios
-from adk_ros.plant.simulate import START_NS, Drive, simulate
+from adk_ros.plant.simulate import simulate
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.decode import Decoder, SensorConfig
 

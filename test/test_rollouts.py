@@ -28,9 +28,9 @@ from adk_ros.errors import DataError, UsageError
 from adk_ros.model import artefact
 from adk_ros.model.evaluate import sample_at
 from adk_ros.model.predictor import Model, Predictor
+from adk_ros.plant.heard import Drive
 from adk_ros.plant.params import Vehicle, load_vehicle
 from adk_ros.plant.sensors import Stream
-from adk_ros.plant.simulate import Drive
 from adk_ros.rollouts import (
     find_vehicle,
     horizon_steps,

@@ -15,9 +15,10 @@ import numpy as np
 
 from adk_ros.bag_export import write_bag
 from adk_ros.cli.main import main
+from adk_ros.plant.heard import Drive
 from adk_ros.plant.scenarios import load_scenario
 from adk_ros.plant.sensors import Stream
-from adk_ros.plant.simulate import Drive, simulate
+from adk_ros.plant.simulate import simulate
 from adk_ros.signals.channels import TICK_NS, FloatArray, Record, Source
 from adk_ros.signals.record import build_record
 from adk_ros.train.report import write_report

@@ -16,6 +16,10 @@ from adk_ros.cli.options import JsonOption
 def simulate(
     scenario: Annotated[str, typer.Argument(help="a scenario's name or YAML file")],
     out: Annotated[Path, typer.Option(help="bag to write")],
+    model: Annotated[
+        Path | None,
+        typer.Option(help="car to drive instead: simulation.yaml or corrected.yaml of a mismatch"),
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="instead of the scenario's own")] = None,
     duration: Annotated[float | None, typer.Option(help="seconds, instead of its own")] = None,
     storage: Annotated[str, typer.Option(help="mcap or sqlite3")] = "mcap",
@@ -32,11 +36,21 @@ def simulate(
     Example: adk simulate mountain --out mountain
     """
     from adk_ros.bag_export import write_bag
+    from adk_ros.mismatch.driven import drive_stand_in, left_out
+    from adk_ros.mismatch.model_file import load_stand_in
     from adk_ros.plant.scenarios import load_scenario
     from adk_ros.plant.simulate import simulate as run
 
+    course = load_scenario(scenario)
     with console.progress("driving") as bar:
-        drive = run(load_scenario(scenario), seed, duration, bar)
+        if model is None:
+            drive = run(course, seed, duration, bar)
+        else:
+            car = load_stand_in(model)
+            drive = drive_stand_in(car, course, seed, duration, bar)
+    if model is not None and left_out(car.content):
+        names = ", ".join(left_out(car.content))
+        console.warn(f"bound to places of the recording, and not on this road: {names}")
     with console.progress("writing") as bar:
         write_bag(drive, out, storage, None if compression == "none" else compression, bar)
     seconds = round((len(drive.stamp_ns) - 1) * 0.025, 3)

@@ -23,10 +23,11 @@ from adk_ros.mismatch.parameters import SIZE
 from adk_ros.mismatch.smoothing import savitzky_golay
 from adk_ros.mismatch.standin import StandIn
 from adk_ros.plant.driver import Excitation, SpeedPlan
+from adk_ros.plant.heard import START_NS
 from adk_ros.plant.params import Vehicle, load_vehicle
 from adk_ros.plant.scenarios import Scenario, load_scenario
 from adk_ros.plant.sensors import Command, Imu, Odometry, Sensors
-from adk_ros.plant.simulate import START_NS, simulate
+from adk_ros.plant.simulate import simulate
 from adk_ros.plant.yaml_file import validate
 from adk_ros.signals.channels import FloatArray, IntArray, Source
 

@@ -13,13 +13,13 @@ import numpy as np
 
 from adk_ros.plant.body import NO_BODY, Body, resolve
 from adk_ros.plant.fourteen_dof import STATE_LIMIT as FOURTEEN_LIMIT
+from adk_ros.plant.heard import Drive
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.on_route import step_on_route
 from adk_ros.plant.params import Constants
 from adk_ros.plant.road import locate
 from adk_ros.plant.seven_dof import DELTA, OMEGA, STEP, V_X, V_Y, YAW_RATE, X, Y
 from adk_ros.plant.seven_dof import STATE_LIMIT as SEVEN_LIMIT
-from adk_ros.plant.simulate import Drive
 from adk_ros.plant.tyre import SLIP_SPEED_MIN
 from adk_ros.plant.wind import wind_at
 from adk_ros.signals.channels import TICK_NS, FloatArray, IntArray

@@ -15,8 +15,8 @@ import yaml  # type: ignore[import-untyped, unused-ignore]
 from adk_ros.bag_export import write_bag
 from adk_ros.bench.concealed.own import OwnCase
 from adk_ros.mismatch.evidence import Evidence
+from adk_ros.plant.heard import START_NS, Drive
 from adk_ros.plant.sensors import Sensors, Stream
-from adk_ros.plant.simulate import START_NS, Drive
 from adk_ros.signals.channels import FloatArray, Source
 
 

@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from adk_ros.errors import DataError
+from adk_ros.plant.heard import Drive
 from adk_ros.plant.scenarios import load_scenario
-from adk_ros.plant.simulate import Drive, Progress, simulate
+from adk_ros.plant.simulate import Progress, simulate
 from adk_ros.signals.channels import Flag, FloatArray, IntArray, Record
 
 TRAINING = "xyz_edges"

@@ -15,7 +15,7 @@ from adk_ros.model.evaluate import sample_at
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model, Predictor
 from adk_ros.plant.floor import floor_rollout
-from adk_ros.plant.simulate import Drive
+from adk_ros.plant.heard import Drive
 from adk_ros.signals.channels import FloatArray, IntArray, Record
 from adk_ros.signals.score import HORIZON_STEPS, imu_integration, persistence, straight_line
 
