@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from adk_ros.mismatch.ambiguity import Rival
 from adk_ros.mismatch.effect import Effect
+from adk_ros.mismatch.manoeuvres import Separation
 from adk_ros.mismatch.places import PlaceMap
 from adk_ros.mismatch.unknown import Piece
 from adk_ros.signals.channels import FloatArray
@@ -124,3 +125,5 @@ class Findings:
     lacking: list[Lack] = field(default_factory=list)
     not_judged: list[str] = field(default_factory=list)
     """Effects that were not looked for, since the recording's channels say nothing of them."""
+    separations: list[Separation] = field(default_factory=list)
+    """Of each pair that the drive cannot tell apart: the best manoeuvre of those simulated."""

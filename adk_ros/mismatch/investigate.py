@@ -13,7 +13,7 @@ import numpy as np
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.checks import check, check_alike, check_vehicle, torque_mass
 from adk_ros.mismatch.course import BIN, Course, prepare
-from adk_ros.mismatch.effect import PLACE
+from adk_ros.mismatch.effect import PLACE, Effect
 from adk_ros.mismatch.evidence import CHANNELS, Evidence
 from adk_ros.mismatch.findings import NONE, Findings, Series
 from adk_ros.mismatch.lap import Lap, find_lap
@@ -24,6 +24,7 @@ from adk_ros.mismatch.likelihood import (
     Hypothesis,
     Likelihood,
 )
+from adk_ros.mismatch.manoeuvres import Separation, separate
 from adk_ros.mismatch.model_file import StandInFile, content_of
 from adk_ros.mismatch.nominal import Nominal
 from adk_ros.mismatch.open_loop import errors_ahead
@@ -97,14 +98,15 @@ def investigate(
     corrected = _corrected(stand_in, verdict, verdict.hypothesis, lap)
     before, after, early = _improvement(likelihood, stand_in, verdict, lap, scope)
     groups = [[e.effect.name, *e.alternatives] for e in verdict.effects if e.alternatives]
-    suggestions = [e.effect.manoeuvre for e in verdict.effects if e.alternatives]
+    separations = _separations(stand_in, verdict, course)
+    suggestions = [_next_drive(e.effect, separations) for e in verdict.effects if e.alternatives]
     tell(10.0, 10.0, "done")
     effects = [replace(e, lap_m=None if lap is None else lap.length) for e in verdict.effects]
     return Findings(
         effects=effects,
         verdict=verdict.word, unexplained=verdict.unexplained,
         horizon_s=HORIZON_S, before=before, after=after, groups=groups,
-        suggestion="; ".join(s for s in suggestions if s),
+        suggestion="; ".join(dict.fromkeys(s for s in suggestions if s)),
         simulation_yaml=plain, corrected_yaml=corrected,
         series=_series(course, likelihood, verdict.hypothesis, lap),
         stand_in_error=dict(zip(CHANNELS, (float(x) for x in stand_in.error), strict=True)),
@@ -112,8 +114,26 @@ def investigate(
         level=found.noise, lap_m=None if lap is None else lap.length, maps=found.maps,
         notes=_notes(nominal is None and not known, lap),
         held_out_yaml=early, lacking=scope.lacking(),
-        not_judged=sorted(scope.beyond & set(EFFECTS)),
+        not_judged=sorted(scope.beyond & set(EFFECTS)), separations=separations,
     )
+
+
+def _separations(stand_in: StandIn, verdict: Verdict, course: Course) -> list[Separation]:
+    """Return for each pair that the drive cannot tell apart what would, if anything."""
+    noise = course.sigma / np.sqrt(np.maximum(np.median(course.counts, axis=1), 1.0))
+    actives = [a for a in verdict.hypothesis.actives if not a.effect.name.startswith(MARK)]
+    place = {a.effect.name: i for i, a in enumerate(actives)}
+    return [
+        separate(stand_in.parameters, actives, place[found.effect.name], rival.fitted, noise)
+        for found in verdict.effects if found.effect.name in place
+        for rival in found.rivals if rival.alternative
+    ]
+
+
+def _next_drive(effect: Effect, separations: list[Separation]) -> str:
+    """Return what tells an effect from what it is tied with: simulated, or what is known."""
+    told = [s.manoeuvre for s in separations if s.of == effect.name and s.tells]
+    return "; ".join(dict.fromkeys(told)) or effect.manoeuvre
 
 
 def assumed(simulation: Evidence) -> Nominal:

@@ -10,6 +10,7 @@ from adk_ros.mismatch.ambiguity import MARGIN, Rival
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.evidence import CHANNELS, UNITS
 from adk_ros.mismatch.findings import NONE, Findings, FoundEffect
+from adk_ros.mismatch.manoeuvres import ENOUGH, Separation
 from adk_ros.mismatch.report.sentence import interval_text, pair_text, where_words
 from adk_ros.mismatch.report.words import CHANNELS as CHANNEL_WORDS
 from adk_ros.mismatch.report.words import STATES, listed, quantity, title
@@ -140,13 +141,31 @@ def stand_in_rows(findings: Findings) -> Rows:
     ]
 
 
+def separation_text(item: Separation) -> str:
+    """Return what simulating manoeuvres has shown of a pair."""
+    other = title(item.other)
+    if item.tells:
+        return (
+            f"from {other}: {item.manoeuvre} (simulated with either, the two differ by "
+            f"{item.loss:,.0f} in loss, where {ENOUGH:g} tells them apart)"
+        )
+    return (
+        f"from {other}: none of {item.tried} simulated manoeuvres; the best, {item.manoeuvre}, "
+        f"differs by {item.loss:,.0f} in loss, and {ENOUGH:g} would be needed"
+    )
+
+
 def group_rows(findings: Findings) -> Rows:
     """Return effects that the drive cannot tell apart, and what would tell each."""
     rows = []
     for group in findings.groups:
+        shown = [separation_text(x) for x in findings.separations if x.of == group[0]]
         tells = [
             f"{title(name)}: {EFFECTS[name].manoeuvre}"
             for name in group if name in EFFECTS and EFFECTS[name].manoeuvre
         ]
-        rows.append([listed([title(name) for name in group], "or"), "; ".join(tells)])
+        rows.append([
+            listed([title(name) for name in group], "or"), "; ".join(shown) or "-",
+            "; ".join(tells),
+        ])
     return rows

@@ -1,0 +1,189 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What to drive next: manoeuvres, simulated, that would tell apart what this drive could not.
+
+The corrected model drives each manoeuvre twice, once with an effect and once with what stands in
+its place, of the sizes that both had on the recording. What differs counts in units of the noise,
+less what build tolerances and 3 % of the rival's size could make up:
+
+    loss = min over t of  1/2 |d - J t|^2 + 1/2 |t|^2        d: difference over noise, a 40 ms bin
+
+with J what a tolerance of its usual size changes. It tells them apart where that loss is
+`ENOUGH`, five times what chance allows a rival on a recording (`ambiguity.MARGIN`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.mismatch.ambiguity import MARGIN
+from adk_ros.mismatch.course import BIN, SPACING
+from adk_ros.mismatch.kernel import simulate
+from adk_ros.mismatch.likelihood import TOLERANCE, TOLERANCES, Active
+from adk_ros.mismatch.parameters import INDEX
+from adk_ros.mismatch.states import (
+    A_X,
+    A_Y,
+    OUTPUTS,
+    S_PLAY,
+    S_STEER,
+    S_STEER_MORE,
+    S_V_X,
+    STATE_SIZE,
+    V_X,
+    V_Y,
+    YAW_RATE,
+)
+from adk_ros.signals.channels import FloatArray
+
+ENOUGH = 5.0 * MARGIN
+STEP = 0.005
+SECONDS = 20.0
+_SLOWEST = 3.0
+"""m/s, below which nothing is compared."""
+_ROWS = (A_X, A_Y, YAW_RATE, V_X, V_Y, YAW_RATE)
+"""Of a run's output, for `evidence.CHANNELS`."""
+_RIVAL_SPREAD = 0.03
+_BIN_STEPS = round(BIN / STEP)
+_SETTLED = round(0.5 / STEP)
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """
+    Commands along time.
+
+    `speed` (m/s) at the start; `push` (n,) longitudinal acceleration asked for, m/s^2; `angle`
+    (n,) of the road wheels, rad.
+    """
+
+    text: str
+    speed: float
+    push: FloatArray
+    angle: FloatArray
+
+
+@dataclass(frozen=True)
+class Separation:
+    """
+    How the best of all manoeuvres tells `of` from `other`.
+
+    `loss` of that, against `ENOUGH`; `tried` manoeuvres were simulated.
+    """
+
+    of: str
+    other: str
+    manoeuvre: str
+    loss: float
+    tried: int
+
+    @property
+    def tells(self) -> bool:
+        """Whether it does."""
+        return self.loss >= ENOUGH
+
+
+def manoeuvres() -> tuple[Manoeuvre, ...]:
+    """Return what is tried, gentle enough for a car on a dry road."""
+    t = STEP * np.arange(round(SECONDS / STEP))
+    none, on = np.zeros_like(t), np.asarray(t > 1.0, dtype=np.float64)
+    square = on * np.sign(np.sin(2.0 * np.pi * t / 4.0))
+    sweep = np.sin(2.0 * np.pi * (0.2 * t + 0.5 * (1.5 - 0.2) / SECONDS * t**2))
+    return (
+        Manoeuvre("coasting down from 25 m/s on a straight", 25.0, none, none),
+        Manoeuvre("full acceleration from walking pace on a straight", 4.0, 2.5 * on, none),
+        Manoeuvre("firm braking from 30 m/s on a straight", 30.0, -3.0 * on, none),
+        Manoeuvre("steps of torque to and fro at 10 m/s", 10.0, 1.5 * square, none),
+        Manoeuvre("step steers to and fro at 12 m/s", 12.0, none, 0.05 * square),
+        Manoeuvre("step steers to and fro at 25 m/s", 25.0, none, 0.015 * square),
+        Manoeuvre("a swept slalom at 15 m/s, 0.2 to 1.5 Hz", 15.0, none, 0.03 * sweep),
+        Manoeuvre("a slowly tightening bend at 15 m/s", 15.0, none, 0.006 * np.maximum(t - 1, 0)),
+        Manoeuvre("a circle at walking pace, lock to lock", 4.0, none, 0.35 * square),
+    )
+
+
+def separate(
+    base: FloatArray, actives: Sequence[Active], which: int, rival: Active, noise: FloatArray
+) -> Separation:
+    """
+    Return the manoeuvre that best tells effect `which` of a hypothesis from its rival.
+
+    `base`: the stand-in's parameters; `noise` (6,) of a bin, by channel.
+    """
+    mine = vector(base, actives)
+    others = [a for i, a in enumerate(actives) if i != which]
+    theirs = vector(base, [*others, rival])
+    larger = vector(base, [*others, _scaled(rival, 1.0 + _RIVAL_SPREAD)])
+    mass, radius = base[INDEX["mass"]], base[INDEX["wheel_radius"]]
+    best, name = -1.0, ""
+    tried = manoeuvres()
+    for manoeuvre in tried:
+        torque = manoeuvre.push * mass * radius
+        first = _run(mine, manoeuvre, torque)
+        difference = _run(theirs, manoeuvre, torque) - first
+        columns = [_run(larger, manoeuvre, torque) - first - difference]
+        for entry in TOLERANCES:
+            changed = mine.copy()
+            changed[INDEX[entry]] *= 1.0 + TOLERANCE
+            columns.append(_run(changed, manoeuvre, torque) - first)
+        scaled = np.stack([difference, *columns]) / noise[:, None]
+        fair = np.isfinite(scaled).all(axis=(0, 1))
+        left = scaled[0][:, fair].ravel()
+        free = scaled[1:][:, :, fair].reshape(len(columns), -1).T
+        taken = np.linalg.solve(free.T @ free + np.eye(free.shape[1]), free.T @ left)
+        loss = 0.5 * float(left @ left - left @ free @ taken)
+        if loss > best:
+            best, name = loss, manoeuvre.text
+    return Separation(
+        actives[which].effect.name, rival.effect.name, name, max(best, 0.0), len(tried)
+    )
+
+
+def vector(base: FloatArray, actives: Sequence[Active]) -> FloatArray:
+    """Return the parameters with effects at work, wherever they were found."""
+    p: FloatArray = base.copy()
+    for active in actives:
+        for parameter, inner in zip(active.effect.parameters, active.inner, strict=True):
+            for i, amount in parameter.amounts(inner, base):
+                p[i] += amount
+    return p
+
+
+def _scaled(active: Active, share: float) -> Active:
+    inner = tuple(
+        p.inner_neutral + share * (x - p.inner_neutral)
+        for p, x in zip(active.effect.parameters, active.inner, strict=True)
+    )
+    return Active(active.effect, inner, active.gate)
+
+
+def _run(p: FloatArray, manoeuvre: Manoeuvre, torque: FloatArray) -> FloatArray:
+    """Return a run's channels (6, bins), NaN where the car is all but standing."""
+    n = torque.shape[0]
+    grid = np.arange(round(n * STEP / SPACING) + 1) * SPACING
+    at = STEP * np.arange(n + 1)
+    torques = np.interp(grid, at, np.concatenate([[0.0], np.cumsum(torque) * STEP]))
+    angles = np.interp(grid, at, np.concatenate([[0.0], np.cumsum(manoeuvre.angle) * STEP]))
+    state = np.zeros(STATE_SIZE)
+    state[S_V_X] = manoeuvre.speed
+    state[[S_PLAY, S_STEER, S_STEER_MORE]] = p[INDEX["steer_gain"]] * manoeuvre.angle[0]
+    out, none = np.empty((OUTPUTS, n)), np.empty(0, dtype=np.int64)
+    simulate(
+        p, none, np.empty(0), none, np.ones((1, n)), torques, angles, SPACING, 0.0, STEP,
+        np.empty(0), np.full((n, 3), np.nan), np.zeros(3), np.empty((0, 3)), state, out,
+        np.empty((0, 0)),
+    )
+    heard = out[list(_ROWS)]
+    # As sensors would say it: a bias or a scale of theirs tells effects apart too.
+    heard[0] += p[INDEX["bias_a_x"]]
+    heard[1] += p[INDEX["bias_a_y"]]
+    heard[2] = heard[2] * p[INDEX["gyro_gain"]] + p[INDEX["bias_gyro"]]
+    heard[3] *= p[INDEX["odometry_gain"]]
+    heard[:, out[V_X] < _SLOWEST] = np.nan
+    heard[:, :_SETTLED] = 0.0
+    bins = n // _BIN_STEPS
+    return np.asarray(heard[:, : bins * _BIN_STEPS].reshape(6, bins, _BIN_STEPS).mean(axis=2))
