@@ -61,7 +61,7 @@ _DRIVE = (
         "drive_torque_gain",
         (Parameter("scale", "-", 0.3, 1.8, 0.005, 0.02, {"torque_gain": 1.0}, 1.0),),
         ("v_x",), "T = scale command", "accelerating and braking",
-        ("wheel_radius", "payload", "rotating_inertia"), "step steers tell a payload",
+        ("wheel_radius", "payload", "rotating_inertia"), "step steers, which a payload changes",
     ),
     Effect(
         "brake_torque_gain",

@@ -13,9 +13,9 @@ import numpy as np
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.checks import check, check_alike, check_vehicle, torque_mass
 from adk_ros.mismatch.course import BIN, Course, prepare
-from adk_ros.mismatch.effect import PLACE, Effect
+from adk_ros.mismatch.effect import PLACE
 from adk_ros.mismatch.evidence import CHANNELS, Evidence
-from adk_ros.mismatch.findings import NONE, Findings, Series
+from adk_ros.mismatch.findings import NONE, Findings, FoundEffect, Series
 from adk_ros.mismatch.lap import Lap, find_lap
 from adk_ros.mismatch.likelihood import (
     FIRST_OPEN,
@@ -99,7 +99,7 @@ def investigate(
     before, after, early = _improvement(likelihood, stand_in, verdict, lap, scope)
     groups = [[e.effect.name, *e.alternatives] for e in verdict.effects if e.alternatives]
     separations = _separations(stand_in, verdict, course)
-    suggestions = [_next_drive(e.effect, separations) for e in verdict.effects if e.alternatives]
+    suggestions = [_next_drive(e, separations) for e in verdict.effects if e.alternatives]
     tell(10.0, 10.0, "done")
     effects = [replace(e, lap_m=None if lap is None else lap.length) for e in verdict.effects]
     return Findings(
@@ -130,10 +130,11 @@ def _separations(stand_in: StandIn, verdict: Verdict, course: Course) -> list[Se
     ]
 
 
-def _next_drive(effect: Effect, separations: list[Separation]) -> str:
+def _next_drive(found: FoundEffect, separations: list[Separation]) -> str:
     """Return what tells an effect from what it is tied with: simulated, or what is known."""
-    told = [s.manoeuvre for s in separations if s.of == effect.name and s.tells]
-    return "; ".join(dict.fromkeys(told)) or effect.manoeuvre
+    told = [s.manoeuvre for s in separations if s.of == found.effect.name and s.tells]
+    known = [EFFECTS[name].manoeuvre for name in found.alternatives if name in EFFECTS]
+    return "; ".join(dict.fromkeys(told or known))
 
 
 def assumed(simulation: Evidence) -> Nominal:
