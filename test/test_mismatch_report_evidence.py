@@ -125,7 +125,7 @@ def test_tables_say_the_findings() -> None:
     assert tables.error_rows(drag())[0] == ["speed (m/s)", "0.145", "0.012", "92 %"]
     (group,) = tables.group_rows(drag())
     assert group[0] == "air drag or wind along the road"
-    assert "the same straight in both directions" in group[1]
+    assert "the same straight in both directions" in group[2]
     rows = tables.remains_rows(2.0 * NOISE, NOISE, NOISE)
     assert rows[0] == ["a_x, IMU (m/s2)", "0.04", "0.02", "0.02", "1.00"]
     assert len(tables.stand_in_rows(drag())) == 6
