@@ -152,9 +152,7 @@ def fit(
     part = sequences(train, settings.history, longest, "training")
     check_enough(part.rows)
     held = sequences(validation, settings.history, longest, "validation")
-    change = np.diff(part.x_ref, axis=0)
-    change = change[np.isfinite(change).all(axis=1)]
-    scaling = Scaling.standard(part.x[part.rows], part.u[part.rows], change)
+    scaling = scaling_of(part)
     data, held_data = _Data(part, scaling, device), _Data(held, scaling, device)
 
     def trainer_of(quadratic: Quadratic | None) -> _Trainer:
@@ -166,7 +164,7 @@ def fit(
         network = Network(settings.history, hidden, features, scaling.step_scale, quadratic)
         return _Trainer(network.to(device), data, held_data, settings, noise)
 
-    trainer = trainer_of(_forms(part, scaling, settings.history) if settings.quadratic else None)
+    trainer = trainer_of(forms_of(part, scaling) if settings.quadratic else None)
     if trainer.forms and not trainer.validate() < _FORMS_MOST:
         trainer = trainer_of(None)
     key = checkpoint.fingerprint(settings, [*train, *validation])
@@ -174,11 +172,19 @@ def fit(
     return Trained(trainer.network.to("cpu"), scaling, curve, best_step, early)
 
 
-def _forms(part: Sequences, scaling: Scaling, history: int) -> Quadratic:
+def scaling_of(part: Sequences) -> Scaling:
+    """Return the scaling of a part of the data."""
+    change = np.diff(part.x_ref, axis=0)
+    change = change[np.isfinite(change).all(axis=1)]
+    return Scaling.standard(part.x[part.rows], part.u[part.rows], change)
+
+
+def forms_of(part: Sequences, scaling: Scaling) -> Quadratic:
+    """Return the quadratic forms that predict a part's scaled increments best."""
     x, x_ref = scaling.scale_x(part.x), scaling.scale_x(part.x_ref)
     target = np.full_like(x, np.nan)
     target[:-1] = (x_ref[1:] - x[:-1]) / scaling.step_scale
-    return fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, history)
+    return fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, part.history)
 
 
 class _Trainer:

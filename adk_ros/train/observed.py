@@ -26,19 +26,19 @@ import numpy as np
 
 from adk_ros.model.correction import Correction
 from adk_ros.model.evaluate import sample_at
-from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Model, Predictor
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import BoolArray, FloatArray, Record
 from adk_ros.train.assemble import assemble
 from adk_ros.train.dataset import sequences
-from adk_ros.train.fit import Step, fit
-from adk_ros.train.quadratic import Quadratic, fit_quadratic, input_columns
+from adk_ros.train.fit import Step, fit, forms_of, scaling_of
+from adk_ros.train.quadratic import Quadratic, input_columns, newest
 from adk_ros.train.settings import TrainSettings
+from adk_ros.train.tune import windowed
 
 _SHARE, _LEAST_STEPS = 0.4, 10
 """Of the steps of the training, for the first one."""
-_ONLINE = OnlineSettings("windowed", window=2000, ridge=300.0)
+_RIDGE = 300.0
 _CORRECTION = replace(
     Correction.none(), slow_gain=np.full(3, 0.02), slow_decay=np.full(3, 0.99)
 )
@@ -67,7 +67,7 @@ def observed(
     trained = fit(train, validation, first, on_step, checkpoint)
     built = assemble(trained, sequences(train, settings.history, 2, "training"), False)
     model = replace(
-        built.model, online=_ONLINE,
+        built.model, online=windowed(_RIDGE),
         correction=replace(_CORRECTION, observer_gain=np.array([1.0, 1.0, gain])),
     )
     return [_follow(model, r) for r in train], [_follow(model, r) for r in validation]
@@ -76,13 +76,8 @@ def observed(
 def observer_gain(train: Sequence[Record], history: int) -> float:
     """Return K, see above."""
     part = sequences(train, history, 1, "training")
-    change = np.diff(part.x_ref, axis=0)
-    change = change[np.isfinite(change).all(axis=1)]
-    scaling = Scaling.standard(part.x[part.rows], part.u[part.rows], change)
-    x, u = scaling.scale_x(part.x), scaling.scale_u(part.u)
-    target = np.full_like(x, np.nan)
-    target[:-1] = (scaling.scale_x(part.x_ref)[1:] - x[:-1]) / scaling.step_scale
-    forms = _Forms(fit_quadratic(x, u, target, part.rows, history), scaling, history)
+    scaling = scaling_of(part)
+    forms = _Forms(forms_of(part, scaling), scaling, history)
     innovations = {gain: forms.innovations(train, gain) for gain in _GAINS}
     least = min(innovations.values())
     return min(gain for gain, size in innovations.items() if size <= _AS_SMALL * least)
@@ -112,7 +107,7 @@ class _Forms:
         self._form = (directions * forms.weights[:, _YAW_RATE]) @ directions.T
         self._linear = forms.linear[columns, _YAW_RATE].astype(np.float64)
         self._level = float(forms.level[_YAW_RATE])
-        self._past = min(3, history + 1)
+        self._past = newest(history)
 
     def innovations(self, records: Sequence[Record], gain: float) -> float:
         """Return their RMS, scaled, with an observer of this gain."""

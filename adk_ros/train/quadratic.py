@@ -64,11 +64,16 @@ class Quadratic:
         return Quadratic(wide, empty(n, 0), empty(0, 0), empty(n, 0), empty(0))
 
 
+def newest(history: int) -> int:
+    """Return how many samples the forms see, the newest ones."""
+    return min(_NEWEST, history + 1)
+
+
 def input_columns(history: int) -> IntArray:
     """Columns of the encoder's input that hold v, see above; fewer for a shorter history."""
-    newest = min(_NEWEST, history + 1)
-    states, first = 3 * newest, 3 * (history + 1)
-    commands = 2 * newest if history else 0
+    samples = newest(history)
+    states, first = 3 * samples, 3 * (history + 1)
+    commands = 2 * samples if history else 0
     return np.concatenate([np.arange(states), np.arange(first, first + commands)])
 
 

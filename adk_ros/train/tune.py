@@ -81,9 +81,6 @@ def tune(
     def best(rivals: Sequence[Model]) -> Model:
         return rivals[int(_least_bold(np.array([cost(rival).mean() for rival in rivals])))]
 
-    def windowed(ridge: float) -> OnlineSettings:
-        return OnlineSettings("windowed", window=_WINDOW, ridge=ridge)
-
     if refitted:
         start = replace(model, online=windowed(_RIDGES[-1]), correction=_QUICK)
         model = best([start, *(replace(start, theta0=theta) for theta in refitted)])
@@ -111,6 +108,11 @@ def tune(
     model = replace(model, correction=now)
     known, held = horizon_covariances(model, split)
     return replace(model, horizon_covariance=known, held_covariance=held)
+
+
+def windowed(ridge: float) -> OnlineSettings:
+    """Return the adaptation that is tuned."""
+    return OnlineSettings("windowed", window=_WINDOW, ridge=ridge)
 
 
 def _least_bold(costs: FloatArray, within: float = _AS_GOOD) -> IntArray:
