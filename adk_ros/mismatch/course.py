@@ -97,6 +97,12 @@ class Course:
         return int(self.middle_s.shape[0])
 
     @property
+    def bin_noise(self) -> FloatArray:
+        """Noise of a bin (6,), by channel."""
+        usual = np.maximum(np.median(self.counts, axis=1), 1.0)
+        return np.asarray(self.sigma / np.sqrt(usual))
+
+    @property
     def bin_s(self) -> FloatArray:
         """Middles of the bins, s."""
         return np.asarray(self.start_s + BIN * (np.arange(self.bins) + 0.5))

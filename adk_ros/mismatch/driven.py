@@ -15,7 +15,6 @@ import math
 import numpy as np
 
 from adk_ros.errors import DataError, UsageError
-from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.correction import values
 from adk_ros.mismatch.course import SPACING
 from adk_ros.mismatch.kernel import simulate
@@ -37,8 +36,8 @@ from adk_ros.mismatch.states import (
     STATE_SIZE,
 )
 from adk_ros.plant.driver import drive
-from adk_ros.plant.heard import TRUTH_SIZE, Drive, heard
-from adk_ros.plant.params import Vehicle
+from adk_ros.plant.heard import TICK, TRUTH_SIZE, Drive, heard
+from adk_ros.plant.params import Dimensions, Vehicle
 from adk_ros.plant.road import (
     ROAD_BANK,
     ROAD_GRADE,
@@ -56,19 +55,13 @@ from adk_ros.plant.seven_dof import STEP
 from adk_ros.plant.simulate import Progress
 from adk_ros.plant.wind import wind_at
 from adk_ros.plant.yaml_file import validate
-from adk_ros.signals.channels import TICK_NS, FloatArray
+from adk_ros.signals.channels import FloatArray
 
 PLANT = "stand_in"
 _LONGEST_STEP_S = 0.005
 _HELD_S = 0.3
 """How far ahead a command is taken to hold: a fitted dead time may be a little negative."""
-_TICK = round(TICK_NS * 1e-9 / STEP)
 _LOST_M = 30.0
-_EQUATIONS = ("v_x", "v_y", "yaw_rate")
-_SHARED = (
-    "mass", "yaw_inertia", "cg_to_front_axle", "cg_to_rear_axle", "track_width", "cg_height",
-    "wheel_radius",
-)
 
 
 def left_out(model: StandInFile) -> list[str]:
@@ -127,7 +120,7 @@ def drive_stand_in(
         if k == 0:
             run.begin(delta)
         road = [lookup(route.table, route.spacing, s, i) for i in (ROAD_MU, ROAD_GRADE, ROAD_BANK)]
-        wind = wind_at(setting.wind, int(stamped[k]), _TICK)
+        wind = wind_at(setting.wind, int(stamped[k]), TICK)
         run.advance(stamped[k] * STEP, ends[k] * STEP, torque, delta, road, wind)
         if progress is not None and k % 200 == 0:
             progress(stamped[k] * STEP, setting.seconds)
@@ -141,7 +134,7 @@ def _driver(scenario: Scenario, model: StandInFile) -> Vehicle:
     """Return the car that the driver takes it for: the scenario's, of the stand-in's size."""
     p = model.vector()
     content = scenario.car().model_dump()
-    content |= {name: float(p[INDEX[name]]) for name in _SHARED}
+    content |= {name: float(p[INDEX[name]]) for name in Dimensions.model_fields}
     content |= {"cda": max(float(p[INDEX["drag_area"]]), 0.0),
                 "crr": max(float(p[INDEX["rolling"]]), 0.0)}
     for axle, end in (("front_tyre", "f"), ("rear_tyre", "r")):
@@ -160,22 +153,10 @@ class _Run:
 
     def __init__(self, model: StandInFile, seconds: float) -> None:
         self.state = np.zeros(STATE_SIZE)
-        self._base = model.vector()
-        base = self._base.copy()
-        for term in model.terms:
-            if term.where.kind == "place":
-                continue
-            for parameter in EFFECTS[term.effect].parameters:
-                inner = parameter.inner(term.parameters[parameter.name])
-                for i, size in parameter.amounts(inner, base):
-                    self._base[i] += size
+        self._base = model.acting()
         grid = math.ceil((seconds + 1.0) / SPACING) + 1
         self._torques, self._angles = np.zeros(grid), np.zeros(grid)
-        self._names = sorted({c.feature for c in model.correction})
-        self._coefficients = np.zeros((len(self._names), 3))
-        for c in model.correction:
-            row = self._names.index(c.feature)
-            self._coefficients[row, _EQUATIONS.index(c.equation)] += c.coefficient
+        self._names, self._coefficients = model.coefficients()
         self._felt = np.zeros(2)
         self._ends: list[FloatArray] = []
         self._ends_s: list[FloatArray] = []

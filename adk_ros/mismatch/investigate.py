@@ -120,11 +120,12 @@ def investigate(
 
 def _separations(stand_in: StandIn, verdict: Verdict, course: Course) -> list[Separation]:
     """Return for each pair that the drive cannot tell apart what would, if anything."""
-    noise = course.sigma / np.sqrt(np.maximum(np.median(course.counts, axis=1), 1.0))
     actives = [a for a in verdict.hypothesis.actives if not a.effect.name.startswith(MARK)]
     place = {a.effect.name: i for i, a in enumerate(actives)}
     return [
-        separate(stand_in.parameters, actives, place[found.effect.name], rival.fitted, noise)
+        separate(
+            stand_in.parameters, actives, place[found.effect.name], rival.fitted, course.bin_noise
+        )
         for found in verdict.effects if found.effect.name in place
         for rival in found.rivals if rival.alternative
     ]
@@ -275,7 +276,7 @@ def _series(
         y=_binned(course, course.pose[:, 1]), signals=signals,
         before=judged * course.residuals(likelihood.parameters),
         after=judged * course.residuals(p, terms, out=out),
-        noise=course.sigma / np.sqrt(np.maximum(np.median(course.counts, axis=1), 1.0)),
+        noise=course.bin_noise,
         distance=None if lap is None else _binned(course, lap.unwrapped) % lap.length,
         without=without,
     )

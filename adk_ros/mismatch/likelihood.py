@@ -95,7 +95,7 @@ def whitener(
     """
     filters = np.zeros((6, order + 1))
     shares = np.zeros(6)
-    per_bin = course.sigma / np.sqrt(np.maximum(np.median(course.counts, axis=1), 1.0))
+    per_bin = course.bin_noise
     for channel in range(6):
         error = own_error[channel] / per_bin[channel]
         error = np.clip(error - error.mean(), -5.0, 5.0)

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.mismatch.ambiguity import MARGIN
-from adk_ros.mismatch.course import BIN, SPACING
+from adk_ros.mismatch.course import BIN, SPACING, integral
 from adk_ros.mismatch.kernel import simulate
 from adk_ros.mismatch.likelihood import TOLERANCE, TOLERANCES, Active
 from adk_ros.mismatch.parameters import INDEX
@@ -164,10 +164,10 @@ def _scaled(active: Active, share: float) -> Active:
 def _run(p: FloatArray, manoeuvre: Manoeuvre, torque: FloatArray) -> FloatArray:
     """Return a run's channels (6, bins), NaN where the car is all but standing."""
     n = torque.shape[0]
-    grid = np.arange(round(n * STEP / SPACING) + 1) * SPACING
-    at = STEP * np.arange(n + 1)
-    torques = np.interp(grid, at, np.concatenate([[0.0], np.cumsum(torque) * STEP]))
-    angles = np.interp(grid, at, np.concatenate([[0.0], np.cumsum(manoeuvre.angle) * STEP]))
+    at = STEP * np.arange(n, dtype=np.float64)
+    torques, angles = (
+        integral(at, values, SPACING, SECONDS) for values in (torque, manoeuvre.angle)
+    )
     state = np.zeros(STATE_SIZE)
     state[S_V_X] = manoeuvre.speed
     state[[S_PLAY, S_STEER, S_STEER_MORE]] = p[INDEX["steer_gain"]] * manoeuvre.angle[0]

@@ -23,7 +23,7 @@ from adk_ros.mismatch.correction import FEATURES
 from adk_ros.mismatch.gates import EDGE
 from adk_ros.mismatch.parameters import ENTRIES, INDEX, NAMES, usual
 from adk_ros.plant.yaml_file import FileModel, load, read
-from adk_ros.signals.channels import FloatArray
+from adk_ros.signals.channels import STATE_NAMES, FloatArray
 
 KIND = "stand_in"
 
@@ -72,6 +72,15 @@ class Term(FileModel):
             raise ValueError(f"effect '{self.effect}' takes {', '.join(sorted(wanted))}")
         return self
 
+    def amounts(self, base: FloatArray) -> list[tuple[int, float]]:
+        """Return (index, amount) pairs that the term adds to the vector `base`."""
+        return [
+            pair for parameter in EFFECTS[self.effect].parameters
+            for pair in parameter.amounts(
+                parameter.inner(self.parameters[parameter.name]), base
+            )
+        ]
+
 
 class Correction(FileModel):
     """What a feature adds to an equation: `coefficient` times the feature, SI."""
@@ -116,6 +125,24 @@ class StandInFile(FileModel):
         for name, share in self.tolerances.items():
             p[INDEX[name]] *= 1.0 + share
         return p
+
+    def acting(self) -> FloatArray:
+        """Return the same with the terms that are bound to no place."""
+        base = self.vector()
+        p: FloatArray = base.copy()
+        for term in self.terms:
+            if term.where.kind != "place":
+                for i, size in term.amounts(base):
+                    p[i] += size
+        return p
+
+    def coefficients(self) -> tuple[list[str], FloatArray]:
+        """Return the correction's features and what they add to the accelerations, (k, 3)."""
+        names = sorted({c.feature for c in self.correction})
+        table = np.zeros((len(names), 3))
+        for c in self.correction:
+            table[names.index(c.feature), STATE_NAMES.index(c.equation)] += c.coefficient
+        return names, table
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.errors import DataError
-from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.correction import values
 from adk_ros.mismatch.course import SPACING, integral
 from adk_ros.mismatch.evidence import Evidence
@@ -70,32 +69,21 @@ class Roller:
         end = float(max(e.odometry_s[-1], e.command_s[-1])) + 1.0
         self.torques = integral(e.command_s, e.command[:, 0], SPACING, end)
         self.angles = integral(e.command_s, e.command[:, 1], SPACING, end)
-        self.base = model.vector()
-        self.places = [t.where for t in model.terms if t.where.kind == "place"]
+        placed = [term for term in model.terms if term.where.kind == "place"]
+        self.places = [term.where for term in placed]
+        base = model.vector()
         index, amount, gate = [], [], []
-        vector = self.base.copy()
-        for term in model.terms:
-            placed = term.where.kind == "place"
-            for parameter in EFFECTS[term.effect].parameters:
-                inner = parameter.inner(term.parameters[parameter.name])
-                for i, size in parameter.amounts(inner, self.base):
-                    if placed:
-                        index.append(i)
-                        amount.append(size)
-                        gate.append(1 + self.places.index(term.where))
-                    else:
-                        vector[i] += size
-        self.vector = vector
+        for term in placed:
+            for i, size in term.amounts(base):
+                index.append(i)
+                amount.append(size)
+                gate.append(1 + self.places.index(term.where))
+        self.vector = model.acting()
         self.gated = _Gated(
             np.array(index, dtype=np.int64), np.array(amount, dtype=np.float64),
             np.array(gate, dtype=np.int64),
         )
-        self.names = sorted({c.feature for c in model.correction})
-        self.coefficients = np.zeros((len(self.names), 3))
-        equations = ("v_x", "v_y", "yaw_rate")
-        for c in model.correction:
-            row = self.names.index(c.feature)
-            self.coefficients[row, equations.index(c.equation)] += c.coefficient
+        self.names, self.coefficients = model.coefficients()
         self.lines = [np.array(place.line) for place in self.places]
 
     def _gates(self, s_of: list[FloatArray], n: int) -> FloatArray:
