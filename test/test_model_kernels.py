@@ -155,7 +155,7 @@ def test_fill_phi(affine: bool) -> None:
 def test_make_pair(residual: bool, random: Random) -> None:
     measured, features = random.normal(size=3), random.normal(size=2).astype(np.float32)
     phi, theta = random.normal(size=8), random.normal(size=(5, 8))
-    step, gain, disturbance = np.array([0.1, 0.2, 0.5]), np.array([0.1, 0.0, 1.0]), np.ones((2, 3))
+    step, gain, disturbance = np.array([0.1, 0.2, 0.5]), np.array([0.1, 0.0, 1.0]), np.ones((3, 3))
     quick = np.array([1.0, 0.5, 0.3])
     correction = replace(Correction.none(), slow_gain=gain, fast_gain=quick).table()
     y = np.zeros(5)
@@ -169,7 +169,8 @@ def test_make_pair(residual: bool, random: Random) -> None:
     np.testing.assert_allclose(y, expected)
     left = expected[:3] - theta[:3] @ phi
     slow = 1.0 + gain * (left - 1.0)
-    np.testing.assert_allclose(disturbance, [slow, 1.0 + quick * (left - slow - 1.0)])
+    fast, mean = 1.0 + quick * (left - slow - 1.0), 1.0 + 0.1 * (left - 1.0)
+    np.testing.assert_allclose(disturbance, [slow, fast, mean])
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e4, -1e300])
@@ -179,7 +180,7 @@ def test_make_pair_refuses_what_is_absurd(bad: float, where: str, random: Random
     x, features, phi = random.normal(size=3), np.ones(2, np.float32), np.ones(8)
     with np.errstate(over="ignore"):
         {"x": x, "features": features, "phi": phi}[where].flat[1] = bad
-    disturbance = np.ones((2, 3))
+    disturbance = np.ones((3, 3))
     assert not kernels.make_pair(
         x, features, phi, np.zeros((5, 8)), np.ones(3), True, np.full((5, 3), 0.5), disturbance,
         np.zeros(5), 1e3,

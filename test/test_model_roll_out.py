@@ -12,9 +12,11 @@ from model_tools import Array, random_lift, weights
 
 from adk_ros.model import roll_out
 from adk_ros.model.correction import Correction
+from adk_ros.model.hindsight import SIGNS
 
 Random = np.random.Generator
-ALL = np.ones((0, 3))
+ALL = np.zeros((3, SIGNS)), np.zeros((0, 3, SIGNS)), np.ones((0, 3))
+"""Signs, their weights and trust of a prediction that is left as it is."""
 
 
 @pytest.fixture
@@ -26,16 +28,34 @@ def test_to_si() -> None:
     states, start = np.arange(6.0).reshape(2, 3), np.ones(3)
     scaling = (np.array([1.0, 2.0, 3.0]), np.array([10.0, 100.0, 1.0]))
     kept = states.copy()
-    assert roll_out.to_si(states, start, ALL, *scaling)
+    assert roll_out.to_si(states, start, *ALL, *scaling)
     assert states.tolist() == [[1.0, 102.0, 5.0], [31.0, 402.0, 8.0]]
     trust = np.array([[1.0, 0.5, 0.0], [0.0, 0.5, 1.0]])
-    assert roll_out.to_si(kept, start, trust, *scaling)
+    untold = np.ones((3, SIGNS)), np.zeros((2, 3, SIGNS))
+    assert roll_out.to_si(kept, start, *untold, trust, *scaling)
     assert kept.tolist() == [[1.0, 102.0, 4.0], [11.0, 252.0, 8.0]]
     longer = np.tile(np.array([1.0, 1.0, 5.0]), (3, 1))
-    assert roll_out.to_si(longer, start, trust, np.zeros(3), np.ones(3))
+    assert roll_out.to_si(longer, start, *untold, trust, np.zeros(3), np.ones(3))
     assert longer[:, 2].tolist() == [1.0, 5.0, 5.0]
+    zero, one = np.zeros(3), np.ones(3)
     for bad in (np.nan, np.inf):
-        assert not roll_out.to_si(np.array([[0.0, bad, 0.0]]), start, ALL, np.zeros(3), np.ones(3))
+        assert not roll_out.to_si(np.array([[0.0, bad, 0.0]]), start, *ALL, zero, one)
+
+
+def test_to_si_adds_what_is_foreseen_then_trusts_a_share() -> None:
+    random = np.random.default_rng(0)
+    states, start, signs = random.normal(size=(4, 3)), np.ones(3), random.normal(size=(3, SIGNS))
+    weights, trust = random.normal(size=(2, 3, SIGNS)), random.uniform(size=(2, 3))
+    held = [0, 1, 1, 1]
+    change = states - start + np.einsum("hck,ck->hc", weights[held], signs)
+    assert roll_out.to_si(states, start, signs, weights, trust, np.zeros(3), np.ones(3))
+    np.testing.assert_allclose(states, start + trust[held] * change)
+    # However large, it stays where roll-outs stay.
+    far = np.zeros((1, 3))
+    assert roll_out.to_si(
+        far, start, signs, 1e300 * weights, np.ones((1, 3)), np.zeros(3), np.ones(3)
+    )
+    assert (np.abs(far) == 50.0).all()
 
 
 def test_commands_that_end_are_held(random: Random) -> None:
@@ -113,7 +133,7 @@ def test_roll_out_lifting_is_bounded_and_shows_what_is_no_number(random: Random)
     assert out[-1].tolist() == [50.0, -50.0, 0.0]
     theta[1, 0] = np.nan
     roll_out.roll_out_lifting(*fixed, theta, np.ones(3), True, True, *rest)
-    assert not roll_out.to_si(out, np.zeros(3), ALL, np.zeros(3), np.ones(3))
+    assert not roll_out.to_si(out, np.zeros(3), *ALL, np.zeros(3), np.ones(3))
 
 
 def test_roll_out_linear_is_matrix_powers(random: Random) -> None:

@@ -105,8 +105,7 @@ def test_trials_are_the_predictions_under_the_commands_that_came() -> None:
     kept, moved, count, whole = car.trials._sums
     share = kept / moved
     left = np.maximum(whole - share * kept, 0.0) / count
-    alike = np.maximum(0.5 * np.arange(1, 81) / EVERY, 1.0)[:, None]
-    chance = alike * left / np.maximum((1.0 - share) ** 2 * moved, 1e-12)
+    chance = left / np.maximum((1.0 - share) ** 2 * moved, 1e-12)
     weight = count / (count + 3.0) * np.maximum(1.0 - chance, 0.0)
     trust = np.clip(1.0 - weight * (1.0 - share), 0.0, 1.0)
     np.testing.assert_allclose(car.trials.trust, trust, rtol=1e-6)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from adk_ros.model.compiled import fast, inlined, jit
+from adk_ros.model.hindsight import MEAN_GAIN
 
 _single = np.float32
 _TANH_REACH = _single(-6.3)
@@ -175,9 +176,9 @@ def make_pair(  # type: ignore[no-untyped-def]
     Target y (n_z,) of the tick that has just ended, the disturbances moved towards what is left.
 
     `measured` (3,) scaled and `features` make up z; `phi` is of the tick before and begins with
-    its z, the observer's state in it; `disturbance` (2, 3) slow and fast. Return False,
-    with the disturbance as it was, if the pair is absurd and must not be learned: a regressor of
-    1e6 would leave 1e-4 of rounding in the Gram for good.
+    its z, the observer's state in it; `disturbance` (3, 3) slow, fast and the running mean of what
+    is left. Return False, with the disturbance as it was, if the pair is absurd and must not be
+    learned: a regressor of 1e6 would leave 1e-4 of rounding in the Gram for good.
     """
     for j in range(phi.shape[0]):
         if not abs(phi[j]) < limit:
@@ -195,6 +196,7 @@ def make_pair(  # type: ignore[no-untyped-def]
         left = y[c]
         for j in range(phi.shape[0]):
             left -= theta[c, j] * phi[j]
+        disturbance[2, c] += MEAN_GAIN * (left - disturbance[2, c])
         disturbance[0, c] += correction[1, c] * (left - disturbance[0, c])
         left -= disturbance[0, c]
         disturbance[1, c] += correction[3, c] * (left - disturbance[1, c])

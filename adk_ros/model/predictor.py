@@ -25,6 +25,7 @@ import numpy as np
 from adk_ros.errors import UsageError
 from adk_ros.model import kernels, roll_out
 from adk_ros.model.correction import Correction
+from adk_ros.model.hindsight import SIGNS, fill_signs
 from adk_ros.model.lifting import Float32Array, Lifting, input_size
 from adk_ros.model.online import METHODS, OnlineSettings
 from adk_ros.model.published import Published
@@ -36,6 +37,7 @@ _COVARIANCE_GAIN = 0.01
 _MAX_PAIR = 1e3
 _PRIOR_TRIALS = 5.0
 _FULL_TRUST = np.ones((0, 3))
+_NOTHING_TOLD = np.zeros((0, 3, SIGNS))
 # Plain integers: operations on flags themselves cost a microsecond each.
 _RESTART, _COASTING, _UNLEARNABLE = int(Flag.RESTART), int(Flag.COASTING), int(UNLEARNABLE)
 _ODOMETRY_STALE = int(Flag.ODOMETRY_STALE)
@@ -138,6 +140,7 @@ class Predictor:
         self._unobserved[0] = 0.0
         self._phi = np.zeros(model.theta0.shape[1])
         self._y = np.zeros(model.n_z)
+        self._signs = np.zeros((3, SIGNS))
         # A view: the command now, as commands ahead that hold it.
         self._u_held = self._u[None]
         self._twin = model.lifting.twin.arrays() if model.lifting.twin is not None else None
@@ -157,7 +160,8 @@ class Predictor:
         self._coasted = 0
         self._predicted: FloatArray | None = None
         self._clean = 0
-        self._disturbance = np.zeros((2, 3))
+        # Slow and fast, and a running mean that is no part of the prediction.
+        self._disturbance = np.zeros((3, 3))
         self._whiteness = np.zeros((3, 3))
         self._covariance = self._initial_covariance()
 
@@ -199,7 +203,7 @@ class Predictor:
         """Disturbance (3,) as acceleration: m/s^2, m/s^2, rad/s^2."""
         scaling = self.model.scaling
         unit = scaling.step_scale * scaling.x_scale / (TICK_NS * 1e-9)
-        return np.asarray(self._disturbance.sum(axis=0) * unit)
+        return np.asarray(self._disturbance[:2].sum(axis=0) * unit)
 
     def step(self, sample: Sample) -> Prediction | None:
         """
@@ -322,15 +326,19 @@ class Predictor:
             )
         else:
             self._roll_out_by_torch(u_ahead, out)
-        trust = _FULL_TRUST if self.trials is None else self.trials.trust
-        scaling = model.scaling
-        finite = roll_out.to_si(out, self._x_past[0], trust, scaling.x_mean, scaling.x_scale)
+        trials, scaling = self.trials, model.scaling
+        trust = _FULL_TRUST if trials is None else trials.trust
+        weights = _NOTHING_TOLD if trials is None else trials.hindsight.weights
+        fill_signs(self._disturbance, self._signs)
+        finite = roll_out.to_si(
+            out, self._x_past[0], self._signs, weights, trust, scaling.x_mean, scaling.x_scale
+        )
         return out if finite else None
 
     def _roll_out_by_torch(self, u_ahead: FloatArray, out: FloatArray) -> None:
         model = self.model
         x_past, u_past = self._x_past.copy(), self._u_past.copy()
-        row, phi, push = self._row.copy(), self._phi.copy(), self._disturbance.copy()
+        row, phi, push = self._row.copy(), self._phi.copy(), self._disturbance[:2].copy()
         for step in range(out.shape[0]):
             u = u_ahead[min(step, u_ahead.shape[0] - 1)]
             kernels.fill_row(x_past, u_past, row)

@@ -17,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from adk_ros.model.compiled import fast, inlined, jit
+from adk_ros.model.hindsight import foreseen
 from adk_ros.model.kernels import fill_row, last_layer_input, set_command
 
 _LIMIT = 50.0
@@ -137,12 +138,15 @@ def roll_out_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
 
 
 @jit
-def to_si(states, base, trust, x_mean, x_scale):  # type: ignore[no-untyped-def]
+def to_si(  # type: ignore[no-untyped-def]
+    states, base, signs, weights, trust, x_mean, x_scale
+):
     """
     Unscale states (h, 3) in place; return whether all are finite.
 
-    Of the change since `base` (3,), scaled, a share `trust` (k, 3) is kept, by step, its last row
-    from there on; all of it if k is 0.
+    To the change since `base` (3,), scaled, is added what its error is told from, `weights`
+    (k, 3, s) times `signs` (3, s), see `hindsight`; of that a share `trust` (k, 3) is kept. Both
+    by step, the last row from there on; the change is left as it is if k is 0.
     """
     finite = True
     last = trust.shape[0] - 1
@@ -150,7 +154,10 @@ def to_si(states, base, trust, x_mean, x_scale):  # type: ignore[no-untyped-def]
         for c in range(3):
             value = states[i, c]
             if last >= 0:
-                value = base[c] + trust[min(i, last), c] * (value - base[c])
+                h = min(i, last)
+                value += foreseen(weights[h, c], signs[c])
+                value = min(max(value, -_LIMIT), _LIMIT)
+                value = base[c] + trust[h, c] * (value - base[c])
             states[i, c] = value * x_scale[c] + x_mean[c]
             finite = finite and np.isfinite(states[i, c])
     return finite

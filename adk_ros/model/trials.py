@@ -13,10 +13,10 @@ For each step h of the horizon and each channel, over the n trials of the last 1
 q is the share of the predicted change that a least-squares fit keeps: 1 for a model that is right,
 0 for one that tells nothing, which leaves "no change". Of what q lacks to 1 a part is put down to
 chance, w = var(q) / (1 - q)^2, as James and Stein shrink a mean: a model that is right is not
-distrusted for what a few trials happen to show. Trials whose horizons overlap are half alike, and
-var(q) counts them as fewer. The errors that remain, y - trust m, give
-the covariance of the horizon, calibrated by how often the intervals given at the trials' starts
-held (see `calibration`), which begins with what validation found, as if from `prior` trials.
+distrusted for what a few trials happen to show. To m is added beforehand what the error can be
+told from (see `hindsight`). The errors that remain, y - trust m, give the covariance of the
+horizon, calibrated by how often the intervals given at the trials' starts held (see
+`calibration`), which begins with what validation found, as if from `prior` trials.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import numpy as np
 
 from adk_ros.model.calibration import EVERY, Calibration, learn
 from adk_ros.model.compiled import fast
+from adk_ros.model.hindsight import SIGNS, Hindsight, account, fill_signs, foreseen
 from adk_ros.model.kernels import fill_row
 from adk_ros.model.lifting import TwinArrays
 from adk_ros.model.roll_out import advance, mix
@@ -32,7 +33,6 @@ from adk_ros.signals.channels import FloatArray
 
 _BELIEVED = 3.0
 """Trials' worth of full trust: a few of one kind of driving tell little of the next."""
-_ALIKE = 0.5
 _TRUST_FORGETTING = 0.985
 """A trial's weight per later trial: 67 trials, or 17 s. What is driven changes before tyres do."""
 
@@ -62,7 +62,9 @@ class Trials:
         self._age = np.full(lanes, -1)
         self._scratch = np.zeros((2, seen + n), np.float32)
         self._sums = np.zeros((4, steps, 3))
-        self._promised = np.zeros((lanes, steps, 2, 3))
+        self._signs = np.zeros((lanes, 3, SIGNS))
+        self._promised = np.zeros((lanes, steps, 3, 3))
+        self.hindsight = Hindsight(steps)
         self._calibration = Calibration(errors, prior)
         self._arrays = self._calibration.arrays()
         self.trust = np.ones((steps, 3))
@@ -75,6 +77,7 @@ class Trials:
         self._ticks = 0
         self._sums[:] = 0.0
         self._calibration.reset()
+        self.hindsight.reset()
         self.trust[:] = 1.0
 
     def stop(self) -> None:
@@ -90,7 +93,7 @@ class Trials:
             measured, u, usable, n_x, step_scale, residual, correction, *self._twin[:4],
             *self._twin[7:], self._row, self._x, self._base, self._push, self._head, self._short,
             self._rest, self._age, self._scratch, self._sums, self.trust,
-            self._promised, *self._arrays,
+            self._signs, self._promised, *self.hindsight.arrays(), *self._arrays,
         )
 
     def start(
@@ -108,8 +111,11 @@ class Trials:
             self._x[lane], self._base[lane], self._push[lane], self._head[lane],
             self._short[lane], self._rest[lane],
         )
-        self._promised[lane, :, 0] = self.trust
-        self._promised[lane, :, 1] = np.einsum("hcc->hc", self.covariance)
+        signs, promised = self._signs[lane], self._promised[lane]
+        fill_signs(disturbance, signs)
+        promised[:, 0] = self.trust
+        promised[:, 1] = np.einsum("hcc->hc", self.covariance)
+        promised[:, 2] = np.einsum("hck,ck->hc", self.hindsight.weights, signs)
         self._age[lane] = 0
 
 
@@ -122,22 +128,24 @@ def begin(  # type: ignore[no-untyped-def]
     mix(theta, affine, w3, b3, skip, head, short, rest)
     x[:] = x_past[0]
     base[:] = x_past[0]
-    push[:] = disturbance
+    push[:] = disturbance[:2]
 
 
 @fast
 def compare(  # type: ignore[no-untyped-def]
     measured, u, usable, n_x, step_scale, residual, correction, w1, b1, w2, b2,
     columns, reach, directions, row, x, base, push, head, short, rest, age, scratch,
-    sums, trust, promised, count, covariance, factor, calibrated
+    sums, trust, signs, promised, gram, moment, extent, weights,
+    count, covariance, factor, calibrated
 ):
     """
     Advance every lane by a step and, if the measurement is `usable`, account for it.
 
-    `promised` (lanes, steps, 2, 3): trust and variances when the lanes began.
+    When the lanes began: `signs` (lanes, 3, K); `promised` (lanes, steps, 3, 3) are trust,
+    variances and what was foreseen of the error.
     """
     steps = trust.shape[0]
-    error, surprise = np.empty(3), np.empty(3)
+    error, surprise, factors = np.empty(3), np.empty(3), np.empty((SIGNS, SIGNS))
     for lane in range(age.shape[0]):
         if age[lane] < 0:
             continue
@@ -151,7 +159,11 @@ def compare(  # type: ignore[no-untyped-def]
         if not usable:
             continue
         for c in range(3):
-            m, y = x[lane, c] - base[lane, c], measured[c] - base[lane, c]
+            plain, y = x[lane, c] - base[lane, c], measured[c] - base[lane, c]
+            m = plain + foreseen(weights[h, c], signs[lane, c])
+            account(
+                h, c, y - plain, signs[lane, c], factors, gram, moment, extent, weights
+            )
             sums[0, h, c] = _TRUST_FORGETTING * sums[0, h, c] + m * y
             sums[1, h, c] = _TRUST_FORGETTING * sums[1, h, c] + m * m
             sums[2, h, c] = _TRUST_FORGETTING * sums[2, h, c] + 1.0
@@ -159,12 +171,12 @@ def compare(  # type: ignore[no-untyped-def]
             share = sums[0, h, c] / max(sums[1, h, c], 1e-12)
             lack = 1.0 - share
             left = max(sums[3, h, c] - share * sums[0, h, c], 0.0) / sums[2, h, c]
-            alike = max(_ALIKE * (h + 1) / EVERY, 1.0)
-            chance = alike * left / max(lack * lack * sums[1, h, c], 1e-12)
+            chance = left / max(lack * lack * sums[1, h, c], 1e-12)
             weight = sums[2, h, c] / (sums[2, h, c] + _BELIEVED) * max(1.0 - chance, 0.0)
             trust[h, c] = min(max(1.0 - weight * lack, 0.0), 1.0)
             error[c] = y - trust[h, c] * m
-            surprise[c] = y - promised[lane, h, 0, c] * m
+            promise = plain + promised[lane, h, 2, c]
+            surprise[c] = y - promised[lane, h, 0, c] * promise
         learn(
             h, error, surprise, promised[lane, h, 1], count, covariance, factor, calibrated
         )

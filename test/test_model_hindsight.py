@@ -1,0 +1,112 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a prediction's error could have been told from."""
+
+import numpy as np
+import pytest
+from model_tools import Array, make_model, sample
+
+from adk_ros.model.compiled import jit
+from adk_ros.model.correction import Correction
+from adk_ros.model.hindsight import FORGETTING, SIGNS, Hindsight, account, fill_signs, foreseen
+from adk_ros.model.online import OnlineSettings
+from adk_ros.model.predictor import Predictor
+
+STEPS = 40
+TRUE = np.array([30.0, 0.0, -2.0, 0.0, 5.0])
+
+
+@jit
+def _account(  # type: ignore[no-untyped-def]
+    h, c, error, signs, room, gram, moment, extent, weights
+):
+    account(h, c, error, signs, room, gram, moment, extent, weights)
+
+
+def learned(signs: Array, errors: Array, h: int) -> Array:
+    hindsight, room = Hindsight(STEPS), np.zeros((SIGNS, SIGNS))
+    for row, error in zip(signs, errors, strict=True):
+        _account(h, 1, error, row, room, *hindsight.arrays())
+    weights: Array = hindsight.weights.copy()
+    own = weights[h, 1].copy()
+    weights[h, 1] = 0.0
+    assert not weights.any()
+    return np.asarray(own)
+
+
+@pytest.mark.parametrize("h", [0, 39])
+def test_weights_are_the_shrunk_regression(h: int) -> None:
+    random = np.random.default_rng(h)
+    signs = random.normal(size=(300, SIGNS)) * [1.0, 0.1, 2.0, 1.0, 0.5]
+    errors = signs @ TRUE + 5.0 * random.normal(size=300)
+    kept = FORGETTING ** np.arange(299, -1, -1)
+    n = kept.sum()
+    gram = signs.T @ (kept[:, None] * signs)
+    moment = signs.T @ (kept * errors)
+    plain = np.linalg.solve(gram + 3.0 / n * np.diag(np.diag(gram)), moment)
+    told = plain @ moment
+    rest = ((kept * errors**2).sum() - told) / n
+    fewer = max(0.5 * (h + 1) / 10, 1.0)
+    factor = 1.0 - SIGNS * fewer * rest / told
+    assert 0.5 < factor < 1.0
+    np.testing.assert_allclose(learned(signs, errors, h), factor * plain, rtol=1e-9)
+    np.testing.assert_allclose(learned(signs, errors, h), TRUE, atol=3.0)
+
+
+def test_what_chance_explains_is_not_used() -> None:
+    """Errors that no sign tells of: with K signs, twenty of twenty-five times nothing is left."""
+    random = np.random.default_rng(5)
+    moved = [
+        np.abs(learned(random.normal(size=(300, SIGNS)), random.normal(size=300), 39)).max()
+        for _ in range(25)
+    ]
+    assert np.median(moved) == 0.0
+    assert max(moved) < 0.15
+
+
+def test_without_signs_nothing_is_foreseen() -> None:
+    random = np.random.default_rng(6)
+    assert not learned(np.zeros((200, SIGNS)), random.normal(size=200), 3).any()
+
+
+def test_signs_are_all_means_and_the_channels_own_disturbances() -> None:
+    signs = np.zeros((3, SIGNS))
+    fill_signs(np.arange(9.0).reshape(3, 3), signs)
+    assert signs.tolist() == [[6, 7, 8, c, 3 + c] for c in range(3)]
+    assert foreseen(np.arange(5.0), signs[1]) == pytest.approx(7 + 16 + 3 + 16)
+
+
+def hills(n: int) -> tuple[Array, Array]:
+    """Speeds of a car whose model knows of no hills, and commands that are nothing to it."""
+    t = np.arange(n) * 0.025
+    x = np.zeros((n, 3))
+    x[:, 0] = 20.0 + 0.5 * np.cos(2 * np.pi * t / 8.0)
+    return x, np.zeros((n, 2))
+
+
+def test_what_is_lost_uphill_is_won_downhill() -> None:
+    """The model knows of no change; what it leaves tells how that goes on, and turns round."""
+    of = make_model(
+        theta0=np.zeros_like(make_model().theta0),
+        usual_change=np.outer(np.arange(1.0, 81.0), [1e-2, 1e-5, 1e-5]),
+        online=OnlineSettings("constant"), correction=Correction.none(),
+    )  # fmt: skip
+    x, u = hills(6000)
+    told, plain = Predictor(of, horizon_steps=0), Predictor(of, horizon_steps=0)
+    wrong = {}
+    for name, car in (("told", told), ("plain", plain)):
+        errors = []
+        for k in range(5900):
+            made = car.step(sample(k, x[k], u[k]))
+            assert car.trials is not None
+            if name == "plain":
+                car.trials.hindsight.reset()
+            if made is not None and k > 3000 and k % 7 == 0:
+                errors.append(car.roll_out(u[k : k + 80])[:, 0] - x[k + 1 : k + 81, 0])
+        wrong[name] = np.sqrt(np.mean(np.square(errors), axis=0))
+    # After a quarter of a period half of the square error can be told from how it now changes.
+    better = wrong["told"] / wrong["plain"]
+    assert (better[[9, 39, 79]] < [0.35, 0.6, 0.9]).all(), better
+    assert told.trials is not None
+    told.reset()
+    assert not told.trials.hindsight.weights.any()
