@@ -8,7 +8,7 @@ from model_tools import Array, make_model, sample
 
 from adk_ros.model.compiled import jit
 from adk_ros.model.correction import Correction
-from adk_ros.model.hindsight import FORGETTING, SIGNS, Hindsight, account, fill_signs, foreseen
+from adk_ros.model.hindsight import FORGETTING, SIGNS, Hindsight, account, learn_weights
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Predictor
 
@@ -17,16 +17,26 @@ TRUE = np.array([30.0, 0.0, -2.0, 0.0, 5.0])
 
 
 @jit
-def _account(  # type: ignore[no-untyped-def]
-    h, c, error, signs, room, gram, moment, extent, weights
-):
-    account(h, c, error, signs, room, gram, moment, extent, weights)
+def _account(h, c, error, lane, disturbance, moments):  # type: ignore[no-untyped-def]
+    account(h, c, error, lane, disturbance, moments)
+
+
+@jit
+def _learn(h, c, moments, weights):  # type: ignore[no-untyped-def]
+    learn_weights(h, c, moments, np.empty((SIGNS, SIGNS)), weights)
+
+
+def disturbance(signs: Array) -> Array:
+    """Slow, fast and running mean, of which channel 1 of lane 1 has those `signs`."""
+    own = [[9.0, signs[3], 9.0], [9.0, signs[4], 9.0], signs[:3]]
+    return np.array([np.full((3, 3), 9.0), own])
 
 
 def learned(signs: Array, errors: Array, h: int) -> Array:
-    hindsight, room = Hindsight(STEPS), np.zeros((SIGNS, SIGNS))
+    hindsight = Hindsight(STEPS)
     for row, error in zip(signs, errors, strict=True):
-        _account(h, 1, error, row, room, *hindsight.arrays())
+        _account(h, 1, error, 1, disturbance(row), hindsight.moments)
+    _learn(h, 1, hindsight.moments, hindsight.weights)
     weights: Array = hindsight.weights.copy()
     own = weights[h, 1].copy()
     weights[h, 1] = 0.0
@@ -67,13 +77,6 @@ def test_what_chance_explains_is_not_used() -> None:
 def test_without_signs_nothing_is_foreseen() -> None:
     random = np.random.default_rng(6)
     assert not learned(np.zeros((200, SIGNS)), random.normal(size=200), 3).any()
-
-
-def test_signs_are_all_means_and_the_channels_own_disturbances() -> None:
-    signs = np.zeros((3, SIGNS))
-    fill_signs(np.arange(9.0).reshape(3, 3), signs)
-    assert signs.tolist() == [[6, 7, 8, c, 3 + c] for c in range(3)]
-    assert foreseen(np.arange(5.0), signs[1]) == pytest.approx(7 + 16 + 3 + 16)
 
 
 def hills(n: int) -> tuple[Array, Array]:

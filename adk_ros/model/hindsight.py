@@ -24,8 +24,7 @@ from __future__ import annotations
 import numpy as np
 
 from adk_ros.model.calibration import EVERY
-from adk_ros.model.compiled import inlined, jit
-from adk_ros.signals.channels import FloatArray
+from adk_ros.model.compiled import inlined
 
 SIGNS = 5
 """K."""
@@ -47,63 +46,63 @@ class Hindsight:
 
     def __init__(self, steps: int) -> None:
         self.weights = np.zeros((steps, 3, SIGNS))
-        self._gram = np.zeros((steps, 3, SIGNS, SIGNS))
-        self._moment = np.zeros((steps, 3, SIGNS))
-        self._extent = np.zeros((2, steps, 3))
+        self.moments = np.zeros((steps, 3, SIGNS + 2, SIGNS + 2))
+        """Weighted sums of [s; y - m; 1] [s; y - m; 1]', the lower half."""
 
     def reset(self) -> None:
         """Forget all trials."""
-        for array in self.arrays():
-            array[:] = 0.0
-
-    def arrays(self) -> tuple[FloatArray, ...]:
-        """What `account` takes at its end, for a kernel to hand on."""
-        return self._gram, self._moment, self._extent, self.weights
-
-
-@jit
-def fill_signs(disturbance, signs):  # type: ignore[no-untyped-def]
-    """Write signs (3, K) from the disturbances (3, 3): slow, fast, running mean."""
-    for c in range(3):
-        for k in range(3):
-            signs[c, k] = disturbance[2, k]
-        signs[c, 3], signs[c, 4] = disturbance[0, c], disturbance[1, c]
+        self.weights[:] = 0.0
+        self.moments[:] = 0.0
 
 
 @inlined
-def foreseen(weights, signs):  # type: ignore[no-untyped-def]
-    """Return w s, both (K,)."""
-    total = 0.0
-    for k in range(SIGNS):
-        total += weights[k] * signs[k]
-    return total
+def foreseen(h, c, lane, weights, disturbance):  # type: ignore[no-untyped-def]
+    """
+    Return w s of step `h`, channel `c`: `weights` (steps, 3, K).
+
+    `disturbance` (lanes, 3, 3) slow, fast, running mean, of which `lane` counts. Indexed here: a
+    view of either takes longer than the sum.
+    """
+    return (
+        weights[h, c, 0] * disturbance[lane, 2, 0]
+        + weights[h, c, 1] * disturbance[lane, 2, 1]
+        + weights[h, c, 2] * disturbance[lane, 2, 2]
+        + weights[h, c, 3] * disturbance[lane, 0, c]
+        + weights[h, c, 4] * disturbance[lane, 1, c]
+    )
 
 
 @inlined
-def account(  # type: ignore[no-untyped-def]
-    h, c, error, signs, factors, gram, moment, extent, weights
-):
+def account(h, c, error, lane, disturbance, moments):  # type: ignore[no-untyped-def]
     """
-    Account for the `error` y - m at step `h`, channel `c`, of a trial begun with `signs` (K,).
+    Account for the `error` y - m at step `h`, channel `c`, of a trial; `moments` in `Hindsight`.
 
-    `factors` (K, K) is room to work in; arrays as in `Hindsight`.
+    It began with `disturbance` (lanes, 3, 3) slow, fast, running mean, of which `lane` counts.
     """
-    extent[0, h, c] = FORGETTING * extent[0, h, c] + 1.0
-    extent[1, h, c] = FORGETTING * extent[1, h, c] + error * error
-    n = extent[0, h, c]
-    s, w = gram[h, c], weights[h, c]
-    for i in range(SIGNS):
-        moment[h, c, i] = FORGETTING * moment[h, c, i] + error * signs[i]
-        w[i] = moment[h, c, i]
+    s = (
+        disturbance[lane, 2, 0], disturbance[lane, 2, 1], disturbance[lane, 2, 2],
+        disturbance[lane, 0, c], disturbance[lane, 1, c], error, 1.0,
+    )  # fmt: skip
+    for i in range(SIGNS + 2):
         for j in range(i + 1):
-            s[i, j] = FORGETTING * s[i, j] + signs[i] * signs[j]
-            factors[i, j] = s[i, j]
-        factors[i, i] = factors[i, i] * (1.0 + _RIDGE / n) + 1e-12
+            moments[h, c, i, j] = FORGETTING * moments[h, c, i, j] + s[i] * s[j]
+
+
+@inlined
+def learn_weights(h, c, moments, factors, weights):  # type: ignore[no-untyped-def]
+    """Write the weights (K,) of step `h`, channel `c`; `factors` (K, K) is room to work in."""
+    sums, w = moments[h, c], weights[h, c]
+    n = sums[SIGNS + 1, SIGNS + 1]
+    for i in range(SIGNS):
+        w[i] = sums[SIGNS, i]
+        for j in range(i):
+            factors[i, j] = sums[i, j]
+        factors[i, i] = sums[i, i] * (1.0 + _RIDGE / n) + 1e-12
     solve_positive(factors, w)
     told = 0.0
     for i in range(SIGNS):
-        told += w[i] * moment[h, c, i]
-    rest = max(extent[1, h, c] - told, 0.0) / n
+        told += w[i] * sums[SIGNS, i]
+    rest = max(sums[SIGNS, SIGNS] - told, 0.0) / n
     fewer = max(_ALIKE * (h + 1) / EVERY, 1.0)
     kept = max(1.0 - SIGNS * fewer * rest / max(told, 1e-30), 0.0)
     for i in range(SIGNS):
@@ -115,8 +114,9 @@ def solve_positive(a, b):  # type: ignore[no-untyped-def]
     """Solve a x = b in place of `b` (k,), `a` (k, k) symmetric positive, its lower half read."""
     n = b.shape[0]
     for j in range(n):
+        inverse = 1.0 / a[j, j]
         for i in range(j + 1, n):
-            share = a[i, j] / a[j, j]
+            share = a[i, j] * inverse
             for k in range(i, n):
                 a[k, i] -= share * a[k, j]
             b[i] -= share * b[j]

@@ -25,7 +25,7 @@ import numpy as np
 from adk_ros.errors import UsageError
 from adk_ros.model import kernels, roll_out
 from adk_ros.model.correction import Correction
-from adk_ros.model.hindsight import SIGNS, fill_signs
+from adk_ros.model.hindsight import SIGNS
 from adk_ros.model.lifting import Float32Array, Lifting, input_size
 from adk_ros.model.online import METHODS, OnlineSettings
 from adk_ros.model.published import Published
@@ -140,7 +140,6 @@ class Predictor:
         self._unobserved[0] = 0.0
         self._phi = np.zeros(model.theta0.shape[1])
         self._y = np.zeros(model.n_z)
-        self._signs = np.zeros((3, SIGNS))
         # A view: the command now, as commands ahead that hold it.
         self._u_held = self._u[None]
         self._twin = model.lifting.twin.arrays() if model.lifting.twin is not None else None
@@ -329,9 +328,9 @@ class Predictor:
         trials, scaling = self.trials, model.scaling
         trust = _FULL_TRUST if trials is None else trials.trust
         weights = _NOTHING_TOLD if trials is None else trials.hindsight.weights
-        fill_signs(self._disturbance, self._signs)
         finite = roll_out.to_si(
-            out, self._x_past[0], self._signs, weights, trust, scaling.x_mean, scaling.x_scale
+            out, self._x_past[0], self._disturbance[None], weights, trust, scaling.x_mean,
+            scaling.x_scale,
         )
         return out if finite else None
 

@@ -139,14 +139,14 @@ def roll_out_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
 
 @jit
 def to_si(  # type: ignore[no-untyped-def]
-    states, base, signs, weights, trust, x_mean, x_scale
+    states, base, disturbance, weights, trust, x_mean, x_scale
 ):
     """
     Unscale states (h, 3) in place; return whether all are finite.
 
-    To the change since `base` (3,), scaled, is added what its error is told from, `weights`
-    (k, 3, s) times `signs` (3, s), see `hindsight`; of that a share `trust` (k, 3) is kept. Both
-    by step, the last row from there on; the change is left as it is if k is 0.
+    To the change since `base` (3,), scaled, is added what is foreseen of its error by `weights`
+    (k, 3, K) from `disturbance` (1, 3, 3), see `hindsight`; of that a share `trust` (k, 3) is
+    kept. Both by step, the last row from there on; the change is left as it is if k is 0.
     """
     finite = True
     last = trust.shape[0] - 1
@@ -155,7 +155,7 @@ def to_si(  # type: ignore[no-untyped-def]
             value = states[i, c]
             if last >= 0:
                 h = min(i, last)
-                value += foreseen(weights[h, c], signs[c])
+                value += foreseen(h, c, 0, weights, disturbance)
                 value = min(max(value, -_LIMIT), _LIMIT)
                 value = base[c] + trust[h, c] * (value - base[c])
             states[i, c] = value * x_scale[c] + x_mean[c]

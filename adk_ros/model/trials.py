@@ -25,7 +25,7 @@ import numpy as np
 
 from adk_ros.model.calibration import EVERY, Calibration, learn
 from adk_ros.model.compiled import fast
-from adk_ros.model.hindsight import SIGNS, Hindsight, account, fill_signs, foreseen
+from adk_ros.model.hindsight import SIGNS, Hindsight, account, foreseen, learn_weights
 from adk_ros.model.kernels import fill_row
 from adk_ros.model.lifting import TwinArrays
 from adk_ros.model.roll_out import advance, mix
@@ -33,6 +33,8 @@ from adk_ros.signals.channels import FloatArray
 
 _BELIEVED = 3.0
 """Trials' worth of full trust: a few of one kind of driving tell little of the next."""
+_LEARNED_EVERY = 2
+"""Trials after which the weights of `hindsight`, which remembers hundreds, are solved for."""
 _TRUST_FORGETTING = 0.985
 """A trial's weight per later trial: 67 trials, or 17 s. What is driven changes before tyres do."""
 
@@ -62,7 +64,7 @@ class Trials:
         self._age = np.full(lanes, -1)
         self._scratch = np.zeros((2, seen + n), np.float32)
         self._sums = np.zeros((4, steps, 3))
-        self._signs = np.zeros((lanes, 3, SIGNS))
+        self._gone = np.zeros((lanes, 3, 3))
         self._promised = np.zeros((lanes, steps, 3, 3))
         self.hindsight = Hindsight(steps)
         self._calibration = Calibration(errors, prior)
@@ -93,7 +95,8 @@ class Trials:
             measured, u, usable, n_x, step_scale, residual, correction, *self._twin[:4],
             *self._twin[7:], self._row, self._x, self._base, self._push, self._head, self._short,
             self._rest, self._age, self._scratch, self._sums, self.trust,
-            self._signs, self._promised, *self.hindsight.arrays(), *self._arrays,
+            self._gone, self._promised, self.hindsight.moments, self.hindsight.weights,
+            *self._arrays,
         )
 
     def start(
@@ -109,40 +112,42 @@ class Trials:
         begin(
             x_past, u_past, theta, affine, disturbance, w3, b3, skip, self._row[lane],
             self._x[lane], self._base[lane], self._push[lane], self._head[lane],
-            self._short[lane], self._rest[lane],
+            self._short[lane], self._rest[lane], lane, self._gone, self._promised[lane],
+            self.trust, self.covariance, self.hindsight.weights,
         )
-        signs, promised = self._signs[lane], self._promised[lane]
-        fill_signs(disturbance, signs)
-        promised[:, 0] = self.trust
-        promised[:, 1] = np.einsum("hcc->hc", self.covariance)
-        promised[:, 2] = np.einsum("hck,ck->hc", self.hindsight.weights, signs)
         self._age[lane] = 0
 
 
 @fast
 def begin(  # type: ignore[no-untyped-def]
-    x_past, u_past, theta, affine, disturbance, w3, b3, skip, row, x, base, push, head, short, rest
+    x_past, u_past, theta, affine, disturbance, w3, b3, skip, row, x, base, push, head, short,
+    rest, lane, gone, promised, trust, covariance, weights
 ):
-    """Fill one lane with the state, the disturbances and the model of now."""
+    """Fill one lane with the state, the disturbances, the model and the promises of now."""
     fill_row(x_past, u_past, row)
     mix(theta, affine, w3, b3, skip, head, short, rest)
     x[:] = x_past[0]
     base[:] = x_past[0]
     push[:] = disturbance[:2]
+    gone[lane] = disturbance
+    for h in range(trust.shape[0]):
+        for c in range(3):
+            promised[h, 0, c] = trust[h, c]
+            promised[h, 1, c] = covariance[h, c, c]
+            promised[h, 2, c] = foreseen(h, c, lane, weights, gone)
 
 
 @fast
 def compare(  # type: ignore[no-untyped-def]
     measured, u, usable, n_x, step_scale, residual, correction, w1, b1, w2, b2,
     columns, reach, directions, row, x, base, push, head, short, rest, age, scratch,
-    sums, trust, signs, promised, gram, moment, extent, weights,
-    count, covariance, factor, calibrated
+    sums, trust, gone, promised, moments, weights, count, covariance, factor, calibrated
 ):
     """
     Advance every lane by a step and, if the measurement is `usable`, account for it.
 
-    When the lanes began: `signs` (lanes, 3, K); `promised` (lanes, steps, 3, 3) are trust,
-    variances and what was foreseen of the error.
+    When the lanes began: `gone` (lanes, 3, 3), the disturbances; `promised` (lanes, steps, 3, 3)
+    are trust, variances and what was foreseen of the error.
     """
     steps = trust.shape[0]
     error, surprise, factors = np.empty(3), np.empty(3), np.empty((SIGNS, SIGNS))
@@ -160,10 +165,10 @@ def compare(  # type: ignore[no-untyped-def]
             continue
         for c in range(3):
             plain, y = x[lane, c] - base[lane, c], measured[c] - base[lane, c]
-            m = plain + foreseen(weights[h, c], signs[lane, c])
-            account(
-                h, c, y - plain, signs[lane, c], factors, gram, moment, extent, weights
-            )
+            m = plain + foreseen(h, c, lane, weights, gone)
+            account(h, c, y - plain, lane, gone, moments)
+            if lane % _LEARNED_EVERY == 0:
+                learn_weights(h, c, moments, factors, weights)
             sums[0, h, c] = _TRUST_FORGETTING * sums[0, h, c] + m * y
             sums[1, h, c] = _TRUST_FORGETTING * sums[1, h, c] + m * m
             sums[2, h, c] = _TRUST_FORGETTING * sums[2, h, c] + 1.0
