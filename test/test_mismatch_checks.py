@@ -50,6 +50,7 @@ def test_a_good_recording_passes() -> None:
         (scaled("imu", 2, 180.0 / np.pi), "its unit is not SI"),
         (scaled("odometry", 2, 180.0 / np.pi), "its unit is not SI"),
         (scaled("odometry", 0, 3.6), "its unit is not SI"),
+        (scaled("command", 1, 57.3), "its unit is not rad at the wheels"),
         (scaled("imu", 1, 1.0 / 9.81), "its unit is not SI"),
         (scaled("odometry", 1, 0.0), "v_y is 0 throughout"),
         (scaled("command", 0, 0.0), "torque is 0 throughout"),

@@ -22,6 +22,8 @@ LEAST_S = 30.0
 _MOVING = 2.0
 _MOVING_SHARE = 0.3
 _CONTRADICTS = 2.5
+_MOST_TURNED = 1.0
+"""rad, that a hundredth of the drive may exceed: lorries and rally cars stay below."""
 
 
 def check(evidence: Evidence) -> None:
@@ -75,6 +77,12 @@ def _signs(e: Evidence) -> None:
     felt_y = v_x * turning + np.gradient(v_y, at)
     felt_x = np.gradient(savitzky_golay(v_x, 51), at) - v_y * turning
     degrees = 180.0 / np.pi
+    turned = float(np.quantile(np.abs(delta), 0.99))
+    if turned > _MOST_TURNED:
+        raise DataError(
+            f"{e.name}: the commanded steering angle reaches {turned:.3g} rad, more than wheels "
+            "turn: its unit is not rad at the wheels (degrees, or the steering wheel's angle?)"
+        )
     pairs = (
         ("odometry's yaw rate", "the heading's change", turning, rate, degrees),
         ("the gyro's yaw rate", "the heading's change", turning, gyro, degrees),

@@ -37,6 +37,9 @@ _MOST = 4
 _LEAST_SHARE = 0.08
 _LEAST_GAIN = 60.0
 _FITTED = 5
+_SETTLED = 2
+_AHEAD = 0.85
+"""Share of the best gain that a feature must have to be fitted anew."""
 _ALIKE, _ALIKE_OF_OWN = 20.0, 0.02
 
 
@@ -159,18 +162,24 @@ def _best_of(
     """
     Return the hypothesis with the best feature more, or None where none gains `least`.
 
-    A linear gain is a guess where much is missing: the best few are fitted. Of those that gain as
-    much, but for what chance and the stand-in's own error may do, the plainest is taken.
+    A linear gain is a guess where much is missing: the best few are fitted, and those ahead anew
+    with derivatives of their own, since build tolerances are slow to give back what they took.
+    Of those that gain as much, but for what chance and the stand-in's own error may do, the
+    plainest is taken.
     """
     tried.sort(key=lambda x: -x[0])
     fitted = [
-        likelihood.fit([*now.actives, active], now.tolerances, 4, known, 1e-4)
+        likelihood.fit([*now.actives, active], now.tolerances, 20, known, 1e-6)
         for gain, active in tried[:_FITTED] if gain > max(least, 0.5 * tried[0][0])
     ]
     top = max((now.cost - h.cost for h in fitted), default=0.0)
     if top < least:
         return None
-    return plainest(fitted, _ALIKE + _ALIKE_OF_OWN * likelihood.own_error())
+    ahead = sorted((h for h in fitted if now.cost - h.cost > _AHEAD * top), key=lambda h: h.cost)
+    settled = [
+        likelihood.fit(h.actives, h.tolerances, 4, None, 1e-5) for h in ahead[:_SETTLED]
+    ]
+    return plainest(settled, _ALIKE + _ALIKE_OF_OWN * likelihood.own_error())
 
 
 def plainest(fitted: list[Hypothesis], margin: float) -> Hypothesis:
