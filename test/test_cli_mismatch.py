@@ -168,6 +168,18 @@ def test_what_the_bench_refuses(
     assert said in refused(capsys, 2, "bench", "concealed", *arguments)
 
 
+def test_the_same_bag_twice_is_refused(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = str(folder / "recording")
+    line = refused(
+        capsys, 2, "mismatch", "--simulation", bag, "--recording", f"{bag}/../recording",
+        "--out", str(tmp_path / "out"),
+    )
+    assert "are the same bag" in line
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_recording_without_an_imu_is_refused_unless_told(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

@@ -20,7 +20,7 @@ from mismatch_report_tools import bank, drag, findings, found, late, odd
 from adk_ros.cli.main import main
 from adk_ros.errors import UsageError
 from adk_ros.mismatch import answer
-from adk_ros.mismatch.answer import write_report
+from adk_ros.mismatch.answer import as_dict, write_report
 from adk_ros.mismatch.findings import Findings
 from adk_ros.mismatch.report.page import FIGURES, write_page
 from adk_ros.mismatch.report.sentence import sentence
@@ -134,6 +134,20 @@ def test_none_says_so_and_claims_no_evidence(folders: dict[str, Path]) -> None:
     assert "The simulation stands for the car as it is" in text
     assert "The evidence" not in text
     assert "Rivals" not in text
+
+
+def test_where_little_could_be_found_nothing_is_vouched_for(tmp_path: Path) -> None:
+    base = MADE["none"]()
+    off = replace(base, stand_in_error=base.stand_in_error | {"v_x": 0.1})
+    write_report(off, tmp_path / "off")
+    text = Page(tmp_path / "off" / "report.html").text
+    assert "The simulation stands for the car as it is" not in text
+    assert "Nothing needs to be told apart" not in text
+    assert "on a flat road" in text
+    told = json.loads((tmp_path / "off" / "mismatch.json").read_text())
+    assert "v_x, odometry (0.1 m/s)" in told["caveat"]
+    assert told["stand_in_error"]["v_x"] == 0.1
+    assert "caveat" not in as_dict(base)
 
 
 def test_rivals_and_ties_are_there(folders: dict[str, Path]) -> None:

@@ -10,6 +10,10 @@ import numpy as np
 import pytest
 from mismatch_report_tools import LAP, NOISE, bank, drag, findings, found, late, odd, series
 
+from adk_ros.mismatch.ambiguity import Rival
+from adk_ros.mismatch.catalogue import EFFECTS
+from adk_ros.mismatch.likelihood import neutral
+from adk_ros.mismatch.manoeuvres import Separation
 from adk_ros.mismatch.report import tables
 from adk_ros.mismatch.report.explain import (
     BINS,
@@ -21,6 +25,7 @@ from adk_ros.mismatch.report.explain import (
     piece_trend,
 )
 from adk_ros.mismatch.report.where_figures import inside, line_of, over_noise
+from adk_ros.mismatch.report.words import MEASURED
 
 
 def test_drag_is_shown_by_the_accelerometer_against_speed_squared() -> None:
@@ -129,6 +134,27 @@ def test_tables_say_the_findings() -> None:
     rows = tables.remains_rows(2.0 * NOISE, NOISE, NOISE)
     assert rows[0] == ["a_x, IMU (m/s2)", "0.04", "0.02", "0.02", "1.00"]
     assert len(tables.stand_in_rows(drag())) == 6
+
+
+def test_what_no_manoeuvre_tells_is_to_be_measured() -> None:
+    pair = Separation("aero_drag", "headwind", "steps of torque", 18.0, 9)
+    untold = replace(drag(), groups=[["drive_torque_gain", "wheel_radius"]], separations=[
+        replace(pair, of="drive_torque_gain", other="wheel_radius"),
+    ])
+    (group,) = tables.group_rows(untold)
+    assert "none of 9 simulated manoeuvres" in group[1]
+    assert "dynamometer" in group[2]
+    assert "turns of the wheel" in group[2]
+    assert "step steers" not in group[2]
+    told = replace(drag(), separations=[replace(pair, loss=500.0)])
+    assert "the same straight in both directions" in tables.group_rows(told)[0][2]
+    assert set(MEASURED) <= set(EFFECTS)
+
+
+def test_a_rival_that_ends_at_nothing_shows_no_figure() -> None:
+    idle = Rival("aero_drag", "power_limit", 2e4, neutral(EFFECTS["power_limit"]), False)
+    shown = tables.rival_rows(replace(found(), rivals=(idle,)))
+    assert shown[0][:2] == ["power limit", "next to nothing of it"]
 
 
 def test_what_was_not_taken_is_said() -> None:

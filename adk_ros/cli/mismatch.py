@@ -27,12 +27,20 @@ if TYPE_CHECKING:
 
 def mismatch(
     simulation: Annotated[
-        Path, typer.Option(help="bag of the simulator; or its vehicle, YAML as for adk simulate")
+        Path,
+        typer.Option(
+            help="bag of the simulator; or its vehicle, YAML as for adk simulate; or the "
+            "simulation.yaml of an earlier report"
+        ),
     ],
     recording: Annotated[Path, typer.Option(help="bag of the real car")],
     out: Annotated[Path, typer.Option(help="folder for the report")],
     vehicle: Annotated[
-        Path | None, typer.Option(help="the simulation's nominal vehicle, YAML")
+        Path | None,
+        typer.Option(
+            help="the simulation's nominal vehicle, YAML or a name as for adk simulate; without "
+            "it its mass is what the bag shows, with wheels of 0.325 m"
+        ),
     ] = None,
     without_imu: Annotated[
         bool,
@@ -60,6 +68,8 @@ def mismatch(
     from adk_ros.report_folder import check_folder
 
     check_folder(out)
+    if simulation.resolve() == recording.resolve():
+        raise UsageError(f"{recording}: simulation and recording are the same bag")
     of_file = load_simulator(simulation) if is_file(simulation) else None
     if of_file is not None and vehicle is not None:
         raise UsageError(

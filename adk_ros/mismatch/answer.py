@@ -12,7 +12,7 @@ from typing import Any
 from adk_ros.mismatch.effect import PLACE, TIME
 from adk_ros.mismatch.findings import Findings, FoundEffect
 from adk_ros.mismatch.report.page import FIGURES, PAGE, write_page
-from adk_ros.mismatch.report.sentence import stretch_texts
+from adk_ros.mismatch.report.sentence import poorly_met, sentence, stretch_texts
 from adk_ros.report_folder import into_folder
 
 SCHEMA = 1
@@ -54,6 +54,9 @@ def as_dict(findings: Findings) -> dict[str, Any]:
                 "text": where_text(effect),
             },
             "equations": list(effect.effect.equations),
+            "rivals": [
+                {"name": rival.name, "behind": _number(rival.behind)} for rival in effect.rivals
+            ],
         })
     answer: dict[str, Any] = {
         "schema": SCHEMA,
@@ -66,7 +69,16 @@ def as_dict(findings: Findings) -> dict[str, Any]:
             "after": {name: _number(x) for name, x in findings.after.items()},
         },
         "identifiability": {"groups": findings.groups, "suggest": findings.suggestion},
+        "sentence": sentence(findings),
+        "notes": list(findings.notes),
+        "stand_in_error": {name: _number(x) for name, x in findings.stand_in_error.items()},
     }
+    missed = poorly_met(findings)
+    if missed:
+        answer["caveat"] = (
+            f"the stand-in misses the simulation's own recording in {missed}: what is smaller "
+            "than that cannot be seen"
+        )
     if findings.lacking:
         answer["scope"] = {
             "lacking": [lack.text for lack in findings.lacking],

@@ -58,7 +58,8 @@ def _text(source: str | Path, kind: str) -> tuple[str, str]:
         known = packaged(kind)
         if str(source) not in known:
             raise UsageError(
-                f"{source}: no such {kind}; give a YAML file or one of: {', '.join(known)}"
+                f"{source}: no such {kind}; give a YAML file"
+                + (f" or one of: {', '.join(known)}" if known else "")
             )
         name = f"{source}.{kind}.yaml"
         file = resources.files("adk_ros.plant") / "data" / name

@@ -70,7 +70,7 @@ def trend_figure(
     axis.set_ylabel(f"residual of {CHANNEL_WORDS[item.channel]} ({unit})", fontsize=9)
     axis.legend(fontsize=9)
     if sized is not None and found is not None:
-        _size(axes[1, 0], sized, found)
+        _size(axes[1, 0], sized, found, findings.lap_m or float(sized.at.max()))
     for each in axes[:, 0]:
         each.grid(alpha=0.3)
         if found is not None and found.kind == PLACE and findings.lap_m is not None:
@@ -80,14 +80,22 @@ def trend_figure(
     plt.close(figure)
 
 
-def _size(axis: Axes, sized: PlaceMap, found: FoundEffect) -> None:
-    axis.step(sized.at, sized.size, where="mid", color="black", linewidth=1.3)
+def _size(axis: Axes, sized: PlaceMap, found: FoundEffect, lap: float) -> None:
+    """Draw the effect's size along the lap: free in each bin, and as it was fitted."""
     parameter = found.effect.parameters[0]
+    axis.step(sized.at, sized.size + parameter.neutral, where="mid", color="0.45", linewidth=1.0,
+              label="free in each bin, a first look")
+    along = np.linspace(0.0, lap, 1000)
+    acts = np.zeros(along.shape, dtype=bool)
+    for begin, end in found.stretches:
+        acts |= (along - begin) % lap <= end - begin
+    value = found.parameters[parameter.name].value
+    axis.plot(along, np.where(acts, value, parameter.neutral), color="black", linewidth=1.6,
+              label="as fitted")
     unit = "" if parameter.unit == "-" else f" ({parameter.unit.replace('^', '')})"
-    said = f"{title(found.effect.name)},\n{parameter.name.replace('_', ' ')}{unit}"
-    axis.set_ylabel(said if parameter.neutral == 0.0 else f"{said} less {parameter.neutral:g}",
+    axis.set_ylabel(f"{title(found.effect.name)},\n{parameter.name.replace('_', ' ')}{unit}",
                     fontsize=9)
-    axis.axhline(0.0, color="black", linewidth=0.7)
+    axis.legend(fontsize=8)
 
 
 def _shade(axis: Axes, found: FoundEffect, lap: float) -> None:

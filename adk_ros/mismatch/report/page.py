@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.findings import Findings
+from adk_ros.mismatch.findings import NONE, Findings
 from adk_ros.mismatch.likelihood import TOLERANCE_MOST
 from adk_ros.mismatch.report.evidence_figures import (
     errors_figure,
@@ -24,7 +24,7 @@ from adk_ros.mismatch.report.evidence_figures import (
     trend_figure,
 )
 from adk_ros.mismatch.report.explain import SETTLED, Trend, effect_trend, piece_trend
-from adk_ros.mismatch.report.sentence import sentence, unexplained_text
+from adk_ros.mismatch.report.sentence import poorly_met, sentence, unexplained_text
 from adk_ros.mismatch.report.tables import (
     effect_rows,
     error_rows,
@@ -83,7 +83,9 @@ def write_page(findings: Findings, out: Path) -> Path:
     rest = findings.unexplained
     pieces = () if rest is None else rest.pieces
     page = environment.get_template("report.html.j2").render(
-        findings=findings, sentence=sentence(findings), effects=effect_rows(findings),
+        findings=findings, sentence=sentence(findings),
+        missed=poorly_met(findings) if findings.verdict == NONE else "",
+        effects=effect_rows(findings),
         tolerance=100.0 * TOLERANCE_MOST,
         where=where, evidence=_evidence(findings, out), errors=errors, remains=remains,
         rivals=[

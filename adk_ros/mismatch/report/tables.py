@@ -13,11 +13,12 @@ from adk_ros.mismatch.findings import NONE, Findings, FoundEffect
 from adk_ros.mismatch.manoeuvres import ENOUGH, Separation
 from adk_ros.mismatch.report.sentence import interval_text, pair_text, where_words
 from adk_ros.mismatch.report.words import CHANNELS as CHANNEL_WORDS
-from adk_ros.mismatch.report.words import STATES, listed, quantity, title
+from adk_ros.mismatch.report.words import MEASURED, STATES, listed, quantity, title
 from adk_ros.signals.channels import FloatArray
 
 Rows = list[list[str]]
 
+_MANOEUVRES = {name: effect.manoeuvre for name, effect in EFFECTS.items()}
 _CLEAR = 200.0
 """Loss difference from which a rival is no question."""
 _OTHERWISE = {"rad": (180.0 / math.pi, "deg"), "rad/s": (180.0 / math.pi, "deg/s")}
@@ -54,7 +55,9 @@ def rival_rows(found: FoundEffect) -> Rows:
     rows = []
     for rival in found.rivals:
         values = []
-        for parameter in rival.fitted.effect.parameters:
+        if not rival.fitted.material():
+            values.append("next to nothing of it")
+        for parameter in rival.fitted.effect.parameters if not values else ():
             said = quantity(rival.name, parameter.name, parameter.unit)
             value = said.factor * rival.fitted.values()[parameter.name]
             values.append(f"{said.label} {value:.3g} {said.unit}".rstrip())
@@ -160,12 +163,12 @@ def group_rows(findings: Findings) -> Rows:
     rows = []
     for group in findings.groups:
         shown = [separation_text(x) for x in findings.separations if x.of == group[0]]
-        tells = [
-            f"{title(name)}: {EFFECTS[name].manoeuvre}"
-            for name in group if name in EFFECTS and EFFECTS[name].manoeuvre
-        ]
+        driven = [x.tells for x in findings.separations if x.of == group[0]]
+        # What is usually driven for an effect is of no use where nothing driven tells it here.
+        known = MEASURED if driven and not any(driven) else _MANOEUVRES
+        tells = [f"{title(name)}: {known[name]}" for name in group if known.get(name)]
         rows.append([
             listed([title(name) for name in group], "or"), "; ".join(shown) or "-",
-            "; ".join(tells),
+            "; ".join(tells) or "-",
         ])
     return rows

@@ -40,6 +40,20 @@ def _scaled(label: str) -> dict[str, Quantity]:
     return {"scale": Quantity(label, "of the simulation's")}
 
 
+MEASURED = {
+    "wheel_radius": "the way rolled in ten turns of the wheel",
+    "drive_torque_gain": "the wheels' torque on a dynamometer",
+    "rolling_resistance": "a coast-down with the drive uncoupled",
+    "torque_offset": "the wheels' torque on a dynamometer, at a command of none",
+    "payload": "the car on a scale",
+    "rotating_inertia": "the wheels spun up on a lift",
+    "steering_ratio": "the wheels' angle on turn plates",
+    "steering_offset": "the wheels' angle on turn plates, steering straight ahead",
+    "front_tyre_stiffness": "the tyres on a test bench",
+    "rear_tyre_stiffness": "the tyres on a test bench",
+}
+"""What tells effects that no drive tells apart."""
+
 _ROAD_AND_AIR = {
     "aero_drag": Words("air drag", "air drag", "less air drag than",
                        {"cda": Quantity("CdA", "m2")}),
