@@ -10,7 +10,7 @@ from adk_ros.model.compiled import jit
 from adk_ros.model.correction import Correction
 from adk_ros.model.hindsight import FORGETTING, SIGNS, Hindsight, account, learn_weights
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Predictor
+from adk_ros.model.predictor import Model, Predictor
 
 STEPS = 40
 TRUE = np.array([30.0, 0.0, -2.0, 0.0, 5.0])
@@ -32,6 +32,11 @@ def disturbance(signs: Array) -> Array:
     return np.array([np.full((3, 3), 9.0), own])
 
 
+def mean_square(errors: Array) -> float:
+    kept = FORGETTING ** np.arange(len(errors) - 1, -1, -1)
+    return float(np.average(np.square(errors), weights=kept))
+
+
 def learned(signs: Array, errors: Array, h: int) -> Array:
     hindsight = Hindsight(STEPS)
     for row, error in zip(signs, errors, strict=True):
@@ -41,7 +46,8 @@ def learned(signs: Array, errors: Array, h: int) -> Array:
     own = weights[h, 1].copy()
     weights[h, 1] = 0.0
     assert not weights.any()
-    return np.asarray(own)
+    np.testing.assert_allclose(own[SIGNS] ** 2, 9.0 * mean_square(errors), rtol=1e-9)
+    return np.asarray(own[:SIGNS])
 
 
 @pytest.mark.parametrize("h", [0, 39])
@@ -79,6 +85,20 @@ def test_without_signs_nothing_is_foreseen() -> None:
     assert not learned(np.zeros((200, SIGNS)), random.normal(size=200), 3).any()
 
 
+def test_no_more_is_foreseen_than_thrice_the_usual_error() -> None:
+    """A reading that jumps leaves signs far beyond all that the weights were learned from."""
+    car, x, u = Predictor(lost()), *hills(3000)
+    for k in range(2900):
+        car.step(sample(k, x[k], u[k]))
+    assert car.trials is not None
+    usual = car.trials.hindsight.weights[79, 0, SIGNS] / 3.0 * car.model.scaling.x_scale[0]
+    x[2900] += [3.0, 0.0, 0.0]
+    car.step(sample(2900, x[2900], u[2900]))
+    ahead = car.roll_out(u[:80])
+    assert abs(ahead[79, 0] - x[2900, 0]) <= 3.0 * usual + 1e-9
+    assert 0.1 < usual < 1.0
+
+
 def hills(n: int) -> tuple[Array, Array]:
     """Speeds of a car whose model knows of no hills, and commands that are nothing to it."""
     t = np.arange(n) * 0.025
@@ -87,13 +107,18 @@ def hills(n: int) -> tuple[Array, Array]:
     return x, np.zeros((n, 2))
 
 
-def test_what_is_lost_uphill_is_won_downhill() -> None:
-    """The model knows of no change; what it leaves tells how that goes on, and turns round."""
-    of = make_model(
+def lost() -> Model:
+    """A model that predicts no change."""
+    return make_model(
         theta0=np.zeros_like(make_model().theta0),
         usual_change=np.outer(np.arange(1.0, 81.0), [1e-2, 1e-5, 1e-5]),
         online=OnlineSettings("constant"), correction=Correction.none(),
     )  # fmt: skip
+
+
+def test_what_is_lost_uphill_is_won_downhill() -> None:
+    """The model knows of no change; what it leaves tells how that goes on, and turns round."""
+    of = lost()
     x, u = hills(6000)
     told, plain = Predictor(of, horizon_steps=0), Predictor(of, horizon_steps=0)
     wrong = {}

@@ -15,7 +15,7 @@ from adk_ros.model.correction import Correction
 from adk_ros.model.hindsight import SIGNS
 
 Random = np.random.Generator
-ALL = np.zeros((1, 3, 3)), np.zeros((0, 3, SIGNS)), np.ones((0, 3))
+ALL = np.zeros((1, 3, 3)), np.zeros((0, 3, SIGNS + 1)), np.ones((0, 3))
 """Disturbance, its weights and trust of a prediction that is left as it is."""
 
 
@@ -31,7 +31,7 @@ def test_to_si() -> None:
     assert roll_out.to_si(states, start, *ALL, *scaling)
     assert states.tolist() == [[1.0, 102.0, 5.0], [31.0, 402.0, 8.0]]
     trust = np.array([[1.0, 0.5, 0.0], [0.0, 0.5, 1.0]])
-    untold = np.ones((1, 3, 3)), np.zeros((2, 3, SIGNS))
+    untold = np.ones((1, 3, 3)), np.zeros((2, 3, SIGNS + 1))
     assert roll_out.to_si(kept, start, *untold, trust, *scaling)
     assert kept.tolist() == [[1.0, 102.0, 4.0], [11.0, 252.0, 8.0]]
     longer = np.tile(np.array([1.0, 1.0, 5.0]), (3, 1))
@@ -46,9 +46,10 @@ def test_to_si_adds_what_is_foreseen_then_trusts_a_share() -> None:
     random = np.random.default_rng(0)
     states, start, gone = random.normal(size=(4, 3)), np.ones(3), random.normal(size=(3, 3))
     signs = np.array([[*gone[2], gone[0, c], gone[1, c]] for c in range(3)])
-    weights, trust = random.normal(size=(2, 3, SIGNS)), random.uniform(size=(2, 3))
+    weights, trust = random.normal(size=(2, 3, SIGNS + 1)), random.uniform(size=(2, 3))
+    weights[..., SIGNS] = 1e3
     held = [0, 1, 1, 1]
-    change = states - start + np.einsum("hck,ck->hc", weights[held], signs)
+    change = states - start + np.einsum("hck,ck->hc", weights[held, :, :SIGNS], signs)
     assert roll_out.to_si(states, start, gone[None], weights, trust, np.zeros(3), np.ones(3))
     np.testing.assert_allclose(states, start + trust[held] * change)
     # However large, it stays where roll-outs stay.

@@ -16,7 +16,8 @@ on the signs s there were at their start,
 with `told` the square sum that the K signs explain and `rest` the mean square that they do not.
 k is the factor of James and Stein: what chance would explain as well is not used. Trials whose
 horizons overlap are half alike, and a > 1 says by how much they are fewer. What is predicted is
-m + w s.
+m + w s, with w s no more than thrice the usual error: a sign far beyond all that were seen, from a
+reading that jumps, foretells nothing.
 """
 
 from __future__ import annotations
@@ -35,17 +36,20 @@ FORGETTING = 0.998
 _ALIKE = 0.5
 """How alike two trials are whose horizons overlap."""
 _RIDGE = 3.0
+_MOST = 3.0
+"""Of the root mean square error, that may be foreseen."""
 
 
 class Hindsight:
     """
-    The regression of one model's trials; `weights` (steps, 3, K) is its outcome.
+    The regression of one model's trials; `weights` (steps, 3, K + 1) is its outcome.
 
-    In scaled units, a sign in units of the usual change in one tick.
+    In scaled units, a sign in units of the usual change in one tick. The last column is the most
+    that may be foreseen.
     """
 
     def __init__(self, steps: int) -> None:
-        self.weights = np.zeros((steps, 3, SIGNS))
+        self.weights = np.zeros((steps, 3, SIGNS + 1))
         self.moments = np.zeros((steps, 3, SIGNS + 2, SIGNS + 2))
         """Weighted sums of [s; y - m; 1] [s; y - m; 1]', the lower half."""
 
@@ -58,18 +62,20 @@ class Hindsight:
 @inlined
 def foreseen(h, c, lane, weights, disturbance):  # type: ignore[no-untyped-def]
     """
-    Return w s of step `h`, channel `c`: `weights` (steps, 3, K).
+    Return w s of step `h`, channel `c`, bounded: `weights` as in `Hindsight`.
 
     `disturbance` (lanes, 3, 3) slow, fast, running mean, of which `lane` counts. Indexed here: a
     view of either takes longer than the sum.
     """
-    return (
+    told = (
         weights[h, c, 0] * disturbance[lane, 2, 0]
         + weights[h, c, 1] * disturbance[lane, 2, 1]
         + weights[h, c, 2] * disturbance[lane, 2, 2]
         + weights[h, c, 3] * disturbance[lane, 0, c]
         + weights[h, c, 4] * disturbance[lane, 1, c]
     )
+    most = weights[h, c, SIGNS]
+    return min(max(told, -most), most)
 
 
 @inlined
@@ -90,8 +96,8 @@ def account(h, c, error, lane, disturbance, moments):  # type: ignore[no-untyped
 
 @inlined
 def learn_weights(h, c, moments, factors, weights):  # type: ignore[no-untyped-def]
-    """Write the weights (K,) of step `h`, channel `c`; `factors` (K, K) is room to work in."""
-    sums, w = moments[h, c], weights[h, c]
+    """Write the weights of step `h`, channel `c`; `factors` (K, K) is room to work in."""
+    sums, w = moments[h, c], weights[h, c, :SIGNS]
     n = sums[SIGNS + 1, SIGNS + 1]
     for i in range(SIGNS):
         w[i] = sums[SIGNS, i]
@@ -107,6 +113,7 @@ def learn_weights(h, c, moments, factors, weights):  # type: ignore[no-untyped-d
     kept = max(1.0 - SIGNS * fewer * rest / max(told, 1e-30), 0.0)
     for i in range(SIGNS):
         w[i] *= kept
+    weights[h, c, SIGNS] = _MOST * np.sqrt(sums[SIGNS, SIGNS] / n)
 
 
 @inlined

@@ -37,7 +37,7 @@ _COVARIANCE_GAIN = 0.01
 _MAX_PAIR = 1e3
 _PRIOR_TRIALS = 5.0
 _FULL_TRUST = np.ones((0, 3))
-_NOTHING_TOLD = np.zeros((0, 3, SIGNS))
+_NOTHING_TOLD = np.zeros((0, 3, SIGNS + 1))
 # Plain integers: operations on flags themselves cost a microsecond each.
 _RESTART, _COASTING, _UNLEARNABLE = int(Flag.RESTART), int(Flag.COASTING), int(UNLEARNABLE)
 _ODOMETRY_STALE = int(Flag.ODOMETRY_STALE)

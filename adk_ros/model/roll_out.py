@@ -145,7 +145,7 @@ def to_si(  # type: ignore[no-untyped-def]
     Unscale states (h, 3) in place; return whether all are finite.
 
     To the change since `base` (3,), scaled, is added what is foreseen of its error by `weights`
-    (k, 3, K) from `disturbance` (1, 3, 3), see `hindsight`; of that a share `trust` (k, 3) is
+    (k, 3, K + 1) from `disturbance` (1, 3, 3), see `hindsight`; of that a share `trust` (k, 3) is
     kept. Both by step, the last row from there on; the change is left as it is if k is 0.
     """
     finite = True
