@@ -80,6 +80,16 @@ def test_what_chance_explains_is_not_used() -> None:
     assert max(moved) < 0.15
 
 
+def test_an_error_without_bounds_leaves_finite_weights() -> None:
+    signs = np.ones((3, SIGNS))
+    hindsight = Hindsight(STEPS)
+    for error in (1.0, 1e300, -1e300):
+        _account(0, 1, error, 1, disturbance(signs[0]), hindsight.moments)
+    _learn(0, 1, hindsight.moments, hindsight.weights)
+    assert np.isfinite(hindsight.moments).all()
+    assert np.isfinite(hindsight.weights).all()
+
+
 def test_without_signs_nothing_is_foreseen() -> None:
     random = np.random.default_rng(6)
     assert not learned(np.zeros((200, SIGNS)), random.normal(size=200), 3).any()

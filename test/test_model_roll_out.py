@@ -52,6 +52,10 @@ def test_to_si_adds_what_is_foreseen_then_trusts_a_share() -> None:
     change = states - start + np.einsum("hck,ck->hc", weights[held, :, :SIGNS], signs)
     assert roll_out.to_si(states, start, gone[None], weights, trust, np.zeros(3), np.ones(3))
     np.testing.assert_allclose(states, start + trust[held] * change)
+    broken = np.full((1, 3), np.nan)
+    assert not roll_out.to_si(
+        broken, start, gone[None], weights, np.ones((1, 3)), np.zeros(3), np.ones(3)
+    )
     # However large, it stays where roll-outs stay.
     far = np.zeros((1, 3))
     assert roll_out.to_si(

@@ -36,6 +36,8 @@ FORGETTING = 0.998
 _ALIKE = 0.5
 """How alike two trials are whose horizons overlap."""
 _RIDGE = 3.0
+_FINITE = 1e6
+"""An error is counted as no larger: its square must stay finite for as long as it is kept."""
 _MOST = 3.0
 """Of the root mean square error, that may be foreseen."""
 
@@ -85,6 +87,7 @@ def account(h, c, error, lane, disturbance, moments):  # type: ignore[no-untyped
 
     It began with `disturbance` (lanes, 3, 3) slow, fast, running mean, of which `lane` counts.
     """
+    error = min(max(error, -_FINITE), _FINITE)
     s = (
         disturbance[lane, 2, 0], disturbance[lane, 2, 1], disturbance[lane, 2, 2],
         disturbance[lane, 0, c], disturbance[lane, 1, c], error, 1.0,

@@ -156,6 +156,8 @@ def to_si(  # type: ignore[no-untyped-def]
             if last >= 0:
                 h = min(i, last)
                 value += foreseen(h, c, 0, weights, disturbance)
+                # Before it is held within bounds, which would make a number of what is none.
+                finite = finite and np.isfinite(value)
                 value = min(max(value, -_LIMIT), _LIMIT)
                 value = base[c] + trust[h, c] * (value - base[c])
             states[i, c] = value * x_scale[c] + x_mean[c]
