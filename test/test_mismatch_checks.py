@@ -12,7 +12,7 @@ import pytest
 from mismatch_tools import case
 
 from adk_ros.errors import DataError
-from adk_ros.mismatch.checks import check, check_alike, check_vehicle
+from adk_ros.mismatch.checks import check, check_alike, check_vehicle, torque_mass
 from adk_ros.mismatch.evidence import Evidence
 
 
@@ -66,6 +66,18 @@ def test_a_bad_one_is_refused(change: Callable[[Evidence], Evidence], said: str)
 def test_drives_that_have_no_speed_in_common() -> None:
     with pytest.raises(DataError, match="like driving"):
         check_alike(case().simulation, scaled("odometry", 0, 4.0)(case().recording))
+
+
+def test_a_drive_at_its_most_power_does_not_contradict_the_vehicle() -> None:
+    c = case("power_limit", power=3e4)
+    whole = torque_mass(c.recording, c.nominal.wheel_radius)
+    gentle = torque_mass(c.recording, c.nominal.wheel_radius, power=0.3)
+    assert whole is not None
+    assert gentle is not None
+    # What is asked for beyond the limit moves nothing: the car seems heavier than it is.
+    assert whole > 1.5 * gentle
+    assert gentle == pytest.approx(c.nominal.mass, rel=0.15)
+    check_vehicle(c.nominal, c.recording)
 
 
 def test_a_vehicle_that_contradicts_the_bag() -> None:
