@@ -23,8 +23,8 @@ from adk_ros.mismatch.findings import (
     Unexplained,
 )
 from adk_ros.mismatch.likelihood import Active
+from adk_ros.mismatch.pieces import Piece
 from adk_ros.mismatch.places import PlaceMap
-from adk_ros.mismatch.unknown import Piece
 
 SECONDS = 120.0
 LAP = 600.0

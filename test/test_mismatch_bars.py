@@ -20,7 +20,7 @@ from adk_ros.bench.concealed.score import Score
 from adk_ros.bench.concealed.tables import write_tables
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.unknown import EQUATIONS
+from adk_ros.mismatch.pieces import EQUATIONS
 
 
 def good(kind: str = "single", **changes: object) -> Score:

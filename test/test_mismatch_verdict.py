@@ -8,8 +8,9 @@ import numpy as np
 
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.likelihood import Active, Hypothesis, neutral
+from adk_ros.mismatch.pieces import Piece
 from adk_ros.mismatch.search import Search
-from adk_ros.mismatch.unknown import Piece, Remainder, plainest, pseudo
+from adk_ros.mismatch.unknown import Remainder, plainest, pseudo
 from adk_ros.mismatch.verdict import simpler
 
 

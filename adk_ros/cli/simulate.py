@@ -50,7 +50,7 @@ def simulate(
             drive = drive_stand_in(car, course, seed, duration, bar)
     if model is not None and left_out(car.content):
         names = ", ".join(left_out(car.content))
-        console.warn(f"bound to places of the recording, and not on this road: {names}")
+        console.warn(f"bound to places, and not on this road: {names}")
     with console.progress("writing") as bar:
         write_bag(drive, out, storage, None if compression == "none" else compression, bar)
     seconds = round((len(drive.stamp_ns) - 1) * 0.025, 3)

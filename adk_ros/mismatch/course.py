@@ -64,6 +64,15 @@ class Terms:
     gate: IntArray
     gates: FloatArray
 
+    def and_(self, more: Terms) -> Terms:
+        """Return both, the others' gates after these."""
+        first = self.gates.shape[0] - 1
+        return Terms(
+            np.concatenate([self.index, more.index]), np.concatenate([self.amount, more.amount]),
+            np.concatenate([self.gate, np.where(more.gate > 0, more.gate + first, 0)]),
+            np.vstack([self.gates, more.gates[1:]]),
+        )
+
 
 @dataclass(frozen=True)
 class Course:

@@ -65,8 +65,10 @@ _LOST_M = 30.0
 
 
 def left_out(model: StandInFile) -> list[str]:
-    """Return the effects of a file that are bound to a place, which a scenario's road has not."""
-    return [term.effect for term in model.terms if term.where.kind == "place"]
+    """Return what of a file is bound to a place, which a scenario's road has not."""
+    road = model.own.road
+    curves = [] if road is None else [f"the {name} of its own road" for name in road.curves]
+    return curves + [term.effect for term in model.terms if term.where.kind == "place"]
 
 
 def drive_stand_in(

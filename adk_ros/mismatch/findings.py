@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from adk_ros.mismatch.ambiguity import Rival
 from adk_ros.mismatch.effect import Effect
 from adk_ros.mismatch.manoeuvres import Separation
+from adk_ros.mismatch.pieces import Piece
 from adk_ros.mismatch.places import PlaceMap
-from adk_ros.mismatch.unknown import Piece
 from adk_ros.signals.channels import FloatArray
 
 NONE, EXPLAINED, UNKNOWN = "none", "explained", "unknown"

@@ -24,6 +24,8 @@ from adk_ros.signals.channels import FloatArray
 
 LEFT_OVER = 0.15
 """Share of the lateral grip that a wheel keeps whatever it drives or brakes."""
+LEAST_FRICTION = 0.02
+"""Of a road: terms at one place add up."""
 
 _MASS = INDEX["mass"]
 _INERTIA = INDEX["yaw_inertia"]
@@ -146,7 +148,7 @@ def body_forces(
         slip = targets[i] + (slips[i] - targets[i]) * build_up
         more = load / nominal - 1.0
         grip = (p[_MU_F] if is_front else p[_MU_R]) * max(1.0 - p[_SENSITIVITY] * more, 0.2)
-        peak = grip * p[_FRICTION] * load
+        peak = grip * max(p[_FRICTION], LEAST_FRICTION) * load
         stiffness = (p[_K_F] if is_front else p[_K_R]) * load * max(1.0 - p[_FALLOFF] * more, 0.2)
         shape = p[_C_F] if is_front else p[_C_R]
         # The stiffness is the carcass's: a slippery road takes the grip alone.

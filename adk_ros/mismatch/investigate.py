@@ -29,10 +29,12 @@ from adk_ros.mismatch.model_file import StandInFile, content_of
 from adk_ros.mismatch.nominal import Nominal
 from adk_ros.mismatch.open_loop import errors_ahead
 from adk_ros.mismatch.parameters import HIGH, INDEX, LOW
+from adk_ros.mismatch.pieces import signals_of
+from adk_ros.mismatch.rest import completed
 from adk_ros.mismatch.scope import Scope, driven, filled, scope_of
 from adk_ros.mismatch.search import search
 from adk_ros.mismatch.standin import StandIn, identify
-from adk_ros.mismatch.unknown import MARK, Remainder, signals_of
+from adk_ros.mismatch.unknown import MARK, Remainder
 from adk_ros.mismatch.verdict import Verdict, judge
 from adk_ros.plant.yaml_file import validate
 from adk_ros.signals.channels import STATE_NAMES, FloatArray
@@ -42,6 +44,8 @@ WHEEL_RADIUS = 0.325
 """m, where no vehicle is given: mass and radius act as one on torque."""
 OWN_ERROR = 0.5
 """Share of the error of a stand-in that was calibrated elsewhere, to be taken for noise."""
+ON_ROAD = 0.8
+"""Share of a recording that must lie on the simulator's road for its curves to be of use."""
 HELD_OUT = 0.25
 """Last share of the recording, on which the improvement is measured."""
 
@@ -67,6 +71,7 @@ def investigate(
     has_imu = recording.imu_s.size > 0
     recording = recording if has_imu else filled(driven(recording))
     check(recording)
+    notes: list[str] = []
     if isinstance(simulation, StandIn):
         stand_in = simulation
     else:
@@ -75,11 +80,7 @@ def investigate(
         if nominal is not None:
             check_vehicle(nominal, simulation)
         tell(0.0, 10.0, "identifying the simulator")
-        stand_in = identify(
-            prepare(simulation), (nominal or assumed(simulation)).parameters(),
-            lambda done, total: tell(2.0 * done / total, 10.0, "identifying the simulator"),
-            body_known=nominal is not None,
-        )
+        stand_in, notes = simulator_of(simulation, recording, nominal, tell)
     mass, radius = (float(stand_in.parameters[INDEX[k]]) for k in ("mass", "wheel_radius"))
     scope = scope_of(recording, mass, radius, has_imu)
     known = isinstance(simulation, StandIn)
@@ -94,7 +95,6 @@ def investigate(
     tell(7.0, 10.0, "judging rivals")
     verdict = scope.modest(judge(likelihood, found), likelihood, found)
     tell(9.0, 10.0, "driving on held-out data")
-    plain = content_of(stand_in.parameters)
     corrected = _corrected(stand_in, verdict, verdict.hypothesis, lap)
     before, after, early = _improvement(likelihood, stand_in, verdict, lap, scope)
     groups = [[e.effect.name, *e.alternatives] for e in verdict.effects if e.alternatives]
@@ -107,15 +107,43 @@ def investigate(
         verdict=verdict.word, unexplained=verdict.unexplained,
         horizon_s=HORIZON_S, before=before, after=after, groups=groups,
         suggestion="; ".join(dict.fromkeys(s for s in suggestions if s)),
-        simulation_yaml=plain, corrected_yaml=corrected,
+        simulation_yaml=content_of(stand_in.parameters, simulator=stand_in),
+        corrected_yaml=corrected,
         series=_series(course, likelihood, verdict.hypothesis, lap),
         stand_in_error=dict(zip(CHANNELS, (float(x) for x in stand_in.error), strict=True)),
         losses=[("+".join(level[0].names) or NONE, level[0].cost) for level in found.levels],
         level=found.noise, lap_m=None if lap is None else lap.length, maps=found.maps,
-        notes=_notes(nominal is None and not known, lap),
+        notes=notes + _notes(nominal is None and not known, lap),
         held_out_yaml=early, lacking=scope.lacking(),
         not_judged=sorted(scope.beyond & set(EFFECTS)), separations=separations,
     )
+
+
+def simulator_of(
+    simulation: Evidence, recording: Evidence, nominal: Nominal | None, tell: Progress
+) -> tuple[StandIn, list[str]]:
+    """Return the simulator's stand-in, with what acts where the recording drives, and notes."""
+    course, known = prepare(simulation), nominal is not None
+    begun = (nominal or assumed(simulation)).parameters()
+    plain = identify(
+        course, begun,
+        lambda done, total: tell(done / total, 10.0, "identifying the simulator"), known,
+    )
+    whole = completed(
+        course, plain, begun, known,
+        lambda done, total: tell(1.0 + done / total, 10.0, "learning the rest of the simulator"),
+    )
+    if whole.road is not None and whole.road.share(prepare(recording)) < ON_ROAD:
+        return plain, [
+            "the simulated road was learned, but the recording drives another, or its poses have "
+            "another origin: nothing of it is used"
+        ]
+    if not whole.learned:
+        return plain, []
+    return whole, [
+        "tyres and body alone do not meet the simulation; what was learned of it besides: "
+        f"{'; '.join(whole.learned)}"
+    ]
 
 
 def _separations(stand_in: StandIn, verdict: Verdict, course: Course) -> list[Separation]:
@@ -196,7 +224,7 @@ def _corrected(
     ]
     return content_of(
         vector, dict(zip(TOLERANCES, (float(x) for x in h.tolerances[:k]), strict=True)), terms,
-        _correction(verdict.remainder, h),
+        _correction(verdict.remainder, h), stand_in,
     )
 
 
@@ -237,7 +265,8 @@ def _improvement(
     h = verdict.hypothesis
     early = part.fit(h.actives, h.tolerances, 3, None, 1e-4)
     before = errors_ahead(
-        _parsed(content_of(stand_in.parameters)), course.evidence, HORIZON_S, from_s
+        _parsed(content_of(stand_in.parameters, simulator=stand_in)), course.evidence, HORIZON_S,
+        from_s,
     )
     model = _corrected(stand_in, verdict, early, lap)
     after = errors_ahead(
@@ -274,7 +303,7 @@ def _series(
     return Series(
         time_s=course.bin_s, x=_binned(course, course.pose[:, 0]),
         y=_binned(course, course.pose[:, 1]), signals=signals,
-        before=judged * course.residuals(likelihood.parameters),
+        before=judged * course.residuals(likelihood.parameters, likelihood.given),
         after=judged * course.residuals(p, terms, out=out),
         noise=course.bin_noise,
         distance=None if lap is None else _binned(course, lap.unwrapped) % lap.length,

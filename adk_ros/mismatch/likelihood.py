@@ -134,6 +134,8 @@ class Likelihood:
     weights: FloatArray
     filters: FloatArray
     unsure: FloatArray
+    given: Terms
+    """What the stand-in has besides its parameters, along this course."""
     own_share: FloatArray
     """(6,) share of the stand-in's own error in what a clean recording leaves, by channel."""
     until_s: float = np.inf
@@ -148,7 +150,8 @@ class Likelihood:
         weights[:, outside | _standing(course)] = 0.0
         filters, shares = whitener(course, stand_in.residuals)
         return cls(
-            course, stand_in.parameters, weights, filters, stand_in.unsure, shares, until_s
+            course, stand_in.parameters, weights, filters, stand_in.unsure,
+            stand_in.given(course), shares, until_s,
         )
 
     def level(self, e: FloatArray) -> float:
@@ -183,8 +186,9 @@ class Likelihood:
         """Return the vector and the terms that a run takes; what always acts is in the vector."""
         base = self.base(tolerances)
         p = base.copy()
-        index, amount, gate = [], [], []
-        gates = [np.ones(self.course.steps)]
+        given = self.given
+        index, amount, gate = list(given.index), list(given.amount), list(given.gate)
+        gates = list(given.gates)
         for active in actives:
             row = 0
             if not active.gate.always:

@@ -5,7 +5,8 @@ The stand-in as a YAML file, with the terms that were found, and back.
 
 A file holds every entry of the parameter vector by name; the build tolerances that the recording
 showed (relative); terms, each an effect of the catalogue with its parameters and where it acts;
-and a correction by features, for what no effect explains.
+and a correction by features, for what no effect explains. What the simulator itself has beyond the
+model family is `own`: curves along its road, and a correction by features of its own.
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ from pydantic import Field, model_validator
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.correction import FEATURES
 from adk_ros.mismatch.gates import EDGE
-from adk_ros.mismatch.parameters import ENTRIES, INDEX, NAMES, usual
+from adk_ros.mismatch.parameters import ENTRIES, INDEX, NAMES, SIZE, usual
+from adk_ros.mismatch.pieces import Piece
+from adk_ros.mismatch.road_map import SPACING_M, RoadMap
+from adk_ros.mismatch.standin import StandIn
 from adk_ros.plant.yaml_file import FileModel, load, read
 from adk_ros.signals.channels import STATE_NAMES, FloatArray
 
@@ -96,6 +100,42 @@ class Correction(FileModel):
         return self
 
 
+class Road(FileModel):
+    """
+    Curves along a road: knots of uniform cubic B-splines, `spacing` m apart.
+
+    The line's rows are distance, x, y (m) and heading (rad) in the frame of odometry's pose.
+    """
+
+    line: list[list[float]] = Field(min_length=1)
+    spacing: float = Field(default=SPACING_M, gt=0.0, le=1e3)
+    curves: dict[Literal["grade", "bank", "friction"], list[float]] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _complete(self) -> Road:
+        if any(len(row) != 4 for row in self.line):
+            raise ValueError("a row of the line is [distance, x, y, heading]")
+        if len({len(knots) for knots in self.curves.values()}) != 1:
+            raise ValueError("all curves need as many knots")
+        if min(len(knots) for knots in self.curves.values()) < 4:
+            raise ValueError("a curve needs four knots at least")
+        return self
+
+    def map(self) -> RoadMap:
+        """Return the road as it is computed with."""
+        return RoadMap(
+            np.array(self.line), tuple(self.curves), np.array(list(self.curves.values())),
+            self.spacing,
+        )
+
+
+class Own(FileModel):
+    """What the simulator has beyond the model family's parameters."""
+
+    road: Road | None = None
+    correction: list[Correction] = Field(default_factory=list)
+
+
 class StandInFile(FileModel):
     """The content of `simulation.yaml` and `corrected.yaml`."""
 
@@ -105,6 +145,7 @@ class StandInFile(FileModel):
     tolerances: dict[str, float] = Field(default_factory=dict)
     terms: list[Term] = Field(default_factory=list)
     correction: list[Correction] = Field(default_factory=list)
+    own: Own = Own()
 
     @model_validator(mode="after")
     def _names(self) -> StandInFile:
@@ -137,12 +178,27 @@ class StandInFile(FileModel):
         return p
 
     def coefficients(self) -> tuple[list[str], FloatArray]:
-        """Return the correction's features and what they add to the accelerations, (k, 3)."""
-        names = sorted({c.feature for c in self.correction})
+        """Return the corrections' features and what they add to the accelerations, (k, 3)."""
+        every = [*self.own.correction, *self.correction]
+        names = sorted({c.feature for c in every})
         table = np.zeros((len(names), 3))
-        for c in self.correction:
+        for c in every:
             table[names.index(c.feature), STATE_NAMES.index(c.equation)] += c.coefficient
         return names, table
+
+    def road(self) -> RoadMap | None:
+        """Return the road that the simulator drives on, where it was learned."""
+        return None if self.own.road is None else self.own.road.map()
+
+    def simulator(self) -> StandIn:
+        """Return the stand-in of the simulator: nothing that was found in a recording."""
+        pieces = tuple(
+            Piece(c.equation, c.feature, c.coefficient, 0.0) for c in self.own.correction
+        )
+        return StandIn(
+            self.vector(), np.zeros(6), np.zeros((6, 100)), np.empty((0, SIZE)), self.road(),
+            pieces,
+        )
 
 
 @dataclass(frozen=True)
@@ -174,8 +230,9 @@ def load_stand_in(path: Path) -> Source:
 def content_of(
     vector: FloatArray, tolerances: dict[str, float] | None = None,
     terms: list[dict[str, Any]] | None = None, correction: list[dict[str, Any]] | None = None,
+    simulator: StandIn | None = None,
 ) -> str:
-    """Return a stand-in's file as text."""
+    """Return a stand-in's file as text, with what its `simulator` has of its own."""
     content: dict[str, Any] = {
         "kind": KIND,
         "schema": 1,
@@ -187,8 +244,34 @@ def content_of(
         content["terms"] = terms
     if correction:
         content["correction"] = correction
+    own = {} if simulator is None else _own(simulator)
+    if own:
+        content["own"] = own
     text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=96)
     return text
+
+
+def _own(simulator: StandIn) -> dict[str, Any]:
+    own: dict[str, Any] = {}
+    road = simulator.road
+    if road is not None:
+        own["road"] = {
+            "spacing": road.spacing,
+            "curves": {
+                name: [_short(x) for x in knots]
+                for name, knots in zip(road.entries, road.coefficients, strict=True)
+            },
+            "line": [[round(float(x), 4) for x in row] for row in road.line],
+        }
+    if simulator.pieces:
+        own["correction"] = [
+            {
+                "equation": piece.equation, "feature": piece.feature,
+                "coefficient": _short(piece.coefficient),
+            }
+            for piece in simulator.pieces
+        ]
+    return own
 
 
 def _short(value: float) -> float:

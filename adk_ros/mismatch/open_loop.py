@@ -27,10 +27,13 @@ from adk_ros.mismatch.states import (
     A_X,
     A_Y,
     OUTPUTS,
+    S_HEADING,
     S_STEER,
     S_STEER_MORE,
     S_V_X,
     S_V_Y,
+    S_X,
+    S_Y,
     S_YAW_RATE,
     STATE_SIZE,
     V_X,
@@ -47,6 +50,8 @@ GAINS = np.array([0.1, 0.15, 0.15])
 _FAR = 30.0
 """m; farther than this from a place's line, the car is somewhere else."""
 _PASSES = 2
+_ROAD_EVERY = 20
+"""Steps between two places of the road that are looked up."""
 _PLAY = S_STEER_MORE + 1
 
 
@@ -78,6 +83,12 @@ class Roller:
                 index.append(i)
                 amount.append(size)
                 gate.append(1 + self.places.index(term.where))
+        self.road = model.road()
+        if self.road is not None:
+            # The curves along the simulator's road, in rows of gates after the places'.
+            index += [int(i) for i in self.road.index]
+            amount += [1.0] * len(self.road.entries)
+            gate += [1 + len(self.places) + k for k in range(len(self.road.entries))]
         self.vector = model.acting()
         self.gated = _Gated(
             np.array(index, dtype=np.int64), np.array(amount, dtype=np.float64),
@@ -86,12 +97,15 @@ class Roller:
         self.names, self.coefficients = model.coefficients()
         self.lines = [np.array(place.line) for place in self.places]
 
-    def _gates(self, s_of: list[FloatArray], n: int) -> FloatArray:
+    def _gates(self, s_of: list[FloatArray], poses: FloatArray) -> FloatArray:
+        n = poses.shape[0]
         gates = np.ones((1 + len(self.places), n))
         for row, (place, s) in enumerate(zip(self.places, s_of, strict=True), start=1):
             where = tuple((a, b) for a, b in place.stretches)
             gates[row] = np.nan_to_num(at_stretches(s, where, place.lap or 1.0, place.edge))
-        return gates
+        if self.road is None:
+            return gates
+        return np.vstack([gates, self.road.along(poses, _ROAD_EVERY)])
 
     def _run(
         self, state: FloatArray, start: float, n: int, measured: FloatArray, gates: FloatArray,
@@ -144,15 +158,20 @@ class Roller:
                 state = self._follow(state, now, n)
             now = float(start)
             s0 = self._places_at(now)
-            speed = state[S_V_X]
-            along = [s + speed * STEP * (np.arange(ahead) + 0.5) for s in s0]
+            way = state[S_V_X] * STEP * (np.arange(ahead) + 0.5)
+            along = [s + way for s in s0]
+            state[[S_X, S_Y, S_HEADING]] = self._pose_at(now)
+            poses = np.repeat(state[None, [S_X, S_Y, S_HEADING]], ahead, axis=0)
+            poses[:, 0] += way * np.cos(poses[:, 2])
+            poses[:, 1] += way * np.sin(poses[:, 2])
             extra = none
-            passes = 1 + (_PASSES if self.places or self.names else 0)
-            for _ in range(passes):
+            bound = self.places or self.names or self.road is not None
+            for _ in range(1 + (_PASSES if bound else 0)):
                 run, states = self._run(
-                    state.copy(), now, ahead, silent, self._gates(along, ahead), extra
+                    state.copy(), now, ahead, silent, self._gates(along, poses), extra
                 )
                 along = [s + np.cumsum(run[V_X]) * STEP for s in s0]
+                poses = states[:-1, 3:]
                 if self.names:
                     extra = self._extra(run, now)
             out[i] = states[PER_TICK::PER_TICK, :3]
@@ -170,13 +189,33 @@ class Roller:
             np.full(n, s) + state[S_V_X] * STEP * (np.arange(n) + 0.5)
             for s in self._places_at(now)
         ]
-        gates = self._gates(along, n)
+        gates = self._gates(along, self._poses_until(np.asarray(now + STEP * np.arange(1, n + 1))))
         before = state.copy()
         out, _ = self._run(state, now, n, measured, gates, np.empty((0, 3)))
         if self.names:
             state = before
             self._run(state, now, n, measured, gates, self._extra(out, now))
         return state
+
+    def _poses_until(self, at_s: FloatArray) -> FloatArray:
+        """Return the poses (n, 3) at times, by what was measured until the last of them."""
+        e = self.evidence
+        last = max(int(np.searchsorted(e.odometry_s, at_s[-1] + 1e-9)), 1)
+        first = max(int(np.searchsorted(e.odometry_s, at_s[0])) - 1, 0)
+        seen = slice(min(first, last - 1), last)
+        return np.column_stack(
+            [np.interp(at_s, e.odometry_s[seen], e.pose[seen, i]) for i in range(3)]
+        )
+
+    def _pose_at(self, now: float) -> FloatArray:
+        """Return the last pose (3,) before `now`, moved on by its velocity since."""
+        e = self.evidence
+        i = max(int(np.searchsorted(e.odometry_s, now + 1e-9)) - 1, 0)
+        x, y, heading = e.pose[i]
+        since, (v_x, v_y, rate) = now - e.odometry_s[i], e.odometry[i]
+        cos, sin = np.cos(heading), np.sin(heading)
+        moved = [v_x * cos - v_y * sin, v_x * sin + v_y * cos, rate]
+        return np.asarray([x, y, heading] + since * np.array(moved))
 
     def _places_at(self, now: float) -> list[FloatArray]:
         """Return the distance along each place's lap by the last pose before `now`, or NaN."""

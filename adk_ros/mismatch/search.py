@@ -95,9 +95,10 @@ def required(before: Hypothesis, found: Search) -> float:
 
 
 def search(
-    likelihood: Likelihood, lap: Lap | None, progress: Progress | None = None
+    likelihood: Likelihood, lap: Lap | None, progress: Progress | None = None,
+    most: int = MOST_EFFECTS,
 ) -> Search:
-    """Look for the effects that a recording needs."""
+    """Look for the effects that a recording needs, `most` of them."""
     found = Search()
     nothing = likelihood.fit([], settled=1e-4)
     assert nothing.fit is not None
@@ -106,12 +107,12 @@ def search(
     found.own = likelihood.own_error()
     found.levels.append([nothing])
     beam = [nothing]
-    for size in range(1, MOST_EFFECTS + 1):
+    for size in range(1, most + 1):
         level: list[Hypothesis] = []
         for i, start in enumerate(beam):
             if progress is not None:
                 what = "one effect" if size == 1 else f"{size} effects"
-                progress(size - 1 + i / len(beam), MOST_EFFECTS, what)
+                progress(size - 1 + i / len(beam), most, what)
             level += _extend(likelihood, start, lap, found, single=size == 1)
         quick = _distinct(level)[:_REFIT]
         level = [

@@ -19,11 +19,10 @@ import numpy as np
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.evidence import Evidence
 from adk_ros.mismatch.model_file import is_stand_in, load_stand_in
-from adk_ros.mismatch.parameters import SIZE
 from adk_ros.mismatch.smoothing import savitzky_golay
 from adk_ros.mismatch.standin import StandIn
 from adk_ros.plant.driver import Excitation, SpeedPlan
-from adk_ros.plant.heard import START_NS
+from adk_ros.plant.heard import START_NS, Drive
 from adk_ros.plant.params import Vehicle, load_vehicle
 from adk_ros.plant.scenarios import Scenario, load_scenario
 from adk_ros.plant.sensors import Command, Imu, Odometry, Sensors
@@ -90,8 +89,7 @@ def load_simulator(path: Path) -> Vehicle | StandIn:
             f"{path}: it has terms that were found in a recording: give the simulation.yaml that "
             "lies beside it"
         )
-    none = np.zeros((6, 100))
-    return StandIn(content.vector(), np.zeros(6), none, np.empty((0, SIZE)))
+    return content.simulator()
 
 
 def drive_vehicle(vehicle: Vehicle, recording: Evidence, name: str = "simulation") -> Evidence:
@@ -133,7 +131,11 @@ def _driven(vehicle: Vehicle, how: Manner, margin: float, name: str) -> Evidence
         ).clean(),
         vehicle_changes=vehicle.model_dump(exclude={"name"}),
     )
-    drive = simulate(validate(name, scenario.model_dump(), Scenario))
+    return evidence_of(simulate(validate(name, scenario.model_dump(), Scenario)))
+
+
+def evidence_of(drive: Drive) -> Evidence:
+    """Return what a simulated drive's sensors say, as a bag of it would be read."""
     at, values = {}, {}
     for source, stream in drive.streams.items():
         at[source], values[source] = _seconds(stream.stamp_ns), stream.values
@@ -141,8 +143,9 @@ def _driven(vehicle: Vehicle, how: Manner, margin: float, name: str) -> Evidence
     pose = odometry[:, 3:6].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
     return Evidence(
-        name, SECONDS, at[Source.IMU], values[Source.IMU], at[Source.ODOMETRY],
-        np.ascontiguousarray(odometry[:, :3]), pose, at[Source.COMMAND], values[Source.COMMAND],
+        drive.name, float(_seconds(drive.stamp_ns)[-1]), at[Source.IMU], values[Source.IMU],
+        at[Source.ODOMETRY], np.ascontiguousarray(odometry[:, :3]), pose, at[Source.COMMAND],
+        values[Source.COMMAND],
     )
 
 

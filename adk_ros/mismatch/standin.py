@@ -11,14 +11,16 @@ weakly to usual values.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from adk_ros.mismatch.course import Course
+from adk_ros.mismatch.course import Course, Terms
 from adk_ros.mismatch.fit import Fit, Unknowns, minimise
 from adk_ros.mismatch.parameters import HIGH, INDEX, LOW, SIZE
+from adk_ros.mismatch.pieces import Piece, terms_of
+from adk_ros.mismatch.road_map import RoadMap
 from adk_ros.signals.channels import FloatArray, IntArray
 
 FITTED: dict[str, tuple[float, float]] = {
@@ -74,7 +76,12 @@ _NARROW: dict[str, tuple[float, float]] = {
     "curvature_f": (-5.0, 0.95), "curvature_r": (-5.0, 0.95),
 }
 """Bounds of the fit within those of the entries: what is left open may go beyond, smoothly."""
-_ROUNDS = (10.0, 2.0, 0.5)
+_GUESS = {
+    "relaxation_length": 0.2, "drag_area": 0.3, "load_lag": 0.05, "roll_gradient": 0.002,
+    "pitch_gradient": 0.002,
+}
+ROUNDS = (10.0, 2.0, 0.5)
+"""Factors on the observer's gain."""
 COLOURED = 0.25
 """
 What is left is the model's own error, not white noise: one sample of it in this many squared is
@@ -105,6 +112,19 @@ class StandIn:
     (k, SIZE) directions in which the parameters are ill-determined by the simulation, each as
     long as its standard deviation.
     """
+    road: RoadMap | None = None
+    """What the simulator has at places, where its recording could not be met without."""
+    pieces: tuple[Piece, ...] = ()
+    """A correction by features, where even so it could not."""
+    learned: tuple[str, ...] = field(default=())
+    """What was learned of the simulator beyond the model family's parameters, in words."""
+
+    def given(self, course: Course) -> Terms:
+        """Return what the simulator has along a course besides its parameters."""
+        terms = course.no_terms() if self.road is None else self.road.terms(course)
+        if not self.pieces:
+            return terms
+        return terms.and_(terms_of(self.pieces, course, course.run(self.parameters, terms)))
 
 
 def identify(
@@ -115,28 +135,39 @@ def identify(
 
     Unless `body_known`, masses and lengths are fitted as well.
     """
-    fitted = FITTED if body_known else FITTED | _BODY
+    guess = start.copy()
+    for name, value in _GUESS.items():
+        guess[INDEX[name]] = value
+    return fitted_to(course, start, guess, entries(body_known), progress=progress)
+
+
+def entries(body_known: bool) -> dict[str, tuple[float, float]]:
+    """Return what is fitted to a simulation: usual spread and step of the differences."""
+    return FITTED if body_known else FITTED | _BODY
+
+
+def fitted_to(
+    course: Course, mean: FloatArray, guess: FloatArray, fitted: Mapping[str, tuple[float, float]],
+    rounds: tuple[float, ...] = ROUNDS, given: Terms | None = None,
+    progress: Progress | None = None,
+) -> StandIn:
+    """
+    Return the stand-in whose entries `fitted` meet a course best, from the vector `guess`.
+
+    They are pulled towards `mean`; `given` is what acts besides the parameters.
+    """
     names = list(fitted)
     where = np.array([INDEX[name] for name in names])
-    mean = start[where].copy()
     spread = np.array([fitted[name][0] for name in names])
     low = np.array([_NARROW.get(name, (LOW[INDEX[name]],))[0] for name in names])
     high = np.array([_NARROW.get(name, (HIGH[INDEX[name]],))[-1] for name in names])
-    weights = course.weights() * COLOURED
-    weights[:, course.bin_s < course.start_s + 1.0] = 0.0
-    p = start.copy()
-    x = mean.copy()
-    x[names.index("relaxation_length")] = 0.2
-    x[names.index("drag_area")] = 0.3
-    x[names.index("load_lag")] = 0.05
-    x[names.index("roll_gradient")] = 0.002
-    x[names.index("pitch_gradient")] = 0.002
     step = np.array([fitted[name][1] for name in names])
-    fit = fitted_in_rounds(
-        course, p, where, Unknowns(x, low, high, step, mean, spread), weights, progress
-    )
+    weights = simulation_weights(course)
+    p = guess.copy()
+    unknowns = Unknowns(guess[where], low, high, step, mean[where], spread)
+    fit = fitted_in_rounds(course, p, where, unknowns, weights, progress, rounds, given)
     p[where] = fit.x
-    left = course.residuals(p)
+    left = course.residuals(p, given)
     error = np.sqrt(np.mean(left[:, SETTLING_BINS:] ** 2, axis=1))
     tyres = np.array([name not in _SPRUNG for name in names])
     normal = fit.normal[np.ix_(tyres, tyres)]
@@ -147,27 +178,35 @@ def identify(
     return StandIn(p, error, left[:, SETTLING_BINS:], unsure)
 
 
+def simulation_weights(course: Course) -> FloatArray:
+    """Return the weights (6, bins) of a simulation's residuals: see `COLOURED`."""
+    weights = course.weights() * COLOURED
+    weights[:, course.bin_s < course.start_s + 1.0] = 0.0
+    return weights
+
+
 def fitted_in_rounds(
     course: Course, vector: FloatArray, where: IntArray, unknowns: Unknowns, weights: FloatArray,
-    progress: Progress | None = None,
+    progress: Progress | None = None, rounds: tuple[float, ...] = ROUNDS,
+    given: Terms | None = None,
 ) -> Fit:
     """
     Fit the entries `where` of a parameter vector to a course, with less and less observer.
 
     `weights` (6, bins) of the residuals; the model's own error is coloured: see `COLOURED`.
     """
-    for done, gain in enumerate(_ROUNDS, 1):
+    for done, gain in enumerate(rounds, 1):
 
         def residuals(x: FloatArray, gain: float = gain) -> FloatArray:
             q = vector.copy()
             q[where] = x
-            return np.asarray((course.residuals(q, gain=gain) * weights).ravel())
+            return np.asarray((course.residuals(q, given, gain=gain) * weights).ravel())
 
-        last = done == len(_ROUNDS)
+        last = done == len(rounds)
         fit = minimise(residuals, unknowns, iterations=8 if last else 5, settled=1e-3)
         unknowns = replace(unknowns, start=fit.x)
         if progress is not None:
-            progress(done, len(_ROUNDS))
+            progress(done, len(rounds))
     return fit
 
 

@@ -15,17 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.correction import FEATURES, Signals, values
-from adk_ros.mismatch.course import SPACING, STEP, Course
+from adk_ros.mismatch.correction import FEATURES, values
 from adk_ros.mismatch.effect import Effect, Parameter
 from adk_ros.mismatch.gates import Gate
 from adk_ros.mismatch.likelihood import Active, Hypothesis, Likelihood
+from adk_ros.mismatch.pieces import EQUATIONS, Piece, signals_of
 from adk_ros.mismatch.screen import Screen
 from adk_ros.mismatch.search import LEAST_OF_OWN
-from adk_ros.mismatch.states import A_X, A_Y, V_Y, YAW_RATE
 from adk_ros.signals.channels import FloatArray
 
-EQUATIONS = {"v_x": "extra_x", "v_y": "extra_y", "yaw_rate": "extra_yaw"}
 WORDS = {
     "v_x": "longitudinal acceleration", "v_y": "lateral acceleration",
     "yaw_rate": "yaw acceleration",
@@ -41,16 +39,6 @@ _SETTLED = 2
 _AHEAD = 0.85
 """Share of the best gain that a feature must have to be fitted anew."""
 _ALIKE, _ALIKE_OF_OWN = 20.0, 0.02
-
-
-@dataclass(frozen=True)
-class Piece:
-    """One feature in one equation: `coefficient` of the feature itself, SI; `gain` in loss."""
-
-    equation: str
-    feature: str
-    coefficient: float
-    gain: float
 
 
 @dataclass(frozen=True)
@@ -89,18 +77,6 @@ class Remainder:
             ]
             parts.append(f"d({equation})/dt += {' '.join(terms)} [{UNITS[equation]}]")
         return "; ".join(parts)
-
-
-def signals_of(course: Course, out: FloatArray) -> Signals:
-    """Return the drive's signals (n,) at the grid's steps, of a run's output."""
-    at = course.start_s - course.command_from_s + STEP * np.arange(course.steps + 1)
-    grid = SPACING * np.arange(course.torques.shape[0])
-    return {
-        "v_x": course.smooth[:, 0], "v_y": out[V_Y], "yaw_rate": out[YAW_RATE], "a_x": out[A_X],
-        "a_y": out[A_Y],
-        "torque": np.diff(np.interp(at, grid, course.torques)) / STEP,
-        "delta": np.diff(np.interp(at, grid, course.angles)) / STEP,
-    }
 
 
 def pseudo(equation: str, feature: str, weight: FloatArray) -> Effect:

@@ -23,11 +23,9 @@ from adk_ros.mismatch.gates import Gate
 from adk_ros.mismatch.lap import Lap, find_lap
 from adk_ros.mismatch.likelihood import Active, Likelihood
 from adk_ros.mismatch.model_file import StandInFile
-from adk_ros.mismatch.parameters import SIZE
+from adk_ros.mismatch.pieces import signals_of
 from adk_ros.mismatch.scope import filled
-from adk_ros.mismatch.standin import StandIn
 from adk_ros.mismatch.states import V_X, V_Y, YAW_RATE
-from adk_ros.mismatch.unknown import signals_of
 from adk_ros.signals.channels import STATE_NAMES, FloatArray
 
 HALF = 25
@@ -114,8 +112,7 @@ def _setting(
     course: Course, lap: Lap | None, model: StandInFile
 ) -> tuple[FloatArray, Terms]:
     """Return a model's vector and terms for a run."""
-    plain = StandIn(model.vector(), np.zeros(6), np.zeros((6, 100)), np.empty((0, SIZE)))
-    likelihood = Likelihood.of(course, plain)
+    likelihood = Likelihood.of(course, model.simulator())
     actives = []
     for term in model.terms:
         gate = Gate()

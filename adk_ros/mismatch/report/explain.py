@@ -22,7 +22,7 @@ from adk_ros.mismatch.course import BIN
 from adk_ros.mismatch.effect import PLACE
 from adk_ros.mismatch.evidence import CHANNELS
 from adk_ros.mismatch.findings import FoundEffect, Series
-from adk_ros.mismatch.unknown import Piece
+from adk_ros.mismatch.pieces import Piece
 from adk_ros.signals.channels import BoolArray, FloatArray
 
 BINS = 20

@@ -208,8 +208,7 @@ def sentence(findings: Findings) -> str:
         if missed:
             return (
                 "Nothing is found, but little could be: the stand-in misses the simulation's own "
-                f"recording in {missed}, as it does one on a road with slopes, and what is "
-                "smaller than that hides in it "
+                f"recording in {missed}, and what is smaller than that hides in it "
                 f"({findings.horizon_s:g} s {what} error {error:.2g} {unit}).{lacks}"
             )
         return (
