@@ -12,8 +12,9 @@ import numpy as np
 
 from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.drives import DriveOptions, choose_topics, sources
+from adk_ros.model.model import Model
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
-from adk_ros.model.predictor import Model, Prediction
+from adk_ros.model.prediction import Prediction
 from adk_ros.signals.channels import FloatArray
 
 TWIST_TOPIC = "/predictor/predicted_twist"

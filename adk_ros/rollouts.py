@@ -23,7 +23,8 @@ from adk_ros.mismatch.model_file import load_stand_in
 from adk_ros.mismatch.open_loop import Roller, start_times
 from adk_ros.mismatch.reading import read_evidence
 from adk_ros.model.evaluate import sample_at
-from adk_ros.model.predictor import Model, Predictor
+from adk_ros.model.model import Model
+from adk_ros.model.predictor import Predictor
 from adk_ros.plant.params import Vehicle, load_vehicle, vehicles
 from adk_ros.plant.rollout import actuator_states
 from adk_ros.plant.rollout import rollout as seven_dof_rollout

@@ -13,8 +13,10 @@ import torch
 
 from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting, Twin, input_size
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model, Prediction, Predictor
+from adk_ros.model.prediction import Prediction
+from adk_ros.model.predictor import Predictor
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import TICK_NS, Flag, Sample
 from adk_ros.train.network import Encoder, Lift, to_torchscript

@@ -23,8 +23,9 @@ from adk_ros.bags import message as bag_message
 from adk_ros.model import artefact
 from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting, input_size
+from adk_ros.model.model import Model
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
-from adk_ros.model.predictor import Model, Prediction
+from adk_ros.model.prediction import Prediction
 from adk_ros.model.scaling import Scaling
 from adk_ros.ros.core import Core
 from adk_ros.ros.diagnostic_values import Clocks

@@ -23,7 +23,8 @@ from adk_ros.errors import UsageError
 from adk_ros.model import artefact
 from adk_ros.model.artefact import ARRAYS, ENCODER, MANIFEST
 from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.predictor import Model, Predictor
+from adk_ros.model.model import Model
+from adk_ros.model.predictor import Predictor
 
 FACTS = {"data": [{"name": "town", "seconds": 60.0}], "seed": 3}
 Change = Callable[[Path], object]

@@ -16,7 +16,8 @@ from model_tools import (
     slalom,
 )
 
-from adk_ros.model.predictor import Predictor, Status
+from adk_ros.model.prediction import Status
+from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import TICK_NS, Flag, Sample
 
 

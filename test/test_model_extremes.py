@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from model_tools import SCALING, Array, make_model, paper_model, sample, slalom
 
 from adk_ros.model.online import METHODS, OnlineSettings
-from adk_ros.model.predictor import Prediction, Predictor, Status
+from adk_ros.model.prediction import Prediction, Status
+from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import Flag, Sample
 
 ANY = st.one_of(

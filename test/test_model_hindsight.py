@@ -9,8 +9,9 @@ from model_tools import Array, make_model, sample
 from adk_ros.model.compiled import jit
 from adk_ros.model.correction import Correction
 from adk_ros.model.hindsight import FORGETTING, SIGNS, Hindsight, account, learn_weights
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model, Predictor
+from adk_ros.model.predictor import Predictor
 
 STEPS = 40
 TRUE = np.array([30.0, 0.0, -2.0, 0.0, 5.0])

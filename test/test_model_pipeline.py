@@ -14,7 +14,8 @@ from signals_tools import START_NS, arriving, drive, in_order, state
 from adk_ros.errors import UsageError
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
-from adk_ros.model.predictor import Prediction, Predictor, Status
+from adk_ros.model.prediction import Prediction, Status
+from adk_ros.model.predictor import Predictor
 from adk_ros.signals.align import Aligner
 from adk_ros.signals.channels import TICK_NS, Flag, Reading, Source
 from adk_ros.signals.decode import SensorConfig

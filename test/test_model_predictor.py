@@ -20,8 +20,10 @@ from model_tools import (
 
 from adk_ros.errors import UsageError
 from adk_ros.model.correction import Correction
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings, Windowed
-from adk_ros.model.predictor import Model, Prediction, Predictor, Status
+from adk_ros.model.prediction import Prediction, Status
+from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import TICK_NS, Sample
 
 CONSTANT = OnlineSettings("constant")

@@ -9,7 +9,9 @@ import pytest
 from model_tools import Array, inputs, make_model, paper_model, sample
 
 from adk_ros.model.calibration import EVERY, FORGETTING, GAIN, QUANTILE_90
-from adk_ros.model.predictor import Model, Prediction, Predictor
+from adk_ros.model.model import Model
+from adk_ros.model.prediction import Prediction
+from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import Flag
 
 HELD = np.arange(1.0, 81.0)[:, None, None] * np.array(

@@ -7,8 +7,9 @@ import pytest
 from model_tools import Array, make_model, sample, slow
 
 from adk_ros.model.correction import Correction
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model, Predictor
+from adk_ros.model.predictor import Predictor
 from adk_ros.model.trials import EVERY
 from adk_ros.signals.channels import Flag
 

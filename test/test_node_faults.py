@@ -18,8 +18,8 @@ import pytest
 from node_tools import Rig, write_model
 
 from adk_ros.model import artefact
+from adk_ros.model.model import Model
 from adk_ros.model.pipeline import PipelineSettings
-from adk_ros.model.predictor import Model
 from adk_ros.ros.diagnostics import Level, Report
 from adk_ros.ros.messages import join_stamp, split_stamp
 from adk_ros.ros.traffic import Rates

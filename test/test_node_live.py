@@ -34,7 +34,7 @@ from adk_ros.bags import Bag
 from adk_ros.errors import UsageError
 from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
-from adk_ros.model.predictor import Prediction
+from adk_ros.model.prediction import Prediction
 from adk_ros.ros import parameters
 from adk_ros.ros.echo import Recording, echo, record, watch_diagnostics
 from adk_ros.ros.messages import join_stamp

@@ -35,7 +35,8 @@ from adk_ros.bench.paper.predictors import (
 )
 from adk_ros.cli.main import main
 from adk_ros.errors import DataError, UsageError
-from adk_ros.model.predictor import Model, Predictor
+from adk_ros.model.model import Model
+from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import FloatArray, IntArray, Record
 from adk_ros.train.settings import TrainSettings
 

@@ -27,9 +27,10 @@ from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.cli.main import main
 from adk_ros.drives import DriveOptions
 from adk_ros.model import artefact
+from adk_ros.model.model import Model
 from adk_ros.model.online import METHODS, OnlineSettings
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
-from adk_ros.model.predictor import Model, Prediction
+from adk_ros.model.prediction import Prediction
 from adk_ros.plant.sensors import Stream
 from adk_ros.replay import COVARIANCE_TOPIC, HORIZON_TOPIC, TWIST_TOPIC, replay
 from adk_ros.signals.channels import TICK_NS, Source

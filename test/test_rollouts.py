@@ -27,7 +27,8 @@ from adk_ros.drives import DriveOptions, read_drive
 from adk_ros.errors import DataError, UsageError
 from adk_ros.model import artefact
 from adk_ros.model.evaluate import sample_at
-from adk_ros.model.predictor import Model, Predictor
+from adk_ros.model.model import Model
+from adk_ros.model.predictor import Predictor
 from adk_ros.plant.heard import Drive
 from adk_ros.plant.params import Vehicle, load_vehicle
 from adk_ros.plant.sensors import Stream

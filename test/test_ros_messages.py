@@ -11,7 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from adk_ros.model.predictor import Prediction, Status
+from adk_ros.model.prediction import Prediction, Status
 from adk_ros.ros.echo import Heard, header, json_line, line
 from adk_ros.ros.messages import (
     NOT_ESTIMATED,

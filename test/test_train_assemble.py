@@ -15,8 +15,9 @@ from train_tools import SMALL, drive, record, small
 from adk_ros.model import artefact
 from adk_ros.model.correction import Correction
 from adk_ros.model.evaluate import sample_at
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model, Predictor
+from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import Record, Source
 from adk_ros.signals.record import build_record
 from adk_ros.train import assemble as assembly

@@ -14,8 +14,8 @@ from train_tools import made_record, record, small
 
 from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting, input_size
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import STATE_NAMES, Flag, Record
 from adk_ros.signals.score import HORIZON_STEPS

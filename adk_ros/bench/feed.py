@@ -12,7 +12,7 @@ from typing import Any
 from adk_ros.bag_export import TOPICS, write_bag
 from adk_ros.bags import Bag
 from adk_ros.model import artefact
-from adk_ros.model.predictor import Model
+from adk_ros.model.model import Model
 from adk_ros.plant.scenarios import load_scenario
 from adk_ros.plant.simulate import simulate
 from adk_ros.signals.channels import TICK_NS, Source

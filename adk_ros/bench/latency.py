@@ -19,8 +19,8 @@ import numpy as np
 
 from adk_ros.bench.feed import Message, bench_model, endless, simulated_messages
 from adk_ros.errors import UsageError
+from adk_ros.model.model import Model
 from adk_ros.model.pipeline import Pipeline
-from adk_ros.model.predictor import Model
 
 _WARM_UP_TICKS = 500
 _BLOCK = 1000

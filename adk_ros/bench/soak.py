@@ -26,7 +26,7 @@ from adk_ros.bench.feed import Message, bench_model, endless, simulated_messages
 from adk_ros.errors import UsageError
 from adk_ros.model.online import OnlineSettings, Windowed
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
-from adk_ros.model.predictor import Prediction
+from adk_ros.model.prediction import Prediction
 from adk_ros.signals.channels import Source
 
 _FAULT_SHARE = 2e-3

@@ -27,8 +27,8 @@ import numpy as np
 from adk_ros.errors import UsageError
 from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting, input_size
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import (
     INPUT_NAMES,

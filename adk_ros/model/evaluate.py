@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model, Predictor
+from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import BoolArray, FloatArray, IntArray, Record, Sample
 from adk_ros.signals.score import starts
 

@@ -13,8 +13,10 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model, Prediction, Predictor
+from adk_ros.model.prediction import Prediction
+from adk_ros.model.predictor import Predictor
 from adk_ros.signals.align import Aligner
 from adk_ros.signals.channels import Flag, Reading, Sample, Source
 from adk_ros.signals.decode import Decoder, Refused, SensorConfig

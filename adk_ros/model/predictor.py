@@ -16,20 +16,17 @@ increments. The live node, the replay and the trainer's validation all call `Pre
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from enum import Enum
-from typing import NamedTuple
 
 import numpy as np
 
 from adk_ros.errors import UsageError
 from adk_ros.model import kernels, roll_out
-from adk_ros.model.correction import Correction
 from adk_ros.model.hindsight import SIGNS
-from adk_ros.model.lifting import Float32Array, Lifting, input_size
+from adk_ros.model.lifting import Float32Array, input_size
+from adk_ros.model.model import Model
 from adk_ros.model.online import METHODS, OnlineSettings
+from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.published import Published
-from adk_ros.model.scaling import Scaling
 from adk_ros.model.trials import Trials
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, FloatArray, Sample
 
@@ -43,67 +40,6 @@ _RESTART, _COASTING, _UNLEARNABLE = int(Flag.RESTART), int(Flag.COASTING), int(U
 _ODOMETRY_STALE = int(Flag.ODOMETRY_STALE)
 _UNKNOWN = np.full(3, math.nan)
 _UNKNOWN.flags.writeable = False
-
-
-@dataclass(frozen=True)
-class Model:
-    """
-    What training yields, all that a predictor needs.
-
-    `theta0` (n_z, n_phi): offline [A0 B0 c0] (`affine`) or [A0 B0]; in the residual form its rows
-    give increments, the state's in units of `scaling.step_scale`. `horizon_covariance`
-    (steps, 3, 3): error covariance in SI units by horizon, on data not trained on, and
-    `usual_change` (steps, 3) the mean square change of the state over it; both empty where there
-    are none. `held_covariance`: as the former, under held commands; if empty, that one serves.
-    `relift`: lift anew at each step of a roll-out, else stay in the lifted space.
-    """
-
-    lifting: Lifting
-    scaling: Scaling
-    theta0: FloatArray
-    history: int
-    residual: bool
-    affine: bool
-    relift: bool
-    correction: Correction
-    horizon_covariance: FloatArray
-    usual_change: FloatArray
-    uses_imu: bool
-    online: OnlineSettings = field(default_factory=OnlineSettings)
-    held_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
-
-    @property
-    def n_z(self) -> int:
-        """Size of the lifted state."""
-        return int(self.theta0.shape[0])
-
-
-class Status(Enum):
-    """What a tick yielded."""
-
-    PREDICTED = "predicted"
-    WARMING_UP = "warming up"
-    COASTING = "coasting"
-    NO_STATE = "no state"
-
-
-class Prediction(NamedTuple):
-    """
-    The state predicted one tick ahead, at `stamp_ns`, from the sample at `origin_ns`.
-
-    `x` (3,), `covariance` (3, 3), `horizon` (steps, 3) and its `horizon_covariance` (steps, 3, 3),
-    all SI; `innovation` (3,) is measured less predicted for the sample just taken, NaN where no
-    prediction was made for it.
-    """
-
-    origin_ns: int
-    stamp_ns: int
-    x: FloatArray
-    covariance: FloatArray
-    horizon: FloatArray
-    horizon_covariance: FloatArray
-    innovation: FloatArray
-    status: Status
 
 
 class Predictor:

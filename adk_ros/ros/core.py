@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from adk_ros.model.model import Model
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
-from adk_ros.model.predictor import Model, Prediction
+from adk_ros.model.prediction import Prediction
 from adk_ros.ros.counters import Counters
 from adk_ros.signals.channels import TICK_NS, Reading, Source
 

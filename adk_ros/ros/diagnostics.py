@@ -41,7 +41,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from adk_ros.model.pipeline import Pipeline
-from adk_ros.model.predictor import Status
+from adk_ros.model.prediction import Status
 from adk_ros.ros.counters import Counters, see
 from adk_ros.ros.diagnostic_values import Clocks, describe
 from adk_ros.signals.channels import Flag, Source

@@ -21,7 +21,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from adk_ros.model.predictor import Prediction
+from adk_ros.model.prediction import Prediction
 from adk_ros.signals.channels import TICK_NS, FloatArray
 
 NOT_ESTIMATED = 1e6

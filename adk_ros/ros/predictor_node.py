@@ -26,7 +26,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
-from adk_ros.model.predictor import Prediction
+from adk_ros.model.prediction import Prediction
 from adk_ros.ros import parameters
 from adk_ros.ros.core import Core, warm_up
 from adk_ros.ros.diagnostic_values import Clocks

@@ -11,8 +11,8 @@ import torch
 
 from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting, input_size
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model
 from adk_ros.signals.channels import FloatArray
 from adk_ros.train.dataset import Sequences
 from adk_ros.train.fit import Trained

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from adk_ros.model.evaluate import Rollouts, roll_out_record
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model
 from adk_ros.signals.channels import (
     INPUT_NAMES,
     STATE_NAMES,

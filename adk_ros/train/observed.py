@@ -26,7 +26,8 @@ import numpy as np
 
 from adk_ros.model.correction import Correction
 from adk_ros.model.evaluate import sample_at
-from adk_ros.model.predictor import Model, Predictor
+from adk_ros.model.model import Model
+from adk_ros.model.predictor import Predictor
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import BoolArray, FloatArray, Record
 from adk_ros.train.assemble import assemble

@@ -23,8 +23,8 @@ import torch
 from adk_ros.errors import DataError
 from adk_ros.model.correction import Correction
 from adk_ros.model.lifting import Lifting
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import TICK_NS, FloatArray, Record
 from adk_ros.train.assemble import Assembled

@@ -11,7 +11,7 @@ from typing import Any
 
 from adk_ros.errors import DataError
 from adk_ros.model import artefact
-from adk_ros.model.predictor import Model
+from adk_ros.model.model import Model
 from adk_ros.signals.channels import Record
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.train.assemble import assemble

@@ -18,8 +18,8 @@ import numpy as np
 
 from adk_ros.model.correction import Correction
 from adk_ros.model.evaluate import Rollouts, roll_out_record
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model
 from adk_ros.signals.channels import BoolArray, FloatArray, IntArray, Record
 from adk_ros.signals.score import naive_predictions, noise_floor, score
 from adk_ros.train.dataset import TRAIN, VALIDATION, Split

@@ -12,8 +12,9 @@ import numpy as np
 from adk_ros.bench.paper.cases import AHEAD
 from adk_ros.bench.paper.contract import BenchPredictor
 from adk_ros.model.evaluate import sample_at
+from adk_ros.model.model import Model
 from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Model, Predictor
+from adk_ros.model.predictor import Predictor
 from adk_ros.plant.floor import floor_rollout
 from adk_ros.plant.heard import Drive
 from adk_ros.signals.channels import FloatArray, IntArray, Record

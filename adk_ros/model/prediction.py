@@ -1,0 +1,38 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a tick of the predictor yields."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+from adk_ros.signals.channels import FloatArray
+
+
+class Status(Enum):
+    """What a tick yielded."""
+
+    PREDICTED = "predicted"
+    WARMING_UP = "warming up"
+    COASTING = "coasting"
+    NO_STATE = "no state"
+
+
+class Prediction(NamedTuple):
+    """
+    The state predicted one tick ahead, at `stamp_ns`, from the sample at `origin_ns`.
+
+    `x` (3,), `covariance` (3, 3), `horizon` (steps, 3) and its `horizon_covariance` (steps, 3, 3),
+    all SI; `innovation` (3,) is measured less predicted for the sample just taken, NaN where no
+    prediction was made for it.
+    """
+
+    origin_ns: int
+    stamp_ns: int
+    x: FloatArray
+    covariance: FloatArray
+    horizon: FloatArray
+    horizon_covariance: FloatArray
+    innovation: FloatArray
+    status: Status
