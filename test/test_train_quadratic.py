@@ -17,7 +17,7 @@ from adk_ros.train import fit as fit_module
 from adk_ros.train.dataset import TRAIN, VALIDATION, split_records
 from adk_ros.train.fit import fit
 from adk_ros.train.network import Encoder, Lift
-from adk_ros.train.quadratic import Quadratic, fit_quadratic, input_columns
+from adk_ros.train.quadratic import Quadratic, Rows, fit_quadratic, input_columns
 from adk_ros.train.run import run_training
 
 Array = np.ndarray
@@ -108,3 +108,26 @@ def test_forms_that_do_not_fit_are_left_out(monkeypatch: pytest.MonkeyPatch) -> 
     made = fit(split.of(TRAIN), split.of(VALIDATION), replace(SMALL, steps=10, quadratic=True))
     assert made.network.encoder.level.shape == (0,)
     assert made.network.encoder.b3.shape == (SMALL.features,)
+
+
+def test_rows_that_were_made_count_as_far_as_they_are_right() -> None:
+    x, u, target = drive()
+    noise = 0.2 * np.random.default_rng(1).normal(size=target.shape)
+    rows = np.arange(4, 2000)
+    wider = 2.0 * x
+    right = np.array([known(wider, u, row) for row in rows])
+    states = [wider[rows - j] for j in range(3)]
+    alone, helped, misled = (
+        fit_quadratic(x, u, target + noise, rows, 4, made) for made in (
+            None, Rows(rows, states, right),
+            Rows(rows, states, right + 30.0 * np.random.default_rng(2).normal(size=right.shape)),
+        )
+    )
+    wrong = {}
+    for name, forms in (("alone", alone), ("helped", helped), ("misled", misled)):
+        made = [forecast(forms, inputs(x, u, row, 4)) for row in range(2000, 2400)]
+        said = np.array([known(x, u, row) for row in range(2000, 2400)])
+        wrong[name] = float(np.sqrt(np.mean((np.array(made) - said) ** 2)))
+    assert wrong["helped"] < 0.7 * wrong["alone"]
+    # Rows that the law does not meet where it was measured weigh next to nothing.
+    assert wrong["misled"] < 1.1 * wrong["alone"]

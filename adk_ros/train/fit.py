@@ -27,8 +27,9 @@ from adk_ros.signals.channels import FloatArray, IntArray, Record
 from adk_ros.signals.score import noise_floor
 from adk_ros.train import checkpoint
 from adk_ros.train.dataset import Sequences, sequences
+from adk_ros.train.faster import faster
 from adk_ros.train.network import Network, as_tensor
-from adk_ros.train.quadratic import Quadratic, fit_quadratic
+from adk_ros.train.quadratic import Quadratic, Rows, fit_quadratic, newest
 from adk_ros.train.settings import TrainSettings
 
 _CHECKPOINT_EVERY = 500
@@ -184,7 +185,10 @@ def forms_of(part: Sequences, scaling: Scaling) -> Quadratic:
     x, x_ref = scaling.scale_x(part.x), scaling.scale_x(part.x_ref)
     target = np.full_like(x, np.nan)
     target[:-1] = (x_ref[1:] - x[:-1]) / scaling.step_scale
-    return fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, part.history)
+    made = faster(part, newest(part.history))
+    change = made.change / (scaling.x_scale * scaling.step_scale)
+    rows = Rows(made.rows, [scaling.scale_x(state) for state in made.states], change)
+    return fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, part.history, rows)
 
 
 class _Trainer:

@@ -9,7 +9,8 @@ with c the same as v but held within, or somewhat beyond, what the training data
 the forms do not grow without bound outside of it. On noise-free data three past states tell
 nearly all there is to know, and a solved problem is exact where a trained network is not: what is
 left to the network is what a quadratic form cannot express, and to multi-step training what one
-step cannot show. Each Q is given by its eigenvectors, c' Q c = sum over j of w_j (d_j' c)^2,
+step cannot show. Beyond the speeds that were driven, rows that were made of measured ones stand in
+(`faster`). Each Q is given by its eigenvectors, c' Q c = sum over j of w_j (d_j' c)^2,
 which is a layer of squares.
 """
 
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 from adk_ros.model.lifting import input_size
 from adk_ros.signals.channels import FloatArray, IntArray
+from adk_ros.train.faster import weight_of
 
 _NEWEST = 3
 _RIDGES = 1e-11, 1e-8, 1e-8
@@ -77,13 +79,29 @@ def input_columns(history: int) -> IntArray:
     return np.concatenate([np.arange(states), np.arange(first, first + commands)])
 
 
+@dataclass(frozen=True)
+class Rows:
+    """
+    Rows that were made of measured ones, `rows` (m,): see `faster`.
+
+    `states` [x_k, x_(k-1), ...] each (m, 3), of as many samples as the forms see, and `target`
+    (m, 3), all scaled. The commands are the measured ones.
+    """
+
+    rows: IntArray
+    states: list[FloatArray]
+    target: FloatArray
+
+
 def fit_quadratic(
-    x: FloatArray, u: FloatArray, target: FloatArray, rows: IntArray, history: int
+    x: FloatArray, u: FloatArray, target: FloatArray, rows: IntArray, history: int,
+    made: Rows | None = None,
 ) -> Quadratic:
     """
     Fit the forms at `rows` of scaled `x` (n, 3), `u` (n, 2); `target` (n, 3) the scaled increment.
 
-    Rows whose target is not known are left out.
+    Rows whose target is not known are left out. `made` rows weigh as much less than measured ones
+    as forms without them are worse there.
     """
     rows = rows[np.isfinite(target[rows]).all(axis=1)]
     columns = input_columns(history)
@@ -96,10 +114,24 @@ def fit_quadratic(
     size = np.sqrt(np.mean(np.square(phi), axis=0)) + 1e-12
     phi /= size
     gram, right = phi.T @ phi, phi.T @ target[rows]
-    solution = np.stack([
-        np.linalg.solve(gram + ridge * rows.size * np.eye(len(gram)), right[:, c]) / size
-        for c, ridge in enumerate(_RIDGES)
-    ], axis=1)
+    ridges = [ridge * rows.size * np.eye(len(gram)) for ridge in _RIDGES]
+    solution = np.stack(
+        [np.linalg.solve(gram + ridges[c], right[:, c]) for c in range(3)], axis=1
+    )
+    if made is not None:
+        more = [u[made.rows - k] for k in range(newest(history))] if history else []
+        there = np.concatenate([*made.states, *more], axis=1)
+        beyond = np.hstack([there[:, i] * there[:, j], there, np.ones((len(there), 1))]) / size
+        driven = (np.abs(there) <= np.abs(inputs).max(axis=0)).all(axis=1)
+        weight = weight_of(
+            phi @ solution - target[rows], beyond[driven] @ solution - made.target[driven]
+        )
+        also, towards = beyond.T @ beyond, beyond.T @ (weight * made.target)
+        solution = np.stack([
+            np.linalg.solve(gram + weight[c] * also + ridges[c], right[:, c] + towards[:, c])
+            for c in range(3)
+        ], axis=1)
+    solution /= size[:, None]
     own, weights = _forms(solution[: i.size], i, j, columns.size)
     n = input_size(history)
     linear, directions, reach = np.zeros((n, 3)), np.zeros((n, own.shape[1])), np.zeros(n)
