@@ -18,6 +18,7 @@ from adk_ros.bench.concealed.own_list import UNLISTED_IN
 from adk_ros.errors import UsageError
 from adk_ros.mismatch import investigate as way
 from adk_ros.mismatch.course import Course, prepare
+from adk_ros.mismatch.driven import left_out
 from adk_ros.mismatch.evidence import Evidence
 from adk_ros.mismatch.findings import Findings
 from adk_ros.mismatch.investigate import investigate
@@ -258,6 +259,8 @@ def test_a_file_keeps_what_the_simulator_has_of_its_own() -> None:
     assert again.road.coefficients == pytest.approx(road.coefficients)
     assert again.pieces == simulator.pieces
     assert model.coefficients()[1][0, 0] == -0.001
+    # A scenario has a road of its own.
+    assert left_out(model) == ["the grade of its own road"]
     content["own"]["road"]["curves"]["grade"] = [0.0, 0.1]
     with pytest.raises(UsageError, match="four knots"):
         validate("model", content, StandInFile)
