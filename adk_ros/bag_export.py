@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, ODOMETRY_TYPE, BagWriter, message
-from adk_ros.plant.heard import Drive
+from adk_ros.plant.heard import SimulatedDrive
 from adk_ros.plant.params import GRAVITY
 from adk_ros.plant.sensors import Sensors
 from adk_ros.signals.channels import FloatArray, Source
@@ -130,7 +130,7 @@ def _planar(linear: float, yaw: float) -> FloatArray:
 _MAKERS = {Source.IMU: _imu, Source.ODOMETRY: _odometry, Source.COMMAND: _command}
 
 
-def _messages(drive: Drive, source: Source, sensors: Sensors) -> Iterator[tuple[int, str, Any]]:
+def _messages(drive: SimulatedDrive, source: Source, sensors: Sensors) -> Iterator[tuple[int, str, Any]]:
     make = _MAKERS[source](sensors)
     topic = TOPICS[source][0]
     stream = drive.streams[source]
@@ -145,7 +145,7 @@ def _messages(drive: Drive, source: Source, sensors: Sensors) -> Iterator[tuple[
 
 
 def write_bag(
-    drive: Drive,
+    drive: SimulatedDrive,
     path: Path | str,
     storage: str = "mcap",
     compression: str | None = None,

@@ -23,13 +23,13 @@ import numpy as np
 
 from adk_ros.bags import Bag, BagWriter
 from adk_ros.cli import console
-from adk_ros.drives import DriveOptions, choose_topics, read_drive
+from adk_ros.drives import RecordingOptions, choose_topics, read_recording
 from adk_ros.errors import DataError, UsageError
 from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.replay import TWIST_TOPIC, TWIST_TYPE, predictions, twist_message
 from adk_ros.train.fit import Step
-from adk_ros.train.heldout import TIE, HeldOut, Range, held_out
+from adk_ros.train.heldout import TIE, HeldOutScores, TrainingDomain, score_held_out
 
 _END_S = 5.0
 
@@ -69,7 +69,7 @@ def _train(bag: Path, model: Path, steps: int) -> None:
     from adk_ros.train.run import run_training
     from adk_ros.train.settings import TrainSettings
 
-    record = read_drive(bag).record
+    record = read_recording(bag).record
     settings = TrainSettings(steps=steps, validate_every=max(1, steps // 10))
     with console.progress("training") as bar, console.progress("tuning") as after:
 
@@ -115,10 +115,10 @@ def _process(arguments: list[str], environment: dict[str, str]) -> Iterator[subp
 def _live(model: Path, bag: Path) -> dict[int, tuple[float, ...]]:
     """Play `bag` to the live node; return what it published: stamp in ns -> state."""
     environment = _environment()
-    from adk_ros.ros.echo import Heard, header, line, listen
+    from adk_ros.ros.echo import ReceivedPrediction, header, line, listen
 
     with Bag(bag) as opened:
-        topics = choose_topics(opened, DriveOptions())
+        topics = choose_topics(opened, RecordingOptions())
         seconds = opened.duration_s
     remaps = {"odometry": topics.odometry, "command": topics.command}
     if topics.imu:
@@ -129,7 +129,7 @@ def _live(model: Path, bag: Path) -> dict[int, tuple[float, ...]]:
     play_arguments = ["adk_ros.cli.main", "play", str(bag)]
     heard: dict[int, tuple[float, ...]] = {}
 
-    def hear(prediction: Heard) -> None:
+    def hear(prediction: ReceivedPrediction) -> None:
         if len(heard) % 80 == 0:
             console.output.print(line(prediction), markup=False)
         heard[prediction.stamp_ns] = prediction.x
@@ -171,7 +171,7 @@ def _compare(live: dict[int, tuple[float, ...]], model: Path, bag: Path, out: Pa
     """Say how far live and replay differ, and write what was heard live as a bag."""
     pipeline = Pipeline(artefact.load(model).model)
     with Bag(bag) as opened:
-        replayed = [p for _, p in predictions(opened, pipeline, DriveOptions())]
+        replayed = [p for _, p in predictions(opened, pipeline, RecordingOptions())]
     both = [p for p in replayed if p.stamp_ns in live]
     differences = [float(np.abs(np.array(live[p.stamp_ns]) - p.x).max()) for p in both]
     console.note(
@@ -189,13 +189,13 @@ def _compare(live: dict[int, tuple[float, ...]], model: Path, bag: Path, out: Pa
             writer.write(TWIST_TOPIC, twist_message(heard), p.origin_ns)
 
 
-def _score(model: Path, bag: Path, out: Path) -> HeldOut:
+def _score(model: Path, bag: Path, out: Path) -> HeldOutScores:
     from adk_ros.train.figures import horizon_figure, prediction_figure
 
     with console.progress("scoring") as bar:
         loaded = artefact.load(model)
-        known = Range.from_json(loaded.manifest["training"].get("range"))
-        test = held_out(loaded.model, [(read_drive(bag).record, None)], known, progress=bar)
+        known = TrainingDomain.from_json(loaded.manifest["training"].get("range"))
+        test = score_held_out(loaded.model, [(read_recording(bag).record, None)], known, progress=bar)
     if test is None:
         raise DataError(f"{bag} has no stretch of 2 s without a gap: nothing to score")
     prediction_figure(test, out / "prediction.png")

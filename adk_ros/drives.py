@@ -13,7 +13,7 @@ import numpy as np
 from adk_ros.bags import Bag, Topics, find_topics
 from adk_ros.errors import DataError
 from adk_ros.signals.channels import Reading, Record, Source
-from adk_ros.signals.decode import Decoder, Refused, SensorConfig
+from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
 from adk_ros.signals.plausibility import Plausibility
 from adk_ros.signals.record import build_record
 
@@ -21,7 +21,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class DriveOptions:
+class RecordingOptions:
     """How to read a drive: topic names (None: found by type) and the vehicle's sensors."""
 
     imu: str | None = None
@@ -32,7 +32,7 @@ class DriveOptions:
 
 
 @dataclass
-class Drive:
+class Recording:
     """
     A bag's record, and what a person should know of how it was read.
 
@@ -47,7 +47,7 @@ class Drive:
     commands: list[Reading]
 
 
-def choose_topics(bag: Bag, options: DriveOptions) -> Topics:
+def choose_topics(bag: Bag, options: RecordingOptions) -> Topics:
     """
     Find the topics of `bag`, or check those that the options name.
 
@@ -82,19 +82,19 @@ def readings(
             progress(done, total)
         try:
             yield decoder.decode(source_of[topic], msg)
-        except Refused:
+        except RefusedMessage:
             continue
 
 
-def read_drive(
-    path: Path | str, options: DriveOptions | None = None, progress: Progress | None = None
-) -> Drive:
+def read_recording(
+    path: Path | str, options: RecordingOptions | None = None, progress: Progress | None = None
+) -> Recording:
     """
     Read a bag into a record.
 
     :raises UsageError, DataError: the bag cannot be read, lacks a topic, or yields no sample.
     """
-    options = options or DriveOptions()
+    options = options or RecordingOptions()
     decoder = Decoder(options.sensors)
     plausibility = Plausibility()
     with Bag(path) as bag:
@@ -115,7 +115,7 @@ def read_drive(
     warnings += [f"{record.name}: {count} times {what}" for what, count in counts.items()]
     warnings += [f"{record.name}: {text}" for text in plausibility.warnings()]
     warnings += [f"{record.name}: {text}" for text in _never_measured(record)]
-    return Drive(record, topics, warnings, start_ns, commands)
+    return Recording(record, topics, warnings, start_ns, commands)
 
 
 def _keeping(stream: Iterable[Reading], commands: list[Reading]) -> Iterator[Reading]:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bags import Bag, BagWriter, message
-from adk_ros.drives import DriveOptions, choose_topics, sources
-from adk_ros.model.model import Model
+from adk_ros.drives import RecordingOptions, choose_topics, sources
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.signals.channels import FloatArray
@@ -32,7 +32,7 @@ Progress = Callable[[int, int], None]
 def predictions(
     bag: Bag,
     pipeline: Pipeline,
-    options: DriveOptions,
+    options: RecordingOptions,
     progress: Progress | None = None,
 ) -> Iterator[tuple[int, Prediction]]:
     """Yield (log time in ns of the message that completed the tick, prediction), in order."""
@@ -47,9 +47,9 @@ def predictions(
 
 def replay(
     path: Path,
-    model: Model,
+    model: KoopmanModel,
     settings: PipelineSettings,
-    options: DriveOptions,
+    options: RecordingOptions,
     out: Path | None,
     with_horizon: bool = False,
     progress: Progress | None = None,

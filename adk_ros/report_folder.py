@@ -14,7 +14,7 @@ from pathlib import Path
 from adk_ros.errors import UsageError
 
 
-def check_folder(out: Path) -> None:
+def check_output_folder(out: Path) -> None:
     """Raise `UsageError` where no report could be written: best asked before the work is done."""
     at = out.resolve()
     while not at.exists() and at != at.parent:
@@ -28,7 +28,7 @@ def check_folder(out: Path) -> None:
 
 
 @contextmanager
-def into_folder(
+def staged_folder(
     out: Path, last: Sequence[str], stale: Sequence[str] = ()
 ) -> Iterator[Path]:
     """

@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-from adk_ros.drives import Drive, DriveOptions
+from adk_ros.drives import Recording, RecordingOptions
 from adk_ros.errors import DataError, UsageError
-from adk_ros.mismatch.model_file import load_stand_in
-from adk_ros.mismatch.open_loop import Roller, start_times
-from adk_ros.mismatch.reading import read_evidence
+from adk_ros.mismatch.model_file import load_surrogate
+from adk_ros.mismatch.open_loop import OpenLoopPredictor, start_times_of
+from adk_ros.mismatch.reading import read_sensor_log
 from adk_ros.model.evaluate import sample_at
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.predictor import Predictor
 from adk_ros.plant.params import Vehicle, load_vehicle, vehicles
 from adk_ros.plant.rollout import actuator_states
@@ -63,9 +63,9 @@ def find_vehicle(source: Path) -> Vehicle:
     )
 
 
-def roll_out(
-    model: Model | Vehicle,
-    drive: Drive,
+def rollout(
+    model: KoopmanModel | Vehicle,
+    drive: Recording,
     steps: int,
     stride_s: float,
     progress: Progress | None = None,
@@ -84,23 +84,23 @@ def roll_out(
             f"{record.name}: from no start after {FIRST_START_S:g} s are commands known for "
             f"{steps * _TICK_S:g} s: give a longer bag, or a shorter --horizon"
         )
-    if isinstance(model, Model):
+    if isinstance(model, KoopmanModel):
         rows, predicted = _by_model(model, record, rows, steps, progress)
     else:
         u = mean_commands(record, drive.commands)
         predicted = seven_dof_rollout(
             model, record.x[rows], u[rows[:, None] + np.arange(steps)],
-            actuators=_reached(model, record, u)[rows],
+            actuators=_actuator_states(model, record, u)[rows],
         )
     if rows.size == 0:
         raise DataError(f"{record.name}: the model could not predict from any start")
     return since_s[rows], predicted
 
 
-def roll_out_stand_in(
+def rollout_surrogate(
     model: Path,
     bag: Path,
-    options: DriveOptions,
+    options: RecordingOptions,
     steps: int,
     stride_s: float,
     progress: Progress | None = None,
@@ -111,13 +111,13 @@ def roll_out_stand_in(
     :raises UsageError: the file or the bag cannot be read.
     :raises DataError: the bag lacks a stream, or there is no start.
     """
-    stand_in = load_stand_in(model)
-    evidence = read_evidence(
+    stand_in = load_surrogate(model)
+    evidence = read_sensor_log(
         bag, options.imu if options.use_imu else "", options.odometry, options.command,
         options.sensors, progress, needs_imu=False,
     )
-    starts = start_times(evidence, steps, stride_s, FIRST_START_S)
-    return starts, Roller(stand_in.content, evidence).predict(starts, steps)
+    starts = start_times_of(evidence, steps, stride_s, FIRST_START_S)
+    return starts, OpenLoopPredictor(stand_in.content, evidence).predict(starts, steps)
 
 
 def start_rows(record: Record, since_s: FloatArray, steps: int, stride_s: float) -> IntArray:
@@ -157,7 +157,7 @@ def mean_commands(record: Record, commands: list[Reading]) -> FloatArray:
     return np.where((record.stamp_ns < stamps[0])[:, None], record.u, mean)
 
 
-def _reached(vehicle: Vehicle, record: Record, u: FloatArray) -> FloatArray:
+def _actuator_states(vehicle: Vehicle, record: Record, u: FloatArray) -> FloatArray:
     """What torque and angle have reached at each row (n, 2), by its episode's commands so far."""
     reached = np.full_like(u, np.nan)
     for episode in np.unique(record.episode):
@@ -167,7 +167,7 @@ def _reached(vehicle: Vehicle, record: Record, u: FloatArray) -> FloatArray:
 
 
 def _by_model(
-    model: Model, record: Record, rows: IntArray, steps: int, progress: Progress | None
+    model: KoopmanModel, record: Record, rows: IntArray, steps: int, progress: Progress | None
 ) -> tuple[IntArray, FloatArray]:
     predictor = Predictor(model, horizon_steps=0)
     wanted = set(rows.tolist())
@@ -179,7 +179,7 @@ def _by_model(
             progress(row, last + 1)
         if row in wanted and made is not None:
             kept.append(row)
-            predicted.append(predictor.roll_out(record.u[row : row + steps]))
+            predicted.append(predictor.rollout(record.u[row : row + steps]))
     return np.array(kept, dtype=np.int64), np.array(predicted).reshape(-1, steps, 3)
 
 

@@ -16,15 +16,15 @@ import numpy as np
 
 from adk_ros.plant import fourteen_dof
 from adk_ros.plant.body import resolve, vertical_modes
-from adk_ros.plant.floor import floor_rollout
-from adk_ros.plant.heard import Drive
+from adk_ros.plant.floor import oracle_rollout
+from adk_ros.plant.heard import SimulatedDrive
 from adk_ros.plant.params import load_vehicle, vehicles
 from adk_ros.plant.road import ROAD_GRADE, ROAD_HEIGHT, locate
 from adk_ros.plant.scenarios import load_scenario, scenarios
 from adk_ros.plant.simulate import simulate
 
 
-def offset(drive: Drive) -> float:
+def offset(drive: SimulatedDrive) -> float:
     """Furthest from the route's line, m."""
     table, spacing = drive.route.table, drive.route.spacing
     places = zip(drive.place, drive.pose, strict=True)
@@ -70,8 +70,8 @@ def floor_line(name: str) -> str:
     rows = np.arange(40, len(drive.x) - 81, 40)
     noise = np.random.default_rng(0).normal(0.0, [0.02, 0.02, 0.002], (len(rows), 3))
     truth = np.stack([drive.x[row + 1 : row + 81] for row in rows])
-    exact = np.abs(floor_rollout(drive, rows, drive.x[rows], 80) - truth).max()
-    noisy = floor_rollout(drive, rows, drive.x[rows] + noise, 80) - truth
+    exact = np.abs(oracle_rollout(drive, rows, drive.x[rows], 80) - truth).max()
+    noisy = oracle_rollout(drive, rows, drive.x[rows] + noise, 80) - truth
     scale = [3.6, 3.6, np.degrees(1.0)]
     cells = [
         ", ".join(f"{value:.3f}" for value in np.sqrt(np.square(noisy[:, j]).mean(axis=0)) * scale)

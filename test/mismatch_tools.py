@@ -9,21 +9,21 @@ from functools import cache
 
 import numpy as np
 
-from adk_ros.bench.concealed.own import OwnCase, Secret, make_case
-from adk_ros.mismatch.evidence import Evidence
-from adk_ros.mismatch.nominal import Nominal
+from adk_ros.bench.concealed.own import GeneratedCase, InjectedMismatch, make_case
+from adk_ros.mismatch.evidence import SensorLog
+from adk_ros.mismatch.nominal import NominalVehicle
 from adk_ros.mismatch.parameters import INDEX
 from adk_ros.signals.channels import FloatArray
 
-CAR = Nominal(
+CAR = NominalVehicle(
     mass=1800.0, yaw_inertia=3000.0, cg_to_front_axle=1.25, cg_to_rear_axle=1.4, track_width=1.6
 )
 
 
 @cache
-def case(effect: str = "", seed: int = 5, **parameters: float) -> OwnCase:
+def case(effect: str = "", seed: int = 5, **parameters: float) -> GeneratedCase:
     """A short case with one effect, or with none."""
-    secret = Secret({effect: parameters}) if effect else Secret()
+    secret = InjectedMismatch({effect: parameters}) if effect else InjectedMismatch()
     return make_case(effect or "clean", secret, seed, seconds=(60.0, 90.0, 30.0))
 
 
@@ -37,7 +37,7 @@ def car(**changes: float) -> FloatArray:
 
 def steady(
     speed: float = 20.0, delta: float = 0.0, torque: float = 0.0, seconds: float = 40.0
-) -> Evidence:
+) -> SensorLog:
     """What sensors would say of a car that rolls straight ahead whatever it is told."""
     imu_s, odometry_s = np.arange(0.005, seconds, 0.01), np.arange(0.005, seconds, 0.02)
     command_s = np.arange(0.0, seconds, 0.025)
@@ -45,12 +45,12 @@ def steady(
     odometry[:, 0] = speed
     pose = np.column_stack([speed * odometry_s, 0.0 * odometry_s, 0.0 * odometry_s])
     command = np.tile([torque, delta], (command_s.size, 1))
-    return Evidence(
+    return SensorLog(
         "steady", seconds, imu_s, np.zeros((imu_s.size, 3)), odometry_s, odometry, pose,
         command_s, command,
     )
 
 
-def with_commands(evidence: Evidence, command: FloatArray) -> Evidence:
+def with_commands(evidence: SensorLog, command: FloatArray) -> SensorLog:
     """The same under other commands (c, 2)."""
     return replace(evidence, command=command)

@@ -11,16 +11,16 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from adk_ros.model.correction import Correction
-from adk_ros.model.lifting import Lifting, Twin, input_size
-from adk_ros.model.model import Model
+from adk_ros.model.correction import ObserverGains
+from adk_ros.model.lifting import CompiledEncoder, Lifting, input_size
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import TICK_NS, Flag, Sample
 from adk_ros.train.network import Encoder, Lift, to_torchscript
-from adk_ros.train.quadratic import Quadratic, input_columns
+from adk_ros.train.quadratic import QuadraticFeatures, input_columns
 
 Array = npt.NDArray[np.float64]
 START_NS = 68_000_000_000 * TICK_NS
@@ -45,7 +45,7 @@ def random_lift(history: int, hidden: int, features: int) -> Lift:
     n = input_size(history)
     reach, directions = np.full(n, 1.5, np.float32), np.zeros((n, 5), np.float32)
     directions[columns] = 0.3 * normal(columns.size, 5)
-    forms = Quadratic(reach, directions, 0.3 * normal(5, k), 0.1 * normal(n, k), normal(k))
+    forms = QuadraticFeatures(reach, directions, 0.3 * normal(5, k), 0.1 * normal(n, k), normal(k))
     encoder = Encoder(history, hidden, features - k, forms)
     return Lift(encoder, torch.zeros(features), torch.ones(features))
 
@@ -55,7 +55,7 @@ def weights(lift: Lift) -> list[Any]:
     columns = np.flatnonzero(lift.directions.any(dim=1).numpy())
     given: dict[str, Any] = {name: value.numpy() for name, value in lift.state_dict().items()}
     given |= {"columns": columns, "directions": given["directions"][columns]}
-    return [given[field.name] for field in fields(Twin)]
+    return [given[field.name] for field in fields(CompiledEncoder)]
 
 
 @functools.cache
@@ -76,13 +76,13 @@ SCALING = Scaling(
 )
 
 
-def slow(gain: float, decay: float = 1.0, **changes: Any) -> Correction:
+def slow(gain: float, decay: float = 1.0, **changes: Any) -> ObserverGains:
     """A slow disturbance, the same on all channels, and nothing else but `changes`."""
     gains = {"slow_gain": np.full(3, gain), "slow_decay": np.full(3, decay)}
-    return replace(Correction.none(), **gains | changes)
+    return replace(ObserverGains.none(), **gains | changes)
 
 
-def make_model(**changes: Any) -> Model:
+def make_model(**changes: Any) -> KoopmanModel:
     """A complete model that is stable and predicts little of use; `twin=False` takes it away."""
     history, features = changes.pop("history", HISTORY), changes.pop("features", FEATURES)
     twin = changes.pop("twin", True)
@@ -105,20 +105,20 @@ def make_model(**changes: Any) -> Model:
         "residual": residual,
         "affine": affine,
         "relift": True,
-        "correction": slow(0.05, 0.97),
+        "observer_gains": slow(0.05, 0.97),
         "horizon_covariance": steps * np.diag([0.01, 0.004, 0.001]),
-        "usual_change": np.zeros((0, 3)),
+        "mean_square_change": np.zeros((0, 3)),
         "uses_imu": True,
         "online": OnlineSettings("windowed", window=100, ridge=1.0),
     }
-    return Model(**given | changes)
+    return KoopmanModel(**given | changes)
 
 
-def paper_model(**changes: Any) -> Model:
+def paper_model(**changes: Any) -> KoopmanModel:
     """The paper's form: no past, no constant, no increments, rolled out in the lifted space."""
     form = {
         "history": 0, "residual": False, "affine": False, "relift": False,
-        "correction": Correction.none(),
+        "observer_gains": ObserverGains.none(),
         "horizon_covariance": np.zeros((0, 3, 3)), "online": OnlineSettings("swls", window=60),
     }  # fmt: skip
     return make_model(**form | changes)

@@ -21,15 +21,15 @@ import torch
 from adk_ros.bags import BagWriter
 from adk_ros.bags import message as bag_message
 from adk_ros.model import artefact
-from adk_ros.model.correction import Correction
+from adk_ros.model.correction import ObserverGains
 from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.scaling import Scaling
 from adk_ros.ros.core import Core
 from adk_ros.ros.diagnostic_values import Clocks
-from adk_ros.ros.diagnostics import Diagnostics, Report
+from adk_ros.ros.diagnostics import DiagnosticReport, Diagnostics
 from adk_ros.ros.traffic import Rates, message, motion, schedule
 from adk_ros.signals.channels import TICK_NS, Reading, Source
 
@@ -70,17 +70,17 @@ def write_model(folder: Path, uses_imu: bool = True) -> Path:
     rng = np.random.default_rng(0)
     theta = rng.normal(0.0, 0.01, (3 + n_features, 3 + n_features + 3))
     theta[:3, :3] -= 0.02 * np.eye(3)
-    model = Model(
+    model = KoopmanModel(
         lifting=Lifting(buffer.getvalue(), n_in, n_features),
         scaling=Scaling(
             np.array([15.0, 0.0, 0.0]), np.array([6.0, 0.2, 0.2]), np.array([100.0, 0.0]),
             np.array([500.0, 0.05]), np.array([0.01, 0.05, 0.05]),
         ),
         theta0=theta, history=history, residual=True, affine=True, relift=True,
-        correction=Correction(
+        observer_gains=ObserverGains(
             np.ones(3), np.full(3, 0.05), np.full(3, 0.97), np.full(3, 0.5), np.full(3, 0.8)
         ),
-        usual_change=np.outer(np.arange(1.0, 81.0), [0.02, 0.01, 0.001]),
+        mean_square_change=np.outer(np.arange(1.0, 81.0), [0.02, 0.01, 0.001]),
         horizon_covariance=np.stack([np.diag([0.01, 0.01, 0.001]) * (j + 1) for j in range(80)]),
         uses_imu=uses_imu,
     )  # fmt: skip
@@ -140,7 +140,7 @@ Change = Callable[[Source, Any], Any]
 class Rig:
     """Core and diagnostics driven in simulated time: seconds of driving in milliseconds."""
 
-    model: Model
+    model: KoopmanModel
     settings: PipelineSettings = field(default_factory=PipelineSettings)
     use_imu: str = "auto"
     rates: Rates = field(default_factory=Rates)
@@ -150,7 +150,7 @@ class Rig:
         self.stamp_offset_ns = START_NS - self.mono_ns
         self.published: list[Prediction] = []
         self.told: list[Exception] = []
-        self.reports: list[Report] = []
+        self.reports: list[DiagnosticReport] = []
         self.pipeline = Pipeline(self.model, self.settings)
         self.core = Core(
             self.pipeline, self.published.append, self.told.append, lambda: self.mono_ns
@@ -168,7 +168,7 @@ class Rig:
 
     def drive(
         self, duration_s: float, change: Change | None = None, watch: bool = True
-    ) -> list[Report]:
+    ) -> list[DiagnosticReport]:
         """Drive for so long; return the reports made on the way, one a second."""
         begin_ns = self.mono_ns
         made = len(self.reports)
@@ -184,7 +184,7 @@ class Rig:
             if kind == 2:
                 self.report()
             elif kind == 1:
-                self.core.watch(self.stamp_ns)
+                self.core.on_timer(self.stamp_ns)
             else:
                 assert source is not None
                 self._deliver(source, change)
@@ -198,9 +198,9 @@ class Rig:
         changed = made if change is None else change(source, made)
         for msg in changed if isinstance(changed, list) else [changed]:
             if msg is not None:
-                self.core.take(source, msg)
+                self.core.on_message(source, msg)
 
-    def report(self) -> Report:
+    def report(self) -> DiagnosticReport:
         """Make a report now."""
         wanted, running = self.sim_time
         ros_ns = self.stamp_ns if running else 0

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from adk_ros.bench.paper.cases import CLEAN, PAPER_TESTS, TESTS, VARIANTS
-from adk_ros.bench.paper.predictors import MF_TUNED, NAIVE, OURS, PYKOOP, PYKOOPMAN
+from adk_ros.bench.paper.predictors import ADK_ROS, MF_TUNED, NAIVE, PYKOOP, PYKOOPMAN
 from adk_ros.bench.paper.published import FIVE, printed
-from adk_ros.bench.paper.scores import Board, CaseScore
+from adk_ros.bench.paper.scores import CaseScore, ScoreTable
 from adk_ros.signals.channels import FloatArray
 from adk_ros.signals.score import REPORT_SCALE
 
@@ -36,9 +36,9 @@ def case_score(
 def board_of(
     by_name: Mapping[str, float | Sequence[float]], tests: Sequence[str] = TESTS,
     variants: Sequence[str] = VARIANTS,
-) -> Board:  # fmt: skip
+) -> ScoreTable:  # fmt: skip
     """A board where each predictor has one RMSE everywhere, or one for each seed."""
-    board = Board()
+    board = ScoreTable()
     for variant in variants:
         for test in tests:
             for name, rmse in by_name.items():
@@ -47,15 +47,15 @@ def board_of(
     return board
 
 
-def good_board(tests: Sequence[str] = TESTS) -> Board:
+def good_board(tests: Sequence[str] = TESTS) -> ScoreTable:
     """Ours at a tenth of the naive predictors, all rivals at a half."""
     rivals = dict.fromkeys((MF_TUNED, PYKOOP, PYKOOPMAN), 0.5)
-    return board_of({name: 1.0 for name in NAIVE} | rivals | {OURS: (0.09, 0.1, 0.11)}, tests)
+    return board_of({name: 1.0 for name in NAIVE} | rivals | {ADK_ROS: (0.09, 0.1, 0.11)}, tests)
 
 
-def papers_board() -> Board:
+def papers_board() -> ScoreTable:
     """The paper's own figures as if they were ours, clean, one step ahead."""
-    board = Board()
+    board = ScoreTable()
     for test in PAPER_TESTS:
         for name in FIVE:
             rmse, worst = (printed(test, name, what) / REPORT_SCALE for what in ("rmse", "max"))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adk_ros.plant.body import Body, resolve
+from adk_ros.plant.body import SprungMass, resolve
 from adk_ros.plant.fourteen_dof import (
     HEADING,
     OMEGA,
@@ -40,7 +40,7 @@ class Car(NamedTuple):
     """A vehicle as the kernels take it."""
 
     c: Constants
-    b: Body
+    b: SprungMass
 
 
 def car(vehicle: Vehicle) -> Car:
@@ -138,8 +138,8 @@ def energy(car: Car, state: FloatArray, planes: FloatArray = LEVEL) -> float:
     masses = np.array([b.unsprung_f] * 2 + [b.unsprung_r] * 2)
     travel = state[TRAVEL : TRAVEL + 4]
 
-    inertia = np.diag([b.gyro_x, b.gyro_y, b.gyro_z])
-    inertia[0, 2] = inertia[2, 0] = -b.gyro_xz
+    inertia = np.diag([b.sprung_inertia_xx, b.sprung_inertia_yy, b.sprung_inertia_zz])
+    inertia[0, 2] = inertia[2, 0] = -b.sprung_inertia_xz
     shift = b.sprung_mass * (place @ place * np.eye(3) - np.outer(place, place))
     sprung = v + np.cross(rates, place)
     kinetic = 0.5 * b.sprung_mass * sprung @ sprung + 0.5 * rates @ (inertia - shift) @ rates

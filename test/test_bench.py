@@ -19,7 +19,7 @@ from adk_ros.bench.feed import bench_model, endless, simulated_messages, stamp_o
 from adk_ros.cli.main import main
 from adk_ros.errors import UsageError
 from adk_ros.model import artefact
-from adk_ros.model.online import OnlineSettings, Windowed
+from adk_ros.model.online import OnlineSettings, WindowedRidge
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.signals.channels import TICK_NS, Source
 
@@ -106,7 +106,7 @@ def test_drift_is_measured_against_the_window_itself() -> None:
     for source, msg in islice(endless(simulated_messages(10)), 1500):
         pipeline.take(source, msg)
     method = pipeline.predictor.online
-    assert isinstance(method, Windowed)
+    assert isinstance(method, WindowedRidge)
     assert np.abs(method.theta - model.theta0).max() > 1e-6
     assert np.abs(method.theta - method.batch_solution()).max() < 1e-9
     method.theta = method.theta + 1e-3

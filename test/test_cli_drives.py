@@ -15,7 +15,7 @@ from train_tools import bag, changed_streams, drive, kept, lines, record, small
 
 from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.cli.main import main
-from adk_ros.drives import DriveOptions, read_drive
+from adk_ros.drives import RecordingOptions, read_recording
 from adk_ros.errors import DataError
 from adk_ros.plant.sensors import Stream
 from adk_ros.signals.channels import Source
@@ -80,7 +80,7 @@ def faulty(
 
 def test_warnings_name_the_drive_and_what_to_do(faulty: tuple[Path, list[str]]) -> None:
     path, wanted = faulty
-    warnings = read_drive(path).warnings
+    warnings = read_recording(path).warnings
     for text in wanted:
         (found,) = [line for line in warnings if text in line]
         assert found.startswith("drive_with_faults: ")
@@ -106,7 +106,7 @@ def test_warnings_reach_the_person(
 
 
 def test_a_sound_drive_is_read_without_a_word() -> None:
-    read = read_drive(bag("town", SECONDS))
+    read = read_recording(bag("town", SECONDS))
     assert read.warnings == []
     of = record("town", SECONDS)
     for name in ("stamp_ns", "x", "u", "a", "flags", "x_ref", "episode"):
@@ -130,7 +130,7 @@ def test_duplicates_and_late_messages_are_counted(tmp_path: Path) -> None:
         return Stream(doubled.stamp_ns, log_ns, doubled.values)
 
     path = changed_streams(drive("town", SECONDS), tmp_path / "b", change)
-    warnings = read_drive(path).warnings
+    warnings = read_recording(path).warnings
     assert "b: 3 times duplicate" in warnings
     assert any("out of order" in text for text in warnings)
 
@@ -148,7 +148,7 @@ def test_several_bags_keep_their_warnings_apart(capsys, tmp_path: Path) -> None:
 
 
 def test_the_imu_can_be_left_out() -> None:
-    read = read_drive(bag("town", SECONDS), DriveOptions(use_imu=False))
+    read = read_recording(bag("town", SECONDS), RecordingOptions(use_imu=False))
     assert read.topics.imu is None
     assert np.isnan(read.record.a).all()
     of = record("town", SECONDS, imu=False)
@@ -166,17 +166,17 @@ def test_topics_are_chosen_by_name(tmp_path: Path) -> None:
             if topic == "/odometry":
                 writer.write("/other/odometry", msg, log_ns)
     with pytest.raises(DataError, match="--odometry"):
-        read_drive(tmp_path / "b")
-    read = read_drive(tmp_path / "b", DriveOptions(odometry="/other/odometry"))
+        read_recording(tmp_path / "b")
+    read = read_recording(tmp_path / "b", RecordingOptions(odometry="/other/odometry"))
     assert read.topics.odometry == "/other/odometry"
     np.testing.assert_array_equal(read.record.x, record("town", SECONDS).x)
 
 
 def test_the_reference_point_is_heeded() -> None:
     """From under the rear axle to the centre of gravity: v_y + x * yaw_rate."""
-    options = DriveOptions(use_imu=False, sensors=SensorConfig(reference_point=(1.4, 0.0)))
-    moved = read_drive(bag("town", SECONDS), options).record
-    plain = read_drive(bag("town", SECONDS), DriveOptions(use_imu=False)).record
+    options = RecordingOptions(use_imu=False, sensors=SensorConfig(reference_point=(1.4, 0.0)))
+    moved = read_recording(bag("town", SECONDS), options).record
+    plain = read_recording(bag("town", SECONDS), RecordingOptions(use_imu=False)).record
     shift = moved.x_ref - plain.x_ref
     np.testing.assert_allclose(shift[:, 1], 1.4 * plain.x_ref[:, 2], atol=1e-9)
     np.testing.assert_allclose(shift[:, [0, 2]], 0.0, atol=1e-12)
@@ -231,10 +231,10 @@ def test_a_v_y_that_is_not_measured_is_told(capsys, tmp_path: Path) -> None:
             if topic == "/odometry":
                 msg.twist.twist.linear.y = 0.0
             writer.write(topic, msg, log_ns)
-    drive = read_drive(tmp_path / "zero")
+    drive = read_recording(tmp_path / "zero")
     (told,) = [text for text in drive.warnings if "v_y" in text]
     assert "odometry's v_y is 0 throughout: it is not measured" in told
-    assert not [text for text in read_drive(bag("town", 20.0)).warnings if "v_y" in text]
+    assert not [text for text in read_recording(bag("town", 20.0)).warnings if "v_y" in text]
 
 
 def test_a_misspelt_parameter_is_told(capsys, tmp_path: Path) -> None:

@@ -153,7 +153,7 @@ def test_a_full_disk_is_told_without_a_traceback(capsys, monkeypatch, tmp_path: 
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device", "/data/out")
 
-    monkeypatch.setattr(drives, "read_drive", full)
+    monkeypatch.setattr(drives, "read_recording", full)
     arguments = ["train", bag(), "--out", tmp_path / "m"]
     assert refused(capsys, arguments, 2) == "adk: /data/out: No space left on device"
 
@@ -162,7 +162,7 @@ def test_an_interrupt_is_no_traceback(capsys, monkeypatch, tmp_path: Path) -> No
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(drives, "read_drive", interrupt)
+    monkeypatch.setattr(drives, "read_recording", interrupt)
     assert main(["train", str(bag()), "--out", str(tmp_path / "m")]) == 130
     assert capsys.readouterr().err == "adk: interrupted\n"
 
@@ -240,7 +240,7 @@ def test_help_comes_at_once() -> None:
 
 
 def test_numbers_that_json_lacks_become_null(capsys) -> None:
-    console.answer({"a": float("nan"), "b": [1.5, float("inf")], 3: {"c": None}})
+    console.print_json({"a": float("nan"), "b": [1.5, float("inf")], 3: {"c": None}})
     told = json.loads(capsys.readouterr().out)
     assert told == {"a": None, "b": [1.5, None], "3": {"c": None}}
 
@@ -288,11 +288,11 @@ def test_a_bar_that_begins_ends_the_one_before(monkeypatch) -> None:
 
 
 def test_the_score_table_fits_80_columns(capsys) -> None:
-    from adk_ros.train.heldout import HELD, MODEL
+    from adk_ros.train.heldout import HELD_INPUTS, MODEL
 
     test = small().run.test
     assert test is not None
-    console.show(console.score_table(test.scores, (MODEL, HELD), "RMSE"))
+    console.print_table(console.score_table(test.scores, (MODEL, HELD_INPUTS), "RMSE"))
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     assert max(map(len, printed)) <= 80
     text = "\n".join(printed)

@@ -13,7 +13,7 @@ from train_tools import bag, lines, refused, small, small_without_imu
 
 from adk_ros.bags import BagWriter, message
 from adk_ros.cli.main import main
-from adk_ros.drives import DriveOptions
+from adk_ros.drives import RecordingOptions
 from adk_ros.model import artefact
 from adk_ros.model.pipeline import PipelineSettings
 from adk_ros.replay import TWIST_TOPIC, TWIST_TYPE, replay
@@ -128,7 +128,7 @@ def test_a_damaged_model_is_refused(capsys, tmp_path: Path, name: str) -> None:
 
 def test_what_replay_writes_is_described(capsys, tmp_path: Path) -> None:
     model = artefact.load(small().path).model
-    replay(bag(), model, PipelineSettings(), DriveOptions(), tmp_path / "p")
+    replay(bag(), model, PipelineSettings(), RecordingOptions(), tmp_path / "p")
     said = told(capsys, tmp_path / "p")
     assert TWIST_TOPIC in said
     assert "no topic of type sensor_msgs/msg/JointState" in lines(said)[-1]

@@ -17,9 +17,9 @@ from mismatch_tools import case
 
 from adk_ros.bench.concealed.case_files import write_case, write_evidence
 from adk_ros.cli.main import main
-from adk_ros.mismatch.model_file import content_of
-from adk_ros.mismatch.parameters import INDEX, usual
-from adk_ros.mismatch.reading import read_evidence
+from adk_ros.mismatch.model_file import surrogate_yaml
+from adk_ros.mismatch.parameters import INDEX, default_parameters
+from adk_ros.mismatch.reading import read_sensor_log
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def refused(capsys: pytest.CaptureFixture[str], code: int, *arguments: str) -> s
 
 
 def test_a_bag_is_read_as_it_was_written(folder: Path) -> None:
-    written, read = case("aero_drag", cda=1.0).recording, read_evidence(folder / "recording")
+    written, read = case("aero_drag", cda=1.0).recording, read_sensor_log(folder / "recording")
     np.testing.assert_allclose(read.imu, written.imu, atol=1e-12)
     np.testing.assert_allclose(read.odometry, written.odometry, atol=1e-12)
     np.testing.assert_allclose(read.pose[:, :2], written.pose[:, :2], atol=1e-12)
@@ -72,7 +72,7 @@ def test_the_bench_runs_and_scores_a_case(
 
 def test_rollout_by_a_stand_in(folder: Path, tmp_path: Path) -> None:
     model, out = tmp_path / "model.yaml", tmp_path / "r.csv"
-    model.write_text(content_of(usual()))
+    model.write_text(surrogate_yaml(default_parameters()))
     bag = str(folder / "heldout")
     arguments = ["rollout", "--model", str(model), "--bag", bag, "--out", str(out)]
     assert main([*arguments, "--horizon", "1", "--stride", "0.5"]) == 0
@@ -125,9 +125,9 @@ def test_a_folder_without_cases_is_refused(
 
 
 def test_a_corrected_model_keeps_its_numbers() -> None:
-    p = usual()
+    p = default_parameters()
     p[INDEX["mass"]] = 1234.56789
-    assert "mass: 1234.5679" in content_of(p)
+    assert "mass: 1234.5679" in surrogate_yaml(p)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -14,7 +14,7 @@ import yaml
 from train_tools import bag, drive, lines, refused, small
 
 from adk_ros.cli.main import main
-from adk_ros.drives import read_drive
+from adk_ros.drives import read_recording
 from adk_ros.signals.channels import TICK_NS
 
 COLUMNS = ["start_s", "t_s", "v_x", "v_y", "yaw_rate"]
@@ -57,7 +57,7 @@ def test_the_contract(capsys, tmp_path: Path, models: dict[str, object], kind: s
     assert starts[-1] + 1.0 > 28.9
     # Against the truth at the times that the file itself tells.
     truth = drive("town", 30.0, clean=True)
-    start_ns = read_drive(of).start_ns
+    start_ns = read_recording(of).start_ns
     rows = np.rint((times * 1e9 + start_ns - truth.stamp_ns[0]) / TICK_NS).astype(int)
     error = np.sqrt(np.mean((table[:, -1, 2:] - truth.x[rows[:, -1]]) ** 2, axis=0))
     assert np.all(error < ([1.0, 0.2, 0.1] if kind == "folder" else [0.01, 0.002, 0.001])), error

@@ -15,7 +15,7 @@ from train_tools import bag, drive, lines, refused
 from adk_ros.bags import Bag
 from adk_ros.cli import main as cli
 from adk_ros.cli.main import main
-from adk_ros.drives import read_drive
+from adk_ros.drives import read_recording
 from adk_ros.plant.scenarios import scenarios
 
 
@@ -53,7 +53,7 @@ def test_for_programs(capsys, tmp_path: Path) -> None:
         "scenario": "town", "seed": 9, "seconds": 10.0, "messages": len(contents(out)),
         "out": str(out),
     }  # fmt: skip
-    other, own = read_drive(out).record, read_drive(bag("town", 10.0)).record
+    other, own = read_recording(out).record, read_recording(bag("town", 10.0)).record
     assert np.abs(other.x_ref[100:300] - own.x_ref[100:300]).max() > 0.05
 
 

@@ -11,33 +11,33 @@ from pathlib import Path
 import pytest
 
 from adk_ros.bench.concealed import run
-from adk_ros.bench.concealed.bars import FAIL, NONE, PASS, Bar, judge
-from adk_ros.bench.concealed.children import Children, Ended
+from adk_ros.bench.concealed.bars import FAIL, NONE, PASS, Criterion, evaluate_criteria
+from adk_ros.bench.concealed.children import SubprocessEnded, Subprocesses
 from adk_ros.bench.concealed.own_effects import UNLISTED
-from adk_ros.bench.concealed.own_list import UNLISTED_IN, plans
-from adk_ros.bench.concealed.run import Bench, Job, jobs_of
-from adk_ros.bench.concealed.score import Score
+from adk_ros.bench.concealed.own_list import UNLISTED_IN, case_plans
+from adk_ros.bench.concealed.run import CaseJob, MismatchBench, jobs_of
+from adk_ros.bench.concealed.score import CaseResult
 from adk_ros.bench.concealed.tables import write_tables
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.pieces import EQUATIONS
+from adk_ros.mismatch.pieces import EQUATION_PARAMETERS
 
 
-def good(kind: str = "single", **changes: object) -> Score:
+def good(kind: str = "single", **changes: object) -> CaseResult:
     """A case that is right in all."""
-    plain = Score(
+    plain = CaseResult(
         "a", kind, 1.0, 1.0, "aero_drag", "aero_drag", {"aero_drag.cda": 0.01},
         {"aero_drag.cda": True}, {}, {"v_x": 0.95}, 30.0, 29.0, 400.0,
     )
     return replace(plain, **changes)
 
 
-def bars(*scores: Score) -> dict[str, Bar]:
-    return {bar.name: bar for bar in judge(scores)}
+def bars(*scores: CaseResult) -> dict[str, Criterion]:
+    return {bar.name: bar for bar in evaluate_criteria(scores)}
 
 
 def test_a_bar_without_a_case_says_so() -> None:
-    for bar in judge([]):
+    for bar in evaluate_criteria([]):
         assert bar.verdict == NONE
         assert str(bar).startswith(f"NONE {bar.name} no case ran (")
     found = bars(good())
@@ -72,7 +72,7 @@ def test_a_bar_without_a_case_says_so() -> None:
         ("memory-a-case", good(), good(memory_mib=2049.0)),
     ],
 )
-def test_each_bar_passes_and_fails(name: str, passing: Score, failing: Score) -> None:
+def test_each_bar_passes_and_fails(name: str, passing: CaseResult, failing: CaseResult) -> None:
     assert bars(passing)[name].verdict == PASS
     assert bars(failing)[name].verdict == FAIL
 
@@ -98,7 +98,7 @@ def test_what_a_sensor_makes_up_is_not_asked_to_be_corrected() -> None:
 
 def test_tables_hold_all_cases(tmp_path: Path) -> None:
     scores = [good(case="first"), good(case="second", said="a|b")]
-    write_tables(scores, judge(scores), tmp_path)
+    write_tables(scores, evaluate_criteria(scores), tmp_path)
     content = json.loads((tmp_path / "cases.json").read_text())
     assert [case["case"] for case in content["cases"]] == ["first", "second"]
     table = (tmp_path / "cases.md").read_text().splitlines()
@@ -110,14 +110,14 @@ def test_tables_hold_all_cases(tmp_path: Path) -> None:
 
 
 def test_our_own_cases_know_their_group() -> None:
-    every = list(plans())
+    every = list(case_plans())
     assert len({plan.name for plan in every}) == len(every)
     assert {plan.strength for plan in every} == {1.0, 0.3}
     weak = next(plan for plan in every if plan.name == "aero_drag_0.3")
     label = weak.labelled({"effects": []})
     assert (label["strength"], label["plant"]) == (0.3, weak.plant)
     for equations, features in UNLISTED_IN.values():
-        assert set(equations) <= set(EQUATIONS)
+        assert set(equations) <= set(EQUATION_PARAMETERS)
         assert set(features) <= set(FEATURES)
     odd = next(plan for plan in every if plan.secret.unlisted)
     (effect,) = odd.labelled({"effects": [{"name": "unknown", "params": {}}]})["effects"]
@@ -132,7 +132,7 @@ class Fake:
         self.stop_at = stop_at
         self.ran: list[str] = []
 
-    def __call__(self, case: Path, out: Path, children: Children) -> Score:
+    def __call__(self, case: Path, out: Path, children: Subprocesses) -> CaseResult:
         self.ran.append(case.name)
         if case.name == self.stop_at:
             raise KeyboardInterrupt
@@ -141,7 +141,7 @@ class Fake:
         return good(case=case.name)
 
 
-def jobs(tmp_path: Path) -> list[Job]:
+def jobs(tmp_path: Path) -> list[CaseJob]:
     for name in ("a", "b", "c"):
         case = tmp_path / "cases" / name
         case.mkdir(parents=True, exist_ok=True)
@@ -155,12 +155,12 @@ def test_an_interrupted_bench_leaves_whole_reports_and_goes_on(
     out, todo = tmp_path / "out", jobs(tmp_path)
     monkeypatch.setattr(run, "run_case", Fake("b"))
     with pytest.raises(KeyboardInterrupt):
-        Bench(out).run(todo)
+        MismatchBench(out).run(todo)
     assert {p.name for p in out.iterdir()} <= {"a", "c"}
     assert (out / "a" / "score.json").is_file()
     again = Fake()
     monkeypatch.setattr(run, "run_case", again)
-    scores = Bench(out, 2, resume=True).run(todo)
+    scores = MismatchBench(out, 2, resume=True).run(todo)
     assert [s.case for s in scores] == ["a", "b", "c"]
     assert "a" not in again.ran
     assert {p.name for p in out.iterdir()} == {"a", "b", "c"}
@@ -169,11 +169,11 @@ def test_an_interrupted_bench_leaves_whole_reports_and_goes_on(
 def test_a_changed_case_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out, todo = tmp_path / "out", jobs(tmp_path)
     monkeypatch.setattr(run, "run_case", Fake())
-    Bench(out).run(todo)
+    MismatchBench(out).run(todo)
     (tmp_path / "cases" / "b" / "label.json").write_text('{"effects": [ ]}')
     again = Fake()
     monkeypatch.setattr(run, "run_case", again)
-    Bench(out, resume=True).run(jobs_of(tmp_path / "cases"))
+    MismatchBench(out, resume=True).run(jobs_of(tmp_path / "cases"))
     assert again.ran == ["b"]
 
 
@@ -182,21 +182,21 @@ def test_nothing_is_left_where_nothing_was_finished(
 ) -> None:
     monkeypatch.setattr(run, "run_case", Fake("a"))
     with pytest.raises(KeyboardInterrupt):
-        Bench(tmp_path / "out").run(jobs(tmp_path)[:1])
+        MismatchBench(tmp_path / "out").run(jobs(tmp_path)[:1])
     assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_of_something_else_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "out" / "b").mkdir(parents=True)
     with pytest.raises(UsageError, match="no report of this command"):
-        Bench(tmp_path / "out").run(jobs(tmp_path))
+        MismatchBench(tmp_path / "out").run(jobs(tmp_path))
 
 
 def test_ended_processes_do_not_begin() -> None:
-    children = Children()
+    children = Subprocesses()
     said = children.adk(["--version"])
     assert said.status == 0
     assert said.cpu_s > 0.0
     children.end()
-    with pytest.raises(Ended):
+    with pytest.raises(SubprocessEnded):
         children.adk(["--version"])

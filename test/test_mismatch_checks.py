@@ -12,12 +12,17 @@ import pytest
 from mismatch_tools import case
 
 from adk_ros.errors import DataError
-from adk_ros.mismatch.checks import check, check_alike, check_vehicle, torque_mass
-from adk_ros.mismatch.evidence import Evidence
+from adk_ros.mismatch.checks import (
+    check_recording,
+    check_same_vehicle,
+    check_vehicle,
+    effective_mass,
+)
+from adk_ros.mismatch.evidence import SensorLog
 
 
-def scaled(which: str, column: int, factor: float) -> Callable[[Evidence], Evidence]:
-    def change(e: Evidence) -> Evidence:
+def scaled(which: str, column: int, factor: float) -> Callable[[SensorLog], SensorLog]:
+    def change(e: SensorLog) -> SensorLog:
         values = getattr(e, which).copy()
         values[:, column] *= factor
         return replace(e, **{which: values})
@@ -25,14 +30,14 @@ def scaled(which: str, column: int, factor: float) -> Callable[[Evidence], Evide
     return change
 
 
-def still(e: Evidence) -> Evidence:
+def still(e: SensorLog) -> SensorLog:
     return replace(e, odometry=0.001 * e.odometry)
 
 
 def test_a_good_recording_passes() -> None:
-    check(case().simulation)
-    check(case().recording)
-    check_alike(case().simulation, case().recording)
+    check_recording(case().simulation)
+    check_recording(case().recording)
+    check_same_vehicle(case().simulation, case().recording)
     check_vehicle(case().nominal, case().simulation)
 
 
@@ -56,22 +61,22 @@ def test_a_good_recording_passes() -> None:
         (scaled("command", 0, 0.0), "torque is 0 throughout"),
     ],
 )
-def test_a_bad_one_is_refused(change: Callable[[Evidence], Evidence], said: str) -> None:
+def test_a_bad_one_is_refused(change: Callable[[SensorLog], SensorLog], said: str) -> None:
     with pytest.raises(DataError) as error:
-        check(change(case().recording))
+        check_recording(change(case().recording))
     assert said in str(error.value)
     assert "\n" not in str(error.value)
 
 
 def test_drives_that_have_no_speed_in_common() -> None:
     with pytest.raises(DataError, match="like driving"):
-        check_alike(case().simulation, scaled("odometry", 0, 4.0)(case().recording))
+        check_same_vehicle(case().simulation, scaled("odometry", 0, 4.0)(case().recording))
 
 
 def test_a_drive_at_its_most_power_does_not_contradict_the_vehicle() -> None:
     c = case("power_limit", power=3e4)
-    whole = torque_mass(c.recording, c.nominal.wheel_radius)
-    gentle = torque_mass(c.recording, c.nominal.wheel_radius, power=0.3)
+    whole = effective_mass(c.recording, c.nominal.wheel_radius)
+    gentle = effective_mass(c.recording, c.nominal.wheel_radius, power=0.3)
     assert whole is not None
     assert gentle is not None
     # What is asked for beyond the limit moves nothing: the car seems heavier than it is.

@@ -11,22 +11,22 @@ import pytest
 from mismatch_tools import car, steady, with_commands
 
 from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.course import Course, prepare
+from adk_ros.mismatch.course import ResidualProblem, prepare_residual_problem
 from adk_ros.mismatch.effect import Effect
-from adk_ros.mismatch.gates import Gate, at_stretches
+from adk_ros.mismatch.gates import Activation, inside_segments
 from adk_ros.mismatch.likelihood import (
-    FIRST_OPEN,
-    OFFSETS,
-    TOLERANCES,
-    Active,
+    N_FIXED_NUISANCES,
+    SENSOR_OFFSETS,
+    TOLERANCE_PARAMETERS,
+    ActiveEffect,
     Hypothesis,
     Likelihood,
-    neutral,
+    inactive_effect,
 )
 from adk_ros.mismatch.parameters import INDEX, SIZE
-from adk_ros.mismatch.places import GRADUAL, best_mask, stretches
-from adk_ros.mismatch.search import Search, required
-from adk_ros.mismatch.standin import StandIn
+from adk_ros.mismatch.places import GRADUAL_EDGE_WIDTHS, optimal_segmentation, segments_of_mask
+from adk_ros.mismatch.search import SelectionPath, min_required_gain
+from adk_ros.mismatch.standin import SurrogateModel
 
 NAMES = [
     "aero_drag", "rolling_resistance", "headwind", "crosswind", "aero_downforce", "road_grade",
@@ -41,7 +41,7 @@ NAMES = [
 
 
 @pytest.fixture(scope="module")
-def course() -> Course:
+def course() -> ResidualProblem:
     """A drive with torque and steering of several frequencies."""
     evidence = steady(22.0, seconds=40.0)
     t = evidence.command_s
@@ -49,13 +49,13 @@ def course() -> Course:
         [900.0 * np.sin(0.9 * t) + 500.0 * np.sign(np.sin(2.3 * t)),
          0.025 * np.sin(1.3 * t) + 0.01 * np.sin(5.0 * t)]
     )
-    return prepare(with_commands(evidence, command))
+    return prepare_residual_problem(with_commands(evidence, command))
 
 
 @pytest.fixture(scope="module")
-def likelihood(course: Course) -> Likelihood:
+def likelihood(course: ResidualProblem) -> Likelihood:
     p = car(drag_area=0.5, rolling=0.01)
-    own = StandIn(p, np.zeros(6), 1e-4 * np.ones((6, course.bins)), np.empty((0, SIZE)))
+    own = SurrogateModel(p, np.zeros(6), 1e-4 * np.ones((6, course.bins)), np.empty((0, SIZE)))
     return Likelihood.of(course, own)
 
 
@@ -65,100 +65,100 @@ def test_all_names_are_there() -> None:
 
 @pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda e: e.name)
 def test_an_effect_is_whole(effect: Effect) -> None:
-    assert all((effect.text, effect.needs, effect.equations, effect.scopes))
-    assert all(name in EFFECTS for name in effect.confused)
+    assert all((effect.text, effect.needs, effect.equations, effect.activations))
+    assert all(name in EFFECTS for name in effect.confusables)
     for p in effect.parameters:
         low, high = p.bounds()
-        assert low <= p.inner_neutral <= high
-        assert all(entry in INDEX for entry in p.entries)
-        assert not p.material(p.inner_neutral)
+        assert low <= p.theta_neutral <= high
+        assert all(entry in INDEX for entry in p.targets)
+        assert not p.is_material(p.theta_neutral)
         for start in p.starts:
-            assert low <= p.inner(start) <= high
-            assert p.value(p.inner(start)) == pytest.approx(start)
+            assert low <= p.theta(start) <= high
+            assert p.value(p.theta(start)) == pytest.approx(start)
 
 
 @pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda e: e.name)
 def test_neutral_adds_nothing_and_anything_else_something(
     likelihood: Likelihood, effect: Effect
 ) -> None:
-    none = np.zeros(FIRST_OPEN)
+    none = np.zeros(N_FIXED_NUISANCES)
     before = likelihood.residuals(none, [])
-    np.testing.assert_allclose(likelihood.residuals(none, [neutral(effect)]), before, atol=1e-9)
+    np.testing.assert_allclose(likelihood.residuals(none, [inactive_effect(effect)]), before, atol=1e-9)
     for j, p in enumerate(effect.parameters):
-        inner = [q.inner_neutral for q in effect.parameters]
-        inner[j] = p.inner(p.starts[-1]) if p.starts else p.inner_neutral + 10.0 * p.step
-        after = likelihood.residuals(none, [Active(effect, tuple(inner))])
+        inner = [q.theta_neutral for q in effect.parameters]
+        inner[j] = p.theta(p.starts[-1]) if p.starts else p.theta_neutral + 10.0 * p.step
+        after = likelihood.residuals(none, [ActiveEffect(effect, tuple(inner))])
         assert np.abs(after - before).max() > 0.1, p.name
 
 
-def test_a_gate_limits_an_effect_to_a_time(course: Course, likelihood: Likelihood) -> None:
-    none = np.zeros(FIRST_OPEN)
+def test_a_gate_limits_an_effect_to_a_time(course: ResidualProblem, likelihood: Likelihood) -> None:
+    none = np.zeros(N_FIXED_NUISANCES)
     before = likelihood.residuals(none, [])
-    late = Active(EFFECTS["imu_bias"], (0.5, 0.0, 0.0), Gate(onset_s=20.0))
+    late = ActiveEffect(EFFECTS["imu_bias"], (0.5, 0.0, 0.0), Activation(onset_s=20.0))
     change = (likelihood.residuals(none, [late]) - before)[: course.bins]
     assert np.abs(change[course.bin_s < 18.0]).max() < 1e-6
     assert np.abs(change[course.bin_s > 22.0]).min() > 1.0
 
 
-def test_intervals_of_a_place(course: Course) -> None:
+def test_intervals_of_a_place(course: ResidualProblem) -> None:
     distance = (course.middle_s * 22.0) % 220.0
-    gate = Gate(stretches=((44.0, 88.0),), lap=220.0, distance=distance)
+    gate = Activation(stretches=((44.0, 88.0),), lap=220.0, distance=distance)
     assert gate.kind == "place"
     intervals = gate.intervals(course)
     assert len(intervals) == 4
     np.testing.assert_allclose(intervals[1], [12.0, 14.0], atol=0.02)
     # Across the lap's beginning.
-    gate = Gate(stretches=((198.0, 242.0),), lap=220.0, distance=distance)
+    gate = Activation(stretches=((198.0, 242.0),), lap=220.0, distance=distance)
     np.testing.assert_allclose(gate.intervals(course)[1], [9.0, 11.0], atol=0.02)
 
 
 def test_its_variables_go_out_and_in() -> None:
-    gate = Gate(stretches=((1.0, 2.0), (5.0, 6.0)), lap=10.0, distance=np.zeros(1))
+    gate = Activation(stretches=((1.0, 2.0), (5.0, 6.0)), lap=10.0, distance=np.zeros(1))
     assert gate.variables() == [1.0, 2.0, 5.0, 6.0]
     assert gate.with_variables([1.5, 2.0, 5.0, 7.0]).stretches == ((1.5, 2.0), (5.0, 7.0))
-    assert Gate(onset_s=3.0).with_variables([4.0]).onset_s == 4.0
+    assert Activation(onset_s=3.0).with_variables([4.0]).onset_s == 4.0
 
 
 def test_stretches_that_pay() -> None:
     gain = np.array([-1.0, 30.0, 0.0, 30.0, -1.0, -50.0, 0.5, -1.0, 40.0, 40.0])
-    mask = best_mask(gain, 16.0)
+    mask = optimal_segmentation(gain, 16.0)
     # What says nothing between two that pay joins them; one that pays less than a stretch is left.
     np.testing.assert_array_equal(np.flatnonzero(mask), [0, 1, 2, 3, 8, 9])
-    assert stretches(mask, 100.0) == ((80.0, 140.0),)
-    assert not best_mask(-np.ones(10), 16.0).any()
-    assert best_mask(np.ones(40), 16.0).all()
+    assert segments_of_mask(mask, 100.0) == ((80.0, 140.0),)
+    assert not optimal_segmentation(-np.ones(10), 16.0).any()
+    assert optimal_segmentation(np.ones(40), 16.0).all()
 
 
 def test_a_bias_below_what_is_worth_a_name_is_tolerance(likelihood: Likelihood) -> None:
-    none = np.zeros(FIRST_OPEN)
-    course = likelihood.course
+    none = np.zeros(N_FIXED_NUISANCES)
+    course = likelihood.problem
     imu = course.evidence.imu + np.array([0.012, 0.0, 0.0])
-    shifted = replace(likelihood, course=replace(
+    shifted = replace(likelihood, problem=replace(
         course, evidence=replace(course.evidence, imu=imu)
     ))
     off = none.copy()
-    off[len(TOLERANCES) + list(OFFSETS).index("bias_a_x")] = 0.012
+    off[len(TOLERANCE_PARAMETERS) + list(SENSOR_OFFSETS).index("bias_a_x")] = 0.012
     np.testing.assert_allclose(
         shifted.residuals(off, []), likelihood.residuals(none, []), atol=1e-6
     )
     for parameter, most in zip(
-        EFFECTS["imu_bias"].parameters, likelihood.nuisance_bounds()[len(TOLERANCES) :],
+        EFFECTS["imu_bias"].parameters, likelihood.nuisance_bounds()[len(TOLERANCE_PARAMETERS) :],
         strict=False,
     ):
-        assert most < parameter.least
+        assert most < parameter.materiality_threshold
 
 
 def test_less_is_asked_of_a_stand_in_that_meets_its_simulator() -> None:
-    plain = Hypothesis((), np.zeros(FIRST_OPEN), 1000.0)
-    good, poor = Search(noise=1000.0, own=10.0), Search(noise=1000.0, own=2000.0)
-    assert required(plain, good) < 50.0
-    assert required(plain, poor) > 200.0
+    plain = Hypothesis((), np.zeros(N_FIXED_NUISANCES), 1000.0)
+    good, poor = SelectionPath(expected_loss=1000.0, surrogate_error_dof=10.0), SelectionPath(expected_loss=1000.0, surrogate_error_dof=2000.0)
+    assert min_required_gain(plain, good) < 50.0
+    assert min_required_gain(plain, poor) > 200.0
 
 
 def test_a_slope_begins_gradually_and_wetness_at_once() -> None:
     distance = np.linspace(0.0, 300.0, 3001)
-    sharp = at_stretches(distance, ((100.0, 200.0),), 300.0)
-    soft = at_stretches(distance, ((100.0, 200.0),), 300.0, 18.0)
+    sharp = inside_segments(distance, ((100.0, 200.0),), 300.0)
+    soft = inside_segments(distance, ((100.0, 200.0),), 300.0, 18.0)
     assert sharp[1040] > 0.95 > soft[1040] > 0.5
     assert soft[1000] == pytest.approx(0.5, abs=0.01)
-    assert set(GRADUAL) == {"road_grade", "road_bank"}
+    assert set(GRADUAL_EDGE_WIDTHS) == {"road_grade", "road_bank"}

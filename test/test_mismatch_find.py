@@ -14,24 +14,24 @@ import yaml
 from mismatch_tools import case
 
 from adk_ros.mismatch.answer import as_dict, write_report
-from adk_ros.mismatch.findings import Findings
-from adk_ros.mismatch.investigate import investigate
-from adk_ros.mismatch.model_file import load_stand_in
-from adk_ros.mismatch.open_loop import Roller, errors_ahead, start_times
+from adk_ros.mismatch.findings import MismatchResult
+from adk_ros.mismatch.investigate import identify_mismatch
+from adk_ros.mismatch.model_file import load_surrogate
+from adk_ros.mismatch.open_loop import OpenLoopPredictor, horizon_rmse, start_times_of
 from adk_ros.mismatch.report.sentence import sentence
 
 DRAG = 1.0
 
 
 @cache
-def drag() -> Findings:
+def drag() -> MismatchResult:
     c = case("aero_drag", cda=DRAG)
-    return investigate(c.simulation, c.recording, c.nominal)
+    return identify_mismatch(c.simulation, c.recording, c.nominal)
 
 
 def test_nothing_is_found_where_nothing_is() -> None:
     c = case()
-    findings = investigate(c.simulation, c.recording, c.nominal)
+    findings = identify_mismatch(c.simulation, c.recording, c.nominal)
     assert findings.verdict == "none"
     assert findings.effects == []
     assert "Nothing material" in sentence(findings)
@@ -70,7 +70,7 @@ def test_the_corrected_model_predicts_the_held_out_drive(tmp_path: Path) -> None
     write_report(drag(), tmp_path / "report")
     heldout = case("aero_drag", cda=DRAG).heldout
     before, after = (
-        errors_ahead(load_stand_in(tmp_path / "report" / name).content, heldout, 1.0, 2.0)
+        horizon_rmse(load_surrogate(tmp_path / "report" / name).content, heldout, 1.0, 2.0)
         for name in ("simulation.yaml", "corrected.yaml")
     )
     assert after[0] < 0.3 * before[0]
@@ -79,20 +79,20 @@ def test_the_corrected_model_predicts_the_held_out_drive(tmp_path: Path) -> None
 
 def test_a_prediction_uses_nothing_after_its_start(tmp_path: Path) -> None:
     write_report(drag(), tmp_path / "report")
-    model = load_stand_in(tmp_path / "report" / "corrected.yaml").content
+    model = load_surrogate(tmp_path / "report" / "corrected.yaml").content
     whole = case("aero_drag", cda=DRAG).heldout
     starts = np.array([4.0, 5.0])
-    known = Roller(model, whole).predict(starts, 40)
+    known = OpenLoopPredictor(model, whole).predict(starts, 40)
     cut = whole.between(0.0, 5.0 + 1e-9)
     # The commands stay known.
     cut = type(whole)(
         cut.name, whole.duration_s, cut.imu_s, cut.imu, cut.odometry_s, cut.odometry, cut.pose,
         whole.command_s, whole.command,
     )
-    np.testing.assert_array_equal(Roller(model, cut).predict(starts, 40), known)
+    np.testing.assert_array_equal(OpenLoopPredictor(model, cut).predict(starts, 40), known)
 
 
 def test_starts_are_on_the_grid_of_ticks() -> None:
-    starts = start_times(case().heldout, 40, 0.5, 2.0)
+    starts = start_times_of(case().heldout, 40, 0.5, 2.0)
     np.testing.assert_allclose(starts, 2.0 + 0.5 * np.arange(starts.size), atol=1e-9)
     assert starts[-1] + 1.0 <= 30.1

@@ -13,20 +13,20 @@ from mismatch_tools import case
 
 from adk_ros.bench.concealed.bars import FAIL, PASS
 from adk_ros.bench.concealed.real import (
-    Asked,
-    calibrated,
-    real_bars,
+    AblationResult,
+    ablation_criteria,
+    calibrate_surrogate,
     removals,
     with_torque,
 )
-from adk_ros.bench.concealed.score import Score, score
+from adk_ros.bench.concealed.score import CaseResult, score_case
 from adk_ros.bench.paper.av21 import find_recordings
 from adk_ros.errors import DataError
-from adk_ros.mismatch.evidence import Evidence
+from adk_ros.mismatch.evidence import SensorLog
 from adk_ros.mismatch.parameters import INDEX
 
 
-def with_pedal(e: Evidence, full: float = 3000.0) -> Evidence:
+def with_pedal(e: SensorLog, full: float = 3000.0) -> SensorLog:
     return replace(e, command=e.command * np.array([1.0 / full, 1.0]))
 
 
@@ -42,7 +42,7 @@ def test_a_pedal_is_made_the_torque_that_it_was() -> None:
 
 
 def test_a_term_is_taken_out_of_what_was_calibrated() -> None:
-    done = calibrated(with_pedal(case().recording), case().nominal)
+    done = calibrate_surrogate(with_pedal(case().recording), case().nominal)
     (said,) = done.notes
     assert "full brake" in said
     assert done.stand_in.error[[0, 3]].max() < 0.2
@@ -54,14 +54,14 @@ def test_a_term_is_taken_out_of_what_was_calibrated() -> None:
     label = steering.label(0.0, 10.0)
     (effect,) = label["effects"]
     assert effect["params"]["scale"] == pytest.approx(1.0 + done.stand_in.parameters[i] / 3.0)
-    assert score("x", label, {"verdict": "none"}).kind == "single"
+    assert score_case("x", label, {"verdict": "none"}).kind == "single"
 
 
 def test_bars_by_what_was_removed() -> None:
-    def asked(removed: str, right: float, best: str) -> Asked:
-        return Asked("a", removed, Score("a", "single", right, right, "", removed), best, 0.1)
+    def asked(removed: str, right: float, best: str) -> AblationResult:
+        return AblationResult("a", removed, CaseResult("a", "single", right, right, "", removed), best, 0.1)
 
-    nothing, drag = real_bars(
+    nothing, drag = ablation_criteria(
         [asked("", 1.0, "cg_shift"), asked("aero_drag", 1.0, "aero_drag"),
          asked("aero_drag", 0.0, "aero_drag")]
     )  # fmt: skip

@@ -21,14 +21,14 @@ from adk_ros.cli.main import main
 from adk_ros.errors import UsageError
 from adk_ros.mismatch import answer
 from adk_ros.mismatch.answer import as_dict, write_report
-from adk_ros.mismatch.findings import Findings
+from adk_ros.mismatch.findings import MismatchResult
 from adk_ros.mismatch.report.page import FIGURES, write_page
 from adk_ros.mismatch.report.sentence import sentence
-from adk_ros.report_folder import check_folder
+from adk_ros.report_folder import check_output_folder
 
 VOID = {"meta", "img", "br"}
 ALWAYS = {"map.png", "timeline.png", "errors.png", "remains.png"}
-MADE: dict[str, Callable[[], Findings]] = {
+MADE: dict[str, Callable[[], MismatchResult]] = {
     "none": findings, "drag": drag, "bank": bank, "late": late, "odd": lambda: odd(found()),
 }
 
@@ -138,7 +138,7 @@ def test_none_says_so_and_claims_no_evidence(folders: dict[str, Path]) -> None:
 
 def test_where_little_could_be_found_nothing_is_vouched_for(tmp_path: Path) -> None:
     base = MADE["none"]()
-    off = replace(base, stand_in_error=base.stand_in_error | {"v_x": 0.1})
+    off = replace(base, surrogate_error=base.surrogate_error | {"v_x": 0.1})
     write_report(off, tmp_path / "off")
     text = Page(tmp_path / "off" / "report.html").text
     assert "The simulation stands for the car as it is" not in text
@@ -200,7 +200,7 @@ def test_a_report_replaces_an_earlier_one_and_nothing_else(tmp_path: Path) -> No
 def test_interrupted_it_leaves_no_half_report(
     error: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def stop(what: Findings, out: Path) -> Path:
+    def stop(what: MismatchResult, out: Path) -> Path:
         (out / "map.png").write_bytes(b"half")
         raise error
 
@@ -225,8 +225,8 @@ def test_a_folder_that_cannot_be_written_is_one_line(
         with pytest.raises(UsageError, match="cannot be written"):
             write_report(findings(), out)
         with pytest.raises(UsageError, match=r"is a file; name another folder for --out"):
-            check_folder(out)
-    check_folder(tmp_path / "a" / "b")
+            check_output_folder(out)
+    check_output_folder(tmp_path / "a" / "b")
     # Said before anything is read, let alone computed.
     bags = ["--simulation", str(tmp_path / "no"), "--recording", str(tmp_path / "no")]
     assert main(["mismatch", *bags, "--out", str(file / "report")]) == 2

@@ -10,26 +10,26 @@ import numpy as np
 import pytest
 from mismatch_report_tools import LAP, NOISE, bank, drag, findings, found, late, odd, series
 
-from adk_ros.mismatch.ambiguity import Rival
+from adk_ros.mismatch.ambiguity import CompetingEffect
 from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.likelihood import neutral
-from adk_ros.mismatch.manoeuvres import Separation
+from adk_ros.mismatch.likelihood import inactive_effect
+from adk_ros.mismatch.manoeuvres import Discriminability
 from adk_ros.mismatch.report import tables
 from adk_ros.mismatch.report.explain import (
     BINS,
     EXPLAINS,
     PLACE_BINS,
     VARIABLES,
-    during,
-    effect_trend,
-    piece_trend,
+    active_bins,
+    effect_residual_trend,
+    feature_residual_trend,
 )
-from adk_ros.mismatch.report.where_figures import inside, line_of, over_noise
-from adk_ros.mismatch.report.words import MEASURED
+from adk_ros.mismatch.report.where_figures import inside, line_of, residual_to_noise
+from adk_ros.mismatch.report.words import CHANNEL_TEXTS
 
 
 def test_drag_is_shown_by_the_accelerometer_against_speed_squared() -> None:
-    item = effect_trend(drag().series, drag().effects[0])
+    item = effect_residual_trend(drag().series, drag().effects[0])
     assert item.channel == "imu_a_x"
     assert item.label.startswith("speed squared")
     assert item.at.size == BINS
@@ -44,18 +44,18 @@ def test_drag_is_shown_by_the_accelerometer_against_speed_squared() -> None:
 def test_of_several_each_is_shown_less_itself_alone() -> None:
     plain = drag().series
     alone = replace(plain, without={"aero_drag": 2.0 * plain.before})
-    item, both = (effect_trend(s, drag().effects[0]) for s in (plain, alone))
+    item, both = (effect_residual_trend(s, drag().effects[0]) for s in (plain, alone))
     np.testing.assert_allclose(both.before, 2.0 * item.before)
     np.testing.assert_allclose(both.after, item.after)
     rest = odd().unexplained
     assert rest is not None
-    piece = rest.pieces[0]
+    piece = rest.terms[0]
     named = replace(odd().series, without={"yaw_rate:yaw_rate_per_speed": plain.after})
-    assert np.abs(piece_trend(named, piece).before).max() < 0.1
+    assert np.abs(feature_residual_trend(named, piece).before).max() < 0.1
 
 
 def test_a_place_is_shown_along_the_lap() -> None:
-    item = effect_trend(bank().series, bank().effects[0])
+    item = effect_residual_trend(bank().series, bank().effects[0])
     assert item.channel == "v_y"
     assert item.at.size == PLACE_BINS
     there = (item.at > 110.0) & (item.at < 190.0)
@@ -65,28 +65,28 @@ def test_a_place_is_shown_along_the_lap() -> None:
 
 def test_an_onset_leaves_out_what_was_before_it() -> None:
     f = late()
-    item = effect_trend(f.series, f.effects[0])
+    item = effect_residual_trend(f.series, f.effects[0])
     assert item.channel == "imu_yaw_rate"
     assert item.label.startswith("change of the commanded wheel angle")
-    assert np.count_nonzero(during(f.series, [[60.0, 120.0]])) == 1500
+    assert np.count_nonzero(active_bins(f.series, [[60.0, 120.0]])) == 1500
 
 
 def test_where_the_table_is_silent_the_best_variable_is_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.delitem(EXPLAINS, "aero_drag")
-    item = effect_trend(drag().series, found())
+    item = effect_residual_trend(drag().series, found())
     assert item.label in {VARIABLES["speed_squared"].label, VARIABLES["speed"].label}
 
 
 def test_a_remainder_is_shown_against_its_feature() -> None:
     rest = odd().unexplained
     assert rest is not None
-    item = piece_trend(odd().series, rest.pieces[0])
+    item = feature_residual_trend(odd().series, rest.terms[0])
     assert item.channel == "imu_yaw_rate"
     assert "r / v_x (1/m)" in item.label
-    constant = replace(rest.pieces[0], feature="constant")
-    assert piece_trend(odd().series, constant).label == "time (s)"
+    constant = replace(rest.terms[0], feature="constant")
+    assert feature_residual_trend(odd().series, constant).label == "time (s)"
 
 
 def test_variables_are_finite() -> None:
@@ -98,7 +98,7 @@ def test_variables_are_finite() -> None:
 
 def test_noise_is_one_and_laps_lie_over_each_other() -> None:
     s = series()
-    assert over_noise(s.after, s.noise).mean() == pytest.approx(1.0, abs=0.03)
+    assert residual_to_noise(s.after, s.noise).mean() == pytest.approx(1.0, abs=0.03)
     x, y, value = line_of(s, s.time_s)
     assert x.size == y.size == value.size == 151
     assert x[0] == x[-1]
@@ -110,7 +110,7 @@ def test_noise_is_one_and_laps_lie_over_each_other() -> None:
 
 
 def test_rivals_are_said_to_tie_or_why_they_lost() -> None:
-    tied, lost = tables.rival_rows(drag().effects[0])
+    tied, lost = tables.competitor_rows(drag().effects[0])
     assert tied[0] == "wind along the road"
     assert "-4 m/s" in tied[1]
     assert tied[2] == "100 %"
@@ -131,14 +131,14 @@ def test_tables_say_the_findings() -> None:
     (group,) = tables.group_rows(drag())
     assert group[0] == "air drag or wind along the road"
     assert "the same straight in both directions" in group[2]
-    rows = tables.remains_rows(2.0 * NOISE, NOISE, NOISE)
+    rows = tables.unexplained_rows(2.0 * NOISE, NOISE, NOISE)
     assert rows[0] == ["a_x, IMU (m/s2)", "0.04", "0.02", "0.02", "1.00"]
-    assert len(tables.stand_in_rows(drag())) == 6
+    assert len(tables.surrogate_rows(drag())) == 6
 
 
 def test_what_no_manoeuvre_tells_is_to_be_measured() -> None:
-    pair = Separation("aero_drag", "headwind", "steps of torque", 18.0, 9)
-    untold = replace(drag(), groups=[["drive_torque_gain", "wheel_radius"]], separations=[
+    pair = Discriminability("aero_drag", "headwind", "steps of torque", 18.0, 9)
+    untold = replace(drag(), groups=[["drive_torque_gain", "wheel_radius"]], discriminability=[
         replace(pair, of="drive_torque_gain", other="wheel_radius"),
     ])
     (group,) = tables.group_rows(untold)
@@ -146,14 +146,14 @@ def test_what_no_manoeuvre_tells_is_to_be_measured() -> None:
     assert "dynamometer" in group[2]
     assert "turns of the wheel" in group[2]
     assert "step steers" not in group[2]
-    told = replace(drag(), separations=[replace(pair, loss=500.0)])
+    told = replace(drag(), discriminability=[replace(pair, loss=500.0)])
     assert "the same straight in both directions" in tables.group_rows(told)[0][2]
-    assert set(MEASURED) <= set(EFFECTS)
+    assert set(CHANNEL_TEXTS) <= set(EFFECTS)
 
 
 def test_a_rival_that_ends_at_nothing_shows_no_figure() -> None:
-    idle = Rival("aero_drag", "power_limit", 2e4, neutral(EFFECTS["power_limit"]), False)
-    shown = tables.rival_rows(replace(found(), rivals=(idle,)))
+    idle = CompetingEffect("aero_drag", "power_limit", 2e4, inactive_effect(EFFECTS["power_limit"]), False)
+    shown = tables.competitor_rows(replace(found(), competitors=(idle,)))
     assert shown[0][:2] == ["power limit", "next to nothing of it"]
 
 

@@ -13,23 +13,23 @@ from mismatch_report_tools import bank, drag, findings, found, late, odd
 from adk_ros.mismatch.answer import as_dict, where_text
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.effect import PLACE
-from adk_ros.mismatch.findings import Interval, Lack
+from adk_ros.mismatch.findings import Interval, MissingChannel
 from adk_ros.mismatch.report.explain import EXPLAINS
 from adk_ros.mismatch.report.sentence import (
+    activation_text,
     interval_text,
     number,
     pair_text,
     sentence,
-    where_words,
 )
 from adk_ros.mismatch.report.tables import error_rows
-from adk_ros.mismatch.report.words import WORDS, Quantity, listed, quantity, title
+from adk_ros.mismatch.report.words import EFFECT_VOCABULARY, Quantity, listed, quantity, title
 
 
 def test_every_effect_of_the_catalogue_has_words() -> None:
-    assert set(WORDS) == set(EFFECTS)
+    assert set(EFFECT_VOCABULARY) == set(EFFECTS)
     for name, effect in EFFECTS.items():
-        assert set(WORDS[name].quantities) == {p.name for p in effect.parameters}
+        assert set(EFFECT_VOCABULARY[name].quantities) == {p.name for p in effect.parameters}
         assert "_" not in title(name)
 
 
@@ -59,7 +59,7 @@ def test_nothing_is_said_plainly() -> None:
 
 def test_nothing_is_not_said_plainly_where_the_simulation_was_not_met() -> None:
     plain = findings()
-    off = replace(plain, stand_in_error=plain.stand_in_error | {"v_x": 0.1})
+    off = replace(plain, surrogate_error=plain.surrogate_error | {"v_x": 0.1})
     said = sentence(off)
     assert "Nothing material" not in said
     assert "misses the simulation's own recording in v_x, odometry (0.1 m/s)," in said
@@ -73,25 +73,25 @@ def test_a_place_and_an_onset_are_said() -> None:
 
 
 def test_a_stretch_over_the_laps_end_stays_within_the_lap() -> None:
-    one = replace(bank().effects[0], stretches=((550.0, 640.0), (100.0, 200.0)), lap_m=600.0)
+    one = replace(bank().effects[0], segments=((550.0, 640.0), (100.0, 200.0)), lap_m=600.0)
     said = "100 to 200 m and 550 m over the start to 40 m"
-    assert where_words(one) == f"at {said} of every lap"
+    assert activation_text(one) == f"at {said} of every lap"
     assert where_text(one).startswith("at a place: 100 to 200 m, 550 m over the start to 40 m")
-    before = replace(one, stretches=((-50.0, 40.0),))
-    assert where_words(before) == "at 550 m over the start to 40 m of every lap"
+    before = replace(one, segments=((-50.0, 40.0),))
+    assert activation_text(before) == "at 550 m over the start to 40 m of every lap"
 
 
 def test_what_lacks_is_said_and_what_is_not_judged_is_no_number() -> None:
-    lacks = [Lack("an IMU", "no IMU"), Lack("a torque command", "a pedal")]
+    lacks = [MissingChannel("an IMU", "no IMU"), MissingChannel("a torque command", "a pedal")]
     plain = findings()
-    narrow = replace(plain, lacking=lacks, before=plain.before | {"v_x": np.nan})
+    narrow = replace(plain, missing_channels=lacks, before=plain.before | {"v_x": np.nan})
     assert sentence(narrow).endswith(
         "(1 s yaw rate error 0.005 rad/s). The recording is judged without an IMU and a torque "
         "command."
     )
     told = odd()
     nothing = {"v_x": np.nan}
-    told = replace(told, before=told.before | nothing, after=told.after | nothing, lacking=lacks)
+    told = replace(told, before=told.before | nothing, after=told.after | nothing, missing_channels=lacks)
     assert "the 1 s yaw rate error falls from 0.0050 to 0.0010 rad/s." in sentence(told)
     assert error_rows(told)[0] == ["speed (m/s)", "not judged", "", ""]
     assert as_dict(told)["fit"]["before"]["v_x"] is None
@@ -133,7 +133,7 @@ def test_the_unknown_is_said_with_its_formula_and_what_is_known_beside_it() -> N
                          "(0.88 to 0.97).")
     bare = odd()
     assert bare.unexplained is not None
-    nothing = replace(bare, unexplained=replace(bare.unexplained, pieces=(), expression=""))
+    nothing = replace(bare, unexplained=replace(bare.unexplained, terms=(), expression=""))
     assert "explains: yaw acceleration against relative wheel-speed" in sentence(nothing)
 
 
@@ -159,4 +159,4 @@ def test_digits_follow_the_interval() -> None:
 def test_the_table_of_what_explains_knows_every_effect_that_is_not_only_at_a_place() -> None:
     assert set(EXPLAINS) <= set(EFFECTS)
     for name in set(EFFECTS) - set(EXPLAINS):
-        assert EFFECTS[name].scopes == (PLACE,)
+        assert EFFECTS[name].activations == (PLACE,)

@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from mismatch_tools import case
 
-from adk_ros.bench.concealed.open_equations import OpenEquations, open_equations, slopes
+from adk_ros.bench.concealed.open_equations import EquationErrors, equation_errors, slopes
 from adk_ros.bench.concealed.rival_worker import METHODS
-from adk_ros.bench.concealed.rivals import MEANS, OURS, Rivals, matches, named
-from adk_ros.bench.concealed.score import Score
-from adk_ros.bench.concealed.tables import beside_markdown, besides
+from adk_ros.bench.concealed.rivals import MEANS, OURS, Baselines, matches, named
+from adk_ros.bench.concealed.score import CaseResult
+from adk_ros.bench.concealed.tables import baseline_results, baselines_markdown
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.model_file import content_of, load_stand_in
+from adk_ros.mismatch.model_file import load_surrogate, surrogate_yaml
 from adk_ros.signals.channels import STATE_NAMES
 
 DRAG = {"effect": "aero_drag", "parameters": {"cda": 1.0}}
@@ -49,8 +49,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report's models: the nominal car, and the same with drag."""
     folder = tmp_path_factory.mktemp("report")
     vector = case().nominal.parameters()
-    (folder / "simulation.yaml").write_text(content_of(vector))
-    (folder / "held_out.yaml").write_text(content_of(vector, terms=[DRAG]))
+    (folder / "simulation.yaml").write_text(surrogate_yaml(vector))
+    (folder / "held_out.yaml").write_text(surrogate_yaml(vector, terms=[DRAG]))
     return folder
 
 
@@ -64,7 +64,7 @@ def test_slopes_are_slopes() -> None:
 def test_a_term_changes_its_own_equation_by_what_it_is(report: Path) -> None:
     recording = case("aero_drag", cda=1.0).recording
     plain, better = (
-        open_equations(recording, load_stand_in(report / name).content)
+        equation_errors(recording, load_surrogate(report / name).content)
         for name in ("simulation.yaml", "held_out.yaml")
     )
     speed = plain.features[:, plain.names.index("speed")]
@@ -79,22 +79,22 @@ def test_a_term_changes_its_own_equation_by_what_it_is(report: Path) -> None:
 
 
 def test_a_feature_that_is_corrected_is_gone(report: Path) -> None:
-    model = load_stand_in(report / "simulation.yaml").content
-    text = content_of(model.vector(), correction=[
+    model = load_surrogate(report / "simulation.yaml").content
+    text = surrogate_yaml(model.vector(), correction=[
         {"equation": "yaw_rate", "feature": "constant", "coefficient": 0.5}
     ])  # fmt: skip
     (report / "constant.yaml").write_text(text)
-    more = load_stand_in(report / "constant.yaml").content
+    more = load_surrogate(report / "constant.yaml").content
     recording = case().recording
-    change = open_equations(recording, model).residuals - open_equations(recording, more).residuals
+    change = equation_errors(recording, model).residuals - equation_errors(recording, more).residuals
     # The yaw rate is drawn to its measurement, so that other equations feel little of it.
     assert np.median(change[:, 2]) == pytest.approx(0.5, abs=0.15)
 
 
-def equations() -> OpenEquations:
+def equations() -> EquationErrors:
     n = 400
     features = np.ones((n, len(FEATURES)))
-    return OpenEquations(
+    return EquationErrors(
         np.arange(float(n)), tuple(FEATURES), features, np.zeros((n, 3)), np.ones(3)
     )
 
@@ -126,9 +126,9 @@ def test_all_are_asked_for_the_same(report: Path, tmp_path: Path) -> None:
     worker.write_text(textwrap.dedent(STAND_IN))
     label: dict[str, Any] = {"effects": [{"name": "aero_drag"}]}
     answer = {"verdict": "explained", "effects": [{"name": "aero_drag"}]}
-    rivals = Rivals(Path(sys.executable), worker)
+    rivals = Baselines(Path(sys.executable), worker)
     try:
-        rows = rivals.beside(case("aero_drag", cda=1.0).recording, report, label, answer)
+        rows = rivals.compare_baselines(case("aero_drag", cda=1.0).recording, report, label, answer)
     finally:
         rivals.close()
     assert [row["method"] for row in rows] == [OURS, *METHODS]
@@ -142,20 +142,20 @@ def test_all_are_asked_for_the_same(report: Path, tmp_path: Path) -> None:
     assert by_method["gplearn"]["removed"]["v_x"] == 0.0
     json.dumps(rows)
     scores = [
-        Score("a", "single", 1.0, 1.0, "aero_drag", "aero_drag", beside=rows),
-        Score("b", "none", 1.0, 1.0, "none", "none", beside=[
+        CaseResult("a", "single", 1.0, 1.0, "aero_drag", "aero_drag", baselines=rows),
+        CaseResult("b", "none", 1.0, 1.0, "none", "none", baselines=[
             {**row, "right": False, "telling": ""} for row in rows
         ]),
     ]  # fmt: skip
-    _, table = besides(scores)
+    _, table = baseline_results(scores)
     assert table[0][:3] == [OURS, "100 % of 1", "0 % of 1"]
     assert table[3][1] == "names nothing"
-    assert beside_markdown(scores).count("\n") == 3 + len(rows) + 2 + 2 * len(rows)
-    assert beside_markdown([replace(scores[0], beside=[])]) == ""
+    assert baselines_markdown(scores).count("\n") == 3 + len(rows) + 2 + 2 * len(rows)
+    assert baselines_markdown([replace(scores[0], baselines=[])]) == ""
 
 
 def test_an_environment_without_them_is_said(report: Path) -> None:
     """The real worker, under a Python that has none of the libraries."""
-    rivals = Rivals(Path(sys.executable))
+    rivals = Baselines(Path(sys.executable))
     with pytest.raises(UsageError, match="run `make peers`"):
-        rivals.beside(case().recording, report, {"effects": []}, {"verdict": "none"})
+        rivals.compare_baselines(case().recording, report, {"effects": []}, {"verdict": "none"})

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from adk_ros.bench.concealed.score import overlap, score
+from adk_ros.bench.concealed.score import overlap, score_case
 
 
 def label(*effects: str, kind: str = "always", **params: float) -> dict[str, Any]:
@@ -42,12 +42,12 @@ def answer(verdict: str, *effects: str, **alternatives: list[str]) -> dict[str, 
     ],
 )
 def test_names(truth: dict[str, Any], said: dict[str, Any], right: float, f1: float) -> None:
-    result = score("x", truth, said)
+    result = score_case("x", truth, said)
     assert (result.right, result.f1) == pytest.approx((right, f1))
 
 
 def test_parameters_and_times() -> None:
-    result = score(
+    result = score_case(
         "x", label("aero_drag", kind="place", cda=1.0), answer("explained", "aero_drag")
     )
     assert result.errors["aero_drag.cda"] == pytest.approx(0.1)
@@ -84,11 +84,11 @@ def test_what_is_unlisted_has_to_be_described(
     equations: list[str], text: str, right: bool
 ) -> None:
     said = answer("unknown") | {"unexplained": {"equations": equations, "text": text}}
-    result = score("x", LOCKED, said)
+    result = score_case("x", LOCKED, said)
     assert result.described is right
     assert result.right == float(right)
 
 
 def test_strength_and_plant_are_the_labels() -> None:
-    result = score("x", label("gyro_scale") | {"strength": 0.3, "plant": "p"}, answer("none"))
+    result = score_case("x", label("gyro_scale") | {"strength": 0.3, "plant": "p"}, answer("none"))
     assert (result.strength, result.plant, result.correctable) == (0.3, "p", False)

@@ -17,12 +17,12 @@ from adk_ros.bench.concealed.case_files import write_evidence
 from adk_ros.cli.main import main
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.findings import EXPLAINED
-from adk_ros.mismatch.investigate import investigate
-from adk_ros.mismatch.model_file import content_of
-from adk_ros.mismatch.nominal import load_nominal, nominal_of
-from adk_ros.mismatch.parameters import usual
-from adk_ros.mismatch.simulator import drive_vehicle, load_simulator, manner
-from adk_ros.mismatch.standin import StandIn
+from adk_ros.mismatch.investigate import identify_mismatch
+from adk_ros.mismatch.model_file import surrogate_yaml
+from adk_ros.mismatch.nominal import load_nominal_vehicle, nominal_vehicle_of
+from adk_ros.mismatch.parameters import default_parameters
+from adk_ros.mismatch.simulator import driving_envelope, load_simulator, simulate_matched_drive
+from adk_ros.mismatch.standin import SurrogateModel
 from adk_ros.plant.params import Vehicle, load_vehicle
 
 
@@ -32,26 +32,26 @@ def vehicle() -> Vehicle:
 
 def test_a_vehicle_is_driven_like_the_recording() -> None:
     recording = case().recording
-    made, asked = manner(drive_vehicle(vehicle(), recording)), manner(recording)
+    made, asked = driving_envelope(simulate_matched_drive(vehicle(), recording)), driving_envelope(recording)
     assert 0.95 < made.top / asked.top < 1.2
     assert 0.9 < made.lateral / asked.lateral < 2.0
     assert made.forward > 0.8 * asked.forward
     assert made.braking > 0.8 * asked.braking
-    again = drive_vehicle(vehicle(), recording)
-    np.testing.assert_array_equal(again.imu, drive_vehicle(vehicle(), recording).imu)
+    again = simulate_matched_drive(vehicle(), recording)
+    np.testing.assert_array_equal(again.imu, simulate_matched_drive(vehicle(), recording).imu)
 
 
 def test_drag_that_a_vehicle_file_lacks_is_found() -> None:
     plain = vehicle()
     real = plain.model_copy(update={"cda": plain.cda + 1.0})
-    driven = drive_vehicle(real, case().recording, "recording")
+    driven = simulate_matched_drive(real, case().recording, "recording")
     rng = np.random.default_rng(0)
     noisy = replace(
         driven, imu=driven.imu + np.array([0.06, 0.06, 0.003]) * rng.normal(size=driven.imu.shape),
         odometry=driven.odometry
         + np.array([0.03, 0.03, 0.003]) * rng.normal(size=driven.odometry.shape),
     )  # fmt: skip
-    found = investigate(drive_vehicle(plain, noisy), noisy, nominal_of(plain))
+    found = identify_mismatch(simulate_matched_drive(plain, noisy), noisy, nominal_vehicle_of(plain))
     assert found.verdict == EXPLAINED
     (one,) = found.effects
     assert one.effect.name == "aero_drag"
@@ -60,26 +60,26 @@ def test_drag_that_a_vehicle_file_lacks_is_found() -> None:
 
 def test_the_packages_own_vehicles_are_nominal_ones_too() -> None:
     plain = load_vehicle("imdv")
-    assert load_nominal("imdv") == nominal_of(plain)
+    assert load_nominal_vehicle("imdv") == nominal_vehicle_of(plain)
 
 
 def test_a_vehicle_that_says_of_its_drag_alone_is_a_whole_one(tmp_path: Path) -> None:
     file = tmp_path / "car.yaml"
-    file.write_text(yaml.safe_dump({**nominal_of(vehicle()).model_dump(), "cda": 0.9}))
-    assert load_nominal(file) == nominal_of(vehicle())
+    file.write_text(yaml.safe_dump({**nominal_vehicle_of(vehicle()).model_dump(), "cda": 0.9}))
+    assert load_nominal_vehicle(file) == nominal_vehicle_of(vehicle())
     file.write_text("mas: 1500.0\n")
     with pytest.raises(UsageError, match="mas"):
-        load_nominal(file)
+        load_nominal_vehicle(file)
 
 
 def test_files(tmp_path: Path) -> None:
     file = tmp_path / "simulation.yaml"
-    file.write_text(content_of(usual()))
+    file.write_text(surrogate_yaml(default_parameters()))
     found = load_simulator(file)
-    assert isinstance(found, StandIn)
-    np.testing.assert_allclose(found.parameters, usual())
+    assert isinstance(found, SurrogateModel)
+    np.testing.assert_allclose(found.parameters, default_parameters())
     terms = [{"effect": "aero_drag", "parameters": {"cda": 1.0}}]
-    file.write_text(content_of(usual(), terms=terms))
+    file.write_text(surrogate_yaml(default_parameters(), terms=terms))
     with pytest.raises(UsageError, match=r"give the simulation\.yaml"):
         load_simulator(file)
     with pytest.raises(UsageError, match="is not there"):
@@ -93,7 +93,7 @@ def test_the_command_takes_a_stand_in(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, bag = tmp_path / "simulation.yaml", tmp_path / "recording"
-    file.write_text(content_of(usual()))
+    file.write_text(surrogate_yaml(default_parameters()))
     write_evidence(case().recording, bag)
     given = []
 
@@ -104,7 +104,7 @@ def test_the_command_takes_a_stand_in(
     monkeypatch.setattr("adk_ros.mismatch.investigate.investigate", known)
     arguments = ["mismatch", "--simulation", str(file), "--recording", str(bag)]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
-    assert isinstance(given[0], StandIn)
+    assert isinstance(given[0], SurrogateModel)
     said = capsys.readouterr().out
     page = (tmp_path / "out" / "report.html").read_text()
     assert said.split(";")[0] in page

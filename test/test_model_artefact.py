@@ -23,7 +23,7 @@ from adk_ros.errors import UsageError
 from adk_ros.model import artefact
 from adk_ros.model.artefact import ARRAYS, ENCODER, MANIFEST
 from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.predictor import Predictor
 
 FACTS = {"data": [{"name": "town", "seconds": 60.0}], "seed": 3}
@@ -42,17 +42,17 @@ def folder(written: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(written, tmp_path / "model"))
 
 
-def predictions(model: Model) -> list[np.ndarray]:
+def predictions(model: KoopmanModel) -> list[np.ndarray]:
     predictor = Predictor(model, horizon_steps=20)
     made = [predictor.step(item) for item in slalom(80)]
     return [array for p in made if p is not None for array in (p.horizon, p.covariance)]
 
 
-def paper() -> tuple[bytes, Model]:
+def paper() -> tuple[bytes, KoopmanModel]:
     return program(history=0), paper_model()
 
 
-def without_twin() -> tuple[bytes, Model]:
+def without_twin() -> tuple[bytes, KoopmanModel]:
     content = plain_program(input_size(2))
     return content, make_model(lifting=Lifting(content, input_size(2), 4))
 
@@ -63,7 +63,7 @@ def without_twin() -> tuple[bytes, Model]:
      lambda: (program(history=0), make_model(history=0, residual=False))],
     ids=["default", "paper", "without twin", "not residual"],
 )  # fmt: skip
-def test_there_and_back(made: Callable[[], tuple[bytes, Model]], tmp_path: Path) -> None:
+def test_there_and_back(made: Callable[[], tuple[bytes, KoopmanModel]], tmp_path: Path) -> None:
     content, model = made()
     artefact.save(tmp_path / "model", content, model, FACTS)
     loaded = artefact.load(tmp_path / "model")
@@ -311,11 +311,11 @@ def test_whole_numbers_written_by_hand_serve(folder: Path) -> None:
 
 def test_a_model_may_be_written_over(folder: Path) -> None:
     (folder / "report.html").write_text("of the training before")
-    other = make_model(correction=slow(0.3))
+    other = make_model(observer_gains=slow(0.3))
     artefact.save(folder, program(), other, {"seed": 4})
     loaded = artefact.load(folder)
     assert loaded.manifest["training"] == {"seed": 4}
-    assert loaded.model.correction.slow_gain.tolist() == [0.3] * 3
+    assert loaded.model.observer_gains.slow_gain.tolist() == [0.3] * 3
     assert (folder / "report.html").exists()
     assert [p.name for p in folder.parent.iterdir()] == ["model"]
 
@@ -396,7 +396,7 @@ def test_interrupted_while_writing_over(
     folder: Path, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
     """Then it is the old one, or the new one, or refused for a hash: never a mixture."""
-    other = make_model(history=0, correction=slow(0.3))
+    other = make_model(history=0, observer_gains=slow(0.3))
     with monkeypatch.context() as patch:
         fail_after(count, patch)
         try:

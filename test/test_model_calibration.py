@@ -9,41 +9,41 @@ from model_tools import Array
 from adk_ros.model.calibration import (
     FORGETTING,
     GAIN,
-    LEAST,
     MOST,
     QUANTILE_90,
-    Calibration,
-    learn,
+    SCALE_MIN,
+    ConformalScale,
+    update_conformal_scale,
 )
 
 START = np.array([[[0.04, 0.01, 0.0], [0.01, 0.09, -0.01], [0.0, -0.01, 0.01]]] * 4)
 
 
-def run(errors: Array, delay: int, start: Array) -> tuple[Calibration, Array]:
+def run(errors: Array, delay: int, start: Array) -> tuple[ConformalScale, Array]:
     """Errors (n, 3) of one step, each promised a variance `delay` before; whether they held."""
-    made = Calibration(start, 5.0)
+    made = ConformalScale(start, 5.0)
     promised = [np.diag(made.calibrated[0]).copy()] * (delay + 1)
     held = []
     for error in errors:
         variance = promised.pop(0)
         held.append(np.abs(error) <= QUANTILE_90 * np.sqrt(variance))
-        learn(0, error.copy(), error, variance, *made.arrays())
+        update_conformal_scale(0, error.copy(), error, variance, *made.arrays())
         promised.append(np.diag(made.calibrated[0]).copy())
     return made, np.array(held)
 
 
 def test_kernel_is_the_equations() -> None:
     random = np.random.default_rng(0)
-    made = Calibration(START, 5.0)
+    made = ConformalScale(START, 5.0)
     count, covariance, factor = 5.0, START[1].copy(), np.zeros(3)
     for _ in range(500):
         error, surprise = random.standard_t(3, (2, 3)) * [0.2, 0.3, 0.1]
         variance = np.diag(made.calibrated[1]).copy()
-        learn(1, error.copy(), surprise, variance, *made.arrays())
+        update_conformal_scale(1, error.copy(), surprise, variance, *made.arrays())
         missed = np.abs(surprise) > 1.6448536269514722 * np.sqrt(variance)
         count = FORGETTING * count + 1.0
         covariance = covariance + (np.outer(error, error) - covariance) / count
-        factor = np.clip(factor + GAIN * (missed - 0.1), np.log(LEAST), np.log(MOST))
+        factor = np.clip(factor + GAIN * (missed - 0.1), np.log(SCALE_MIN), np.log(MOST))
         wanted = covariance * np.outer(np.exp(factor), np.exp(factor))
         np.testing.assert_allclose(made.calibrated[1], wanted, rtol=1e-9, atol=1e-15)
     # The other steps know nothing of it.
@@ -78,12 +78,12 @@ def test_a_covariance_alone_does_not_hold_nine_of_ten() -> None:
 
 def test_the_factor_is_bounded_and_all_stays_finite() -> None:
     random = np.random.default_rng(0)
-    for size, bound in ((0.0, LEAST), (1e300, MOST)):
-        made = Calibration(START, 5.0)
+    for size, bound in ((0.0, SCALE_MIN), (1e300, MOST)):
+        made = ConformalScale(START, 5.0)
         for _ in range(2000):
             error = size * random.normal(size=3)
             # Nothing that was promised holds, or everything does.
-            learn(2, error.copy(), error, np.zeros(3), *made.arrays())
+            update_conformal_scale(2, error.copy(), error, np.zeros(3), *made.arrays())
         np.testing.assert_array_equal(made.factor[2], bound)
         table = made.calibrated
         assert np.isfinite(table).all()
@@ -95,10 +95,10 @@ def test_the_factor_is_bounded_and_all_stays_finite() -> None:
 def test_reset_forgets_and_the_start_is_symmetric() -> None:
     lopsided = START.copy()
     lopsided[:, 0, 1] += 1e-9
-    made = Calibration(lopsided, 5.0)
+    made = ConformalScale(lopsided, 5.0)
     before = made.calibrated.copy()
     np.testing.assert_array_equal(before, before.transpose(0, 2, 1))
-    learn(0, np.ones(3), np.ones(3), np.zeros(3), *made.arrays())
+    update_conformal_scale(0, np.ones(3), np.ones(3), np.zeros(3), *made.arrays())
     assert (made.calibrated[0] != before[0]).any()
     made.reset()
     np.testing.assert_array_equal(made.calibrated, before)

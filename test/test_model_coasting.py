@@ -52,7 +52,7 @@ def test_coasting(table: bool) -> None:
     samples = list(slalom(60))
     last = fold(predictor, samples)[-1]
     assert last is not None
-    free = predictor.roll_out(np.tile(samples[-1].u, (16, 1)))
+    free = predictor.rollout(np.tile(samples[-1].u, (16, 1)))
     spread = [np.trace(last.covariance)]
     theta = predictor.online.theta.copy()
     for k in range(15):
@@ -69,7 +69,7 @@ def test_coasting(table: bool) -> None:
     assert predictor.status is Status.NO_STATE
     np.testing.assert_array_equal(predictor.online.theta, theta)
     with pytest.raises(RuntimeError, match="no state"):
-        predictor.roll_out(np.zeros((3, 2)))
+        predictor.rollout(np.zeros((3, 2)))
     # A state again: its past has to be gathered first; what was learned is kept.
     again = [predictor.step(sample(76 + k, samples[-1].x, samples[-1].u)) for k in range(3)]
     assert [item is None for item in again] == [True, True, False]

@@ -7,9 +7,15 @@ import pytest
 from model_tools import Array, make_model, sample
 
 from adk_ros.model.compiled import jit
-from adk_ros.model.correction import Correction
-from adk_ros.model.hindsight import FORGETTING, SIGNS, Hindsight, account, learn_weights
-from adk_ros.model.model import Model
+from adk_ros.model.correction import ObserverGains
+from adk_ros.model.hindsight import (
+    FORGETTING,
+    N_REGRESSORS,
+    ErrorRegression,
+    accumulate_moments,
+    solve_shrunk_regression,
+)
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Predictor
 
@@ -19,12 +25,12 @@ TRUE = np.array([30.0, 0.0, -2.0, 0.0, 5.0])
 
 @jit
 def _account(h, c, error, lane, disturbance, moments):  # type: ignore[no-untyped-def]
-    account(h, c, error, lane, disturbance, moments)
+    accumulate_moments(h, c, error, lane, disturbance, moments)
 
 
 @jit
 def _learn(h, c, moments, weights):  # type: ignore[no-untyped-def]
-    learn_weights(h, c, moments, np.empty((SIGNS, SIGNS)), weights)
+    solve_shrunk_regression(h, c, moments, np.empty((N_REGRESSORS, N_REGRESSORS)), weights)
 
 
 def disturbance(signs: Array) -> Array:
@@ -39,7 +45,7 @@ def mean_square(errors: Array) -> float:
 
 
 def learned(signs: Array, errors: Array, h: int) -> Array:
-    hindsight = Hindsight(STEPS)
+    hindsight = ErrorRegression(STEPS)
     for row, error in zip(signs, errors, strict=True):
         _account(h, 1, error, 1, disturbance(row), hindsight.moments)
     _learn(h, 1, hindsight.moments, hindsight.weights)
@@ -47,14 +53,14 @@ def learned(signs: Array, errors: Array, h: int) -> Array:
     own = weights[h, 1].copy()
     weights[h, 1] = 0.0
     assert not weights.any()
-    np.testing.assert_allclose(own[SIGNS] ** 2, 9.0 * mean_square(errors), rtol=1e-9)
-    return np.asarray(own[:SIGNS])
+    np.testing.assert_allclose(own[N_REGRESSORS] ** 2, 9.0 * mean_square(errors), rtol=1e-9)
+    return np.asarray(own[:N_REGRESSORS])
 
 
 @pytest.mark.parametrize("h", [0, 39])
 def test_weights_are_the_shrunk_regression(h: int) -> None:
     random = np.random.default_rng(h)
-    signs = random.normal(size=(300, SIGNS)) * [1.0, 0.1, 2.0, 1.0, 0.5]
+    signs = random.normal(size=(300, N_REGRESSORS)) * [1.0, 0.1, 2.0, 1.0, 0.5]
     errors = signs @ TRUE + 5.0 * random.normal(size=300)
     kept = FORGETTING ** np.arange(299, -1, -1)
     n = kept.sum()
@@ -64,7 +70,7 @@ def test_weights_are_the_shrunk_regression(h: int) -> None:
     told = plain @ moment
     rest = ((kept * errors**2).sum() - told) / n
     fewer = max(0.5 * (h + 1) / 10, 1.0)
-    factor = 1.0 - SIGNS * fewer * rest / told
+    factor = 1.0 - N_REGRESSORS * fewer * rest / told
     assert 0.5 < factor < 1.0
     np.testing.assert_allclose(learned(signs, errors, h), factor * plain, rtol=1e-9)
     np.testing.assert_allclose(learned(signs, errors, h), TRUE, atol=3.0)
@@ -74,7 +80,7 @@ def test_what_chance_explains_is_not_used() -> None:
     """Errors that no sign tells of: with K signs, twenty of twenty-five times nothing is left."""
     random = np.random.default_rng(5)
     moved = [
-        np.abs(learned(random.normal(size=(300, SIGNS)), random.normal(size=300), 39)).max()
+        np.abs(learned(random.normal(size=(300, N_REGRESSORS)), random.normal(size=300), 39)).max()
         for _ in range(25)
     ]
     assert np.median(moved) == 0.0
@@ -82,8 +88,8 @@ def test_what_chance_explains_is_not_used() -> None:
 
 
 def test_an_error_without_bounds_leaves_finite_weights() -> None:
-    signs = np.ones((3, SIGNS))
-    hindsight = Hindsight(STEPS)
+    signs = np.ones((3, N_REGRESSORS))
+    hindsight = ErrorRegression(STEPS)
     for error in (1.0, 1e300, -1e300):
         _account(0, 1, error, 1, disturbance(signs[0]), hindsight.moments)
     _learn(0, 1, hindsight.moments, hindsight.weights)
@@ -93,7 +99,7 @@ def test_an_error_without_bounds_leaves_finite_weights() -> None:
 
 def test_without_signs_nothing_is_foreseen() -> None:
     random = np.random.default_rng(6)
-    assert not learned(np.zeros((200, SIGNS)), random.normal(size=200), 3).any()
+    assert not learned(np.zeros((200, N_REGRESSORS)), random.normal(size=200), 3).any()
 
 
 def test_no_more_is_foreseen_than_thrice_the_usual_error() -> None:
@@ -101,11 +107,11 @@ def test_no_more_is_foreseen_than_thrice_the_usual_error() -> None:
     car, x, u = Predictor(lost()), *hills(3000)
     for k in range(2900):
         car.step(sample(k, x[k], u[k]))
-    assert car.trials is not None
-    usual = car.trials.hindsight.weights[79, 0, SIGNS] / 3.0 * car.model.scaling.x_scale[0]
+    assert car.rollout_monitor is not None
+    usual = car.rollout_monitor.error_regression.weights[79, 0, N_REGRESSORS] / 3.0 * car.model.scaling.x_scale[0]
     x[2900] += [3.0, 0.0, 0.0]
     car.step(sample(2900, x[2900], u[2900]))
-    ahead = car.roll_out(u[:80])
+    ahead = car.rollout(u[:80])
     assert abs(ahead[79, 0] - x[2900, 0]) <= 3.0 * usual + 1e-9
     assert 0.1 < usual < 1.0
 
@@ -118,12 +124,12 @@ def hills(n: int) -> tuple[Array, Array]:
     return x, np.zeros((n, 2))
 
 
-def lost() -> Model:
+def lost() -> KoopmanModel:
     """A model that predicts no change."""
     return make_model(
         theta0=np.zeros_like(make_model().theta0),
-        usual_change=np.outer(np.arange(1.0, 81.0), [1e-2, 1e-5, 1e-5]),
-        online=OnlineSettings("constant"), correction=Correction.none(),
+        mean_square_change=np.outer(np.arange(1.0, 81.0), [1e-2, 1e-5, 1e-5]),
+        online=OnlineSettings("constant"), observer_gains=ObserverGains.none(),
     )  # fmt: skip
 
 
@@ -137,15 +143,15 @@ def test_what_is_lost_uphill_is_won_downhill() -> None:
         errors = []
         for k in range(5900):
             made = car.step(sample(k, x[k], u[k]))
-            assert car.trials is not None
+            assert car.rollout_monitor is not None
             if name == "plain":
-                car.trials.hindsight.reset()
+                car.rollout_monitor.error_regression.reset()
             if made is not None and k > 3000 and k % 7 == 0:
-                errors.append(car.roll_out(u[k : k + 80])[:, 0] - x[k + 1 : k + 81, 0])
+                errors.append(car.rollout(u[k : k + 80])[:, 0] - x[k + 1 : k + 81, 0])
         wrong[name] = np.sqrt(np.mean(np.square(errors), axis=0))
     # After a quarter of a period half of the square error can be told from how it now changes.
     better = wrong["told"] / wrong["plain"]
     assert (better[[9, 39, 79]] < [0.35, 0.6, 0.9]).all(), better
-    assert told.trials is not None
+    assert told.rollout_monitor is not None
     told.reset()
-    assert not told.trials.hindsight.weights.any()
+    assert not told.rollout_monitor.error_regression.weights.any()

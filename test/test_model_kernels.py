@@ -11,7 +11,7 @@ import torch
 from model_tools import random_lift, weights
 
 from adk_ros.model import kernels
-from adk_ros.model.correction import Correction
+from adk_ros.model.correction import ObserverGains
 from adk_ros.model.lifting import input_size
 
 Random = np.random.Generator
@@ -62,11 +62,11 @@ def test_where_no_cache_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_fill_row_is_newest_first() -> None:
     row = np.zeros(15, np.float32)
-    kernels.fill_row(np.arange(9.0).reshape(3, 3), np.arange(20.0, 24.0).reshape(2, 2), row)
+    kernels.pack_encoder_input(np.arange(9.0).reshape(3, 3), np.arange(20.0, 24.0).reshape(2, 2), row)
     kernels.set_command(row, 9, 30.0, 31.0)
     assert row.tolist() == [*range(9), 30, 31, *range(20, 24)]
     alone = np.zeros(3, np.float32)
-    kernels.fill_row(np.array([[1.0, 2.0, 3.0]]), np.zeros((0, 2)), alone)
+    kernels.pack_encoder_input(np.array([[1.0, 2.0, 3.0]]), np.zeros((0, 2)), alone)
     kernels.set_command(alone, 3, 30.0, 31.0)
     assert alone.tolist() == [1.0, 2.0, 3.0]
 
@@ -92,8 +92,8 @@ def test_take_sample_over_many_ticks(history: int, random: Random) -> None:
     scaled_x, scaled_u = (x - x_mean) / x_scale, (u - u_mean) / u_scale
     for k in range(12):
         command = tuple(u[k].tolist())
-        kernels.take_sample(
-            x[k], expected, Correction.none().table(), command, x_mean, x_scale, u_mean, u_scale,
+        kernels.observer_update(
+            x[k], expected, ObserverGains.none().table(), command, x_mean, x_scale, u_mean, u_scale,
             measured, x_past, u_past, u_now, row, np.zeros((3, 3)),
         )  # fmt: skip
         if k >= history:
@@ -107,7 +107,7 @@ def test_take_sample_over_many_ticks(history: int, random: Random) -> None:
 
 def test_take_sample_observes() -> None:
     """x^ = p + K (x - p); where nothing was predicted, the measurement as it is."""
-    gains = replace(Correction.none(), observer_gain=np.array([0.25, 1.0, 0.5]))
+    gains = replace(ObserverGains.none(), observer_gain=np.array([0.25, 1.0, 0.5]))
     measured, x_past = np.zeros(3), np.zeros((1, 3))
     rest = (np.zeros((0, 2)), np.zeros(2), np.zeros(3, np.float32))
     scaling = (np.array([1.0, 2.0, 3.0]), np.full(3, 2.0), np.zeros(2), np.ones(2))
@@ -115,7 +115,7 @@ def test_take_sample_observes() -> None:
     for predicted, seen in (
         ([1.0, 2.0, 3.0], [0.5, 2.0, 1.0]), ([np.nan] * 3, [2.0, 2.0, 2.0]),
     ):
-        kernels.take_sample(
+        kernels.observer_update(
             state, np.array(predicted), gains.table(), (0.0, 0.0), *scaling, measured, x_past,
             *rest, np.zeros((3, 3)),
         )  # fmt: skip
@@ -127,7 +127,7 @@ def test_take_sample_observes() -> None:
 @pytest.mark.parametrize(("lag", "gain"), [(0.0, 0.2), (0.95, 1.0)])
 def test_take_sample_believes_what_keeps_differing(lag: float, gain: float) -> None:
     """White innovations are noise, and the gain stays; such as follow each other are the car."""
-    gains = replace(Correction.none(), observer_gain=np.full(3, 0.2))
+    gains = replace(ObserverGains.none(), observer_gain=np.full(3, 0.2))
     measured, x_past, whiteness = np.zeros(3), np.zeros((1, 3)), np.zeros((3, 3))
     rest = (np.zeros((0, 2)), np.zeros(2), np.zeros(3, np.float32))
     scaling = (np.zeros(3), np.ones(3), np.zeros(2), np.ones(2))
@@ -135,7 +135,7 @@ def test_take_sample_believes_what_keeps_differing(lag: float, gain: float) -> N
     innovation, used = np.zeros(3), []
     for _ in range(2000):
         innovation = lag * innovation + np.sqrt(1.0 - lag**2) * random.normal(size=3)
-        kernels.take_sample(
+        kernels.observer_update(
             innovation, np.zeros(3), gains.table(), (0.0, 0.0), *scaling, measured, x_past, *rest,
             whiteness,
         )  # fmt: skip
@@ -147,7 +147,7 @@ def test_take_sample_believes_what_keeps_differing(lag: float, gain: float) -> N
 def test_fill_phi(affine: bool) -> None:
     phi = np.full(6 + affine, np.nan)
     x, features = np.arange(6.0).reshape(2, 3), np.array([3.0], np.float32)
-    kernels.fill_phi(x, features, np.array([7.0, 8.0]), affine, phi)
+    kernels.pack_regressor(x, features, np.array([7.0, 8.0]), affine, phi)
     assert phi.tolist() == [0.0, 1.0, 2.0, 3.0, 7.0, 8.0] + [1.0] * affine
 
 
@@ -157,9 +157,9 @@ def test_make_pair(residual: bool, random: Random) -> None:
     phi, theta = random.normal(size=8), random.normal(size=(5, 8))
     step, gain, disturbance = np.array([0.1, 0.2, 0.5]), np.array([0.1, 0.0, 1.0]), np.ones((3, 3))
     quick = np.array([1.0, 0.5, 0.3])
-    correction = replace(Correction.none(), slow_gain=gain, fast_gain=quick).table()
+    correction = replace(ObserverGains.none(), slow_gain=gain, fast_gain=quick).table()
     y = np.zeros(5)
-    assert kernels.make_pair(
+    assert kernels.regression_pair(
         measured, features, phi, theta, step, residual, correction, disturbance, y, 1e3
     )  # fmt: skip
     z = np.concatenate([measured, features])
@@ -181,7 +181,7 @@ def test_make_pair_refuses_what_is_absurd(bad: float, where: str, random: Random
     with np.errstate(over="ignore"):
         {"x": x, "features": features, "phi": phi}[where].flat[1] = bad
     disturbance = np.ones((3, 3))
-    assert not kernels.make_pair(
+    assert not kernels.regression_pair(
         x, features, phi, np.zeros((5, 8)), np.ones(3), True, np.full((5, 3), 0.5), disturbance,
         np.zeros(5), 1e3,
     )  # fmt: skip
@@ -190,7 +190,7 @@ def test_make_pair_refuses_what_is_absurd(bad: float, where: str, random: Random
 
 def test_follow_covariance() -> None:
     covariance = np.diag([1.0, 2.0, 3.0])
-    kernels.follow_covariance(covariance, np.array([1.0, -2.0, 0.5]), 0.25)
+    kernels.ewma_covariance(covariance, np.array([1.0, -2.0, 0.5]), 0.25)
     expected = 0.75 * np.diag([1.0, 2.0, 3.0])
     expected += 0.25 * np.outer([1.0, -2.0, 0.5], [1.0, -2.0, 0.5])
     np.testing.assert_allclose(covariance, expected)

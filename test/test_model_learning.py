@@ -19,7 +19,7 @@ from model_tools import (
     slow,
 )
 
-from adk_ros.model.correction import Correction
+from adk_ros.model.correction import ObserverGains
 from adk_ros.model.online import METHODS, OnlineSettings
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import UNLEARNABLE, Flag
@@ -43,7 +43,7 @@ def test_learning_does_not_reach_back() -> None:
 
 def test_a_wrong_model_of_a_linear_car_is_put_right() -> None:
     """Data made by another theta: windowed least squares finds it, constant never does."""
-    model = make_model(correction=Correction.none())
+    model = make_model(observer_gains=ObserverGains.none())
     truth = model.theta0.copy()
     truth[:3] += np.random.default_rng(5).normal(0.0, 0.3, truth[:3].shape)
     truth[:3, :3] -= 0.5 * np.eye(3)
@@ -69,8 +69,8 @@ def test_a_wrong_model_of_a_linear_car_is_put_right() -> None:
     assert np.median(wrong["fitting"][-100:]) < 1.7 * 0.02
     # And not by heart: rolled out under other commands it goes where the car goes.
     ahead = inputs(40, seed=9)
-    off = np.abs(fitting.roll_out(ahead) - car.roll_out(ahead)) / SCALING.x_scale
-    far = np.abs(constant.roll_out(ahead) - car.roll_out(ahead)) / SCALING.x_scale
+    off = np.abs(fitting.rollout(ahead) - car.rollout(ahead)) / SCALING.x_scale
+    far = np.abs(constant.rollout(ahead) - car.rollout(ahead)) / SCALING.x_scale
     assert off.max() < 0.02
     assert far.max() > 0.2
 
@@ -126,7 +126,7 @@ def test_no_imu_is_no_hindrance() -> None:
 
 def test_a_constant_disturbance_is_found() -> None:
     """The increments are off by a constant: the disturbance gets there, as an acceleration."""
-    model = make_model(correction=slow(0.05, 0.99))
+    model = make_model(observer_gains=slow(0.05, 0.99))
     predictor, car = Predictor(model, CONSTANT, 20), Predictor(model, CONSTANT, 0)
     push = np.array([0.4, -0.2, 0.1])
     u, x = inputs(300), np.array(SCALING.x_mean)
@@ -135,7 +135,7 @@ def test_a_constant_disturbance_is_found() -> None:
         made = predictor.step(item)
         car.step(item)
         car._disturbance[:] = 0.0
-        x = (car.roll_out(u[k : k + 1])[0] if k >= HISTORY else x) + push * 0.025
+        x = (car.rollout(u[k : k + 1])[0] if k >= HISTORY else x) + push * 0.025
         if k == 20:
             assert made is not None
             early = np.abs(made.innovation)
@@ -143,15 +143,15 @@ def test_a_constant_disturbance_is_found() -> None:
     np.testing.assert_allclose(predictor.disturbance, push, rtol=1e-3)
     assert (np.abs(made.innovation) < 1e-3 * early).all()
     # It decays over the horizon: less than `push` for ever, more than none.
-    ahead = predictor.roll_out(u[:20])
+    ahead = predictor.rollout(u[:20])
     predictor._disturbance[:] = 0.0
-    moved = (ahead - predictor.roll_out(u[:20]))[-1]
+    moved = (ahead - predictor.rollout(u[:20]))[-1]
     assert (np.abs(moved) < np.abs(push * 0.5)).all()
     assert (np.sign(moved) == np.sign(push)).all()
 
 
 def test_gain_zero_switches_the_disturbance_off() -> None:
-    predictor = Predictor(make_model(correction=Correction.none()))
+    predictor = Predictor(make_model(observer_gains=ObserverGains.none()))
     fold(predictor, slalom(50))
     assert predictor.disturbance.tolist() == [0.0, 0.0, 0.0]
 

@@ -17,9 +17,9 @@ from adk_ros.model.online import (
     METHODS,
     OnlineMethod,
     OnlineSettings,
-    Recursive,
-    SlidingWindow,
-    Windowed,
+    PaperSWLS,
+    RecursiveLeastSquares,
+    WindowedRidge,
 )
 
 N_Z, N_PHI = 7, 10
@@ -56,7 +56,7 @@ def ridge_solution(phi: Array, y: Array, theta0: Array, ridge: float) -> Array:
 def test_windowed_is_the_batch_solution_at_every_tick(window: int, ridge: float) -> None:
     phi, y, _ = pairs(500)
     theta0 = np.random.default_rng(1).normal(size=(N_Z, N_PHI))
-    method: Windowed = make("windowed", theta0, window=window, ridge=ridge)
+    method: WindowedRidge = make("windowed", theta0, window=window, ridge=ridge)
     for k in range(500):
         method.update(phi[k], y[k])
         if k % 23 == 0 or k == window - 1 or k == window:
@@ -73,7 +73,7 @@ def test_windowed_does_not_drift_in_ten_thousand_ticks(scale: float) -> None:
     """Sums are added to and taken from ten thousand times; what rounding leaves stays tiny."""
     phi, y, _ = pairs(10_000, noise=0.5)
     phi, y = scale * phi, scale * y
-    method: Windowed = make("windowed", window=200, ridge=1e-3)
+    method: WindowedRidge = make("windowed", window=200, ridge=1e-3)
     fold(method, phi, y)
     expected = ridge_solution(phi[-200:], y[-200:], np.zeros((N_Z, N_PHI)), 1e-3)
     assert np.abs(method.theta - expected).max() < 1e-9
@@ -84,7 +84,7 @@ def test_windowed_recovers_from_an_outlier() -> None:
     """A regressor a thousand times too large comes and goes, and leaves nothing worth the name."""
     phi, y, _ = pairs(900)
     phi[300] *= 1e3
-    method: Windowed = make("windowed", window=200, ridge=1e-3)
+    method: WindowedRidge = make("windowed", window=200, ridge=1e-3)
     fold(method, phi, y)
     assert np.abs(method.theta - method.batch_solution()).max() < 1e-9
 
@@ -95,7 +95,7 @@ def test_windowed_with_hardly_any_excitation() -> None:
     direction = random.normal(size=N_PHI)
     direction /= np.linalg.norm(direction)
     theta0 = random.normal(size=(N_Z, N_PHI))
-    method: Windowed = make("windowed", theta0, window=100, ridge=1.0)
+    method: WindowedRidge = make("windowed", theta0, window=100, ridge=1.0)
     for _ in range(5000):
         scale = random.normal()
         method.update(scale * direction, np.full(N_Z, scale))
@@ -129,7 +129,7 @@ def test_windowed_forgets_what_has_left_the_window() -> None:
 def test_windowed_starts_afresh_when_it_cannot_solve(bad: float) -> None:
     phi, y, _ = pairs(50)
     theta0 = np.ones((N_Z, N_PHI))
-    method: Windowed = make("windowed", theta0, window=20, ridge=1.0)
+    method: WindowedRidge = make("windowed", theta0, window=20, ridge=1.0)
     fold(method, phi, y)
     method.update(np.full(N_PHI, bad), y[0])
     assert method.failures == 1
@@ -151,10 +151,10 @@ def textbook(phi: Array, y: Array, theta: Array, p: Array, f: float) -> tuple[Ar
 @given(st.integers(0, 99), st.floats(0.9, 1.0), st.floats(0.01, 100.0))
 def test_recursions_are_the_textbooks(seed: int, forgetting: float, initial: float) -> None:
     phi, y, _ = pairs(60, seed)
-    method: Recursive = make("ffrls", forgetting=forgetting, initial_covariance=initial)
+    method: RecursiveLeastSquares = make("ffrls", forgetting=forgetting, initial_covariance=initial)
     theta, _ = textbook(phi, y, np.zeros((N_Z, N_PHI)), initial * np.eye(N_PHI), forgetting)
     np.testing.assert_allclose(fold(method, phi, y), theta, rtol=1e-6, atol=1e-7)
-    plain: Recursive = make("rls", forgetting=0.6, initial_covariance=initial)
+    plain: RecursiveLeastSquares = make("rls", forgetting=0.6, initial_covariance=initial)
     theta, p = textbook(phi, y, np.zeros((N_Z, N_PHI)), initial * np.eye(N_PHI), 1.0)
     np.testing.assert_allclose(fold(plain, phi, y), theta, rtol=1e-6, atol=1e-7)
     assert plain.condition_number() == pytest.approx(np.linalg.cond(p), rel=1e-4)
@@ -183,7 +183,7 @@ def test_ffrls_survives_weak_excitation() -> None:
     """P grows along what is not excited until it is no number; then it starts afresh, counted."""
     random = np.random.default_rng(0)
     direction = random.normal(size=N_PHI)
-    method: Recursive = make("ffrls", forgetting=0.98)
+    method: RecursiveLeastSquares = make("ffrls", forgetting=0.98)
     for k in range(30_000):
         phi = math.sin(0.01 * k) * direction + 1e-9 * random.normal(size=N_PHI)
         method.update(phi, math.sin(0.01 * k) * np.ones(N_Z))
@@ -209,7 +209,7 @@ def algorithm_1(phi: Array, y: Array, theta: Array, length: int) -> Array:
 def test_swls_is_the_papers_algorithm(length: int) -> None:
     phi, y, _ = pairs(120)
     theta0 = np.full((N_Z, N_PHI), 0.1)
-    method: SlidingWindow = make("swls", theta0, window=length)
+    method: PaperSWLS = make("swls", theta0, window=length)
     expected = algorithm_1(phi, y, theta0, length)
     # The window is kept as a ring, so sums are in another order.
     np.testing.assert_allclose(fold(method, phi, y), expected, rtol=1e-7, atol=1e-7)
@@ -231,7 +231,7 @@ def test_swls_with_a_singular_gram() -> None:
     random = np.random.default_rng(0)
     basis = random.normal(size=(6, 17))
     theta = random.normal(size=(15, 17))
-    method = SlidingWindow(np.zeros((15, 17)), OnlineSettings("swls", window=60))
+    method = PaperSWLS(np.zeros((15, 17)), OnlineSettings("swls", window=60))
     for _ in range(300):
         phi = random.normal(size=6) @ basis
         method.update(phi, theta @ phi)
@@ -291,7 +291,7 @@ def test_an_update_does_not_change_what_it_is_given(method: str) -> None:
 def test_condition_numbers() -> None:
     phi, y, _ = pairs(150)
     assert math.isnan(make("constant").condition_number())
-    windowed: Windowed = make("windowed", window=100, ridge=0.5)
+    windowed: WindowedRidge = make("windowed", window=100, ridge=0.5)
     assert windowed.condition_number() == pytest.approx(1.0)
     fold(windowed, phi, y)
     gram = phi[-100:].T @ phi[-100:] + 0.5 * np.eye(N_PHI)

@@ -19,9 +19,9 @@ from model_tools import (
 )
 
 from adk_ros.errors import UsageError
-from adk_ros.model.correction import Correction
-from adk_ros.model.model import Model
-from adk_ros.model.online import OnlineSettings, Windowed
+from adk_ros.model.correction import ObserverGains
+from adk_ros.model.model import KoopmanModel
+from adk_ros.model.online import OnlineSettings, WindowedRidge
 from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import TICK_NS, Sample
@@ -29,7 +29,7 @@ from adk_ros.signals.channels import TICK_NS, Sample
 CONSTANT = OnlineSettings("constant")
 
 
-def by_hand(model: Model, samples: list[Sample], steps: int) -> Array:
+def by_hand(model: KoopmanModel, samples: list[Sample], steps: int) -> Array:
     """The docstring's equations with theta0 and no disturbance, from the last of `samples`."""
     scaling, p = model.scaling, model.history
     xs = [scaling.scale_x(np.array(s.x)) for s in reversed(samples)][: p + 1]
@@ -55,7 +55,7 @@ def by_hand(model: Model, samples: list[Sample], steps: int) -> Array:
 def test_prediction_by_hand(twin: bool, residual: bool, affine: bool, history: int) -> None:
     model = make_model(
         twin=twin, residual=residual, affine=affine, history=history,
-        correction=Correction.none(), online=CONSTANT,
+        observer_gains=ObserverGains.none(), online=CONSTANT,
     )  # fmt: skip
     predictor = Predictor(model, horizon_steps=30)
     samples = list(slalom(12))
@@ -126,7 +126,7 @@ def test_innovation_is_the_error_of_the_last_prediction() -> None:
 def test_covariance_is_that_of_the_innovations() -> None:
     """White noise of known size on a car that stands still."""
     model = make_model(
-        theta0=np.zeros((3 + FEATURES, 3 + FEATURES + 3)), correction=Correction.none()
+        theta0=np.zeros((3 + FEATURES, 3 + FEATURES + 3)), observer_gains=ObserverGains.none()
     )
     predictor = Predictor(model, CONSTANT, horizon_steps=0)
     random, sigma = np.random.default_rng(0), np.array([0.02, 0.01, 0.005])
@@ -156,8 +156,8 @@ def test_roll_out_with_the_held_command_is_the_horizon() -> None:
         last = fold(predictor, samples)[-1]
         assert last is not None
         held = np.tile(samples[-1].u, (50, 1))
-        np.testing.assert_array_equal(predictor.roll_out(held), last.horizon)
-        np.testing.assert_array_equal(predictor.roll_out(held[:7]), last.horizon[:7])
+        np.testing.assert_array_equal(predictor.rollout(held), last.horizon)
+        np.testing.assert_array_equal(predictor.rollout(held[:7]), last.horizon[:7])
 
 
 def test_roll_out_changes_nothing() -> None:
@@ -166,7 +166,7 @@ def test_roll_out_changes_nothing() -> None:
         for item in slalom(80):
             made, plain = one.step(item), other.step(item)
             if made is not None and plain is not None:
-                one.roll_out(inputs(30, seed=4))
+                one.rollout(inputs(30, seed=4))
                 np.testing.assert_array_equal(made.horizon, plain.horizon)
                 np.testing.assert_array_equal(made.innovation, plain.innovation)
 
@@ -174,11 +174,11 @@ def test_roll_out_changes_nothing() -> None:
 def test_roll_out_needs_a_state_and_finite_commands() -> None:
     predictor = Predictor(make_model())
     with pytest.raises(RuntimeError, match="no state to predict from"):
-        predictor.roll_out(np.zeros((5, 2)))
+        predictor.rollout(np.zeros((5, 2)))
     fold(predictor, slalom(20))
-    assert np.isnan(predictor.roll_out(np.full((5, 2), np.nan))).all()
-    assert predictor.roll_out(np.zeros((0, 2))).shape == (0, 3)
-    assert np.isfinite(predictor.roll_out(np.zeros((5, 2)))).all()
+    assert np.isnan(predictor.rollout(np.full((5, 2), np.nan))).all()
+    assert predictor.rollout(np.zeros((0, 2))).shape == (0, 3)
+    assert np.isfinite(predictor.rollout(np.zeros((5, 2)))).all()
 
 
 def test_what_is_handed_out_may_be_written_to() -> None:
@@ -237,5 +237,5 @@ def test_the_models_own_settings_are_the_default() -> None:
     model = make_model(online=OnlineSettings("windowed", 77, 5.0))
     predictor = Predictor(model)
     assert predictor.settings == model.online
-    assert isinstance(predictor.online, Windowed)
+    assert isinstance(predictor.online, WindowedRidge)
     assert model.n_z == 3 + FEATURES

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from model_tools import Array, inputs, make_model, paper_model, sample
 
-from adk_ros.model.calibration import EVERY, FORGETTING, GAIN, QUANTILE_90
-from adk_ros.model.model import Model
+from adk_ros.model.calibration import FORGETTING, GAIN, QUANTILE_90, ROLLOUT_STRIDE
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import Flag
@@ -20,8 +20,8 @@ HELD = np.arange(1.0, 81.0)[:, None, None] * np.array(
 UNLEARNABLE = int(Flag.ODOMETRY_STALE)
 
 
-def model(**changes: object) -> Model:
-    return make_model(**{"held_covariance": HELD} | changes)
+def model(**changes: object) -> KoopmanModel:
+    return make_model(**{"held_input_covariance": HELD} | changes)
 
 
 def states(n: int, seed: int = 2) -> Array:
@@ -56,7 +56,7 @@ def recomputed(made: list[Prediction | None], flags: dict[int, int], steps: int)
             covariance[h] += (np.outer(error, error) - covariance[h]) / count[h]
         if not flags.get(k, 0) & int(Flag.COASTING):
             number += 1
-            if number % EVERY == 0:
+            if number % ROLLOUT_STRIDE == 0:
                 s = np.exp(factor)
                 variance = np.diagonal(covariance, axis1=1, axis2=2) * s**2
                 kept.append((k, prediction.horizon, variance.copy()))
@@ -70,10 +70,10 @@ def test_statistics_are_those_of_what_was_published(steps: int) -> None:
     car = Predictor(model(), horizon_steps=steps)
     made = drive(car, 900, flags)
     wanted = recomputed(made, flags, steps)
-    np.testing.assert_allclose(car.held_covariance, wanted, rtol=1e-7, atol=1e-14)
+    np.testing.assert_allclose(car.held_input_covariance, wanted, rtol=1e-7, atol=1e-14)
     last = made[-1]
     assert last is not None
-    np.testing.assert_array_equal(last.horizon_covariance, car.held_covariance)
+    np.testing.assert_array_equal(last.horizon_covariance, car.held_input_covariance)
     before = np.diagonal(HELD[np.minimum(np.arange(steps), 79)], axis1=1, axis2=2)
     assert np.mean(np.diagonal(wanted, axis1=1, axis2=2) != before) == 1.0
 
@@ -82,7 +82,7 @@ def test_statistics_are_those_of_what_was_published(steps: int) -> None:
 def test_it_begins_with_the_models_the_last_row_held(steps: int) -> None:
     car = Predictor(model(), horizon_steps=steps)
     rows = np.minimum(np.arange(steps), 79)
-    np.testing.assert_array_equal(car.held_covariance, HELD[rows].reshape(steps, 3, 3))
+    np.testing.assert_array_equal(car.held_input_covariance, HELD[rows].reshape(steps, 3, 3))
     for prediction in drive(car, 60):
         if prediction is not None:
             assert prediction.horizon_covariance.shape == (steps, 3, 3)
@@ -90,15 +90,15 @@ def test_it_begins_with_the_models_the_last_row_held(steps: int) -> None:
 
 def test_without_a_table_of_its_own_another_serves() -> None:
     known = make_model()
-    np.testing.assert_array_equal(Predictor(known).held_covariance, known.horizon_covariance)
+    np.testing.assert_array_equal(Predictor(known).held_input_covariance, known.horizon_covariance)
     bare = paper_model()
     car = Predictor(bare, horizon_steps=20)
     usual = np.square(bare.scaling.x_scale * bare.scaling.step_scale)
-    np.testing.assert_allclose(car.held_covariance[19], 20.0 * np.diag(usual))
+    np.testing.assert_allclose(car.held_input_covariance[19], 20.0 * np.diag(usual))
     # Rolled out in the lifted space there are no trials, but what is published can be compared.
     drive(car, 300)
-    assert car.trials is None
-    assert (np.diagonal(car.held_covariance[19]) != 20.0 * usual).all()
+    assert car.rollout_monitor is None
+    assert (np.diagonal(car.held_input_covariance[19]) != 20.0 * usual).all()
 
 
 def test_what_is_published_is_a_covariance() -> None:
@@ -134,11 +134,11 @@ def test_no_state_ends_the_comparisons_and_a_reset_forgets() -> None:
     # Nothing published before the gap was compared behind it.
     np.testing.assert_array_equal(after.horizon_covariance, before.horizon_covariance)
     car.reset()
-    np.testing.assert_array_equal(car.held_covariance, HELD)
+    np.testing.assert_array_equal(car.held_input_covariance, HELD)
     drive(car, 300)
-    assert (car.held_covariance != HELD).any()
+    assert (car.held_input_covariance != HELD).any()
     car.step(sample(2000, [15.0, 0.0, 0.0], [0.0, 0.0]))
-    np.testing.assert_array_equal(car.held_covariance, HELD)
+    np.testing.assert_array_equal(car.held_input_covariance, HELD)
 
 
 def test_what_is_handed_out_is_a_copy() -> None:
@@ -146,8 +146,8 @@ def test_what_is_handed_out_is_a_copy() -> None:
     made = drive(car, 100)[-1]
     assert made is not None
     made.horizon_covariance[:] = math.nan
-    car.held_covariance[:] = math.nan
-    assert np.isfinite(car.held_covariance).all()
+    car.held_input_covariance[:] = math.nan
+    assert np.isfinite(car.held_input_covariance).all()
 
 
 def test_nine_of_ten_published_intervals_hold() -> None:

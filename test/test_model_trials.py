@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from model_tools import Array, make_model, sample, slow
 
-from adk_ros.model.correction import Correction
-from adk_ros.model.model import Model
+from adk_ros.model.correction import ObserverGains
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Predictor
-from adk_ros.model.trials import EVERY
+from adk_ros.model.trials import ROLLOUT_STRIDE
 from adk_ros.signals.channels import Flag
 
 CHANGE = np.outer(np.arange(1.0, 81.0), [1e-3, 1e-5, 1e-5])
 STILL = OnlineSettings("constant")
 
 
-def model(**changes: object) -> Model:
-    given = {"usual_change": CHANGE, "online": STILL, "correction": Correction.none()}
+def model(**changes: object) -> KoopmanModel:
+    given = {"mean_square_change": CHANGE, "online": STILL, "observer_gains": ObserverGains.none()}
     return make_model(**given | changes)
 
 
@@ -35,12 +35,12 @@ def commands(n: int, seed: int = 0) -> Array:
     return result
 
 
-def own_drive(of: Model, u: Array) -> Array:
+def own_drive(of: KoopmanModel, u: Array) -> Array:
     """What the model itself says will happen, from rest in scaled units."""
     history = of.history
     x = np.tile(of.scaling.x_mean, (len(u), 1))
     car = Predictor(of, horizon_steps=1)
-    car.trials = None
+    car.rollout_monitor = None
     for k in range(len(u) - 1):
         made = car.step(sample(k, x[k], u[k]))
         if k >= history and made is not None:
@@ -52,9 +52,9 @@ def test_a_model_that_is_right_is_trusted() -> None:
     of, u = model(), commands(1200)
     car = Predictor(of)
     drive(car, own_drive(of, u), u, {})
-    assert car.trials is not None
+    assert car.rollout_monitor is not None
     # The scaled state is float32 within the encoder.
-    np.testing.assert_allclose(car.trials.trust, 1.0, atol=1e-3)
+    np.testing.assert_allclose(car.rollout_monitor.shrinkage, 1.0, atol=1e-3)
     spread = np.sqrt(np.diagonal(car.horizon_covariance, axis1=1, axis2=2))
     before = np.sqrt(np.diagonal(of.horizon_covariance, axis1=1, axis2=2))
     assert (spread < 0.6 * before).all()
@@ -65,18 +65,18 @@ def test_a_model_that_is_wrong_is_not() -> None:
     of, u = model(), commands(1200)
     car = Predictor(of)
     drive(car, np.tile(of.scaling.x_mean + 0.1, (1200, 1)), u, {})
-    assert car.trials is not None
-    assert car.trials.trust[40:].max() < 0.5
-    far = car.roll_out(u[-80:])
-    car.trials.trust[:] = 1.0
-    plain = car.roll_out(u[-80:])
+    assert car.rollout_monitor is not None
+    assert car.rollout_monitor.shrinkage[40:].max() < 0.5
+    far = car.rollout(u[-80:])
+    car.rollout_monitor.shrinkage[:] = 1.0
+    plain = car.rollout(u[-80:])
     now = of.scaling.x_mean + 0.1
     assert (np.abs(far[79] - now) < 0.6 * np.abs(plain[79] - now)).all()
 
 
 def test_trials_are_the_predictions_under_the_commands_that_came() -> None:
     """The covariance after one trial, against a roll-out made with hindsight."""
-    of, u = model(correction=slow(0.05, 0.97)), commands(200)
+    of, u = model(observer_gains=slow(0.05, 0.97)), commands(200)
     random = np.random.default_rng(1)
     x = of.scaling.x_mean + np.cumsum(random.normal(0, [0.02, 0.01, 0.005], (200, 3)), axis=0)
     car = Predictor(of, horizon_steps=0)
@@ -85,41 +85,41 @@ def test_trials_are_the_predictions_under_the_commands_that_came() -> None:
     sums: Array = np.zeros((4, 80, 3))
     for k in range(200):
         car.step(sample(k, x[k], u[k]))
-        assert car.trials is not None
-        if first < 0 and (car.trials._age == 0).any():
+        assert car.rollout_monitor is not None
+        if first < 0 and (car.rollout_monitor._age == 0).any():
             first, made = k, k
-            car.trials.trust[:] = 1.0
-            ahead = car.roll_out(u[k : k + 80])
-            sums = car.trials._sums.copy()
+            car.rollout_monitor.shrinkage[:] = 1.0
+            ahead = car.rollout(u[k : k + 80])
+            sums = car.rollout_monitor._sums.copy()
         # One trial alone.
         if first >= 0:
-            car.trials._ticks = 1
+            car.rollout_monitor._ticks = 1
         if k == first + 80:
             break
     assert made >= 0
     scale = of.scaling.x_scale
     m, y = (ahead - x[first]) / scale, (x[first + 1 : first + 81] - x[first]) / scale
     for found, before, new in zip(
-        car.trials._sums, sums, (m * y, m * m, 1.0, y * y), strict=True
+        car.rollout_monitor._sums, sums, (m * y, m * m, 1.0, y * y), strict=True
     ):
         np.testing.assert_allclose(found, 0.985 * before + new, rtol=1e-4, atol=1e-6)
-    kept, moved, count, whole = car.trials._sums
+    kept, moved, count, whole = car.rollout_monitor._sums
     share = kept / moved
     left = np.maximum(whole - share * kept, 0.0) / count
     chance = left / np.maximum((1.0 - share) ** 2 * moved, 1e-12)
     weight = count / (count + 3.0) * np.maximum(1.0 - chance, 0.0)
     trust = np.clip(1.0 - weight * (1.0 - share), 0.0, 1.0)
-    np.testing.assert_allclose(car.trials.trust, trust, rtol=1e-6)
+    np.testing.assert_allclose(car.rollout_monitor.shrinkage, trust, rtol=1e-6)
 
 
 def test_a_trial_starts_every_ten_ticks_and_lasts_its_horizon() -> None:
     of, u = model(), commands(400)
     car = Predictor(of)
     drive(car, own_drive(of, u), u, {})
-    assert car.trials is not None
-    ages = sorted(car.trials._age.tolist())
-    assert len(ages) == 80 // EVERY
-    assert set(np.diff(ages)) <= {EVERY}
+    assert car.rollout_monitor is not None
+    ages = sorted(car.rollout_monitor._age.tolist())
+    assert len(ages) == 80 // ROLLOUT_STRIDE
+    assert set(np.diff(ages)) <= {ROLLOUT_STRIDE}
 
 
 @pytest.mark.parametrize("flag", [Flag.FROZEN, Flag.COASTING, Flag.ODOMETRY_STALE])
@@ -129,8 +129,8 @@ def test_what_may_not_be_learned_is_no_evidence(flag: Flag) -> None:
     x[150:] += 5.0
     car = Predictor(of, max_coast_steps=400)
     drive(car, x, u, {k: int(flag) for k in range(150, 300)})
-    assert car.trials is not None
-    np.testing.assert_allclose(car.trials.trust, 1.0, atol=1e-3)
+    assert car.rollout_monitor is not None
+    np.testing.assert_allclose(car.rollout_monitor.shrinkage, 1.0, atol=1e-3)
 
 
 def test_reset_forgets() -> None:
@@ -138,14 +138,14 @@ def test_reset_forgets() -> None:
     car = Predictor(of)
     drive(car, np.tile(of.scaling.x_mean + 0.1, (600, 1)), u, {})
     car.reset()
-    assert car.trials is not None
-    assert (car.trials.trust == 1.0).all()
+    assert car.rollout_monitor is not None
+    assert (car.rollout_monitor.shrinkage == 1.0).all()
     np.testing.assert_allclose(car.horizon_covariance, of.horizon_covariance)
-    assert (car.trials._age == -1).all()
+    assert (car.rollout_monitor._age == -1).all()
 
 
 def test_without_a_twin_or_a_table_there_are_none() -> None:
-    assert Predictor(model(twin=False)).trials is None
-    assert Predictor(model(usual_change=np.zeros((0, 3)))).trials is None
-    of = model(usual_change=np.zeros((0, 3)))
+    assert Predictor(model(twin=False)).rollout_monitor is None
+    assert Predictor(model(mean_square_change=np.zeros((0, 3)))).rollout_monitor is None
+    of = model(mean_square_change=np.zeros((0, 3)))
     assert Predictor(of).horizon_covariance is of.horizon_covariance

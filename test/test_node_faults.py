@@ -18,22 +18,22 @@ import pytest
 from node_tools import Rig, write_model
 
 from adk_ros.model import artefact
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.pipeline import PipelineSettings
-from adk_ros.ros.diagnostics import Level, Report
+from adk_ros.ros.diagnostics import DiagnosticReport, Level
 from adk_ros.ros.messages import join_stamp, split_stamp
 from adk_ros.ros.traffic import Rates
-from adk_ros.signals.channels import TICK_NS, USUAL, Source
+from adk_ros.signals.channels import STANDARD_SOURCES, TICK_NS, Source
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
+def model(tmp_path_factory: pytest.TempPathFactory) -> KoopmanModel:
     folder: Path = write_model(tmp_path_factory.mktemp("model") / "model")
     return artefact.load(folder).model
 
 
 @pytest.fixture
-def rig(model: Model) -> Rig:
+def rig(model: KoopmanModel) -> Rig:
     rig = Rig(model)
     rig.drive(3.0)
     assert rig.reports[-1].level is Level.OK
@@ -41,7 +41,7 @@ def rig(model: Model) -> Rig:
     return rig
 
 
-def value(report: Report, key: str) -> float:
+def value(report: DiagnosticReport, key: str) -> float:
     return float(dict(report.values)[key])
 
 
@@ -108,7 +108,7 @@ def test_nothing_but_nan(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("hours", [1, -1, 24 * 365 * 10])
-@pytest.mark.parametrize("source", USUAL)
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
 def test_message_from_another_time(rig: Rig, source: Source, hours: int) -> None:
     """A single one is ignored; the grid does not move."""
     done: list[bool] = []
@@ -142,7 +142,7 @@ def test_no_stamp_at_all(rig: Rig) -> None:
     is_well(rig)
 
 
-def test_duplicates(model: Model) -> None:
+def test_duplicates(model: KoopmanModel) -> None:
     """Each message twice changes no prediction."""
     once, twice = Rig(model), Rig(model)
     once.drive(4.0)
@@ -256,7 +256,7 @@ def test_imu_silent(rig: Rig) -> None:
         (Source.ODOMETRY, Source.COMMAND),
         (Source.ODOMETRY, Source.IMU),
         (Source.COMMAND, Source.IMU),
-        USUAL,
+        STANDARD_SOURCES,
     ],
 )
 def test_several_silent(rig: Rig, sources: tuple[Source, ...]) -> None:
@@ -275,7 +275,7 @@ def test_several_silent(rig: Rig, sources: tuple[Source, ...]) -> None:
         ((Source.ODOMETRY, Source.COMMAND), "odometry never received, command never received"),
     ],
 )
-def test_never_there(model: Model, missing: tuple[Source, ...], said: str) -> None:
+def test_never_there(model: KoopmanModel, missing: tuple[Source, ...], said: str) -> None:
     rig = Rig(model)
     reports = rig.drive(20.0, without(*missing))
     assert reports[0].level is Level.WARN
@@ -286,9 +286,9 @@ def test_never_there(model: Model, missing: tuple[Source, ...], said: str) -> No
     is_well(rig)
 
 
-def test_nothing_ever(model: Model) -> None:
+def test_nothing_ever(model: KoopmanModel) -> None:
     rig = Rig(model)
-    report = rig.drive(60.0, without(*USUAL))[-1]
+    report = rig.drive(60.0, without(*STANDARD_SOURCES))[-1]
     assert report.level is Level.WARN
     assert report.message == "waiting for odometry, command"
     is_well(rig)
@@ -306,7 +306,7 @@ def test_no_imu(tmp_path: Path, trained_with_imu: bool) -> None:
     assert value(report, "ticks_no_imu") == rig.pipeline.ticks
 
 
-def test_imu_required(model: Model) -> None:
+def test_imu_required(model: KoopmanModel) -> None:
     rig = Rig(model, use_imu="required", rates=Rates(imu_hz=0.0))
     report = rig.drive(3.0)[-1]
     assert report.level is Level.ERROR
@@ -369,7 +369,7 @@ def test_missing_joint(rig: Rig, spoiled: dict[str, Any], reason: str) -> None:
     is_well(rig)
 
 
-def test_missing_joint_from_the_start(model: Model) -> None:
+def test_missing_joint_from_the_start(model: KoopmanModel) -> None:
     rig = Rig(model)
 
     def change(given: Source, msg: Any) -> Any:
@@ -383,7 +383,7 @@ def test_missing_joint_from_the_start(model: Model) -> None:
     assert "joint 'drive' is missing" in report.message
 
 
-def test_streams_of_different_clocks(model: Model) -> None:
+def test_streams_of_different_clocks(model: KoopmanModel) -> None:
     """Odometry in time since boot beside sensors in Unix time: told as that."""
     rig = Rig(model)
 
@@ -399,7 +399,7 @@ def test_streams_of_different_clocks(model: Model) -> None:
     assert "stray stamps ignored" in report.message
 
 
-def test_imu_in_g(model: Model) -> None:
+def test_imu_in_g(model: KoopmanModel) -> None:
     rig = Rig(model)
 
     def change(given: Source, msg: Any) -> Any:
@@ -415,7 +415,7 @@ def test_imu_in_g(model: Model) -> None:
     assert rig.all_finite()
 
 
-def test_imu_in_degrees(model: Model) -> None:
+def test_imu_in_degrees(model: KoopmanModel) -> None:
     rig = Rig(model)
 
     def change(given: Source, msg: Any) -> Any:
@@ -444,11 +444,11 @@ def test_rate_changes(rig: Rig, after: Rates, said: str) -> None:
     assert any(said in report.message for report in reports)
     assert all(report.level is Level.OK for report in reports)
     assert len(rig.published) - published >= 397
-    rates = [value(reports[-1], f"{source.name.lower()}.rate_hz") for source in USUAL]
+    rates = [value(reports[-1], f"{source.name.lower()}.rate_hz") for source in STANDARD_SOURCES]
     np.testing.assert_allclose(rates, after, rtol=0.03)
 
 
-def test_sim_time_starts_late(model: Model) -> None:
+def test_sim_time_starts_late(model: KoopmanModel) -> None:
     """Predictions hang on stamps alone; that the clock is missing is said."""
     rig = Rig(model)
     rig.sim_time = (True, False)
@@ -514,7 +514,7 @@ def test_not_finite_is_withheld(
     is_well(rig, 1.0)
 
 
-def test_online_method_that_fails(model: Model) -> None:
+def test_online_method_that_fails(model: KoopmanModel) -> None:
     rig = Rig(model)
     rig.drive(2.0)
     rig.pipeline.predictor.online.failures += 3
@@ -546,26 +546,26 @@ def test_stall_is_counted_and_does_not_move_the_grid(rig: Rig) -> None:
     """After a stall the clock is ahead of the messages that wait: these come first."""
     ticks, missed = rig.pipeline.ticks, rig.core.counters.missed_deadlines
     rig.mono_ns += 110_000_000
-    rig.core.watch(rig.stamp_ns)
+    rig.core.on_timer(rig.stamp_ns)
     assert rig.pipeline.ticks == ticks
     assert rig.core.counters.missed_deadlines == missed + 3
     # Idle from here on: the clock may complete ticks, after a call that was in time.
     rig.mono_ns += TICK_NS
-    rig.core.watch(rig.stamp_ns)
+    rig.core.on_timer(rig.stamp_ns)
     assert rig.pipeline.ticks > ticks
 
 
-def test_waiting_without_sensors_misses_no_deadline(model: Model) -> None:
+def test_waiting_without_sensors_misses_no_deadline(model: KoopmanModel) -> None:
     rig = Rig(model)
     for _ in range(5):
         rig.mono_ns += 10 * TICK_NS
-        rig.core.watch(rig.stamp_ns)
+        rig.core.on_timer(rig.stamp_ns)
     assert rig.core.counters.missed_deadlines == 0
 
 
 @pytest.mark.parametrize("rates", [Rates(0.0, 10.0, 5.0), Rates(50.0, 10.0, 5.0)])
 def test_slow_streams_go_on_by_the_clock(
-    model: Model, rates: Rates, monkeypatch: pytest.MonkeyPatch
+    model: KoopmanModel, rates: Rates, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Between readings 100 ms apart samples still come every 25 ms, the same as by data alone."""
     samples: list[dict[int, Any]] = []
@@ -623,7 +623,7 @@ def test_values_of_a_healthy_report(rig: Rig) -> None:
         assert value(report, key) == 0
 
 
-def test_steering_ratio_and_reference_point_reach_the_pipeline(model: Model) -> None:
+def test_steering_ratio_and_reference_point_reach_the_pipeline(model: KoopmanModel) -> None:
     settings = PipelineSettings(horizon_steps=0)
     rig = Rig(model, settings)
     rig.drive(2.0)

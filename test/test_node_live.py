@@ -36,11 +36,11 @@ from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Prediction
 from adk_ros.ros import parameters
-from adk_ros.ros.echo import Recording, echo, record, watch_diagnostics
+from adk_ros.ros.echo import PredictionLog, echo, record, watch_diagnostics
 from adk_ros.ros.messages import join_stamp
 from adk_ros.ros.session import Session
 from adk_ros.ros.traffic import Rates, message
-from adk_ros.signals.channels import USUAL, Reading, Source
+from adk_ros.signals.channels import STANDARD_SOURCES, Reading, Source
 
 PLAY = f"""
 import json, sys
@@ -70,7 +70,7 @@ class Listener:
         self.horizons: dict[int, Any] = {}
         self.covariances: list[Any] = []
         self.shown: dict[str, str] = {}
-        self.recording = Recording("")
+        self.recording = PredictionLog("")
         self._ended = threading.Event()
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._listen)
@@ -127,11 +127,11 @@ def fold(model: Path, bags: list[Path], until_s: float | None = None) -> list[Pr
     return predictions
 
 
-def compare(expected: list[Prediction], recording: Recording) -> None:
+def compare(expected: list[Prediction], recording: PredictionLog) -> None:
     """Same ticks but for the first 100 ms, values within 1e-9."""
     first_ns = expected[0].stamp_ns
     wanted = [item for item in expected if item.stamp_ns > first_ns + SKIPPED_NS]
-    heard = [item for item in recording.heard if item.stamp_ns > first_ns + SKIPPED_NS]
+    heard = [item for item in recording.received if item.stamp_ns > first_ns + SKIPPED_NS]
     assert [item.stamp_ns for item in heard] == [item.stamp_ns for item in wanted]
     assert len(wanted) > 100
     np.testing.assert_allclose(
@@ -151,7 +151,7 @@ def test_live_equals_replay(model: Path, bag: Path) -> None:
     assert (code, stats["unheard"]) == (0, [])
     assert spent_s < 1.0
     expected = fold(model, [bag])
-    assert len(expected) == len(listener.recording.heard) > 390
+    assert len(expected) == len(listener.recording.received) > 390
     compare(expected, listener.recording)
     for prediction in expected[4:]:
         message = listener.horizons[prediction.origin_ns]
@@ -212,7 +212,7 @@ def test_a_bag_that_loops(model: Path, bag: Path) -> None:
     rounds = np.flatnonzero(np.diff(stamps) < 0) + 1
     assert len(rounds) >= 2
     begin, end = rounds[0], rounds[1]
-    second = Recording("", listener.recording.heard[begin:end])
+    second = PredictionLog("", listener.recording.received[begin:end])
     compare(twice[len(once) :], second)
 
 
@@ -224,7 +224,7 @@ def test_service_parameters_and_echo(
         shown = echo(count=3, every=10, as_json=True, wait_s=60.0)
         printed = [json.loads(text) for text in capsys.readouterr().out.splitlines()]
         assert [item["stamp_ns"] for item in printed] == [
-            item.stamp_ns for item in shown.heard[::10]
+            item.stamp_ns for item in shown.received[::10]
         ]
         assert len(printed) == 3
         echo(duration_s=0.5, every=5, wait_s=60.0, topic="predictor/predicted_twist")
@@ -288,7 +288,7 @@ def test_faults_over_real_topics_and_sim_time_that_starts_late(model: Path) -> N
         session.node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
         publishers = {
             source: session.node.create_publisher(kind, source.name.lower(), 10)
-            for source, kind in zip(USUAL, (Imu, Odometry, JointState), strict=True)
+            for source, kind in zip(STANDARD_SOURCES, (Imu, Odometry, JointState), strict=True)
         }
         clock = session.node.create_publisher(Clock, "/clock", 10)
         wait_for(

@@ -11,28 +11,28 @@ import pytest
 from paper_tools import board_of, case_score, good_board, papers_board
 
 from adk_ros.bench.paper import claims
-from adk_ros.bench.paper.av21 import Recorded
-from adk_ros.bench.paper.bars import FAIL, INFO, PASS, Bar, judge
+from adk_ros.bench.paper.av21 import RecordingScores
+from adk_ros.bench.paper.bars import FAIL, INFO, PASS, PaperCriterion, evaluate_paper_criteria
 from adk_ros.bench.paper.cases import CLEAN, NOISY, PAPER_TESTS, TESTS
 from adk_ros.bench.paper.claims import HOLDS, NOT, PART, UNKNOWN, Claim, Comparison
-from adk_ros.bench.paper.claims_list import STATEMENTS, beside
-from adk_ros.bench.paper.claims_list import judge as judge_claims
-from adk_ros.bench.paper.predictors import ALDK, DK, NAIVE, OURS, PYKOOP, PYKOOPMAN, RLS, SWLS
-from adk_ros.bench.paper.scores import Board
+from adk_ros.bench.paper.claims_list import STATEMENTS, compared_with
+from adk_ros.bench.paper.claims_list import check_claims as judge_claims
+from adk_ros.bench.paper.predictors import ADK_ROS, ALDK, DK, NAIVE, PYKOOP, PYKOOPMAN, RLS, SWLS
+from adk_ros.bench.paper.scores import ScoreTable
 from adk_ros.signals.channels import FloatArray
 from adk_ros.signals.score import REPORT_SCALE
 
 
 def bars(
-    board: Board, recorded: Recorded | None = None, without: str = ""
-) -> dict[str, Bar]:
-    return {bar.name: bar for bar in judge(board, recorded, without)}
+    board: ScoreTable, recorded: RecordingScores | None = None, without: str = ""
+) -> dict[str, PaperCriterion]:
+    return {bar.name: bar for bar in evaluate_paper_criteria(board, recorded, without)}
 
 
 def changed(
-    board: Board, test: str, name: str, variant: str = CLEAN, seed: int | None = None,
+    board: ScoreTable, test: str, name: str, variant: str = CLEAN, seed: int | None = None,
     cell: tuple[int, int] = (0, 0), rmse: float = 2.0, covered: int | None = None,
-) -> Board:  # fmt: skip
+) -> ScoreTable:  # fmt: skip
     """The board with one cell of a predictor altered, in one seed or in all."""
     items = board.scores[variant, test, name]
     for i, item in enumerate(items):
@@ -61,13 +61,13 @@ def test_a_good_board_passes() -> None:
 
 
 def test_the_mean_is_geometric_and_over_all_cells() -> None:
-    found = bars(board_of({name: 1.0 for name in NAIVE} | {OURS: 0.3}))
+    found = bars(board_of({name: 1.0 for name in NAIVE} | {ADK_ROS: 0.3}))
     assert found["geometric-mean"].verdict == FAIL
     assert "0.300 of" in found["geometric-mean"].figure
-    board = board_of({name: 1.0 for name in NAIVE} | {OURS: 0.5})
+    board = board_of({name: 1.0 for name in NAIVE} | {ADK_ROS: 0.5})
     for test in TESTS:
-        for i in range(len(board.scores[CLEAN, test, OURS])):
-            board.scores[CLEAN, test, OURS][i] = case_score(0.1)
+        for i in range(len(board.scores[CLEAN, test, ADK_ROS])):
+            board.scores[CLEAN, test, ADK_ROS][i] = case_score(0.1)
     figure = bars(board)["geometric-mean"]
     assert figure.verdict == PASS
     assert "0.224 of" in figure.figure
@@ -75,11 +75,11 @@ def test_the_mean_is_geometric_and_over_all_cells() -> None:
 
 
 def test_a_cell_is_lost_if_even_the_best_seed_is_above() -> None:
-    board = changed(good_board(), "winter", OURS, NOISY, seed=1, cell=(2, 1), rmse=9.0)
+    board = changed(good_board(), "winter", ADK_ROS, NOISY, seed=1, cell=(2, 1), rmse=9.0)
     found = bars(board)["no-cell-above-1"]
     assert found.verdict == PASS
     assert "within the spread: noisy winter (v_y 0.5 s 3.07 (0.09 to 9.00))" in found.figure
-    found = bars(changed(board, "gusts", OURS, cell=(4, 0), rmse=1.5))["no-cell-above-1"]
+    found = bars(changed(board, "gusts", ADK_ROS, cell=(4, 0), rmse=1.5))["no-cell-above-1"]
     assert found.verdict == FAIL
     assert found.figure.startswith("1 of 300 cells, all seeds above 1.0: clean gusts (v_x 2 s 1.5")
 
@@ -101,7 +101,7 @@ def test_ahead_in_nine_of_ten_cells_is_enough_and_the_others_are_named() -> None
 
 
 def test_as_good_is_not_ahead() -> None:
-    board = board_of({name: 1.0 for name in NAIVE} | {OURS: 0.2, PYKOOP: 0.2})
+    board = board_of({name: 1.0 for name in NAIVE} | {ADK_ROS: 0.2, PYKOOP: 0.2})
     assert bars(board)["ahead-of-pykoop"].figure.startswith("0.0 %")
 
 
@@ -117,8 +117,8 @@ def test_without_peers_the_bar_says_how_to_get_them() -> None:
 def test_coverage_must_be_within_both_bounds() -> None:
     board = good_board()
     for test in TESTS:
-        changed(board, test, OURS, NOISY, cell=(3, 2), rmse=0.1, covered=840)
-        changed(board, test, OURS, CLEAN, cell=(0, 0), rmse=0.1, covered=960)
+        changed(board, test, ADK_ROS, NOISY, cell=(3, 2), rmse=0.1, covered=840)
+        changed(board, test, ADK_ROS, CLEAN, cell=(0, 0), rmse=0.1, covered=960)
     found = bars(board)["coverage"]
     assert found.verdict == FAIL
     assert "cover 84.0 to 96.0 %" in found.figure
@@ -129,7 +129,7 @@ def test_coverage_must_be_within_both_bounds() -> None:
 
 
 def test_one_tests_coverage_is_told_but_not_judged() -> None:
-    board = changed(good_board(), "winter", OURS, CLEAN, cell=(0, 0), rmse=0.1, covered=500)
+    board = changed(good_board(), "winter", ADK_ROS, CLEAN, cell=(0, 0), rmse=0.1, covered=500)
     found = bars(board)
     assert found["coverage"].verdict == PASS
     assert "299 of 300 cells within; outside: clean winter (v_x 1 step 50.0 %)" in (
@@ -150,13 +150,13 @@ def test_recordings() -> None:
     # One step does not count; 0.5 s does.
     good[0] = 3.0
     bad[2, 1] = 1.2
-    found = bars(good_board(), Recorded({"a / a": good, "b / b": good, "a / b": bad}))
+    found = bars(good_board(), RecordingScores({"a / a": good, "b / b": good, "a / b": bad}))
     assert found["av21"].verdict == PASS
     assert "18 of 18 cells of 2 recordings" in found["av21"].figure
     assert found["av21-across"].verdict == INFO
     assert found["av21-across"].figure.startswith("8 of 9 cells")
     assert found["av21-across"].figure.endswith("not below: a / b v_y 0.5 s 1.20")
-    found = bars(good_board(), Recorded({"a / a": bad}))
+    found = bars(good_board(), RecordingScores({"a / a": bad}))
     assert found["av21"].verdict == FAIL
     assert "not below: a / a v_y 0.5 s 1.20" in found["av21"].figure
     assert "av21-across" not in found
@@ -175,9 +175,9 @@ def test_the_papers_effect_in_the_papers_own_figures() -> None:
     )
 
 
-def _with_ours(board: Board) -> Board:
+def _with_ours(board: ScoreTable) -> ScoreTable:
     for test in PAPER_TESTS:
-        for name in (*NAIVE, OURS):
+        for name in (*NAIVE, ADK_ROS):
             board.add(CLEAN, test, name, case_score(1.0))
     return board
 
@@ -249,7 +249,7 @@ def test_the_rule(true: tuple[bool, ...], verdict: str) -> None:
 
 
 def test_comparisons_show_both_figures_and_the_papers() -> None:
-    evidence = claims.Evidence(papers_board(), series)
+    evidence = claims.ClaimEvidence(papers_board(), series)
     (item,) = claims.reduced(evidence, "nominal", SWLS, ALDK, (95.0,), channels=(0,))
     assert item.true
     assert item.text == (
@@ -266,8 +266,8 @@ def test_comparisons_show_both_figures_and_the_papers() -> None:
 
 def test_what_the_paper_does_not_ask() -> None:
     board = board_of({name: 1.0 for name in NAIVE} | {ALDK: 3.0, SWLS: 0.5})
-    first, second = beside(board)
+    first, second = compared_with(board)
     assert "0 of 30 cells (median ratio 3.00)" in first
     assert "30 of 30 cells (median ratio 0.5)" in second
     assert "120 of 120" in second
-    assert beside(Board()) == []
+    assert compared_with(ScoreTable()) == []

@@ -24,7 +24,7 @@ SHORT = cases.Durations(train=20.0, test=6.0)
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("drives")
     for test in ("nominal", "slalom"):
-        driven, _ = cases.drive(test, SHORT)
+        driven, _ = cases.simulate_test(test, SHORT)
         cases.write_truth(place, test, driven)
     return place
 
@@ -46,12 +46,12 @@ def test_all_tests_have_a_scenario_and_a_seed_of_their_own() -> None:
 def test_the_nominal_test_is_what_was_not_trained_on(folder: Path) -> None:
     train = cases.training_record(folder, cases.CLEAN)
     test = cases.test_record(folder, cases.NOMINAL, cases.CLEAN)
-    driven, begin = cases.drive(cases.NOMINAL, SHORT)
+    driven, begin = cases.simulate_test(cases.NOMINAL, SHORT)
     assert len(train) == begin == int(0.7 * len(driven.x))
     np.testing.assert_array_equal(np.concatenate([train.x, test.x]), driven.x)
     assert not driven.readings
     np.testing.assert_array_equal(test.x, test.x_ref)
-    other, begin = cases.drive("slalom", SHORT)
+    other, begin = cases.simulate_test("slalom", SHORT)
     assert begin == 0
     np.testing.assert_array_equal(
         cases.test_record(folder, "slalom", cases.CLEAN).u, other.u
@@ -115,4 +115,4 @@ def test_a_tenth_of_the_training_validates_spread_over_it() -> None:
 
 def test_an_unknown_test_is_refused() -> None:
     with pytest.raises(UsageError, match="no_such"):
-        cases.drive("no_such", SHORT)
+        cases.simulate_test("no_such", SHORT)

@@ -17,9 +17,9 @@ import pytest
 from train_tools import lines
 
 from adk_ros.bench.paper import run as runs
-from adk_ros.bench.paper.ending import TERMINATED, Terminated, unwinding
+from adk_ros.bench.paper.ending import TERMINATED, Terminated, graceful_shutdown
 from adk_ros.cli.main import main
-from adk_ros.report_folder import into_folder
+from adk_ros.report_folder import staged_folder
 
 LIMIT_S = 120.0
 
@@ -143,7 +143,7 @@ def test_the_first_signal_unwinds_and_the_next_are_ignored() -> None:
     cleaned = []
 
     def stopped(first: int) -> None:
-        with unwinding():
+        with graceful_shutdown():
             try:
                 os.kill(os.getpid(), first)
                 time.sleep(5.0)
@@ -195,7 +195,7 @@ def test_a_report_replaces_the_one_before_whole(tmp_path: Path) -> None:
     (out / "mine.txt").write_text("stays")
 
     def stopped() -> None:
-        with into_folder(out, ("report.html",)) as staged:
+        with staged_folder(out, ("report.html",)) as staged:
             write(staged, "half")
             raise Terminated
 
@@ -203,7 +203,7 @@ def test_a_report_replaces_the_one_before_whole(tmp_path: Path) -> None:
         stopped()
     assert sorted(path.name for path in out.rglob("*.*")) == ["mine.txt", "old.md", "report.html"]
     assert (out / "report.html").read_text() == "old"
-    with into_folder(out, ("report.html",)) as staged:
+    with staged_folder(out, ("report.html",)) as staged:
         write(staged, "new")
         assert (out / "report.html").read_text() == "old"
     assert sorted(path.name for path in out.rglob("*.*")) == ["mine.txt", "new.md", "report.html"]

@@ -18,29 +18,29 @@ from train_tools import bag, drive, lines, record, refused
 from adk_ros.bench.paper import av21, cases, jobs
 from adk_ros.bench.paper import run as runs
 from adk_ros.bench.paper.cases import CLEAN, NOISY, Durations
-from adk_ros.bench.paper.jobs import Job, Outcome, Plan
+from adk_ros.bench.paper.jobs import BenchPlan, Outcome, TrainingJob
 from adk_ros.bench.paper.page import write_report
 from adk_ros.bench.paper.physics import SevenDof
 from adk_ros.bench.paper.predictors import (
-    FLOOR,
+    ADK_ROS,
     MF_TUNED,
     NAIVE,
+    ORACLE,
     ORDER,
-    OURS,
     PYKOOP,
     PYKOOPMAN,
-    Floor,
-    Koopman,
+    KoopmanPredictor,
+    OraclePredictor,
     run,
 )
 from adk_ros.cli.main import main
 from adk_ros.errors import DataError, UsageError
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import FloatArray, IntArray, Record
 from adk_ros.train.settings import TrainSettings
 
-TINY = Plan(
+TINY = BenchPlan(
     quick=True, seeds=2, tests=("nominal", "slalom"), paper_epochs=1, paper_batch=256, stride=40,
     durations=Durations(train=60.0, test=8.0), peers=False,
     train=TrainSettings(
@@ -51,10 +51,10 @@ TINY = Plan(
 
 
 @pytest.mark.parametrize("make", [make_model, paper_model])
-def test_one_pass_gives_what_the_predictor_gives(make: Callable[[], Model]) -> None:
+def test_one_pass_gives_what_the_predictor_gives(make: Callable[[], KoopmanModel]) -> None:
     heard = cases.noisy(record().rows(slice(0, 400)), 1)
     rows, starts = cases.rows_of(heard, 50)
-    koopman = Koopman("any", make())
+    koopman = KoopmanPredictor("any", make())
     passed = koopman.run(heard, rows, starts)
     predictor = Predictor(koopman.model, horizon_steps=0)
     from adk_ros.model.evaluate import sample_at
@@ -65,7 +65,7 @@ def test_one_pass_gives_what_the_predictor_gives(make: Callable[[], Model]) -> N
             assert prediction is not None
             np.testing.assert_array_equal(passed.one[row - rows[0]], prediction.x)
     row = int(starts[2])
-    ahead = predictor.roll_out(heard.u[row : row + 80])
+    ahead = predictor.rollout(heard.u[row : row + 80])
     np.testing.assert_array_equal(passed.ahead[2], ahead)
     np.testing.assert_array_equal(koopman.predict(heard, starts, 10), passed.ahead[:, :10])
     if len(koopman.model.horizon_covariance):
@@ -83,7 +83,7 @@ def test_nothing_of_the_future_but_commands_enters() -> None:
     x = heard.x.copy()
     x[k + 1 :] += 5.0
     other = replace(heard, x=x, x_ref=x + 1.0)
-    koopman = Koopman("any", make_model())
+    koopman = KoopmanPredictor("any", make_model())
     one, two = (koopman.run(item, rows, starts) for item in (heard, other))
     before = rows <= k
     np.testing.assert_array_equal(one.one[before], two.one[before])
@@ -95,7 +95,7 @@ def test_the_floor_of_a_clean_test_is_zero() -> None:
     driven = drive("town", 30.0)
     truth = driven.truth().rows(slice(400, None))
     rows, starts = cases.rows_of(truth, 100)
-    passed = run(Floor(driven, 400), truth, rows, starts)
+    passed = run(OraclePredictor(driven, 400), truth, rows, starts)
     np.testing.assert_allclose(passed.one, truth.x[rows + 1], atol=1e-12)
     assert np.abs(passed.ahead[:, 79] - truth.x[starts + 80]).max() < 1e-9
 
@@ -132,11 +132,11 @@ def test_everybody_is_scored_on_every_test(done: tuple[runs.Result, Path, Path])
                 tuple(board.seeds(variant, test, name)[0].count.tolist()) for name in expected
             }
             assert len(counts) == 1
-            assert len(board.seeds(variant, test, OURS)) == 2
-            assert (board.rmse(variant, test, FLOOR)[4] < 0.2).all()
-    assert (board.rmse(CLEAN, "slalom", FLOOR) < 1e-9).all()
+            assert len(board.seeds(variant, test, ADK_ROS)) == 2
+            assert (board.rmse(variant, test, ORACLE)[4] < 0.2).all()
+    assert (board.rmse(CLEAN, "slalom", ORACLE) < 1e-9).all()
     assert np.isfinite(board.coverage()).all()
-    seeds = board.seeds(CLEAN, "nominal", OURS)
+    seeds = board.seeds(CLEAN, "nominal", ADK_ROS)
     assert (seeds[0].rmse != seeds[1].rmse).any()
     noisy = board.rmse(NOISY, "nominal", NAIVE[0])[0]
     np.testing.assert_array_less(board.rmse(CLEAN, "nominal", NAIVE[0])[0], noisy)
@@ -170,7 +170,7 @@ def test_failing_peers_do_not_end_the_run(
     def broken(train: list[Record], scratch: Path) -> None:
         raise DataError("the peers failed: LinAlgError")
 
-    def nothing(job: Job, plan: Plan, folder: Path, tell: Callable[[float], None]) -> Outcome:
+    def nothing(job: TrainingJob, plan: BenchPlan, folder: Path, tell: Callable[[float], None]) -> Outcome:
         return Outcome(job)
 
     monkeypatch.setattr(jobs, "Peers", broken)
@@ -196,10 +196,10 @@ def test_without_their_environment_the_peers_are_left_out(
 
 
 def test_processes_do_the_same(done: tuple[runs.Result, Path, Path], tmp_path: Path) -> None:
-    drives = [Job("simulate", about=test) for test in TINY.tests]
+    drives = [TrainingJob("simulate", about=test) for test in TINY.tests]
     with runs._Pool(TINY, tmp_path, 2) as pool:
         pool.run(drives, "simulating", None, None)
-        (outcome,) = pool.run([Job("naive", NOISY)], "predicting", None, None)
+        (outcome,) = pool.run([TrainingJob("naive", NOISY)], "predicting", None, None)
     for test, name, item in outcome.scores:
         expected = done[0].board.rmse(NOISY, test, name)
         np.testing.assert_array_equal(item.rmse, expected)
@@ -211,7 +211,7 @@ def test_a_failure_in_a_process_is_told_at_once(tmp_path: Path) -> None:
         pytest.raises(UsageError, match="no_such"),
         runs._Pool(TINY, tmp_path, 1) as pool,
     ):
-        pool.run([Job("simulate", about="no_such")], "simulating", None, None)
+        pool.run([TrainingJob("simulate", about="no_such")], "simulating", None, None)
     assert time.monotonic() - started < 60.0
 
 
@@ -228,19 +228,19 @@ def test_recordings_are_found_and_judged(
     found = tuple(folder / path.name for path in (first, second))
 
     def untrained(
-        outcome: Outcome, records: list[Record], plan: Plan, folder: Path,
+        outcome: Outcome, records: list[Record], plan: BenchPlan, folder: Path,
         tell: Callable[[float], None],
-    ) -> Koopman:  # fmt: skip
+    ) -> KoopmanPredictor:  # fmt: skip
         assert sum(item.duration_s for item in records) == pytest.approx(18.0, abs=0.5)
-        return Koopman(OURS, make_model())
+        return KoopmanPredictor(ADK_ROS, make_model())
 
     monkeypatch.setattr(av21, "train_default", untrained)
     plan = replace(TINY, recordings=found)
     outcomes = [
-        av21.recording_job(Job("recording", "recorded", 0, path.name), plan, tmp_path, print)
+        av21.recording_job(TrainingJob("recording", "recorded", 0, path.name), plan, tmp_path, print)
         for path in found
     ]
-    recorded = av21.Recorded.of(outcomes)
+    recorded = av21.RecordingScores.of(outcomes)
     assert len(recorded.pairs(own=True)) == len(recorded.pairs(own=False)) == 2
     for table in recorded.ratios.values():
         assert table.shape == (5, 3)
@@ -256,7 +256,7 @@ def test_real_recordings_are_scored_as_arithmetic_says() -> None:
             return np.asarray(future + 0.1 * (item.x[rows][:, None] - future))
 
     found = av21.against_naive(Right(), record())  # type: ignore[arg-type]
-    ratio = found[OURS].rmse / found["persistence"].rmse
+    ratio = found[ADK_ROS].rmse / found["persistence"].rmse
     np.testing.assert_allclose(ratio, 0.1, rtol=1e-9)
 
 
@@ -285,9 +285,9 @@ def test_the_verb_prints_a_line_a_bar(
     capsys: pytest.CaptureFixture[str], as_json: bool,
 ) -> None:  # fmt: skip
     result, folder, _ = done
-    plans: list[Plan] = []
+    plans: list[BenchPlan] = []
 
-    def ready(plan: Plan, place: Path, *rest: object) -> runs.Result:
+    def ready(plan: BenchPlan, place: Path, *rest: object) -> runs.Result:
         plans.append(plan)
         for path in folder.glob("*.np[yz]"):
             (place / path.name).write_bytes(path.read_bytes())
@@ -299,7 +299,7 @@ def test_the_verb_prints_a_line_a_bar(
     assert main([*given, "--json"] if as_json else given) == 0
     said = capsys.readouterr()
     assert plans[0].quick
-    assert plans[0].paper_epochs < Plan().paper_epochs
+    assert plans[0].paper_epochs < BenchPlan().paper_epochs
     assert plans[0].train.steps < TrainSettings().steps
     assert (tmp_path / "out" / "report.html").is_file()
     if as_json:

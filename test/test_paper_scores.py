@@ -16,20 +16,20 @@ from train_tools import made_record
 
 from adk_ros.bench.paper.cases import CLEAN, HISTORY, NOISY, PAPER_TESTS, rows_of
 from adk_ros.bench.paper.predictors import (
+    ADK_ROS,
     ALDK,
-    FLOOR,
     MF,
     NAIVE,
-    OURS,
+    ORACLE,
     PYKOOP,
     SWLS,
-    Naive,
-    Passed,
+    NaivePredictor,
+    TestPredictions,
     run,
 )
 from adk_ros.bench.paper.published import FIVE, TABLES, effect, printed, published
 from adk_ros.bench.paper.ratios import geometric_means, summary_table
-from adk_ros.bench.paper.scores import Board, Cell, cells_text, score_case
+from adk_ros.bench.paper.scores import Cell, ScoreTable, cells_text, score_case
 from adk_ros.bench.paper.tables import (
     coverage_tables,
     horizon_tables,
@@ -53,7 +53,7 @@ def test_naive_predictors_score_what_arithmetic_says() -> None:
     record = ramp()
     rows, starts = rows_of(record, 20)
     items = {
-        name: score_case(record, rows, starts, run(Naive(name), record, rows, starts))
+        name: score_case(record, rows, starts, run(NaivePredictor(name), record, rows, starts))
         for name in NAIVE
     }
     steps = np.array(HORIZON_STEPS)
@@ -70,11 +70,11 @@ def test_naive_predictors_score_what_arithmetic_says() -> None:
 def test_what_is_lost_is_counted_by_horizon() -> None:
     record = ramp()
     rows, starts = rows_of(record, 20)
-    passed = run(Naive("straight line"), record, rows, starts)
+    passed = run(NaivePredictor("straight line"), record, rows, starts)
     ahead = passed.ahead.copy()
     ahead[2, 39:] = np.nan
     ahead[3, 79, 1] = 2e3
-    item = score_case(record, rows, starts, Passed(passed.one, ahead))
+    item = score_case(record, rows, starts, TestPredictions(passed.one, ahead))
     assert item.diverged.tolist() == [0, 0, 0, 1, 2]
     assert item.worst[4, 1] == DIVERGED
     assert item.rmse[3, 0] == pytest.approx(DIVERGED / np.sqrt(starts.size))
@@ -83,7 +83,7 @@ def test_what_is_lost_is_counted_by_horizon() -> None:
 def test_intervals_are_held_against_measurements_that_there_are() -> None:
     record = ramp()
     rows, starts = rows_of(record, 10)
-    passed = run(Naive("persistence"), record, rows, starts)
+    passed = run(NaivePredictor("persistence"), record, rows, starts)
     # 90 % reach 1.645 deviations: persistence misses v_x by 0.05 m/s a step.
     variance = np.full((starts.size, 5, 3), (0.05 * 10.0 / 1.6) ** 2)
     item = score_case(record, rows, starts, replace(passed, variance=variance))
@@ -99,15 +99,15 @@ def test_intervals_are_held_against_measurements_that_there_are() -> None:
 
 
 def test_ratios_are_to_the_best_naive_of_the_cell() -> None:
-    board = board_of({"persistence": 2.0, "straight line": 4.0, OURS: (1.0, 3.0)}, ["nominal"])
-    ratios = board.ratios(OURS)
+    board = board_of({"persistence": 2.0, "straight line": 4.0, ADK_ROS: (1.0, 3.0)}, ["nominal"])
+    ratios = board.ratios(ADK_ROS)
     assert len(ratios) == 2 * 5 * 3
     assert ratios[Cell(CLEAN, "nominal", 0, 0)].tolist() == [0.5, 1.5]
-    assert board.rmse(NOISY, "nominal", OURS)[4, 2] == 2.0
-    assert set(board.against(OURS, "straight line").values()) == {0.5}
-    assert board.names() == ["persistence", "straight line", OURS]
-    board.drop(OURS)
-    assert not board.has(OURS)
+    assert board.rmse(NOISY, "nominal", ADK_ROS)[4, 2] == 2.0
+    assert set(board.against(ADK_ROS, "straight line").values()) == {0.5}
+    assert board.names() == ["persistence", "straight line", ADK_ROS]
+    board.drop(ADK_ROS)
+    assert not board.has(ADK_ROS)
 
 
 def test_cells_in_words() -> None:
@@ -150,21 +150,21 @@ def test_all_predictors_are_in_every_table_and_the_floor_is_last() -> None:
     board = good_board()
     for variant in (CLEAN, NOISY):
         for test in board.tests():
-            board.add(variant, test, FLOOR, case_score(0.01))
+            board.add(variant, test, ORACLE, case_score(0.01))
     names = set(board.names())
     tables = one_step_tables(board) + horizon_tables(board)
     assert len(tables) == 2 * (6 + 3) + 2 * 10
     for table in tables:
         assert {row[0] for row in table.rows} == names
-        assert table.rows[-1][0] == FLOOR
-        assert [table.rows[i][0] for i in table.strong] == [OURS]
+        assert table.rows[-1][0] == ORACLE
+        assert [table.rows[i][0] for i in table.strong] == [ADK_ROS]
     assert any(table.name == "one_step_winter_noisy" for table in tables)
     summary = summary_table(board)
-    ours = next(row for row in summary.rows if row[0] == OURS)
+    ours = next(row for row in summary.rows if row[0] == ADK_ROS)
     assert ours[1:] == ["0.100"] * 10
     # Rounding over the best naive one says nothing.
-    assert (CLEAN, 0) not in geometric_means(board, FLOOR)
-    assert geometric_means(board, FLOOR)[NOISY, 0] == pytest.approx(0.01)
+    assert (CLEAN, 0) not in geometric_means(board, ORACLE)
+    assert geometric_means(board, ORACLE)[NOISY, 0] == pytest.approx(0.01)
 
 
 def test_diverged_is_said_in_words() -> None:
@@ -187,7 +187,7 @@ def test_files(tmp_path: Path) -> None:
     table = one_step_tables(board)[0]
     table.write(tmp_path)
     text = (tmp_path / f"{table.name}.md").read_text()
-    assert f"| **{OURS}** |" in text
+    assert f"| **{ADK_ROS}** |" in text
     assert len(re.findall(r"^\|", text, re.M)) == len(table.rows) + 2
     with (tmp_path / f"{table.name}.csv").open() as file:
         assert list(csv.reader(file)) == [table.header, *table.rows]
@@ -195,7 +195,7 @@ def test_files(tmp_path: Path) -> None:
     with (tmp_path / "scores.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * 2 * 15 * (len(NAIVE) + 3 + 3)
-    ours = [row for row in rows if row["predictor"] == OURS]
+    ours = [row for row in rows if row["predictor"] == ADK_ROS]
     assert {row["seed"] for row in ours} == {"0", "1", "2"}
     assert ours[0]["rmse_si"] == "0.09"
     assert float(ours[0]["rmse"]) == pytest.approx(0.09 * 3.6)
@@ -203,9 +203,9 @@ def test_files(tmp_path: Path) -> None:
 
 
 def test_coverage_is_pooled_over_tests_and_seeds() -> None:
-    board = Board()
+    board = ScoreTable()
     for test, covered in (("nominal", 0.8), ("winter", 1.0)):
-        board.add(CLEAN, test, OURS, case_score(1.0, covered=covered))
+        board.add(CLEAN, test, ADK_ROS, case_score(1.0, covered=covered))
     (table,) = coverage_tables(board)
     assert [row[0] for row in table.rows] == ["nominal", "winter", "all tests"]
     assert [row[1] for row in table.rows] == ["80.0", "100.0", "90.0"]

@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adk_ros.plant.floor import floor_rollout
-from adk_ros.plant.heard import Drive
+from adk_ros.plant.floor import oracle_rollout
+from adk_ros.plant.heard import SimulatedDrive
 from adk_ros.plant.scenarios import load_scenario
 from adk_ros.plant.simulate import simulate
 
@@ -16,24 +16,24 @@ AHEAD = 80
 
 
 @pytest.fixture(scope="module", params=["handling", "xyz_edges", "slalom", "gusts", "winter"])
-def drive(request: pytest.FixtureRequest) -> Drive:
+def drive(request: pytest.FixtureRequest) -> SimulatedDrive:
     return simulate(load_scenario(request.param), duration_s=40.0)
 
 
-def test_from_the_truth_it_is_the_drive(drive: Drive) -> None:
+def test_from_the_truth_it_is_the_drive(drive: SimulatedDrive) -> None:
     rows = np.array([0, 1, 7, 400, 777, 1200, len(drive.x) - 1 - AHEAD])
-    driven = floor_rollout(drive, rows, drive.x[rows], AHEAD)
+    driven = oracle_rollout(drive, rows, drive.x[rows], AHEAD)
     truth = np.stack([drive.x[row + 1 : row + 1 + AHEAD] for row in rows])
     assert driven.shape == (7, AHEAD, 3)
     assert np.abs(driven - truth).max() < 1e-9
     assert np.ptp(truth[:, :, 0]) > 1.0
 
 
-def test_a_measurement_in_error_is_all_that_separates_them(drive: Drive) -> None:
+def test_a_measurement_in_error_is_all_that_separates_them(drive: SimulatedDrive) -> None:
     rows = np.arange(100, 1500, 100)
     rng = np.random.default_rng(0)
     noise = rng.normal(0.0, [0.02, 0.02, 0.002], (len(rows), 3))
-    driven = floor_rollout(drive, rows, drive.x[rows] + noise, AHEAD)
+    driven = oracle_rollout(drive, rows, drive.x[rows] + noise, AHEAD)
     truth = np.stack([drive.x[row + 1 : row + 1 + AHEAD] for row in rows])
     error = np.sqrt(np.square(driven - truth).mean(axis=0))
     assert np.all(error[0] < [0.04, 0.04, 0.008])
@@ -44,28 +44,28 @@ def test_a_measurement_in_error_is_all_that_separates_them(drive: Drive) -> None
     assert np.abs((driven - truth)[:, 0, 0] - noise[:, 0]).max() < 0.02
 
 
-def test_starts_are_independent(drive: Drive) -> None:
+def test_starts_are_independent(drive: SimulatedDrive) -> None:
     rows = np.array([300, 500, 300])
     x0 = drive.x[rows] + [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.1, 0.0, 0.0]]
-    together = floor_rollout(drive, rows, x0, 20)
+    together = oracle_rollout(drive, rows, x0, 20)
     np.testing.assert_array_equal(together[0], together[2])
-    np.testing.assert_array_equal(floor_rollout(drive, rows[1:2], x0[1:2], 20)[0], together[1])
+    np.testing.assert_array_equal(oracle_rollout(drive, rows[1:2], x0[1:2], 20)[0], together[1])
     before = drive.states.copy()
-    floor_rollout(drive, rows, x0 + 1.0, 20)
+    oracle_rollout(drive, rows, x0 + 1.0, 20)
     np.testing.assert_array_equal(drive.states, before)
 
 
-def test_what_is_not_measured_is_not_predicted(drive: Drive) -> None:
+def test_what_is_not_measured_is_not_predicted(drive: SimulatedDrive) -> None:
     x0 = drive.x[[10, 20]].copy()
     x0[0, 1] = np.nan
-    driven = floor_rollout(drive, np.array([10, 20]), x0, 5)
+    driven = oracle_rollout(drive, np.array([10, 20]), x0, 5)
     assert np.isnan(driven[0]).all()
     assert np.isfinite(driven[1]).all()
 
 
-def test_past_the_end_the_last_command_holds(drive: Drive) -> None:
+def test_past_the_end_the_last_command_holds(drive: SimulatedDrive) -> None:
     last = len(drive.x) - 1
-    driven = floor_rollout(drive, np.array([last]), drive.x[[last]], 40)
+    driven = oracle_rollout(drive, np.array([last]), drive.x[[last]], 40)
     assert np.isfinite(driven).all()
     assert np.abs(np.diff(driven[0], axis=0)).max() < 1.0
 
@@ -73,7 +73,7 @@ def test_past_the_end_the_last_command_holds(drive: Drive) -> None:
 def test_what_does_not_fit_is_refused() -> None:
     drive = simulate(load_scenario("town"), duration_s=2.0)
     none = np.array([], dtype=np.int64)
-    assert floor_rollout(drive, none, np.empty((0, 3)), 5).shape == (0, 5, 3)
+    assert oracle_rollout(drive, none, np.empty((0, 3)), 5).shape == (0, 5, 3)
     for rows, x0, ahead, said in (
         ([81], np.zeros((1, 3)), 5, "rows must be of the drive's grid, 0 to 80"),
         ([-1], np.zeros((1, 3)), 5, "rows must be"),
@@ -81,4 +81,4 @@ def test_what_does_not_fit_is_refused() -> None:
         ([1], np.zeros((1, 3)), -1, "ahead must not be negative"),
     ):
         with pytest.raises(ValueError, match=said):
-            floor_rollout(drive, np.array(rows), x0, ahead)
+            oracle_rollout(drive, np.array(rows), x0, ahead)

@@ -33,8 +33,8 @@ from adk_ros.plant.driver import understeer_gradient
 from adk_ros.plant.fourteen_dof import (
     BRAKE,
     DELTA,
-    GRIP_X,
-    GRIP_Y,
+    F_X_UTIL,
+    F_Y_UTIL,
     HEADING,
     MOTOR,
     OMEGA,
@@ -56,7 +56,7 @@ from adk_ros.plant.surface import even_planes
 from adk_ros.signals.channels import FloatArray
 
 WHEELBASE = IMDV.c.cg_to_front_axle + IMDV.c.cg_to_rear_axle
-PER_WHEEL = (OMEGA, GRIP_X, GRIP_Y, TRAVEL, TRAVEL_RATE, MOTOR, BRAKE)
+PER_WHEEL = (OMEGA, F_X_UTIL, F_Y_UTIL, TRAVEL, TRAVEL_RATE, MOTOR, BRAKE)
 
 
 def moving(car: Car, v_x: float, v_y: float, yaw_rate: float, delta: float = 0.0) -> FloatArray:
@@ -74,7 +74,7 @@ def test_left_and_right_mirror_each_other() -> None:
     start[ROLL], start[ROLL_RATE] = 0.02, -0.1
     mirror = np.ones(STATE_SIZE)
     mirror[[V_Y, YAW_RATE, ROLL_RATE, DELTA, Y, HEADING, ROLL]] = -1.0
-    mirror[GRIP_Y : GRIP_Y + 4] = -1.0
+    mirror[F_Y_UTIL : F_Y_UTIL + 4] = -1.0
     order = np.arange(STATE_SIZE)
     for first in PER_WHEEL:
         order[first : first + 4] = [first + 1, first, first + 3, first + 2]

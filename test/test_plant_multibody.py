@@ -15,7 +15,7 @@ import pytest
 
 from adk_ros.plant.body import resolve
 from adk_ros.plant.params import GRAVITY
-from adk_ros.plant.tyre import axle_tyre, grip_shares
+from adk_ros.plant.tyre import axle_tyre, combined_slip_utilisation
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -63,10 +63,10 @@ def test_the_tyres_are_theirs(script: ModuleType) -> None:
     ratio = -p.tire.p_ky1 / (tyre.b_y * tyre.c_y * tyre.mu)
     for slip in (0.005, 0.02, 0.06, 0.15):
         lateral = -formula_lateral(slip, 0.0, 3000.0, p.tire)[0]
-        ours = 3000.0 * tyre.mu * grip_shares(tyre, 0.0, ratio * tyre.b_y * np.tan(slip))[1]
+        ours = 3000.0 * tyre.mu * combined_slip_utilisation(tyre, 0.0, ratio * tyre.b_y * np.tan(slip))[1]
         assert ours == pytest.approx(lateral, rel=0.005)
         along = formula_longitudinal(-slip, 0.0, 3000.0, p.tire)
-        ours = 3000.0 * tyre.mu * grip_shares(tyre, tyre.b_x * slip, 0.0)[0]
+        ours = 3000.0 * tyre.mu * combined_slip_utilisation(tyre, tyre.b_x * slip, 0.0)[0]
         assert ours == pytest.approx(along, rel=0.03 if slip < 0.05 else 0.12)
 
 

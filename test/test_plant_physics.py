@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from adk_ros.plant.driver import understeer_gradient
-from adk_ros.plant.forces import LOAD_MIN, air, road_normal_weight, wheel_loads
+from adk_ros.plant.forces import LOAD_MIN, aerodynamic_forces, road_normal_weight, wheel_loads
 from adk_ros.plant.params import AIR_DENSITY, GRAVITY, Constants, Tyre, Vehicle, load_vehicle
 from adk_ros.plant.seven_dof import (
     DELTA,
-    GRIP_X,
-    GRIP_Y,
+    F_X_UTIL,
+    F_Y_UTIL,
     HEADING,
     LOAD_A_Y,
     OMEGA,
@@ -30,7 +30,7 @@ from adk_ros.plant.seven_dof import (
     advance,
     rolling_state,
 )
-from adk_ros.plant.tyre import axle_tyre, friction, grip_shares
+from adk_ros.plant.tyre import axle_tyre, combined_slip_utilisation, friction
 from adk_ros.signals.channels import FloatArray
 
 CAR = load_vehicle("imdv").constants()
@@ -70,9 +70,9 @@ def test_left_and_right_mirror_each_other() -> None:
     right, force_r = go(CAR, moving(20.0, -0.4, -0.2), [(t, -d) for t, d in commands])
     mirror = np.ones(STATE_SIZE)
     mirror[[V_Y, YAW_RATE, LOAD_A_Y, DELTA, Y, HEADING]] = -1.0
-    mirror[GRIP_Y : GRIP_Y + 4] = -1.0
+    mirror[F_Y_UTIL : F_Y_UTIL + 4] = -1.0
     order = np.arange(STATE_SIZE)
-    for first in (OMEGA, GRIP_X, GRIP_Y):
+    for first in (OMEGA, F_X_UTIL, F_Y_UTIL):
         order[first : first + 4] = [first + 1, first, first + 3, first + 2]
     assert np.ptp(left[:, YAW_RATE]) > 0.3
     np.testing.assert_allclose(right[:, order] * mirror, left, atol=1e-9)
@@ -110,7 +110,7 @@ def test_weight_on_a_bank() -> None:
 
 @given(s_x=st.floats(-1e3, 1e3), s_y=st.floats(-1e3, 1e3))
 def test_combined_force_stays_within_the_grip(s_x: float, s_y: float) -> None:
-    n_x, n_y = grip_shares(axle_tyre(CAR, True), s_x, s_y)
+    n_x, n_y = combined_slip_utilisation(axle_tyre(CAR, True), s_x, s_y)
     assert math.hypot(n_x, n_y) <= 1.0 + 1e-9
     assert n_x * s_x >= 0.0
     assert n_y * s_y >= 0.0
@@ -120,7 +120,7 @@ def test_pure_slip_is_the_magic_formula() -> None:
     for slip in (-0.5, -0.05, 0.003, 0.1, 0.8):
         bent = 9.5 * slip
         expected = math.sin(1.4 * math.atan(bent + 0.4 * (bent - math.atan(bent))))
-        n_x, n_y = grip_shares(axle_tyre(CAR, True), 0.0, bent)
+        n_x, n_y = combined_slip_utilisation(axle_tyre(CAR, True), 0.0, bent)
         assert n_y == pytest.approx(expected, rel=1e-6)
         assert n_x == 0.0
 
@@ -204,7 +204,7 @@ def test_braking_hard_locks_no_more_than_grip() -> None:
 
 
 def test_wind_from_the_side_pushes_and_turns() -> None:
-    f_x, f_y, m_z = air(CAR, 20.0, 0.0, 0.0, -8.0)
+    f_x, f_y, m_z = aerodynamic_forces(CAR, 20.0, 0.0, 0.0, -8.0)
     pressure = 0.5 * AIR_DENSITY * math.hypot(20.0, 8.0)
     assert f_x == pytest.approx(-pressure * CAR.cda * 20.0)
     assert f_y == pytest.approx(-pressure * CAR.side_force_area * 8.0)

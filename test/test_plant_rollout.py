@@ -13,7 +13,7 @@ from adk_ros.plant.params import load_vehicle
 from adk_ros.plant.rollout import actuator_states, driven_shares, rollout
 from adk_ros.plant.scenarios import load_scenario, scenarios
 from adk_ros.plant.simulate import simulate
-from adk_ros.plant.tyre import axle_tyre, grip_shares
+from adk_ros.plant.tyre import axle_tyre, combined_slip_utilisation
 from adk_ros.signals.channels import FloatArray
 
 CAR = load_vehicle("imdv")
@@ -83,7 +83,7 @@ def test_asked_for_a_force_the_tyre_gives_it_or_what_grip_allows() -> None:
     for s_y in (0.0, 0.3, -0.6):
         n_x, n_y = driven_shares(tyre, 0.3, s_y)
         assert n_x == pytest.approx(0.3, rel=0.01)
-        assert abs(n_y) <= abs(grip_shares(tyre, 0.0, s_y)[1]) + 1e-9
+        assert abs(n_y) <= abs(combined_slip_utilisation(tyre, 0.0, s_y)[1]) + 1e-9
     assert 0.8 < driven_shares(tyre, 1e9, 0.2)[0] <= 1.0
     assert -1.0 <= driven_shares(tyre, -1e9, 0.2)[0] < -0.8
 

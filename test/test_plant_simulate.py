@@ -13,7 +13,7 @@ import pytest
 from adk_ros.bag_export import TOPICS, write_bag
 from adk_ros.bags import Bag
 from adk_ros.errors import UsageError
-from adk_ros.plant.heard import START_NS, Drive
+from adk_ros.plant.heard import START_NS, SimulatedDrive
 from adk_ros.plant.params import GRAVITY
 from adk_ros.plant.road import (
     ROAD_CURVATURE,
@@ -21,7 +21,7 @@ from adk_ros.plant.road import (
     ROAD_SPEED,
     ROAD_X,
     ROAD_Y,
-    Place,
+    RoadPatch,
     Segment,
     Slalom,
     build_route,
@@ -34,7 +34,7 @@ from adk_ros.signals.decode import Decoder, SensorConfig
 
 
 @pytest.fixture(scope="module")
-def drive() -> Drive:
+def drive() -> SimulatedDrive:
     return simulate(load_scenario("handling"), duration_s=120.0)
 
 
@@ -44,7 +44,7 @@ def clean(scenario: Scenario, **sensors: object) -> Scenario:
     )
 
 
-def test_a_seed_is_a_drive(drive: Drive) -> None:
+def test_a_seed_is_a_drive(drive: SimulatedDrive) -> None:
     again = simulate(load_scenario("handling"), duration_s=120.0)
     np.testing.assert_array_equal(again.x, drive.x)
     np.testing.assert_array_equal(again.log_ns, drive.log_ns)
@@ -53,13 +53,13 @@ def test_a_seed_is_a_drive(drive: Drive) -> None:
     assert np.abs(other.u[:800] - drive.u[:800]).max() > 1.0
 
 
-def test_sensor_settings_do_not_touch_the_drive(drive: Drive) -> None:
+def test_sensor_settings_do_not_touch_the_drive(drive: SimulatedDrive) -> None:
     heard_better = simulate(clean(load_scenario("handling")), duration_s=120.0)
     np.testing.assert_array_equal(heard_better.x, drive.x)
     np.testing.assert_array_equal(heard_better.u, drive.u)
 
 
-def test_the_drive_is_rich(drive: Drive) -> None:
+def test_the_drive_is_rich(drive: SimulatedDrive) -> None:
     v_x, a_x, a_y = drive.x[:, 0], drive.a[:, 0], drive.a[:, 1]
     assert v_x.min() < 9.0
     assert v_x.max() > 29.0
@@ -70,7 +70,7 @@ def test_the_drive_is_rich(drive: Drive) -> None:
     assert a_x.max() > 1.5
 
 
-def test_the_grid_is_the_tick(drive: Drive) -> None:
+def test_the_grid_is_the_tick(drive: SimulatedDrive) -> None:
     assert drive.stamp_ns[0] == START_NS
     assert np.all(drive.stamp_ns % TICK_NS == 0)
     assert np.all(np.diff(drive.stamp_ns) == TICK_NS)
@@ -80,7 +80,7 @@ def test_the_grid_is_the_tick(drive: Drive) -> None:
     assert record.learnable.all()
 
 
-def offsets(drive: Drive) -> np.ndarray:
+def offsets(drive: SimulatedDrive) -> np.ndarray:
     """Metres to the left of the route, a row a tick."""
     table, spacing = drive.route.table, drive.route.spacing
     places = zip(drive.place, drive.pose, strict=True)
@@ -122,8 +122,8 @@ def test_a_slalom_weaves_about_its_line() -> None:
 def test_velocity_is_the_integral_of_force_and_gravity() -> None:
     """dv_x/dt = a_x + r v_y - g sin(grade), dv_y/dt = a_y - r v_x - g sin(bank)."""
     places = [
-        Place(start=100.0, end=700.0, grade=0.06, bank=-0.04),
-        Place(start=900.0, end=1800.0, grade=-0.05, bank=0.05, mu=0.7),
+        RoadPatch(start=100.0, end=700.0, grade=0.06, bank=-0.04),
+        RoadPatch(start=900.0, end=1800.0, grade=-0.05, bank=0.05, mu=0.7),
     ]
     scenario = load_scenario("handling").model_copy(update={"places": places})
     route = scenario.planned_route()
@@ -144,7 +144,7 @@ def test_velocity_is_the_integral_of_force_and_gravity() -> None:
     assert np.abs(np.diff(drift[:: 40], axis=0)).max() < 0.02, "m/s a second"
 
 
-def test_streams_have_their_rates_and_are_not_in_step(drive: Drive) -> None:
+def test_streams_have_their_rates_and_are_not_in_step(drive: SimulatedDrive) -> None:
     stamps = {source: stream.stamp_ns for source, stream in drive.streams.items()}
     for source, hertz in ((Source.IMU, 200), (Source.ODOMETRY, 50), (Source.COMMAND, 40)):
         assert np.median(np.diff(stamps[source])) == pytest.approx(1e9 / hertz, abs=1.0)
@@ -154,7 +154,7 @@ def test_streams_have_their_rates_and_are_not_in_step(drive: Drive) -> None:
     assert stamps[Source.COMMAND][0] < START_NS, "a command is in force as the drive starts"
 
 
-def test_readings_come_in_order_of_arrival_and_after_their_stamp(drive: Drive) -> None:
+def test_readings_come_in_order_of_arrival_and_after_their_stamp(drive: SimulatedDrive) -> None:
     assert len(drive.readings) == len(drive.log_ns)
     assert np.all(np.diff(drive.log_ns) >= 0)
     late = drive.log_ns - np.array([reading.stamp_ns for reading in drive.readings])

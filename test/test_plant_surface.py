@@ -17,7 +17,7 @@ from adk_ros.plant.road import (
     ROAD_SLOPE,
     ROAD_X,
     ROAD_Y,
-    Place,
+    RoadPatch,
     Route,
     Segment,
     build_route,
@@ -84,7 +84,7 @@ def test_profiles_that_do_not_fit_are_refused(more: dict[str, object], said: str
 def test_the_planes_touch_the_road() -> None:
     road = route(
         heights=[Height(at=a, height=h) for a, h in ((0, 0), (400, 12), (900, -5), (1300, 2))],
-        places=[Place(start=20.0, end=600.0, bank=0.05, mu=0.6)],
+        places=[RoadPatch(start=20.0, end=600.0, bank=0.05, mu=0.6)],
     )
     for s in (3.0, 55.5, 310.0, 444.0, 800.0, 1333.0):
         i = round(s / road.spacing)
@@ -107,7 +107,7 @@ def test_the_planes_touch_the_road() -> None:
 
 
 def test_a_road_whose_places_climb_goes_on_climbing() -> None:
-    road = route(places=[Place(start=100.0, end=300.0, grade=0.05, blend=20.0)])
+    road = route(places=[RoadPatch(start=100.0, end=300.0, grade=0.05, blend=20.0)])
     climb = road.table[-1, ROAD_HEIGHT]
     assert climb == pytest.approx(180.0 * np.tan(0.05), rel=0.01)
     plane = np.empty(5)

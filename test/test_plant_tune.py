@@ -16,7 +16,13 @@ from adk_ros.plant.params import Constants, Vehicle, load_vehicle
 from adk_ros.plant.rollout import MAX_STEP, actuator_states, rollout
 from adk_ros.plant.scenarios import load_scenario
 from adk_ros.plant.simulate import simulate
-from adk_ros.plant.tune import USUAL, Parameter, Tuned, reached, tune
+from adk_ros.plant.tune import (
+    DEFAULT_PARAMETERS,
+    IdentifiedVehicle,
+    VehicleParameter,
+    actuator_state_history,
+    identify_vehicle,
+)
 from adk_ros.signals.channels import FloatArray, Record
 
 CAR = load_vehicle("imdv")
@@ -43,8 +49,8 @@ def drive(changed: bool) -> Record:
 
 
 @functools.cache
-def tuned() -> Tuned:
-    return tune(CAR, [drive(True)], mu=MU, count=250, ahead=30)
+def tuned() -> IdentifiedVehicle:
+    return identify_vehicle(CAR, [drive(True)], mu=MU, count=250, ahead=30)
 
 
 def stiffness(c: Constants) -> FloatArray:
@@ -78,16 +84,16 @@ def test_changed_parameters_are_found() -> None:
 
 def test_what_is_reported_is_what_was_found() -> None:
     result = tuned()
-    assert set(result.changes) == set(result.deviation) == {q.name for q in USUAL}
+    assert set(result.changes) == set(result.deviation) == {q.name for q in DEFAULT_PARAMETERS}
     assert result.cost_after < 0.05 * result.cost_before
     assert result.at_bound == ()
     assert result.changes["mass"] == pytest.approx(result.vehicle.mass / CAR.mass)
     shift = result.vehicle.cg_to_front_axle - CAR.cg_to_front_axle
     assert result.changes["centre of gravity"] == pytest.approx(shift)
-    assert all(0.0 < d <= q.usual * 1.001 for q, d in
-               zip(USUAL, result.deviation.values(), strict=True))
+    assert all(0.0 < d <= q.prior_sigma * 1.001 for q, d in
+               zip(DEFAULT_PARAMETERS, result.deviation.values(), strict=True))
     # What no drive excites is known no better than before; what all of it tells of, far better.
-    assert result.deviation["mass"] < 0.01 * next(q.usual for q in USUAL if q.name == "mass")
+    assert result.deviation["mass"] < 0.01 * next(q.prior_sigma for q in DEFAULT_PARAMETERS if q.name == "mass")
 
 
 def test_it_drives_like_the_car_on_another_drive() -> None:
@@ -97,8 +103,8 @@ def test_it_drives_like_the_car_on_another_drive() -> None:
 
 
 def test_the_right_vehicle_is_left_as_it_is() -> None:
-    few = [q for q in USUAL if q.name in ("mass", "drag", "stiffness front", "stiffness rear")]
-    result = tune(CAR, [drive(False)], parameters=few, mu=MU, count=120, ahead=30)
+    few = [q for q in DEFAULT_PARAMETERS if q.name in ("mass", "drag", "stiffness front", "stiffness rear")]
+    result = identify_vehicle(CAR, [drive(False)], parameters=few, mu=MU, count=120, ahead=30)
     for name in ("mass", "stiffness front", "stiffness rear"):
         assert result.changes[name] == pytest.approx(1.0, abs=0.01), name
     assert result.vehicle.yaw_inertia == CAR.yaw_inertia
@@ -112,9 +118,9 @@ def test_noise_and_wild_samples_do_not_lead_it_away() -> None:
     wild = random.random(len(record)) < 0.02
     x[wild] += random.normal(0.0, 2.0, (int(wild.sum()), 3))
     noisy = dataclasses.replace(record, x=x, x_ref=x)
-    few = [q for q in USUAL if q.name in ("mass", "stiffness front", "grip front", "yaw inertia",
+    few = [q for q in DEFAULT_PARAMETERS if q.name in ("mass", "stiffness front", "grip front", "yaw inertia",
            "stiffness rear", "grip rear", "centre of gravity", "drag", "steering lag")]
-    found = tune(CAR, [noisy], parameters=few, mu=MU, count=250, ahead=30).vehicle
+    found = identify_vehicle(CAR, [noisy], parameters=few, mu=MU, count=250, ahead=30).vehicle
     assert found.mass == pytest.approx(2230.0, rel=0.03)
     front, rear = CHANGES["front_tyre"], CHANGES["rear_tyre"]
     slope = [front["b_y"] * front["c_y"] * front["mu"], rear["b_y"] * rear["c_y"] * rear["mu"]]
@@ -123,19 +129,19 @@ def test_noise_and_wild_samples_do_not_lead_it_away() -> None:
 
 def test_bounds_hold_and_are_told() -> None:
     mass, drag = {"mass": 1.0}, {"cda": 1.0}
-    narrow = (Parameter("mass", mass, 0.1, 0.02), Parameter("drag", drag, 0.2, 1.0))
-    result = tune(CAR, [drive(True)], parameters=narrow, mu=MU, count=100, ahead=20)
+    narrow = (VehicleParameter("mass", mass, 0.1, 0.02), VehicleParameter("drag", drag, 0.2, 1.0))
+    result = identify_vehicle(CAR, [drive(True)], parameters=narrow, mu=MU, count=100, ahead=20)
     assert result.at_bound == ("mass",)
     assert result.vehicle.mass == pytest.approx(CAR.mass * np.exp(0.02))
-    lag = (Parameter("torque lag", {"torque_lag": 1.0}, 0.03, 0.5, shift=True),)
+    lag = (VehicleParameter("torque lag", {"torque_lag": 1.0}, 0.03, 0.5, shift=True),)
     quick = CAR.model_copy(update={"torque_lag": 0.0})
-    result = tune(quick, [drive(False)], parameters=lag, mu=MU, count=60)
+    result = identify_vehicle(quick, [drive(False)], parameters=lag, mu=MU, count=60)
     assert result.vehicle.torque_lag == pytest.approx(0.03, abs=0.003)
     slow = simulate(
         load_scenario("town").model_copy(update={"vehicle_changes": {"torque_lag": 0.0}}),
         duration_s=30.0,
     ).truth()
-    result = tune(CAR, [slow], parameters=lag, mu=MU, count=60)
+    result = identify_vehicle(CAR, [slow], parameters=lag, mu=MU, count=60)
     # The model cannot tell lags apart that are shorter than its step.
     assert 0.0 <= result.vehicle.torque_lag <= MAX_STEP
     assert result.deviation["torque lag"] > 0.5 * MAX_STEP
@@ -144,25 +150,25 @@ def test_bounds_hold_and_are_told() -> None:
 def test_several_records_are_used_in_proportion() -> None:
     whole = drive(True)
     parts = [whole.rows(slice(0, 1500)), whole.rows(slice(1500, None))]
-    few = (Parameter("mass", {"mass": 1.0}, 0.1, 0.5), Parameter("drag", {"cda": 1.0}, 0.2, 1.0))
-    one = tune(CAR, [whole], parameters=few, mu=MU, count=100, ahead=20)
-    two = tune(CAR, parts, parameters=few, mu=MU, count=100, ahead=20)
+    few = (VehicleParameter("mass", {"mass": 1.0}, 0.1, 0.5), VehicleParameter("drag", {"cda": 1.0}, 0.2, 1.0))
+    one = identify_vehicle(CAR, [whole], parameters=few, mu=MU, count=100, ahead=20)
+    two = identify_vehicle(CAR, parts, parameters=few, mu=MU, count=100, ahead=20)
     assert two.vehicle.mass == pytest.approx(one.vehicle.mass, rel=0.01)
 
 
 def test_too_little_is_refused() -> None:
     with pytest.raises(DataError, match=r"cannot be tuned on 0 starts .* at least 50"):
-        tune(CAR, [drive(True).rows(slice(0, 20))])
+        identify_vehicle(CAR, [drive(True).rows(slice(0, 20))])
     standing = dataclasses.replace(drive(True), x=np.zeros_like(drive(True).x))
     with pytest.raises(DataError, match="more than 3 m/s"):
-        tune(CAR, [standing])
+        identify_vehicle(CAR, [standing])
 
 
 def test_actuators_start_afresh_where_commands_are_unknown() -> None:
     record = drive(True).rows(slice(0, 200))
     u = record.u.copy()
     u[80:90] = np.nan
-    found = reached(CAR, dataclasses.replace(record, u=u))
+    found = actuator_state_history(CAR, dataclasses.replace(record, u=u))
     np.testing.assert_array_equal(found[:80], actuator_states(CAR, record.u[:80]))
     np.testing.assert_array_equal(found[90:], actuator_states(CAR, record.u[90:]))
     assert np.isnan(found[80:90]).all()

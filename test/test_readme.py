@@ -15,7 +15,7 @@ import pytest
 from matplotlib import pyplot as plt
 from paper_tools import good_board
 
-from adk_ros.bench.paper.bars import judge
+from adk_ros.bench.paper.bars import evaluate_paper_criteria
 from adk_ros.bench.paper.headline import headline
 from adk_ros.cli.main import VERBS
 
@@ -58,7 +58,7 @@ def run(tmp_path: Path) -> Path:
         (folder / name).mkdir(parents=True)
     board = good_board()
     headline(board, "One seed.").write(folder)
-    (folder / "bars.txt").write_text("".join(f"{bar}\n" for bar in judge(board, None)))
+    (folder / "bars.txt").write_text("".join(f"{bar}\n" for bar in evaluate_paper_criteria(board, None)))
     figure, axis = plt.subplots()
     axis.plot(np.random.default_rng(1).standard_normal((500, 3)))
     figure.savefig(folder / "figures" / "summary.png")

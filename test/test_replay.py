@@ -25,9 +25,9 @@ from train_tools import (
 
 from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.cli.main import main
-from adk_ros.drives import DriveOptions
+from adk_ros.drives import RecordingOptions
 from adk_ros.model import artefact
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import METHODS, OnlineSettings
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
@@ -42,7 +42,7 @@ SOURCES = {
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model() -> KoopmanModel:
     return artefact.load(small().path).model
 
 
@@ -65,8 +65,8 @@ def adk(capsys, *arguments: object) -> tuple[str, str]:
     return said.out, said.err
 
 
-def test_it_is_the_pipelines_fold(model: Model) -> None:
-    made, pipeline, warnings = replay(bag(), model, PipelineSettings(), DriveOptions(), None)
+def test_it_is_the_pipelines_fold(model: KoopmanModel) -> None:
+    made, pipeline, warnings = replay(bag(), model, PipelineSettings(), RecordingOptions(), None)
     wanted = fold(bag(), Pipeline(model))
     assert warnings == []
     assert len(made) == len(wanted) > 1100
@@ -78,9 +78,9 @@ def test_it_is_the_pipelines_fold(model: Model) -> None:
             np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
 
 
-def test_the_bag_it_writes(model: Model, tmp_path: Path) -> None:
+def test_the_bag_it_writes(model: KoopmanModel, tmp_path: Path) -> None:
     out = tmp_path / "p"
-    made, _, _ = replay(bag(), model, PipelineSettings(), DriveOptions(), out)
+    made, _, _ = replay(bag(), model, PipelineSettings(), RecordingOptions(), out)
     wanted = fold(bag(), Pipeline(model))
     with Bag(out) as opened, Bag(bag()) as original:
         assert opened.warnings == []
@@ -116,10 +116,10 @@ def test_the_bag_it_writes(model: Model, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.diff([stamp(msg) for _, msg in twists]), TICK_NS)
 
 
-def test_horizons_on_request(model: Model, tmp_path: Path) -> None:
+def test_horizons_on_request(model: KoopmanModel, tmp_path: Path) -> None:
     settings = PipelineSettings(horizon_steps=10)
     made, _, _ = replay(
-        bag("town", 10.0), model, settings, DriveOptions(), tmp_path / "p", with_horizon=True
+        bag("town", 10.0), model, settings, RecordingOptions(), tmp_path / "p", with_horizon=True
     )
     with Bag(tmp_path / "p") as opened:
         horizons = [msg for _, _, msg in opened.messages([HORIZON_TOPIC])]
@@ -329,20 +329,20 @@ def test_a_gap_in_the_bag_is_a_restart_and_no_trouble(capsys, tmp_path: Path) ->
     assert 950 < told["predictions"] < 1040
 
 
-def test_progress_of_the_replay_itself(model: Model) -> None:
+def test_progress_of_the_replay_itself(model: KoopmanModel) -> None:
     told: list[tuple[int, int]] = []
     replay(
-        bag(), model, PipelineSettings(horizon_steps=0), DriveOptions(), None,
+        bag(), model, PipelineSettings(horizon_steps=0), RecordingOptions(), None,
         progress=lambda *at: told.append(at),
     )  # fmt: skip
     assert told[-1][0] == told[-1][1]
     assert [done for done, _ in told] == sorted({done for done, _ in told})
 
 
-def test_the_online_settings_are_the_models_unless_given(model: Model) -> None:
+def test_the_online_settings_are_the_models_unless_given(model: KoopmanModel) -> None:
     own, other = OnlineSettings("windowed", 77, 12.5), OnlineSettings("ffrls", forgetting=0.9)
     model = replace(model, online=own)
     for online, wanted in ((None, own), (other, other)):
         settings = PipelineSettings(online=online, horizon_steps=0)
-        _, pipeline, _ = replay(bag("town", 10.0), model, settings, DriveOptions(), None)
+        _, pipeline, _ = replay(bag("town", 10.0), model, settings, RecordingOptions(), None)
         assert pipeline.predictor.settings == wanted

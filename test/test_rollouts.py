@@ -23,20 +23,20 @@ from train_tools import (
 )
 
 from adk_ros.bags import BagWriter, message
-from adk_ros.drives import DriveOptions, read_drive
+from adk_ros.drives import RecordingOptions, read_recording
 from adk_ros.errors import DataError, UsageError
 from adk_ros.model import artefact
 from adk_ros.model.evaluate import sample_at
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.predictor import Predictor
-from adk_ros.plant.heard import Drive
+from adk_ros.plant.heard import SimulatedDrive
 from adk_ros.plant.params import Vehicle, load_vehicle
 from adk_ros.plant.sensors import Stream
 from adk_ros.rollouts import (
     find_vehicle,
     horizon_steps,
     mean_commands,
-    roll_out,
+    rollout,
     start_rows,
     write_csv,
 )
@@ -53,11 +53,11 @@ NOMINAL = {
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model() -> KoopmanModel:
     return artefact.load(small().path).model
 
 
-def aligned(of: Drive, path: Path) -> Path:
+def aligned(of: SimulatedDrive, path: Path) -> Path:
     """The drive's bag, its first message just as it starts, all heard when it is stamped."""
 
     def change(source: Source, stream: Stream) -> Stream:
@@ -72,22 +72,22 @@ def aligned(of: Drive, path: Path) -> Path:
 
 def test_starts_lie_every_stride_after_two_seconds(tmp_path: Path) -> None:
     path = aligned(drive("town", 12.0, clean=True), tmp_path / "b")
-    read = read_drive(path)
+    read = read_recording(path)
     assert read.start_ns == START_NS
-    starts, predicted = roll_out(CAR, read, STEPS, 0.5)
+    starts, predicted = rollout(CAR, read, STEPS, 0.5)
     # On the grid to the nanosecond; the last has the whole horizon before the end.
     np.testing.assert_allclose(starts, np.arange(2.0, 11.0, 0.5)[: starts.size], atol=1e-12)
     assert starts[-1] >= 10.5
     assert predicted.shape == (starts.size, STEPS, 3)
-    starts, predicted = roll_out(CAR, read, 4, 0.025)
+    starts, predicted = rollout(CAR, read, 4, 0.025)
     np.testing.assert_allclose(np.diff(starts), 0.025, atol=1e-12)
     assert (starts[0], predicted.shape[1]) == (2.0, 4)
 
 
 def test_off_the_grid_a_start_is_the_next_tick() -> None:
-    read = read_drive(bag())
+    read = read_recording(bag())
     assert read.start_ns % TICK_NS != 0
-    starts, _ = roll_out(CAR, read, STEPS, 0.7)
+    starts, _ = rollout(CAR, read, STEPS, 0.7)
     wanted = 2.0 + 0.7 * np.arange(starts.size)
     assert np.all(starts - wanted >= -1e-9)
     assert np.all(starts - wanted < 0.025)
@@ -164,21 +164,21 @@ def test_a_microsecond_of_jitter_in_the_commands_stamps_does_not_matter(tmp_path
         return change
 
     drives = [
-        read_drive(changed_streams(of, tmp_path / str(ns), on_the_tick(ns))) for ns in (0, 1000)
+        read_recording(changed_streams(of, tmp_path / str(ns), on_the_tick(ns))) for ns in (0, 1000)
     ]
-    (_, exact), (_, jittered) = (roll_out(CAR, read, STEPS, 0.5) for read in drives)
+    (_, exact), (_, jittered) = (rollout(CAR, read, STEPS, 0.5) for read in drives)
     np.testing.assert_allclose(jittered, exact, atol=2e-4)
 
 
-def truth_at(of: Drive, starts_s: np.ndarray, start_ns: int) -> np.ndarray:
+def truth_at(of: SimulatedDrive, starts_s: np.ndarray, start_ns: int) -> np.ndarray:
     rows = np.rint((starts_s * 1e9 + start_ns - of.stamp_ns[0]) / TICK_NS).astype(int)
     return of.x[rows[:, None] + 1 + np.arange(STEPS)]
 
 
 def test_the_true_vehicle_comes_close_to_the_truth() -> None:
     of = drive("town", 30.0, clean=True)
-    read = read_drive(bag("town", 30.0, clean=True))
-    starts, predicted = roll_out(of.vehicle, read, STEPS, 0.5)
+    read = read_recording(bag("town", 30.0, clean=True))
+    starts, predicted = rollout(of.vehicle, read, STEPS, 0.5)
     truth = truth_at(of, starts, read.start_ns)
     error = predicted - truth
     moved = np.sqrt(np.mean((truth[:, -1] - truth[:, 0]) ** 2, axis=0))
@@ -191,29 +191,29 @@ def test_the_true_vehicle_comes_close_to_the_truth() -> None:
 def test_actuators_start_where_the_commands_have_brought_them(monkeypatch) -> None:
     """Settled ones would jump at each start."""
     of = drive("town", 30.0, clean=True)
-    read = read_drive(bag("town", 30.0, clean=True))
-    starts, predicted = roll_out(of.vehicle, read, STEPS, 0.5)
+    read = read_recording(bag("town", 30.0, clean=True))
+    starts, predicted = rollout(of.vehicle, read, STEPS, 0.5)
     truth = truth_at(of, starts, read.start_ns)
     early = np.sqrt(np.mean((predicted - truth)[:, 0] ** 2, axis=0))
     monkeypatch.setattr("adk_ros.rollouts._reached", lambda vehicle, record, u: u)
-    _, settled = roll_out(of.vehicle, read, STEPS, 0.5)
+    _, settled = rollout(of.vehicle, read, STEPS, 0.5)
     settled_early = np.sqrt(np.mean((settled - truth)[:, 0] ** 2, axis=0))
     assert np.all(early < 0.5 * settled_early), early / settled_early
 
 
 def test_another_vehicle_is_further_from_the_truth() -> None:
     of = drive("town", 30.0, clean=True)
-    read = read_drive(bag("town", 30.0, clean=True))
+    read = read_recording(bag("town", 30.0, clean=True))
     heavy = of.vehicle.model_copy(update={"mass": 1.3 * of.vehicle.mass})
-    starts, predicted = roll_out(heavy, read, STEPS, 0.5)
+    starts, predicted = rollout(heavy, read, STEPS, 0.5)
     error = np.sqrt(np.mean((predicted - truth_at(of, starts, read.start_ns)) ** 2, axis=(0, 1)))
     assert error[0] > 0.1
 
 
-def test_a_trained_model_beats_standing_still(model: Model) -> None:
+def test_a_trained_model_beats_standing_still(model: KoopmanModel) -> None:
     of = drive("town", 30.0)
-    read = read_drive(bag())
-    starts, predicted = roll_out(model, read, STEPS, 0.25)
+    read = read_recording(bag())
+    starts, predicted = rollout(model, read, STEPS, 0.25)
     truth = truth_at(of, starts, read.start_ns)
     rows = np.searchsorted(read.record.stamp_ns, starts * 1e9 + read.start_ns - 1e3)
     still = read.record.x[rows]
@@ -222,10 +222,10 @@ def test_a_trained_model_beats_standing_still(model: Model) -> None:
     assert np.all(ours < [0.3, 0.9, 0.4] * naive), ours / naive
 
 
-def test_a_trained_model_adapts_up_to_each_start(model: Model) -> None:
+def test_a_trained_model_adapts_up_to_each_start(model: KoopmanModel) -> None:
     """What the predictor itself gives, fed with all samples up to the start."""
-    read = read_drive(bag())
-    starts, predicted = roll_out(model, read, STEPS, 3.0)
+    read = read_recording(bag())
+    starts, predicted = rollout(model, read, STEPS, 3.0)
     since_s = (read.record.stamp_ns - read.start_ns) * 1e-9
     predictor = Predictor(model)
     row = 0
@@ -233,14 +233,14 @@ def test_a_trained_model_adapts_up_to_each_start(model: Model) -> None:
         while since_s[row] <= start:
             predictor.step(sample_at(read.record, row))
             row += 1
-        ahead = predictor.roll_out(read.record.u[row - 1 : row - 1 + STEPS])
+        ahead = predictor.rollout(read.record.u[row - 1 : row - 1 + STEPS])
         np.testing.assert_array_equal(ahead, wanted)
 
 
 CUT_S = 11.3
 
 
-def lie(of: Drive, how: str):
+def lie(of: SimulatedDrive, how: str):
     """Change what was measured after `CUT_S`; commands stay what they were."""
 
     def change(source: Source, stream: Stream) -> Stream:
@@ -262,15 +262,15 @@ def lie(of: Drive, how: str):
 @pytest.mark.parametrize("how", ["other", "frozen", "gone"])
 @pytest.mark.parametrize("kind", ["model", "vehicle"])
 def test_nothing_measured_after_a_start_is_used(
-    tmp_path: Path, model: Model, how: str, kind: str
+    tmp_path: Path, model: KoopmanModel, how: str, kind: str
 ) -> None:
     of = drive("town", 20.0)
-    chosen: Model | Vehicle = model if kind == "model" else CAR
-    honest = read_drive(bag("town", 20.0))
-    lying = read_drive(changed_streams(of, tmp_path / "b", lie(of, how)))
+    chosen: KoopmanModel | Vehicle = model if kind == "model" else CAR
+    honest = read_recording(bag("town", 20.0))
+    lying = read_recording(changed_streams(of, tmp_path / "b", lie(of, how)))
     assert lying.start_ns == honest.start_ns
-    starts, wanted = roll_out(chosen, honest, STEPS, 0.1)
-    lied_starts, lied = roll_out(chosen, lying, STEPS, 0.1)
+    starts, wanted = rollout(chosen, honest, STEPS, 0.1)
+    lied_starts, lied = rollout(chosen, lying, STEPS, 0.1)
     last_ns = honest.start_ns + lied_starts * 1e9 - of.stamp_ns[0]
     before = last_ns <= CUT_S * 1e9
     count = int(before.sum())
@@ -284,9 +284,9 @@ def test_nothing_measured_after_a_start_is_used(
 
 
 @pytest.mark.parametrize("kind", ["model", "vehicle"])
-def test_commands_after_the_start_are_known(tmp_path: Path, model: Model, kind: str) -> None:
+def test_commands_after_the_start_are_known(tmp_path: Path, model: KoopmanModel, kind: str) -> None:
     of = drive("town", 20.0)
-    chosen: Model | Vehicle = model if kind == "model" else CAR
+    chosen: KoopmanModel | Vehicle = model if kind == "model" else CAR
 
     def brake(source: Source, stream: Stream) -> Stream:
         values = stream.values.copy()
@@ -294,22 +294,22 @@ def test_commands_after_the_start_are_known(tmp_path: Path, model: Model, kind: 
             values[stream.stamp_ns > of.stamp_ns[0] + round(CUT_S * 1e9), 0] = -4000.0
         return Stream(stream.stamp_ns, stream.log_ns, values)
 
-    braked = read_drive(changed_streams(of, tmp_path / "b", brake))
-    starts, before = roll_out(chosen, read_drive(bag("town", 20.0)), STEPS, 0.1)
-    _, after = roll_out(chosen, braked, STEPS, 0.1)
+    braked = read_recording(changed_streams(of, tmp_path / "b", brake))
+    starts, before = rollout(chosen, read_recording(bag("town", 20.0)), STEPS, 0.1)
+    _, after = rollout(chosen, braked, STEPS, 0.1)
     row = int(np.searchsorted(starts, CUT_S - 0.05)) - 1
     assert after[row, -1, 0] < before[row, -1, 0] - 1.0
     np.testing.assert_array_equal(after[starts < CUT_S - 1.1], before[starts < CUT_S - 1.1])
 
 
-def test_without_an_imu(model: Model) -> None:
+def test_without_an_imu(model: KoopmanModel) -> None:
     own = artefact.load(small_without_imu()).model
-    without = read_drive(bag("town", 20.0, imu=False))
-    ignored = read_drive(bag("town", 20.0), DriveOptions(use_imu=False))
+    without = read_recording(bag("town", 20.0, imu=False))
+    ignored = read_recording(bag("town", 20.0), RecordingOptions(use_imu=False))
     for read in (without, ignored):
         assert read.topics.imu is None
         for chosen in (own, model, CAR):
-            _, predicted = roll_out(chosen, read, STEPS, 0.5)
+            _, predicted = rollout(chosen, read, STEPS, 0.5)
             assert len(predicted) > 30
             assert np.isfinite(predicted).all()
 
@@ -331,22 +331,22 @@ def standing(path: Path) -> Path:
     return path
 
 
-def test_a_car_that_stands_stays_where_it_is(tmp_path: Path, model: Model) -> None:
-    read = read_drive(standing(tmp_path / "b"))
-    starts, predicted = roll_out(CAR, read, STEPS, 0.5)
+def test_a_car_that_stands_stays_where_it_is(tmp_path: Path, model: KoopmanModel) -> None:
+    read = read_recording(standing(tmp_path / "b"))
+    starts, predicted = rollout(CAR, read, STEPS, 0.5)
     np.testing.assert_allclose(starts[:3], [2.0, 2.5, 3.0], atol=1e-9)
     np.testing.assert_allclose(predicted, 0.0, atol=1e-9)
-    _, predicted = roll_out(model, read, STEPS, 0.5)
+    _, predicted = rollout(model, read, STEPS, 0.5)
     assert np.isfinite(predicted).all()
 
 
 def test_too_short_a_bag_is_refused() -> None:
     with pytest.raises(DataError) as caught:
-        roll_out(CAR, read_drive(bag("town", 2.5)), STEPS, 0.5)
+        rollout(CAR, read_recording(bag("town", 2.5)), STEPS, 0.5)
     assert "from no start after 2 s are commands known for 1 s" in str(caught.value)
     assert "\n" not in str(caught.value)
     with pytest.raises(DataError, match="give a longer bag"):
-        roll_out(CAR, read_drive(bag("town", 1.0)), STEPS, 0.5)
+        rollout(CAR, read_recording(bag("town", 1.0)), STEPS, 0.5)
 
 
 def test_ranges_of_horizon_and_stride() -> None:
@@ -364,7 +364,7 @@ def test_a_nominal_vehicles_file_will_do(tmp_path: Path) -> None:
     path.write_text("# Nominal vehicle\n" + yaml.safe_dump(NOMINAL))
     vehicle = find_vehicle(path)
     assert (vehicle.mass, vehicle.side_force_area) == (1780.5, 2.9)
-    _, predicted = roll_out(vehicle, read_drive(bag()), STEPS, 0.5)
+    _, predicted = rollout(vehicle, read_recording(bag()), STEPS, 0.5)
     assert np.isfinite(predicted).all()
     assert find_vehicle(Path("imdv")) == CAR
     with pytest.raises(UsageError, match="does not exist: give the folder that"):
@@ -391,7 +391,7 @@ def test_the_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert out.read_text() == text
 
 
-def test_looped_bags_are_rolled_out_within_each_turn(model: Model) -> None:
+def test_looped_bags_are_rolled_out_within_each_turn(model: KoopmanModel) -> None:
     """After a jump of the clock the past is another time; nothing starts across it."""
     of = record("town", 60.0)
     twice = replace(

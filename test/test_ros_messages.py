@@ -12,7 +12,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from adk_ros.model.prediction import Prediction, Status
-from adk_ros.ros.echo import Heard, header, json_line, line
+from adk_ros.ros.echo import ReceivedPrediction, header, json_line, line
 from adk_ros.ros.messages import (
     NOT_ESTIMATED,
     CovarianceBytes,
@@ -113,7 +113,7 @@ def test_stamps_are_exact(stamp_ns: int) -> None:
 
 
 def test_lines_for_people_and_programs() -> None:
-    heard = Heard(
+    heard = ReceivedPrediction(
         stamp_ns=1_760_000_000_025_000_000,
         x=(10.0, -0.5, math.radians(20.0)),
         covariance=np.diag([0.01, 0.04, math.radians(2.0) ** 2]),

@@ -26,7 +26,7 @@ from signals_tools import (
 )
 
 from adk_ros.signals.align import Aligner, align_samples
-from adk_ros.signals.channels import TICK_NS, USUAL, Flag, Reading, Sample, Source
+from adk_ros.signals.channels import STANDARD_SOURCES, TICK_NS, Flag, Reading, Sample, Source
 
 RATES = [
     (200, 50, 40), (1000, 200, 200), (50, 10, 5), (50, 200, 200), (100, 30, 10), (1000, 10, 5),
@@ -189,7 +189,7 @@ def test_without_waiting_a_tick_comes_with_the_first_reading_past_it() -> None:
         assert at_ns == stamps[np.searchsorted(stamps, tick_ns)]
 
 
-@pytest.mark.parametrize("source", USUAL)
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
 @pytest.mark.parametrize("factor", [0.25, 4.0])
 def test_a_rate_that_changes_half_way(source: Source, factor: float) -> None:
     rates = {Source.IMU: 200.0, Source.ODOMETRY: 50.0, Source.COMMAND: 40.0}

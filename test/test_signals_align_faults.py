@@ -21,7 +21,7 @@ from signals_tools import (
 )
 
 from adk_ros.signals.align import Aligner, align_samples
-from adk_ros.signals.channels import TICK_NS, USUAL, Flag, Reading, Sample, Source
+from adk_ros.signals.channels import STANDARD_SOURCES, TICK_NS, Flag, Reading, Sample, Source
 
 S = 1_000_000_000
 STALE = {
@@ -42,7 +42,7 @@ def flags(samples: Iterable[Sample]) -> set[int]:
     return {s.flags for s in samples}
 
 
-@pytest.mark.parametrize("source", USUAL)
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
 def test_one_topic_silent_for_two_seconds(source: Source) -> None:
     samples = align_samples(without(in_order(drive(8.0)), source, 3.0, 5.0))
     assert_grid(samples)
@@ -64,7 +64,7 @@ def test_one_topic_silent_for_two_seconds(source: Source) -> None:
         assert len({s.u for s in silent}) == 1
 
 
-@pytest.mark.parametrize("source", USUAL)
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
 def test_one_topic_silent_for_ever(source: Source) -> None:
     samples = align_samples(without(in_order(drive(30.0)), source, 3.0, 99.0))
     assert_grid(samples)
@@ -73,15 +73,15 @@ def test_one_topic_silent_for_ever(source: Source) -> None:
     assert any(s.flags & Flag.COASTING for s in samples) == (source is Source.ODOMETRY)
 
 
-@pytest.mark.parametrize("left", USUAL)
+@pytest.mark.parametrize("left", STANDARD_SOURCES)
 def test_two_topics_silent(left: Source) -> None:
     readings: list[Reading] = in_order(drive(9.0))
-    for source in USUAL:
+    for source in STANDARD_SOURCES:
         if source is not left:
             readings = list(without(readings, source, 3.0, 6.0))
     samples = align_samples(readings)
     assert_grid(samples)
-    for source in USUAL:
+    for source in STANDARD_SOURCES:
         stale = [bool(s.flags & STALE[source]) for s in between(samples, 3.1, 6.0)]
         assert set(stale) == {source is not left}
     assert flags(between(samples, 6.1, 8.9)) == {0}
@@ -89,7 +89,7 @@ def test_two_topics_silent(left: Source) -> None:
 
 def test_all_silent_for_less_than_a_second_is_bridged_by_flagged_ticks() -> None:
     readings = in_order(drive(8.0))
-    for source in USUAL:
+    for source in STANDARD_SOURCES:
         readings = list(without(readings, source, 3.0, 3.8))
     samples = align_samples(readings)
     assert_grid(samples)
@@ -99,7 +99,7 @@ def test_all_silent_for_less_than_a_second_is_bridged_by_flagged_ticks() -> None
 
 def test_all_silent_for_longer_begins_anew() -> None:
     readings = in_order(drive(12.0))
-    for source in USUAL:
+    for source in STANDARD_SOURCES:
         readings = list(without(readings, source, 3.0, 6.0))
     aligner = Aligner()
     samples = [s for r in readings for s in aligner.push(r)]
@@ -122,7 +122,7 @@ def test_a_stream_that_stays_away_is_waited_for_once() -> None:
     assert sum(wait > 0.026 for wait in waits.values()) <= 4
 
 
-@pytest.mark.parametrize("source", USUAL)
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
 def test_duplicates(source: Source) -> None:
     readings = in_order(drive(4.0, noise=0.01))
     doubled = []
@@ -198,7 +198,7 @@ def test_a_clock_that_is_set_right_by_less_than_a_second(by_s: float) -> None:
     assert np.abs(errors(at)).max() < 1e-3
 
 
-@pytest.mark.parametrize("source", USUAL)
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
 def test_one_reading_from_the_near_future(source: Source) -> None:
     """Half a second ahead: too near to be held for a stray. Ticks up to it are flagged."""
     readings = in_order(drive(8.0))

@@ -7,18 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from adk_ros.signals.channels import Reading, Source
-from adk_ros.signals.clock import ClockGuard, Verdict
+from adk_ros.signals.clock import ClockGuard, StampVerdict
 
 S = 1_000_000_000
-ACCEPT, HOLD, JUMP = Verdict.ACCEPT, Verdict.HOLD, Verdict.JUMP
+ACCEPT, HOLD, JUMP = StampVerdict.ACCEPT, StampVerdict.HOLD, StampVerdict.JUMP
 
 
 def at(time_s: float) -> Reading:
     return Reading(Source.ODOMETRY, round(time_s * S), (0.0, 0.0, 0.0))
 
 
-def verdicts(guard: ClockGuard, *times_s: float) -> list[tuple[Verdict, int]]:
-    results = [guard.judge(at(time_s)) for time_s in times_s]
+def verdicts(guard: ClockGuard, *times_s: float) -> list[tuple[StampVerdict, int]]:
+    results = [guard.check_stamp(at(time_s)) for time_s in times_s]
     return [(verdict, len(others)) for verdict, others in results]
 
 
@@ -41,7 +41,7 @@ def test_a_stray_stamp_is_counted_when_time_goes_on(stray: float) -> None:
 def test_three_that_agree_are_a_jump(new: float) -> None:
     guard = ClockGuard()
     assert verdicts(guard, 100.0, new, new + 0.01) == [(ACCEPT, 0), (HOLD, 0), (HOLD, 0)]
-    verdict, freed = guard.judge(at(new + 0.005))
+    verdict, freed = guard.check_stamp(at(new + 0.005))
     assert verdict is JUMP
     assert [r.stamp_ns for r in freed] == [at(t).stamp_ns for t in (new, new + 0.01, new + 0.005)]
     assert guard.newest_ns == at(new + 0.01).stamp_ns
@@ -105,7 +105,7 @@ def test_no_reading_is_lost_or_counted_twice(stamps: list[int]) -> None:
     guard = ClockGuard()
     accepted = returned = 0
     for number, stamp_ns in enumerate(stamps, start=1):
-        verdict, others = guard.judge(Reading(Source.IMU, stamp_ns, (0.0, 0.0, 0.0)))
+        verdict, others = guard.check_stamp(Reading(Source.IMU, stamp_ns, (0.0, 0.0, 0.0)))
         accepted += verdict is ACCEPT
         returned += len(others)
         assert accepted + returned + len(guard.held) == number

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from adk_ros.errors import UsageError
-from adk_ros.signals.channels import USUAL, Reading, Source
+from adk_ros.signals.channels import STANDARD_SOURCES, Reading, Source
 from adk_ros.signals.commands import COMMAND_TYPES
-from adk_ros.signals.decode import Decoder, Refused, SensorConfig
+from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
 from adk_ros.signals.frames import rotation
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -134,7 +134,7 @@ TORQUE, ANGLE = "drive torque is not finite or absurd", "steering angle is not f
 def test_not_finite_or_absurd(source: Source, make: Any, reason: str, bad: float) -> None:
     decoder = Decoder()
     for _ in range(3):
-        with pytest.raises(Refused, match=reason):
+        with pytest.raises(RefusedMessage, match=reason):
             decoder.decode(source, make(bad))
     ((counted, text),) = decoder.refused
     assert (counted, decoder.refused[counted, text]) == (source, 3)
@@ -145,9 +145,9 @@ def test_not_finite_or_absurd(source: Source, make: Any, reason: str, bad: float
 def test_inferred_torque_not_finite_or_absurd(bad: float) -> None:
     for kind, make in (("ackermann", ackermann), ("autoware_control", control)):
         decoder = Decoder(SensorConfig(command_type=kind, **CAR))
-        with pytest.raises(Refused, match=TORQUE):
+        with pytest.raises(RefusedMessage, match=TORQUE):
             decoder.decode(Source.COMMAND, make(bad, 0.0))
-        with pytest.raises(Refused, match=ANGLE):
+        with pytest.raises(RefusedMessage, match=ANGLE):
             decoder.decode(Source.COMMAND, make(0.0, bad))
 
 
@@ -161,11 +161,11 @@ def test_what_a_field_not_looked_at_says_does_not_matter() -> None:
 
 
 @pytest.mark.parametrize("stamp_ns", [0, -1, -5_000_000_000])
-@pytest.mark.parametrize("source", USUAL)
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
 def test_no_stamp(source: Source, stamp_ns: int) -> None:
     msg = {Source.IMU: imu, Source.ODOMETRY: odometry, Source.COMMAND: joints}[source]()
     msg.header.stamp = Message(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
-    with pytest.raises(Refused, match=r"^no time stamp$"):
+    with pytest.raises(RefusedMessage, match=r"^no time stamp$"):
         Decoder().decode(source, msg)
 
 
@@ -183,7 +183,7 @@ def test_no_stamp(source: Source, stamp_ns: int) -> None:
 )
 def test_missing_joint_or_field(fields: dict[str, Any], reason: str) -> None:
     decoder = Decoder()
-    with pytest.raises(Refused, match=reason):
+    with pytest.raises(RefusedMessage, match=reason):
         decoder.decode(Source.COMMAND, joints(**fields))
     assert sum(decoder.refused.values()) == 1
 
@@ -201,7 +201,7 @@ def test_hand_wheel_beyond_a_quarter_turn_is_fine_if_the_road_wheel_is_not() -> 
     msg = joints(position=[0.0, 8.0])
     decoder = Decoder(SensorConfig(steering_ratio=16.0))
     assert decoder.decode(Source.COMMAND, msg).values[1] == 0.5
-    with pytest.raises(Refused, match=ANGLE):
+    with pytest.raises(RefusedMessage, match=ANGLE):
         Decoder().decode(Source.COMMAND, msg)
 
 
@@ -224,7 +224,7 @@ def test_the_table_of_commands() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("source", USUAL)
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
 @pytest.mark.parametrize(
     "msg",
     [
@@ -245,17 +245,17 @@ def test_another_type_altogether(source: Source, msg: Any) -> None:
         source = Source.IMU
     if isinstance(msg, Message) and hasattr(msg, "effort"):
         source = Source.COMMAND
-    with pytest.raises(Refused, match="not the expected message type"):
+    with pytest.raises(RefusedMessage, match="not the expected message type"):
         decoder.decode(source, msg)
     assert decoder.refused.total() == 1
 
 
-@pytest.mark.parametrize("wanted", USUAL)
+@pytest.mark.parametrize("wanted", STANDARD_SOURCES)
 def test_messages_of_the_other_sources(wanted: Source) -> None:
     makers = {Source.IMU: imu, Source.ODOMETRY: odometry, Source.COMMAND: joints}
     for source, make in makers.items():
         if source is not wanted:
-            with pytest.raises(Refused, match="not the expected message type"):
+            with pytest.raises(RefusedMessage, match="not the expected message type"):
                 Decoder().decode(wanted, make())
 
 
@@ -266,7 +266,7 @@ def test_rep_145_says_what_is_not_reported() -> None:
     assert values[2] == 0.3
     assert math.isnan(values[0])
     assert math.isnan(values[1])
-    with pytest.raises(Refused, match="reports no angular velocity"):
+    with pytest.raises(RefusedMessage, match="reports no angular velocity"):
         decoder.decode(Source.IMU, imu(angular_velocity_covariance=missing))
 
 

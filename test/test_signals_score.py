@@ -17,16 +17,16 @@ from adk_ros.signals.score import (
     DIVERGED,
     HORIZON_STEPS,
     TICK_S,
-    Score,
+    ErrorTable,
     best_naive,
     imu_integration,
+    linear_extrapolation,
     naive_predictions,
     noise_floor,
     persistence,
     pool,
+    scorable_rows,
     score,
-    starts,
-    straight_line,
 )
 
 
@@ -59,7 +59,7 @@ def test_straight_line_is_exact_on_one() -> None:
     k = np.arange(100.0)[:, None]
     record = record_of(np.array([[1.0, -2.0, 0.1]]) + k * np.array([[0.3, 0.01, -0.02]]))
     rows = np.array([1, 50])
-    predicted = straight_line(record, rows, 40)
+    predicted = linear_extrapolation(record, rows, 40)
     for step in range(1, 41):
         np.testing.assert_allclose(predicted[:, step - 1], record.x[rows + step], atol=1e-12)
 
@@ -142,8 +142,8 @@ def test_starts(seed: int, history: int, ahead: int, n: int) -> None:
     spoilt = random.random(n) < 0.05
     record.flags[spoilt] = random.choice(kinds, int(spoilt.sum()))
     expected = [row for row in range(n) if allowed(record, row, history, ahead)]
-    assert starts(record, history, ahead).tolist() == expected
-    assert starts(record, history, ahead, stride=3).tolist() == expected[::3]
+    assert scorable_rows(record, history, ahead).tolist() == expected
+    assert scorable_rows(record, history, ahead, stride=3).tolist() == expected[::3]
 
 
 def test_score_of_known_errors() -> None:
@@ -200,7 +200,7 @@ def test_pool_is_the_score_over_all_starts(seed: int, counts: list[int]) -> None
         score(record, rows[a:b], predicted[a:b])
         for a, b in pairwise(edges) if b > a
     ]  # fmt: skip
-    empty = Score(HORIZON_STEPS, np.full((5, 3), np.nan), np.full((5, 3), np.nan), 0, 0)
+    empty = ErrorTable(HORIZON_STEPS, np.full((5, 3), np.nan), np.full((5, 3), np.nan), 0, 0)
     pooled, joint = pool([empty, *parts]), score(record, rows, predicted)
     np.testing.assert_allclose(pooled.rmse, joint.rmse)
     np.testing.assert_allclose(pooled.worst, joint.worst)
@@ -208,7 +208,7 @@ def test_pool_is_the_score_over_all_starts(seed: int, counts: list[int]) -> None
 
 
 def test_pool_of_nothing() -> None:
-    empty = Score((1,), np.full((1, 3), np.nan), np.full((1, 3), np.nan), 0, 0)
+    empty = ErrorTable((1,), np.full((1, 3), np.nan), np.full((1, 3), np.nan), 0, 0)
     with pytest.raises(ValueError, match="nothing was scored"):
         pool([empty])
 
@@ -232,6 +232,6 @@ def test_noise_floor_of_too_little() -> None:
 
 
 def test_best_naive_cell_by_cell() -> None:
-    one = Score((1,), np.array([[1.0, 5.0, 3.0]]), np.zeros((1, 3)), 4, 0)
-    two = Score((1,), np.array([[2.0, 4.0, 3.5]]), np.zeros((1, 3)), 4, 0)
+    one = ErrorTable((1,), np.array([[1.0, 5.0, 3.0]]), np.zeros((1, 3)), 4, 0)
+    two = ErrorTable((1,), np.array([[2.0, 4.0, 3.5]]), np.zeros((1, 3)), 4, 0)
     assert best_naive({"one": one, "two": two}).tolist() == [[1.0, 4.0, 3.0]]

@@ -13,7 +13,7 @@ import pytest
 from adk_ros.signals.align import Aligner
 from adk_ros.signals.channels import Flag, Reading, Sample, Source
 from adk_ros.signals.commands import COMMAND_TYPES
-from adk_ros.signals.decode import Decoder, Refused, SensorConfig
+from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
 
 MS = 1_000_000
 START = 1_000_000 * MS
@@ -73,8 +73,8 @@ def test_decoding_a_report() -> None:
     read = decoder.decode(Source.STEERING, autoware(steering_tire_angle=0.2))
     assert read == Reading(Source.STEERING, 5_000_000_007, (0.2,))
     for bad in (math.nan, math.inf, 3.0):
-        with pytest.raises(Refused, match="steering angle"):
+        with pytest.raises(RefusedMessage, match="steering angle"):
             decoder.decode(Source.STEERING, autoware(steering_tire_angle=bad))
-    with pytest.raises(Refused, match="not the expected message"):
+    with pytest.raises(RefusedMessage, match="not the expected message"):
         decoder.decode(Source.STEERING, autoware())
     assert COMMAND_TYPES["autoware_control"].steering_msgtype

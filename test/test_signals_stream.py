@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from adk_ros.signals.stream import Stream
+from adk_ros.signals.stream import SampledStream
 
 MS = 1_000_000
 BEGIN = 1_700_000_000_000_000_000
 
 
-def filled(stamps_ms: list[float], slope: float = 2.0) -> Stream:
+def filled(stamps_ms: list[float], slope: float = 2.0) -> SampledStream:
     """Readings on two straight lines, one the other's negative."""
-    stream = Stream()
+    stream = SampledStream()
     for ms in stamps_ms:
         value = 1.0 + slope * ms * 1e-3
         stream.add(BEGIN + round(ms * MS), (value, -value))
@@ -30,10 +30,10 @@ def evenly(rate_hz: float, seconds: float = 1.0, phase_ms: float = 0.0) -> list[
 
 
 def test_nothing_known() -> None:
-    stream = Stream()
+    stream = SampledStream()
     assert not stream
     assert stream.at_or_before(BEGIN) is None
-    assert stream.line(BEGIN) is None
+    assert stream.extrapolate(BEGIN) is None
     assert stream.mean(BEGIN - 1, BEGIN) is None
     assert not stream.has(BEGIN)
 
@@ -42,9 +42,9 @@ def test_one_reading_is_held() -> None:
     stream = filled([0.0])
     assert stream
     assert stream.last_ns == BEGIN
-    assert stream.line(BEGIN + 400 * MS) == (1.0, -1.0)
+    assert stream.extrapolate(BEGIN + 400 * MS) == (1.0, -1.0)
     assert stream.mean(BEGIN + 300 * MS, BEGIN + 400 * MS) == (1.0, -1.0)
-    assert stream.line(BEGIN - 1) is None
+    assert stream.extrapolate(BEGIN - 1) is None
     assert stream.mean(BEGIN - 9, BEGIN - 1) is None
     assert stream.at_or_before(BEGIN - 1) is None
 
@@ -55,7 +55,7 @@ def test_line_is_exact_on_a_straight_line(rate_hz: float, share: float) -> None:
     """At the newest reading and up to one and a half periods after it: no lag."""
     stamps = evenly(rate_hz, 2.0)
     at_ms = stamps[-1] + share * 1e3 / rate_hz
-    assert filled(stamps).line(BEGIN + round(at_ms * MS)) == pytest.approx(
+    assert filled(stamps).extrapolate(BEGIN + round(at_ms * MS)) == pytest.approx(
         (1.0 + 2e-3 * at_ms, -1.0 - 2e-3 * at_ms), abs=1e-8
     )
 
@@ -65,7 +65,7 @@ def test_line_is_not_followed_for_ever(rate_hz: float) -> None:
     stamps = evenly(rate_hz)
     end = 1.0 + 2e-3 * (stamps[-1] + 1.5e3 / rate_hz)
     for later_ms in (1.5e3 / rate_hz, 500.0, 10_000.0):
-        line = filled(stamps).line(BEGIN + round((stamps[-1] + later_ms) * MS))
+        line = filled(stamps).extrapolate(BEGIN + round((stamps[-1] + later_ms) * MS))
         assert line == pytest.approx((end, -end), abs=1e-6)
 
 
@@ -73,12 +73,12 @@ def test_line_looks_at_no_reading_after_the_instant() -> None:
     stamps = evenly(200)
     early = [ms for ms in stamps if ms <= 600.0]
     at = BEGIN + 602 * MS
-    assert filled(stamps).line(at) == filled(early).line(at)
+    assert filled(stamps).extrapolate(at) == filled(early).extrapolate(at)
     stream = filled(early)
     for k in range(100):
         stream.add(BEGIN + (605 + 45 * k) * MS, (1e6, 1e6))
         if k < 10:
-            assert stream.line(at) == filled(early).line(at)
+            assert stream.extrapolate(at) == filled(early).extrapolate(at)
             assert stream.at_or_before(at) == filled(early).at_or_before(at)
 
 
@@ -87,10 +87,10 @@ def test_line_lets_less_noise_through_than_a_difference_and_as_promised() -> Non
     noise = random.Random(1)
     ends = []
     for _ in range(4000):
-        stream = Stream()
+        stream = SampledStream()
         for k in range(12):
             stream.add(BEGIN + 5 * MS * k, (noise.gauss(0.0, 1.0),))
-        line = stream.line(BEGIN + 5 * MS * 11)
+        line = stream.extrapolate(BEGIN + 5 * MS * 11)
         assert line is not None
         ends.append(line[0])
     assert statistics.pvariance(ends) == pytest.approx(0.6, rel=0.1)
@@ -102,7 +102,7 @@ def test_readings_bunched_together_tell_no_slope() -> None:
     again = BEGIN + 1300 * MS
     stream.add(again, (3.0, -3.0))
     stream.add(again + 1000, (3.1, -3.1))
-    assert stream.line(again + 12 * MS) == (3.1, -3.1)
+    assert stream.extrapolate(again + 12 * MS) == (3.1, -3.1)
 
 
 @given(
@@ -113,11 +113,11 @@ def test_line_stays_near_the_readings_whatever_their_stamps(
     steps: list[tuple[int, float]], after_ns: int
 ) -> None:
     """A line through [-50, 50] reaches at most a few times as far."""
-    stream, stamp_ns = Stream(), BEGIN
+    stream, stamp_ns = SampledStream(), BEGIN
     for step_ns, value in steps:
         stamp_ns += step_ns
         stream.add(stamp_ns, (value,))
-    line = stream.line(stamp_ns + after_ns)
+    line = stream.extrapolate(stamp_ns + after_ns)
     assert line is not None
     assert abs(line[0]) < 50.0 * 20.0
 
@@ -222,7 +222,7 @@ def test_keeps_what_held_before_a_silence() -> None:
 
 
 def test_repeats() -> None:
-    stream = Stream()
+    stream = SampledStream()
     said = [1.0, 2.0, 2.0, 2.0, 3.0, 3.0]
     repeats = []
     for k, value in enumerate(said):
@@ -235,7 +235,7 @@ def test_repeats() -> None:
 
 def test_not_a_number_is_no_repetition() -> None:
     """An IMU without accelerometer says NaN for ever, and must not look frozen for it."""
-    stream = Stream()
+    stream = SampledStream()
     for k in range(10):
         stream.add(BEGIN + 5 * MS * k, (math.nan, float(k)))
     known = stream.at_or_before(stream.last_ns)

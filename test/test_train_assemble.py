@@ -13,9 +13,9 @@ import torch
 from train_tools import SMALL, drive, record, small
 
 from adk_ros.model import artefact
-from adk_ros.model.correction import Correction
+from adk_ros.model.correction import ObserverGains
 from adk_ros.model.evaluate import sample_at
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import Record, Source
@@ -24,9 +24,9 @@ from adk_ros.train import assemble as assembly
 from adk_ros.train import tune as module
 from adk_ros.train.assemble import assemble
 from adk_ros.train.dataset import TRAIN, VALIDATION, Split, sequences, split_records
-from adk_ros.train.fit import Trained, fit
+from adk_ros.train.fit import FittedNetwork, fit
 from adk_ros.train.network import as_tensor
-from adk_ros.train.tune import horizon_covariance, tune
+from adk_ros.train.tune import horizon_covariance, select_hyperparameters
 
 HISTORY = SMALL.history
 
@@ -37,18 +37,18 @@ def split() -> Split:
 
 
 @pytest.fixture(scope="module")
-def trained(split: Split) -> Trained:
+def trained(split: Split) -> FittedNetwork:
     """Not `small()`: that one's network has its features folded in already."""
     return fit(split.of(TRAIN), split.of(VALIDATION), replace(SMALL, steps=60))
 
 
 @pytest.fixture(scope="module")
-def model(trained: Trained, split: Split) -> Model:
+def model(trained: FittedNetwork, split: Split) -> KoopmanModel:
     part = sequences(split.of(TRAIN), HISTORY, 2, "training")
     return assemble(copy.deepcopy(trained), part, uses_imu=True).model
 
 
-def encoder_rows(model: Model, of: Record, rows: np.ndarray) -> np.ndarray:
+def encoder_rows(model: KoopmanModel, of: Record, rows: np.ndarray) -> np.ndarray:
     """The encoder's input by its definition: x_k ... x_(k-p), u_k ... u_(k-p), scaled."""
     x, u = model.scaling.scale_x(of.x), model.scaling.scale_u(of.u)
     past = [x[rows - i] for i in range(model.history + 1)]
@@ -60,7 +60,7 @@ def good_rows(of: Record, ahead: int = 20) -> np.ndarray:
     return sequences([of], HISTORY, ahead, "some").rows
 
 
-def test_features_have_zero_mean_and_unit_deviation(model: Model, split: Split) -> None:
+def test_features_have_zero_mean_and_unit_deviation(model: KoopmanModel, split: Split) -> None:
     features = []
     for of in split.of(TRAIN):
         rows = good_rows(of, 2)
@@ -71,7 +71,7 @@ def test_features_have_zero_mean_and_unit_deviation(model: Model, split: Split) 
     np.testing.assert_allclose(table.std(axis=0), 1.0, atol=0.05)
 
 
-def test_folding_changes_no_prediction(trained: Trained, model: Model) -> None:
+def test_folding_changes_no_prediction(trained: FittedNetwork, model: KoopmanModel) -> None:
     """The network before, in torch, against the model after, by the predictor."""
     of = record()
     rows = good_rows(of)[::200]
@@ -90,11 +90,11 @@ def test_folding_changes_no_prediction(trained: Trained, model: Model) -> None:
         for k in range(row - HISTORY, row + 1):
             made = predictor.step(sample_at(of, k))
         assert made is not None
-        predicted = predictor.roll_out(of.u[row : row + 20])
+        predicted = predictor.rollout(of.u[row : row + 20])
         np.testing.assert_allclose(predicted, wanted[number], rtol=1e-4, atol=1e-4)
 
 
-def test_the_rows_of_the_features_are_least_squares(model: Model, split: Split) -> None:
+def test_the_rows_of_the_features_are_least_squares(model: KoopmanModel, split: Split) -> None:
     """The normal equations hold, with a ridge of 1: phi' (change - phi theta') = theta'."""
     normal, size, moved, left = 0.0, 0, 0.0, 0.0
     for of in split.of(TRAIN):
@@ -111,11 +111,11 @@ def test_the_rows_of_the_features_are_least_squares(model: Model, split: Split) 
     assert left < 0.9 * moved
 
 
-def test_the_offline_model_does_not_adapt(model: Model) -> None:
+def test_the_offline_model_does_not_adapt(model: KoopmanModel) -> None:
     assert model.online.method == "constant"
-    for name in Correction.names():
-        expected = getattr(Correction.none(), name)
-        np.testing.assert_array_equal(getattr(model.correction, name), expected)
+    for name in ObserverGains.names():
+        expected = getattr(ObserverGains.none(), name)
+        np.testing.assert_array_equal(getattr(model.observer_gains, name), expected)
     assert (model.residual, model.affine, model.relift) == (True, True, True)
     assert model.uses_imu
     assert model.lifting.twin is not None
@@ -129,28 +129,28 @@ def test_choices_come_from_the_tables_and_get_into_the_artefact() -> None:
     assert made.online.window == module._WINDOW
     assert made.online.ridge in module._RIDGES
     assert made.online.method == "windowed"
-    for name in Correction.names():
+    for name in ObserverGains.names():
         np.testing.assert_array_equal(
-            getattr(stored.correction, name), getattr(made.correction, name)
+            getattr(stored.observer_gains, name), getattr(made.observer_gains, name)
         )
-    np.testing.assert_array_equal(stored.usual_change, made.usual_change)
+    np.testing.assert_array_equal(stored.mean_square_change, made.mean_square_change)
     np.testing.assert_array_equal(stored.horizon_covariance, made.horizon_covariance)
     np.testing.assert_array_equal(stored.theta0, made.theta0)
     for gain, decay, table in (
-        (made.correction.slow_gain, made.correction.slow_decay, module._SLOW),
-        (made.correction.fast_gain, made.correction.fast_decay, module._FAST),
+        (made.observer_gains.slow_gain, made.observer_gains.slow_decay, module._SLOW),
+        (made.observer_gains.fast_gain, made.observer_gains.fast_decay, module._FAST),
     ):
         assert set(zip(gain.tolist(), decay.tolist(), strict=True)) <= set(table)
-    assert set(made.correction.observer_gain.tolist()) <= set(module._OBSERVERS)
+    assert set(made.observer_gains.observer_gain.tolist()) <= set(module._OBSERVERS)
 
 
 def test_the_best_choice_is_taken(
-    model: Model, split: Split, monkeypatch: pytest.MonkeyPatch
+    model: KoopmanModel, split: Split, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The ridge by the mean over all cells, gains channel by channel."""
-    asked: list[Model] = []
+    asked: list[KoopmanModel] = []
 
-    def ratio(of: Model, cases: object) -> np.ndarray:
+    def ratio(of: KoopmanModel, cases: object) -> np.ndarray:
         asked.append(of)
         number = len(asked) - 1
         if number < len(module._RIDGES):
@@ -163,15 +163,15 @@ def test_the_best_choice_is_taken(
     monkeypatch.setattr(module, "_TRIALS", 5 * len(module._SLOW) + len(module._RIDGES))
     monkeypatch.setattr(module, "_ratio", ratio)
     told: list[tuple[str, int, int]] = []
-    chosen = tune(model, split, lambda *what: told.append(what))
+    chosen = select_hyperparameters(model, split, lambda *what: told.append(what))
     assert chosen.online.ridge == module._RIDGES[2]
     for gain, decay, table in (
-        (chosen.correction.slow_gain, chosen.correction.slow_decay, module._SLOW),
-        (chosen.correction.fast_gain, chosen.correction.fast_decay, module._FAST),
+        (chosen.observer_gains.slow_gain, chosen.observer_gains.slow_decay, module._SLOW),
+        (chosen.observer_gains.fast_gain, chosen.observer_gains.fast_decay, module._FAST),
     ):
         wanted = [table[i] for i in (1, 4, 0)]
         assert list(zip(gain.tolist(), decay.tolist(), strict=True)) == wanted
-    assert chosen.correction.observer_gain.tolist() == [module._OBSERVERS[i] for i in (1, 4, 0)]
+    assert chosen.observer_gains.observer_gain.tolist() == [module._OBSERVERS[i] for i in (1, 4, 0)]
     total = len(asked)
     assert [done for _, done, _ in told] == list(range(total))
     assert {end for _, _, end in told} == {total}
@@ -179,16 +179,16 @@ def test_the_best_choice_is_taken(
 
 @pytest.mark.parametrize("best", range(5))
 def test_theta_is_the_one_that_validation_likes(
-    model: Model, split: Split, monkeypatch: pytest.MonkeyPatch, best: int
+    model: KoopmanModel, split: Split, monkeypatch: pytest.MonkeyPatch, best: int
 ) -> None:
     thetas = [model.theta0 + 0.01 * k for k in range(5)]
 
-    def ratio(of: Model, cases: object) -> np.ndarray:
+    def ratio(of: KoopmanModel, cases: object) -> np.ndarray:
         near = np.abs(of.theta0 - thetas[best]).max()
         return np.full((2, 5, 3), near - 1.0)
 
     monkeypatch.setattr(module, "_ratio", ratio)
-    chosen = tune(model, split, None, thetas[1:])
+    chosen = select_hyperparameters(model, split, None, thetas[1:])
     np.testing.assert_array_equal(chosen.theta0, thetas[best])
 
 
@@ -198,7 +198,7 @@ def test_refitted_lies_between_theta_and_least_squares() -> None:
     target = phi @ truth.T
     target[7] = np.nan
     theta = np.vstack([np.zeros((3, 6)), np.ones((2, 6))])
-    made = assembly._refitted(theta, phi, target)
+    made = assembly._refit_output_layer(theta, phi, target)
     off = [float(np.abs(each[:3] - truth).max()) for each in made]
     assert off == sorted(off, reverse=True)
     assert off[0] > 0.3 * np.abs(truth).max()
@@ -207,28 +207,28 @@ def test_refitted_lies_between_theta_and_least_squares() -> None:
 
 
 def test_a_lost_cell_costs_more_than_others_gain(
-    model: Model, split: Split, monkeypatch: pytest.MonkeyPatch
+    model: KoopmanModel, split: Split, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The second choice is better on the mean, but behind the naive predictor in one cell."""
     lost = np.full((2, 5, 3), -0.8)
     lost[:, 0] = 0.5
     answers = [np.full((2, 5, 3), -0.4), lost]
 
-    def ratio(of: Model, cases: object) -> np.ndarray:
+    def ratio(of: KoopmanModel, cases: object) -> np.ndarray:
         return answers.pop(0) if answers else np.zeros((2, 5, 3))
 
     assert lost.mean() < -0.4
     monkeypatch.setattr(module, "_ratio", ratio)
-    assert tune(model, split).online.ridge == module._RIDGES[0]
+    assert select_hyperparameters(model, split).online.ridge == module._RIDGES[0]
 
 
-def test_tuning_helps_a_car_that_has_changed(model: Model, split: Split) -> None:
+def test_tuning_helps_a_car_that_has_changed(model: KoopmanModel, split: Split) -> None:
     cases = module._cases(split)
     assert len(cases) == 2
     (same, _), (other, _) = cases[0][0], cases[1][0]
     drawn = other.u - other.u.mean(axis=0)
-    np.testing.assert_allclose(drawn.std(axis=0) / same.u.std(axis=0), 1.0 / module._CHANGED_CAR)
-    tuned = tune(model, split)
+    np.testing.assert_allclose(drawn.std(axis=0) / same.u.std(axis=0), 1.0 / module._PERTURBED_INPUT_GAIN)
+    tuned = select_hyperparameters(model, split)
     before = module._ratio(model, cases)
     after = module._ratio(tuned, cases)
     assert after[1].mean() < before[1].mean() - 0.1
@@ -246,7 +246,7 @@ def test_horizon_covariance_is_one() -> None:
     assert (spread[-1] < [3.0, 1.0, 0.5]).all()
 
 
-def test_horizon_covariance_is_that_of_the_errors(model: Model) -> None:
+def test_horizon_covariance_is_that_of_the_errors(model: KoopmanModel) -> None:
     """On a drive that is all validation, against errors computed here."""
     of = record().rows(slice(0, 800))
     everything = Split([of], [np.full(800, VALIDATION)], "blocks")
@@ -256,16 +256,16 @@ def test_horizon_covariance_is_that_of_the_errors(model: Model) -> None:
     for row in range(len(of) - 4):
         made = predictor.step(sample_at(of, row))
         if made is not None and row >= 8 and (row - 8) % 8 == 0:
-            errors.append(predictor.roll_out(of.u[row : row + 4]) - of.x_ref[row + 1 : row + 5])
+            errors.append(predictor.rollout(of.u[row : row + 4]) - of.x_ref[row + 1 : row + 5])
     table = np.array(errors)
     np.testing.assert_allclose(covariance, np.einsum("nhi,nhj->hij", table, table) / len(table))
 
 
-def test_too_short_a_validation_still_yields_a_model(model: Model) -> None:
+def test_too_short_a_validation_still_yields_a_model(model: KoopmanModel) -> None:
     of = record().rows(slice(0, 800))
     parts = np.full(800, TRAIN)
     parts[400:460] = VALIDATION
-    tuned = tune(model, Split([of], [parts], "blocks"))
+    tuned = select_hyperparameters(model, Split([of], [parts], "blocks"))
     assert tuned.online.method == "windowed"
     assert tuned.horizon_covariance.shape == (80, 3, 3)
     assert (np.linalg.eigvalsh(tuned.horizon_covariance) > 0.0).all()

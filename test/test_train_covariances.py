@@ -32,8 +32,8 @@ def test_held_is_of_the_horizon_that_is_published() -> None:
 
 def test_a_trained_model_has_both_and_they_are_stored() -> None:
     made, stored = small().run.model, artefact.load(small().path).model
-    np.testing.assert_array_equal(stored.held_covariance, made.held_covariance)
-    held = made.held_covariance
+    np.testing.assert_array_equal(stored.held_input_covariance, made.held_input_covariance)
+    held = made.held_input_covariance
     assert held.shape == made.horizon_covariance.shape == (80, 3, 3)
     assert (np.linalg.eigvalsh(held) > 0.0).all()
     # A step ahead the command is known either way; two seconds ahead the driver is not.

@@ -9,7 +9,12 @@ import pytest
 
 from adk_ros.signals.channels import FloatArray
 from adk_ros.train.dataset import Sequences
-from adk_ros.train.faster import MOST, drag_over_mass, faster, weight_of
+from adk_ros.train.faster import (
+    MAX_SPEED_SCALE,
+    augmentation_weight,
+    drag_over_mass,
+    scale_to_higher_speeds,
+)
 
 T = 0.025
 DRAG = 4e-4
@@ -43,10 +48,10 @@ def driven(n: int = 4000) -> Sequences:
 
 def test_a_made_row_is_what_the_car_does_at_that_speed() -> None:
     part = driven()
-    made = faster(part, 3)
+    made = scale_to_higher_speeds(part, 3)
     ratio = made.states[0][:, 0] / part.x[made.rows, 0]
     assert ratio.min() >= 1.0
-    assert ratio.max() <= MOST
+    assert ratio.max() <= MAX_SPEED_SCALE
     assert made.states[0] == pytest.approx(ratio[:, None] * part.x[made.rows])
     true = change(made.states[0], part.u[made.rows])
     off = np.sqrt(np.mean((made.change - true) ** 2, axis=0))
@@ -69,7 +74,7 @@ def test_what_is_not_known_is_left_out() -> None:
     part = driven(400)
     x_ref = part.x_ref.copy()
     x_ref[100:110] = np.nan
-    made = faster(Sequences(part.x, x_ref, part.u, part.rows, 2, 1), 1)
+    made = scale_to_higher_speeds(Sequences(part.x, x_ref, part.u, part.rows, 2, 1), 1)
     assert not set(range(99, 109)) & set(made.rows.tolist())
     assert np.isfinite(made.change).all()
     assert len(made.states) == 1
@@ -77,7 +82,7 @@ def test_what_is_not_known_is_left_out() -> None:
 
 def test_a_weight_is_the_share_of_the_errors() -> None:
     measured, made = np.full((10, 3), 0.1), np.full((10, 3), 0.2)
-    assert weight_of(measured, made) == pytest.approx([0.25**3 / (0.25**2 + 0.01)] * 3)
-    assert weight_of(made, measured) == pytest.approx([1.0 / 1.01] * 3)
-    assert weight_of(0.1 * measured, made) == pytest.approx([0.0] * 3, abs=2e-6)
-    assert weight_of(measured, np.empty((0, 3))) == pytest.approx([0.0] * 3)
+    assert augmentation_weight(measured, made) == pytest.approx([0.25**3 / (0.25**2 + 0.01)] * 3)
+    assert augmentation_weight(made, measured) == pytest.approx([1.0 / 1.01] * 3)
+    assert augmentation_weight(0.1 * measured, made) == pytest.approx([0.0] * 3, abs=2e-6)
+    assert augmentation_weight(measured, np.empty((0, 3))) == pytest.approx([0.0] * 3)

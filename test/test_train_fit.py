@@ -17,7 +17,7 @@ from adk_ros.errors import DataError, UsageError
 from adk_ros.signals.channels import Record
 from adk_ros.train import checkpoint, fit
 from adk_ros.train.dataset import TRAIN, VALIDATION, split_records
-from adk_ros.train.fit import Step, Trained, choose_device
+from adk_ros.train.fit import FittedNetwork, Step, choose_device
 from adk_ros.train.network import Network
 from adk_ros.train.settings import PaperSettings, TrainSettings
 
@@ -33,11 +33,11 @@ def parts(of: Record | None = None) -> tuple[list[Record], list[Record]]:
     return split.of(TRAIN), split.of(VALIDATION)
 
 
-def state(trained: Trained) -> dict[str, np.ndarray]:
+def state(trained: FittedNetwork) -> dict[str, np.ndarray]:
     return {name: value.numpy() for name, value in trained.network.state_dict().items()}
 
 
-def assert_same(a: Trained, b: Trained) -> None:
+def assert_same(a: FittedNetwork, b: FittedNetwork) -> None:
     np.testing.assert_array_equal(np.array(a.curve), np.array(b.curve))
     assert (a.best_step, a.stopped_early) == (b.best_step, b.stopped_early)
     for name, value in state(a).items():
@@ -45,7 +45,7 @@ def assert_same(a: Trained, b: Trained) -> None:
 
 
 @pytest.fixture(scope="module")
-def whole() -> Trained:
+def whole() -> FittedNetwork:
     """A short training that nothing disturbed."""
     return fit.fit(*parts(), SHORT)
 
@@ -73,20 +73,20 @@ def test_it_learns_far_more_than_persistence_knows() -> None:
     assert losses[:, 2].min() < 0.6
 
 
-def test_the_state_kept_is_that_of_the_best_validation(whole: Trained) -> None:
+def test_the_state_kept_is_that_of_the_best_validation(whole: FittedNetwork) -> None:
     losses = {step: validation for step, _, validation in whole.curve}
     assert losses[whole.best_step] == min(losses.values())
     assert list(losses) == [10, 20, 30, 40]
     assert not whole.stopped_early
 
 
-def test_same_seed_same_network_other_seed_another(whole: Trained) -> None:
+def test_same_seed_same_network_other_seed_another(whole: FittedNetwork) -> None:
     assert_same(whole, fit.fit(*parts(), SHORT))
     other = fit.fit(*parts(), replace(SHORT, seed=1))
     assert not np.array_equal(state(whole)["encoder.w1"], state(other)["encoder.w1"])
 
 
-def test_what_it_reports_while_it_runs(whole: Trained) -> None:
+def test_what_it_reports_while_it_runs(whole: FittedNetwork) -> None:
     told: list[Step] = []
     assert_same(whole, fit.fit(*parts(), SHORT, told.append))
     assert [step.step for step in told] == list(range(1, 41))
@@ -103,7 +103,7 @@ def test_what_it_reports_while_it_runs(whole: Trained) -> None:
 
 @pytest.mark.parametrize("killed_at", [[25], [10, 11, 21, 39], [40]])
 def test_killed_and_resumed_is_as_if_nothing_had_happened(
-    whole: Trained, often: None, tmp_path: Path, killed_at: list[int]
+    whole: FittedNetwork, often: None, tmp_path: Path, killed_at: list[int]
 ) -> None:
     path = tmp_path / "kept.npz"
     for step in killed_at:
@@ -136,7 +136,7 @@ def test_no_early_stop_in_the_first_stage() -> None:
 
 
 def test_a_checkpoint_of_another_training_is_ignored(
-    whole: Trained, often: None, tmp_path: Path
+    whole: FittedNetwork, often: None, tmp_path: Path
 ) -> None:
     path = tmp_path / "kept.npz"
     others = [

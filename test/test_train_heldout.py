@@ -12,19 +12,26 @@ import pytest
 import torch
 from train_tools import made_record, record, small
 
-from adk_ros.model.correction import Correction
+from adk_ros.model.correction import ObserverGains
 from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import STATE_NAMES, Flag, Record
 from adk_ros.signals.score import HORIZON_STEPS
 from adk_ros.train.dataset import TEST, TRAIN, split_records
-from adk_ros.train.heldout import HELD, MODEL, TIE, HeldOut, Range, held_out
+from adk_ros.train.heldout import (
+    HELD_INPUTS,
+    MODEL,
+    TIE,
+    HeldOutScores,
+    TrainingDomain,
+    score_held_out,
+)
 from adk_ros.train.network import Encoder, Lift, to_torchscript
 
 
-def linear_model(change: np.ndarray) -> Model:
+def linear_model(change: np.ndarray) -> KoopmanModel:
     """A model that adds `change` (3, 6) times [x, feature, u] to the state, in SI units."""
     encoder = Encoder(0, 4, 1)
     with torch.no_grad():
@@ -33,7 +40,7 @@ def linear_model(change: np.ndarray) -> Model:
     program = to_torchscript(Lift(encoder, torch.zeros(1), torch.ones(1)))
     theta = np.zeros((4, 7))
     theta[:3, :6] = change
-    return Model(
+    return KoopmanModel(
         lifting=Lifting(program, input_size(0), 1),
         scaling=Scaling(np.zeros(3), np.ones(3), np.zeros(2), np.ones(2), np.ones(3)),
         theta0=theta,
@@ -41,9 +48,9 @@ def linear_model(change: np.ndarray) -> Model:
         residual=True,
         affine=True,
         relift=True,
-        correction=Correction.none(),
+        observer_gains=ObserverGains.none(),
         horizon_covariance=np.zeros((0, 3, 3)),
-        usual_change=np.zeros((0, 3)),
+        mean_square_change=np.zeros((0, 3)),
         uses_imu=False,
         online=OnlineSettings("constant"),
     )
@@ -62,8 +69,8 @@ def rms(of: Record, rows: np.ndarray, step: int, predicted: np.ndarray) -> np.nd
     return np.sqrt(np.mean((predicted - of.x_ref[rows + step]) ** 2, axis=0))
 
 
-def scored(model: Model, *records: Record, known: Range | None = None) -> HeldOut:
-    result = held_out(model, [(item, None) for item in records], known)
+def scored(model: KoopmanModel, *records: Record, known: TrainingDomain | None = None) -> HeldOutScores:
+    result = score_held_out(model, [(item, None) for item in records], known)
     assert result is not None
     return result
 
@@ -101,7 +108,7 @@ def test_known_commands_and_held_ones() -> None:
     rows = result.rollouts[0].rows
     for i, step in enumerate(HORIZON_STEPS):
         held = rms(of, rows, step, of.x[rows] + step * (u[rows] @ gain.T))
-        np.testing.assert_allclose(result.scores[HELD].rmse[i], held, atol=1e-9)
+        np.testing.assert_allclose(result.scores[HELD_INPUTS].rmse[i], held, atol=1e-9)
 
 
 def test_all_records_count_by_their_starts() -> None:
@@ -128,7 +135,7 @@ def test_only_the_part_asked_for_is_scored() -> None:
     of = made_record(wandering())
     mask = np.zeros(len(of), dtype=bool)
     mask[500:800] = True
-    result = held_out(STILL, [(of, mask)])
+    result = score_held_out(STILL, [(of, mask)])
     assert result is not None
     rows = result.rollouts[0].rows
     assert rows.min() >= 500
@@ -136,17 +143,17 @@ def test_only_the_part_asked_for_is_scored() -> None:
 
 
 def test_nothing_to_score_is_none() -> None:
-    assert held_out(STILL, [(made_record(wandering(60)), None)]) is None
-    assert held_out(STILL, []) is None
+    assert score_held_out(STILL, [(made_record(wandering(60)), None)]) is None
+    assert score_held_out(STILL, []) is None
     of = made_record(wandering())
-    assert held_out(STILL, [(of, np.zeros(len(of), dtype=bool))]) is None
+    assert score_held_out(STILL, [(of, np.zeros(len(of), dtype=bool))]) is None
     flags = np.full(len(of), int(Flag.ODOMETRY_STALE))
-    assert held_out(STILL, [(replace(of, flags=flags), None)]) is None
+    assert score_held_out(STILL, [(replace(of, flags=flags), None)]) is None
 
 
 def test_progress_reaches_its_end() -> None:
     told: list[tuple[int, int]] = []
-    held_out(STILL, [(made_record(wandering()), None)] * 2, progress=lambda *at: told.append(at))
+    score_held_out(STILL, [(made_record(wandering()), None)] * 2, progress=lambda *at: told.append(at))
     assert [done for done, _ in told] == sorted(done for done, _ in told)
     assert told[-1][0] == told[-1][1]
 
@@ -166,7 +173,7 @@ def test_a_cell_lost_to_noise() -> None:
 
 
 def test_a_cell_lost_beyond_the_training() -> None:
-    trained_on = Range.of([made_record(wandering())])
+    trained_on = TrainingDomain.of([made_record(wandering())])
     fast = wandering()
     fast[:, 0] += 20.0
     result = scored(STILL, made_record(fast), known=trained_on)
@@ -239,9 +246,9 @@ def test_the_test_part_is_what_was_scored() -> None:
 
 
 def test_the_range_comes_back_from_json() -> None:
-    known = Range.of([record()])
-    again = Range.from_json(json.loads(json.dumps(known.as_json())))
+    known = TrainingDomain.of([record()])
+    again = TrainingDomain.from_json(json.loads(json.dumps(known.as_json())))
     assert again is not None
     np.testing.assert_array_equal(again.low, known.low)
     np.testing.assert_array_equal(again.high, known.high)
-    assert Range.from_json(None) is None
+    assert TrainingDomain.from_json(None) is None

@@ -13,7 +13,7 @@ from adk_ros.signals.channels import Record
 from adk_ros.signals.record import build_record
 from adk_ros.train import observed as module
 from adk_ros.train.fit import Step
-from adk_ros.train.observed import observed, observer_gain
+from adk_ros.train.observed import observer_filtered, observer_gain
 from adk_ros.train.run import checkpoints_of, run_training
 
 NOISE = 0.003
@@ -34,7 +34,7 @@ def noisy(clean: Record) -> Record:
 
 def test_clean_measurements_are_taken_as_they_are(clean: Record) -> None:
     assert observer_gain([clean], SMALL.history) == 1.0
-    train, validation = observed([clean], [clean], SMALL)
+    train, validation = observer_filtered([clean], [clean], SMALL)
     assert train[0] is clean
     assert validation[0] is clean
 
@@ -45,7 +45,7 @@ def test_an_observer_takes_most_of_the_noise_of_the_yaw_rate(
     assert observer_gain([noisy], SMALL.history) in module._GAINS[1:]
     told: list[Step] = []
     before = noisy.x.copy()
-    (train,), (validation,) = observed([noisy], [noisy], SMALL, told.append)
+    (train,), (validation,) = observer_filtered([noisy], [noisy], SMALL, told.append)
     np.testing.assert_array_equal(noisy.x, before)
     np.testing.assert_array_equal(train.x, validation.x)
     np.testing.assert_array_equal(train.x[:, :2], noisy.x[:, :2])

@@ -19,7 +19,7 @@ from adk_ros.model.predictor import Predictor
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import Flag
 from adk_ros.train import paper
-from adk_ros.train.assemble import Assembled
+from adk_ros.train.assemble import AssembledModel
 from adk_ros.train.fit import Step
 from adk_ros.train.network import PaperNetwork
 from adk_ros.train.report import write_report
@@ -116,7 +116,7 @@ def test_min_max_scaling_spans_minus_one_to_one() -> None:
 
 
 @pytest.fixture(scope="module")
-def trained() -> dict[bool, tuple[Assembled, list[Step]]]:
+def trained() -> dict[bool, tuple[AssembledModel, list[Step]]]:
     """DK and ALDK after two epochs each."""
     results = {}
     for acceleration in (False, True):
@@ -126,7 +126,7 @@ def trained() -> dict[bool, tuple[Assembled, list[Step]]]:
     return results
 
 
-def test_dk_and_aldk_learn_and_differ(trained: dict[bool, tuple[Assembled, list[Step]]]) -> None:
+def test_dk_and_aldk_learn_and_differ(trained: dict[bool, tuple[AssembledModel, list[Step]]]) -> None:
     for acceleration, (built, told) in trained.items():
         model = built.model
         # A running mean over a thousand steps, of fewer than five hundred.
@@ -140,7 +140,7 @@ def test_dk_and_aldk_learn_and_differ(trained: dict[bool, tuple[Assembled, list[
     assert not np.array_equal(trained[False][0].model.theta0, trained[True][0].model.theta0)
 
 
-def test_same_seed_same_model(trained: dict[bool, tuple[Assembled, list[Step]]]) -> None:
+def test_same_seed_same_model(trained: dict[bool, tuple[AssembledModel, list[Step]]]) -> None:
     settings = replace(TINY, acceleration=True, epochs=2)
     again = paper.fit_paper([record()], settings)
     np.testing.assert_array_equal(again.model.theta0, trained[True][0].model.theta0)

@@ -17,7 +17,7 @@ from adk_ros.train import fit as fit_module
 from adk_ros.train.dataset import TRAIN, VALIDATION, split_records
 from adk_ros.train.fit import fit
 from adk_ros.train.network import Encoder, Lift
-from adk_ros.train.quadratic import Quadratic, Rows, fit_quadratic, input_columns
+from adk_ros.train.quadratic import QuadraticFeatures, Rows, fit_quadratic, input_columns
 from adk_ros.train.run import run_training
 
 Array = np.ndarray
@@ -47,7 +47,7 @@ def drive(n: int = 3000) -> tuple[Array, Array, Array]:
     return x, u, target
 
 
-def forecast(forms: Quadratic, row: Array) -> Array:
+def forecast(forms: QuadraticFeatures, row: Array) -> Array:
     lift = Lift(Encoder(4, 4, 1, forms), torch.zeros(4), torch.ones(4))
     with torch.no_grad():
         return lift(torch.tensor(row[None], dtype=torch.float32))[0, 1:].numpy()
@@ -103,7 +103,7 @@ def test_training_with_them_is_nearer_to_smooth_data(tmp_path: Path) -> None:
 
 def test_forms_that_do_not_fit_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Here they leave 0.06 of persistence's loss on the validation part."""
-    monkeypatch.setattr(fit_module, "_FORMS_MOST", 0.01)
+    monkeypatch.setattr(fit_module, "_QUADRATIC_ACCEPT_LOSS", 0.01)
     split = split_records([drive_of("handling", 120.0).truth()], "blocks")
     made = fit(split.of(TRAIN), split.of(VALIDATION), replace(SMALL, steps=10, quadratic=True))
     assert made.network.encoder.level.shape == (0,)

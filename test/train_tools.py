@@ -15,14 +15,14 @@ import numpy as np
 
 from adk_ros.bag_export import write_bag
 from adk_ros.cli.main import main
-from adk_ros.plant.heard import Drive
+from adk_ros.plant.heard import SimulatedDrive
 from adk_ros.plant.scenarios import load_scenario
 from adk_ros.plant.sensors import Stream
 from adk_ros.plant.simulate import simulate
 from adk_ros.signals.channels import TICK_NS, FloatArray, Record, Source
 from adk_ros.signals.record import build_record
 from adk_ros.train.report import write_report
-from adk_ros.train.run import Run, run_training
+from adk_ros.train.run import TrainingResult, run_training
 from adk_ros.train.settings import TrainSettings
 
 SMALL = TrainSettings(
@@ -42,13 +42,13 @@ def folder() -> Path:
 
 def drive(
     name: str = "handling", seconds: float = 120.0, imu: bool = True, clean: bool = False
-) -> Drive:
+) -> SimulatedDrive:
     """A drive of the package's own car; `clean`: sensors without noise, and mu 1."""
     return _drive(name, float(seconds), imu, clean)
 
 
 @lru_cache
-def _drive(name: str, seconds: float, imu: bool, clean: bool) -> Drive:
+def _drive(name: str, seconds: float, imu: bool, clean: bool) -> SimulatedDrive:
     scenario = load_scenario(name)
     if clean:
         scenario = scenario.model_copy(update={"sensors": scenario.sensors.clean(), "mu": 1.0})
@@ -81,7 +81,7 @@ def bag(
 class Small(NamedTuple):
     """A small training with report, and where it lies."""
 
-    run: Run
+    run: TrainingResult
     path: Path
 
 
@@ -104,7 +104,7 @@ def small_without_imu() -> Path:
 
 
 def changed_streams(
-    of: Drive, path: Path, change: Callable[[Source, Stream], Stream]
+    of: SimulatedDrive, path: Path, change: Callable[[Source, Stream], Stream]
 ) -> Path:
     """Write `of` as a bag with each of its streams passed through `change`."""
     streams = {source: change(source, stream) for source, stream in of.streams.items()}

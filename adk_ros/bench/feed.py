@@ -12,7 +12,7 @@ from typing import Any
 from adk_ros.bag_export import TOPICS, write_bag
 from adk_ros.bags import Bag
 from adk_ros.model import artefact
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.plant.scenarios import load_scenario
 from adk_ros.plant.simulate import simulate
 from adk_ros.signals.channels import TICK_NS, Source
@@ -56,7 +56,7 @@ def endless(messages: list[Message]) -> Iterator[Message]:
             stamp.sec, stamp.nanosec = divmod(stamp_of(msg) + length_ns, 10**9)
 
 
-def bench_model(path: Path | None) -> Model:
+def bench_model(path: Path | None) -> KoopmanModel:
     """Load `path`, or train a small model for the purpose."""
     if path is not None:
         return artefact.load(path).model

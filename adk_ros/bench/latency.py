@@ -19,7 +19,7 @@ import numpy as np
 
 from adk_ros.bench.feed import Message, bench_model, endless, simulated_messages
 from adk_ros.errors import UsageError
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.pipeline import Pipeline
 
 _WARM_UP_TICKS = 500
@@ -40,7 +40,7 @@ def bench_latency(
     """
     if ticks < 1000:
         raise UsageError(f"--ticks {ticks} is too few for a 99th percentile: at least 1000")
-    rival = _rival()
+    rival = _padasip_tick()
     model = bench_model(model_path)
     messages = simulated_messages()
     feed = endless(messages)
@@ -86,7 +86,7 @@ def _tick(pipeline: Pipeline, feed: Iterator[Message]) -> int:
             return spent
 
 
-def _rival() -> Callable[[], None]:
+def _padasip_tick() -> Callable[[], None]:
     try:
         from padasip.filters import FilterRLS
     except ImportError:
@@ -126,7 +126,7 @@ class _Watch:
 
 
 def _stages(
-    model: Model, messages: list[Message], before: int, progress: Progress | None
+    model: KoopmanModel, messages: list[Message], before: int, progress: Progress | None
 ) -> dict[str, dict[str, float]]:
     names = ("decode", "align", "lift", "update", "horizon", "rest")
     watches = {name: _Watch(name) for name in names}

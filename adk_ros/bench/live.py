@@ -211,10 +211,10 @@ def latencies(
 
 
 def _drive(path: str, *rates: str) -> None:
-    from adk_ros.ros.traffic import Rates, drive
+    from adk_ros.ros.traffic import Rates, publish_synthetic_sensors
 
     duration_s, *hz = (float(rate) for rate in rates)
-    sent = drive(duration_s, Rates(*hz), on_start=lambda: print("started", flush=True))
+    sent = publish_synthetic_sensors(duration_s, Rates(*hz), on_start=lambda: print("started", flush=True))
     values = np.full((len(sent), 3), np.nan)
     for row, item in enumerate(sent):
         values[row, : len(item.reading.values)] = item.reading.values

@@ -24,7 +24,7 @@ import psutil  # type: ignore[import-untyped, unused-ignore]
 
 from adk_ros.bench.feed import Message, bench_model, endless, simulated_messages
 from adk_ros.errors import UsageError
-from adk_ros.model.online import OnlineSettings, Windowed
+from adk_ros.model.online import OnlineSettings, WindowedRidge
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.signals.channels import Source
@@ -64,7 +64,7 @@ def bench_soak(
         if progress is not None and pipeline.ticks % 1000 == 0:
             progress(pipeline.ticks, ticks)
     method = pipeline.predictor.online
-    assert isinstance(method, Windowed)
+    assert isinstance(method, WindowedRidge)
     return {
         "ticks": pipeline.ticks,
         "predictions": made,

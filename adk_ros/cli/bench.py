@@ -41,7 +41,7 @@ def latency(
     with _chosen(model) as path, console.progress("ticking") as bar:
         result = bench_latency(path, ticks, bar)
     if as_json:
-        console.answer(result)
+        console.print_json(result)
         return
     tick, rival = result["tick"], result["padasip_rls15"]
     console.output.print(
@@ -112,7 +112,7 @@ def _chosen(model: Path | None) -> Iterator[Path]:
 
 def _show(result: dict[str, Any], as_json: bool) -> None:
     if as_json:
-        console.answer(result)
+        console.print_json(result)
         return
     for name, value in result.items():
         inner = value.items() if isinstance(value, dict) else ()

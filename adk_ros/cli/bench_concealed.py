@@ -16,7 +16,7 @@ from adk_ros.cli.options import JsonOption
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
-    from adk_ros.bench.concealed.score import Score
+    from adk_ros.bench.concealed.score import CaseResult
 
 
 def concealed(
@@ -55,13 +55,13 @@ def concealed(
 
     Example: adk bench concealed --cases cases
     """
-    from adk_ros.bench.concealed.bars import judge
-    from adk_ros.bench.concealed.rivals import Rivals
-    from adk_ros.bench.concealed.run import Bench, jobs_of, own_jobs
+    from adk_ros.bench.concealed.bars import evaluate_criteria
+    from adk_ros.bench.concealed.rivals import Baselines
+    from adk_ros.bench.concealed.run import MismatchBench, generated_jobs, jobs_of
     from adk_ros.bench.concealed.tables import as_json as content
-    from adk_ros.bench.concealed.tables import besides, markdown, write_tables
-    from adk_ros.bench.paper.ending import TERMINATED, Terminated, unwinding
-    from adk_ros.report_folder import check_folder
+    from adk_ros.bench.concealed.tables import baseline_results, markdown, write_tables
+    from adk_ros.bench.paper.ending import TERMINATED, Terminated, graceful_shutdown
+    from adk_ros.report_folder import check_output_folder
 
     if (cases is not None) + own + (real is not None) != 1:
         raise UsageError("give --cases FOLDER, --own or --real FOLDER, one of the three")
@@ -73,27 +73,27 @@ def concealed(
     if resume and out is None:
         raise UsageError("--resume goes on from what is in --out FOLDER: name it")
     if out is not None:
-        check_folder(out)
-    todo = own_jobs(limit) if cases is None else jobs_of(cases)
+        check_output_folder(out)
+    todo = generated_jobs(limit) if cases is None else jobs_of(cases)
     try:
         with (
-            unwinding(), tempfile.TemporaryDirectory() as folder, console.progress("cases") as bar
+            graceful_shutdown(), tempfile.TemporaryDirectory() as folder, console.progress("cases") as bar
         ):
-            rivals = Rivals() if peers else None
-            scores = Bench(out or Path(folder), jobs, resume, rivals).run(todo, bar)
-            bars = judge(scores)
+            rivals = Baselines() if peers else None
+            scores = MismatchBench(out or Path(folder), jobs, resume, rivals).run(todo, bar)
+            bars = evaluate_criteria(scores)
             if out is not None:
                 write_tables(scores, bars, out)
     except Terminated:
         console.note("adk: terminated")
         raise typer.Exit(TERMINATED) from None
     if as_json:
-        console.answer(content(scores, bars))
+        console.print_json(content(scores, bars))
         return
     for s in scores:
         console.output.print(_line(s), markup=False)
     if peers:
-        console.output.print(markdown(*besides(scores)), markup=False, end="")
+        console.output.print(markdown(*baseline_results(scores)), markup=False, end="")
     for one in bars:
         console.output.print(str(one), markup=False)
 
@@ -101,23 +101,23 @@ def concealed(
 def _real(folder: Path, vehicle: Path | None, as_json: bool) -> None:
     from dataclasses import asdict
 
-    from adk_ros.bench.concealed.real import ask, real_bars
+    from adk_ros.bench.concealed.real import ablation_criteria, run_ablation
     from adk_ros.bench.paper.av21 import find_recordings
-    from adk_ros.mismatch.nominal import load_nominal
-    from adk_ros.mismatch.reading import read_evidence
+    from adk_ros.mismatch.nominal import load_nominal_vehicle
+    from adk_ros.mismatch.reading import read_sensor_log
 
     if vehicle is None:
         raise UsageError("--real needs --vehicle FILE: the car's masses and lengths")
-    nominal = load_nominal(vehicle)
+    nominal = load_nominal_vehicle(vehicle)
     asked = []
     for bag in find_recordings(folder):
         with console.progress(f"reading {bag.name}") as bar:
-            recording = read_evidence(bag, needs_imu=False, progress=bar)
+            recording = read_sensor_log(bag, needs_imu=False, progress=bar)
         with console.progress("asking") as bar:
-            asked += ask(recording, nominal, bar)
-    bars = real_bars(asked)
+            asked += run_ablation(recording, nominal, bar)
+    bars = ablation_criteria(asked)
     if as_json:
-        console.answer({
+        console.print_json({
             "asked": [asdict(one) for one in asked], "bars": [asdict(bar) for bar in bars]
         })  # fmt: skip
         return
@@ -128,9 +128,9 @@ def _real(folder: Path, vehicle: Path | None, as_json: bool) -> None:
         console.output.print(str(line), markup=False)
 
 
-def _line(s: Score) -> str:
+def _line(s: CaseResult) -> str:
     """One case on one line."""
-    parts = [f"{s.case}  {s.right:.2f}  {s.label}  ->  {s.said}"]
+    parts = [f"{s.case}  {s.right:.2f}  {s.label}  ->  {s.reported}"]
     parts += [f"{name} off by {100.0 * x:.1f} %" for name, x in s.errors.items()]
     parts += [f"IoU {x:.2f}" for x in s.iou.values()]
     if s.removed:

@@ -17,7 +17,7 @@ from adk_ros.cli.options import JsonOption
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
-    from adk_ros.bench.paper.jobs import Plan
+    from adk_ros.bench.paper.jobs import BenchPlan
 
 _QUICK_STEPS = 2000
 _QUICK_EPOCHS, _QUICK_BATCH = 80, 256
@@ -49,7 +49,7 @@ def paper(
     """
     started = time.monotonic()
     from adk_ros.bench.paper.claims import counts
-    from adk_ros.bench.paper.ending import TERMINATED, Terminated, unwinding
+    from adk_ros.bench.paper.ending import TERMINATED, Terminated, graceful_shutdown
     from adk_ros.bench.paper.run import check, run_paper
 
     plan = _plan(quick, seeds, steps, epochs, recordings, peers, tuple(test or ()))
@@ -60,7 +60,7 @@ def paper(
         raise UsageError(f"{out} is no folder: choose another --out")
     out.mkdir(parents=True, exist_ok=True)
     try:
-        with unwinding(), tempfile.TemporaryDirectory(prefix="adk_paper_") as folder:
+        with graceful_shutdown(), tempfile.TemporaryDirectory(prefix="adk_paper_") as folder:
             with console.progress("bench") as bar:
                 result = run_paper(plan, Path(folder), jobs, bar, console.note)
             from adk_ros.bench.paper.page import write_report
@@ -71,7 +71,7 @@ def paper(
         raise typer.Exit(TERMINATED) from None
     seconds = time.monotonic() - started
     if as_json:
-        console.answer({
+        console.print_json({
             "bars": [vars(item) for item in report.bars],
             "claims": [
                 {"section": c.section, "claim": c.text, "verdict": c.verdict}
@@ -94,13 +94,13 @@ def paper(
 def _plan(
     quick: bool, seeds: int, steps: int | None, epochs: int | None, recordings: Path | None,
     peers: bool, tests: tuple[str, ...],
-) -> Plan:
+) -> BenchPlan:
     from adk_ros.bench.paper.av21 import find_recordings
     from adk_ros.bench.paper.cases import TESTS
-    from adk_ros.bench.paper.jobs import Plan
+    from adk_ros.bench.paper.jobs import BenchPlan
     from adk_ros.train.settings import TrainSettings
 
-    plan = Plan(quick=quick, seeds=seeds, tests=tests or TESTS, peers=peers)
+    plan = BenchPlan(quick=quick, seeds=seeds, tests=tests or TESTS, peers=peers)
     if quick:
         plan = replace(
             plan, train=replace(plan.train, steps=_QUICK_STEPS), paper_epochs=_QUICK_EPOCHS,

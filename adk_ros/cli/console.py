@@ -18,11 +18,11 @@ from rich.table import Table
 
 from adk_ros.finite import finite
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
-from adk_ros.signals.score import REPORT_SCALE, Score, best_naive
+from adk_ros.signals.score import REPORT_SCALE, ErrorTable, best_naive
 
 if TYPE_CHECKING:
-    from adk_ros.drives import Drive
-    from adk_ros.train.heldout import HeldOut
+    from adk_ros.drives import Recording
+    from adk_ros.train.heldout import HeldOutScores
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 output = Console(highlight=False, soft_wrap=True)
@@ -44,7 +44,7 @@ def warn(text: str) -> None:
     errors.print(f"warning: {text}", style="yellow", markup=False)
 
 
-def tell(drive: Drive, wants_imu: bool = False) -> None:
+def print_recording_warnings(drive: Recording, wants_imu: bool = False) -> None:
     """Tell a person what is odd about a drive; `wants_imu`: the model was trained with one."""
     for text in drive.warnings:
         warn(text)
@@ -52,7 +52,7 @@ def tell(drive: Drive, wants_imu: bool = False) -> None:
         warn("the model was trained with an IMU and there is none: yaw rate comes from odometry")
 
 
-def answer(value: Any) -> None:
+def print_json(value: Any) -> None:
     """Print `value` as JSON on stdout; numbers that are not finite become null."""
     print(json.dumps(finite(value), indent=2))
 
@@ -109,7 +109,7 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
     yield line
 
 
-def score_table(scores: dict[str, Score], model_names: tuple[str, ...], title: str) -> Table:
+def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], title: str) -> Table:
     """RMSE by channel and horizon, km/h and deg/s; `model_names`: commands known and held."""
     naive = [name for name in scores if name not in model_names]
     best = best_naive({name: scores[name] for name in naive})
@@ -142,7 +142,7 @@ def score_table(scores: dict[str, Score], model_names: tuple[str, ...], title: s
     return table
 
 
-def show(table: Table) -> None:
+def print_table(table: Table) -> None:
     """Print a table on stdout, as wide as it needs to be where nobody looks."""
     console = output if output.is_terminal else Console(highlight=False, width=120)
     console.print(table)
@@ -153,12 +153,12 @@ def flush() -> None:
     sys.stdout.flush()
 
 
-def show_test(test: HeldOut, title: str) -> None:
+def show_test(test: HeldOutScores, title: str) -> None:
     """Print a held-out table, and of each cell that a naive predictor wins the reason."""
-    from adk_ros.train.heldout import HELD, MODEL
+    from adk_ros.train.heldout import HELD_INPUTS, MODEL
 
     starts = test.scores[MODEL].count
-    show(score_table(test.scores, (MODEL, HELD), f"{title} ({starts} starts)"))
+    print_table(score_table(test.scores, (MODEL, HELD_INPUTS), f"{title} ({starts} starts)"))
     flush()
     for cell, why in test.lost.items():
         note(f"not better than a naive predictor, commands known: {cell}: {why}")

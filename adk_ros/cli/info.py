@@ -36,7 +36,7 @@ def _model(path: Path, as_json: bool) -> None:
     loaded = artefact.load(path)
     manifest = loaded.manifest
     if as_json:
-        console.answer({"kind": "model", "path": str(path)} | manifest)
+        console.print_json({"kind": "model", "path": str(path)} | manifest)
         return
     facts = manifest["training"]
     console.output.print(f"model {path}: whole, hashes fit", markup=False)
@@ -93,7 +93,7 @@ def _bag(path: Path, as_json: bool) -> None:
             "warnings": bag.warnings,
         }
     if as_json:
-        console.answer(about)
+        console.print_json(about)
         return
     console.output.print(
         f"bag {path}: {about['seconds']:.1f} s, {about['messages']} messages", markup=False

@@ -41,7 +41,7 @@ app = typer.Typer(
 )
 
 
-def _say_version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> None:
     if wanted:
         print(f"adk_ros {metadata.version('adk_ros')}")
         raise typer.Exit
@@ -51,7 +51,7 @@ def _say_version(wanted: bool) -> None:
 def _options(
     version: Annotated[
         bool,
-        typer.Option("--version", help="Say the version.", is_eager=True, callback=_say_version),
+        typer.Option("--version", help="Say the version.", is_eager=True, callback=_print_version),
     ] = False,
 ) -> None:
     """Options of the command itself; the version has been dealt with by its callback."""

@@ -21,8 +21,8 @@ from adk_ros.cli.options import (
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
-    from adk_ros.mismatch.evidence import Evidence
-    from adk_ros.mismatch.standin import StandIn
+    from adk_ros.mismatch.evidence import SensorLog
+    from adk_ros.mismatch.standin import SurrogateModel
 
 
 def mismatch(
@@ -57,52 +57,56 @@ def mismatch(
 
     Example: adk mismatch --simulation sim --recording real --vehicle vehicle.yaml --out report
     """
-    from adk_ros.bench.paper.ending import TERMINATED, Terminated, unwinding
+    from adk_ros.bench.paper.ending import TERMINATED, Terminated, graceful_shutdown
     from adk_ros.mismatch.answer import as_dict, write_report
-    from adk_ros.mismatch.investigate import investigate
-    from adk_ros.mismatch.nominal import load_nominal, nominal_of
-    from adk_ros.mismatch.reading import read_evidence
+    from adk_ros.mismatch.investigate import identify_mismatch
+    from adk_ros.mismatch.nominal import load_nominal_vehicle, nominal_vehicle_of
+    from adk_ros.mismatch.reading import read_sensor_log
     from adk_ros.mismatch.report.sentence import sentence
-    from adk_ros.mismatch.simulator import drive_vehicle, is_file, load_simulator
+    from adk_ros.mismatch.simulator import (
+        is_simulator_file,
+        load_simulator,
+        simulate_matched_drive,
+    )
     from adk_ros.plant.params import Vehicle
-    from adk_ros.report_folder import check_folder
+    from adk_ros.report_folder import check_output_folder
 
-    check_folder(out)
+    check_output_folder(out)
     if simulation.resolve() == recording.resolve():
         raise UsageError(f"{recording}: simulation and recording are the same bag")
-    of_file = load_simulator(simulation) if is_file(simulation) else None
+    of_file = load_simulator(simulation) if is_simulator_file(simulation) else None
     if of_file is not None and vehicle is not None:
         raise UsageError(
             f"{simulation} says the vehicle already: give --vehicle with a simulator's bag alone"
         )
-    nominal = None if vehicle is None else load_nominal(vehicle)
+    nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
     sensors = drive_options(imu, odometry, command, False, params).sensors
     with console.progress(f"reading {recording.name}") as bar:
         # Beside a simulator's own IMU a missing one is rather a topic that was forgotten.
         needed = of_file is None and not without_imu
-        recorded = read_evidence(recording, imu, odometry, command, sensors, bar, needed)
-    simulated: Evidence | StandIn
+        recorded = read_sensor_log(recording, imu, odometry, command, sensors, bar, needed)
+    simulated: SensorLog | SurrogateModel
     if isinstance(of_file, Vehicle):
-        nominal = nominal_of(of_file)
-        simulated = drive_vehicle(of_file, recorded, simulation.name)
+        nominal = nominal_vehicle_of(of_file)
+        simulated = simulate_matched_drive(of_file, recorded, simulation.name)
     elif of_file is not None:
         simulated = of_file
     else:
         with console.progress(f"reading {simulation.name}") as bar:
-            simulated = read_evidence(simulation, imu, odometry, command, sensors, bar)
+            simulated = read_sensor_log(simulation, imu, odometry, command, sensors, bar)
     with console.progress("comparing") as bar:
-        findings = investigate(simulated, recorded, nominal, bar)
+        findings = identify_mismatch(simulated, recorded, nominal, bar)
     try:
         # What is half written goes with whoever is stopped.
-        with unwinding():
+        with graceful_shutdown():
             write_report(findings, out)
     except Terminated:
         console.note("adk: terminated")
         raise typer.Exit(TERMINATED) from None
     if as_json:
-        console.answer(as_dict(findings))
+        console.print_json(as_dict(findings))
         return
-    for text in (*findings.notes, *(lack.text for lack in findings.lacking)):
+    for text in (*findings.notes, *(lack.text for lack in findings.missing_channels)):
         console.note(text)
     console.output.print(sentence(findings), markup=False)
     console.note(f"report.html, mismatch.json, simulation.yaml and corrected.yaml in {out}")

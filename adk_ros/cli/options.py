@@ -14,7 +14,7 @@ from adk_ros.errors import UsageError
 from adk_ros.signals.decode import SensorConfig
 
 if TYPE_CHECKING:
-    from adk_ros.drives import DriveOptions
+    from adk_ros.drives import RecordingOptions
 
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap, .db3 or ROS 1 .bag")]
 BagsArgument = Annotated[list[Path], typer.Argument(help="one recording or more")]
@@ -37,21 +37,21 @@ def drive_options(
     no_imu: bool,
     params: Path | None,
     own: dict[str, Any] | None = None,
-) -> DriveOptions:
+) -> RecordingOptions:
     """
     Put the shared options together.
 
     The vehicle's sensors come from `params`, else from what the model was trained with (`own`).
     :raises UsageError: the parameter file does not fit.
     """
-    from adk_ros.drives import DriveOptions
+    from adk_ros.drives import RecordingOptions
 
     sensors = sensors_of(own) if own else SensorConfig()
     if params is not None:
         from adk_ros.cli.params import read_sensors
 
         sensors = read_sensors(params)
-    return DriveOptions(imu, odometry, command, not no_imu, sensors)
+    return RecordingOptions(imu, odometry, command, not no_imu, sensors)
 
 
 def sensors_of(stored: dict[str, Any]) -> SensorConfig:

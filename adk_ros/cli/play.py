@@ -47,7 +47,7 @@ def play(
             progress=bar, notice=console.note,
         )
     if as_json:
-        console.answer(stats.to_json())
+        console.print_json(stats.to_json())
         return
     console.note(
         f"{stats.messages} messages, {stats.played_s:.1f} s; late by "

@@ -58,12 +58,12 @@ def replay(
 
     Example: adk replay bags/town --model models/handling --out predicted
     """
-    from adk_ros.drives import read_drive
+    from adk_ros.drives import read_recording
     from adk_ros.model import artefact
     from adk_ros.model.online import OnlineSettings
     from adk_ros.model.pipeline import PipelineSettings
     from adk_ros.replay import replay as run
-    from adk_ros.train.heldout import Range, held_out
+    from adk_ros.train.heldout import TrainingDomain, score_held_out
 
     loaded = artefact.load(model)
     facts = loaded.manifest["training"]
@@ -85,18 +85,18 @@ def replay(
             bag, loaded.model, settings, options, out, with_horizon, bar
         )
     with console.progress(f"reading {bag.name}") as bar:
-        drive = read_drive(bag, options, bar)
-    console.tell(drive, loaded.model.uses_imu)
+        drive = read_recording(bag, options, bar)
+    console.print_recording_warnings(drive, loaded.model.uses_imu)
     if drive.record.name in {data["name"] for data in facts.get("data", [])}:
         console.warn(f"the model was trained on a bag named {drive.record.name}: this is no test")
     with console.progress("scoring") as bar:
-        known = Range.from_json(facts.get("range"))
-        test = held_out(loaded.model, [(drive.record, None)], known, online, progress=bar)
+        known = TrainingDomain.from_json(facts.get("range"))
+        test = score_held_out(loaded.model, [(drive.record, None)], known, online, progress=bar)
     innovations = np.array([p.innovation for p in predictions]).reshape(-1, 3)
     known = innovations[np.isfinite(innovations).all(axis=1)]
     rms = np.sqrt(np.mean(known**2, axis=0)) if len(known) else np.full(3, math.nan)
     if as_json:
-        console.answer({
+        console.print_json({
             "bag": str(bag), "model": str(model), "out": str(out) if out else None,
             "method": online.method, "ticks": pipeline.ticks, "predictions": len(predictions),
             "restarts": pipeline.restarts, "innovation_rms": rms.tolist(),

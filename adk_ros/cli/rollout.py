@@ -44,16 +44,16 @@ def rollout(
 
     Example: adk rollout --model models/handling --bag bags/town --horizon 1 --out rollouts.csv
     """
-    from adk_ros.drives import read_drive
-    from adk_ros.mismatch.model_file import is_stand_in
+    from adk_ros.drives import read_recording
+    from adk_ros.mismatch.model_file import is_surrogate_file
     from adk_ros.model import artefact
-    from adk_ros.rollouts import find_vehicle, horizon_steps, roll_out, roll_out_stand_in
+    from adk_ros.rollouts import find_vehicle, horizon_steps, rollout, rollout_surrogate
 
     steps = horizon_steps(horizon, stride)
-    if is_stand_in(model):
+    if is_surrogate_file(model):
         options = drive_options(imu, odometry, command, no_imu, params, None)
         with console.progress(f"reading {bag.name}") as bar:
-            starts, predicted = roll_out_stand_in(model, bag, options, steps, stride, bar)
+            starts, predicted = rollout_surrogate(model, bag, options, steps, stride, bar)
         _done(out, starts, predicted, as_json)
         return
     loaded = artefact.load(model) if model.is_dir() else None
@@ -61,10 +61,10 @@ def rollout(
     sensors = loaded.manifest["training"].get("sensors") if loaded else None
     options = drive_options(imu, odometry, command, no_imu, params, sensors)
     with console.progress(f"reading {bag.name}") as bar:
-        drive = read_drive(bag, options, bar)
-    console.tell(drive, loaded.model.uses_imu if loaded else False)
+        drive = read_recording(bag, options, bar)
+    console.print_recording_warnings(drive, loaded.model.uses_imu if loaded else False)
     with console.progress("rolling out") as bar:
-        starts, predicted = roll_out(predicting, drive, steps, stride, bar)
+        starts, predicted = rollout(predicting, drive, steps, stride, bar)
     _done(out, starts, predicted, as_json)
 
 
@@ -74,7 +74,7 @@ def _done(out: Path, starts: FloatArray, predicted: FloatArray, as_json: bool) -
     write_csv(out, starts, predicted)
     steps = int(predicted.shape[1])
     if as_json:
-        console.answer({
+        console.print_json({
             "out": str(out), "starts": int(starts.size), "steps": steps,
         })
         return

@@ -36,8 +36,8 @@ def simulate(
     Example: adk simulate mountain --out mountain
     """
     from adk_ros.bag_export import write_bag
-    from adk_ros.mismatch.driven import drive_stand_in, left_out
-    from adk_ros.mismatch.model_file import load_stand_in
+    from adk_ros.mismatch.driven import position_dependent_terms, simulate_scenario
+    from adk_ros.mismatch.model_file import load_surrogate
     from adk_ros.plant.scenarios import load_scenario
     from adk_ros.plant.simulate import simulate as run
 
@@ -46,16 +46,16 @@ def simulate(
         if model is None:
             drive = run(course, seed, duration, bar)
         else:
-            car = load_stand_in(model)
-            drive = drive_stand_in(car, course, seed, duration, bar)
-    if model is not None and left_out(car.content):
-        names = ", ".join(left_out(car.content))
+            car = load_surrogate(model)
+            drive = simulate_scenario(car, course, seed, duration, bar)
+    if model is not None and position_dependent_terms(car.content):
+        names = ", ".join(position_dependent_terms(car.content))
         console.warn(f"bound to places, and not on this road: {names}")
     with console.progress("writing") as bar:
         write_bag(drive, out, storage, None if compression == "none" else compression, bar)
     seconds = round((len(drive.stamp_ns) - 1) * 0.025, 3)
     if as_json:
-        console.answer({
+        console.print_json({
             "scenario": drive.name, "seed": drive.seed, "seconds": seconds,
             "messages": len(drive.readings), "out": str(out),
         })

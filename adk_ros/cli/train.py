@@ -25,7 +25,7 @@ from adk_ros.cli.options import (
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
-    from adk_ros.drives import DriveOptions
+    from adk_ros.drives import RecordingOptions
     from adk_ros.signals.channels import Record
     from adk_ros.train.fit import Step
     from adk_ros.train.settings import PaperSettings, TrainSettings
@@ -127,7 +127,7 @@ def train(
         remove_report(out)
     seconds = time.monotonic() - started
     if as_json:
-        console.answer({"model": str(out), "seconds": round(seconds, 1)} | run.facts)
+        console.print_json({"model": str(out), "seconds": round(seconds, 1)} | run.facts)
         return
     if run.test is None:
         console.warn("nothing was held out that is long enough to score")
@@ -143,20 +143,20 @@ def train(
         console.note(f"report: {out / 'report.html'}")
 
 
-def read_records(bags: list[Path], options: DriveOptions) -> list[Record]:
+def read_records(bags: list[Path], options: RecordingOptions) -> list[Record]:
     """Read all bags, with a progress bar, telling what was odd about them."""
-    from adk_ros.drives import read_drive
+    from adk_ros.drives import read_recording
 
     records = []
     for path in bags:
         with console.progress(f"reading {path.name}") as bar:
-            drive = read_drive(path, options, bar)
+            drive = read_recording(path, options, bar)
         topics = drive.topics
         console.note(
             f"{path}: imu {topics.imu or 'none (yaw rate from odometry)'}, odometry "
             f"{topics.odometry}, command {topics.command}; {drive.record.duration_s:.1f} s"
         )
-        console.tell(drive)
+        console.print_recording_warnings(drive)
         records.append(drive.record)
     return records
 

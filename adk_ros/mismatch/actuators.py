@@ -42,7 +42,7 @@ _DELAY = INDEX["command_delay"]
 
 
 @kernel
-def lagged(state: float, to: float, time: float, step: float) -> tuple[float, float]:
+def first_order_lag(state: float, to: float, time: float, step: float) -> tuple[float, float]:
     """Return a first-order lag's (mean over, value after) a step towards a constant input."""
     if time < 1e-6 * step:
         return to, to
@@ -52,7 +52,7 @@ def lagged(state: float, to: float, time: float, step: float) -> tuple[float, fl
 
 
 @kernel
-def sprung(
+def second_order_lag(
     state: float, rate: float, to: float, frequency: float, damping: float, step: float
 ) -> tuple[float, float]:
     """Return a second-order lag's (value, rate) after a step towards a constant input."""
@@ -63,7 +63,7 @@ def sprung(
 
 
 @kernel
-def held_mean(total: FloatArray, spacing: float, begin: float, step: float) -> float:
+def zoh_mean(total: FloatArray, spacing: float, begin: float, step: float) -> float:
     """Return the mean of a held signal from `begin` on for `step`; `total` is its integral."""
     last = total.shape[0] - 1
     at = min(max(begin / spacing, 0.0), last - 1e-6)
@@ -84,7 +84,7 @@ def held_mean(total: FloatArray, spacing: float, begin: float, step: float) -> f
 
 
 @kernel
-def commanded(
+def actuate(
     p: FloatArray, state: FloatArray, torques: FloatArray, angles: FloatArray, spacing: float,
     time: float, step: float, v_x: float,
 ) -> tuple[float, float]:
@@ -94,18 +94,18 @@ def commanded(
     `torques`, `angles` are the commands' integrals over time, every `spacing` seconds.
     """
     begin = time - p[_DELAY]
-    wish = held_mean(angles, spacing, begin - p[_STEER_DELAY], step)
+    wish = zoh_mean(angles, spacing, begin - p[_STEER_DELAY], step)
     wish = p[_STEER_GAIN] * wish
     gap = p[_GAP]
     play = min(max(state[S_PLAY], wish - gap), wish + gap)
     state[S_PLAY] = play
-    mean, state[S_STEER] = lagged(state[S_STEER], play, p[_STEER_LAG], step)
-    delta, state[S_STEER_MORE] = lagged(state[S_STEER_MORE], mean, p[_STEER_MORE], step)
+    mean, state[S_STEER] = first_order_lag(state[S_STEER], play, p[_STEER_LAG], step)
+    delta, state[S_STEER_MORE] = first_order_lag(state[S_STEER_MORE], mean, p[_STEER_MORE], step)
     delta += p[_STEER_OFFSET] - p[_COMPLIANCE] * state[S_LOAD_Y]
-    asked = held_mean(torques, spacing, begin - p[_T_DELAY], step)
+    asked = zoh_mean(torques, spacing, begin - p[_T_DELAY], step)
     asked *= p[_GAIN] * (p[_BRAKE] if asked < 0.0 else 1.0)
-    mean, state[S_TORQUE] = lagged(state[S_TORQUE], asked, p[_T_LAG], step)
-    torque, state[S_TORQUE_MORE] = lagged(state[S_TORQUE_MORE], mean, p[_T_MORE], step)
+    mean, state[S_TORQUE] = first_order_lag(state[S_TORQUE], asked, p[_T_LAG], step)
+    torque, state[S_TORQUE_MORE] = first_order_lag(state[S_TORQUE_MORE], mean, p[_T_MORE], step)
     torque += p[_OFFSET]
     if p[_POWER] > 0.0:
         torque = min(torque, p[_RADIUS] / (p[_POWER] * max(v_x, 1.0)))

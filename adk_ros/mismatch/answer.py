@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from adk_ros.mismatch.effect import PLACE, TIME
-from adk_ros.mismatch.findings import Findings, FoundEffect
+from adk_ros.mismatch.findings import IdentifiedEffect, MismatchResult
 from adk_ros.mismatch.report.page import FIGURES, PAGE, write_page
-from adk_ros.mismatch.report.sentence import poorly_met, sentence, stretch_texts
-from adk_ros.report_folder import into_folder
+from adk_ros.mismatch.report.sentence import segment_texts, sentence, underfit_channels
+from adk_ros.report_folder import staged_folder
 
 SCHEMA = 1
-ANSWER, SIMULATION, CORRECTED = "mismatch.json", "simulation.yaml", "corrected.yaml"
-HELD_OUT = "held_out.yaml"
+RESULT_FILE, SIMULATION_FILE, CORRECTED_FILE = "mismatch.json", "simulation.yaml", "corrected.yaml"
+HELD_OUT_FILE = "held_out.yaml"
 """The corrected model that the held-out errors are of: fitted to the recording's first part."""
 
 
@@ -25,16 +25,16 @@ def _number(value: float) -> float | None:
     return float(f"{value:.6g}") if math.isfinite(value) else None
 
 
-def where_text(effect: FoundEffect) -> str:
+def where_text(effect: IdentifiedEffect) -> str:
     """Return where an effect acts, in words."""
     if effect.kind == PLACE:
-        return f"at a place: {', '.join(stretch_texts(effect))} along the lap, every lap"
+        return f"at a place: {', '.join(segment_texts(effect))} along the lap, every lap"
     if effect.kind == TIME:
         return f"from {effect.onset_s or 0.0:.1f} s on"
     return effect.effect.where
 
 
-def as_dict(findings: Findings) -> dict[str, Any]:
+def as_dict(findings: MismatchResult) -> dict[str, Any]:
     """Return the answer as the contract has it."""
     effects = []
     for effect in findings.effects:
@@ -55,7 +55,7 @@ def as_dict(findings: Findings) -> dict[str, Any]:
             },
             "equations": list(effect.effect.equations),
             "rivals": [
-                {"name": rival.name, "behind": _number(rival.behind)} for rival in effect.rivals
+                {"name": rival.name, "behind": _number(rival.loss_difference)} for rival in effect.competitors
             ],
         })
     answer: dict[str, Any] = {
@@ -71,17 +71,17 @@ def as_dict(findings: Findings) -> dict[str, Any]:
         "identifiability": {"groups": findings.groups, "suggest": findings.suggestion},
         "sentence": sentence(findings),
         "notes": list(findings.notes),
-        "stand_in_error": {name: _number(x) for name, x in findings.stand_in_error.items()},
+        "stand_in_error": {name: _number(x) for name, x in findings.surrogate_error.items()},
     }
-    missed = poorly_met(findings)
+    missed = underfit_channels(findings)
     if missed:
         answer["caveat"] = (
             f"the stand-in misses the simulation's own recording in {missed}: what is smaller "
             "than that cannot be seen"
         )
-    if findings.lacking:
+    if findings.missing_channels:
         answer["scope"] = {
-            "lacking": [lack.text for lack in findings.lacking],
+            "lacking": [lack.text for lack in findings.missing_channels],
             "not_judged": findings.not_judged,
         }
     if findings.unexplained is not None:
@@ -93,17 +93,17 @@ def as_dict(findings: Findings) -> dict[str, Any]:
     return answer
 
 
-def write_report(findings: Findings, out: Path) -> None:
+def write_report(findings: MismatchResult, out: Path) -> None:
     """
     Write the answer, its page with figures and both models into the folder `out`: all or none.
 
     Raises `UsageError` where it cannot be written.
     """
-    with into_folder(out, (ANSWER, PAGE), FIGURES) as staged:
+    with staged_folder(out, (RESULT_FILE, PAGE), FIGURES) as staged:
         texts = {
-            ANSWER: json.dumps(as_dict(findings), indent=2) + "\n",
-            SIMULATION: findings.simulation_yaml, CORRECTED: findings.corrected_yaml,
-            HELD_OUT: findings.held_out_yaml or findings.corrected_yaml,
+            RESULT_FILE: json.dumps(as_dict(findings), indent=2) + "\n",
+            SIMULATION_FILE: findings.simulation_yaml, CORRECTED_FILE: findings.corrected_yaml,
+            HELD_OUT_FILE: findings.held_out_yaml or findings.corrected_yaml,
         }
         for name, text in texts.items():
             (staged / name).write_text(text, encoding="utf-8")

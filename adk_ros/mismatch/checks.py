@@ -13,20 +13,20 @@ from __future__ import annotations
 import numpy as np
 
 from adk_ros.errors import DataError
-from adk_ros.mismatch.evidence import Evidence
-from adk_ros.mismatch.nominal import Nominal
+from adk_ros.mismatch.evidence import SensorLog
+from adk_ros.mismatch.nominal import NominalVehicle
 from adk_ros.mismatch.smoothing import savitzky_golay
 from adk_ros.signals.channels import FloatArray
 
-LEAST_S = 30.0
-_MOVING = 2.0
-_MOVING_SHARE = 0.3
-_CONTRADICTS = 2.5
-_MOST_TURNED = 1.0
+MIN_DURATION_S = 30.0
+_MIN_SPEED = 2.0
+_MIN_MOVING_SHARE = 0.3
+_MAX_MASS_RATIO = 2.5
+_MAX_STEERING_ANGLE = 1.0
 """rad, that a hundredth of the drive may exceed: lorries and rally cars stay below."""
 
 
-def check(evidence: Evidence) -> None:
+def check_recording(evidence: SensorLog) -> None:
     """
     Check one recording.
 
@@ -35,13 +35,13 @@ def check(evidence: Evidence) -> None:
     e = evidence
     begin = max(e.imu_s[0], e.odometry_s[0], e.command_s[0])
     end = min(e.imu_s[-1], e.odometry_s[-1], e.command_s[-1])
-    if end - begin < LEAST_S:
+    if end - begin < MIN_DURATION_S:
         raise DataError(
             f"{e.name}: IMU, odometry and commands overlap for {max(end - begin, 0.0):.1f} s: at "
-            f"least {LEAST_S:g} s of driving are needed"
+            f"least {MIN_DURATION_S:g} s of driving are needed"
         )
-    moving = np.abs(e.odometry[:, 0]) > _MOVING
-    if moving.mean() < _MOVING_SHARE:
+    moving = np.abs(e.odometry[:, 0]) > _MIN_SPEED
+    if moving.mean() < _MIN_MOVING_SHARE:
         raise DataError(
             f"{e.name}: the car stands still, or crawls, for {100 * (1 - moving.mean()):.0f} % of "
             "the time: record a drive"
@@ -59,7 +59,7 @@ def _slope(x: FloatArray, y: FloatArray) -> tuple[float, float]:
     return xy / xx, xy / np.sqrt(xx * yy)
 
 
-def _signs(e: Evidence) -> None:
+def _signs(e: SensorLog) -> None:
     at = np.arange(e.odometry_s[0], e.odometry_s[-1], 0.02)
     heading = savitzky_golay(np.interp(at, e.odometry_s, e.pose[:, 2]), 51)
     turning = np.gradient(heading, at)
@@ -78,7 +78,7 @@ def _signs(e: Evidence) -> None:
     felt_x = np.gradient(savitzky_golay(v_x, 51), at) - v_y * turning
     degrees = 180.0 / np.pi
     turned = float(np.quantile(np.abs(delta), 0.99))
-    if turned > _MOST_TURNED:
+    if turned > _MAX_STEERING_ANGLE:
         raise DataError(
             f"{e.name}: the commanded steering angle reaches {turned:.3g} rad, more than wheels "
             "turn: its unit is not rad at the wheels (degrees, or the steering wheel's angle?)"
@@ -111,7 +111,7 @@ def _signs(e: Evidence) -> None:
                 )
 
 
-def _varies(e: Evidence) -> None:
+def _varies(e: SensorLog) -> None:
     for name, values in (
         ("odometry's v_y", e.odometry[:, 1]), ("odometry's yaw rate", e.odometry[:, 2]),
         ("the IMU's a_x", e.imu[:, 0]), ("the IMU's a_y", e.imu[:, 1]),
@@ -125,7 +125,7 @@ def _varies(e: Evidence) -> None:
             )
 
 
-def check_alike(simulation: Evidence, recording: Evidence) -> None:
+def check_same_vehicle(simulation: SensorLog, recording: SensorLog) -> None:
     """
     Check that two drives have anything in common to compare.
 
@@ -140,17 +140,17 @@ def check_alike(simulation: Evidence, recording: Evidence) -> None:
         )
 
 
-def check_vehicle(nominal: Nominal, simulation: Evidence) -> None:
+def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
     """
     Check the vehicle's mass and radius against how the simulation answers to torque.
 
     Raises `DataError` where torque over acceleration is off by a factor of two and a half, where
     the drive is at its most power too.
     """
-    heavy = torque_mass(simulation, nominal.wheel_radius)
-    gentle = torque_mass(simulation, nominal.wheel_radius, power=0.3)
+    heavy = effective_mass(simulation, nominal.wheel_radius)
+    gentle = effective_mass(simulation, nominal.wheel_radius, power=0.3)
     if heavy is not None and all(
-        not 1.0 / _CONTRADICTS < mass / nominal.mass < _CONTRADICTS
+        not 1.0 / _MAX_MASS_RATIO < mass / nominal.mass < _MAX_MASS_RATIO
         for mass in (heavy, heavy if gentle is None else gentle)
     ):
         raise DataError(
@@ -160,7 +160,7 @@ def check_vehicle(nominal: Nominal, simulation: Evidence) -> None:
         )
 
 
-def torque_mass(e: Evidence, wheel_radius: float, power: float = 1.0) -> float | None:
+def effective_mass(e: SensorLog, wheel_radius: float, power: float = 1.0) -> float | None:
     """
     Return the mass in kg that torque seems to drive, or None where it does not tell.
 

@@ -100,7 +100,7 @@ FEATURES: dict[str, Feature] = {
 }
 
 
-def values(names: list[str], signals: Signals) -> FloatArray:
+def feature_matrix(names: list[str], signals: Signals) -> FloatArray:
     """Return the named features (n, k) of a drive."""
     if not names:
         return np.empty((signals["v_x"].shape[0], 0))

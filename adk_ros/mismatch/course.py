@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.evidence import Evidence
+from adk_ros.mismatch.evidence import SensorLog
 from adk_ros.mismatch.jit import kernel
-from adk_ros.mismatch.kernel import simulate
+from adk_ros.mismatch.kernel import integrate
 from adk_ros.mismatch.parameters import INDEX
 from adk_ros.mismatch.smoothing import savitzky_golay
 from adk_ros.mismatch.states import (
@@ -35,14 +35,14 @@ from adk_ros.mismatch.states import (
 from adk_ros.signals.channels import FloatArray, IntArray
 from adk_ros.signals.score import white_noise
 
-STEP = 0.01
-BIN = 0.04
-WAY = 2.0
+STEP_S = 0.01
+BIN_S = 0.04
+DISTANCE_INTERVAL_S = 2.0
 """s over which the way driven is compared."""
-GAINS = np.array([2.0, 2.0, 6.0])
+OBSERVER_GAINS = np.array([2.0, 2.0, 6.0])
 """1/s, with which v_x, v_y and yaw rate are drawn towards their measurements."""
 
-SPACING = 0.0025
+COMMAND_GRID_S = 0.0025
 """s, of the commands' integrals."""
 _SENSORS = (
     "bias_a_x", "bias_a_y", "bias_gyro", "arm_x", "arm_y", "imu_delay", "gyro_gain",
@@ -52,7 +52,7 @@ _SENSOR_INDEX = np.array([INDEX[name] for name in _SENSORS])
 
 
 @dataclass(frozen=True)
-class Terms:
+class ActiveTerms:
     """
     What is added to the parameters when: `amount[j]` times row `gate[j]` of `gates` (g, n).
 
@@ -61,30 +61,30 @@ class Terms:
 
     index: IntArray
     amount: FloatArray
-    gate: IntArray
-    gates: FloatArray
+    activation: IntArray
+    activations: FloatArray
 
-    def and_(self, more: Terms) -> Terms:
+    def merged_with(self, more: ActiveTerms) -> ActiveTerms:
         """Return both, the others' gates after these."""
-        first = self.gates.shape[0] - 1
-        return Terms(
+        first = self.activations.shape[0] - 1
+        return ActiveTerms(
             np.concatenate([self.index, more.index]), np.concatenate([self.amount, more.amount]),
-            np.concatenate([self.gate, np.where(more.gate > 0, more.gate + first, 0)]),
-            np.vstack([self.gates, more.gates[1:]]),
+            np.concatenate([self.activation, np.where(more.activation > 0, more.activation + first, 0)]),
+            np.vstack([self.activations, more.activations[1:]]),
         )
 
 
 @dataclass(frozen=True)
-class Course:
+class ResidualProblem:
     """A drive as the kernels take it; `middle_s` (n,) the middles of the grid's steps."""
 
-    evidence: Evidence
+    evidence: SensorLog
     start_s: float
     middle_s: FloatArray
     torques: FloatArray
     angles: FloatArray
     command_from_s: float
-    followed: FloatArray
+    prescribed_v_x: FloatArray
     smooth: FloatArray
     """(n, 3) v_x, v_y, yaw rate at the middles, smoothed."""
     pose: FloatArray
@@ -96,9 +96,9 @@ class Course:
     """(6, bins) samples in a bin."""
     sigma: FloatArray
     """(6,) noise of a sample, by channel."""
-    way: FloatArray
+    distances: FloatArray
     """(w, 2) ways driven: by pose, by velocity."""
-    way_sigma: float
+    distance_sigma: float
 
     @property
     def steps(self) -> int:
@@ -114,15 +114,15 @@ class Course:
     @property
     def bin_s(self) -> FloatArray:
         """Middles of the bins, s."""
-        return np.asarray(self.start_s + BIN * (np.arange(self.bins) + 0.5))
+        return np.asarray(self.start_s + BIN_S * (np.arange(self.bins) + 0.5))
 
-    def no_terms(self) -> Terms:
+    def no_terms(self) -> ActiveTerms:
         """Return terms that add nothing."""
         none = np.zeros(0, dtype=np.int64)
-        return Terms(none, np.zeros(0), none, np.ones((1, self.steps)))
+        return ActiveTerms(none, np.zeros(0), none, np.ones((1, self.steps)))
 
     def run(
-        self, parameters: FloatArray, terms: Terms | None = None, gain: float = 1.0,
+        self, parameters: FloatArray, terms: ActiveTerms | None = None, gain: float = 1.0,
         extra: FloatArray | None = None,
     ) -> FloatArray:
         """Run the stand-in; return (OUTPUTS, n). `gain` is a factor on `GAINS`."""
@@ -131,17 +131,17 @@ class Course:
         state[[S_V_X, S_V_Y, S_YAW_RATE]] = self.smooth[0]
         state[5] = state[6] = state[7] = self.evidence.command[0, 1]
         out = np.empty((OUTPUTS, self.steps))
-        gains = np.minimum(GAINS * gain * STEP, 0.5)
+        gains = np.minimum(OBSERVER_GAINS * gain * STEP_S, 0.5)
         none = np.empty((0, 3))
-        simulate(
-            parameters, terms.index, terms.amount, terms.gate, terms.gates, self.torques,
-            self.angles, SPACING, self.start_s - self.command_from_s, STEP, self.followed,
+        integrate(
+            parameters, terms.index, terms.amount, terms.activation, terms.activations, self.torques,
+            self.angles, COMMAND_GRID_S, self.start_s - self.command_from_s, STEP_S, self.prescribed_v_x,
             self.smooth, gains, none if extra is None else extra, state, out, np.empty((0, 6)),
         )
         return out
 
     def residuals(
-        self, parameters: FloatArray, terms: Terms | None = None, out: FloatArray | None = None,
+        self, parameters: FloatArray, terms: ActiveTerms | None = None, out: FloatArray | None = None,
         gain: float = 1.0,
     ) -> FloatArray:
         """Return (6, bins): mean of measured minus simulated in each bin, zero where none is."""
@@ -150,11 +150,11 @@ class Course:
         sensors = np.repeat(parameters[_SENSOR_INDEX][:, None], self.steps, axis=1)
         for j, index in enumerate(terms.index):
             for row in np.flatnonzero(np.equal(_SENSOR_INDEX, index)):
-                sensors[row] += terms.amount[j] * terms.gates[terms.gate[j]]
+                sensors[row] += terms.amount[j] * terms.activations[terms.activation[j]]
         total = np.zeros((6, self.bins))
         e = self.evidence
         _collect(
-            out, sensors, self.start_s, STEP, e.imu_s, e.imu, self.imu_bin, e.odometry_s,
+            out, sensors, self.start_s, STEP_S, e.imu_s, e.imu, self.imu_bin, e.odometry_s,
             e.odometry, self.odometry_bin, total,
         )
         return total / np.maximum(self.counts, 1.0)
@@ -163,10 +163,10 @@ class Course:
         """Return (6, bins): one over the noise of a bin's mean, zero where there is none."""
         return np.asarray(np.sqrt(self.counts) / self.sigma[:, None])
 
-    def way_residuals(self, parameters: FloatArray) -> FloatArray:
+    def distance_residuals(self, parameters: FloatArray) -> FloatArray:
         """Return (w,): way by the pose less way by velocity, over the noise."""
-        driven = self.way[:, 1] / parameters[INDEX["odometry_gain"]]
-        return np.asarray((self.way[:, 0] - driven) / self.way_sigma)
+        driven = self.distances[:, 1] / parameters[INDEX["odometry_gain"]]
+        return np.asarray((self.distances[:, 0] - driven) / self.distance_sigma)
 
 
 @kernel
@@ -217,7 +217,7 @@ def _collect(
         total[5, b] += odometry[i, 2] - r
 
 
-def integral(at_s: FloatArray, values: FloatArray, spacing: float, end_s: float) -> FloatArray:
+def cumulative_command(at_s: FloatArray, values: FloatArray, spacing: float, end_s: float) -> FloatArray:
     """Integral of a held signal from its first stamp on, every `spacing` seconds."""
     grid = np.arange(0.0, end_s - at_s[0] + 2.0 * spacing, spacing)
     knots = np.concatenate([at_s - at_s[0], [grid[-1] + spacing]])
@@ -225,7 +225,7 @@ def integral(at_s: FloatArray, values: FloatArray, spacing: float, end_s: float)
     return np.asarray(np.interp(grid, knots, total))
 
 
-def _smoothed(evidence: Evidence, at_s: FloatArray) -> FloatArray:
+def _smoothed(evidence: SensorLog, at_s: FloatArray) -> FloatArray:
     """Odometry (len, 3) smoothed, at given times; gaps are bridged."""
     period = float(np.median(np.diff(evidence.odometry_s)))
     even = np.arange(evidence.odometry_s[0], evidence.odometry_s[-1] + 0.5 * period, period)
@@ -236,50 +236,50 @@ def _smoothed(evidence: Evidence, at_s: FloatArray) -> FloatArray:
     return np.ascontiguousarray(np.column_stack(columns))
 
 
-def prepare(evidence: Evidence, sigma: FloatArray | None = None) -> Course:
+def prepare_residual_problem(evidence: SensorLog, sigma: FloatArray | None = None) -> ResidualProblem:
     """Return the course of a drive; `sigma` (6,) replaces the noise found in the evidence."""
     begin = max([*evidence.imu_s[:1], evidence.odometry_s[0]])
     end = min([*evidence.imu_s[-1:], evidence.odometry_s[-1]])
     # Step k's middle is the stamp of an IMU message, as far as they are even.
-    start = begin - 0.5 * STEP
-    n = int((end - begin) / STEP + 1e-6) + 1
-    ends = start + STEP * np.arange(n + 1)
-    middle = ends[:-1] + 0.5 * STEP
+    start = begin - 0.5 * STEP_S
+    n = int((end - begin) / STEP_S + 1e-6) + 1
+    ends = start + STEP_S * np.arange(n + 1)
+    middle = ends[:-1] + 0.5 * STEP_S
     smooth = _smoothed(evidence, middle)
     followed = _smoothed(evidence, ends)[:, 0].copy()
     pose = np.column_stack(
         [np.interp(middle, evidence.odometry_s, evidence.pose[:, i]) for i in range(3)]
     )
-    bins = int(np.ceil(n * STEP / BIN - 1e-9))
+    bins = int(np.ceil(n * STEP_S / BIN_S - 1e-9))
 
     def bin_of(at_s: FloatArray) -> IntArray:
-        index = np.floor((at_s - start) / BIN + 1e-6).astype(np.int64)
+        index = np.floor((at_s - start) / BIN_S + 1e-6).astype(np.int64)
         return np.asarray(np.clip(index, 0, bins - 1))
 
     imu_bin, odometry_bin = bin_of(evidence.imu_s), bin_of(evidence.odometry_s)
     counts = np.empty((6, bins))
     counts[:3] = np.bincount(imu_bin, minlength=bins)
     counts[3:] = np.bincount(odometry_bin, minlength=bins)
-    way = _ways(middle, smooth, pose)
+    way = _travelled_distances(middle, smooth, pose)
     place_noise = np.fmax(white_noise(evidence.pose[:, :2]), 0.005).max()
-    return Course(
+    return ResidualProblem(
         evidence=evidence, start_s=float(start), middle_s=middle,
-        torques=integral(evidence.command_s, evidence.command[:, 0], SPACING, end + 1.0),
-        angles=integral(evidence.command_s, evidence.command[:, 1], SPACING, end + 1.0),
-        command_from_s=float(evidence.command_s[0]), followed=followed, smooth=smooth,
+        torques=cumulative_command(evidence.command_s, evidence.command[:, 0], COMMAND_GRID_S, end + 1.0),
+        angles=cumulative_command(evidence.command_s, evidence.command[:, 1], COMMAND_GRID_S, end + 1.0),
+        command_from_s=float(evidence.command_s[0]), prescribed_v_x=followed, smooth=smooth,
         pose=pose, bins=bins, imu_bin=imu_bin, odometry_bin=odometry_bin, counts=counts,
-        sigma=evidence.noise() if sigma is None else sigma, way=way,
-        way_sigma=float(np.sqrt(2.0) * place_noise + 0.005),
+        sigma=evidence.noise() if sigma is None else sigma, distances=way,
+        distance_sigma=float(np.sqrt(2.0) * place_noise + 0.005),
     )
 
 
-def _ways(middle: FloatArray, smooth: FloatArray, pose: FloatArray) -> FloatArray:
+def _travelled_distances(middle: FloatArray, smooth: FloatArray, pose: FloatArray) -> FloatArray:
     """Way driven in each stretch of `WAY` seconds (w, 2): by the pose, by the velocity."""
     heading = savitzky_golay(pose[:, 2], 51, 3)
-    every = round(WAY / STEP)
+    every = round(DISTANCE_INTERVAL_S / STEP_S)
     cuts = np.arange(0, middle.shape[0], every)
-    v_x = STEP * (smooth[:, 0] * np.cos(heading) - smooth[:, 1] * np.sin(heading))
-    v_y = STEP * (smooth[:, 0] * np.sin(heading) + smooth[:, 1] * np.cos(heading))
+    v_x = STEP_S * (smooth[:, 0] * np.cos(heading) - smooth[:, 1] * np.sin(heading))
+    v_y = STEP_S * (smooth[:, 0] * np.sin(heading) + smooth[:, 1] * np.cos(heading))
     total = np.column_stack([np.cumsum(v_x), np.cumsum(v_y)])
     by_velocity = np.diff(total[cuts], axis=0)
     by_pose = np.diff(pose[cuts, :2], axis=0)

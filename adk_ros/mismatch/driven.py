@@ -15,10 +15,10 @@ import math
 import numpy as np
 
 from adk_ros.errors import DataError, UsageError
-from adk_ros.mismatch.correction import values
-from adk_ros.mismatch.course import SPACING
-from adk_ros.mismatch.kernel import simulate
-from adk_ros.mismatch.model_file import Source, StandInFile
+from adk_ros.mismatch.correction import feature_matrix
+from adk_ros.mismatch.course import COMMAND_GRID_S
+from adk_ros.mismatch.kernel import integrate
+from adk_ros.mismatch.model_file import NamedSurrogate, SurrogateFile
 from adk_ros.mismatch.parameters import INDEX
 from adk_ros.mismatch.states import (
     A_X,
@@ -35,8 +35,8 @@ from adk_ros.mismatch.states import (
     S_YAW_RATE,
     STATE_SIZE,
 )
-from adk_ros.plant.driver import drive
-from adk_ros.plant.heard import TICK, TRUTH_SIZE, Drive, heard
+from adk_ros.plant.driver import driver_command
+from adk_ros.plant.heard import TICK, TRUTH_SIZE, SimulatedDrive, simulate_sensors
 from adk_ros.plant.params import Dimensions, Vehicle
 from adk_ros.plant.road import (
     ROAD_BANK,
@@ -50,7 +50,7 @@ from adk_ros.plant.road import (
     lookup,
 )
 from adk_ros.plant.scenarios import Scenario
-from adk_ros.plant.setting import settle
+from adk_ros.plant.setting import set_up_run
 from adk_ros.plant.seven_dof import STEP
 from adk_ros.plant.simulate import Progress
 from adk_ros.plant.wind import wind_at
@@ -58,26 +58,26 @@ from adk_ros.plant.yaml_file import validate
 from adk_ros.signals.channels import FloatArray
 
 PLANT = "stand_in"
-_LONGEST_STEP_S = 0.005
-_HELD_S = 0.3
+_MAX_STEP_S = 0.005
+_COMMAND_HOLD_S = 0.3
 """How far ahead a command is taken to hold: a fitted dead time may be a little negative."""
-_LOST_M = 30.0
+_MAX_OFF_ROUTE_M = 30.0
 
 
-def left_out(model: StandInFile) -> list[str]:
+def position_dependent_terms(model: SurrogateFile) -> list[str]:
     """Return what of a file is bound to a place, which a scenario's road has not."""
     road = model.own.road
     curves = [] if road is None else [f"the {name} of its own road" for name in road.curves]
     return curves + [term.effect for term in model.terms if term.where.kind == "place"]
 
 
-def drive_stand_in(
-    source: Source,
+def simulate_scenario(
+    source: NamedSurrogate,
     scenario: Scenario,
     seed: int | None = None,
     duration_s: float | None = None,
     progress: Progress | None = None,
-) -> Drive:
+) -> SimulatedDrive:
     """
     Drive `scenario` with a stand-in as its car; as `plant.simulate.simulate` otherwise.
 
@@ -85,7 +85,7 @@ def drive_stand_in(
     :raises DataError: the car leaves the road.
     """
     model = source.content
-    setting, route = settle(scenario, seed, duration_s), scenario.planned_route()
+    setting, route = set_up_run(scenario, seed, duration_s), scenario.planned_route()
     driver = _driver(scenario, model)
     c = driver.constants()
     run = _Run(model, setting.seconds)
@@ -106,12 +106,12 @@ def drive_stand_in(
         state = run.state
         s, across, road_heading = locate(route.table, route.spacing, s, state[S_X], state[S_Y])
         places[k] = s
-        if abs(across) > _LOST_M or not np.isfinite(state).all():
+        if abs(across) > _MAX_OFF_ROUTE_M or not np.isfinite(state).all():
             raise DataError(
                 f"{source.name}: the car leaves the road of {scenario.name} after "
                 f"{stamped[k] * STEP:.0f} s: the scenario is driven harder than this car can"
             )
-        torque, delta, integral = drive(
+        torque, delta, integral = driver_command(
             c, route.table, route.spacing, (s, across, road_heading),
             (state[S_V_X], state[S_V_Y]), state[S_HEADING], setting.added[k], integral,
             setting.every * STEP,
@@ -129,10 +129,10 @@ def drive_stand_in(
     truth = run.truth(setting.steps, np.interp(
         STEP * np.arange(setting.steps + 1), stamped * STEP, places
     ))
-    return heard(scenario, setting, truth, commands, driver, route, PLANT, np.empty((0, 0)))
+    return simulate_sensors(scenario, setting, truth, commands, driver, route, PLANT, np.empty((0, 0)))
 
 
-def _driver(scenario: Scenario, model: StandInFile) -> Vehicle:
+def _driver(scenario: Scenario, model: SurrogateFile) -> Vehicle:
     """Return the car that the driver takes it for: the scenario's, of the stand-in's size."""
     p = model.vector()
     content = scenario.car().model_dump()
@@ -153,10 +153,10 @@ def _driver(scenario: Scenario, model: StandInFile) -> Vehicle:
 class _Run:
     """The stand-in's run so far: its state, and what it went through."""
 
-    def __init__(self, model: StandInFile, seconds: float) -> None:
+    def __init__(self, model: SurrogateFile, seconds: float) -> None:
         self.state = np.zeros(STATE_SIZE)
         self._base = model.acting()
-        grid = math.ceil((seconds + 1.0) / SPACING) + 1
+        grid = math.ceil((seconds + 1.0) / COMMAND_GRID_S) + 1
         self._torques, self._angles = np.zeros(grid), np.zeros(grid)
         self._names, self._coefficients = model.coefficients()
         self._felt = np.zeros(2)
@@ -177,7 +177,7 @@ class _Run:
         self._hold(begin_s, torque, delta)
         if end_s <= begin_s:
             return
-        n = math.ceil((end_s - begin_s) / _LONGEST_STEP_S - 1e-9)
+        n = math.ceil((end_s - begin_s) / _MAX_STEP_S - 1e-9)
         step = (end_s - begin_s) / n
         p = self._base.copy()
         p[INDEX["friction"]] *= road[0]
@@ -188,8 +188,8 @@ class _Run:
         p[INDEX["wind_y"]] += wind[1] * cos - wind[0] * sin
         out, states = np.empty((OUTPUTS, n)), np.empty((n + 1, 6))
         none = np.empty(0, dtype=np.int64)
-        simulate(
-            p, none, np.empty(0), none, np.ones((1, n)), self._torques, self._angles, SPACING,
+        integrate(
+            p, none, np.empty(0), none, np.ones((1, n)), self._torques, self._angles, COMMAND_GRID_S,
             begin_s, step, np.empty(0), np.full((n, 3), np.nan), np.zeros(3),
             self._extra(n, torque, delta), self.state, out, states,
         )
@@ -201,9 +201,9 @@ class _Run:
 
     def _hold(self, begin_s: float, torque: float, delta: float) -> None:
         """Let a command hold from now on, in the integrals that the kernel takes them from."""
-        first = min(round(begin_s / SPACING), self._torques.shape[0] - 1)
-        last = min(first + math.ceil(_HELD_S / SPACING), self._torques.shape[0] - 1)
-        ahead = SPACING * np.arange(last - first + 1)
+        first = min(round(begin_s / COMMAND_GRID_S), self._torques.shape[0] - 1)
+        last = min(first + math.ceil(_COMMAND_HOLD_S / COMMAND_GRID_S), self._torques.shape[0] - 1)
+        ahead = COMMAND_GRID_S * np.arange(last - first + 1)
         self._torques[first : last + 1] = self._torques[first] + torque * ahead
         self._angles[first : last + 1] = self._angles[first] + delta * ahead
 
@@ -215,7 +215,7 @@ class _Run:
             "v_x": self.state[S_V_X], "v_y": self.state[S_V_Y], "yaw_rate": self.state[S_YAW_RATE],
             "a_x": self._felt[0], "a_y": self._felt[1], "torque": torque, "delta": delta,
         }
-        row = values(self._names, {k: np.array([x]) for k, x in now.items()}) @ self._coefficients
+        row = feature_matrix(self._names, {k: np.array([x]) for k, x in now.items()}) @ self._coefficients
         return np.ascontiguousarray(np.repeat(row, n, axis=0))
 
     def truth(self, steps: int, place: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ ALWAYS, PLACE, TIME = "always", "place", "time"
 
 
 @dataclass(frozen=True)
-class Parameter:
+class EffectParameter:
     """
     A parameter of an effect, as a person reads it.
 
@@ -34,15 +34,15 @@ class Parameter:
     low: float
     high: float
     step: float
-    least: float
-    entries: dict[str, float]
+    materiality_threshold: float
+    targets: dict[str, float]
     neutral: float = 0.0
     relative: bool = False
     inverse: bool = False
     starts: tuple[float, ...] = ()
 
     @property
-    def inner_neutral(self) -> float:
+    def theta_neutral(self) -> float:
         """Value of the fitted variable at which nothing acts."""
         return 0.0 if self.inverse else self.neutral
 
@@ -50,7 +50,7 @@ class Parameter:
         """Return the value that a fitted variable stands for."""
         return 1.0 / max(inner, 1e-30) if self.inverse else inner
 
-    def inner(self, value: float) -> float:
+    def theta(self, value: float) -> float:
         """Return the fitted variable of a value."""
         return 1.0 / value if self.inverse else value
 
@@ -60,17 +60,17 @@ class Parameter:
 
     def amounts(self, inner: float, base: FloatArray) -> list[tuple[int, float]]:
         """Return (index, amount) pairs that this value adds to the vector `base`."""
-        size = inner - self.inner_neutral
+        size = inner - self.theta_neutral
         return [
             (INDEX[entry], size * factor * (float(base[INDEX[entry]]) if self.relative else 1.0))
-            for entry, factor in self.entries.items()
+            for entry, factor in self.targets.items()
         ]
 
-    def material(self, inner: float) -> bool:
+    def is_material(self, inner: float) -> bool:
         """Whether the value is more than build tolerance."""
         if self.inverse:
-            return self.value(inner) < self.least
-        return abs(inner - self.neutral) >= self.least
+            return self.value(inner) < self.materiality_threshold
+        return abs(inner - self.neutral) >= self.materiality_threshold
 
 
 @dataclass(frozen=True)
@@ -83,12 +83,12 @@ class Effect:
     """
 
     name: str
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[EffectParameter, ...]
     equations: tuple[str, ...]
     text: str
     needs: str
-    confused: tuple[str, ...] = ()
+    confusables: tuple[str, ...] = ()
     manoeuvre: str = ""
-    scopes: tuple[str, ...] = (ALWAYS, TIME)
+    activations: tuple[str, ...] = (ALWAYS, TIME)
     sensor: bool = False
     where: str = field(default="the whole drive")

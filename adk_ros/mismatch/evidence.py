@@ -19,12 +19,12 @@ from adk_ros.signals.score import white_noise
 CHANNELS = ("imu_a_x", "imu_a_y", "imu_yaw_rate", "v_x", "v_y", "yaw_rate")
 UNITS = ("m/s^2", "m/s^2", "rad/s", "m/s", "m/s", "rad/s")
 
-FLOOR = np.array([0.01, 0.01, 3e-4, 2e-3, 2e-3, 3e-4])
+MIN_SENSOR_NOISE = np.array([0.01, 0.01, 3e-4, 2e-3, 2e-3, 3e-4])
 """Noise that is assumed at least, by channel: a simulation has none, and no model is exact."""
 
 
 @dataclass(frozen=True)
-class Evidence:
+class SensorLog:
     """
     Streams of one bag, in time order, without messages that were lost.
 
@@ -49,16 +49,16 @@ class Evidence:
         """Return the noise of one sample by channel (6,), at least `FLOOR`."""
         found = np.concatenate([white_noise(self.imu), white_noise(self.odometry)])
         # What is not known, of a sensor that is not there, is the floor too.
-        return np.asarray(np.fmax(found, FLOOR))
+        return np.asarray(np.fmax(found, MIN_SENSOR_NOISE))
 
-    def between(self, begin_s: float, end_s: float) -> Evidence:
+    def between(self, begin_s: float, end_s: float) -> SensorLog:
         """Return the part between two times, its clock going on as before."""
         imu = (self.imu_s >= begin_s) & (self.imu_s < end_s)
         odometry = (self.odometry_s >= begin_s) & (self.odometry_s < end_s)
         # The command in force at the beginning was given before it.
         first = max(int(np.searchsorted(self.command_s, begin_s, side="right")) - 1, 0)
         last = int(np.searchsorted(self.command_s, end_s))
-        return Evidence(
+        return SensorLog(
             self.name, end_s - begin_s, self.imu_s[imu], self.imu[imu], self.odometry_s[odometry],
             self.odometry[odometry], self.pose[odometry], self.command_s[first:last],
             self.command[first:last], self.start_ns,

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from adk_ros.mismatch.ambiguity import Rival
+from adk_ros.mismatch.ambiguity import CompetingEffect
 from adk_ros.mismatch.effect import Effect
-from adk_ros.mismatch.manoeuvres import Separation
-from adk_ros.mismatch.pieces import Piece
-from adk_ros.mismatch.places import PlaceMap
+from adk_ros.mismatch.manoeuvres import Discriminability
+from adk_ros.mismatch.pieces import FeatureTerm
+from adk_ros.mismatch.places import SpatialProfile
 from adk_ros.signals.channels import FloatArray
 
 NONE, EXPLAINED, UNKNOWN = "none", "explained", "unknown"
@@ -27,7 +27,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class FoundEffect:
+class IdentifiedEffect:
     """
     One effect that the recording has and the simulation lacks.
 
@@ -43,25 +43,25 @@ class FoundEffect:
     kind: str
     time_intervals_s: list[list[float]]
     gain: float
-    rivals: tuple[Rival, ...]
-    stretches: tuple[tuple[float, float], ...] = ()
+    competitors: tuple[CompetingEffect, ...]
+    segments: tuple[tuple[float, float], ...] = ()
     onset_s: float | None = None
     lap_m: float | None = None
 
 
 @dataclass(frozen=True)
-class Unexplained:
+class UnexplainedResidual:
     """A remainder, by what it depends on: see `unknown`."""
 
     equations: list[str]
     share: float
     text: str
     expression: str
-    pieces: tuple[Piece, ...] = ()
+    terms: tuple[FeatureTerm, ...] = ()
 
 
 @dataclass(frozen=True)
-class Series:
+class ResidualSeries:
     """
     What a report draws: all in bins of 40 ms, SI.
 
@@ -84,7 +84,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Lack:
+class MissingChannel:
     """What a recording is without, in a few words, and what follows from it, in a sentence."""
 
     what: str
@@ -92,7 +92,7 @@ class Lack:
 
 
 @dataclass(frozen=True)
-class Findings:
+class MismatchResult:
     """
     The whole answer.
 
@@ -104,8 +104,8 @@ class Findings:
     """
 
     verdict: str
-    effects: list[FoundEffect]
-    unexplained: Unexplained | None
+    effects: list[IdentifiedEffect]
+    unexplained: UnexplainedResidual | None
     horizon_s: float
     before: dict[str, float]
     after: dict[str, float]
@@ -113,17 +113,17 @@ class Findings:
     suggestion: str
     simulation_yaml: str
     corrected_yaml: str
-    series: Series
-    stand_in_error: dict[str, float]
+    series: ResidualSeries
+    surrogate_error: dict[str, float]
     losses: list[tuple[str, float]]
-    level: float
+    expected_loss: float
     lap_m: float | None = None
-    maps: list[PlaceMap] = field(default_factory=list)
+    profiles: list[SpatialProfile] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     held_out_yaml: str = ""
     """The corrected model fitted to the part before the last, which `after` is of."""
-    lacking: list[Lack] = field(default_factory=list)
+    missing_channels: list[MissingChannel] = field(default_factory=list)
     not_judged: list[str] = field(default_factory=list)
     """Effects that were not looked for, since the recording's channels say nothing of them."""
-    separations: list[Separation] = field(default_factory=list)
+    discriminability: list[Discriminability] = field(default_factory=list)
     """Of each pair that the drive cannot tell apart: the best manoeuvre of those simulated."""

@@ -16,25 +16,25 @@ import numpy as np
 
 from adk_ros.signals.channels import BoolArray, FloatArray
 
-HUBER = 8.0
+HUBER_THRESHOLD = 8.0
 """Residuals beyond this many standard deviations count linearly."""
 
 Residuals = Callable[[FloatArray], FloatArray]
 
 
-def loss(e: FloatArray) -> float:
+def huber_loss(e: FloatArray) -> float:
     """Return the Huber loss of whitened residuals."""
     size = np.abs(e)
-    return float(np.sum(np.where(size <= HUBER, e * e, 2.0 * HUBER * size - HUBER * HUBER)))
+    return float(np.sum(np.where(size <= HUBER_THRESHOLD, e * e, 2.0 * HUBER_THRESHOLD * size - HUBER_THRESHOLD * HUBER_THRESHOLD)))
 
 
 def huber_root(e: FloatArray) -> FloatArray:
     """Return the square roots of the weights with which the residuals enter a normal equation."""
-    return np.asarray(np.sqrt(HUBER / np.maximum(np.abs(e), HUBER)))
+    return np.asarray(np.sqrt(HUBER_THRESHOLD / np.maximum(np.abs(e), HUBER_THRESHOLD)))
 
 
 @dataclass(frozen=True)
-class Unknowns:
+class BoundedParameters:
     """
     What is fitted: `start`, bounds, the steps of the differences, and a pull towards `mean`.
 
@@ -54,7 +54,7 @@ class Unknowns:
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitResult:
     """
     A minimum: `x` (n,), `cost` with the prior, `residuals` without, `jacobian` (m, n) of them.
 
@@ -76,8 +76,8 @@ class Fit:
         return np.asarray(np.sqrt(np.maximum(np.diag(inverse), 0.0)) / scale)
 
 
-def differences(
-    residuals: Residuals, x: FloatArray, e: FloatArray, u: Unknowns, known: FloatArray | None
+def jacobian_by_differences(
+    residuals: Residuals, x: FloatArray, e: FloatArray, u: BoundedParameters, known: FloatArray | None
 ) -> FloatArray:
     """Return d(residuals)/dx (m, n) by one-sided differences that stay within the bounds."""
     out = np.empty((e.shape[0], x.shape[0]))
@@ -124,11 +124,11 @@ def _bounded_step(
 
 def minimise(
     residuals: Residuals,
-    u: Unknowns,
+    u: BoundedParameters,
     iterations: int = 8,
     settled: float = 1e-4,
     known: FloatArray | None = None,
-) -> Fit:
+) -> FitResult:
     """
     Minimise; `settled` is the relative gain of an iteration that is the last one.
 
@@ -136,13 +136,13 @@ def minimise(
     """
     x = np.clip(u.start, u.low, u.high)
     e = residuals(x)
-    cost = loss(e) + float(np.sum(u.prior(x) ** 2))
+    cost = huber_loss(e) + float(np.sum(u.prior(x) ** 2))
     damping = 1e-4
     jacobian = np.empty((e.shape[0], 0))
     precision = 1.0 / u.deviation**2
     normal = np.eye(x.shape[0])
     for _ in range(iterations):
-        jacobian = differences(residuals, x, e, u, known)
+        jacobian = jacobian_by_differences(residuals, x, e, u, known)
         root = huber_root(e)
         weighted = jacobian * root[:, None]
         gradient = weighted.T @ (e * root) + (x - u.mean) * precision
@@ -152,7 +152,7 @@ def minimise(
             change = _bounded_step(normal, gradient, damping, u.low - x, u.high - x)
             trial = np.clip(x + change, u.low, u.high)
             e_trial = residuals(trial)
-            cost_trial = loss(e_trial) + float(np.sum(u.prior(trial) ** 2))
+            cost_trial = huber_loss(e_trial) + float(np.sum(u.prior(trial) ** 2))
             if np.isfinite(cost_trial) and cost_trial < cost:
                 gained = True
                 break
@@ -165,4 +165,4 @@ def minimise(
         if gain < settled * cost + 0.02:
             break
     at_bound = (x <= u.low + 1e-12) | (x >= u.high - 1e-12)
-    return Fit(x, cost, e, jacobian, normal, np.asarray(at_bound))
+    return FitResult(x, cost, e, jacobian, normal, np.asarray(at_bound))

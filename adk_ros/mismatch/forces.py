@@ -22,9 +22,9 @@ from adk_ros.mismatch.parameters import INDEX
 from adk_ros.plant.params import AIR_DENSITY, GRAVITY
 from adk_ros.signals.channels import FloatArray
 
-LEFT_OVER = 0.15
+MIN_LATERAL_UTILISATION = 0.15
 """Share of the lateral grip that a wheel keeps whatever it drives or brakes."""
-LEAST_FRICTION = 0.02
+MIN_FRICTION = 0.02
 """Of a road: terms at one place add up."""
 
 _MASS = INDEX["mass"]
@@ -68,7 +68,7 @@ _EXTRA_YAW = INDEX["extra_yaw"]
 
 
 @kernel
-def lateral_share(slip: float, shape: float, curvature: float, brush: float) -> float:
+def normalised_lateral_force(slip: float, shape: float, curvature: float, brush: float) -> float:
     """
     Return the share of the grip that a normalised slip s = B tan(alpha) takes.
 
@@ -148,7 +148,7 @@ def body_forces(
         slip = targets[i] + (slips[i] - targets[i]) * build_up
         more = load / nominal - 1.0
         grip = (p[_MU_F] if is_front else p[_MU_R]) * max(1.0 - p[_SENSITIVITY] * more, 0.2)
-        peak = grip * max(p[_FRICTION], LEAST_FRICTION) * load
+        peak = grip * max(p[_FRICTION], MIN_FRICTION) * load
         stiffness = (p[_K_F] if is_front else p[_K_R]) * load * max(1.0 - p[_FALLOFF] * more, 0.2)
         shape = p[_C_F] if is_front else p[_C_R]
         # The stiffness is the carcass's: a slippery road takes the grip alone.
@@ -159,8 +159,8 @@ def body_forces(
         resisting = p[_ROLLING] * load
         t_x = driven - resisting
         used = min(abs(t_x - 0.25 * inertial) / peak, 1.0)
-        left = math.sqrt(max(1.0 - p[_COMBINED] * used * used, LEFT_OVER * LEFT_OVER))
-        t_y = peak * left * lateral_share(
+        left = math.sqrt(max(1.0 - p[_COMBINED] * used * used, MIN_LATERAL_UTILISATION * MIN_LATERAL_UTILISATION))
+        t_y = peak * left * normalised_lateral_force(
             b * slip, shape, p[_E_F] if is_front else p[_E_R], p[_BRUSH]
         )
         # A locked or spinning wheel gives no more than the road takes.

@@ -13,16 +13,16 @@ import numpy as np
 from adk_ros.signals.channels import FloatArray
 
 if TYPE_CHECKING:
-    from adk_ros.mismatch.course import Course
+    from adk_ros.mismatch.course import ResidualProblem
 
-EDGE = 3.0
+TRANSITION_LENGTH_M = 3.0
 """Metres over which a place's edge rises from an eighth to seven eighths, about."""
-ONSET = 0.3
+TRANSITION_TIME_S = 0.3
 """The same of a beginning in time, s."""
 
 
 @dataclass(frozen=True)
-class Gate:
+class Activation:
     """
     A weight between 0 and 1 along a drive.
 
@@ -34,7 +34,7 @@ class Gate:
     stretches: tuple[tuple[float, float], ...] = ()
     lap: float = 0.0
     distance: FloatArray | None = None
-    edge: float = EDGE
+    edge: float = TRANSITION_LENGTH_M
     weight: FloatArray | None = None
     """(n,) a weight of its own, one a step: of a feature, not of a place or a time."""
 
@@ -55,25 +55,25 @@ class Gate:
         onset = [] if self.onset_s is None else [self.onset_s]
         return [*onset, *(end for stretch in self.stretches for end in stretch)]
 
-    def with_variables(self, values: Sequence[float]) -> Gate:
+    def with_variables(self, values: Sequence[float]) -> Activation:
         """Return the gate with its `variables` replaced."""
         rest = list(values)
         onset = None if self.onset_s is None else rest.pop(0)
         pairs = tuple((float(a), float(b)) for a, b in zip(rest[::2], rest[1::2], strict=True))
         return replace(self, onset_s=onset, stretches=pairs)
 
-    def series(self, course: Course) -> FloatArray:
+    def series(self, course: ResidualProblem) -> FloatArray:
         """Return the weight at each step (n,)."""
         weight = np.ones(course.steps) if self.weight is None else self.weight
         if self.onset_s is not None:
-            weight = _rise((course.middle_s - self.onset_s) / (0.25 * ONSET))
+            weight = _smooth_step((course.middle_s - self.onset_s) / (0.25 * TRANSITION_TIME_S))
         if self.stretches and self.distance is not None:
-            weight = weight * at_stretches(
+            weight = weight * inside_segments(
                 self.distance, self.stretches, self.lap, self.edge
             )
         return weight
 
-    def intervals(self, course: Course) -> list[list[float]]:
+    def intervals(self, course: ResidualProblem) -> list[list[float]]:
         """Return the times [begin, end] in which it acts."""
         if self.kind == "always":
             return [[0.0, round(course.evidence.duration_s, 2)]]
@@ -86,16 +86,16 @@ class Gate:
         ]
 
 
-ALL = Gate()
+ALWAYS_ACTIVE = Activation()
 
 
-def _rise(x: FloatArray) -> FloatArray:
+def _smooth_step(x: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (1.0 + np.tanh(0.5 * np.clip(x, -60.0, 60.0))))
 
 
-def at_stretches(
+def inside_segments(
     distance: FloatArray, stretches: tuple[tuple[float, float], ...], lap: float,
-    edge: float = EDGE,
+    edge: float = TRANSITION_LENGTH_M,
 ) -> FloatArray:
     """Return the weight (n,) at `distance` along the lap: one in the stretches, smooth edges."""
     weight = np.zeros(distance.shape[0])
@@ -103,5 +103,5 @@ def at_stretches(
         middle, half = 0.5 * (begin + end), 0.5 * (end - begin)
         off = distance - middle
         off = np.abs(off - lap * np.round(off / lap))
-        weight = np.maximum(weight, _rise((half - off) / (0.25 * edge)))
+        weight = np.maximum(weight, _smooth_step((half - off) / (0.25 * edge)))
     return weight

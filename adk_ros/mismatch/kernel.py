@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 
-from adk_ros.mismatch.actuators import commanded, lagged, sprung
+from adk_ros.mismatch.actuators import actuate, first_order_lag, second_order_lag
 from adk_ros.mismatch.forces import body_forces
 from adk_ros.mismatch.jit import kernel
 from adk_ros.mismatch.parameters import INDEX
@@ -47,7 +47,7 @@ from adk_ros.mismatch.states import (
 from adk_ros.plant.params import GRAVITY
 from adk_ros.signals.channels import FloatArray, IntArray
 
-_SPRUNG = 1e-3
+_MIN_BODY_GRADIENT = 1e-3
 """rad s^2/m; a body that leans less than this is rigid."""
 
 _RELAX = INDEX["relaxation_length"]
@@ -58,7 +58,7 @@ _ROLL_DAMPING = INDEX["roll_damping"]
 _PITCH_GRADIENT = INDEX["pitch_gradient"]
 _PITCH_FREQUENCY = INDEX["pitch_frequency"]
 _PITCH_DAMPING = INDEX["pitch_damping"]
-_SPRINGS = INDEX["load_springs"]
+_SUSPENSION_LOAD_SHARE = INDEX["load_springs"]
 _GRADE = INDEX["grade"]
 _BANK = INDEX["bank"]
 _ODOMETRY_GAIN = INDEX["odometry_gain"]
@@ -76,7 +76,7 @@ def _set_parameters(
 
 
 @kernel
-def simulate(
+def integrate(
     base: FloatArray,
     index: IntArray,
     amount: FloatArray,
@@ -126,15 +126,15 @@ def simulate(
             states[0, 0], states[0, 1], states[0, 2] = v_x0, v_y, yaw_rate
             states[0, 3], states[0, 4] = state[S_X], state[S_Y]
             states[0, 5] = state[S_HEADING]
-        torque, delta = commanded(
+        torque, delta = actuate(
             p, state, torques, angles, spacing, start + k * step, step, v_x0
         )
         roll_rate = p[_ROLL_GRADIENT] * state[S_ROLL_RATE]
         # Where the slope changes a car on springs is pressed down, or lifted.
-        heave = v_x0 * state[S_SLOPE_RATE] if p[_PITCH_GRADIENT] > _SPRUNG else 0.0
+        heave = v_x0 * state[S_SLOPE_RATE] if p[_PITCH_GRADIENT] > _MIN_BODY_GRADIENT else 0.0
         load_x = state[S_LOAD_X]
         load_y = state[S_LOAD_Y]
-        springs = p[_SPRINGS]
+        springs = p[_SUSPENSION_LOAD_SHARE]
         if springs != 0.0:
             by_x = 2.0 * p[_PITCH_DAMPING] / p[_PITCH_FREQUENCY] * state[S_PITCH_RATE]
             by_y = 2.0 * p[_ROLL_DAMPING] / p[_ROLL_FREQUENCY] * state[S_ROLL_RATE]
@@ -167,9 +167,9 @@ def simulate(
         # A sensor on the body feels gravity by what the body leans against the road.
         lean_x = p[_PITCH_GRADIENT] * state[S_PITCH]
         lean_y = p[_ROLL_GRADIENT] * state[S_ROLL]
-        if p[_PITCH_GRADIENT] > _SPRUNG:
+        if p[_PITCH_GRADIENT] > _MIN_BODY_GRADIENT:
             lean_x += state[S_SLOPE] - p[_GRADE]
-        if p[_ROLL_GRADIENT] > _SPRUNG:
+        if p[_ROLL_GRADIENT] > _MIN_BODY_GRADIENT:
             lean_y += state[S_BANK] - p[_BANK]
         out[0, k] = a_x + GRAVITY * lean_x
         out[1, k] = a_y + GRAVITY * lean_y
@@ -196,20 +196,20 @@ def simulate(
         state[S_V_X] = new_v_x
         state[S_V_Y] = min(max(new_v_y, -30.0), 30.0)
         state[S_YAW_RATE] = min(max(new_yaw_rate, -5.0), 5.0)
-        _, state[S_LOAD_X] = lagged(state[S_LOAD_X], a_x, p[_LOAD_LAG], step)
-        _, state[S_LOAD_Y] = lagged(state[S_LOAD_Y], a_y, p[_LOAD_LAG], step)
-        state[S_ROLL], state[S_ROLL_RATE] = sprung(
+        _, state[S_LOAD_X] = first_order_lag(state[S_LOAD_X], a_x, p[_LOAD_LAG], step)
+        _, state[S_LOAD_Y] = first_order_lag(state[S_LOAD_Y], a_y, p[_LOAD_LAG], step)
+        state[S_ROLL], state[S_ROLL_RATE] = second_order_lag(
             state[S_ROLL], state[S_ROLL_RATE], a_y, p[_ROLL_FREQUENCY], p[_ROLL_DAMPING], step
         )
-        state[S_PITCH], state[S_PITCH_RATE] = sprung(
+        state[S_PITCH], state[S_PITCH_RATE] = second_order_lag(
             state[S_PITCH], state[S_PITCH_RATE], a_x, p[_PITCH_FREQUENCY], p[_PITCH_DAMPING],
             step,
         )
-        state[S_BANK], state[S_BANK_RATE] = sprung(
+        state[S_BANK], state[S_BANK_RATE] = second_order_lag(
             state[S_BANK], state[S_BANK_RATE], p[_BANK], p[_ROLL_FREQUENCY], p[_ROLL_DAMPING],
             step,
         )
-        state[S_SLOPE], state[S_SLOPE_RATE] = sprung(
+        state[S_SLOPE], state[S_SLOPE_RATE] = second_order_lag(
             state[S_SLOPE], state[S_SLOPE_RATE], p[_GRADE], p[_PITCH_FREQUENCY],
             p[_PITCH_DAMPING], step,
         )

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.course import STEP, Course
+from adk_ros.mismatch.course import STEP_S, ResidualProblem
 from adk_ros.mismatch.jit import kernel
 from adk_ros.signals.channels import FloatArray
 
-NEAR = 12.0
+MAX_CLOSURE_DISTANCE_M = 12.0
 """m; closer than this to where it was, heading alike, the car is there again."""
-_SHORTEST = 150.0
-_EVERY = 20
+_MIN_LAP_M = 150.0
+_STRIDE = 20
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def _along(
         out[k] = (line_s[at] + ahead) % length
 
 
-def find_lap(course: Course) -> Lap | None:
+def find_lap(course: ResidualProblem) -> Lap | None:
     """
     Return the lap that a course repeats, or None where no place is passed twice.
 
@@ -67,18 +67,18 @@ def find_lap(course: Course) -> Lap | None:
     same way; failing that for its first position, later ones are tried.
     """
     pose, speed = course.pose, course.smooth[:, 0]
-    driven = np.concatenate([[0.0], np.cumsum(speed[:-1] * STEP)])
+    driven = np.concatenate([[0.0], np.cumsum(speed[:-1] * STEP_S)])
     n = pose.shape[0]
     for begin in range(0, n // 2, max(n // 8, 1)):
         away = np.hypot(pose[:, 0] - pose[begin, 0], pose[:, 1] - pose[begin, 1])
         turned = np.abs(np.sin(0.5 * (pose[:, 2] - pose[begin, 2])))
-        back = (away < NEAR) & (turned < 0.3) & (driven - driven[begin] > _SHORTEST)
+        back = (away < MAX_CLOSURE_DISTANCE_M) & (turned < 0.3) & (driven - driven[begin] > _MIN_LAP_M)
         if not back.any():
             continue
         first = int(np.argmax(back))
         last = first + int(np.argmin(back[first:])) if not back[first:].all() else n
         end = first + int(np.argmin(away[first:last]))
-        rows = np.arange(begin, end, _EVERY)
+        rows = np.arange(begin, end, _STRIDE)
         length = float(driven[end] - driven[begin])
         line_s = driven[rows] - driven[begin]
         distance = np.empty(n)

@@ -17,73 +17,73 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.course import BIN, Course, Terms
+from adk_ros.mismatch.course import BIN_S, ActiveTerms, ResidualProblem
 from adk_ros.mismatch.effect import Effect
-from adk_ros.mismatch.fit import Fit, Unknowns, minimise
-from adk_ros.mismatch.gates import ALL, Gate
+from adk_ros.mismatch.fit import BoundedParameters, FitResult, minimise
+from adk_ros.mismatch.gates import ALWAYS_ACTIVE, Activation
 from adk_ros.mismatch.parameters import HIGH, INDEX, LOW
-from adk_ros.mismatch.standin import StandIn
+from adk_ros.mismatch.standin import SurrogateModel
 from adk_ros.signals.channels import BoolArray, FloatArray
 
-TOLERANCES = (
+TOLERANCE_PARAMETERS = (
     "mass", "yaw_inertia", "cg_to_front_axle", "cg_to_rear_axle", "cg_height", "stiffness_f",
     "stiffness_r", "grip_f", "grip_r", "wheel_radius", "drag_area", "rolling",
 )
 """Parameters in which one built car differs from the next."""
-OFFSETS: dict[str, tuple[float, float, float]] = {
+SENSOR_OFFSETS: dict[str, tuple[float, float, float]] = {
     # name: (usual spread, most, step of the differences)
     "bias_a_x": (0.006, 0.018, 0.005),
     "bias_a_y": (0.006, 0.018, 0.005),
     "bias_gyro": (2e-4, 7e-4, 2e-4),
 }
 """What sensors are off by without being worth a name: SI, absolute."""
-TOLERANCE = 0.004
+TOLERANCE_SIGMA = 0.004
 """Usual relative spread of those."""
-TOLERANCE_MOST = 0.012
+TOLERANCE_BOUND = 0.012
 TOLERANCE_STEP = 0.002
-STANDING = 3.0
+MIN_SPEED = 3.0
 """m/s, below which a car is not judged: slip is stiffer there than a step of the grid allows."""
 SETTLING_S = 1.0
 """Beginning of a recording that is not judged: the stand-in's state has yet to settle."""
-EDGE_STEP = 1.0
+SEGMENT_END_STEP_M = 1.0
 """m, of differences with respect to a place's ends."""
-ONSET_STEP = 0.1
-_ORDER = 30
-_UNSURE_MOST = 3.0
-_UNSURE_STEP = 0.2
+ONSET_STEP_S = 0.1
+_AR_ORDER = 30
+_WEAK_DIRECTION_BOUND = 3.0
+_WEAK_DIRECTION_STEP = 0.2
 
-_WHERE = np.array([INDEX[name] for name in TOLERANCES])
-_WHERE_OFFSETS = np.array([INDEX[name] for name in OFFSETS])
-_OFFSETS = np.array(list(OFFSETS.values()))
-FIRST_OPEN = len(TOLERANCES) + len(OFFSETS)
+_TOLERANCE_INDEX = np.array([INDEX[name] for name in TOLERANCE_PARAMETERS])
+_OFFSET_INDEX = np.array([INDEX[name] for name in SENSOR_OFFSETS])
+_OFFSETS = np.array(list(SENSOR_OFFSETS.values()))
+N_FIXED_NUISANCES = len(TOLERANCE_PARAMETERS) + len(SENSOR_OFFSETS)
 """Where among the nuisances those begin that the simulation left open."""
 
 
 @dataclass(frozen=True)
-class Active:
+class ActiveEffect:
     """An effect at work: its fitted variables (one a parameter) and where it acts."""
 
     effect: Effect
-    inner: tuple[float, ...]
-    gate: Gate = ALL
+    theta: tuple[float, ...]
+    activation: Activation = ALWAYS_ACTIVE
 
     def values(self) -> dict[str, float]:
         """Return parameter name -> value, as a person reads it."""
         return {
             parameter.name: parameter.value(x)
-            for parameter, x in zip(self.effect.parameters, self.inner, strict=True)
+            for parameter, x in zip(self.effect.parameters, self.theta, strict=True)
         }
 
-    def material(self) -> bool:
+    def is_material(self) -> bool:
         """Whether any parameter is more than build tolerance."""
         return any(
-            parameter.material(x)
-            for parameter, x in zip(self.effect.parameters, self.inner, strict=True)
+            parameter.is_material(x)
+            for parameter, x in zip(self.effect.parameters, self.theta, strict=True)
         )
 
 
 def whitener(
-    course: Course, own_error: FloatArray, order: int = _ORDER
+    course: ResidualProblem, own_error: FloatArray, order: int = _AR_ORDER
 ) -> tuple[FloatArray, FloatArray]:
     """
     Return prediction-error filters (6, order + 1) for residuals over noise, and shares (6,).
@@ -114,10 +114,10 @@ def whitener(
 class Hypothesis:
     """Effects with a fit: `x` holds the tolerances, then the effects' variables in order."""
 
-    actives: tuple[Active, ...]
+    actives: tuple[ActiveEffect, ...]
     tolerances: FloatArray
     cost: float
-    fit: Fit | None = None
+    fit: FitResult | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -129,72 +129,72 @@ class Hypothesis:
 class Likelihood:
     """A course, the stand-in's parameters, and how residuals are weighed."""
 
-    course: Course
+    problem: ResidualProblem
     parameters: FloatArray
     weights: FloatArray
     filters: FloatArray
-    unsure: FloatArray
-    given: Terms
+    weak_directions: FloatArray
+    fixed_terms: ActiveTerms
     """What the stand-in has besides its parameters, along this course."""
-    own_share: FloatArray
+    surrogate_error_share: FloatArray
     """(6,) share of the stand-in's own error in what a clean recording leaves, by channel."""
     until_s: float = np.inf
-    beyond: frozenset[str] = frozenset()
+    unobservable: frozenset[str] = frozenset()
     """Effects, features and equations that the recording's channels say nothing of."""
 
     @classmethod
-    def of(cls, course: Course, stand_in: StandIn, until_s: float = np.inf) -> Likelihood:
+    def of(cls, course: ResidualProblem, stand_in: SurrogateModel, until_s: float = np.inf) -> Likelihood:
         """Return the likelihood of a recording; of its part before `until_s`."""
         weights = course.weights()
         outside = (course.bin_s < course.start_s + SETTLING_S) | (course.bin_s >= until_s)
-        weights[:, outside | _standing(course)] = 0.0
+        weights[:, outside | _stationary_bins(course)] = 0.0
         filters, shares = whitener(course, stand_in.residuals)
         return cls(
-            course, stand_in.parameters, weights, filters, stand_in.unsure,
-            stand_in.given(course), shares, until_s,
+            course, stand_in.parameters, weights, filters, stand_in.weak_directions,
+            stand_in.fixed_terms(course), shares, until_s,
         )
 
-    def level(self, e: FloatArray) -> float:
+    def expected_loss(self, e: FloatArray) -> float:
         """
         Return the loss that residuals `e` would have with nothing missing, at most.
 
         One for each, and as much again of what is the stand-in's own error: on another route it
         may be twice what it was in the simulation.
         """
-        return float(np.count_nonzero(e) + self.own_error())
+        return float(np.count_nonzero(e) + self.surrogate_error_dof())
 
-    def own_error(self) -> float:
+    def surrogate_error_dof(self) -> float:
         """Return the stand-in's own error as a share of the loss: how much of it is no noise."""
-        return float((self.own_share * np.count_nonzero(self.weights, axis=1)).sum())
+        return float((self.surrogate_error_share * np.count_nonzero(self.weights, axis=1)).sum())
 
     @property
-    def nuisances(self) -> int:
+    def n_nuisances(self) -> int:
         """Number of nuisance variables: tolerances, offsets, what the simulation left open."""
-        return FIRST_OPEN + int(self.unsure.shape[0])
+        return N_FIXED_NUISANCES + int(self.weak_directions.shape[0])
 
-    def base(self, tolerances: FloatArray) -> FloatArray:
+    def with_nuisances(self, tolerances: FloatArray) -> FloatArray:
         """Return the stand-in's vector with the nuisances: relative, absolute, in deviations."""
-        k = len(TOLERANCES)
-        p = np.clip(self.parameters + tolerances[FIRST_OPEN:] @ self.unsure, LOW, HIGH)
-        p[_WHERE] *= 1.0 + tolerances[:k]
-        p[_WHERE_OFFSETS] += tolerances[k:FIRST_OPEN]
+        k = len(TOLERANCE_PARAMETERS)
+        p = np.clip(self.parameters + tolerances[N_FIXED_NUISANCES:] @ self.weak_directions, LOW, HIGH)
+        p[_TOLERANCE_INDEX] *= 1.0 + tolerances[:k]
+        p[_OFFSET_INDEX] += tolerances[k:N_FIXED_NUISANCES]
         return np.asarray(p)
 
-    def setting(
-        self, tolerances: FloatArray, actives: Sequence[Active]
-    ) -> tuple[FloatArray, Terms]:
+    def simulation_inputs(
+        self, tolerances: FloatArray, actives: Sequence[ActiveEffect]
+    ) -> tuple[FloatArray, ActiveTerms]:
         """Return the vector and the terms that a run takes; what always acts is in the vector."""
-        base = self.base(tolerances)
+        base = self.with_nuisances(tolerances)
         p = base.copy()
-        given = self.given
-        index, amount, gate = list(given.index), list(given.amount), list(given.gate)
-        gates = list(given.gates)
+        given = self.fixed_terms
+        index, amount, gate = list(given.index), list(given.amount), list(given.activation)
+        gates = list(given.activations)
         for active in actives:
             row = 0
-            if not active.gate.always:
-                gates.append(active.gate.series(self.course))
+            if not active.activation.always:
+                gates.append(active.activation.series(self.problem))
                 row = len(gates) - 1
-            for parameter, inner in zip(active.effect.parameters, active.inner, strict=True):
+            for parameter, inner in zip(active.effect.parameters, active.theta, strict=True):
                 for i, size in parameter.amounts(inner, base):
                     if row == 0:
                         p[i] += size
@@ -202,20 +202,20 @@ class Likelihood:
                         index.append(i)
                         amount.append(size)
                         gate.append(row)
-        return p, Terms(
+        return p, ActiveTerms(
             np.array(index, dtype=np.int64), np.array(amount, dtype=np.float64),
             np.array(gate, dtype=np.int64), np.array(gates),
         )
 
-    def residuals(self, tolerances: FloatArray, actives: Sequence[Active]) -> FloatArray:
+    def residuals(self, tolerances: FloatArray, actives: Sequence[ActiveEffect]) -> FloatArray:
         """Return all whitened residuals as one vector, the ways driven last."""
-        p, terms = self.setting(tolerances, actives)
-        e = self.white(self.course.residuals(p, terms))
-        ways = self.course.way_residuals(p)
-        keep = int(min(ways.shape[0], max(0.0, (self.until_s - self.course.start_s) / 2.0)))
+        p, terms = self.simulation_inputs(tolerances, actives)
+        e = self.whiten(self.problem.residuals(p, terms))
+        ways = self.problem.distance_residuals(p)
+        keep = int(min(ways.shape[0], max(0.0, (self.until_s - self.problem.start_s) / 2.0)))
         return np.concatenate([e.ravel(), ways[:keep]])
 
-    def white(self, residuals: FloatArray) -> FloatArray:
+    def whiten(self, residuals: FloatArray) -> FloatArray:
         """Return residuals (6, bins) over their noise, whitened."""
         scaled = residuals * self.weights
         out = np.empty_like(scaled)
@@ -226,7 +226,7 @@ class Likelihood:
         return out
 
     def fit(
-        self, actives: Sequence[Active], tolerances: FloatArray | None = None,
+        self, actives: Sequence[ActiveEffect], tolerances: FloatArray | None = None,
         iterations: int = 8, known: FloatArray | None = None, settled: float = 1e-5,
         edges: bool = False,
     ) -> Hypothesis:
@@ -237,47 +237,47 @@ class Likelihood:
         which is much faster. With `edges`, where the effects act is fitted as well.
         """
         unknowns = self._unknowns(actives, tolerances, edges)
-        k = self.nuisances
+        k = self.n_nuisances
 
         def residuals(x: FloatArray) -> FloatArray:
-            return self.residuals(x[:k], replaced(actives, x[k:], edges))
+            return self.residuals(x[:k], with_parameters(actives, x[k:], edges))
 
         found = minimise(residuals, unknowns, iterations, settled, known)
         return Hypothesis(
-            tuple(replaced(actives, found.x[k:], edges)), found.x[:k].copy(), found.cost, found
+            tuple(with_parameters(actives, found.x[k:], edges)), found.x[:k].copy(), found.cost, found
         )
 
     def _unknowns(
-        self, actives: Sequence[Active], tolerances: FloatArray | None, edges: bool
-    ) -> Unknowns:
-        k = self.nuisances
+        self, actives: Sequence[ActiveEffect], tolerances: FloatArray | None, edges: bool
+    ) -> BoundedParameters:
+        k = self.n_nuisances
         start = list(np.zeros(k) if tolerances is None else tolerances)
         high = list(self.nuisance_bounds())
         low = [-x for x in high]
         step = list(self.nuisance_steps())
         for active in actives:
-            for parameter, inner in zip(active.effect.parameters, active.inner, strict=True):
+            for parameter, inner in zip(active.effect.parameters, active.theta, strict=True):
                 start.append(inner)
                 bounds = parameter.bounds()
                 low.append(bounds[0])
                 high.append(bounds[1])
                 step.append(parameter.step)
-            for value in active.gate.variables() if edges else ():
+            for value in active.activation.variables() if edges else ():
                 start.append(value)
-                room = 0.5 * active.gate.lap if active.gate.stretches else 1e4
+                room = 0.5 * active.activation.lap if active.activation.stretches else 1e4
                 low.append(value - room)
                 high.append(value + room)
-                step.append(EDGE_STEP if active.gate.stretches else ONSET_STEP)
+                step.append(SEGMENT_END_STEP_M if active.activation.stretches else ONSET_STEP_S)
         loose = len(start) - k
-        return Unknowns(
+        return BoundedParameters(
             np.array(start), np.array(low), np.array(high), np.array(step), np.zeros(k + loose),
             np.concatenate([self.nuisance_deviations(), np.full(loose, np.inf)]),
         )
 
-    def tolerance_columns(self, of: Hypothesis) -> FloatArray:
+    def nuisance_jacobian(self, of: Hypothesis) -> FloatArray:
         """Return the residuals' derivatives (m, nuisances) with respect to the nuisances."""
         e = self.residuals(of.tolerances, of.actives)
-        out = np.empty((e.shape[0], self.nuisances))
+        out = np.empty((e.shape[0], self.n_nuisances))
         for j, step in enumerate(self.nuisance_steps()):
             moved = of.tolerances.copy()
             moved[j] += step
@@ -286,50 +286,50 @@ class Likelihood:
 
     def nuisance_steps(self) -> FloatArray:
         """Return the steps of differences with respect to the nuisances."""
-        left_open = np.full(self.unsure.shape[0], _UNSURE_STEP)
+        left_open = np.full(self.weak_directions.shape[0], _WEAK_DIRECTION_STEP)
         return np.concatenate(
-            [np.full(len(TOLERANCES), TOLERANCE_STEP), _OFFSETS[:, 2], left_open]
+            [np.full(len(TOLERANCE_PARAMETERS), TOLERANCE_STEP), _OFFSETS[:, 2], left_open]
         )
 
     def nuisance_bounds(self) -> FloatArray:
         """Return the most that each nuisance may be, either way."""
-        left_open = np.full(self.unsure.shape[0], _UNSURE_MOST)
+        left_open = np.full(self.weak_directions.shape[0], _WEAK_DIRECTION_BOUND)
         return np.concatenate(
-            [np.full(len(TOLERANCES), TOLERANCE_MOST), _OFFSETS[:, 1], left_open]
+            [np.full(len(TOLERANCE_PARAMETERS), TOLERANCE_BOUND), _OFFSETS[:, 1], left_open]
         )
 
     def nuisance_deviations(self) -> FloatArray:
         """Return the prior standard deviations of the nuisances."""
         return np.concatenate(
             [
-                np.full(len(TOLERANCES), TOLERANCE), _OFFSETS[:, 0],
-                np.ones(self.unsure.shape[0]),
+                np.full(len(TOLERANCE_PARAMETERS), TOLERANCE_SIGMA), _OFFSETS[:, 0],
+                np.ones(self.weak_directions.shape[0]),
             ]
         )
 
 
-def _standing(course: Course) -> BoolArray:
+def _stationary_bins(course: ResidualProblem) -> BoolArray:
     """Return the bins (b,) in which the car stands or has just begun to move."""
-    slow = np.interp(course.bin_s, course.middle_s, np.abs(course.smooth[:, 0])) < STANDING
-    after = np.ones(round(SETTLING_S / BIN), dtype=np.int64)
+    slow = np.interp(course.bin_s, course.middle_s, np.abs(course.smooth[:, 0])) < MIN_SPEED
+    after = np.ones(round(SETTLING_S / BIN_S), dtype=np.int64)
     return np.asarray(np.convolve(slow.astype(np.int64), after)[: slow.shape[0]] > 0)
 
 
-def replaced(
-    actives: Sequence[Active], values: FloatArray, edges: bool = False
-) -> list[Active]:
+def with_parameters(
+    actives: Sequence[ActiveEffect], values: FloatArray, edges: bool = False
+) -> list[ActiveEffect]:
     """Return the effects with their fitted variables replaced, in order."""
     out, rest = [], [float(v) for v in values]
     for active in actives:
-        inner, rest = tuple(rest[: len(active.inner)]), rest[len(active.inner) :]
-        gate = active.gate
+        inner, rest = tuple(rest[: len(active.theta)]), rest[len(active.theta) :]
+        gate = active.activation
         if edges:
             count = len(gate.variables())
             gate, rest = gate.with_variables(rest[:count]), rest[count:]
-        out.append(Active(active.effect, inner, gate))
+        out.append(ActiveEffect(active.effect, inner, gate))
     return out
 
 
-def neutral(effect: Effect, gate: Gate = ALL) -> Active:
+def inactive_effect(effect: Effect, gate: Activation = ALWAYS_ACTIVE) -> ActiveEffect:
     """Return an effect that does not act."""
-    return Active(effect, tuple(p.inner_neutral for p in effect.parameters), gate)
+    return ActiveEffect(effect, tuple(p.theta_neutral for p in effect.parameters), gate)

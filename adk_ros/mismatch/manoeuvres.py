@@ -20,10 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.ambiguity import MARGIN
-from adk_ros.mismatch.course import BIN, SPACING, integral
-from adk_ros.mismatch.kernel import simulate
-from adk_ros.mismatch.likelihood import TOLERANCE, TOLERANCES, Active
+from adk_ros.mismatch.ambiguity import INDISTINGUISHABLE_LOSS
+from adk_ros.mismatch.course import BIN_S, COMMAND_GRID_S, cumulative_command
+from adk_ros.mismatch.kernel import integrate
+from adk_ros.mismatch.likelihood import TOLERANCE_PARAMETERS, TOLERANCE_SIGMA, ActiveEffect
 from adk_ros.mismatch.parameters import INDEX
 from adk_ros.mismatch.states import (
     A_X,
@@ -40,16 +40,16 @@ from adk_ros.mismatch.states import (
 )
 from adk_ros.signals.channels import FloatArray
 
-ENOUGH = 5.0 * MARGIN
-STEP = 0.005
-SECONDS = 20.0
-_SLOWEST = 3.0
+DISCRIMINATION_LOSS = 5.0 * INDISTINGUISHABLE_LOSS
+STEP_S = 0.005
+DURATION_S = 20.0
+_MIN_SPEED = 3.0
 """m/s, below which nothing is compared."""
 _ROWS = (A_X, A_Y, YAW_RATE, V_X, V_Y, YAW_RATE)
 """Of a run's output, for `evidence.CHANNELS`."""
-_RIVAL_SPREAD = 0.03
-_BIN_STEPS = round(BIN / STEP)
-_SETTLED = round(0.5 / STEP)
+_COMPETITOR_SIGMA = 0.03
+_BIN_STEPS = round(BIN_S / STEP_S)
+_SETTLING_STEPS = round(0.5 / STEP_S)
 
 
 @dataclass(frozen=True)
@@ -63,12 +63,12 @@ class Manoeuvre:
 
     text: str
     speed: float
-    push: FloatArray
-    angle: FloatArray
+    acceleration_request: FloatArray
+    steering_request: FloatArray
 
 
 @dataclass(frozen=True)
-class Separation:
+class Discriminability:
     """
     How the best of all manoeuvres tells `of` from `other`.
 
@@ -82,17 +82,17 @@ class Separation:
     tried: int
 
     @property
-    def tells(self) -> bool:
+    def distinguishes(self) -> bool:
         """Whether it does."""
-        return self.loss >= ENOUGH
+        return self.loss >= DISCRIMINATION_LOSS
 
 
 def manoeuvres() -> tuple[Manoeuvre, ...]:
     """Return what is tried, gentle enough for a car on a dry road."""
-    t = STEP * np.arange(round(SECONDS / STEP))
+    t = STEP_S * np.arange(round(DURATION_S / STEP_S))
     none, on = np.zeros_like(t), np.asarray(t > 1.0, dtype=np.float64)
     square = on * np.sign(np.sin(2.0 * np.pi * t / 4.0))
-    sweep = np.sin(2.0 * np.pi * (0.2 * t + 0.5 * (1.5 - 0.2) / SECONDS * t**2))
+    sweep = np.sin(2.0 * np.pi * (0.2 * t + 0.5 * (1.5 - 0.2) / DURATION_S * t**2))
     return (
         Manoeuvre("coasting down from 25 m/s on a straight", 25.0, none, none),
         Manoeuvre("full acceleration from walking pace on a straight", 4.0, 2.5 * on, none),
@@ -106,29 +106,29 @@ def manoeuvres() -> tuple[Manoeuvre, ...]:
     )
 
 
-def separate(
-    base: FloatArray, actives: Sequence[Active], which: int, rival: Active, noise: FloatArray
-) -> Separation:
+def most_discriminating_manoeuvre(
+    base: FloatArray, actives: Sequence[ActiveEffect], which: int, rival: ActiveEffect, noise: FloatArray
+) -> Discriminability:
     """
     Return the manoeuvre that best tells effect `which` of a hypothesis from its rival.
 
     `base`: the stand-in's parameters; `noise` (6,) of a bin, by channel.
     """
-    mine = vector(base, actives)
+    mine = parameters_with_effects(base, actives)
     others = [a for i, a in enumerate(actives) if i != which]
-    theirs = vector(base, [*others, rival])
-    larger = vector(base, [*others, _scaled(rival, 1.0 + _RIVAL_SPREAD)])
+    theirs = parameters_with_effects(base, [*others, rival])
+    larger = parameters_with_effects(base, [*others, _scaled(rival, 1.0 + _COMPETITOR_SIGMA)])
     mass, radius = base[INDEX["mass"]], base[INDEX["wheel_radius"]]
     best, name = -1.0, ""
     tried = manoeuvres()
     for manoeuvre in tried:
-        torque = manoeuvre.push * mass * radius
+        torque = manoeuvre.acceleration_request * mass * radius
         first = _run(mine, manoeuvre, torque)
         difference = _run(theirs, manoeuvre, torque) - first
         columns = [_run(larger, manoeuvre, torque) - first - difference]
-        for entry in TOLERANCES:
+        for entry in TOLERANCE_PARAMETERS:
             changed = mine.copy()
-            changed[INDEX[entry]] *= 1.0 + TOLERANCE
+            changed[INDEX[entry]] *= 1.0 + TOLERANCE_SIGMA
             columns.append(_run(changed, manoeuvre, torque) - first)
         scaled = np.stack([difference, *columns]) / noise[:, None]
         fair = np.isfinite(scaled).all(axis=(0, 1))
@@ -138,42 +138,42 @@ def separate(
         loss = 0.5 * float(left @ left - left @ free @ taken)
         if loss > best:
             best, name = loss, manoeuvre.text
-    return Separation(
+    return Discriminability(
         actives[which].effect.name, rival.effect.name, name, max(best, 0.0), len(tried)
     )
 
 
-def vector(base: FloatArray, actives: Sequence[Active]) -> FloatArray:
+def parameters_with_effects(base: FloatArray, actives: Sequence[ActiveEffect]) -> FloatArray:
     """Return the parameters with effects at work, wherever they were found."""
     p: FloatArray = base.copy()
     for active in actives:
-        for parameter, inner in zip(active.effect.parameters, active.inner, strict=True):
+        for parameter, inner in zip(active.effect.parameters, active.theta, strict=True):
             for i, amount in parameter.amounts(inner, base):
                 p[i] += amount
     return p
 
 
-def _scaled(active: Active, share: float) -> Active:
+def _scaled(active: ActiveEffect, share: float) -> ActiveEffect:
     inner = tuple(
-        p.inner_neutral + share * (x - p.inner_neutral)
-        for p, x in zip(active.effect.parameters, active.inner, strict=True)
+        p.theta_neutral + share * (x - p.theta_neutral)
+        for p, x in zip(active.effect.parameters, active.theta, strict=True)
     )
-    return Active(active.effect, inner, active.gate)
+    return ActiveEffect(active.effect, inner, active.activation)
 
 
 def _run(p: FloatArray, manoeuvre: Manoeuvre, torque: FloatArray) -> FloatArray:
     """Return a run's channels (6, bins), NaN where the car is all but standing."""
     n = torque.shape[0]
-    at = STEP * np.arange(n, dtype=np.float64)
+    at = STEP_S * np.arange(n, dtype=np.float64)
     torques, angles = (
-        integral(at, values, SPACING, SECONDS) for values in (torque, manoeuvre.angle)
+        cumulative_command(at, values, COMMAND_GRID_S, DURATION_S) for values in (torque, manoeuvre.steering_request)
     )
     state = np.zeros(STATE_SIZE)
     state[S_V_X] = manoeuvre.speed
-    state[[S_PLAY, S_STEER, S_STEER_MORE]] = p[INDEX["steer_gain"]] * manoeuvre.angle[0]
+    state[[S_PLAY, S_STEER, S_STEER_MORE]] = p[INDEX["steer_gain"]] * manoeuvre.steering_request[0]
     out, none = np.empty((OUTPUTS, n)), np.empty(0, dtype=np.int64)
-    simulate(
-        p, none, np.empty(0), none, np.ones((1, n)), torques, angles, SPACING, 0.0, STEP,
+    integrate(
+        p, none, np.empty(0), none, np.ones((1, n)), torques, angles, COMMAND_GRID_S, 0.0, STEP_S,
         np.empty(0), np.full((n, 3), np.nan), np.zeros(3), np.empty((0, 3)), state, out,
         np.empty((0, 0)),
     )
@@ -183,7 +183,7 @@ def _run(p: FloatArray, manoeuvre: Manoeuvre, torque: FloatArray) -> FloatArray:
     heard[1] += p[INDEX["bias_a_y"]]
     heard[2] = heard[2] * p[INDEX["gyro_gain"]] + p[INDEX["bias_gyro"]]
     heard[3] *= p[INDEX["odometry_gain"]]
-    heard[:, out[V_X] < _SLOWEST] = np.nan
-    heard[:, :_SETTLED] = 0.0
+    heard[:, out[V_X] < _MIN_SPEED] = np.nan
+    heard[:, :_SETTLING_STEPS] = 0.0
     bins = n // _BIN_STEPS
     return np.asarray(heard[:, : bins * _BIN_STEPS].reshape(6, bins, _BIN_STEPS).mean(axis=2))

@@ -21,18 +21,24 @@ from pydantic import Field, model_validator
 
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.gates import EDGE
-from adk_ros.mismatch.parameters import ENTRIES, INDEX, NAMES, SIZE, usual
-from adk_ros.mismatch.pieces import Piece
-from adk_ros.mismatch.road_map import SPACING_M, RoadMap
-from adk_ros.mismatch.standin import StandIn
+from adk_ros.mismatch.gates import TRANSITION_LENGTH_M
+from adk_ros.mismatch.parameters import (
+    INDEX,
+    NAMES,
+    SIZE,
+    SURROGATE_PARAMETERS,
+    default_parameters,
+)
+from adk_ros.mismatch.pieces import FeatureTerm
+from adk_ros.mismatch.road_map import KNOT_SPACING_M, RoadProfile
+from adk_ros.mismatch.standin import SurrogateModel
 from adk_ros.plant.yaml_file import FileModel, load, read
 from adk_ros.signals.channels import STATE_NAMES, FloatArray
 
 KIND = "stand_in"
 
 
-class Where(FileModel):
+class ActivationEntry(FileModel):
     """
     Where a term acts.
 
@@ -46,11 +52,11 @@ class Where(FileModel):
     onset_s: float | None = None
     lap: float | None = Field(default=None, gt=0.0, le=1e6)
     stretches: list[list[float]] = Field(default_factory=list)
-    edge: float = Field(default=EDGE, gt=0.0, le=1e3)
+    edge: float = Field(default=TRANSITION_LENGTH_M, gt=0.0, le=1e3)
     line: list[list[float]] = Field(default_factory=list)
 
     @model_validator(mode="after")
-    def _complete(self) -> Where:
+    def _complete(self) -> ActivationEntry:
         if self.kind == "place" and not (self.lap and self.stretches and self.line):
             raise ValueError("a place needs lap, stretches and line")
         if any(len(stretch) != 2 for stretch in self.stretches):
@@ -60,15 +66,15 @@ class Where(FileModel):
         return self
 
 
-class Term(FileModel):
+class EffectTermEntry(FileModel):
     """An effect of the catalogue at work."""
 
     effect: str
     parameters: dict[str, float]
-    where: Where = Where()
+    where: ActivationEntry = ActivationEntry()
 
     @model_validator(mode="after")
-    def _known(self) -> Term:
+    def _known(self) -> EffectTermEntry:
         if self.effect not in EFFECTS:
             raise ValueError(f"effect '{self.effect}' is not in the catalogue")
         wanted = {p.name for p in EFFECTS[self.effect].parameters}
@@ -81,12 +87,12 @@ class Term(FileModel):
         return [
             pair for parameter in EFFECTS[self.effect].parameters
             for pair in parameter.amounts(
-                parameter.inner(self.parameters[parameter.name]), base
+                parameter.theta(self.parameters[parameter.name]), base
             )
         ]
 
 
-class Correction(FileModel):
+class FeatureTermEntry(FileModel):
     """What a feature adds to an equation: `coefficient` times the feature, SI."""
 
     equation: Literal["v_x", "v_y", "yaw_rate"]
@@ -94,13 +100,13 @@ class Correction(FileModel):
     coefficient: float
 
     @model_validator(mode="after")
-    def _known(self) -> Correction:
+    def _known(self) -> FeatureTermEntry:
         if self.feature not in FEATURES:
             raise ValueError(f"feature '{self.feature}' is unknown")
         return self
 
 
-class Road(FileModel):
+class RoadEntry(FileModel):
     """
     Curves along a road: knots of uniform cubic B-splines, `spacing` m apart.
 
@@ -108,11 +114,11 @@ class Road(FileModel):
     """
 
     line: list[list[float]] = Field(min_length=1)
-    spacing: float = Field(default=SPACING_M, gt=0.0, le=1e3)
+    spacing: float = Field(default=KNOT_SPACING_M, gt=0.0, le=1e3)
     curves: dict[Literal["grade", "bank", "friction"], list[float]] = Field(min_length=1)
 
     @model_validator(mode="after")
-    def _complete(self) -> Road:
+    def _complete(self) -> RoadEntry:
         if any(len(row) != 4 for row in self.line):
             raise ValueError("a row of the line is [distance, x, y, heading]")
         if len({len(knots) for knots in self.curves.values()}) != 1:
@@ -121,46 +127,46 @@ class Road(FileModel):
             raise ValueError("a curve needs four knots at least")
         return self
 
-    def map(self) -> RoadMap:
+    def map(self) -> RoadProfile:
         """Return the road as it is computed with."""
-        return RoadMap(
+        return RoadProfile(
             np.array(self.line), tuple(self.curves), np.array(list(self.curves.values())),
             self.spacing,
         )
 
 
-class Own(FileModel):
+class SimulatorExtras(FileModel):
     """What the simulator has beyond the model family's parameters."""
 
-    road: Road | None = None
-    correction: list[Correction] = Field(default_factory=list)
+    road: RoadEntry | None = None
+    correction: list[FeatureTermEntry] = Field(default_factory=list)
 
 
-class StandInFile(FileModel):
+class SurrogateFile(FileModel):
     """The content of `simulation.yaml` and `corrected.yaml`."""
 
     kind: Literal["stand_in"]
     schema_version: Literal[1] = Field(default=1, alias="schema")
     parameters: dict[str, float]
     tolerances: dict[str, float] = Field(default_factory=dict)
-    terms: list[Term] = Field(default_factory=list)
-    correction: list[Correction] = Field(default_factory=list)
-    own: Own = Own()
+    terms: list[EffectTermEntry] = Field(default_factory=list)
+    correction: list[FeatureTermEntry] = Field(default_factory=list)
+    own: SimulatorExtras = SimulatorExtras()
 
     @model_validator(mode="after")
-    def _names(self) -> StandInFile:
+    def _names(self) -> SurrogateFile:
         for name in (*self.parameters, *self.tolerances):
             if name not in INDEX:
                 raise ValueError(f"parameter '{name}' is unknown")
         for name, value in self.parameters.items():
-            entry = ENTRIES[name]
+            entry = SURROGATE_PARAMETERS[name]
             if not entry.low <= value <= entry.high:
                 raise ValueError(f"{name} must be {entry.low:g} to {entry.high:g}, got {value:g}")
         return self
 
     def vector(self) -> FloatArray:
         """Return the parameter vector with the tolerances, terms apart."""
-        p = usual()
+        p = default_parameters()
         for name, value in self.parameters.items():
             p[INDEX[name]] = value
         for name, share in self.tolerances.items():
@@ -186,30 +192,30 @@ class StandInFile(FileModel):
             table[names.index(c.feature), STATE_NAMES.index(c.equation)] += c.coefficient
         return names, table
 
-    def road(self) -> RoadMap | None:
+    def road(self) -> RoadProfile | None:
         """Return the road that the simulator drives on, where it was learned."""
         return None if self.own.road is None else self.own.road.map()
 
-    def simulator(self) -> StandIn:
+    def simulator(self) -> SurrogateModel:
         """Return the stand-in of the simulator: nothing that was found in a recording."""
         pieces = tuple(
-            Piece(c.equation, c.feature, c.coefficient, 0.0) for c in self.own.correction
+            FeatureTerm(c.equation, c.feature, c.coefficient, 0.0) for c in self.own.correction
         )
-        return StandIn(
+        return SurrogateModel(
             self.vector(), np.zeros(6), np.zeros((6, 100)), np.empty((0, SIZE)), self.road(),
             pieces,
         )
 
 
 @dataclass(frozen=True)
-class Source:
+class NamedSurrogate:
     """A model that was loaded, with its name for messages."""
 
     name: str
-    content: StandInFile
+    content: SurrogateFile
 
 
-def is_stand_in(path: Path) -> bool:
+def is_surrogate_file(path: Path) -> bool:
     """
     Whether a YAML file is a stand-in's and not a vehicle's.
 
@@ -218,19 +224,19 @@ def is_stand_in(path: Path) -> bool:
     return path.is_file() and read(path, "model")[1].get("kind") == KIND
 
 
-def load_stand_in(path: Path) -> Source:
+def load_surrogate(path: Path) -> NamedSurrogate:
     """
     Load a stand-in's YAML.
 
     Raises `UsageError`, one line naming the file and the key.
     """
-    return Source(path.name, load(path, "stand-in", StandInFile))
+    return NamedSurrogate(path.name, load(path, "stand-in", SurrogateFile))
 
 
-def content_of(
+def surrogate_yaml(
     vector: FloatArray, tolerances: dict[str, float] | None = None,
     terms: list[dict[str, Any]] | None = None, correction: list[dict[str, Any]] | None = None,
-    simulator: StandIn | None = None,
+    simulator: SurrogateModel | None = None,
 ) -> str:
     """Return a stand-in's file as text, with what its `simulator` has of its own."""
     content: dict[str, Any] = {
@@ -251,7 +257,7 @@ def content_of(
     return text
 
 
-def _own(simulator: StandIn) -> dict[str, Any]:
+def _own(simulator: SurrogateModel) -> dict[str, Any]:
     own: dict[str, Any] = {}
     road = simulator.road
     if road is not None:
@@ -263,13 +269,13 @@ def _own(simulator: StandIn) -> dict[str, Any]:
             },
             "line": [[round(float(x), 4) for x in row] for row in road.line],
         }
-    if simulator.pieces:
+    if simulator.feature_terms:
         own["correction"] = [
             {
                 "equation": piece.equation, "feature": piece.feature,
                 "coefficient": _short(piece.coefficient),
             }
-            for piece in simulator.pieces
+            for piece in simulator.feature_terms
         ]
     return own
 

@@ -6,15 +6,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.mismatch.gates import Gate
-from adk_ros.mismatch.likelihood import Active
-from adk_ros.mismatch.screen import Screen
+from adk_ros.mismatch.gates import Activation
+from adk_ros.mismatch.likelihood import ActiveEffect
+from adk_ros.mismatch.screen import LinearisedProblem
 
-EDGE_S = 15.0
+MIN_DISTANCE_TO_END_S = 15.0
 """A beginning nearer than this to either end of the recording is not looked for."""
 
 
-def best_onset(screen: Screen, active: Active) -> tuple[float, Active] | None:
+def locate_change_point(screen: LinearisedProblem, active: ActiveEffect) -> tuple[float, ActiveEffect] | None:
     """
     Return the linear gain and the effect with the onset at which it gains most, or None.
 
@@ -22,7 +22,7 @@ def best_onset(screen: Screen, active: Active) -> tuple[float, Active] | None:
     is left, the gain of acting from t on is (sum over later s e)^2 / (sum over later s^2).
     """
     likelihood = screen.likelihood
-    course = likelihood.course
+    course = likelihood.problem
     column = screen.column(active)
     bins = course.bins
     size = 6 * bins
@@ -33,14 +33,14 @@ def best_onset(screen: Screen, active: Active) -> tuple[float, Active] | None:
     gain = np.where(own > 1e-6, both**2 / np.maximum(own, 1e-6), 0.0)
     share = -both / np.maximum(own, 1e-6)
     at = course.bin_s
-    allowed = (at > course.start_s + EDGE_S) & (at < at[-1] - EDGE_S) & (share > 0.0)
+    allowed = (at > course.start_s + MIN_DISTANCE_TO_END_S) & (at < at[-1] - MIN_DISTANCE_TO_END_S) & (share > 0.0)
     if not allowed.any():
         return None
     best = int(np.argmax(np.where(allowed, gain, -1.0)))
-    gate = Gate(onset_s=float(at[best]))
+    gate = Activation(onset_s=float(at[best]))
     inner = []
-    for parameter, x in zip(active.effect.parameters, active.inner, strict=True):
-        neutral = parameter.inner_neutral
+    for parameter, x in zip(active.effect.parameters, active.theta, strict=True):
+        neutral = parameter.theta_neutral
         value = x if parameter.starts else neutral + (x - neutral) * float(share[best])
         inner.append(float(np.clip(value, *parameter.bounds())))
-    return float(gain[best]), Active(active.effect, tuple(inner), gate)
+    return float(gain[best]), ActiveEffect(active.effect, tuple(inner), gate)

@@ -15,14 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.errors import DataError
-from adk_ros.mismatch.correction import values
-from adk_ros.mismatch.course import SPACING, integral
-from adk_ros.mismatch.evidence import Evidence
-from adk_ros.mismatch.gates import at_stretches
-from adk_ros.mismatch.kernel import simulate
+from adk_ros.mismatch.correction import feature_matrix
+from adk_ros.mismatch.course import COMMAND_GRID_S, cumulative_command
+from adk_ros.mismatch.evidence import SensorLog
+from adk_ros.mismatch.gates import inside_segments
+from adk_ros.mismatch.kernel import integrate
 from adk_ros.mismatch.lap import on_line
-from adk_ros.mismatch.likelihood import STANDING
-from adk_ros.mismatch.model_file import StandInFile
+from adk_ros.mismatch.likelihood import MIN_SPEED
+from adk_ros.mismatch.model_file import SurrogateFile
 from adk_ros.mismatch.states import (
     A_X,
     A_Y,
@@ -43,20 +43,20 @@ from adk_ros.mismatch.states import (
 from adk_ros.signals.channels import TICK_NS, FloatArray, IntArray
 
 FIRST_START_S = 2.0
-STEP = 0.005
-PER_TICK = 5
-GAINS = np.array([0.1, 0.15, 0.15])
+STEP_S = 0.005
+STEPS_PER_TICK = 5
+ASSIMILATION_GAINS = np.array([0.1, 0.15, 0.15])
 """Share of a message's difference that is made up at once: v_x, v_y, yaw rate."""
-_FAR = 30.0
+_MAX_DISTANCE_TO_LINE_M = 30.0
 """m; farther than this from a place's line, the car is somewhere else."""
 _PASSES = 2
-_ROAD_EVERY = 20
+_ROAD_STRIDE = 20
 """Steps between two places of the road that are looked up."""
-_PLAY = S_STEER_MORE + 1
+_BACKLASH_STATE = S_STEER_MORE + 1
 
 
 @dataclass(frozen=True)
-class _Gated:
+class _TermsAtActivation:
     """Terms at places: entries, amounts, and of each which place."""
 
     index: IntArray
@@ -64,16 +64,16 @@ class _Gated:
     gate: IntArray
 
 
-class Roller:
+class OpenLoopPredictor:
     """A stand-in's file ready to predict along one drive."""
 
-    def __init__(self, model: StandInFile, evidence: Evidence) -> None:
+    def __init__(self, model: SurrogateFile, evidence: SensorLog) -> None:
         self.model = model
         self.evidence = evidence
         e = evidence
         end = float(max(e.odometry_s[-1], e.command_s[-1])) + 1.0
-        self.torques = integral(e.command_s, e.command[:, 0], SPACING, end)
-        self.angles = integral(e.command_s, e.command[:, 1], SPACING, end)
+        self.torques = cumulative_command(e.command_s, e.command[:, 0], COMMAND_GRID_S, end)
+        self.angles = cumulative_command(e.command_s, e.command[:, 1], COMMAND_GRID_S, end)
         placed = [term for term in model.terms if term.where.kind == "place"]
         self.places = [term.where for term in placed]
         base = model.vector()
@@ -90,7 +90,7 @@ class Roller:
             amount += [1.0] * len(self.road.entries)
             gate += [1 + len(self.places) + k for k in range(len(self.road.entries))]
         self.vector = model.acting()
-        self.gated = _Gated(
+        self.gated = _TermsAtActivation(
             np.array(index, dtype=np.int64), np.array(amount, dtype=np.float64),
             np.array(gate, dtype=np.int64),
         )
@@ -102,35 +102,35 @@ class Roller:
         gates = np.ones((1 + len(self.places), n))
         for row, (place, s) in enumerate(zip(self.places, s_of, strict=True), start=1):
             where = tuple((a, b) for a, b in place.stretches)
-            gates[row] = np.nan_to_num(at_stretches(s, where, place.lap or 1.0, place.edge))
+            gates[row] = np.nan_to_num(inside_segments(s, where, place.lap or 1.0, place.edge))
         if self.road is None:
             return gates
-        return np.vstack([gates, self.road.along(poses, _ROAD_EVERY)])
+        return np.vstack([gates, self.road.along(poses, _ROAD_STRIDE)])
 
     def _run(
         self, state: FloatArray, start: float, n: int, measured: FloatArray, gates: FloatArray,
         extra: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         out, states = np.empty((OUTPUTS, n)), np.empty((n + 1, 6))
-        simulate(
+        integrate(
             self.vector, self.gated.index, self.gated.amount, self.gated.gate, gates,
-            self.torques, self.angles, SPACING, start - float(self.evidence.command_s[0]), STEP,
-            np.empty(0), measured, GAINS, extra, state, out, states,
+            self.torques, self.angles, COMMAND_GRID_S, start - float(self.evidence.command_s[0]), STEP_S,
+            np.empty(0), measured, ASSIMILATION_GAINS, extra, state, out, states,
         )
         return out, states
 
     def _extra(self, out: FloatArray, start: float) -> FloatArray:
         """Return the correction (n, 3) along a run that was made without it, or with an older."""
         n = out.shape[1]
-        at = start - float(self.evidence.command_s[0]) + STEP * np.arange(n + 1)
-        grid = SPACING * np.arange(self.torques.shape[0])
-        torque = np.diff(np.interp(at, grid, self.torques)) / STEP
-        delta = np.diff(np.interp(at, grid, self.angles)) / STEP
+        at = start - float(self.evidence.command_s[0]) + STEP_S * np.arange(n + 1)
+        grid = COMMAND_GRID_S * np.arange(self.torques.shape[0])
+        torque = np.diff(np.interp(at, grid, self.torques)) / STEP_S
+        delta = np.diff(np.interp(at, grid, self.angles)) / STEP_S
         signals = {
             "v_x": out[V_X], "v_y": out[V_Y], "yaw_rate": out[YAW_RATE], "a_x": out[A_X],
             "a_y": out[A_Y], "torque": torque, "delta": delta,
         }
-        return np.ascontiguousarray(values(self.names, signals) @ self.coefficients)
+        return np.ascontiguousarray(feature_matrix(self.names, signals) @ self.coefficients)
 
     def predict(
         self, starts_s: FloatArray, ticks: int, ticks_phase_s: float = 0.0
@@ -143,22 +143,22 @@ class Roller:
         e = self.evidence
         out = np.empty((starts_s.shape[0], ticks, 3))
         now = max(float(starts_s[0]) - 3.0, float(e.odometry_s[0]))
-        now = float(starts_s[0]) - STEP * np.floor((float(starts_s[0]) - now) / STEP)
+        now = float(starts_s[0]) - STEP_S * np.floor((float(starts_s[0]) - now) / STEP_S)
         state = np.zeros(STATE_SIZE)
         first = max(int(np.searchsorted(e.odometry_s, now + 1e-9)) - 1, 0)
         state[[S_V_X, S_V_Y, S_YAW_RATE]] = e.odometry[first]
         angle = e.command[max(int(np.searchsorted(e.command_s, now + 1e-9)) - 1, 0), 1]
-        state[[S_STEER, S_STEER_MORE, _PLAY]] = angle
-        ahead = ticks * PER_TICK
+        state[[S_STEER, S_STEER_MORE, _BACKLASH_STATE]] = angle
+        ahead = ticks * STEPS_PER_TICK
         silent = np.full((ahead, 3), np.nan)
         none = np.empty((0, 3))
         for i, start in enumerate(starts_s):
-            n = round((start - now) / STEP)
+            n = round((start - now) / STEP_S)
             if n > 0:
-                state = self._follow(state, now, n)
+                state = self._assimilate(state, now, n)
             now = float(start)
             s0 = self._places_at(now)
-            way = state[S_V_X] * STEP * (np.arange(ahead) + 0.5)
+            way = state[S_V_X] * STEP_S * (np.arange(ahead) + 0.5)
             along = [s + way for s in s0]
             state[[S_X, S_Y, S_HEADING]] = self._pose_at(now)
             poses = np.repeat(state[None, [S_X, S_Y, S_HEADING]], ahead, axis=0)
@@ -170,26 +170,26 @@ class Roller:
                 run, states = self._run(
                     state.copy(), now, ahead, silent, self._gates(along, poses), extra
                 )
-                along = [s + np.cumsum(run[V_X]) * STEP for s in s0]
+                along = [s + np.cumsum(run[V_X]) * STEP_S for s in s0]
                 poses = states[:-1, 3:]
                 if self.names:
                     extra = self._extra(run, now)
-            out[i] = states[PER_TICK::PER_TICK, :3]
+            out[i] = states[STEPS_PER_TICK::STEPS_PER_TICK, :3]
         return out
 
-    def _follow(self, state: FloatArray, now: float, n: int) -> FloatArray:
+    def _assimilate(self, state: FloatArray, now: float, n: int) -> FloatArray:
         """Return the state after `n` steps along with the measurements of that time."""
         e = self.evidence
         measured = np.full((n, 3), np.nan)
-        first, last = np.searchsorted(e.odometry_s, [now + 1e-9, now + n * STEP + 1e-9])
+        first, last = np.searchsorted(e.odometry_s, [now + 1e-9, now + n * STEP_S + 1e-9])
         # A message counts in the step that it falls into: never before it is there.
-        row = np.clip(((e.odometry_s[first:last] - now) / STEP - 1e-6).astype(int), 0, n - 1)
+        row = np.clip(((e.odometry_s[first:last] - now) / STEP_S - 1e-6).astype(int), 0, n - 1)
         measured[row] = e.odometry[first:last]
         along = [
-            np.full(n, s) + state[S_V_X] * STEP * (np.arange(n) + 0.5)
+            np.full(n, s) + state[S_V_X] * STEP_S * (np.arange(n) + 0.5)
             for s in self._places_at(now)
         ]
-        gates = self._gates(along, self._poses_until(np.asarray(now + STEP * np.arange(1, n + 1))))
+        gates = self._gates(along, self._poses_until(np.asarray(now + STEP_S * np.arange(1, n + 1))))
         before = state.copy()
         out, _ = self._run(state, now, n, measured, gates, np.empty((0, 3)))
         if self.names:
@@ -223,12 +223,12 @@ class Roller:
         i = max(int(np.searchsorted(e.odometry_s, now + 1e-9)) - 1, 0)
         since = now - e.odometry_s[i]
         return [
-            np.asarray(on_line(line, place.lap or 1.0, e.pose[i], _FAR) + since * e.odometry[i, 0])
+            np.asarray(on_line(line, place.lap or 1.0, e.pose[i], _MAX_DISTANCE_TO_LINE_M) + since * e.odometry[i, 0])
             for place, line in zip(self.places, self.lines, strict=True)
         ]
 
 
-def start_times(evidence: Evidence, ticks: int, stride_s: float, from_s: float) -> FloatArray:
+def start_times_of(evidence: SensorLog, ticks: int, stride_s: float, from_s: float) -> FloatArray:
     """
     Return starts (n,): every `stride_s` from `from_s` on, on the tick grid, commands known.
 
@@ -252,8 +252,8 @@ def start_times(evidence: Evidence, ticks: int, stride_s: float, from_s: float) 
     return np.asarray(starts)
 
 
-def errors_ahead(
-    model: StandInFile, evidence: Evidence, horizon_s: float, from_s: float,
+def horizon_rmse(
+    model: SurrogateFile, evidence: SensorLog, horizon_s: float, from_s: float,
     stride_s: float = 0.5,
 ) -> FloatArray:
     """
@@ -262,15 +262,15 @@ def errors_ahead(
     Of a car that moves; NaN where it stands all the time.
     """
     ticks = round(horizon_s / (TICK_NS * 1e-9))
-    starts = start_times(evidence, ticks, stride_s, max(from_s, FIRST_START_S))
-    predicted = Roller(model, evidence).predict(starts, ticks)[:, -1]
+    starts = start_times_of(evidence, ticks, stride_s, max(from_s, FIRST_START_S))
+    predicted = OpenLoopPredictor(model, evidence).predict(starts, ticks)[:, -1]
     at = starts + horizon_s
     inside = at <= evidence.odometry_s[-1]
     measured = np.column_stack(
         [np.interp(at, evidence.odometry_s, evidence.odometry[:, i]) for i in range(3)]
     )
     begun = np.interp(starts, evidence.odometry_s, evidence.odometry[:, 0])
-    inside &= np.minimum(np.abs(measured[:, 0]), np.abs(begun)) > STANDING
+    inside &= np.minimum(np.abs(measured[:, 0]), np.abs(begun)) > MIN_SPEED
     if not inside.any():
         return np.full(3, np.nan)
     return np.asarray(np.sqrt(np.mean((predicted - measured)[inside] ** 2, axis=0)))

@@ -10,16 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.mismatch.correction import FEATURES, Signals
-from adk_ros.mismatch.course import SPACING, STEP, Course, Terms
+from adk_ros.mismatch.course import COMMAND_GRID_S, STEP_S, ActiveTerms, ResidualProblem
 from adk_ros.mismatch.parameters import INDEX
 from adk_ros.mismatch.states import A_X, A_Y, V_Y, YAW_RATE
 from adk_ros.signals.channels import FloatArray
 
-EQUATIONS = {"v_x": "extra_x", "v_y": "extra_y", "yaw_rate": "extra_yaw"}
+EQUATION_PARAMETERS = {"v_x": "extra_x", "v_y": "extra_y", "yaw_rate": "extra_yaw"}
 
 
 @dataclass(frozen=True)
-class Piece:
+class FeatureTerm:
     """One feature in one equation: `coefficient` of the feature itself, SI; `gain` in loss."""
 
     equation: str
@@ -28,26 +28,26 @@ class Piece:
     gain: float
 
 
-def signals_of(course: Course, out: FloatArray) -> Signals:
+def feature_signals(course: ResidualProblem, out: FloatArray) -> Signals:
     """Return the drive's signals (n,) at the grid's steps, of a run's output."""
-    at = course.start_s - course.command_from_s + STEP * np.arange(course.steps + 1)
-    grid = SPACING * np.arange(course.torques.shape[0])
+    at = course.start_s - course.command_from_s + STEP_S * np.arange(course.steps + 1)
+    grid = COMMAND_GRID_S * np.arange(course.torques.shape[0])
     return {
         "v_x": course.smooth[:, 0], "v_y": out[V_Y], "yaw_rate": out[YAW_RATE], "a_x": out[A_X],
         "a_y": out[A_Y],
-        "torque": np.diff(np.interp(at, grid, course.torques)) / STEP,
-        "delta": np.diff(np.interp(at, grid, course.angles)) / STEP,
+        "torque": np.diff(np.interp(at, grid, course.torques)) / STEP_S,
+        "delta": np.diff(np.interp(at, grid, course.angles)) / STEP_S,
     }
 
 
-def terms_of(pieces: Sequence[Piece], course: Course, out: FloatArray) -> Terms:
+def active_terms_of(pieces: Sequence[FeatureTerm], course: ResidualProblem, out: FloatArray) -> ActiveTerms:
     """Return what pieces add along a course, their features those of a run's output."""
     if not pieces:
         return course.no_terms()
-    signals = signals_of(course, out)
+    signals = feature_signals(course, out)
     rows = [FEATURES[piece.feature].of(signals) for piece in pieces]
-    return Terms(
-        np.array([INDEX[EQUATIONS[piece.equation]] for piece in pieces], dtype=np.int64),
+    return ActiveTerms(
+        np.array([INDEX[EQUATION_PARAMETERS[piece.equation]] for piece in pieces], dtype=np.int64),
         np.array([piece.coefficient for piece in pieces]),
         np.arange(1, len(pieces) + 1), np.vstack([np.ones(course.steps), *rows]),
     )

@@ -16,26 +16,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from adk_ros.mismatch.effect import PLACE, Effect
-from adk_ros.mismatch.gates import EDGE, Gate
+from adk_ros.mismatch.gates import TRANSITION_LENGTH_M, Activation
 from adk_ros.mismatch.lap import Lap
-from adk_ros.mismatch.likelihood import Active, Hypothesis, Likelihood
-from adk_ros.mismatch.screen import Screen
+from adk_ros.mismatch.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.screen import LinearisedProblem
 from adk_ros.signals.channels import BoolArray, FloatArray
 
 BINS = 90
-_SIZES = {"low_friction": (-0.15,), "crosswind": (4.0,), "headwind": (4.0,)}
-AMOUNTS = tuple(sign * 0.12 * 1.35**k for sign in (1.0, -1.0) for k in range(16))
+_SCAN_AMPLITUDES = {"low_friction": (-0.15,), "crosswind": (4.0,), "headwind": (4.0,)}
+AMPLITUDE_GRID = tuple(sign * 0.12 * 1.35**k for sign in (1.0, -1.0) for k in range(16))
 """Sizes that are tried, in the sizes of the derivatives."""
-GRADUAL = {"road_grade": (9.0, 18.0, 36.0), "road_bank": (9.0, 18.0, 36.0)}
+GRADUAL_EDGE_WIDTHS = {"road_grade": (9.0, 18.0, 36.0), "road_bank": (9.0, 18.0, 36.0)}
 """Effects that may come and go gradually, with widths of the edges, m."""
-PER_STRETCH = 16.0
-MOST_STRETCHES = 6
-_WIDE = 24.0
+PENALTY_PER_SEGMENT = 16.0
+MAX_SEGMENTS = 6
+_MERGE_DISTANCE_M = 24.0
 _RIDGE = 0.03
 
 
 @dataclass(frozen=True)
-class PlaceMap:
+class SpatialProfile:
     """An effect's size (bins,) along the lap, less its neutral value; `at` (bins,) m."""
 
     effect: str
@@ -43,7 +43,7 @@ class PlaceMap:
     size: FloatArray
 
 
-def stretches(mask: BoolArray, lap: float) -> tuple[tuple[float, float], ...]:
+def segments_of_mask(mask: BoolArray, lap: float) -> tuple[tuple[float, float], ...]:
     """Return the (begin, end) in m of runs of True on a ring of bins."""
     n = mask.shape[0]
     if mask.all() or not mask.any():
@@ -59,54 +59,54 @@ def stretches(mask: BoolArray, lap: float) -> tuple[tuple[float, float], ...]:
     return tuple(out)
 
 
-def candidate(
-    screen: Screen, effect: Effect, lap: Lap
-) -> tuple[tuple[float, Active] | None, PlaceMap]:
+def fit_segments(
+    screen: LinearisedProblem, effect: Effect, lap: Lap
+) -> tuple[tuple[float, ActiveEffect] | None, SpatialProfile]:
     """
     Return the best stretches for `effect` with their linear gain, if any, and its map.
 
     For an amount a of the effect, bin b gains 2 a n_b - a^2 d_b, n and d its part of the normal
     equation; `best_mask` takes the bins that pay, and the best of `AMOUNTS` is kept.
     """
-    size = _SIZES.get(effect.name, (effect.parameters[0].step * 5.0,))[0]
-    neutral = effect.parameters[0].inner_neutral
+    size = _SCAN_AMPLITUDES.get(effect.name, (effect.parameters[0].step * 5.0,))[0]
+    neutral = effect.parameters[0].theta_neutral
     width = lap.length / BINS
-    course = screen.likelihood.course
-    everywhere = screen.column(Active(effect, (neutral + size,)))
+    course = screen.likelihood.problem
+    everywhere = screen.column(ActiveEffect(effect, (neutral + size,)))
     whole = everywhere[: 6 * course.bins].reshape(6, course.bins)
     bin_of = np.floor(np.interp(course.bin_s, course.middle_s, lap.unwrapped) / width)
     stacked = np.zeros((everywhere.shape[0], BINS))
     for b in range(BINS):
         there = bin_of.astype(np.int64) % BINS == b
         stacked[: 6 * course.bins, b] = (whole * there).ravel()
-    free = screen.clean(stacked)
+    free = screen.project_out(stacked)
     normal = free.T @ free
     usual = float(np.median(np.diag(normal)))
     smooth = 2.0 * np.eye(BINS) - np.roll(np.eye(BINS), 1, axis=0) - np.roll(np.eye(BINS), -1, 0)
     penalty = _RIDGE * usual * (smooth + 0.02 * np.eye(BINS))
     profile = np.linalg.solve(normal + penalty, -(free.T @ screen.left))
     at = np.asarray((np.arange(BINS) + 0.5) * width, dtype=np.float64)
-    place_map = PlaceMap(effect.name, at, np.asarray(profile * size))
+    place_map = SpatialProfile(effect.name, at, np.asarray(profile * size))
     low, high = effect.parameters[0].bounds()
     weight, right = np.diag(normal), -(free.T @ screen.left)
-    best: tuple[float, Active] | None = None
-    for amount in AMOUNTS:
+    best: tuple[float, ActiveEffect] | None = None
+    for amount in AMPLITUDE_GRID:
         if not low <= neutral + size * amount <= high:
             continue
-        mask = best_mask(2.0 * amount * right - amount**2 * weight, PER_STRETCH)
-        where = stretches(mask, lap.length)
-        if not 0 < len(where) <= MOST_STRETCHES:
+        mask = optimal_segmentation(2.0 * amount * right - amount**2 * weight, PENALTY_PER_SEGMENT)
+        where = segments_of_mask(mask, lap.length)
+        if not 0 < len(where) <= MAX_SEGMENTS:
             continue
         solved, gain = screen.solve(stacked[:, mask].sum(axis=1)[:, None])
-        gain -= PER_STRETCH * len(where)
+        gain -= PENALTY_PER_SEGMENT * len(where)
         if best is None or gain > best[0]:
             inner = float(np.clip(neutral + size * solved[0], low, high))
-            gate = Gate(stretches=where, lap=lap.length, distance=lap.distance)
-            best = (gain, Active(effect, (inner,), gate))
+            gate = Activation(stretches=where, lap=lap.length, distance=lap.distance)
+            best = (gain, ActiveEffect(effect, (inner,), gate))
     return best, place_map
 
 
-def best_mask(gain: FloatArray, per_stretch: float) -> BoolArray:
+def optimal_segmentation(gain: FloatArray, per_stretch: float) -> BoolArray:
     """
     Return which bins of a ring (n,) to take for the largest sum of gains less a price a stretch.
 
@@ -139,7 +139,7 @@ def best_mask(gain: FloatArray, per_stretch: float) -> BoolArray:
     return best
 
 
-def refine(
+def refine_segments(
     likelihood: Likelihood, start: Hypothesis, known: FloatArray, iterations: int = 5
 ) -> Hypothesis:
     """
@@ -148,20 +148,20 @@ def refine(
     A place that begins gradually, as a slope does, is one of the `GRADUAL` edges' width.
     """
     wide = [
-        replace(a, gate=replace(a.gate, edge=_WIDE)) if a.gate.kind == PLACE else a
+        replace(a, activation=replace(a.activation, edge=_MERGE_DISTANCE_M)) if a.activation.kind == PLACE else a
         for a in start.actives
     ]
     coarse = likelihood.fit(wide, start.tolerances, iterations, known, edges=True)
     sharp = [
-        replace(a, gate=replace(_merged(a.gate), edge=EDGE)) if a.gate.kind == PLACE else a
+        replace(a, activation=replace(_merged(a.activation), edge=TRANSITION_LENGTH_M)) if a.activation.kind == PLACE else a
         for a in coarse.actives
     ]
     best = likelihood.fit(sharp, coarse.tolerances, iterations, known, edges=True)
     last = best.actives[-1]
-    if last.gate.kind != PLACE or last.effect.name not in GRADUAL:
+    if last.activation.kind != PLACE or last.effect.name not in GRADUAL_EDGE_WIDTHS:
         return best
-    for edge in GRADUAL[last.effect.name]:
-        softer = replace(last, gate=replace(last.gate, edge=edge))
+    for edge in GRADUAL_EDGE_WIDTHS[last.effect.name]:
+        softer = replace(last, activation=replace(last.activation, edge=edge))
         tried = likelihood.fit(
             [*best.actives[:-1], softer], best.tolerances, iterations, known, edges=True
         )
@@ -171,13 +171,13 @@ def refine(
     return best
 
 
-def _merged(gate: Gate) -> Gate:
+def _merged(gate: Activation) -> Activation:
     """Return the gate without stretches that have shrunk to nothing or run into the next."""
-    kept = [s for s in gate.stretches if s[1] - s[0] > 2.0 * EDGE]
+    kept = [s for s in gate.stretches if s[1] - s[0] > 2.0 * TRANSITION_LENGTH_M]
     kept.sort()
     out: list[tuple[float, float]] = []
     for begin, end in kept:
-        if out and begin < out[-1][1] + EDGE:
+        if out and begin < out[-1][1] + TRANSITION_LENGTH_M:
             out[-1] = (out[-1][0], max(end, out[-1][1]))
         else:
             out.append((begin, end))

@@ -13,9 +13,9 @@ import numpy as np
 
 from adk_ros.bags import Bag, find_topics
 from adk_ros.errors import DataError
-from adk_ros.mismatch.evidence import Evidence
-from adk_ros.signals.channels import USUAL, FloatArray, Source
-from adk_ros.signals.decode import Decoder, Refused, SensorConfig
+from adk_ros.mismatch.evidence import SensorLog
+from adk_ros.signals.channels import STANDARD_SOURCES, FloatArray, Source
+from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
 
 Progress = Callable[[int, int], None]
 
@@ -37,7 +37,7 @@ def _ordered(stamps: list[int], rows: list[Any], start_ns: int) -> tuple[FloatAr
     return seconds, np.array(rows, dtype=np.float64)[first]
 
 
-def read_evidence(
+def read_sensor_log(
     path: Path | str,
     imu: str | None = None,
     odometry: str | None = None,
@@ -45,7 +45,7 @@ def read_evidence(
     sensors: SensorConfig | None = None,
     progress: Progress | None = None,
     needs_imu: bool = True,
-) -> Evidence:
+) -> SensorLog:
     """
     Read a bag.
 
@@ -66,8 +66,8 @@ def read_evidence(
         if topics.imu is not None:
             source_of[topics.imu] = Source.IMU
         total = sum(info.count for info in bag.topics if info.name in source_of)
-        stamps: dict[Source, list[int]] = {source: [] for source in USUAL}
-        rows: dict[Source, list[Any]] = {source: [] for source in USUAL}
+        stamps: dict[Source, list[int]] = {source: [] for source in STANDARD_SOURCES}
+        rows: dict[Source, list[Any]] = {source: [] for source in STANDARD_SOURCES}
         poses: list[tuple[float, float, float]] = []
         for done, (topic, _, msg) in enumerate(bag.messages(source_of), start=1):
             if progress is not None and (done % 2000 == 0 or done == total):
@@ -75,7 +75,7 @@ def read_evidence(
             source = source_of[topic]
             try:
                 reading = decoder.decode(source, msg)
-            except Refused:
+            except RefusedMessage:
                 continue
             stamps[source].append(reading.stamp_ns)
             rows[source].append(reading.values)
@@ -97,7 +97,7 @@ def read_evidence(
     if not np.isfinite(imu_values).all():
         raise DataError(f"bag {path}: {topics.imu} reports no accelerations")
     duration = max(odometry_s[-1], command_s[-1], *imu_s[-1:])
-    return Evidence(
+    return SensorLog(
         Path(path).name, float(duration), imu_s, imu_values, odometry_s, velocities, pose,
         command_s, commands, start_ns,
     )

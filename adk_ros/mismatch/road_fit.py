@@ -15,67 +15,67 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adk_ros.mismatch.course import BIN, STEP, Course, Terms
+from adk_ros.mismatch.course import BIN_S, STEP_S, ActiveTerms, ResidualProblem
 from adk_ros.mismatch.fit import huber_root
-from adk_ros.mismatch.road_map import RoadMap, basis
+from adk_ros.mismatch.road_map import RoadProfile, basis
 from adk_ros.signals.channels import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class _Manner:
+class _SplinePrior:
     """An entry's usual size, how much it usually bends from knot to knot, and a small step."""
 
     size: float
-    bend: float
+    curvature: float
     step: float
 
 
-ENTRIES = {
-    "grade": _Manner(0.06, 0.03, 0.005),
-    "bank": _Manner(0.06, 0.03, 0.005),
-    "friction": _Manner(0.3, 0.2, 0.03),
+SPLINE_PRIORS = {
+    "grade": _SplinePrior(0.06, 0.03, 0.005),
+    "bank": _SplinePrior(0.06, 0.03, 0.005),
+    "friction": _SplinePrior(0.3, 0.2, 0.03),
 }
-FELT_S = 2.5
+INFLUENCE_S = 2.5
 """A knot is felt this long after it was passed."""
 _CHUNK = 250
 
 
-def fitted(
-    course: Course, parameters: FloatArray, start: RoadMap, weights: FloatArray, besides: Terms,
+def fit_road_profile(
+    course: ResidualProblem, parameters: FloatArray, start: RoadProfile, weights: FloatArray, besides: ActiveTerms,
     rounds: int,
-) -> RoadMap:
+) -> RoadProfile:
     """
     Return the map that fits best under the stand-in's parameters, from `start`.
 
     `weights` (6, bins) of the residuals, zero where none counts; `besides` is what else acts.
     """
     now = start
-    felt = _felt(course, now)
-    colours = colouring(felt)
+    felt = _influence_bins(course, now)
+    colours = graph_colouring(felt)
     for _ in range(rounds):
-        residuals = course.residuals(parameters, now.terms(course).and_(besides))
+        residuals = course.residuals(parameters, now.terms(course).merged_with(besides))
         moved = _moved(course, parameters, now, residuals, besides, colours)
         now = _stepped(now, residuals * weights, moved * weights, felt, colours)
     return now
 
 
-def _felt(course: Course, road: RoadMap) -> BoolArray:
+def _influence_bins(course: ResidualProblem, road: RoadProfile) -> BoolArray:
     """Return whether a knot is felt in a bin, (knots, bins)."""
-    per_bin = round(BIN / STEP)
+    per_bin = round(BIN_S / STEP_S)
     places = road.places(course.pose[::per_bin])[: course.bins]
     on = np.flatnonzero(np.isfinite(places))
     first, _ = basis(places, road.spacing)
     felt = np.zeros((road.coefficients.shape[1], course.bins), dtype=bool)
     for k in range(4):
         felt[np.minimum(first[on] + k, felt.shape[0] - 1), on] = True
-    long = round(FELT_S / BIN)
+    long = round(INFLUENCE_S / BIN_S)
     # A bin early, since what is interpolated between two places is felt from the first on.
     total = np.cumsum(np.pad(felt, ((0, 0), (long + 1, 3))), axis=1)
     recent = total[:, long + 4 :] - total[:, : -(long + 4)]
     return np.asarray(recent[:, : course.bins] > 0)
 
 
-def colouring(felt: BoolArray) -> IntArray:
+def graph_colouring(felt: BoolArray) -> IntArray:
     """Return a colour (knots,) for each row, so that no two of a colour share a column."""
     colours = np.zeros(felt.shape[0], dtype=np.int64)
     taken: list[BoolArray] = []
@@ -92,24 +92,24 @@ def colouring(felt: BoolArray) -> IntArray:
 
 
 def _moved(
-    course: Course, parameters: FloatArray, road: RoadMap, residuals: FloatArray, besides: Terms,
+    course: ResidualProblem, parameters: FloatArray, road: RoadProfile, residuals: FloatArray, besides: ActiveTerms,
     colours: IntArray,
 ) -> FloatArray:
     """Return what moving all knots of a colour changes, (entries, colours, 6, bins)."""
     out = np.empty((len(road.entries), int(colours.max()) + 1, *residuals.shape))
     for e, name in enumerate(road.entries):
-        step = ENTRIES[name].step
+        step = SPLINE_PRIORS[name].step
         for colour in range(out.shape[1]):
             coefficients = road.coefficients.copy()
             coefficients[e, colours == colour] += step
-            terms = replace(road, coefficients=coefficients).terms(course).and_(besides)
+            terms = replace(road, coefficients=coefficients).terms(course).merged_with(besides)
             out[e, colour] = (course.residuals(parameters, terms) - residuals) / step
     return out
 
 
 def _stepped(
-    road: RoadMap, weighted: FloatArray, moved: FloatArray, felt: BoolArray, colours: IntArray
-) -> RoadMap:
+    road: RoadProfile, weighted: FloatArray, moved: FloatArray, felt: BoolArray, colours: IntArray
+) -> RoadProfile:
     entries, knots = road.coefficients.shape
     normal = np.zeros((entries * knots, entries * knots))
     gradient = np.zeros(entries * knots)
@@ -126,11 +126,11 @@ def _stepped(
         gradient[where] += columns @ (weighted[:, part] * root[:, part]).ravel()
     bends = np.diff(np.eye(knots), 2, axis=0)
     for e, name in enumerate(road.entries):
-        manner = ENTRIES[name]
+        manner = SPLINE_PRIORS[name]
         own = slice(e * knots, (e + 1) * knots)
-        pull = np.eye(knots) / manner.size**2 + bends.T @ bends / manner.bend**2
+        pull = np.eye(knots) / manner.size**2 + bends.T @ bends / manner.curvature**2
         normal[own, own] += pull
         gradient[own] += pull @ road.coefficients[e]
     change = np.linalg.solve(normal, -gradient).reshape(entries, knots)
-    most = np.array([3.0 * ENTRIES[name].size for name in road.entries])[:, None]
+    most = np.array([3.0 * SPLINE_PRIORS[name].size for name in road.entries])[:, None]
     return replace(road, coefficients=np.clip(road.coefficients + change, -most, most))

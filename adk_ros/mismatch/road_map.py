@@ -15,30 +15,30 @@ from functools import cached_property
 
 import numpy as np
 
-from adk_ros.mismatch.course import STEP, Course, Terms
+from adk_ros.mismatch.course import STEP_S, ActiveTerms, ResidualProblem
 from adk_ros.mismatch.parameters import INDEX
 from adk_ros.signals.channels import BoolArray, FloatArray, IntArray
 
-SPACING_M = 10.0
+KNOT_SPACING_M = 10.0
 """Between knots."""
-NEAR_M = 8.0
+MAX_DISTANCE_M = 8.0
 """Farther off the line, the car is on another road."""
-_EVERY = 10
+_LOOKUP_STRIDE = 10
 """Steps of a course between two places that are looked up; what lies between is interpolated."""
 _ROW_S = 0.2
-_LEAST_M = 0.5
+_MIN_SPACING_M = 0.5
 """Between two rows of the line."""
-_AGAIN_M = 60.0
+_MIN_LOOP_LENGTH_M = 60.0
 """What was driven less than this before is the same road going on, not the same place again."""
-_GAP = 4
+_KNOT_GAP = 4
 """Knots left out between one road's end and the next one's beginning."""
-_TURNED = 400.0
-_ALIKE = 0.3
+_HEADING_WEIGHT_M2 = 400.0
+_MAX_HALF_HEADING_SINE = 0.3
 """Sine of half the angle between two headings on one road, at most."""
 
 
 @dataclass(frozen=True)
-class RoadMap:
+class RoadProfile:
     """
     `line` (k, 4): distance, x, y (m) and heading (rad) along the roads, one after the other.
 
@@ -48,7 +48,7 @@ class RoadMap:
     line: FloatArray
     entries: tuple[str, ...]
     coefficients: FloatArray
-    spacing: float = SPACING_M
+    spacing: float = KNOT_SPACING_M
 
     @property
     def index(self) -> IntArray:
@@ -75,15 +75,15 @@ class RoadMap:
         found = self.at(self.places(poses[rows]))
         return np.array([np.interp(np.arange(n), rows, row) for row in found]).reshape(-1, n)
 
-    def terms(self, course: Course) -> Terms:
+    def terms(self, course: ResidualProblem) -> ActiveTerms:
         """Return what is added along a course."""
-        gates = np.vstack([np.ones(course.steps), self.along(course.pose, _EVERY)])
+        gates = np.vstack([np.ones(course.steps), self.along(course.pose, _LOOKUP_STRIDE)])
         count = len(self.entries)
-        return Terms(self.index, np.ones(count), np.arange(1, count + 1), gates)
+        return ActiveTerms(self.index, np.ones(count), np.arange(1, count + 1), gates)
 
-    def share(self, course: Course) -> float:
+    def covered_share(self, course: ResidualProblem) -> float:
         """Return which share of a course lies on the line."""
-        return float(np.isfinite(self.places(course.pose[::_EVERY])).mean())
+        return float(np.isfinite(self.places(course.pose[::_LOOKUP_STRIDE])).mean())
 
     @cached_property
     def size(self) -> FloatArray:
@@ -104,28 +104,28 @@ def basis(places: FloatArray, spacing: float) -> tuple[IntArray, FloatArray]:
     return first, np.asarray(weights * on)
 
 
-def flat(course: Course, entries: tuple[str, ...]) -> RoadMap:
+def zero_profile(course: ResidualProblem, entries: tuple[str, ...]) -> RoadProfile:
     """Return the map of the roads that a course drives, on which nothing is added."""
     line = _line(course)
-    knots = int(line[-1, 0] / SPACING_M) + 5
-    return RoadMap(line, entries, np.zeros((len(entries), knots)))
+    knots = int(line[-1, 0] / KNOT_SPACING_M) + 5
+    return RoadProfile(line, entries, np.zeros((len(entries), knots)))
 
 
-def _line(course: Course) -> FloatArray:
-    every = round(_ROW_S / STEP)
+def _line(course: ResidualProblem) -> FloatArray:
+    every = round(_ROW_S / STEP_S)
     pose = course.pose[::every]
-    driven = np.concatenate([[0.0], np.cumsum(np.abs(course.smooth[:-1, 0]) * STEP)])[::every]
+    driven = np.concatenate([[0.0], np.cumsum(np.abs(course.smooth[:-1, 0]) * STEP_S)])[::every]
     line, begun = np.empty((pose.shape[0], 4)), np.empty(pose.shape[0])
     count, going_on = 0, False
     for i in range(pose.shape[0]):
-        if count and driven[i] - begun[count - 1] < _LEAST_M:
+        if count and driven[i] - begun[count - 1] < _MIN_SPACING_M:
             continue
-        known = int(np.searchsorted(begun[:count], driven[i] - _AGAIN_M))
+        known = int(np.searchsorted(begun[:count], driven[i] - _MIN_LOOP_LENGTH_M))
         if known and np.isfinite(_places(line[:known], pose[i : i + 1])[0]):
             going_on = False
             continue
         # A road that begins where another was left has knots of its own.
-        on = driven[i] - begun[count - 1] if going_on else _GAP * SPACING_M
+        on = driven[i] - begun[count - 1] if going_on else _KNOT_GAP * KNOT_SPACING_M
         line[count, 0] = line[count - 1, 0] + on if count else 0.0
         line[count, 1:] = pose[i]
         begun[count] = driven[i]
@@ -140,13 +140,13 @@ def _places(line: FloatArray, poses: FloatArray) -> FloatArray:
         x = part[:, None, 0] - line[None, :, 1]
         y = part[:, None, 1] - line[None, :, 2]
         turn = np.sin(0.5 * (part[:, None, 2] - line[None, :, 3]))
-        row = np.argmin(x * x + y * y + _TURNED * turn * turn, axis=1)
+        row = np.argmin(x * x + y * y + _HEADING_WEIGHT_M2 * turn * turn, axis=1)
         k = np.arange(part.shape[0])
         cos, sin = np.cos(line[row, 3]), np.sin(line[row, 3])
         ahead = x[k, row] * cos + y[k, row] * sin
         aside = y[k, row] * cos - x[k, row] * sin
         places: FloatArray = np.maximum(line[row, 0] + ahead, 0.0)
-        on: BoolArray = (np.abs(aside) < NEAR_M) & (np.abs(ahead) < NEAR_M)
-        on &= np.abs(turn[k, row]) < _ALIKE
+        on: BoolArray = (np.abs(aside) < MAX_DISTANCE_M) & (np.abs(ahead) < MAX_DISTANCE_M)
+        on &= np.abs(turn[k, row]) < _MAX_HALF_HEADING_SINE
         out[begin : begin + 256][on] = places[on]
     return out

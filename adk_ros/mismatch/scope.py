@@ -20,35 +20,35 @@ import numpy as np
 from adk_ros.errors import DataError
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.evidence import CHANNELS, Evidence
-from adk_ros.mismatch.findings import UNKNOWN, Lack, Unexplained
-from adk_ros.mismatch.likelihood import STANDING, Likelihood
+from adk_ros.mismatch.evidence import CHANNELS, SensorLog
+from adk_ros.mismatch.findings import UNKNOWN, MissingChannel, UnexplainedResidual
+from adk_ros.mismatch.likelihood import MIN_SPEED, Likelihood
 from adk_ros.mismatch.parameters import INDEX
-from adk_ros.mismatch.search import Search
+from adk_ros.mismatch.search import SelectionPath
 from adk_ros.mismatch.smoothing import savitzky_golay
-from adk_ros.mismatch.standin import StandIn
-from adk_ros.mismatch.unknown import describe
-from adk_ros.mismatch.verdict import Verdict
+from adk_ros.mismatch.standin import SurrogateModel
+from adk_ros.mismatch.unknown import fit_feature_expansion
+from adk_ros.mismatch.verdict import Decision
 from adk_ros.signals.channels import FloatArray
 
-FILTERS = np.arange(0.0, 1.51, 0.025)
+YAW_FILTER_GRID_S = np.arange(0.0, 1.51, 0.025)
 """Time constants that are tried, s."""
-FILTERED_LEAST = 0.1
-_EXPLAINED = 0.5
+MIN_YAW_FILTER_S = 0.1
+_MAX_FILTER_MISFIT = 0.5
 """A filter must leave no more than this share of the difference."""
-_STEP = 0.02
-_SPAN = 50
+_STEP_S = 0.02
+_COMPARISON_STEPS = 50
 """Steps over which turns are compared: drift of the yaw rate does not count."""
-_MOVING = 3.0
-_PEDAL = 0.2
+_MIN_SPEED = 3.0
+MIN_TORQUE_TO_INERTIA_RATIO = 0.2
 """A torque makes for at least this share of the largest accelerations."""
 
 GRAVITY = ("road_grade", "road_bank")
 """Effects that only an accelerometer, which does not feel them, tells from a force."""
-MUCH = 2.0
+MAX_NORMALISED_LOSS = 2.0
 """Where this many times a perfect model's loss is left, no effect is named of a narrow scope."""
 
-LATE = (
+PHASE_LAG_EFFECTS = (
     "steering_delay", "steering_lag", "steering_backlash", "tyre_relaxation", "yaw_inertia",
     "clock_offset", "odometry_filter",
 )
@@ -56,7 +56,7 @@ LATE = (
 
 
 @dataclass(frozen=True)
-class Scope:
+class ObservableEffects:
     """`yaw_filter_s`: time constant with which the published yaw rate is low-passed, if it is."""
 
     imu: bool = True
@@ -64,12 +64,12 @@ class Scope:
     yaw_filter_s: float = 0.0
 
     @property
-    def whole(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether nothing is lacking."""
         return self.imu and self.torque and self.yaw_filter_s == 0.0
 
     @property
-    def beyond(self) -> frozenset[str]:
+    def unobservable(self) -> frozenset[str]:
         """Return the effects, features and equations that are not asked for."""
         out: set[str] = set()
         if not self.imu:
@@ -79,28 +79,28 @@ class Scope:
             out |= {name for name in FEATURES if "torque" in name}
             out.add("v_x")
         if self.yaw_filter_s > 0.0:
-            out |= set(LATE)
+            out |= set(PHASE_LAG_EFFECTS)
         return frozenset(out)
 
-    def lacking(self) -> list[Lack]:
+    def missing_channels(self) -> list[MissingChannel]:
         """Return what is lacking, what follows from it, and what would make more possible."""
         out = []
         if not self.imu:
-            out.append(Lack(
+            out.append(MissingChannel(
                 "an IMU",
                 "the recording has no IMU: odometry alone is judged, and what only an"
                 " accelerometer or a gyro tells (slopes, banks, faults of sensors) is not; record"
                 " sensor_msgs/msg/Imu",
             ))
         if not self.torque:
-            out.append(Lack(
+            out.append(MissingChannel(
                 "a torque command",
                 "the drive command is no torque (it is far too small to move the car, like a"
                 " pedal's position): nothing is claimed of forces along the car; record the wheel"
                 " torque in N m",
             ))
         if self.yaw_filter_s > 0.0:
-            out.append(Lack(
+            out.append(MissingChannel(
                 "an unfiltered yaw rate",
                 "the published yaw rate is the heading's change through a low-pass of about "
                 f"{self.yaw_filter_s:.2g} s: it was taken into account, and no delay, lag or yaw"
@@ -108,22 +108,22 @@ class Scope:
             ))
         return out
 
-    def modest(self, verdict: Verdict, likelihood: Likelihood, found: Search) -> Verdict:
+    def withhold_if_underexplained(self, verdict: Decision, likelihood: Likelihood, found: SelectionPath) -> Decision:
         """
         Return a verdict that names no effects where much is left that they do not explain.
 
         With all channels, what is left is itself evidence; with few, effects bend to take it in.
         """
-        left = verdict.hypothesis.cost / max(found.noise, 1.0)
-        if self.whole or left < MUCH:
+        left = verdict.hypothesis.cost / max(found.expected_loss, 1.0)
+        if self.is_complete or left < MAX_NORMALISED_LOSS:
             return verdict
-        rest = describe(likelihood, found.levels[0][0], found.noise, found.all)
-        said = Unexplained(
-            rest.equations, round(rest.share, 3), rest.text(), rest.expression(), rest.pieces
+        rest = fit_feature_expansion(likelihood, found.levels[0][0], found.expected_loss, found.null_excess_loss)
+        said = UnexplainedResidual(
+            rest.equations, round(rest.share, 3), rest.text(), rest.expression(), rest.terms
         )
-        return Verdict(UNKNOWN, [], said, rest.hypothesis, rest)
+        return Decision(UNKNOWN, [], said, rest.hypothesis, rest)
 
-    def stand_in(self, plain: StandIn) -> StandIn:
+    def with_yaw_filter(self, plain: SurrogateModel) -> SurrogateModel:
         """Return a stand-in whose odometry reports as the recording's does."""
         if self.yaw_filter_s == 0.0:
             return plain
@@ -131,19 +131,19 @@ class Scope:
         p[INDEX["odometry_lag"]] = self.yaw_filter_s
         return replace(plain, parameters=p)
 
-    def narrowed(self, likelihood: Likelihood) -> Likelihood:
+    def masked(self, likelihood: Likelihood) -> Likelihood:
         """Return a likelihood that is silent on what is not asked for."""
-        if self.whole:
+        if self.is_complete:
             return likelihood
         weights = likelihood.weights.copy()
         if not self.imu:
             weights[:3] = 0.0
         if not self.torque:
             weights[[CHANNELS.index("imu_a_x"), CHANNELS.index("v_x")]] = 0.0
-        return replace(likelihood, weights=weights, beyond=self.beyond)
+        return replace(likelihood, weights=weights, unobservable=self.unobservable)
 
 
-def scope_of(recording: Evidence, mass: float, wheel_radius: float, imu: bool = True) -> Scope:
+def observable_effects(recording: SensorLog, mass: float, wheel_radius: float, imu: bool = True) -> ObservableEffects:
     """
     Return what a recording's channels can carry, for a car of about this mass.
 
@@ -158,10 +158,10 @@ def scope_of(recording: Evidence, mass: float, wheel_radius: float, imu: bool = 
             f"{e.name}: the drive command is no torque and the steering is constant: there is "
             "nothing that the car's motion could be held against; record the wheel torque in N m"
         )
-    return Scope(imu, torque, 0.0 if imu else yaw_filter(e))
+    return ObservableEffects(imu, torque, 0.0 if imu else yaw_filter(e))
 
 
-def filled(recording: Evidence) -> Evidence:
+def with_pseudo_imu(recording: SensorLog) -> SensorLog:
     """
     Return a recording without an IMU as if it had one that says what odometry implies.
 
@@ -178,13 +178,13 @@ def filled(recording: Evidence) -> Evidence:
     return replace(e, imu_s=at, imu=np.column_stack(implied))
 
 
-def driven(recording: Evidence) -> Evidence:
+def longest_moving_segment(recording: SensorLog) -> SensorLog:
     """
     Return the longest part of a recording in which the car moves.
 
     Standing it tells nothing, and what it is told to do then may be anything.
     """
-    moves = np.concatenate([[False], recording.odometry[:, 0] > STANDING, [False]])
+    moves = np.concatenate([[False], recording.odometry[:, 0] > MIN_SPEED, [False]])
     edges = np.flatnonzero(np.diff(moves.astype(np.int8)))
     if not edges.size:
         return recording
@@ -194,45 +194,45 @@ def driven(recording: Evidence) -> Evidence:
     return replace(recording.between(begin, end), duration_s=end)
 
 
-def _is_torque(e: Evidence, mass: float, wheel_radius: float) -> bool:
+def _is_torque(e: SensorLog, mass: float, wheel_radius: float) -> bool:
     v_x = savitzky_golay(e.odometry[:, 0])
     along = np.abs(np.gradient(v_x, e.odometry_s))
-    felt = float(np.percentile(along[v_x > _MOVING], 99.0)) if (v_x > _MOVING).any() else 0.0
+    felt = float(np.percentile(along[v_x > _MIN_SPEED], 99.0)) if (v_x > _MIN_SPEED).any() else 0.0
     most = float(np.percentile(np.abs(e.command[:, 0]), 99.0)) / (wheel_radius * mass)
-    return most > _PEDAL * felt
+    return most > MIN_TORQUE_TO_INERTIA_RATIO * felt
 
 
-def yaw_filter(e: Evidence) -> float:
+def yaw_filter(e: SensorLog) -> float:
     """
     Return the time constant in s with which the yaw rate is a low-pass of the heading's change.
 
     Zero where a plain rate fits as well: r = d psi/dt, low-passed, is the change of psi,
     low-passed, so that both are compared over turns of a second without a derivative.
     """
-    at = np.arange(e.odometry_s[0], e.odometry_s[-1], _STEP)
+    at = np.arange(e.odometry_s[0], e.odometry_s[-1], _STEP_S)
     heading = np.interp(at, e.odometry_s, e.pose[:, 2])
     rate = np.interp(at, e.odometry_s, e.odometry[:, 2])
-    moving = np.interp(at, e.odometry_s, e.odometry[:, 0]) > _MOVING
-    turned = savitzky_golay(np.cumsum(rate) * _STEP)
-    use = moving[_SPAN:] & moving[:-_SPAN]
-    if np.count_nonzero(use) < 10 * _SPAN:
+    moving = np.interp(at, e.odometry_s, e.odometry[:, 0]) > _MIN_SPEED
+    turned = savitzky_golay(np.cumsum(rate) * _STEP_S)
+    use = moving[_COMPARISON_STEPS:] & moving[:-_COMPARISON_STEPS]
+    if np.count_nonzero(use) < 10 * _COMPARISON_STEPS:
         return 0.0
-    turns = (turned[_SPAN:] - turned[:-_SPAN])[use]
+    turns = (turned[_COMPARISON_STEPS:] - turned[:-_COMPARISON_STEPS])[use]
     left = []
-    for tau in FILTERS:
+    for tau in YAW_FILTER_GRID_S:
         passed = savitzky_golay(_low_pass(heading, float(tau)))
-        left.append(float(np.median(np.abs(turns - (passed[_SPAN:] - passed[:-_SPAN])[use]))))
+        left.append(float(np.median(np.abs(turns - (passed[_COMPARISON_STEPS:] - passed[:-_COMPARISON_STEPS])[use]))))
     best = int(np.argmin(left))
-    if FILTERS[best] < FILTERED_LEAST or left[best] > _EXPLAINED * left[0]:
+    if YAW_FILTER_GRID_S[best] < MIN_YAW_FILTER_S or left[best] > _MAX_FILTER_MISFIT * left[0]:
         return 0.0
-    return float(FILTERS[best])
+    return float(YAW_FILTER_GRID_S[best])
 
 
 def _low_pass(values: FloatArray, tau: float) -> FloatArray:
     """Return a first-order low-pass of evenly sampled values (n,)."""
     if tau <= 0.0:
         return values
-    keep = float(np.exp(-_STEP / tau))
+    keep = float(np.exp(-_STEP_S / tau))
     out = np.empty_like(values)
     now = float(values[0])
     for k, value in enumerate(values.tolist()):

@@ -17,20 +17,20 @@ import numpy as np
 
 from adk_ros.mismatch.effect import Effect
 from adk_ros.mismatch.fit import huber_root
-from adk_ros.mismatch.gates import ALL, Gate
-from adk_ros.mismatch.likelihood import Active, Hypothesis, Likelihood
+from adk_ros.mismatch.gates import ALWAYS_ACTIVE, Activation
+from adk_ros.mismatch.likelihood import ActiveEffect, Hypothesis, Likelihood
 from adk_ros.signals.channels import FloatArray
 
 
 @dataclass(frozen=True)
-class Screened:
+class Candidate:
     """An effect with the size to start its fit from, and what it would gain."""
 
-    active: Active
+    active: ActiveEffect
     gain: float
 
 
-class Screen:
+class LinearisedProblem:
     """The linear problem at a hypothesis; `columns` as `Likelihood.tolerance_columns`."""
 
     def __init__(self, likelihood: Likelihood, at: Hypothesis, columns: FloatArray) -> None:
@@ -42,8 +42,8 @@ class Screen:
         free = np.abs(at.tolerances) < likelihood.nuisance_bounds() - 1e-9
         fitted = [columns[:, free]]
         for i, active in enumerate(at.actives):
-            for j in range(len(active.inner)):
-                fitted.append(self._moved(i, j)[:, None])
+            for j in range(len(active.theta)):
+                fitted.append(self._parameter_column(i, j)[:, None])
         known = np.concatenate(fitted, axis=1) * self.root[:, None]
         prior = np.zeros(known.shape[1])
         prior[: int(free.sum())] = 1.0 / likelihood.nuisance_deviations()[free]
@@ -53,45 +53,45 @@ class Screen:
         self._known = known / scale
         normal = (stacked / scale).T @ (stacked / scale)
         self._inverse = np.linalg.pinv(normal, rcond=1e-9, hermitian=True)
-        self.left = self.clean(self.e * self.root)
+        self.left = self.project_out(self.e * self.root)
 
-    def _moved(self, i: int, j: int) -> FloatArray:
+    def _parameter_column(self, i: int, j: int) -> FloatArray:
         active = self.at.actives[i]
         step = active.effect.parameters[j].step
-        inner = list(active.inner)
+        inner = list(active.theta)
         inner[j] += step
         actives = list(self.at.actives)
-        actives[i] = Active(active.effect, tuple(inner), active.gate)
+        actives[i] = ActiveEffect(active.effect, tuple(inner), active.activation)
         changed = self.likelihood.residuals(self.at.tolerances, actives)
         return np.asarray((changed - self.e) / step)
 
-    def clean(self, rows: FloatArray) -> FloatArray:
+    def project_out(self, rows: FloatArray) -> FloatArray:
         """Return rows (m,) or (m, k) less what the fitted variables can take of them."""
         return np.asarray(rows - self._known @ (self._inverse @ (self._known.T @ rows)))
 
-    def column(self, active: Active) -> FloatArray:
+    def column(self, active: ActiveEffect) -> FloatArray:
         """Return what adding `active` changes in the residuals (m,), Huber-weighted."""
         changed = self.likelihood.residuals(
             self.at.tolerances, [*self.at.actives, active]
         )
         return np.asarray((changed - self.e) * self.root)
 
-    def effect(self, effect: Effect, gate: Gate = ALL) -> list[Screened]:
+    def screen_effect(self, effect: Effect, gate: Activation = ALWAYS_ACTIVE) -> list[Candidate]:
         """Return the effect at the sizes worth starting from, best first."""
         found = []
-        neutral = [p.inner_neutral for p in effect.parameters]
+        neutral = [p.theta_neutral for p in effect.parameters]
         first = effect.parameters[0]
-        starts = [first.inner(start) for start in first.starts]
-        for start in starts or [first.inner_neutral + first.step]:
+        starts = [first.theta(start) for start in first.starts]
+        for start in starts or [first.theta_neutral + first.step]:
             columns, steps = [], []
             for j, parameter in enumerate(effect.parameters):
                 inner = list(neutral)
-                inner[j] = start if j == 0 else parameter.inner_neutral + parameter.step
-                columns.append(self.column(Active(effect, tuple(inner), gate)))
-                steps.append(inner[j] - parameter.inner_neutral)
+                inner[j] = start if j == 0 else parameter.theta_neutral + parameter.step
+                columns.append(self.column(ActiveEffect(effect, tuple(inner), gate)))
+                steps.append(inner[j] - parameter.theta_neutral)
             size, gain = self.solve(np.column_stack(columns))
             inner = [
-                float(np.clip(p.inner_neutral + s * d, *p.bounds()))
+                float(np.clip(p.theta_neutral + s * d, *p.bounds()))
                 for p, s, d in zip(effect.parameters, size, steps, strict=True)
             ]
             if starts and size[0] <= 0.0:
@@ -99,12 +99,12 @@ class Screen:
             elif starts:
                 # Where the secant was taken, not where it leads to.
                 inner[0] = start
-            found.append(Screened(Active(effect, tuple(inner), gate), gain))
+            found.append(Candidate(ActiveEffect(effect, tuple(inner), gate), gain))
         return sorted(found, key=lambda x: -x.gain)
 
     def solve(self, columns: FloatArray) -> tuple[FloatArray, float]:
         """Return the sizes (k,) of `columns` (m, k) that explain most, and the gain."""
-        free = self.clean(columns)
+        free = self.project_out(columns)
         normal = free.T @ free
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-9))
         right = -(free.T @ self.left) / scale

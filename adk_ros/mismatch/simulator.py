@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from adk_ros.errors import UsageError
-from adk_ros.mismatch.evidence import Evidence
-from adk_ros.mismatch.model_file import is_stand_in, load_stand_in
+from adk_ros.mismatch.evidence import SensorLog
+from adk_ros.mismatch.model_file import is_surrogate_file, load_surrogate
 from adk_ros.mismatch.smoothing import savitzky_golay
-from adk_ros.mismatch.standin import StandIn
+from adk_ros.mismatch.standin import SurrogateModel
 from adk_ros.plant.driver import Excitation, SpeedPlan
-from adk_ros.plant.heard import START_NS, Drive
+from adk_ros.plant.heard import START_NS, SimulatedDrive
 from adk_ros.plant.params import Vehicle, load_vehicle
 from adk_ros.plant.scenarios import Scenario, load_scenario
 from adk_ros.plant.sensors import Command, Imu, Odometry, Sensors
@@ -30,22 +30,22 @@ from adk_ros.plant.simulate import simulate
 from adk_ros.plant.yaml_file import validate
 from adk_ros.signals.channels import FloatArray, IntArray, Source
 
-SECONDS = 180.0
-_COURSE = "handling"
-_MASS = 2000.0
+DURATION_S = 180.0
+_SCENARIO = "handling"
+_REFERENCE_MASS = 2000.0
 """kg, of the car that the course's excitation is meant for."""
-_MARGINS = (1.25, 1.1, 0.95, 0.8)
+_ENVELOPE_MARGINS = (1.25, 1.1, 0.95, 0.8)
 """
 How much harder than the recording is driven, less where the car spins: what a simulator does not
 show is not known, and what it shows of a spin is of no use.
 """
-_SPUN = 0.35
+_MAX_SIDESLIP = 0.35
 """A sideslip, rad, that no car on its course has."""
 _WINDOW = 25
 
 
 @dataclass(frozen=True)
-class Manner:
+class DrivingEnvelope:
     """How a recording was driven: its top speed, m/s, and its accelerations, m/s^2."""
 
     top: float
@@ -54,17 +54,17 @@ class Manner:
     braking: float
 
 
-def is_file(path: Path) -> bool:
+def is_simulator_file(path: Path) -> bool:
     """Whether a simulation is given as a YAML file."""
     return path.suffix in {".yaml", ".yml"}
 
 
-def manner(recording: Evidence) -> Manner:
+def driving_envelope(recording: SensorLog) -> DrivingEnvelope:
     """Return how a recording was driven: what it exceeds for one second in a hundred."""
     e = recording
     v_x, rate = (savitzky_golay(e.odometry[:, i], _WINDOW) for i in (0, 2))
     along = np.gradient(v_x, e.odometry_s)
-    return Manner(
+    return DrivingEnvelope(
         top=float(np.clip(np.percentile(v_x, 99.0), 5.0, 90.0)),
         lateral=float(np.clip(np.percentile(np.abs(v_x * rate), 99.0), 1.0, 20.0)),
         forward=float(np.clip(np.percentile(along, 99.0), 0.5, 10.0)),
@@ -72,7 +72,7 @@ def manner(recording: Evidence) -> Manner:
     )
 
 
-def load_simulator(path: Path) -> Vehicle | StandIn:
+def load_simulator(path: Path) -> Vehicle | SurrogateModel:
     """
     Load a simulator's file.
 
@@ -81,9 +81,9 @@ def load_simulator(path: Path) -> Vehicle | StandIn:
     """
     if not path.is_file():
         raise UsageError(f"{path} is not there: give a bag, a vehicle's YAML or a stand-in's")
-    if not is_stand_in(path):
+    if not is_surrogate_file(path):
         return load_vehicle(path)
-    content = load_stand_in(path).content
+    content = load_surrogate(path).content
     if content.terms or content.correction:
         raise UsageError(
             f"{path}: it has terms that were found in a recording: give the simulation.yaml that "
@@ -92,32 +92,32 @@ def load_simulator(path: Path) -> Vehicle | StandIn:
     return content.simulator()
 
 
-def drive_vehicle(vehicle: Vehicle, recording: Evidence, name: str = "simulation") -> Evidence:
+def simulate_matched_drive(vehicle: Vehicle, recording: SensorLog, name: str = "simulation") -> SensorLog:
     """
     Return what perfect sensors say of a vehicle that is driven like a recording.
 
     The course is the packaged handling course, as large as it takes to reach the recording's
     speed at its lateral acceleration. Raises `UsageError` for a vehicle that cannot drive it.
     """
-    how = manner(recording)
-    for margin in _MARGINS:
-        driven = _driven(vehicle, how, margin, name)
+    how = driving_envelope(recording)
+    for margin in _ENVELOPE_MARGINS:
+        driven = _simulate(vehicle, how, margin, name)
         v_x, v_y = driven.odometry[:, 0], driven.odometry[:, 1]
-        if np.all(np.abs(v_y) < np.tan(_SPUN) * np.maximum(v_x, 3.0)):
+        if np.all(np.abs(v_y) < np.tan(_MAX_SIDESLIP) * np.maximum(v_x, 3.0)):
             break
     return driven
 
 
-def _driven(vehicle: Vehicle, how: Manner, margin: float, name: str) -> Evidence:
-    base = load_scenario(_COURSE)
+def _simulate(vehicle: Vehicle, how: DrivingEnvelope, margin: float, name: str) -> SensorLog:
+    base = load_scenario(_SCENARIO)
     # Held within what a speed plan may ask for.
     lateral, top = min(margin * how.lateral, 12.0), min(1.05 * how.top, 80.0)
     size = (top / base.speed.top) ** 2 * base.speed.lateral_accel / lateral
     # Its tightest bend has a radius of 16 m, and none may have less than 6 m.
     size = float(np.clip(size, 0.4, 50.0))
-    heavy = vehicle.mass / _MASS
+    heavy = vehicle.mass / _REFERENCE_MASS
     scenario = Scenario(
-        name=name, plant="seven_dof", vehicle=base.vehicle, duration_s=SECONDS, seed=1,
+        name=name, plant="seven_dof", vehicle=base.vehicle, duration_s=DURATION_S, seed=1,
         route=[type(part).model_validate(_scaled(part.model_dump(), size)) for part in base.route],
         speed=SpeedPlan(
             top=top, lateral_accel=lateral, variation=0.05,
@@ -131,10 +131,10 @@ def _driven(vehicle: Vehicle, how: Manner, margin: float, name: str) -> Evidence
         ).clean(),
         vehicle_changes=vehicle.model_dump(exclude={"name"}),
     )
-    return evidence_of(simulate(validate(name, scenario.model_dump(), Scenario)))
+    return sensor_log_of(simulate(validate(name, scenario.model_dump(), Scenario)))
 
 
-def evidence_of(drive: Drive) -> Evidence:
+def sensor_log_of(drive: SimulatedDrive) -> SensorLog:
     """Return what a simulated drive's sensors say, as a bag of it would be read."""
     at, values = {}, {}
     for source, stream in drive.streams.items():
@@ -142,7 +142,7 @@ def evidence_of(drive: Drive) -> Evidence:
     odometry = values[Source.ODOMETRY]
     pose = odometry[:, 3:6].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
-    return Evidence(
+    return SensorLog(
         drive.name, float(_seconds(drive.stamp_ns)[-1]), at[Source.IMU], values[Source.IMU],
         at[Source.ODOMETRY], np.ascontiguousarray(odometry[:, :3]), pose, at[Source.COMMAND],
         values[Source.COMMAND],

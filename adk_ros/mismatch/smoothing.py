@@ -8,12 +8,12 @@ import numpy as np
 
 from adk_ros.signals.channels import FloatArray
 
-WINDOW = 25
+WINDOW_SAMPLES = 25
 """Samples of a local fit: half a second of odometry."""
-ORDER = 3
+POLYNOMIAL_ORDER = 3
 
 
-def savitzky_golay(values: FloatArray, window: int = WINDOW, order: int = ORDER) -> FloatArray:
+def savitzky_golay(values: FloatArray, window: int = WINDOW_SAMPLES, order: int = POLYNOMIAL_ORDER) -> FloatArray:
     """
     Return `values` (n,), evenly sampled, each replaced by a polynomial fitted around it.
 

@@ -16,14 +16,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from adk_ros.mismatch.course import Course, Terms
-from adk_ros.mismatch.fit import Fit, Unknowns, minimise
+from adk_ros.mismatch.course import ActiveTerms, ResidualProblem
+from adk_ros.mismatch.fit import BoundedParameters, FitResult, minimise
 from adk_ros.mismatch.parameters import HIGH, INDEX, LOW, SIZE
-from adk_ros.mismatch.pieces import Piece, terms_of
-from adk_ros.mismatch.road_map import RoadMap
+from adk_ros.mismatch.pieces import FeatureTerm, active_terms_of
+from adk_ros.mismatch.road_map import RoadProfile
 from adk_ros.signals.channels import FloatArray, IntArray
 
-FITTED: dict[str, tuple[float, float]] = {
+FITTED_PARAMETERS: dict[str, tuple[float, float]] = {
     # name: (usual spread, step of the differences)
     "stiffness_f": (8.0, 0.05),
     "stiffness_r": (8.0, 0.05),
@@ -56,7 +56,7 @@ FITTED: dict[str, tuple[float, float]] = {
     "torque_delay": (0.03, 0.002),
     "torque_lag": (0.05, 0.002),
 }
-_SPRUNG = (
+_BODY_MOTION_PARAMETERS = (
     "roll_gradient", "roll_frequency", "roll_damping", "roll_arm", "pitch_gradient",
     "pitch_frequency", "pitch_damping", "load_springs",
 )
@@ -64,40 +64,40 @@ _SPRUNG = (
 The body on its springs. A simulator without springs leaves all of these open, and nothing comes
 of it on any other drive: they do not count among what is unsure.
 """
-_BODY: dict[str, tuple[float, float]] = {
+_MASS_AND_LENGTH_PARAMETERS: dict[str, tuple[float, float]] = {
     "mass": (300.0, 5.0),
     "yaw_inertia": (800.0, 10.0),
     "cg_to_front_axle": (0.2, 0.01),
     "cg_to_rear_axle": (0.2, 0.01),
     "cg_height": (0.06, 0.01),
 }
-_NARROW: dict[str, tuple[float, float]] = {
+_FIT_BOUNDS: dict[str, tuple[float, float]] = {
     "shape_f": (1.05, 1.9), "shape_r": (1.05, 1.9),
     "curvature_f": (-5.0, 0.95), "curvature_r": (-5.0, 0.95),
 }
 """Bounds of the fit within those of the entries: what is left open may go beyond, smoothly."""
-_GUESS = {
+_INITIAL_VALUES = {
     "relaxation_length": 0.2, "drag_area": 0.3, "load_lag": 0.05, "roll_gradient": 0.002,
     "pitch_gradient": 0.002,
 }
-ROUNDS = (10.0, 2.0, 0.5)
+OBSERVER_GAIN_FACTORS = (10.0, 2.0, 0.5)
 """Factors on the observer's gain."""
-COLOURED = 0.25
+RESIDUAL_SUBSAMPLING = 0.25
 """
 What is left is the model's own error, not white noise: one sample of it in this many squared is
 new. Counted as white it would bend the tyres' shape to explain itself.
 """
-_UNSURE = 0.1
+_WEAK_DIRECTION_SHARE = 0.1
 """Directions known to less than this share of the usual spread are kept as known."""
-_INFLATED = 2.0
-_MOST_UNSURE = 6
+_PRIOR_INFLATION = 2.0
+_MAX_WEAK_DIRECTIONS = 6
 SETTLING_BINS = 25
 
 Progress = Callable[[float, float], None]
 
 
 @dataclass(frozen=True)
-class StandIn:
+class SurrogateModel:
     """
     Parameters (SIZE,) of the simulator, and how well they meet its recording.
 
@@ -107,50 +107,50 @@ class StandIn:
     parameters: FloatArray
     error: FloatArray
     residuals: FloatArray
-    unsure: FloatArray
+    weak_directions: FloatArray
     """
     (k, SIZE) directions in which the parameters are ill-determined by the simulation, each as
     long as its standard deviation.
     """
-    road: RoadMap | None = None
+    road: RoadProfile | None = None
     """What the simulator has at places, where its recording could not be met without."""
-    pieces: tuple[Piece, ...] = ()
+    feature_terms: tuple[FeatureTerm, ...] = ()
     """A correction by features, where even so it could not."""
-    learned: tuple[str, ...] = field(default=())
+    augmentation_notes: tuple[str, ...] = field(default=())
     """What was learned of the simulator beyond the model family's parameters, in words."""
 
-    def given(self, course: Course) -> Terms:
+    def fixed_terms(self, course: ResidualProblem) -> ActiveTerms:
         """Return what the simulator has along a course besides its parameters."""
         terms = course.no_terms() if self.road is None else self.road.terms(course)
-        if not self.pieces:
+        if not self.feature_terms:
             return terms
-        return terms.and_(terms_of(self.pieces, course, course.run(self.parameters, terms)))
+        return terms.merged_with(active_terms_of(self.feature_terms, course, course.run(self.parameters, terms)))
 
 
-def identify(
-    course: Course, start: FloatArray, progress: Progress | None = None, body_known: bool = True
-) -> StandIn:
+def identify_surrogate(
+    course: ResidualProblem, start: FloatArray, progress: Progress | None = None, body_known: bool = True
+) -> SurrogateModel:
     """
     Identify the stand-in on the simulation's course, from a nominal vehicle's parameters.
 
     Unless `body_known`, masses and lengths are fitted as well.
     """
     guess = start.copy()
-    for name, value in _GUESS.items():
+    for name, value in _INITIAL_VALUES.items():
         guess[INDEX[name]] = value
-    return fitted_to(course, start, guess, entries(body_known), progress=progress)
+    return fit_surrogate(course, start, guess, fitted_entries(body_known), progress=progress)
 
 
-def entries(body_known: bool) -> dict[str, tuple[float, float]]:
+def fitted_entries(body_known: bool) -> dict[str, tuple[float, float]]:
     """Return what is fitted to a simulation: usual spread and step of the differences."""
-    return FITTED if body_known else FITTED | _BODY
+    return FITTED_PARAMETERS if body_known else FITTED_PARAMETERS | _MASS_AND_LENGTH_PARAMETERS
 
 
-def fitted_to(
-    course: Course, mean: FloatArray, guess: FloatArray, fitted: Mapping[str, tuple[float, float]],
-    rounds: tuple[float, ...] = ROUNDS, given: Terms | None = None,
+def fit_surrogate(
+    course: ResidualProblem, mean: FloatArray, guess: FloatArray, fitted: Mapping[str, tuple[float, float]],
+    rounds: tuple[float, ...] = OBSERVER_GAIN_FACTORS, given: ActiveTerms | None = None,
     progress: Progress | None = None,
-) -> StandIn:
+) -> SurrogateModel:
     """
     Return the stand-in whose entries `fitted` meet a course best, from the vector `guess`.
 
@@ -159,37 +159,37 @@ def fitted_to(
     names = list(fitted)
     where = np.array([INDEX[name] for name in names])
     spread = np.array([fitted[name][0] for name in names])
-    low = np.array([_NARROW.get(name, (LOW[INDEX[name]],))[0] for name in names])
-    high = np.array([_NARROW.get(name, (HIGH[INDEX[name]],))[-1] for name in names])
+    low = np.array([_FIT_BOUNDS.get(name, (LOW[INDEX[name]],))[0] for name in names])
+    high = np.array([_FIT_BOUNDS.get(name, (HIGH[INDEX[name]],))[-1] for name in names])
     step = np.array([fitted[name][1] for name in names])
     weights = simulation_weights(course)
     p = guess.copy()
-    unknowns = Unknowns(guess[where], low, high, step, mean[where], spread)
-    fit = fitted_in_rounds(course, p, where, unknowns, weights, progress, rounds, given)
+    unknowns = BoundedParameters(guess[where], low, high, step, mean[where], spread)
+    fit = fit_with_annealed_observer(course, p, where, unknowns, weights, progress, rounds, given)
     p[where] = fit.x
     left = course.residuals(p, given)
     error = np.sqrt(np.mean(left[:, SETTLING_BINS:] ** 2, axis=1))
-    tyres = np.array([name not in _SPRUNG for name in names])
+    tyres = np.array([name not in _BODY_MOTION_PARAMETERS for name in names])
     normal = fit.normal[np.ix_(tyres, tyres)]
     # What the model cannot say of the simulator is noise to its parameters as well.
-    weighted = (left * weights / COLOURED)[:, SETTLING_BINS:]
+    weighted = (left * weights / RESIDUAL_SUBSAMPLING)[:, SETTLING_BINS:]
     misfit = np.sqrt(max(float(np.mean(weighted**2)), 1.0))
-    unsure = _unsure(normal / misfit**2, spread[tyres], where[tyres])
-    return StandIn(p, error, left[:, SETTLING_BINS:], unsure)
+    unsure = _weakly_identified_directions(normal / misfit**2, spread[tyres], where[tyres])
+    return SurrogateModel(p, error, left[:, SETTLING_BINS:], unsure)
 
 
-def simulation_weights(course: Course) -> FloatArray:
+def simulation_weights(course: ResidualProblem) -> FloatArray:
     """Return the weights (6, bins) of a simulation's residuals: see `COLOURED`."""
-    weights = course.weights() * COLOURED
+    weights = course.weights() * RESIDUAL_SUBSAMPLING
     weights[:, course.bin_s < course.start_s + 1.0] = 0.0
     return weights
 
 
-def fitted_in_rounds(
-    course: Course, vector: FloatArray, where: IntArray, unknowns: Unknowns, weights: FloatArray,
-    progress: Progress | None = None, rounds: tuple[float, ...] = ROUNDS,
-    given: Terms | None = None,
-) -> Fit:
+def fit_with_annealed_observer(
+    course: ResidualProblem, vector: FloatArray, where: IntArray, unknowns: BoundedParameters, weights: FloatArray,
+    progress: Progress | None = None, rounds: tuple[float, ...] = OBSERVER_GAIN_FACTORS,
+    given: ActiveTerms | None = None,
+) -> FitResult:
     """
     Fit the entries `where` of a parameter vector to a course, with less and less observer.
 
@@ -210,13 +210,13 @@ def fitted_in_rounds(
     return fit
 
 
-def _unsure(normal: FloatArray, spread: FloatArray, where: IntArray) -> FloatArray:
+def _weakly_identified_directions(normal: FloatArray, spread: FloatArray, where: IntArray) -> FloatArray:
     """Return the ill-determined directions of a fit, from its normal matrix."""
     values, vectors = np.linalg.eigh(normal * np.outer(spread, spread))
-    deviation = _INFLATED / np.sqrt(np.maximum(values, 1.0))
+    deviation = _PRIOR_INFLATION / np.sqrt(np.maximum(values, 1.0))
     out: list[FloatArray] = []
     for size, vector in zip(deviation, vectors.T, strict=True):
-        if size > _UNSURE * _INFLATED and len(out) < _MOST_UNSURE:
+        if size > _WEAK_DIRECTION_SHARE * _PRIOR_INFLATION and len(out) < _MAX_WEAK_DIRECTIONS:
             row = np.zeros(SIZE)
             row[where] = min(size, 1.0) * vector * spread
             out.append(row)

@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 
 from adk_ros.errors import UsageError
-from adk_ros.model.correction import Correction
+from adk_ros.model.correction import ObserverGains
 from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import (
@@ -48,7 +48,7 @@ CHANNELS = {
 }
 _ARRAYS = (
     "x_mean", "x_scale", "u_mean", "u_scale", "step_scale", "theta0",
-    "horizon_covariance", "held_covariance", "usual_change", *Correction.names(),
+    "horizon_covariance", "held_covariance", "usual_change", *ObserverGains.names(),
 )
 MANIFEST, ENCODER, ARRAYS = "manifest.json", "encoder.pt", "arrays.npz"
 
@@ -57,12 +57,12 @@ MANIFEST, ENCODER, ARRAYS = "manifest.json", "encoder.pt", "arrays.npz"
 class Artefact:
     """A loaded model and its manifest."""
 
-    model: Model
+    model: KoopmanModel
     manifest: dict[str, Any]
     path: Path
 
 
-def save(folder: Path, program: bytes, model: Model, facts: dict[str, Any]) -> None:
+def save(folder: Path, program: bytes, model: KoopmanModel, facts: dict[str, Any]) -> None:
     """
     Write the artefact as one whole: the folder appears when all of it is there, or not at all.
 
@@ -161,7 +161,7 @@ def load(folder: Path) -> Artefact:
         raise UsageError(f"{folder / ARRAYS} is not readable ({error}): train again") from None
     history, n_z = manifest["history"], manifest["lifted_size"]
     _check_arrays(folder, arrays, n_z, manifest["affine"])
-    model = Model(
+    model = KoopmanModel(
         lifting=Lifting(program, input_size(history), n_z - 3),
         scaling=Scaling(**{name: arrays[name] for name in _ARRAYS[:5]}),
         theta0=arrays["theta0"],
@@ -169,10 +169,10 @@ def load(folder: Path) -> Artefact:
         residual=manifest["residual"],
         affine=manifest["affine"],
         relift=manifest["relift"],
-        correction=Correction(**{n: arrays[n] for n in Correction.names()}),
+        observer_gains=ObserverGains(**{n: arrays[n] for n in ObserverGains.names()}),
         horizon_covariance=arrays["horizon_covariance"],
-        held_covariance=arrays["held_covariance"],
-        usual_change=arrays["usual_change"],
+        held_input_covariance=arrays["held_covariance"],
+        mean_square_change=arrays["usual_change"],
         uses_imu=manifest["uses_imu"],
         online=OnlineSettings(**manifest["online"]),
     )
@@ -233,12 +233,16 @@ def _check_online(path: Path, online: dict[str, Any]) -> None:
             raise UsageError(f"{path}: '{key}' of 'online' is not of type {kind.__name__}")
 
 
-def _pack(model: Model) -> bytes:
+def _pack(model: KoopmanModel) -> bytes:
     scaling = model.scaling
     arrays: dict[str, FloatArray] = {name: getattr(scaling, name) for name in _ARRAYS[:5]}
-    own = ("theta0", "horizon_covariance", "held_covariance", "usual_change")
-    arrays |= {name: getattr(model, name) for name in own}
-    arrays |= {name: getattr(model.correction, name) for name in Correction.names()}
+    arrays |= {
+        "theta0": model.theta0,
+        "horizon_covariance": model.horizon_covariance,
+        "held_covariance": model.held_input_covariance,
+        "usual_change": model.mean_square_change,
+    }
+    arrays |= {name: getattr(model.observer_gains, name) for name in ObserverGains.names()}
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
     return buffer.getvalue()
@@ -266,7 +270,7 @@ def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine:
     shapes = {
         "x_mean": (3,), "x_scale": (3,), "u_mean": (2,), "u_scale": (2,), "step_scale": (3,),
         "theta0": (n_z, n_z + 2 + int(affine)),
-    } | {name: (3,) for name in Correction.names()}
+    } | {name: (3,) for name in ObserverGains.names()}
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise UsageError(

@@ -26,22 +26,22 @@ import numpy as np
 from adk_ros.model.compiled import inlined
 from adk_ros.signals.channels import FloatArray
 
-EVERY = 10
+ROLLOUT_STRIDE = 10
 """Ticks between two predictions that are compared."""
 FORGETTING = 0.99
 """A comparison's weight per later one: 100 of them, or 25 s, are remembered."""
 GAIN = 0.07
 """Step of log s per comparison."""
-LEAST, MOST = 0.25, 4.0
+SCALE_MIN, MOST = 0.25, 4.0
 """Bounds of s."""
 QUANTILE_90 = 1.6448536269514722
 """Of the normal distribution: 90 % lie within as many deviations."""
 _MISSED, _HELD = math.exp(0.9 * GAIN), math.exp(-0.1 * GAIN)
-_FINITE = 1e6
+_MAX_ERROR = 1e6
 """An error is counted as no larger, in whatever unit: its square must stay finite."""
 
 
-class Calibration:
+class ConformalScale:
     """
     Covariance of the errors by step; `calibrated` (steps, 3, 3) is P as above.
 
@@ -72,7 +72,7 @@ class Calibration:
 
 
 @inlined
-def learn(  # type: ignore[no-untyped-def]
+def update_conformal_scale(  # type: ignore[no-untyped-def]
     h, error, surprise, variance, count, covariance, factor, calibrated
 ):
     """
@@ -85,10 +85,10 @@ def learn(  # type: ignore[no-untyped-def]
     count[h] = FORGETTING * count[h] + 1.0
     share = 1.0 / count[h]
     for c in range(3):
-        error[c] = min(max(error[c], -_FINITE), _FINITE)
+        error[c] = min(max(error[c], -_MAX_ERROR), _MAX_ERROR)
         beyond = surprise[c] * surprise[c] > QUANTILE_90 * QUANTILE_90 * variance[c]
         moved = factor[h, c] * (_MISSED if beyond else _HELD)
-        factor[h, c] = min(max(moved, LEAST), MOST)
+        factor[h, c] = min(max(moved, SCALE_MIN), MOST)
     for i in range(3):
         for j in range(3):
             covariance[h, i, j] += share * (error[i] * error[j] - covariance[h, i, j])

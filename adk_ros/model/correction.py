@@ -25,7 +25,7 @@ from adk_ros.signals.channels import FloatArray
 
 
 @dataclass(frozen=True)
-class Correction:
+class ObserverGains:
     """
     Gains and decays, each (3,) for v_x, v_y, yaw rate; decays are factors a tick.
 
@@ -40,15 +40,15 @@ class Correction:
     fast_decay: FloatArray
 
     @staticmethod
-    def none() -> Correction:
+    def none() -> ObserverGains:
         """Nothing but the model."""
         zeros, ones = np.zeros(3), np.ones(3)
-        return Correction(ones, zeros, ones, zeros, ones)
+        return ObserverGains(ones, zeros, ones, zeros, ones)
 
     @staticmethod
     def names() -> tuple[str, ...]:
         """Names of the fields."""
-        return tuple(field.name for field in fields(Correction))
+        return tuple(field.name for field in fields(ObserverGains))
 
     def table(self) -> FloatArray:
         """Return the gains and decays as the kernels take them, (5, 3), rows as the fields."""

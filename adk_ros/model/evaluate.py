@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import BoolArray, FloatArray, IntArray, Record, Sample
-from adk_ros.signals.score import starts
+from adk_ros.signals.score import scorable_rows
 
 WARM_UP_STEPS = 2000
 """Samples before a scored stretch that the predictor may adapt on: 50 s, past data only."""
@@ -36,7 +36,7 @@ class Rollouts:
     record: Record
     rows: IntArray
     predicted: FloatArray
-    held: FloatArray
+    held_input_predictions: FloatArray
 
 
 def sample_at(record: Record, row: int) -> Sample:
@@ -51,8 +51,8 @@ def sample_at(record: Record, row: int) -> Sample:
     )
 
 
-def roll_out_record(
-    model: Model,
+def rollout_record(
+    model: KoopmanModel,
     record: Record,
     online: OnlineSettings | None = None,
     scored: BoolArray | None = None,
@@ -68,14 +68,14 @@ def roll_out_record(
     stretch are run through for adaptation. `min_history` keeps the rows the same for all models.
     """
     history = max(model.history, min_history)
-    rows = starts(record, history, ahead)
+    rows = scorable_rows(record, history, ahead)
     if scored is not None:
         outside = np.concatenate([[0], np.cumsum(~scored)])
         rows = rows[outside[rows + ahead + 1] == outside[rows]]
     rows = rows[::stride]
     wanted = np.zeros(len(record), dtype=bool)
     wanted[rows] = True
-    needed = _needed(rows, len(record))
+    needed = _rows_to_simulate(rows, len(record))
     predictor = Predictor(model, online, horizon_steps=ahead)
     kept, predicted, held = [], [], []
     last = -2
@@ -91,7 +91,7 @@ def roll_out_record(
         if wanted[row] and prediction is not None:
             kept.append(last)
             held.append(prediction.horizon)
-            predicted.append(predictor.roll_out(record.u[last : last + ahead]))
+            predicted.append(predictor.rollout(record.u[last : last + ahead]))
     if progress is not None:
         progress(len(todo), len(todo))
     return Rollouts(
@@ -102,7 +102,7 @@ def roll_out_record(
     )
 
 
-def _needed(rows: IntArray, n: int) -> BoolArray:
+def _rows_to_simulate(rows: IntArray, n: int) -> BoolArray:
     """Rows to run through: the scored ones and what comes before them."""
     change = np.zeros(n + 1, dtype=np.int64)
     np.add.at(change, np.maximum(rows - WARM_UP_STEPS, 0), 1)

@@ -24,25 +24,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.model.calibration import EVERY
+from adk_ros.model.calibration import ROLLOUT_STRIDE
 from adk_ros.model.compiled import inlined
 
-SIGNS = 5
+N_REGRESSORS = 5
 """K."""
 MEAN_GAIN = 0.1
 """Of the running means: a quarter of a second."""
 FORGETTING = 0.998
 """A trial's weight per later trial: 500 trials, or two minutes."""
-_ALIKE = 0.5
+_OVERLAP_CORRELATION = 0.5
 """How alike two trials are whose horizons overlap."""
 _RIDGE = 3.0
-_FINITE = 1e6
+_MAX_ERROR = 1e6
 """An error is counted as no larger: its square must stay finite for as long as it is kept."""
-_MOST = 3.0
+_CLIP_SIGMAS = 3.0
 """Of the root mean square error, that may be foreseen."""
 
 
-class Hindsight:
+class ErrorRegression:
     """
     The regression of one model's trials; `weights` (steps, 3, K + 1) is its outcome.
 
@@ -51,8 +51,8 @@ class Hindsight:
     """
 
     def __init__(self, steps: int) -> None:
-        self.weights = np.zeros((steps, 3, SIGNS + 1))
-        self.moments = np.zeros((steps, 3, SIGNS + 2, SIGNS + 2))
+        self.weights = np.zeros((steps, 3, N_REGRESSORS + 1))
+        self.moments = np.zeros((steps, 3, N_REGRESSORS + 2, N_REGRESSORS + 2))
         """Weighted sums of [s; y - m; 1] [s; y - m; 1]', the lower half."""
 
     def reset(self) -> None:
@@ -62,7 +62,7 @@ class Hindsight:
 
 
 @inlined
-def foreseen(h, c, lane, weights, disturbance):  # type: ignore[no-untyped-def]
+def predicted_error(h, c, lane, weights, disturbance):  # type: ignore[no-untyped-def]
     """
     Return w s of step `h`, channel `c`, bounded: `weights` as in `Hindsight`.
 
@@ -76,47 +76,47 @@ def foreseen(h, c, lane, weights, disturbance):  # type: ignore[no-untyped-def]
         + weights[h, c, 3] * disturbance[lane, 0, c]
         + weights[h, c, 4] * disturbance[lane, 1, c]
     )
-    most = weights[h, c, SIGNS]
+    most = weights[h, c, N_REGRESSORS]
     return min(max(told, -most), most)
 
 
 @inlined
-def account(h, c, error, lane, disturbance, moments):  # type: ignore[no-untyped-def]
+def accumulate_moments(h, c, error, lane, disturbance, moments):  # type: ignore[no-untyped-def]
     """
     Account for the `error` y - m at step `h`, channel `c`, of a trial; `moments` in `Hindsight`.
 
     It began with `disturbance` (lanes, 3, 3) slow, fast, running mean, of which `lane` counts.
     """
-    error = min(max(error, -_FINITE), _FINITE)
+    error = min(max(error, -_MAX_ERROR), _MAX_ERROR)
     s = (
         disturbance[lane, 2, 0], disturbance[lane, 2, 1], disturbance[lane, 2, 2],
         disturbance[lane, 0, c], disturbance[lane, 1, c], error, 1.0,
     )  # fmt: skip
-    for i in range(SIGNS + 2):
+    for i in range(N_REGRESSORS + 2):
         for j in range(i + 1):
             moments[h, c, i, j] = FORGETTING * moments[h, c, i, j] + s[i] * s[j]
 
 
 @inlined
-def learn_weights(h, c, moments, factors, weights):  # type: ignore[no-untyped-def]
+def solve_shrunk_regression(h, c, moments, factors, weights):  # type: ignore[no-untyped-def]
     """Write the weights of step `h`, channel `c`; `factors` (K, K) is room to work in."""
-    sums, w = moments[h, c], weights[h, c, :SIGNS]
-    n = sums[SIGNS + 1, SIGNS + 1]
-    for i in range(SIGNS):
-        w[i] = sums[SIGNS, i]
+    sums, w = moments[h, c], weights[h, c, :N_REGRESSORS]
+    n = sums[N_REGRESSORS + 1, N_REGRESSORS + 1]
+    for i in range(N_REGRESSORS):
+        w[i] = sums[N_REGRESSORS, i]
         for j in range(i):
             factors[i, j] = sums[i, j]
         factors[i, i] = sums[i, i] * (1.0 + _RIDGE / n) + 1e-12
     solve_positive(factors, w)
     told = 0.0
-    for i in range(SIGNS):
-        told += w[i] * sums[SIGNS, i]
-    rest = max(sums[SIGNS, SIGNS] - told, 0.0) / n
-    fewer = max(_ALIKE * (h + 1) / EVERY, 1.0)
-    kept = max(1.0 - SIGNS * fewer * rest / max(told, 1e-30), 0.0)
-    for i in range(SIGNS):
+    for i in range(N_REGRESSORS):
+        told += w[i] * sums[N_REGRESSORS, i]
+    rest = max(sums[N_REGRESSORS, N_REGRESSORS] - told, 0.0) / n
+    fewer = max(_OVERLAP_CORRELATION * (h + 1) / ROLLOUT_STRIDE, 1.0)
+    kept = max(1.0 - N_REGRESSORS * fewer * rest / max(told, 1e-30), 0.0)
+    for i in range(N_REGRESSORS):
         w[i] *= kept
-    weights[h, c, SIGNS] = _MOST * np.sqrt(sums[SIGNS, SIGNS] / n)
+    weights[h, c, N_REGRESSORS] = _CLIP_SIGMAS * np.sqrt(sums[N_REGRESSORS, N_REGRESSORS] / n)
 
 
 @inlined

@@ -15,8 +15,8 @@ from adk_ros.model.compiled import fast, inlined, jit
 from adk_ros.model.hindsight import MEAN_GAIN
 
 _single = np.float32
-_TANH_REACH = _single(-6.3)
-_WHITENESS_GAIN, _WHITE, _LAGGING = 0.03, 0.3, 0.7
+_TANH_CLIP = _single(-6.3)
+_AUTOCORRELATION_GAIN, _AUTOCORRELATION_LOW, _AUTOCORRELATION_HIGH = 0.03, 0.3, 0.7
 _P0, _P1, _P2, _P3 = (_single(v) for v in (34459425, 4729725, 135135, 990))
 _Q1, _Q2, _Q3, _Q4 = (_single(v) for v in (16216200, 945945, 13860, 45))
 
@@ -48,14 +48,14 @@ def hidden_layer(row, weights, bias, out):  # type: ignore[no-untyped-def]
     add_product(out, weights, row)
     for j in range(bias.shape[0]):
         # Pade's approximant of order 9/8: to 7e-6, and loops over it are vectorised.
-        x = min(max(out[j], _TANH_REACH), -_TANH_REACH)
+        x = min(max(out[j], _TANH_CLIP), -_TANH_CLIP)
         s = x * x
         above = x * (_P0 + s * (_P1 + s * (_P2 + s * (_P3 + s))))
         out[j] = above / (_P0 + s * (_Q1 + s * (_Q2 + s * (_Q3 + s * _Q4))))
 
 
 @inlined
-def last_layer_input(  # type: ignore[no-untyped-def]
+def penultimate_activations(  # type: ignore[no-untyped-def]
     row, w1, b1, w2, b2, columns, reach, directions, first, out
 ):
     """
@@ -87,7 +87,7 @@ def perceptron(  # type: ignore[no-untyped-def]
 
     `scratch` (2, >= h + q + n).
     """
-    last_layer_input(
+    penultimate_activations(
         row, w1, b1, w2, b2, columns, reach, directions, scratch[0], scratch[1]
     )
     out[:] = b3
@@ -96,7 +96,7 @@ def perceptron(  # type: ignore[no-untyped-def]
 
 
 @jit
-def fill_row(x_past, u_past, row):  # type: ignore[no-untyped-def]
+def pack_encoder_input(x_past, u_past, row):  # type: ignore[no-untyped-def]
     """
     Encoder input from scaled pasts, newest first: x_past (p + 1, 3), u_past (p, 2).
 
@@ -131,7 +131,7 @@ def shift_in(past, value):  # type: ignore[no-untyped-def]
 
 
 @jit
-def take_sample(  # type: ignore[no-untyped-def]
+def observer_update(  # type: ignore[no-untyped-def]
     state, predicted, correction, command, x_mean, x_scale, u_mean, u_scale,
     measured, x_past, u_past, u_now, row, whiteness
 ):
@@ -157,19 +157,19 @@ def take_sample(  # type: ignore[no-untyped-def]
             if gain > 0.0:
                 last = whiteness[0, c]
                 whiteness[0, c] = innovation
-                whiteness[1, c] += _WHITENESS_GAIN * (innovation * last - whiteness[1, c])
-                whiteness[2, c] += _WHITENESS_GAIN * (innovation * innovation - whiteness[2, c])
+                whiteness[1, c] += _AUTOCORRELATION_GAIN * (innovation * last - whiteness[1, c])
+                whiteness[2, c] += _AUTOCORRELATION_GAIN * (innovation * innovation - whiteness[2, c])
                 alike = whiteness[1, c] / (whiteness[2, c] + 1e-30)
-                gain += (1.0 - gain) * min(max((alike - _WHITE) / (_LAGGING - _WHITE), 0.0), 1.0)
+                gain += (1.0 - gain) * min(max((alike - _AUTOCORRELATION_LOW) / (_AUTOCORRELATION_HIGH - _AUTOCORRELATION_LOW), 0.0), 1.0)
             x_past[0, c] = expected + gain * innovation
     for c in range(2):
         u_now[c] = (command[c] - u_mean[c]) / u_scale[c]
-    fill_row(x_past, u_past, row)
+    pack_encoder_input(x_past, u_past, row)
     set_command(row, 3 * x_past.shape[0], u_now[0], u_now[1])
 
 
 @jit
-def make_pair(  # type: ignore[no-untyped-def]
+def regression_pair(  # type: ignore[no-untyped-def]
     measured, features, phi, theta, step_scale, residual, correction, disturbance, y, limit
 ):
     """
@@ -204,7 +204,7 @@ def make_pair(  # type: ignore[no-untyped-def]
 
 
 @jit
-def fill_phi(x, features, u_now, affine, phi):  # type: ignore[no-untyped-def]
+def pack_regressor(x, features, u_now, affine, phi):  # type: ignore[no-untyped-def]
     """phi = [z; u] or [z; u; 1] with z = [x; features], `x` (>= 1, 3) with its first row."""
     n_z = 3 + features.shape[0]
     for i in range(3):
@@ -218,7 +218,7 @@ def fill_phi(x, features, u_now, affine, phi):  # type: ignore[no-untyped-def]
 
 
 @jit
-def follow_covariance(covariance, innovation, gain):  # type: ignore[no-untyped-def]
+def ewma_covariance(covariance, innovation, gain):  # type: ignore[no-untyped-def]
     """covariance += gain (innovation innovation' - covariance), all (3, ...)."""
     for i in range(3):
         for j in range(3):

@@ -31,16 +31,16 @@ from adk_ros.errors import UsageError
 from adk_ros.model.kernels import perceptron
 
 Float32Array = NDArray[np.float32]
-TwinArrays = tuple[
+EncoderArrays = tuple[
     Float32Array, Float32Array, Float32Array, Float32Array, Float32Array, Float32Array,
     Float32Array, NDArray[np.int64], Float32Array, Float32Array,
 ]
 _WARM_UP_CALLS = 30
-_TWIN_TOLERANCE = 1e-4
+_COMPILED_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True)
-class Twin:
+class CompiledEncoder:
     """
     Weights of the encoder: two hidden tanh layers, squares beside them, a linear shortcut.
 
@@ -58,14 +58,14 @@ class Twin:
     b3: Float32Array
     skip: Float32Array
     columns: NDArray[np.int64]
-    reach: Float32Array
+    input_bound: Float32Array
     directions: Float32Array
 
-    def arrays(self) -> TwinArrays:
+    def arrays(self) -> EncoderArrays:
         """The arrays in the order that the kernels take them."""
         return (
             self.w1, self.b1, self.w2, self.b2, self.w3, self.b3, self.skip, self.columns,
-            self.reach, self.directions,
+            self.input_bound, self.directions,
         )
 
 
@@ -74,7 +74,7 @@ def input_size(history: int) -> int:
     return 5 * (history + 1) if history else 3
 
 
-class _Into(nn.Module):
+class _Capture(nn.Module):
     """Writes an encoder's output where it is wanted: a new tensor a tick costs 3 us of it."""
 
     def __init__(self, encoder: nn.Module) -> None:
@@ -122,7 +122,7 @@ class Lifting:
             with _quiet():
                 # Straight to the compiled method: the module's own call costs as much again.
                 # Freezing makes the weights constants, so there is no gradient to switch off.
-                into = torch.jit.freeze(torch.jit.script(_Into(module)).eval())
+                into = torch.jit.freeze(torch.jit.script(_Capture(module)).eval())
             self._forward: Any = into.forward
         except Exception as error:
             last = _lines(error)[-1]
@@ -137,7 +137,7 @@ class Lifting:
         self._out = torch.from_numpy(self._features)
         for _ in range(_WARM_UP_CALLS):
             self._forward(self._row, self._out)
-        self.twin = self._find_twin(parameters, n_in, n_features)
+        self.twin = self._find_compiled(parameters, n_in, n_features)
 
     def __call__(self, row: Float32Array) -> Float32Array:
         """Return the features (n_features,) of one input row (n_in,)."""
@@ -146,10 +146,10 @@ class Lifting:
         features: Float32Array = self._features[0].copy()
         return features
 
-    def _find_twin(
+    def _find_compiled(
         self, parameters: dict[str, torch.Tensor], n_in: int, n_features: int
-    ) -> Twin | None:
-        names = [field.name for field in fields(Twin)]
+    ) -> CompiledEncoder | None:
+        names = [field.name for field in fields(CompiledEncoder)]
         if set(parameters) == set(names[:7]):
             unbounded = torch.full((n_in,), float("inf"))
             parameters |= {"reach": unbounded, "directions": torch.zeros(n_in, 0)}
@@ -166,7 +166,7 @@ class Lifting:
             for name in names if name != "columns"
         }  # fmt: skip
         arrays["columns"] = columns.numpy().astype(np.int64)
-        twin = Twin(**arrays)
+        twin = CompiledEncoder(**arrays)
         hidden, squares = twin.w1.shape[-1], twin.directions.shape[-1]
         chosen = twin.columns.shape
         shapes = [(n_in, hidden), (hidden,), (hidden, hidden), (hidden,),
@@ -180,7 +180,7 @@ class Lifting:
         for probe in probes:
             perceptron(probe, *twin.arrays(), scratch, out)
             truth = self(probe)
-            if not np.allclose(out, truth, rtol=_TWIN_TOLERANCE, atol=_TWIN_TOLERANCE):
+            if not np.allclose(out, truth, rtol=_COMPILED_TOLERANCE, atol=_COMPILED_TOLERANCE):
                 return None
         return twin
 

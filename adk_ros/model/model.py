@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from adk_ros.model.correction import Correction
+from adk_ros.model.correction import ObserverGains
 from adk_ros.model.lifting import Lifting
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.scaling import Scaling
@@ -16,7 +16,7 @@ from adk_ros.signals.channels import FloatArray
 
 
 @dataclass(frozen=True)
-class Model:
+class KoopmanModel:
     """
     What training yields, all that a predictor needs.
 
@@ -35,12 +35,12 @@ class Model:
     residual: bool
     affine: bool
     relift: bool
-    correction: Correction
+    observer_gains: ObserverGains
     horizon_covariance: FloatArray
-    usual_change: FloatArray
+    mean_square_change: FloatArray
     uses_imu: bool
     online: OnlineSettings = field(default_factory=OnlineSettings)
-    held_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    held_input_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
     @property
     def n_z(self) -> int:

@@ -71,7 +71,7 @@ class OnlineMethod(Protocol):
         """Of the matrix that is solved with; NaN where there is none."""
 
 
-class Constant:
+class FixedModel:
     """The offline model as it is."""
 
     def __init__(self, theta0: FloatArray, settings: OnlineSettings) -> None:
@@ -89,7 +89,7 @@ class Constant:
         return float("nan")
 
 
-class Recursive:
+class RecursiveLeastSquares:
     """
     RLS (forgetting 1) and FFRLS as the paper compares them; theta and P are kept finite.
 
@@ -124,14 +124,14 @@ class Recursive:
         return _condition(self._covariance)
 
 
-_CUT = 1e-10
+_RCOND = 1e-10
 """
 Of the largest eigenvalue, below which a direction counts as not excited. Float64 sums of squares
 are good to about 1e-14; what is kept near that is noise that the update then follows.
 """
 
 
-class SlidingWindow:
+class PaperSWLS:
     """
     The paper's Algorithm 1 (SWLS), faithful but for the transpose that eq. (33) lacks.
 
@@ -154,7 +154,7 @@ class SlidingWindow:
         self._count += 1
         known = self._phis[: min(self._count, window)]
         try:
-            direction = np.linalg.pinv(known.T @ known, rcond=_CUT, hermitian=True) @ phi
+            direction = np.linalg.pinv(known.T @ known, rcond=_RCOND, hermitian=True) @ phi
         except np.linalg.LinAlgError:
             direction = np.full(phi.shape[0], np.nan)
         theta = self.theta + np.outer(y - self.theta @ phi, direction)
@@ -175,7 +175,7 @@ class SlidingWindow:
         return _condition(known.T @ known)
 
 
-class Windowed:
+class WindowedRidge:
     """
     Exact windowed least squares with ridge to the offline model: the default.
 
@@ -237,17 +237,17 @@ def _condition(matrix: FloatArray) -> float:
 
 
 def _rls(theta0: FloatArray, settings: OnlineSettings) -> OnlineMethod:
-    return Recursive(theta0, settings, forgetting=1.0)
+    return RecursiveLeastSquares(theta0, settings, forgetting=1.0)
 
 
 def _ffrls(theta0: FloatArray, settings: OnlineSettings) -> OnlineMethod:
-    return Recursive(theta0, settings, forgetting=settings.forgetting)
+    return RecursiveLeastSquares(theta0, settings, forgetting=settings.forgetting)
 
 
 METHODS: dict[str, Callable[[FloatArray, OnlineSettings], OnlineMethod]] = {
-    "constant": Constant,
+    "constant": FixedModel,
     "rls": _rls,
     "ffrls": _ffrls,
-    "swls": SlidingWindow,
-    "windowed": Windowed,
+    "swls": PaperSWLS,
+    "windowed": WindowedRidge,
 }

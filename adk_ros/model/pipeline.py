@@ -13,13 +13,13 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.align import Aligner
 from adk_ros.signals.channels import Flag, Reading, Sample, Source
-from adk_ros.signals.decode import Decoder, Refused, SensorConfig
+from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
 from adk_ros.signals.plausibility import Plausibility
 
 _RESTART = int(Flag.RESTART)
@@ -51,7 +51,7 @@ class Pipeline:
     `predictor`, `aligner`, `decoder`, `plausibility` are open to be looked at by diagnostics.
     """
 
-    def __init__(self, model: Model, settings: PipelineSettings | None = None) -> None:
+    def __init__(self, model: KoopmanModel, settings: PipelineSettings | None = None) -> None:
         settings = settings or PipelineSettings()
         self.settings = settings
         self.decoder = Decoder(settings.sensors)
@@ -84,7 +84,7 @@ class Pipeline:
         self._received[source] += 1
         try:
             reading = self.decoder.decode(source, msg)
-        except Refused:
+        except RefusedMessage:
             return []
         return self.take_reading(reading)
 

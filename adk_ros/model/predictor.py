@@ -21,25 +21,25 @@ import numpy as np
 
 from adk_ros.errors import UsageError
 from adk_ros.model import kernels, roll_out
-from adk_ros.model.hindsight import SIGNS
+from adk_ros.model.hindsight import N_REGRESSORS
 from adk_ros.model.lifting import Float32Array, input_size
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import METHODS, OnlineSettings
 from adk_ros.model.prediction import Prediction, Status
-from adk_ros.model.published import Published
-from adk_ros.model.trials import Trials
+from adk_ros.model.published import PublishedHorizonErrors
+from adk_ros.model.trials import RolloutMonitor
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, FloatArray, Sample
 
 _COVARIANCE_GAIN = 0.01
 _MAX_PAIR = 1e3
-_PRIOR_TRIALS = 5.0
-_FULL_TRUST = np.ones((0, 3))
-_NOTHING_TOLD = np.zeros((0, 3, SIGNS + 1))
+_PRIOR_ROLLOUTS = 5.0
+_NO_SHRINKAGE = np.ones((0, 3))
+_NO_ERROR_REGRESSION = np.zeros((0, 3, N_REGRESSORS + 1))
 # Plain integers: operations on flags themselves cost a microsecond each.
 _RESTART, _COASTING, _UNLEARNABLE = int(Flag.RESTART), int(Flag.COASTING), int(UNLEARNABLE)
 _ODOMETRY_STALE = int(Flag.ODOMETRY_STALE)
-_UNKNOWN = np.full(3, math.nan)
-_UNKNOWN.flags.writeable = False
+_NAN3 = np.full(3, math.nan)
+_NAN3.flags.writeable = False
 
 
 class Predictor:
@@ -54,7 +54,7 @@ class Predictor:
 
     def __init__(
         self,
-        model: Model,
+        model: KoopmanModel,
         online: OnlineSettings | None = None,
         horizon_steps: int = 80,
         max_coast_steps: int = 40,
@@ -71,30 +71,30 @@ class Predictor:
         self._row = np.zeros(input_size(model.history), dtype=np.float32)
         self._u = np.zeros(2)
         self._measured = np.zeros(3)
-        self._correction = model.correction.table()
-        self._unobserved = self._correction.copy()
-        self._unobserved[0] = 0.0
+        self._observer_gains = model.observer_gains.table()
+        self._prediction_only_gains = self._observer_gains.copy()
+        self._prediction_only_gains[0] = 0.0
         self._phi = np.zeros(model.theta0.shape[1])
         self._y = np.zeros(model.n_z)
         # A view: the command now, as commands ahead that hold it.
         self._u_held = self._u[None]
-        self._twin = model.lifting.twin.arrays() if model.lifting.twin is not None else None
-        self.trials = _trials(model)
-        self._published = Published(_held_errors(model, horizon_steps), _PRIOR_TRIALS)
+        self._encoder = model.lifting.twin.arrays() if model.lifting.twin is not None else None
+        self.rollout_monitor = _rollout_monitor(model)
+        self._published = PublishedHorizonErrors(_held_input_errors(model, horizon_steps), _PRIOR_ROLLOUTS)
         self.reset()
 
     def reset(self) -> None:
         """Forget all samples and adaptation."""
         self.online.reset()
-        if self.trials is not None:
-            self.trials.reset()
+        if self.rollout_monitor is not None:
+            self.rollout_monitor.reset()
         self._published.reset()
         self.status = Status.WARMING_UP
         self._known = 0
         self._last_ns: int | None = None
         self._coasted = 0
         self._predicted: FloatArray | None = None
-        self._clean = 0
+        self._consecutive_valid_samples = 0
         # Slow and fast, and a running mean that is no part of the prediction.
         self._disturbance = np.zeros((3, 3))
         self._whiteness = np.zeros((3, 3))
@@ -114,13 +114,13 @@ class Predictor:
         commands that are known, and calibrated: 90 % of the errors lie within 1.645 deviations.
         Empty for a model without either.
         """
-        if self.trials is None:
+        if self.rollout_monitor is None:
             return self.model.horizon_covariance
         scale = self.model.scaling.x_scale
-        return np.asarray(self.trials.covariance * np.outer(scale, scale))
+        return np.asarray(self.rollout_monitor.covariance * np.outer(scale, scale))
 
     @property
-    def held_covariance(self) -> FloatArray:
+    def held_input_covariance(self) -> FloatArray:
         """
         The same (horizon_steps, 3, 3) of the horizon as it is published, under held commands.
 
@@ -129,7 +129,7 @@ class Predictor:
         return self._published.covariance
 
     @property
-    def observed(self) -> FloatArray:
+    def filtered_state(self) -> FloatArray:
         """State (3,) as the observer has it after the last sample, SI."""
         return np.asarray(self._x_past[0] * self.model.scaling.x_scale + self.model.scaling.x_mean)
 
@@ -152,7 +152,7 @@ class Predictor:
             self.reset()
         self._last_ns = sample.stamp_ns
         if not (math.isfinite(sample.u[0]) and math.isfinite(sample.u[1])):
-            self._give_up()
+            self._lose_state()
             return None
         measured = not sample.flags & _COASTING and math.isfinite(sum(sample.x))
         if measured:
@@ -161,19 +161,19 @@ class Predictor:
         else:
             self._coasted += 1
             if self._predicted is None or self._coasted > self.max_coast_steps:
-                self._give_up()
+                self._lose_state()
                 return None
             state = self._predicted
         return self._advance(sample, state, measured)
 
-    def _give_up(self) -> None:
+    def _lose_state(self) -> None:
         self.status = Status.NO_STATE
-        if self.trials is not None:
-            self.trials.stop()
+        if self.rollout_monitor is not None:
+            self.rollout_monitor.stop()
         self._published.stop()
         self._known = 0
         self._predicted = None
-        self._clean = 0
+        self._consecutive_valid_samples = 0
 
     def _advance(
         self, sample: Sample, state: FloatArray, measured: bool
@@ -181,37 +181,37 @@ class Predictor:
         model, scaling = self.model, self.model.scaling
         # Until the sample is taken, this is the command of the tick that has passed.
         u_passed = self._u.copy()
-        expected = _UNKNOWN if self._predicted is None else self._predicted
+        expected = _NAN3 if self._predicted is None else self._predicted
         # A held velocity tells less than what was predicted for this tick.
         held = sample.flags & _ODOMETRY_STALE
-        kernels.take_sample(
-            state, expected, self._unobserved if held else self._correction, sample.u,
+        kernels.observer_update(
+            state, expected, self._prediction_only_gains if held else self._observer_gains, sample.u,
             scaling.x_mean, scaling.x_scale, scaling.u_mean, scaling.u_scale, self._measured,
             self._x_past, self._u_past, self._u, self._row, self._whiteness,
         )
-        if self.trials is not None:
-            self.trials.compare(
+        if self.rollout_monitor is not None:
+            self.rollout_monitor.update(
                 self._measured, u_passed, measured and not sample.flags & _UNLEARNABLE,
-                3 * (model.history + 1), scaling.step_scale, model.residual, self._correction,
+                3 * (model.history + 1), scaling.step_scale, model.residual, self._observer_gains,
             )
         self._known += 1
-        self._clean = self._clean + 1 if measured and not sample.flags & _UNLEARNABLE else 0
+        self._consecutive_valid_samples = self._consecutive_valid_samples + 1 if measured and not sample.flags & _UNLEARNABLE else 0
         if self._known <= model.history:
             self.status = Status.WARMING_UP
             return None
         features = self._lift()
-        innovation = _UNKNOWN
+        innovation = _NAN3
         if self._predicted is not None and measured:
             innovation = state - self._predicted
             # Both lifts of the pair, pasts included, must be of samples that may be learned from.
-            if self._clean >= model.history + 2:
+            if self._consecutive_valid_samples >= model.history + 2:
                 self._learn(features, innovation)
-        kernels.fill_phi(self._x_past, features, self._u, model.affine, self._phi)
-        if self.trials is not None and measured:
-            self.trials.start(
+        kernels.pack_regressor(self._x_past, features, self._u, model.affine, self._phi)
+        if self.rollout_monitor is not None and measured:
+            self.rollout_monitor.start(
                 self._x_past, self._u_past, self.online.theta, model.affine, self._disturbance
             )
-        horizon = self._roll_out(self._u_held, max(self.horizon_steps, 1))
+        horizon = self._rollout(self._u_held, max(self.horizon_steps, 1))
         if horizon is None:
             # Nothing here can yield this from finite samples; if it does, start afresh.
             self.reset()
@@ -238,57 +238,57 @@ class Predictor:
 
     def _learn(self, features: Float32Array, innovation: FloatArray) -> None:
         model = self.model
-        usable = kernels.make_pair(
+        usable = kernels.regression_pair(
             self._measured, features, self._phi, self.online.theta, model.scaling.step_scale,
-            model.residual, self._correction, self._disturbance, self._y, _MAX_PAIR,
+            model.residual, self._observer_gains, self._disturbance, self._y, _MAX_PAIR,
         )
         if usable:
             self.online.update(self._phi, self._y)
-            kernels.follow_covariance(self._covariance, innovation, _COVARIANCE_GAIN)
+            kernels.ewma_covariance(self._covariance, innovation, _COVARIANCE_GAIN)
 
-    def _roll_out(self, u_ahead: FloatArray, steps: int) -> FloatArray | None:
+    def _rollout(self, u_ahead: FloatArray, steps: int) -> FloatArray | None:
         """Scaled commands ahead, the last held -> states (steps, 3), SI; None if not finite."""
         model = self.model
         out = np.empty((steps, 3))
         theta = self.online.theta
         if not model.relift:
-            roll_out.roll_out_linear(self._phi[: model.n_z], theta, u_ahead, out)
-        elif self._twin is not None:
-            roll_out.roll_out_lifting(
+            roll_out.rollout_linear(self._phi[: model.n_z], theta, u_ahead, out)
+        elif self._encoder is not None:
+            roll_out.rollout_lifting(
                 self._x_past, self._u_past, theta, model.scaling.step_scale, model.residual,
-                model.affine, u_ahead, self._disturbance, self._correction,
-                *self._twin, out,
+                model.affine, u_ahead, self._disturbance, self._observer_gains,
+                *self._encoder, out,
             )
         else:
-            self._roll_out_by_torch(u_ahead, out)
-        trials, scaling = self.trials, model.scaling
-        trust = _FULL_TRUST if trials is None else trials.trust
-        weights = _NOTHING_TOLD if trials is None else trials.hindsight.weights
+            self._rollout_by_torch(u_ahead, out)
+        trials, scaling = self.rollout_monitor, model.scaling
+        trust = _NO_SHRINKAGE if trials is None else trials.shrinkage
+        weights = _NO_ERROR_REGRESSION if trials is None else trials.error_regression.weights
         finite = roll_out.to_si(
             out, self._x_past[0], self._disturbance[None], weights, trust, scaling.x_mean,
             scaling.x_scale,
         )
         return out if finite else None
 
-    def _roll_out_by_torch(self, u_ahead: FloatArray, out: FloatArray) -> None:
+    def _rollout_by_torch(self, u_ahead: FloatArray, out: FloatArray) -> None:
         model = self.model
         x_past, u_past = self._x_past.copy(), self._u_past.copy()
         row, phi, push = self._row.copy(), self._phi.copy(), self._disturbance[:2].copy()
         for step in range(out.shape[0]):
             u = u_ahead[min(step, u_ahead.shape[0] - 1)]
-            kernels.fill_row(x_past, u_past, row)
+            kernels.pack_encoder_input(x_past, u_past, row)
             kernels.set_command(row, 3 * x_past.shape[0], u[0], u[1])
             phi[:3] = x_past[0]
             phi[3 : model.n_z] = model.lifting(row)
             phi[model.n_z : model.n_z + 2] = u
             change = (self.online.theta[:3] @ phi + push.sum(axis=0)) * model.scaling.step_scale
-            push *= self._correction[[2, 4]]
+            push *= self._observer_gains[[2, 4]]
             new = np.clip(change + x_past[0] if model.residual else change, -50.0, 50.0)
             kernels.shift_in(x_past, new)
             kernels.shift_in(u_past, u)
             out[step] = new
 
-    def roll_out(self, u_ahead: FloatArray) -> FloatArray:
+    def rollout(self, u_ahead: FloatArray) -> FloatArray:
         """
         Predict under known commands, u_ahead (h, 2) in SI units, from the last sample taken.
 
@@ -297,7 +297,7 @@ class Predictor:
         """
         if self._predicted is None:
             raise RuntimeError("no state to predict from")
-        result = self._roll_out(self.model.scaling.scale_u(u_ahead), u_ahead.shape[0])
+        result = self._rollout(self.model.scaling.scale_u(u_ahead), u_ahead.shape[0])
         return np.full((u_ahead.shape[0], 3), math.nan) if result is None else result
 
     def _published_covariance(self) -> FloatArray:
@@ -311,26 +311,26 @@ class Predictor:
         return covariance
 
 
-def _trials(model: Model) -> Trials | None:
+def _rollout_monitor(model: KoopmanModel) -> RolloutMonitor | None:
     """Trials for a model that can have them: lifted anew at each step, by the compiled twin."""
-    if model.lifting.twin is None or not model.relift or not len(model.usual_change):
+    if model.lifting.twin is None or not model.relift or not len(model.mean_square_change):
         return None
     scale = model.scaling.x_scale
-    change = model.usual_change / scale**2
+    change = model.mean_square_change / scale**2
     errors = change[:, :, None] * np.eye(3)
     if len(model.horizon_covariance):
         errors = model.horizon_covariance / np.outer(scale, scale)
-    return Trials(model.lifting.twin.arrays(), errors, _PRIOR_TRIALS)
+    return RolloutMonitor(model.lifting.twin.arrays(), errors, _PRIOR_ROLLOUTS)
 
 
-def _held_errors(model: Model, steps: int) -> FloatArray:
+def _held_input_errors(model: KoopmanModel, steps: int) -> FloatArray:
     """
     Covariance (steps, 3, 3), SI, that the horizon under held commands begins with.
 
     The model's, its last row held where the horizon is longer; if it has none, of so many usual
     steps.
     """
-    for table in (model.held_covariance, model.horizon_covariance):
+    for table in (model.held_input_covariance, model.horizon_covariance):
         if len(table):
             return np.asarray(table[np.minimum(np.arange(steps), len(table) - 1)])
     usual = np.square(model.scaling.x_scale * model.scaling.step_scale)

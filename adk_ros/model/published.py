@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.model.calibration import EVERY, Calibration, learn
+from adk_ros.model.calibration import ROLLOUT_STRIDE, ConformalScale, update_conformal_scale
 from adk_ros.model.compiled import fast
 from adk_ros.signals.channels import FloatArray
 
 
-class Published:
+class PublishedHorizonErrors:
     """
     Covariance of measured less published state by step, SI, calibrated as `calibration` says.
 
@@ -26,9 +26,9 @@ class Published:
 
     def __init__(self, errors: FloatArray, prior: float) -> None:
         self._steps = steps = errors.shape[0]
-        self._calibration = Calibration(errors, prior)
+        self._calibration = ConformalScale(errors, prior)
         self._arrays = self._calibration.arrays()
-        lanes = -(-steps // EVERY)
+        lanes = -(-steps // ROLLOUT_STRIDE)
         self._kept = np.zeros((lanes, steps, 2, 3))
         self._age = np.full(lanes, -1)
         self._lanes = lanes
@@ -63,9 +63,9 @@ class Published:
         # Only whole horizons count: a validation run has the others made shorter, to save time.
         if not coasted and 0 < self._steps == horizon.shape[0]:
             self._number += 1
-            if self._number % EVERY == 0:
-                lane = (self._number // EVERY) % self._lanes
-        compare(state, usable, horizon, lane, self._kept, self._age, *self._arrays)
+            if self._number % ROLLOUT_STRIDE == 0:
+                lane = (self._number // ROLLOUT_STRIDE) % self._lanes
+        update_published_errors(state, usable, horizon, lane, self._kept, self._age, *self._arrays)
         table: FloatArray = self._calibration.calibrated
         if coasted:
             rows = np.minimum(np.arange(horizon.shape[0]) + coasted, last)
@@ -74,7 +74,7 @@ class Published:
 
 
 @fast
-def compare(  # type: ignore[no-untyped-def]
+def update_published_errors(  # type: ignore[no-untyped-def]
     state, usable, horizon, new, kept, age, count, covariance, factor, calibrated
 ):
     """
@@ -95,7 +95,7 @@ def compare(  # type: ignore[no-untyped-def]
         for c in range(3):
             error[c] = state[c] - kept[lane, h, 0, c]
             variance[c] = kept[lane, h, 1, c]
-        learn(h, error, error, variance, count, covariance, factor, calibrated)
+        update_conformal_scale(h, error, error, variance, count, covariance, factor, calibrated)
     if new >= 0:
         age[new] = 0
         for h in range(steps):

@@ -17,15 +17,15 @@ from __future__ import annotations
 import numpy as np
 
 from adk_ros.model.compiled import fast, inlined, jit
-from adk_ros.model.hindsight import foreseen
-from adk_ros.model.kernels import fill_row, last_layer_input, set_command
+from adk_ros.model.hindsight import predicted_error
+from adk_ros.model.kernels import pack_encoder_input, penultimate_activations, set_command
 
-_LIMIT = 50.0
+_MAX_SCALED_STATE = 50.0
 """Scaled states are held within this: far outside any data, and finite."""
 
 
 @fast
-def mix(  # type: ignore[no-untyped-def]
+def fold_output_layer(  # type: ignore[no-untyped-def]
     theta, affine, w3, b3, skip, head, short, rest
 ):
     """Write head (3, h + q), short (3, n) float32 and rest (3, 3): u's two columns and level."""
@@ -50,7 +50,7 @@ def mix(  # type: ignore[no-untyped-def]
 
 
 @inlined
-def advance(  # type: ignore[no-untyped-def]
+def rollout_step(  # type: ignore[no-untyped-def]
     row, x, push, u0, u1, n_x, step_scale, residual, correction, w1, b1, w2, b2,
     columns, reach, directions, head, short, rest, first, second
 ):
@@ -61,7 +61,7 @@ def advance(  # type: ignore[no-untyped-def]
     """
     n, seen = short.shape[1], head.shape[1]
     set_command(row, n_x, u0, u1)
-    last_layer_input(row, w1, b1, w2, b2, columns, reach, directions, first, second)
+    penultimate_activations(row, w1, b1, w2, b2, columns, reach, directions, first, second)
     # All three at once: a sum of its own each would wait for itself.
     s0 = s1 = s2 = np.float32(0.0)
     for i in range(seen):
@@ -79,7 +79,7 @@ def advance(  # type: ignore[no-untyped-def]
         push[0, c] *= correction[2, c]
         push[1, c] *= correction[4, c]
         value = value * step_scale[c] + (x[c] if residual else 0.0)
-        x[c] = min(max(value, -_LIMIT), _LIMIT)
+        x[c] = min(max(value, -_MAX_SCALED_STATE), _MAX_SCALED_STATE)
     for i in range(n_x - 1, 2, -1):
         row[i] = row[i - 3]
     for i in range(n - 1, n_x + 1, -1):
@@ -89,7 +89,7 @@ def advance(  # type: ignore[no-untyped-def]
 
 
 @fast
-def roll_out_lifting(  # type: ignore[no-untyped-def]
+def rollout_lifting(  # type: ignore[no-untyped-def]
     x_past, u_past, theta, step_scale, residual, affine, u_ahead,
     disturbance, correction, w1, b1, w2, b2, w3, b3, skip, columns, reach, directions, out
 ):
@@ -103,16 +103,16 @@ def roll_out_lifting(  # type: ignore[no-untyped-def]
     n, seen = w1.shape[0], w3.shape[0]
     n_x, last = 3 * x_past.shape[0], u_ahead.shape[0] - 1
     row = np.empty(n, dtype=np.float32)
-    fill_row(x_past, u_past, row)
+    pack_encoder_input(x_past, u_past, row)
     first = np.empty(seen + n, dtype=np.float32)
     second = np.empty(seen, dtype=np.float32)
     head, short = np.empty((3, seen), dtype=np.float32), np.empty((3, n), dtype=np.float32)
     rest = np.empty((3, 3))
-    mix(theta, affine, w3, b3, skip, head, short, rest)
+    fold_output_layer(theta, affine, w3, b3, skip, head, short, rest)
     x, push = x_past[0].copy(), disturbance.copy()
     for step in range(out.shape[0]):
         u0, u1 = u_ahead[min(step, last), 0], u_ahead[min(step, last), 1]
-        advance(
+        rollout_step(
             row, x, push, u0, u1, n_x, step_scale, residual, correction, w1, b1, w2, b2,
             columns, reach, directions, head, short, rest, first, second,
         )
@@ -120,7 +120,7 @@ def roll_out_lifting(  # type: ignore[no-untyped-def]
 
 
 @jit
-def roll_out_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
+def rollout_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
     """Predict in the lifted space, z+ = A z + B u (eq. 5): as above, no lift on the way."""
     n_z = z.shape[0]
     last = u_ahead.shape[0] - 1
@@ -132,7 +132,7 @@ def roll_out_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
             value = theta[c, n_z] * u[0] + theta[c, n_z + 1] * u[1]
             for j in range(n_z):
                 value += theta[c, j] * now[j]
-            new[c] = min(max(value, -_LIMIT), _LIMIT)
+            new[c] = min(max(value, -_MAX_SCALED_STATE), _MAX_SCALED_STATE)
         now[:] = new
         out[step, :] = now[:3]
 
@@ -155,10 +155,10 @@ def to_si(  # type: ignore[no-untyped-def]
             value = states[i, c]
             if last >= 0:
                 h = min(i, last)
-                value += foreseen(h, c, 0, weights, disturbance)
+                value += predicted_error(h, c, 0, weights, disturbance)
                 # Before it is held within bounds, which would make a number of what is none.
                 finite = finite and np.isfinite(value)
-                value = min(max(value, -_LIMIT), _LIMIT)
+                value = min(max(value, -_MAX_SCALED_STATE), _MAX_SCALED_STATE)
                 value = base[c] + trust[h, c] * (value - base[c])
             states[i, c] = value * x_scale[c] + x_mean[c]
             finite = finite and np.isfinite(states[i, c])

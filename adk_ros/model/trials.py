@@ -23,23 +23,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.model.calibration import EVERY, Calibration, learn
+from adk_ros.model.calibration import ROLLOUT_STRIDE, ConformalScale, update_conformal_scale
 from adk_ros.model.compiled import fast
-from adk_ros.model.hindsight import SIGNS, Hindsight, account, foreseen, learn_weights
-from adk_ros.model.kernels import fill_row
-from adk_ros.model.lifting import TwinArrays
-from adk_ros.model.roll_out import advance, mix
+from adk_ros.model.hindsight import (
+    N_REGRESSORS,
+    ErrorRegression,
+    accumulate_moments,
+    predicted_error,
+    solve_shrunk_regression,
+)
+from adk_ros.model.kernels import pack_encoder_input
+from adk_ros.model.lifting import EncoderArrays
+from adk_ros.model.roll_out import fold_output_layer, rollout_step
 from adk_ros.signals.channels import FloatArray
 
-_BELIEVED = 3.0
+_TRUST_PRIOR_COUNT = 3.0
 """Trials' worth of full trust: a few of one kind of driving tell little of the next."""
-_LEARNED_EVERY = 2
+_REGRESSION_STRIDE = 2
 """Trials after which the weights of `hindsight`, which remembers hundreds, are solved for."""
 _TRUST_FORGETTING = 0.985
 """A trial's weight per later trial: 67 trials, or 17 s. What is driven changes before tyres do."""
 
 
-class Trials:
+class RolloutMonitor:
     """
     Trials of one model; `trust` (h, 3) and `covariance` (h, 3, 3), scaled, are their outcome.
 
@@ -48,10 +54,10 @@ class Trials:
     :param errors: covariance (h, 3, 3) of the scaled prediction errors on validation data.
     """
 
-    def __init__(self, twin: TwinArrays, errors: FloatArray, prior: float) -> None:
+    def __init__(self, twin: EncoderArrays, errors: FloatArray, prior: float) -> None:
         n, seen = twin[0].shape[0], twin[4].shape[0]
         steps = errors.shape[0]
-        self._lanes = max(1, -(-steps // EVERY))
+        self._lanes = max(1, -(-steps // ROLLOUT_STRIDE))
         self._twin = twin
         lanes = self._lanes
         self._row = np.zeros((lanes, n), np.float32)
@@ -64,12 +70,12 @@ class Trials:
         self._age = np.full(lanes, -1)
         self._scratch = np.zeros((2, seen + n), np.float32)
         self._sums = np.zeros((4, steps, 3))
-        self._gone = np.zeros((lanes, 3, 3))
-        self._promised = np.zeros((lanes, steps, 3, 3))
-        self.hindsight = Hindsight(steps)
-        self._calibration = Calibration(errors, prior)
+        self._initial_disturbance = np.zeros((lanes, 3, 3))
+        self._issued_forecast = np.zeros((lanes, steps, 3, 3))
+        self.error_regression = ErrorRegression(steps)
+        self._calibration = ConformalScale(errors, prior)
         self._arrays = self._calibration.arrays()
-        self.trust = np.ones((steps, 3))
+        self.shrinkage = np.ones((steps, 3))
         self.covariance = self._calibration.calibrated
         self.reset()
 
@@ -79,23 +85,23 @@ class Trials:
         self._ticks = 0
         self._sums[:] = 0.0
         self._calibration.reset()
-        self.hindsight.reset()
-        self.trust[:] = 1.0
+        self.error_regression.reset()
+        self.shrinkage[:] = 1.0
 
     def stop(self) -> None:
         """End the trials under way, after a gap; what was learned stays."""
         self._age[:] = -1
 
-    def compare(
+    def update(
         self, measured: FloatArray, u: FloatArray, usable: bool, n_x: int, step_scale: FloatArray,
         residual: bool, correction: FloatArray,
     ) -> None:
         """Go on by the tick that has passed under command `u` (2,), to `measured` (3,), scaled."""
-        compare(
+        update_rollouts(
             measured, u, usable, n_x, step_scale, residual, correction, *self._twin[:4],
             *self._twin[7:], self._row, self._x, self._base, self._push, self._head, self._short,
-            self._rest, self._age, self._scratch, self._sums, self.trust,
-            self._gone, self._promised, self.hindsight.moments, self.hindsight.weights,
+            self._rest, self._age, self._scratch, self._sums, self.shrinkage,
+            self._initial_disturbance, self._issued_forecast, self.error_regression.moments, self.error_regression.weights,
             *self._arrays,
         )
 
@@ -105,27 +111,27 @@ class Trials:
     ) -> None:
         """Begin a trial here, if one is due."""
         self._ticks += 1
-        if self._ticks % EVERY:
+        if self._ticks % ROLLOUT_STRIDE:
             return
-        lane = (self._ticks // EVERY) % self._lanes
+        lane = (self._ticks // ROLLOUT_STRIDE) % self._lanes
         w3, b3, skip = self._twin[4:7]
-        begin(
+        start_rollout(
             x_past, u_past, theta, affine, disturbance, w3, b3, skip, self._row[lane],
             self._x[lane], self._base[lane], self._push[lane], self._head[lane],
-            self._short[lane], self._rest[lane], lane, self._gone, self._promised[lane],
-            self.trust, self.covariance, self.hindsight.weights,
+            self._short[lane], self._rest[lane], lane, self._initial_disturbance, self._issued_forecast[lane],
+            self.shrinkage, self.covariance, self.error_regression.weights,
         )
         self._age[lane] = 0
 
 
 @fast
-def begin(  # type: ignore[no-untyped-def]
+def start_rollout(  # type: ignore[no-untyped-def]
     x_past, u_past, theta, affine, disturbance, w3, b3, skip, row, x, base, push, head, short,
     rest, lane, gone, promised, trust, covariance, weights
 ):
     """Fill one lane with the state, the disturbances, the model and the promises of now."""
-    fill_row(x_past, u_past, row)
-    mix(theta, affine, w3, b3, skip, head, short, rest)
+    pack_encoder_input(x_past, u_past, row)
+    fold_output_layer(theta, affine, w3, b3, skip, head, short, rest)
     x[:] = x_past[0]
     base[:] = x_past[0]
     push[:] = disturbance[:2]
@@ -134,11 +140,11 @@ def begin(  # type: ignore[no-untyped-def]
         for c in range(3):
             promised[h, 0, c] = trust[h, c]
             promised[h, 1, c] = covariance[h, c, c]
-            promised[h, 2, c] = foreseen(h, c, lane, weights, gone)
+            promised[h, 2, c] = predicted_error(h, c, lane, weights, gone)
 
 
 @fast
-def compare(  # type: ignore[no-untyped-def]
+def update_rollouts(  # type: ignore[no-untyped-def]
     measured, u, usable, n_x, step_scale, residual, correction, w1, b1, w2, b2,
     columns, reach, directions, row, x, base, push, head, short, rest, age, scratch,
     sums, trust, gone, promised, moments, weights, count, covariance, factor, calibrated
@@ -150,11 +156,11 @@ def compare(  # type: ignore[no-untyped-def]
     are trust, variances and what was foreseen of the error.
     """
     steps = trust.shape[0]
-    error, surprise, factors = np.empty(3), np.empty(3), np.empty((SIGNS, SIGNS))
+    error, surprise, factors = np.empty(3), np.empty(3), np.empty((N_REGRESSORS, N_REGRESSORS))
     for lane in range(age.shape[0]):
         if age[lane] < 0:
             continue
-        advance(
+        rollout_step(
             row[lane], x[lane], push[lane], u[0], u[1], n_x, step_scale, residual, correction,
             w1, b1, w2, b2, columns, reach, directions, head[lane], short[lane], rest[lane],
             scratch[0], scratch[1],
@@ -165,10 +171,10 @@ def compare(  # type: ignore[no-untyped-def]
             continue
         for c in range(3):
             plain, y = x[lane, c] - base[lane, c], measured[c] - base[lane, c]
-            m = plain + foreseen(h, c, lane, weights, gone)
-            account(h, c, y - plain, lane, gone, moments)
-            if lane % _LEARNED_EVERY == 0:
-                learn_weights(h, c, moments, factors, weights)
+            m = plain + predicted_error(h, c, lane, weights, gone)
+            accumulate_moments(h, c, y - plain, lane, gone, moments)
+            if lane % _REGRESSION_STRIDE == 0:
+                solve_shrunk_regression(h, c, moments, factors, weights)
             sums[0, h, c] = _TRUST_FORGETTING * sums[0, h, c] + m * y
             sums[1, h, c] = _TRUST_FORGETTING * sums[1, h, c] + m * m
             sums[2, h, c] = _TRUST_FORGETTING * sums[2, h, c] + 1.0
@@ -177,11 +183,11 @@ def compare(  # type: ignore[no-untyped-def]
             lack = 1.0 - share
             left = max(sums[3, h, c] - share * sums[0, h, c], 0.0) / sums[2, h, c]
             chance = left / max(lack * lack * sums[1, h, c], 1e-12)
-            weight = sums[2, h, c] / (sums[2, h, c] + _BELIEVED) * max(1.0 - chance, 0.0)
+            weight = sums[2, h, c] / (sums[2, h, c] + _TRUST_PRIOR_COUNT) * max(1.0 - chance, 0.0)
             trust[h, c] = min(max(1.0 - weight * lack, 0.0), 1.0)
             error[c] = y - trust[h, c] * m
             promise = plain + promised[lane, h, 2, c]
             surprise[c] = y - promised[lane, h, 0, c] * promise
-        learn(
+        update_conformal_scale(
             h, error, surprise, promised[lane, h, 1], count, covariance, factor, calibrated
         )

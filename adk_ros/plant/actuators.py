@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from adk_ros.plant.body import Body
+from adk_ros.plant.body import SprungMass
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.params import Constants
 
@@ -27,7 +27,7 @@ def within(value: float, limit: float) -> float:
 
 
 @kernel
-def asked_of_wheels(c: Constants, b: Body, torque: float) -> tuple[float, float, float, float]:
+def asked_of_wheels(c: Constants, b: SprungMass, torque: float) -> tuple[float, float, float, float]:
     """
     Return (motor front, motor rear, brake front, brake rear) of one wheel each, N m.
 

@@ -30,12 +30,12 @@ MAX_RATE = 2000.0
 _HEAVE_HZ = (1.3, 1.45)
 _DAMPING = 0.35
 _ROLL_BARS = (0.45, 0.15)
-_TYRE_SINKS = 0.02
+_STATIC_TYRE_DEFLECTION_M = 0.02
 _TYRE_DAMPING = 0.02
 _UNSPRUNG_SHARE = 0.04
 
 
-class Body(NamedTuple):
+class SprungMass(NamedTuple):
     """Parameters for the kernels; `_f`, `_r`: of one wheel of the front, the rear axle. SI."""
 
     sprung_mass: float
@@ -48,15 +48,15 @@ class Body(NamedTuple):
     inertia_y: float
     inertia_z: float
     inertia_xz: float
-    gyro_x: float
-    gyro_y: float
-    gyro_z: float
-    gyro_xz: float
+    sprung_inertia_xx: float
+    sprung_inertia_yy: float
+    sprung_inertia_zz: float
+    sprung_inertia_xz: float
     """The sprung mass's own share of the inertias about P: what its rotation precesses with."""
-    carried_xx: float
-    carried_yy: float
-    carried_zz: float
-    carried_xz: float
+    unsprung_m_xx: float
+    unsprung_m_yy: float
+    unsprung_m_zz: float
+    unsprung_m_xz: float
     """Sums of m_i times x_i x_i, y_i y_i, z_i z_i, x_i z_i over the unsprung masses, kg m^2."""
     unsprung_f: float
     unsprung_r: float
@@ -89,11 +89,11 @@ class Body(NamedTuple):
     brake_lag: float
 
 
-NO_BODY = Body(*([0.0] * len(Body._fields)))
+NO_SPRUNG_MASS = SprungMass(*([0.0] * len(SprungMass._fields)))
 """Stands for the body where the seven-degree-of-freedom car is driven, which has none."""
 
 
-def resolve(vehicle: Vehicle) -> Body:
+def resolve(vehicle: Vehicle) -> SprungMass:
     """
     Return the body of `vehicle`, what its file leaves out derived as a passenger car has it.
 
@@ -104,7 +104,7 @@ def resolve(vehicle: Vehicle) -> Body:
     wheelbase = v.cg_to_front_axle + v.cg_to_rear_axle
     half = 0.5 * v.track_width
     usual = _UNSPRUNG_SHARE * v.mass
-    unsprung = [_given(k.unsprung_mass_front, usual), _given(k.unsprung_mass_rear, usual)]
+    unsprung = [_or_default(k.unsprung_mass_front, usual), _or_default(k.unsprung_mass_rear, usual)]
     sprung = v.mass - 2.0 * sum(unsprung)
     if sprung < 0.2 * v.mass:
         raise ValueError("chassis: the unsprung masses leave less than a fifth of the mass sprung")
@@ -131,8 +131,8 @@ def resolve(vehicle: Vehicle) -> Body:
             "chassis: the yaw inertia is less than what the unsprung masses alone have: raise "
             "yaw_inertia or lower chassis.unsprung_mass_front and _rear"
         )
-    roll = _given(k.roll_inertia, sprung * (0.36 * v.track_width) ** 2)
-    pitch = _given(k.pitch_inertia, 0.8 * v.yaw_inertia)
+    roll = _or_default(k.roll_inertia, sprung * (0.36 * v.track_width) ** 2)
+    pitch = _or_default(k.pitch_inertia, 0.8 * v.yaw_inertia)
     gyro_x = roll + sprung * sprung_z**2
     gyro_y = pitch + sprung * (sprung_x**2 + sprung_z**2)
     gyro_xz = sprung * sprung_x * sprung_z
@@ -142,51 +142,51 @@ def resolve(vehicle: Vehicle) -> Body:
         raise ValueError("chassis: roll and yaw inertia are too small for where the masses are")
 
     spring = [
-        _given(given, mass * (2.0 * math.pi * hertz) ** 2)
+        _or_default(given, mass * (2.0 * math.pi * hertz) ** 2)
         for given, mass, hertz in zip(
             (k.spring_front, k.spring_rear), corner, _HEAVE_HZ, strict=True
         )
     ]
     damper = [
-        _given(given, 2.0 * _DAMPING * math.sqrt(rate * mass))
+        _or_default(given, 2.0 * _DAMPING * math.sqrt(rate * mass))
         for given, rate, mass in zip((k.damper_front, k.damper_rear), spring, corner, strict=True)
     ]
     # Rolling by an angle moves the wheels half a track each way: stiffness k track^2 / 2.
     bars = [
-        _given(given, share * rate * 2.0 * half * half) / (4.0 * half * half)
+        _or_default(given, share * rate * 2.0 * half * half) / (4.0 * half * half)
         for given, share, rate in zip(
             (k.anti_roll_front, k.anti_roll_rear), _ROLL_BARS, spring, strict=True
         )
     ]
     tyre = [
-        _given(given, force / _TYRE_SINKS)
+        _or_default(given, force / _STATIC_TYRE_DEFLECTION_M)
         for given, force in zip(
             (k.tyre_stiffness_front, k.tyre_stiffness_rear), load, strict=True
         )
     ]
     tyre_damping = [
-        _given(given, 2.0 * _TYRE_DAMPING * math.sqrt(rate * mass))
+        _or_default(given, 2.0 * _TYRE_DAMPING * math.sqrt(rate * mass))
         for given, rate, mass in zip(
             (k.tyre_damping_front, k.tyre_damping_rear), tyre, unsprung, strict=True
         )
     ]
     split = v.torque_split_front
-    body = Body(
+    body = SprungMass(
         sprung_mass=sprung, sprung_x=sprung_x, sprung_z=sprung_z, wheel_z=wheel_z,
         inertia_x=inertia_x, inertia_y=inertia_y, inertia_z=v.yaw_inertia, inertia_xz=inertia_xz,
-        gyro_x=gyro_x, gyro_y=gyro_y, gyro_z=gyro_z, gyro_xz=gyro_xz,
-        carried_xx=carried["xx"], carried_yy=carried["yy"], carried_zz=carried["zz"],
-        carried_xz=carried["xz"],
+        sprung_inertia_xx=gyro_x, sprung_inertia_yy=gyro_y, sprung_inertia_zz=gyro_z, sprung_inertia_xz=gyro_xz,
+        unsprung_m_xx=carried["xx"], unsprung_m_yy=carried["yy"], unsprung_m_zz=carried["zz"],
+        unsprung_m_xz=carried["xz"],
         unsprung_f=unsprung[0], unsprung_r=unsprung[1], static_f=static[0], static_r=static[1],
         load_f=load[0], load_r=load[1], spring_f=spring[0], spring_r=spring[1],
         damper_f=damper[0], damper_r=damper[1], bar_f=bars[0], bar_r=bars[1],
         tyre_stiffness_f=tyre[0], tyre_stiffness_r=tyre[1],
         tyre_damping_f=tyre_damping[0], tyre_damping_r=tyre_damping[1],
         roll_centre_f=k.roll_centre_front, roll_centre_r=k.roll_centre_rear,
-        travel=k.travel, stop_stiffness=_given(k.stop_stiffness, 5.0 * spring[0]),
+        travel=k.travel, stop_stiffness=_or_default(k.stop_stiffness, 5.0 * spring[0]),
         lift_area_f=k.lift_area_front, lift_area_r=k.lift_area_rear,
-        motor_limit_f=_given(k.motor_limit_front, 0.5 * split * v.max_drive_torque),
-        motor_limit_r=_given(k.motor_limit_rear, 0.5 * (1.0 - split) * v.max_drive_torque),
+        motor_limit_f=_or_default(k.motor_limit_front, 0.5 * split * v.max_drive_torque),
+        motor_limit_r=_or_default(k.motor_limit_rear, 0.5 * (1.0 - split) * v.max_drive_torque),
         brake_split_front=k.brake_split_front, brake_lag=k.brake_lag,
     )  # fmt: skip
     fastest = float(np.abs(vertical_modes(vehicle, body, stopped=True)).max())
@@ -198,11 +198,11 @@ def resolve(vehicle: Vehicle) -> Body:
     return body
 
 
-def _given(value: float | None, otherwise: float) -> float:
+def _or_default(value: float | None, otherwise: float) -> float:
     return otherwise if value is None else value
 
 
-def vertical_modes(vehicle: Vehicle, body: Body, stopped: bool = False) -> NDArray[np.complex128]:
+def vertical_modes(vehicle: Vehicle, body: SprungMass, stopped: bool = False) -> NDArray[np.complex128]:
     """
     Return the eigenvalues (14,) of heave, roll, pitch and the four wheels' height, 1/s.
 

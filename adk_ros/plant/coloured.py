@@ -11,7 +11,7 @@ import numpy as np
 from adk_ros.signals.channels import FloatArray
 
 
-def coloured(
+def coloured_noise(
     rng: np.random.Generator, n: int, period_s: float, bandwidth_hz: float
 ) -> FloatArray:
     """Unit-variance noise through two first-order low-passes, shape (n,)."""

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from pydantic import Field
 
-from adk_ros.plant.coloured import coloured
+from adk_ros.plant.coloured import coloured_noise
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.params import AIR_DENSITY, GRAVITY, Constants
 from adk_ros.plant.road import ROAD_CURVATURE, ROAD_GRADE, ROAD_SPEED, Route, lookup
@@ -23,11 +23,11 @@ from adk_ros.plant.tyre import axle_tyre, friction
 from adk_ros.plant.yaml_file import FileModel
 from adk_ros.signals.channels import FloatArray
 
-_REACTION = 0.12
+_PREVIEW_TIME_S = 0.12
 """Seconds ahead at which the driver reads curvature and plan: what the actuators will take."""
 
 _GAIN_P, _GAIN_I = 0.8, 0.15
-_SHAKEN_FULLY = 20.0
+_FULL_EXCITATION_SPEED = 20.0
 """m/s up to which the driver adds the full excitation to the steering."""
 
 
@@ -101,8 +101,8 @@ def excitation_signals(
     switches = np.cumsum(rng.random(n) < period_s / 1.5)
     levels = rng.choice([-1.0, 0.0, 1.0], size=n + 1)
     out[:, 0] = excitation.torque_step * levels[switches]
-    out[:, 0] += excitation.torque * coloured(rng, n, period_s, excitation.torque_bandwidth_hz)
-    out[:, 1] = excitation.steer * coloured(rng, n, period_s, excitation.steer_bandwidth_hz)
+    out[:, 0] += excitation.torque * coloured_noise(rng, n, period_s, excitation.torque_bandwidth_hz)
+    out[:, 1] = excitation.steer * coloured_noise(rng, n, period_s, excitation.steer_bandwidth_hz)
     phases = rng.uniform(0.0, 2.0 * math.pi, 2)
     wander = 0.6 * np.sin(2.0 * math.pi * t / 37.0 + phases[0])
     wander += 0.4 * np.sin(2.0 * math.pi * t / 13.0 + phases[1])
@@ -127,7 +127,7 @@ def understeer_gradient(c: Constants) -> float:
 
 
 @kernel
-def drive(
+def driver_command(
     c: Constants,
     table: FloatArray,
     spacing: float,
@@ -149,14 +149,14 @@ def drive(
     speed = max(v_x, 3.0)
     course = heading + math.atan2(v_y, speed) - road_heading
     course = math.atan2(math.sin(course), math.cos(course))
-    ahead = s + speed * _REACTION
+    ahead = s + speed * _PREVIEW_TIME_S
     curvature = lookup(table, spacing, ahead, ROAD_CURVATURE)
     wheelbase = c.cg_to_front_axle + c.cg_to_rear_axle
     delta = (wheelbase + understeer_gradient(c) * speed * speed) * curvature
     reach = max(6.0, 0.8 * speed)
     delta -= 2.0 * wheelbase * (across + reach * math.sin(course)) / (reach * reach)
     # The same angle throws a fast car further off its line: shake it in proportion.
-    delta += added[1] * min(1.0, (_SHAKEN_FULLY / speed) ** 2)
+    delta += added[1] * min(1.0, (_FULL_EXCITATION_SPEED / speed) ** 2)
 
     plan = lookup(table, spacing, ahead, ROAD_SPEED)
     after = lookup(table, spacing, ahead + spacing, ROAD_SPEED)

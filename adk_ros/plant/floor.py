@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.plant.body import NO_BODY, Body, resolve
+from adk_ros.plant.body import NO_SPRUNG_MASS, SprungMass, resolve
 from adk_ros.plant.fourteen_dof import STATE_LIMIT as FOURTEEN_LIMIT
-from adk_ros.plant.heard import Drive
+from adk_ros.plant.heard import SimulatedDrive
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.on_route import step_on_route
 from adk_ros.plant.params import Constants
@@ -36,7 +36,7 @@ def _along(c: Constants, i: int, v: FloatArray, delta: FloatArray) -> FloatArray
     return np.asarray(hub_x * np.cos(angle) + hub_y * np.sin(angle))
 
 
-def _restarted(drive: Drive, c: Constants, rows: IntArray, x0: FloatArray) -> FloatArray:
+def _restarted(drive: SimulatedDrive, c: Constants, rows: IntArray, x0: FloatArray) -> FloatArray:
     """States at `rows` with the measured velocities, wheel spins moved so that slips stay."""
     states = drive.states[rows]
     measured = np.where(np.isfinite(x0), x0, drive.x[rows])
@@ -54,10 +54,10 @@ def _restarted(drive: Drive, c: Constants, rows: IntArray, x0: FloatArray) -> Fl
 
 
 @kernel
-def _drive_on(
+def _continue_drive(
     fourteen: bool,
     c: Constants,
-    b: Body,
+    b: SprungMass,
     table: FloatArray,
     spacing: float,
     wind: FloatArray,
@@ -91,7 +91,7 @@ def _drive_on(
             out[n, j, 2] = state[YAW_RATE]
 
 
-def floor_rollout(drive: Drive, rows: IntArray, x0: FloatArray, ahead: int) -> FloatArray:
+def oracle_rollout(drive: SimulatedDrive, rows: IntArray, x0: FloatArray, ahead: int) -> FloatArray:
     """
     Drive on from grid rows of `drive`, started with measured velocities; either plant.
 
@@ -117,8 +117,8 @@ def floor_rollout(drive: Drive, rows: IntArray, x0: FloatArray, ahead: int) -> F
         return out
     constants = drive.vehicle.constants()
     fourteen = drive.plant == "fourteen_dof"
-    body = resolve(drive.vehicle) if fourteen else NO_BODY
-    _drive_on(
+    body = resolve(drive.vehicle) if fourteen else NO_SPRUNG_MASS
+    _continue_drive(
         fourteen, constants, body, drive.route.table, drive.route.spacing, drive.wind,
         drive.commands, drive.command_step, rows, drive.place[rows],
         _restarted(drive, constants, rows, start), out,

@@ -17,7 +17,7 @@ _ROLLING_SPEED = 0.1
 
 
 @kernel
-def air(
+def aerodynamic_forces(
     c: Constants, v_x: float, v_y: float, wind_x: float, wind_y: float
 ) -> tuple[float, float, float]:
     """
@@ -101,7 +101,7 @@ def wheel_hub(
 
 
 @kernel
-def on_body(hub: Hub, f_x: float, f_y: float) -> tuple[float, float, float]:
+def to_body_axes(hub: Hub, f_x: float, f_y: float) -> tuple[float, float, float]:
     """Return the (f_x, f_y, m_z) in body axes about the CG of a wheel's forces in its own."""
     b_x = f_x * hub.cos - f_y * hub.sin
     b_y = f_x * hub.sin + f_y * hub.cos

@@ -34,20 +34,26 @@ import math
 import numpy as np
 
 from adk_ros.plant.actuators import asked_of_wheels, brake_torque
-from adk_ros.plant.body import Body
-from adk_ros.plant.forces import air, rolling_resistance
+from adk_ros.plant.body import SprungMass
+from adk_ros.plant.forces import aerodynamic_forces, rolling_resistance
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.params import AIR_DENSITY, GRAVITY, Constants
-from adk_ros.plant.runge_kutta import clip, moved, take_step
+from adk_ros.plant.runge_kutta import axpy, clip, take_step
 from adk_ros.plant.surface import PLANE_MU, PLANE_OFFSET, PLANE_X, PLANE_Y, PLANE_Z
 from adk_ros.plant.suspension import corner, suspension_force, tyre_load
-from adk_ros.plant.tyre import SLIP_SPEED_MIN, axle_tyre, friction, grip_shares, relaxation_rate
+from adk_ros.plant.tyre import (
+    SLIP_SPEED_MIN,
+    axle_tyre,
+    combined_slip_utilisation,
+    friction,
+    relaxation_rate,
+)
 from adk_ros.signals.channels import FloatArray
 
 V_X, V_Y, YAW_RATE = 0, 1, 2
 OMEGA = 3
-GRIP_X = 7
-GRIP_Y = 11
+F_X_UTIL = 7
+F_Y_UTIL = 11
 V_Z, ROLL_RATE, PITCH_RATE = 15, 16, 17
 DELTA = 18
 X, Y, HEADING = 19, 20, 21
@@ -70,7 +76,7 @@ STATE_LIMIT = np.array(
 @kernel
 def derivative(
     c: Constants,
-    b: Body,
+    b: SprungMass,
     state: FloatArray,
     command: FloatArray,
     planes: FloatArray,
@@ -99,7 +105,7 @@ def derivative(
 
     wind_x = wind[0] * cos_h + wind[1] * sin_h
     wind_y = -wind[0] * sin_h + wind[1] * cos_h
-    f_x, f_y, m_z = air(c, v_x, v_y, wind_x, wind_y)
+    f_x, f_y, m_z = aerodynamic_forces(c, v_x, v_y, wind_x, wind_y)
     pressure = 0.5 * AIR_DENSITY * ((wind_x - v_x) ** 2 + (wind_y - v_y) ** 2)
     lift_f, lift_r = pressure * b.lift_area_f, pressure * b.lift_area_r
     f_z = lift_f + lift_r + b.sprung_mass * g_z
@@ -152,14 +158,14 @@ def derivative(
         rolling = max(abs(along), SLIP_SPEED_MIN)
         kappa = (state[OMEGA + i] * c.wheel_radius - along) / rolling
         tan_alpha = -across / rolling
-        grip_x, grip_y = grip_shares(tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha)
+        grip_x, grip_y = combined_slip_utilisation(tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha)
         rate_x = relaxation_rate(contact, tyre.relaxation_length_x, step)
         rate_y = relaxation_rate(contact, tyre.relaxation_length, step)
-        out[GRIP_X + i] = rate_x * (grip_x - state[GRIP_X + i])
-        out[GRIP_Y + i] = rate_y * (grip_y - state[GRIP_Y + i])
+        out[F_X_UTIL + i] = rate_x * (grip_x - state[F_X_UTIL + i])
+        out[F_Y_UTIL + i] = rate_y * (grip_y - state[F_Y_UTIL + i])
         peak = mu * load * friction(tyre, load)
-        drive = peak * state[GRIP_X + i]
-        side = peak * state[GRIP_Y + i]
+        drive = peak * state[F_X_UTIL + i]
+        side = peak * state[F_Y_UTIL + i]
         torque = state[MOTOR + i]
         torque += brake_torque(state[BRAKE + i], state[OMEGA + i], c.wheel_inertia, step)
         out[OMEGA + i] = (torque - c.wheel_radius * drive) / c.wheel_inertia
@@ -189,11 +195,11 @@ def derivative(
     a_x, a_y = f_x / c.mass, f_y / c.mass
     out[V_X] = a_x + g_x + r * v_y - q * v_z
     out[V_Y] = a_y + g_y - r * v_x + p * v_z
-    m_x -= q * r * (b.gyro_z - b.gyro_y - b.carried_zz) - p * q * (b.gyro_xz + b.carried_xz)
-    m_y -= r * p * (b.gyro_x - b.gyro_z + b.carried_zz) + b.gyro_xz * (p * p - r * r)
-    m_y += (q * q + r * r) * b.carried_xz
-    m_z -= p * q * (b.gyro_y - b.gyro_x + b.carried_xx - b.carried_yy)
-    m_z -= q * r * (b.gyro_xz + b.carried_xz)
+    m_x -= q * r * (b.sprung_inertia_zz - b.sprung_inertia_yy - b.unsprung_m_zz) - p * q * (b.sprung_inertia_xz + b.unsprung_m_xz)
+    m_y -= r * p * (b.sprung_inertia_xx - b.sprung_inertia_zz + b.unsprung_m_zz) + b.sprung_inertia_xz * (p * p - r * r)
+    m_y += (q * q + r * r) * b.unsprung_m_xz
+    m_z -= p * q * (b.sprung_inertia_yy - b.sprung_inertia_xx + b.unsprung_m_xx - b.unsprung_m_yy)
+    m_z -= q * r * (b.sprung_inertia_xz + b.unsprung_m_xz)
     lateral = b.inertia_x * b.inertia_z - b.inertia_xz * b.inertia_xz
     p_rate = (b.inertia_z * m_x + b.inertia_xz * m_z) / lateral
     r_rate = (b.inertia_x * m_z + b.inertia_xz * m_x) / lateral
@@ -224,7 +230,7 @@ def derivative(
 @kernel
 def rk4_step(
     c: Constants,
-    b: Body,
+    b: SprungMass,
     state: FloatArray,
     command: FloatArray,
     planes: FloatArray,
@@ -238,11 +244,11 @@ def rk4_step(
     `work` (5, STATE_SIZE) is scratch. Returns the specific force at the *start* of the step.
     """
     a_x, a_y = derivative(c, b, state, command, planes, wind, step, work[0])
-    moved(state, 0.5 * step, work[0], work[4])
+    axpy(state, 0.5 * step, work[0], work[4])
     derivative(c, b, work[4], command, planes, wind, step, work[1])
-    moved(state, 0.5 * step, work[1], work[4])
+    axpy(state, 0.5 * step, work[1], work[4])
     derivative(c, b, work[4], command, planes, wind, step, work[2])
-    moved(state, step, work[2], work[4])
+    axpy(state, step, work[2], work[4])
     derivative(c, b, work[4], command, planes, wind, step, work[3])
     take_step(state, step, work, STATE_LIMIT)
     return a_x, a_y
@@ -251,7 +257,7 @@ def rk4_step(
 @kernel
 def advance(
     c: Constants,
-    b: Body,
+    b: SprungMass,
     state: FloatArray,
     commands: FloatArray,
     planes: FloatArray,

@@ -19,7 +19,7 @@ from adk_ros.plant.sensors import (
     odometry_stream,
     stamps,
 )
-from adk_ros.plant.setting import Setting
+from adk_ros.plant.setting import RunSetup
 from adk_ros.plant.seven_dof import STEP
 from adk_ros.signals.channels import (
     TICK_NS,
@@ -35,12 +35,12 @@ START_NS = 1_760_000_000_000_000_000
 TICK = round(TICK_NS * 1e-9 / STEP)
 """Integration steps in a tick."""
 TRUTH_SIZE = 9
-T_A_X, T_A_Y, T_YAW_RATE, T_V_X, T_V_Y, T_X, T_Y, T_HEADING, T_PLACE = range(TRUTH_SIZE)
+T_A_X, T_A_Y, T_YAW_RATE, T_V_X, T_V_Y, T_X, T_Y, T_HEADING, T_ARC_LENGTH = range(TRUTH_SIZE)
 """Columns of a drive's truth."""
 
 
 @dataclass(frozen=True)
-class Drive:
+class SimulatedDrive:
     """
     A drive: the truth on the 25 ms grid, and what the sensors sent.
 
@@ -105,16 +105,16 @@ def _merge(streams: dict[Source, Stream]) -> tuple[list[Reading], IntArray]:
     return [readings[i] for i in order.tolist()], logs[order]
 
 
-def heard(
+def simulate_sensors(
     scenario: Scenario,
-    setting: Setting,
+    setting: RunSetup,
     truth: FloatArray,
     commands: FloatArray,
     vehicle: Vehicle,
     route: Route,
     plant: str,
     states: FloatArray,
-) -> Drive:
+) -> SimulatedDrive:
     """
     Return the drive whose `truth` (steps + 1, TRUTH_SIZE) a plant has gone through.
 
@@ -144,7 +144,7 @@ def heard(
     grid_ns = np.arange(grid.shape[0], dtype=np.int64) * TICK_NS
     # A command stamped on a tick acts from it on; command 0 acts from the start.
     acting = np.maximum(np.searchsorted(given_ns, grid_ns, side="right") - 1, 0)
-    return Drive(
+    return SimulatedDrive(
         name=scenario.name,
         seed=setting.seed,
         vehicle=vehicle,
@@ -154,7 +154,7 @@ def heard(
         u=commands[acting],
         a=grid[:, [T_A_X, T_A_Y]].copy(),
         pose=grid[:, [T_X, T_Y, T_HEADING]].copy(),
-        place=grid[:, T_PLACE].copy(),
+        place=grid[:, T_ARC_LENGTH].copy(),
         streams=streams,
         readings=readings,
         log_ns=log_ns,

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from adk_ros.plant import fourteen_dof, seven_dof
-from adk_ros.plant.body import Body
+from adk_ros.plant.body import SprungMass
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.params import Constants
 from adk_ros.plant.road import ROAD_BANK, ROAD_GRADE, ROAD_MU, lookup
@@ -24,7 +24,7 @@ _fourteen_step = fourteen_dof.rk4_step
 def step_on_route(
     fourteen: bool,
     c: Constants,
-    b: Body,
+    b: SprungMass,
     table: FloatArray,
     spacing: float,
     s: float,

@@ -91,7 +91,7 @@ class Segment(FileModel):
         return self
 
 
-class Place(FileModel):
+class RoadPatch(FileModel):
     """What is different between two distances from the start of the lap, in m."""
 
     start: float = Field(ge=0.0)
@@ -104,7 +104,7 @@ class Place(FileModel):
     """Metres over which it comes and goes, inside the place."""
 
     @model_validator(mode="after")
-    def _order(self) -> Place:
+    def _order(self) -> RoadPatch:
         if self.end <= self.start:
             raise ValueError("end must be greater than start")
         return self
@@ -171,7 +171,7 @@ def _trace(segments: list[Segment], lengths: list[float]) -> tuple[FloatArray, F
 
 def build_route(
     segments: list[Segment],
-    places: list[Place],
+    places: list[RoadPatch],
     mu: float,
     heights: list[Height] | None = None,
     undulations: list[Undulation] | None = None,
@@ -212,7 +212,7 @@ def build_route(
     for place in places:
         if place.end > lap:
             raise ValueError(f"a place ends at {place.end:g} m, but the lap has {lap:.0f} m")
-        _lay(table, s, place)
+        _apply_patch(table, s, place)
     if heights or undulations:
         slope = profile_slope(heights or [], undulations or [], rows, lap)
         table[:, ROAD_GRADE] = np.arctan(np.tan(table[:, ROAD_GRADE]) + slope)
@@ -224,7 +224,7 @@ def build_route(
     return Route(table, lap / rows)
 
 
-def _lay(table: FloatArray, s: FloatArray, place: Place) -> None:
+def _apply_patch(table: FloatArray, s: FloatArray, place: RoadPatch) -> None:
     inside = np.minimum(s - place.start, place.end - s)
     share = np.clip(inside / max(place.blend, 1e-3), 0.0, 1.0)
     for column, value in (

@@ -22,24 +22,24 @@ import math
 import numpy as np
 
 from adk_ros.plant.forces import (
-    air,
-    on_body,
+    aerodynamic_forces,
     road_normal_weight,
     rolling_resistance,
+    to_body_axes,
     wheel_hub,
     wheel_loads,
 )
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.params import GRAVITY, Constants, Vehicle
-from adk_ros.plant.runge_kutta import clip, moved, take_step
+from adk_ros.plant.runge_kutta import axpy, clip, take_step
 from adk_ros.plant.seven_dof import STEP, drive_torque
 from adk_ros.plant.tyre import (
     SLIP_SPEED_MIN,
     AxleTyre,
     axle_tyre,
-    curve,
+    combined_slip_utilisation,
     friction,
-    grip_shares,
+    magic_formula,
     relaxation_rate,
 )
 from adk_ros.signals.channels import TICK_NS, FloatArray
@@ -47,7 +47,7 @@ from adk_ros.signals.channels import TICK_NS, FloatArray
 MAX_STEP = 12.5e-3
 """Longest integration step, s: half a tick, which costs no accuracy in two seconds' prediction."""
 
-_GRIP_Y = 3
+_F_Y_UTIL = 3
 _LOAD_A_X, _LOAD_A_Y = 7, 8
 _TORQUE, _DELTA = 9, 10
 _SIZE = 11
@@ -67,8 +67,8 @@ def driven_shares(tyre: AxleTyre, wanted: float, s_y: float) -> tuple[float, flo
     s_x = clip(wanted / tyre.c_x, _SLIP_X_MAX)
     for _ in range(3):
         slip = math.hypot(s_x, s_y) + 1e-9
-        s_x = clip(wanted * slip / max(curve(slip, tyre.c_x, tyre.e_x), 1e-9), _SLIP_X_MAX)
-    return grip_shares(tyre, s_x, s_y)
+        s_x = clip(wanted * slip / max(magic_formula(slip, tyre.c_x, tyre.e_x), 1e-9), _SLIP_X_MAX)
+    return combined_slip_utilisation(tyre, s_x, s_y)
 
 
 @kernel
@@ -85,7 +85,7 @@ def _derivative(
     v_x, v_y, yaw_rate = state[0], state[1], state[2]
     mu = min(max(road[0], 0.01), 2.0)
     grade, bank = road[1], road[2]
-    f_x, f_y, m_z = air(c, v_x, v_y, 0.0, 0.0)
+    f_x, f_y, m_z = aerodynamic_forces(c, v_x, v_y, 0.0, 0.0)
     weight = road_normal_weight(c.mass, grade, bank, v_x, yaw_rate)
     loads = wheel_loads(c, state[_LOAD_A_X], state[_LOAD_A_Y], weight)
     cos_d, sin_d = math.cos(state[_DELTA]), math.sin(state[_DELTA])
@@ -100,9 +100,9 @@ def _derivative(
         n_x, steady[i] = driven_shares(tyre, wanted, tyre.b_y / mu * tan_alpha)
         contact = math.hypot(hub.along, hub.across)
         rate = relaxation_rate(contact, tyre.relaxation_length, step)
-        out[_GRIP_Y + i] = rate * (steady[i] - state[_GRIP_Y + i])
+        out[_F_Y_UTIL + i] = rate * (steady[i] - state[_F_Y_UTIL + i])
         t_x = peak * n_x + rolling_resistance(c.crr, loads[i], hub.along)
-        b_x, b_y, b_m = on_body(hub, t_x, peak * state[_GRIP_Y + i])
+        b_x, b_y, b_m = to_body_axes(hub, t_x, peak * state[_F_Y_UTIL + i])
         f_x += b_x
         f_y += b_y
         m_z += b_m
@@ -139,7 +139,7 @@ def _start(
     state[_LOAD_A_Y] = clip(state[0] * state[2], _LIMIT[_LOAD_A_Y])
     steady = work[1, :4]
     _derivative(c, state, reached, road, step, work[0], steady)
-    state[_GRIP_Y : _GRIP_Y + 4] = steady
+    state[_F_Y_UTIL : _F_Y_UTIL + 4] = steady
 
 
 @kernel
@@ -162,11 +162,11 @@ def _rollouts(
             command = u[n, k]
             for _ in range(substeps):
                 _derivative(c, state, command, road, step, work[0], unused)
-                moved(state, 0.5 * step, work[0], work[4])
+                axpy(state, 0.5 * step, work[0], work[4])
                 _derivative(c, work[4], command, road, step, work[1], unused)
-                moved(state, 0.5 * step, work[1], work[4])
+                axpy(state, 0.5 * step, work[1], work[4])
                 _derivative(c, work[4], command, road, step, work[2], unused)
-                moved(state, step, work[2], work[4])
+                axpy(state, step, work[2], work[4])
                 _derivative(c, work[4], command, road, step, work[3], unused)
                 take_step(state, step, work, _LIMIT)
             for j in range(3):

@@ -15,7 +15,7 @@ def clip(value: float, limit: float) -> float:
 
 
 @kernel
-def moved(state: FloatArray, time: float, rate: FloatArray, out: FloatArray) -> None:
+def axpy(state: FloatArray, time: float, rate: FloatArray, out: FloatArray) -> None:
     """Write into `out` where `state` gets to in `time` at `rate`; all of one length."""
     for j in range(state.shape[0]):
         out[j] = state[j] + time * rate[j]

@@ -19,11 +19,11 @@ from adk_ros.plant.body import resolve
 from adk_ros.plant.driver import Excitation, SpeedPlan, plan_speed
 from adk_ros.plant.elevation import Height, Undulation
 from adk_ros.plant.params import Vehicle, load_vehicle
-from adk_ros.plant.road import Place, Route, Segment, build_route
+from adk_ros.plant.road import RoadPatch, Route, Segment, build_route
 from adk_ros.plant.sensors import Sensors
 from adk_ros.plant.swept_sine import SweptSine
 from adk_ros.plant.wind import Wind
-from adk_ros.plant.yaml_file import FileModel, packaged, read, replaced, validate
+from adk_ros.plant.yaml_file import FileModel, packaged, read, validate, with_replacements
 
 _BASES_MAX = 8
 
@@ -50,7 +50,7 @@ class Scenario(FileModel):
     """Speed there, m/s, from which the driver accelerates; else that of the speed plan."""
     wind: Wind = Wind()
     route: list[Segment] = Field(min_length=2)
-    places: list[Place] = Field(default_factory=list)
+    places: list[RoadPatch] = Field(default_factory=list)
     heights: list[Height] = Field(default_factory=list)
     """The road's profile: a smooth curve through these, closed over the lap."""
     undulations: list[Undulation] = Field(default_factory=list)
@@ -75,7 +75,7 @@ class Scenario(FileModel):
         """
         vehicle = load_vehicle(self.vehicle)
         if self.vehicle_changes:
-            content = replaced(vehicle.model_dump(), self.vehicle_changes)
+            content = with_replacements(vehicle.model_dump(), self.vehicle_changes)
             vehicle = validate(f"{self.name}: vehicle_changes", content, Vehicle)
         if self.plant == "fourteen_dof":
             try:
@@ -118,7 +118,7 @@ def _read_with_bases(source: str | Path, below: int = 0) -> tuple[str, dict[str,
     of_file = Path(source).is_file() and base.endswith((".yaml", ".yml"))
     _, inherited = _read_with_bases(beside if of_file else base, below + 1)
     inherited.pop("name", None)
-    return name, replaced(inherited, content)
+    return name, with_replacements(inherited, content)
 
 
 def load_scenario(source: str | Path) -> Scenario:

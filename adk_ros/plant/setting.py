@@ -18,7 +18,7 @@ from adk_ros.signals.channels import TICK_NS, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class Setting:
+class RunSetup:
     """
     Command k is given at step `phase + (k - 1) every`, the first one at step 0.
 
@@ -46,7 +46,7 @@ class Setting:
         return np.asarray(self.phase + self.every * np.arange(-1, self.count - 1), dtype=np.int64)
 
 
-def settle(scenario: Scenario, seed: int | None, duration_s: float | None) -> Setting:
+def set_up_run(scenario: Scenario, seed: int | None, duration_s: float | None) -> RunSetup:
     """
     Return the setting of a drive; `seed` and `duration_s` replace the scenario's own.
 
@@ -74,4 +74,4 @@ def settle(scenario: Scenario, seed: int | None, duration_s: float | None) -> Se
         angles = steering_angles(scenario.steering, period_s * np.arange(count, dtype=np.float64))
     ticks = steps // round(TICK_NS * 1e-9 / STEP)
     wind = wind_series(rngs[4], scenario.wind, ticks)
-    return Setting(seed, seconds, steps, every, phase, added, angles, wind, rngs)
+    return RunSetup(seed, seconds, steps, every, phase, added, angles, wind, rngs)

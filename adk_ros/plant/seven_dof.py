@@ -33,17 +33,23 @@ import math
 import numpy as np
 
 from adk_ros.plant.forces import (
-    air,
-    on_body,
+    aerodynamic_forces,
     road_normal_weight,
     rolling_resistance,
+    to_body_axes,
     wheel_hub,
     wheel_loads,
 )
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.params import GRAVITY, Constants
-from adk_ros.plant.runge_kutta import clip, moved, take_step
-from adk_ros.plant.tyre import SLIP_SPEED_MIN, axle_tyre, friction, grip_shares, relaxation_rate
+from adk_ros.plant.runge_kutta import axpy, clip, take_step
+from adk_ros.plant.tyre import (
+    SLIP_SPEED_MIN,
+    axle_tyre,
+    combined_slip_utilisation,
+    friction,
+    relaxation_rate,
+)
 from adk_ros.signals.channels import FloatArray
 
 STEP = 1e-3
@@ -51,8 +57,8 @@ STEP = 1e-3
 
 V_X, V_Y, YAW_RATE = 0, 1, 2
 OMEGA = 3
-GRIP_X = 7
-GRIP_Y = 11
+F_X_UTIL = 7
+F_Y_UTIL = 11
 LOAD_A_X, LOAD_A_Y = 15, 16
 TORQUE, DELTA = 17, 18
 X, Y, HEADING = 19, 20, 21
@@ -90,7 +96,7 @@ def derivative(
     mu = min(max(road[0], 0.01), 2.0)
     grade, bank = road[1], road[2]
     cos_h, sin_h = math.cos(state[HEADING]), math.sin(state[HEADING])
-    f_x, f_y, m_z = air(
+    f_x, f_y, m_z = aerodynamic_forces(
         c, v_x, v_y, road[3] * cos_h + road[4] * sin_h, -road[3] * sin_h + road[4] * cos_h
     )
     weight = road_normal_weight(c.mass, grade, bank, v_x, yaw_rate)
@@ -104,17 +110,17 @@ def derivative(
         rolling = max(abs(hub.along), SLIP_SPEED_MIN)
         kappa = (state[OMEGA + i] * c.wheel_radius - hub.along) / rolling
         tan_alpha = -hub.across / rolling
-        n_x, n_y = grip_shares(tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha)
+        n_x, n_y = combined_slip_utilisation(tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha)
         rate_x = relaxation_rate(contact, tyre.relaxation_length_x, step)
         rate_y = relaxation_rate(contact, tyre.relaxation_length, step)
-        out[GRIP_X + i] = rate_x * (n_x - state[GRIP_X + i])
-        out[GRIP_Y + i] = rate_y * (n_y - state[GRIP_Y + i])
+        out[F_X_UTIL + i] = rate_x * (n_x - state[F_X_UTIL + i])
+        out[F_Y_UTIL + i] = rate_y * (n_y - state[F_Y_UTIL + i])
         peak = mu * loads[i] * friction(tyre, loads[i])
-        t_x = peak * state[GRIP_X + i]
+        t_x = peak * state[F_X_UTIL + i]
         share = 0.5 * (c.torque_split_front if front else 1.0 - c.torque_split_front)
         out[OMEGA + i] = (share * state[TORQUE] - c.wheel_radius * t_x) / c.wheel_inertia
         t_x += rolling_resistance(c.crr, loads[i], hub.along)
-        b_x, b_y, b_m = on_body(hub, t_x, peak * state[GRIP_Y + i])
+        b_x, b_y, b_m = to_body_axes(hub, t_x, peak * state[F_Y_UTIL + i])
         f_x += b_x
         f_y += b_y
         m_z += b_m
@@ -149,11 +155,11 @@ def rk4_step(
     `work` (5, STATE_SIZE) is scratch. Returns the specific force at the *start* of the step.
     """
     a_x, a_y = derivative(c, state, command, road, step, work[0])
-    moved(state, 0.5 * step, work[0], work[4])
+    axpy(state, 0.5 * step, work[0], work[4])
     derivative(c, work[4], command, road, step, work[1])
-    moved(state, 0.5 * step, work[1], work[4])
+    axpy(state, 0.5 * step, work[1], work[4])
     derivative(c, work[4], command, road, step, work[2])
-    moved(state, step, work[2], work[4])
+    axpy(state, step, work[2], work[4])
     derivative(c, work[4], command, road, step, work[3])
     take_step(state, step, work, STATE_LIMIT)
     return a_x, a_y

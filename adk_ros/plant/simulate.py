@@ -13,14 +13,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from adk_ros.plant.body import NO_BODY, Body, resolve
-from adk_ros.plant.driver import drive
+from adk_ros.plant.body import NO_SPRUNG_MASS, SprungMass, resolve
+from adk_ros.plant.driver import driver_command
 from adk_ros.plant.fourteen_dof import rolling_state as rolling_on_plane
 from adk_ros.plant.heard import (
     T_A_X,
     T_A_Y,
+    T_ARC_LENGTH,
     T_HEADING,
-    T_PLACE,
     T_V_X,
     T_V_Y,
     T_X,
@@ -28,8 +28,8 @@ from adk_ros.plant.heard import (
     T_YAW_RATE,
     TICK,
     TRUTH_SIZE,
-    Drive,
-    heard,
+    SimulatedDrive,
+    simulate_sensors,
 )
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.on_route import STATE_SIZES, step_on_route
@@ -44,7 +44,7 @@ from adk_ros.plant.road import (
     lookup,
 )
 from adk_ros.plant.scenarios import Scenario
-from adk_ros.plant.setting import settle
+from adk_ros.plant.setting import set_up_run
 from adk_ros.plant.seven_dof import HEADING, STEP, V_X, V_Y, YAW_RATE, X, Y, rolling_state
 from adk_ros.plant.surface import tangent_plane
 from adk_ros.plant.wind import wind_at
@@ -60,7 +60,7 @@ _CHUNK_S = 5.0
 def _drive(
     fourteen: bool,
     c: Constants,
-    b: Body,
+    b: SprungMass,
     table: FloatArray,
     spacing: float,
     wind: FloatArray,
@@ -91,7 +91,7 @@ def _drive(
         hidden[0] = s
         if n == 0 or (n >= phase and (n - phase) % every == 0):
             k = 0 if n == 0 else (n - phase) // every + 1
-            torque, delta, integral = drive(
+            torque, delta, integral = driver_command(
                 c, table, spacing, (s, across, road_heading), (state[V_X], state[V_Y]),
                 state[HEADING], added[k], hidden[1], every * STEP,
             )
@@ -105,7 +105,7 @@ def _drive(
         row = truth[n]
         row[T_V_X], row[T_V_Y], row[T_YAW_RATE] = state[V_X], state[V_Y], state[YAW_RATE]
         row[T_X], row[T_Y], row[T_HEADING] = state[X], state[Y], state[HEADING]
-        row[T_PLACE] = s
+        row[T_ARC_LENGTH] = s
         if n % TICK == 0:
             states[n // TICK] = state
         row[T_A_X], row[T_A_Y] = step_on_route(
@@ -133,21 +133,21 @@ def simulate(
     seed: int | None = None,
     duration_s: float | None = None,
     progress: Progress | None = None,
-) -> Drive:
+) -> SimulatedDrive:
     """
     Drive `scenario`; `seed` and `duration_s` replace the scenario's own where they are given.
 
     `progress` is called with (seconds done, seconds in all) every 5 s of driving. Raises
     `UsageError` for a duration or seed out of range and for a vehicle or route that is none.
     """
-    setting = settle(scenario, seed, duration_s)
+    setting = set_up_run(scenario, seed, duration_s)
     vehicle, route = scenario.car(), scenario.planned_route()
     constants, steps = vehicle.constants(), setting.steps
     truth = np.empty((steps + 1, TRUTH_SIZE))
     states = np.empty((steps // TICK + 1, STATE_SIZES[scenario.plant]))
     commands = np.zeros((setting.count, 2))
     fourteen = scenario.plant == "fourteen_dof"
-    body = resolve(vehicle) if fourteen else NO_BODY
+    body = resolve(vehicle) if fourteen else NO_SPRUNG_MASS
     start = scenario.start % route.length
     state = _start(scenario, constants, route, start)
     hidden = np.array([start, 0.0, 0.0, 0.0])
@@ -160,6 +160,6 @@ def simulate(
         )
         if progress is not None:
             progress(min(first + chunk, steps) * STEP, setting.seconds)
-    return heard(
+    return simulate_sensors(
         scenario, setting, truth, commands, vehicle, route, scenario.plant, states
     )

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from adk_ros.plant.body import Body
+from adk_ros.plant.body import SprungMass
 from adk_ros.plant.jit import kernel
 
 
@@ -35,7 +35,7 @@ class Corner(NamedTuple):
 
 
 @kernel
-def corner(b: Body, front: bool) -> Corner:
+def corner(b: SprungMass, front: bool) -> Corner:
     """Return the parameters of a front or a rear wheel."""
     if front:
         return Corner(

@@ -33,7 +33,7 @@ from adk_ros.plant.params import Constants, Tyre, Vehicle
 from adk_ros.plant.rollout import actuator_states, rollout
 from adk_ros.plant.yaml_file import validate
 from adk_ros.signals.channels import BoolArray, FloatArray, IntArray, Record
-from adk_ros.signals.score import starts
+from adk_ros.signals.score import scorable_rows
 
 SPEED_MIN = 3.0
 """Starts slower than this, m/s, tell of the model's slip at standstill and not of the car."""
@@ -48,7 +48,7 @@ _SETTLED = 3e-3
 
 
 @dataclass(frozen=True)
-class Parameter:
+class VehicleParameter:
     """
     One direction in which a vehicle may be changed, zero at the given one.
 
@@ -58,8 +58,8 @@ class Parameter:
 
     name: str
     fields: dict[str, float]
-    usual: float
-    most: float
+    prior_sigma: float
+    bound: float
     shift: bool = False
 
     def reported(self, p: float) -> float:
@@ -71,34 +71,34 @@ def _grip(axle: str) -> dict[str, float]:
     return {f"mu_{axle}": 1.0, f"b_y_{axle}": -1.0, f"b_x_{axle}": -1.0}
 
 
-USUAL = (
-    Parameter("mass", {"mass": 1.0}, 0.1, 0.5),
-    Parameter("yaw inertia", {"yaw_inertia": 1.0}, 0.2, 1.2),
-    Parameter("centre of gravity", {"cg_to_front_axle": 1.0, "cg_to_rear_axle": -1.0},
+DEFAULT_PARAMETERS = (
+    VehicleParameter("mass", {"mass": 1.0}, 0.1, 0.5),
+    VehicleParameter("yaw inertia", {"yaw_inertia": 1.0}, 0.2, 1.2),
+    VehicleParameter("centre of gravity", {"cg_to_front_axle": 1.0, "cg_to_rear_axle": -1.0},
               0.1, 0.5, shift=True),
-    Parameter("height of the centre of gravity", {"cg_height": 1.0}, 0.15, 0.6),
-    Parameter("roll share front", {"roll_share_front": 1.0}, 0.1, 0.4, shift=True),
-    Parameter("load lag", {"load_lag": 1.0}, 0.05, 0.3, shift=True),
-    Parameter("grip front", _grip("f"), 0.15, 1.0),
-    Parameter("grip rear", _grip("r"), 0.15, 1.0),
-    Parameter("stiffness front", {"b_y_f": 1.0}, 0.2, 1.0),
-    Parameter("stiffness rear", {"b_y_r": 1.0}, 0.2, 1.0),
-    Parameter("shape front", {"c_y_f": 1.0, "b_y_f": -1.0}, 0.1, 0.3),
-    Parameter("shape rear", {"c_y_r": 1.0, "b_y_r": -1.0}, 0.1, 0.3),
-    Parameter("relaxation length", {"relaxation_length_f": 1.0, "relaxation_length_r": 1.0},
+    VehicleParameter("height of the centre of gravity", {"cg_height": 1.0}, 0.15, 0.6),
+    VehicleParameter("roll share front", {"roll_share_front": 1.0}, 0.1, 0.4, shift=True),
+    VehicleParameter("load lag", {"load_lag": 1.0}, 0.05, 0.3, shift=True),
+    VehicleParameter("grip front", _grip("f"), 0.15, 1.0),
+    VehicleParameter("grip rear", _grip("r"), 0.15, 1.0),
+    VehicleParameter("stiffness front", {"b_y_f": 1.0}, 0.2, 1.0),
+    VehicleParameter("stiffness rear", {"b_y_r": 1.0}, 0.2, 1.0),
+    VehicleParameter("shape front", {"c_y_f": 1.0, "b_y_f": -1.0}, 0.1, 0.3),
+    VehicleParameter("shape rear", {"c_y_r": 1.0, "b_y_r": -1.0}, 0.1, 0.3),
+    VehicleParameter("relaxation length", {"relaxation_length_f": 1.0, "relaxation_length_r": 1.0},
               0.4, 1.5),
-    Parameter("load sensitivity", {"load_sensitivity_f": 1.0, "load_sensitivity_r": 1.0},
+    VehicleParameter("load sensitivity", {"load_sensitivity_f": 1.0, "load_sensitivity_r": 1.0},
               0.05, 0.2, shift=True),
-    Parameter("drag", {"cda": 1.0}, 0.2, 1.0),
-    Parameter("rolling resistance", {"crr": 1.0}, 0.005, 0.05, shift=True),
-    Parameter("steering lag", {"steer_lag": 1.0}, 0.03, 0.3, shift=True),
-    Parameter("torque lag", {"torque_lag": 1.0}, 0.03, 0.5, shift=True),
+    VehicleParameter("drag", {"cda": 1.0}, 0.2, 1.0),
+    VehicleParameter("rolling resistance", {"crr": 1.0}, 0.005, 0.05, shift=True),
+    VehicleParameter("steering lag", {"steer_lag": 1.0}, 0.03, 0.3, shift=True),
+    VehicleParameter("torque lag", {"torque_lag": 1.0}, 0.03, 0.5, shift=True),
 )
 """What a drive under known commands can tell of a car."""
 
 
 @dataclass(frozen=True)
-class Tuned:
+class IdentifiedVehicle:
     """
     The vehicle found, without a chassis, and how it differs.
 
@@ -116,15 +116,15 @@ class Tuned:
     at_bound: tuple[str, ...] = ()
 
 
-def tune(
+def identify_vehicle(
     vehicle: Vehicle,
     records: Sequence[Record],
     *,
-    parameters: Sequence[Parameter] = USUAL,
+    parameters: Sequence[VehicleParameter] = DEFAULT_PARAMETERS,
     mu: float = 1.0,
     count: int = 400,
     ahead: int = 40,
-) -> Tuned:
+) -> IdentifiedVehicle:
     """
     Identify `parameters` of `vehicle` on `records`, driven on a flat road of friction `mu`.
 
@@ -136,15 +136,15 @@ def tune(
     solver = _Solver(vehicle.constants(), tuple(parameters), mu)
     p = np.zeros(len(parameters))
     early = _Batch.of(records, max(count // 2, _MIN_STARTS), max(ahead // 2, 1))
-    p = solver.minimise(early, solver.spread(early, p), p)
+    p = solver.minimise(early, solver.error_scale(early, p), p)
     batch = _Batch.of(records, count, ahead)
     for _ in range(2):
-        sigma = solver.spread(batch, p)
+        sigma = solver.error_scale(batch, p)
         p = solver.minimise(batch, sigma, p)
     before, after = (solver.loss(batch, sigma, q) for q in (np.zeros_like(p), p))
     deviation = solver.deviation(batch, sigma, p)
     low, high = solver.bounds
-    return Tuned(
+    return IdentifiedVehicle(
         vehicle=_with(vehicle, solver.constants(p)),
         changes={q.name: q.reported(v) for q, v in zip(parameters, p.tolist(), strict=True)},
         cost_before=before,
@@ -156,7 +156,7 @@ def tune(
     )
 
 
-def reached(vehicle: Vehicle | Constants, record: Record) -> FloatArray:
+def actuator_state_history(vehicle: Vehicle | Constants, record: Record) -> FloatArray:
     """
     Return what torque and angle have reached at each row of a record, (n, 2).
 
@@ -185,7 +185,7 @@ class _Batch:
 
     @staticmethod
     def of(records: Sequence[Record], count: int, ahead: int) -> _Batch:
-        found = [_fast(record, starts(record, 1, ahead)) for record in records]
+        found = [_fast_enough_rows(record, scorable_rows(record, 1, ahead)) for record in records]
         total = sum(i.size for i in found)
         if total < _MIN_STARTS:
             raise DataError(
@@ -208,7 +208,7 @@ class _Batch:
         )
 
 
-def _fast(record: Record, rows: IntArray) -> IntArray:
+def _fast_enough_rows(record: Record, rows: IntArray) -> IntArray:
     kept: IntArray = rows[record.x[rows, 0] > SPEED_MIN]
     return kept
 
@@ -216,16 +216,16 @@ def _fast(record: Record, rows: IntArray) -> IntArray:
 class _Solver:
     """Levenberg-Marquardt in the parameters' own units, with bounds."""
 
-    def __init__(self, given: Constants, parameters: tuple[Parameter, ...], mu: float) -> None:
+    def __init__(self, given: Constants, parameters: tuple[VehicleParameter, ...], mu: float) -> None:
         self._given = given
         self._parameters = parameters
         self._mu = mu
-        self._usual = np.array([q.usual for q in parameters])
+        self._usual = np.array([q.prior_sigma for q in parameters])
         self._reached: dict[tuple[float, ...], list[FloatArray]] = {}
-        low = [-min([q.most, *self._room(q)]) for q in parameters]
-        self.bounds = np.array(low), np.array([q.most for q in parameters])
+        low = [-min([q.bound, *self._room(q)]) for q in parameters]
+        self.bounds = np.array(low), np.array([q.bound for q in parameters])
 
-    def _room(self, q: Parameter) -> list[float]:
+    def _room(self, q: VehicleParameter) -> list[float]:
         """How far a shift may go down before a field, none of which is negative, is used up."""
         return [getattr(self._given, name) for name, e in q.fields.items() if q.shift and e > 0.0]
 
@@ -251,12 +251,12 @@ class _Solver:
             if len(self._reached) > 8:
                 self._reached.clear()
             both = zip(batch.records, batch.rows, strict=True)
-            self._reached[key] = [reached(c, r)[i] for r, i in both]
+            self._reached[key] = [actuator_state_history(c, r)[i] for r, i in both]
         begun = np.concatenate(self._reached[key])
         predicted = rollout(c, batch.x0, batch.u, actuators=begun, mu=self._mu)
         return np.asarray(batch.truth - predicted[:, batch.steps - 1])
 
-    def spread(self, batch: _Batch, p: FloatArray) -> FloatArray:
+    def error_scale(self, batch: _Batch, p: FloatArray) -> FloatArray:
         """Usual error at `p`, by step and channel (s, 3), not below what is worth explaining."""
         error = self.errors(batch, p)
         change = np.sqrt(np.square(batch.truth - batch.x0[:, None]).mean(axis=0))

@@ -67,7 +67,7 @@ def axle_tyre(c: Constants, front: bool) -> AxleTyre:
 
 
 @kernel
-def curve(slip: float, c: float, e: float) -> float:
+def magic_formula(slip: float, c: float, e: float) -> float:
     """Return the Magic Formula's shape sin(C atan(s - E (s - atan s))), s >= 0 normalised slip."""
     angle = math.atan(slip)
     return math.sin(c * math.atan(slip - e * (slip - angle)))
@@ -81,12 +81,12 @@ def friction(tyre: AxleTyre, load: float) -> float:
 
 
 @kernel
-def grip_shares(tyre: AxleTyre, s_x: float, s_y: float) -> tuple[float, float]:
+def combined_slip_utilisation(tyre: AxleTyre, s_x: float, s_y: float) -> tuple[float, float]:
     """Return the steady (n_x, n_y) for normalised slips; smooth through zero slip."""
     slip = math.hypot(s_x, s_y) + _SLIP_TINY
     return (
-        s_x / slip * curve(slip, tyre.c_x, tyre.e_x),
-        s_y / slip * curve(slip, tyre.c_y, tyre.e_y),
+        s_x / slip * magic_formula(slip, tyre.c_x, tyre.e_x),
+        s_y / slip * magic_formula(slip, tyre.c_y, tyre.e_y),
     )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from adk_ros.plant.coloured import coloured
+from adk_ros.plant.coloured import coloured_noise
 from adk_ros.plant.jit import kernel
 from adk_ros.plant.yaml_file import FileModel
 from adk_ros.signals.channels import TICK_NS, FloatArray
@@ -29,7 +29,7 @@ def wind_series(rng: np.random.Generator, wind: Wind, ticks: int) -> FloatArray:
     if wind.gust > 0.0:
         period_s = TICK_NS * 1e-9
         for column in range(2):
-            noise = coloured(rng, ticks + 1, period_s, wind.gust_bandwidth_hz)
+            noise = coloured_noise(rng, ticks + 1, period_s, wind.gust_bandwidth_hz)
             out[:, column] += wind.gust * noise
     return out
 

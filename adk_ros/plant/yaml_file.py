@@ -104,13 +104,13 @@ def load(source: str | Path, kind: str, model: type[M]) -> M:
     return validate(*read(source, kind), model)
 
 
-def replaced(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+def with_replacements(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     """Return `base` with the keys of `changes` in place of its own; mappings key by key."""
     out = dict(base)
     for key, value in changes.items():
         old = out.get(key)
         if isinstance(old, dict) and isinstance(value, dict):
-            out[key] = replaced(old, value)
+            out[key] = with_replacements(old, value)
         else:
             out[key] = value
     return out

@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.ros.counters import Counters
 from adk_ros.signals.channels import TICK_NS, Reading, Source
 
-_BEHIND_NS = 3 * TICK_NS // 2
-_UNDER_WAY_NS = 10_000_000
+_MAX_BACKLOG_NS = 3 * TICK_NS // 2
+_MAX_TRANSIT_NS = 10_000_000
 """How long a message may be under way before the clock may go on without it."""
 
 
@@ -52,14 +52,14 @@ class Core:
         self._heard_since = False
         self._watched_ns: int | None = None
 
-    def take(self, source: Source, msg: Any) -> None:
+    def on_message(self, source: Source, msg: Any) -> None:
         """Take a message; publish what it completes."""
         begin_ns = self._clock()
         self.counters.heard_s[source] = begin_ns * 1e-9
         self._heard_since = True
         self._run(begin_ns, self.pipeline.take, source, msg)
 
-    def watch(self, now_ns: int) -> None:
+    def on_timer(self, now_ns: int) -> None:
         """
         To be called every 25 ms: lets slow streams go on by the clock, and notices a stall.
 
@@ -76,9 +76,9 @@ class Core:
                 self.counters.missed_deadlines += since_ns // TICK_NS - 1
             return
         newest_ns = self.pipeline.aligner.newest_ns
-        if heard or newest_ns is None or now_ns - newest_ns < _BEHIND_NS:
+        if heard or newest_ns is None or now_ns - newest_ns < _MAX_BACKLOG_NS:
             return
-        self._run(begin_ns, self.pipeline.advance, now_ns - _UNDER_WAY_NS)
+        self._run(begin_ns, self.pipeline.advance, now_ns - _MAX_TRANSIT_NS)
 
     def reset(self) -> None:
         """Forget samples and adaptation."""
@@ -133,7 +133,7 @@ class Core:
         self.counters.note_innovation(prediction.innovation)
 
 
-def warm_up(model: Model, settings: PipelineSettings) -> None:
+def warm_up(model: KoopmanModel, settings: PipelineSettings) -> None:
     """
     Drive a scratch pipeline for two seconds, so that the first real tick compiles nothing.
 

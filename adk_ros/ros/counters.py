@@ -50,7 +50,7 @@ class Counters:
         self.tick_max_us = max(self.tick_max_us, spent_us)
 
 
-class Seen(NamedTuple):
+class CounterSnapshot(NamedTuple):
     """All counts at one moment, to subtract from those at a later one."""
 
     now_s: float
@@ -69,9 +69,9 @@ class Seen(NamedTuple):
     innovation_squares: FloatArray
 
 
-def see(pipeline: Pipeline, counters: Counters, now_s: float) -> Seen:
+def snapshot(pipeline: Pipeline, counters: Counters, now_s: float) -> CounterSnapshot:
     """Return the counts as they stand."""
-    return Seen(
+    return CounterSnapshot(
         now_s=now_s,
         ticks=pipeline.ticks,
         published=counters.published,

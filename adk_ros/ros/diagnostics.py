@@ -42,11 +42,11 @@ from typing import NamedTuple
 
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Status
-from adk_ros.ros.counters import Counters, see
+from adk_ros.ros.counters import Counters, snapshot
 from adk_ros.ros.diagnostic_values import Clocks, describe
 from adk_ros.signals.channels import Flag, Source
 
-_PATIENCE_S = 5.0
+_STARTUP_GRACE_S = 5.0
 _SILENT_AFTER_S = 1.0
 _SILENT_PERIODS = 5.0
 _CHANGED_RATE = 1.5
@@ -61,7 +61,7 @@ class Level(IntEnum):
     ERROR = 2
 
 
-class Report(NamedTuple):
+class DiagnosticReport(NamedTuple):
     """Level, sentence and (key, value) pairs of one DiagnosticStatus."""
 
     level: Level
@@ -92,12 +92,12 @@ class Diagnostics:
         self._first_s: float | None = None
         self._rates: dict[Source, float] = {}
         self._findings: list[tuple[Level, str]] = []
-        self._before = see(pipeline, counters, start_s)
+        self._before = snapshot(pipeline, counters, start_s)
         self._now = self._before
 
-    def report(self, clocks: Clocks) -> Report:
+    def report(self, clocks: Clocks) -> DiagnosticReport:
         """Return what happened since the last call."""
-        self._before, self._now = self._now, see(self._pipeline, self._counters, clocks.now_s)
+        self._before, self._now = self._now, snapshot(self._pipeline, self._counters, clocks.now_s)
         self._findings = []
         self._look_at_predictions()
         self._look_at_imu()
@@ -112,7 +112,7 @@ class Diagnostics:
         if level is Level.OK and self._now.published > self._before.published:
             texts.insert(0, "predicting")
         values = describe(self._pipeline, self._counters, self._before, self._now, clocks)
-        return Report(level, "; ".join(texts) or "predicting", [*self._facts, *values])
+        return DiagnosticReport(level, "; ".join(texts) or "predicting", [*self._facts, *values])
 
     def _find(self, level: Level, text: str) -> None:
         self._findings.append((level, text))
@@ -143,11 +143,11 @@ class Diagnostics:
                 held = ": the last one is held" if text.startswith("command") else ""
                 self._find(Level.WARN, text + held)
             return
-        lacking = [self._lack(source) for source in _NEEDED if not self._known(source)]
+        lacking = [self._missing_reason(source) for source in _NEEDED if not self._known(source)]
         if silences:
             self._find(Level.ERROR, "no predictions: " + ", ".join(silences))
         elif lacking:
-            late = self._first_s is not None and now.now_s - self._first_s > _PATIENCE_S
+            late = self._first_s is not None and now.now_s - self._first_s > _STARTUP_GRACE_S
             if late:
                 self._find(Level.ERROR, "no predictions: " + ", ".join(lacking))
             else:
@@ -161,7 +161,7 @@ class Diagnostics:
     def _known(self, source: Source) -> bool:
         return bool(self._pipeline.aligner.streams[source])
 
-    def _lack(self, source: Source) -> str:
+    def _missing_reason(self, source: Source) -> str:
         name = source.name.lower()
         if not self._now.received[source]:
             return f"{name} never received"
@@ -180,7 +180,7 @@ class Diagnostics:
             instead = ": yaw rate from odometry" if predicting else ""
             self._find(Level.WARN, f"IMU silent for {silence_s:.1f} s{instead}")
         elif not self._known(Source.IMU):
-            lack = self._lack(Source.IMU)
+            lack = self._missing_reason(Source.IMU)
             text = f"no IMU: yaw rate from odometry ({lack})"
             if self._use_imu == "required":
                 self._find(Level.ERROR, f"no IMU, but use_imu is 'required' ({lack})")

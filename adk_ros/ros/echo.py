@@ -32,7 +32,7 @@ _KMH = 3.6
 _DEG = 180.0 / math.pi
 
 
-class Heard(NamedTuple):
+class ReceivedPrediction(NamedTuple):
     """A prediction as it arrived: SI units, `covariance` (3, 3), `arrival_ns` monotonic."""
 
     stamp_ns: int
@@ -42,38 +42,38 @@ class Heard(NamedTuple):
 
 
 @dataclass
-class Recording:
+class PredictionLog:
     """All predictions heard, in order of arrival: n rows."""
 
     topic: str
-    heard: list[Heard] = field(default_factory=list)
+    received: list[ReceivedPrediction] = field(default_factory=list)
 
     @property
     def stamp_ns(self) -> IntArray:
         """Times predicted for, (n,)."""
-        return np.array([item.stamp_ns for item in self.heard], dtype=np.int64)
+        return np.array([item.stamp_ns for item in self.received], dtype=np.int64)
 
     @property
     def arrival_ns(self) -> IntArray:
         """Monotonic times of arrival, (n,)."""
-        return np.array([item.arrival_ns for item in self.heard], dtype=np.int64)
+        return np.array([item.arrival_ns for item in self.received], dtype=np.int64)
 
     @property
     def x(self) -> FloatArray:
         """Predicted v_x, v_y, yaw rate, (n, 3)."""
-        return np.array([item.x for item in self.heard]).reshape(-1, 3)
+        return np.array([item.x for item in self.received]).reshape(-1, 3)
 
     @property
     def covariance(self) -> FloatArray:
         """Their covariances, (n, 3, 3)."""
-        return np.array([item.covariance for item in self.heard]).reshape(-1, 3, 3)
+        return np.array([item.covariance for item in self.received]).reshape(-1, 3, 3)
 
 
-def decode(message: Any, arrival_ns: int) -> Heard:
+def decode(message: Any, arrival_ns: int) -> ReceivedPrediction:
     """Return the content of a TwistWithCovarianceStamped."""
     twist = message.twist.twist
     covariance = np.asarray(message.twist.covariance, dtype=np.float64).reshape(6, 6)
-    return Heard(
+    return ReceivedPrediction(
         stamp_ns=join_stamp(message.header.stamp),
         x=(twist.linear.x, twist.linear.y, twist.angular.z),
         covariance=covariance[np.ix_(AXES, AXES)],
@@ -82,7 +82,7 @@ def decode(message: Any, arrival_ns: int) -> Heard:
 
 
 def listen(
-    on_prediction: Callable[[Heard], None],
+    on_prediction: Callable[[ReceivedPrediction], None],
     topic: str | None = None,
     *,
     count: int | None = None,
@@ -140,7 +140,7 @@ def listen(
 class _Arrivals:
     """Numbers what arrives."""
 
-    def __init__(self, on_prediction: Callable[[Heard], None]) -> None:
+    def __init__(self, on_prediction: Callable[[ReceivedPrediction], None]) -> None:
         self._on_prediction = on_prediction
         self.number = 0
         self.first_s = 0.0
@@ -196,11 +196,11 @@ def record(
     until: Callable[[], bool] | None = None,
     on_ready: Callable[[str], None] | None = None,
     on_node: Callable[[Any], None] | None = None,
-) -> Recording:
+) -> PredictionLog:
     """Keep all predictions; parameters and errors as `listen`."""
-    recording = Recording(topic or "")
+    recording = PredictionLog(topic or "")
     recording.topic = listen(
-        recording.heard.append, topic, count=count, duration_s=duration_s, idle_s=idle_s,
+        recording.received.append, topic, count=count, duration_s=duration_s, idle_s=idle_s,
         wait_s=wait_s, until=until, on_ready=on_ready, on_node=on_node,
     )
     return recording
@@ -217,7 +217,7 @@ def echo(
     idle_s: float | None = None,
     until: Callable[[], bool] | None = None,
     out: TextIO | None = None,
-) -> Recording:
+) -> PredictionLog:
     """
     Print every `every`-th prediction as a line; return all that were heard.
 
@@ -228,11 +228,11 @@ def echo(
     if every < 1 or (count is not None and count < 1):
         raise UsageError("--every and --count must be 1 or more")
     stream = out or sys.stdout
-    recording = Recording(topic or "")
+    recording = PredictionLog(topic or "")
 
-    def show(heard: Heard) -> None:
-        number = len(recording.heard)
-        recording.heard.append(heard)
+    def show(heard: ReceivedPrediction) -> None:
+        number = len(recording.received)
+        recording.received.append(heard)
         if number % every:
             return
         if not as_json and number % (25 * every) == 0:
@@ -253,7 +253,7 @@ def header() -> str:
     return f"{'time predicted for':>20}" + "".join(f"  {name:>15}" for name in names)
 
 
-def line(heard: Heard) -> str:
+def line(heard: ReceivedPrediction) -> str:
     """Return a prediction for a person: value and standard deviation of each channel."""
     sigma = np.sqrt(np.diag(heard.covariance)).tolist()
     units = (_KMH, _KMH, _DEG)
@@ -264,7 +264,7 @@ def line(heard: Heard) -> str:
     )
 
 
-def json_line(heard: Heard) -> str:
+def json_line(heard: ReceivedPrediction) -> str:
     """Return a prediction as one line of JSON, SI units."""
     content: dict[str, Any] = {"stamp_ns": heard.stamp_ns}
     content |= dict(zip(STATE_NAMES, heard.x, strict=True))

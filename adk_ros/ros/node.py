@@ -92,7 +92,7 @@ def _spin(stop: Stop) -> None:
     from rclpy.exceptions import NameValidationException, ParameterException
     from rclpy.utilities import ok
 
-    from adk_ros.ros.predictor_node import PredictorNode, settle
+    from adk_ros.ros.predictor_node import PredictorNode, freeze_garbage_collector
     from adk_ros.ros.session import make_executor
 
     executor = make_executor()
@@ -101,7 +101,7 @@ def _spin(stop: Stop) -> None:
     except (NameValidationException, ParameterException) as error:
         raise UsageError(f"ROS refuses the arguments: {_first_line(error)}") from None
     executor.add_node(predictor.node)
-    settle()
+    freeze_garbage_collector()
     stop.starting = False
     try:
         # spin() of the events executor does not return on a signal, spin_once with a timeout does.

@@ -71,7 +71,7 @@ class PredictorNode:
             self._logger.warning(line)
         warm_up(loaded.model, settings)
 
-        self.core = Core(Pipeline(loaded.model, settings), self._publish, self._tell)
+        self.core = Core(Pipeline(loaded.model, settings), self._publish, self._log_internal_error)
         frame_id = self.values["frame_id"]
         self._twist = TwistBytes(frame_id)
         self._horizon = self._covariance = None
@@ -126,7 +126,7 @@ class PredictorNode:
             del kinds[Source.IMU]
         return {
             source: self.node.create_subscription(
-                kind, source.name.lower(), partial(self.core.take, source), qos
+                kind, source.name.lower(), partial(self.core.on_message, source), qos
             )
             for source, kind in kinds.items()
         }
@@ -150,7 +150,7 @@ class PredictorNode:
             content = self._covariance.fill(prediction.horizon_covariance)
             self._covariance_out.publish(content)
 
-    def _tell(self, error: Exception) -> None:
+    def _log_internal_error(self, error: Exception) -> None:
         self._logger.error(
             f"internal error, state was reset: {type(error).__name__}: {error} "
             "(told once, counted in /diagnostics; the traceback is at log level debug)"
@@ -159,7 +159,7 @@ class PredictorNode:
 
     def _on_watch(self) -> None:
         with self.core.guarded():
-            self.core.watch(self._clock.now().nanoseconds)
+            self.core.on_timer(self._clock.now().nanoseconds)
 
     def _on_reset(self, _request: Any, response: Any) -> Any:
         with self.core.guarded():
@@ -216,7 +216,7 @@ class PredictorNode:
         self._told_level = level
 
 
-def settle() -> None:
+def freeze_garbage_collector() -> None:
     """
     Take all that start-up made out of the collector's sight, and the collector off.
 

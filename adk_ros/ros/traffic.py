@@ -26,7 +26,7 @@ from adk_ros.errors import DataError
 from adk_ros.ros.messages import split_stamp
 from adk_ros.ros.pacing import paced
 from adk_ros.ros.session import Session, stopping
-from adk_ros.signals.channels import USUAL, Reading, Source
+from adk_ros.signals.channels import STANDARD_SOURCES, Reading, Source
 
 _SPEED = 15.0
 _SWAY = 0.5
@@ -103,11 +103,11 @@ def schedule(rates: Rates, duration_s: float) -> Iterator[Due]:
         for offset_ns in range(first_ns, round(duration_s * 1e9), period_ns):
             yield Due(offset_ns, source)
 
-    streams = [ticks(source, rate) for source, rate in zip(USUAL, rates, strict=True) if rate]
+    streams = [ticks(source, rate) for source, rate in zip(STANDARD_SOURCES, rates, strict=True) if rate]
     return heapq.merge(*streams)
 
 
-def drive(
+def publish_synthetic_sensors(
     duration_s: float,
     rates: Rates | None = None,
     *,

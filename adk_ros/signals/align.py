@@ -28,8 +28,8 @@ from collections import Counter
 from collections.abc import Iterable
 
 from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample
-from adk_ros.signals.clock import ClockGuard, Verdict
-from adk_ros.signals.stream import Known, Stream
+from adk_ros.signals.clock import ClockGuard, StampVerdict
+from adk_ros.signals.stream import SampledStream, StreamSnapshot
 
 _PERIODS_UNTIL_STALE = 3.0
 _AWAITED_FROM, _OVERDUE_FROM = 0.8, 1.2
@@ -71,7 +71,7 @@ class Aligner:
         self._begin()
 
     def _begin(self) -> None:
-        self.streams = (Stream(), Stream(), Stream(), Stream())
+        self.streams = (SampledStream(), SampledStream(), SampledStream(), SampledStream())
         self._tick_ns: int | None = None
         self._restarted = True
 
@@ -94,11 +94,11 @@ class Aligner:
             if tick_ns is not None and newest is not None and newest < tick_ns:
                 return []
             return self._complete()
-        verdict, others = self._guard.judge(reading)
-        if verdict is not Verdict.JUMP:
+        verdict, others = self._guard.check_stamp(reading)
+        if verdict is not StampVerdict.JUMP:
             if others:
                 self.counts["stray stamp"] += len(others)
-            if verdict is Verdict.HOLD:
+            if verdict is StampVerdict.HOLD:
                 return []
             self._insert(reading)
             return self._complete()
@@ -164,11 +164,11 @@ class Aligner:
             stream.awaited = age_ns < _OVERDUE_FROM * stream.period_ns
         return True
 
-    def _fresh(self, known: Known, tick_ns: int) -> bool:
+    def _fresh(self, known: StreamSnapshot, tick_ns: int) -> bool:
         allowed = max(_PERIODS_UNTIL_STALE * known.period_ns, 2.0 * TICK_NS)
         return tick_ns - known.stamp_ns <= allowed
 
-    def _frozen(self, known: Known) -> bool:
+    def _frozen(self, known: StreamSnapshot) -> bool:
         return (
             self._frozen_after_s > 0.0
             and known.repeats >= 5
@@ -199,7 +199,7 @@ class Aligner:
         elif self._frozen(sensed) and moved is not None and abs(moved.values[0]) > 1.0:
             flags |= _FROZEN
         else:
-            gyro = imu.line_of(2, tick_ns)
+            gyro = imu.extrapolation_of(2, tick_ns)
             mean = imu.mean(tick_ns - TICK_NS, tick_ns)
             assert mean is not None
             a = (mean[0], mean[1])
@@ -220,13 +220,13 @@ class Aligner:
     def _state(
         self,
         tick_ns: int,
-        moved: Known,
+        moved: StreamSnapshot,
         gyro: float | None,
         a: tuple[float, float],
     ) -> tuple[float, float, float]:
         imu, odometry = self.streams[:2]
         if gyro is None or not math.isfinite(a[0]):
-            line = odometry.line(tick_ns)
+            line = odometry.extrapolate(tick_ns)
             assert line is not None
             return line[0], line[1], line[2] if gyro is None else gyro
         v_x, v_y, _rate = moved.values

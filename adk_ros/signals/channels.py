@@ -42,7 +42,7 @@ class Source(IntEnum):
     """Measured road-wheel angle, where a command carries only the wished one (Autoware)."""
 
 
-USUAL = (Source.IMU, Source.ODOMETRY, Source.COMMAND)
+STANDARD_SOURCES = (Source.IMU, Source.ODOMETRY, Source.COMMAND)
 """The streams of any drive; a measured steering angle is for commands that need one."""
 
 

@@ -18,7 +18,7 @@ from adk_ros.signals.channels import Reading
 _CONFIRMATIONS = 3
 
 
-class Verdict(Enum):
+class StampVerdict(Enum):
     """What is to be done with a reading."""
 
     ACCEPT = "accept"
@@ -48,7 +48,7 @@ class ClockGuard:
             self.newest_ns = stamp_ns
         return True
 
-    def judge(self, reading: Reading) -> tuple[Verdict, list[Reading]]:
+    def check_stamp(self, reading: Reading) -> tuple[StampVerdict, list[Reading]]:
         """
         Return the verdict and the readings it frees.
 
@@ -59,16 +59,16 @@ class ClockGuard:
             stray, self.held = self.held, []
             if self.newest_ns is None or reading.stamp_ns > self.newest_ns:
                 self.newest_ns = reading.stamp_ns
-            return Verdict.ACCEPT, stray
+            return StampVerdict.ACCEPT, stray
         if self.held and abs(reading.stamp_ns - self.held[-1].stamp_ns) > self._jump_ns:
             stray, self.held = self.held, [reading]
-            return Verdict.HOLD, stray
+            return StampVerdict.HOLD, stray
         self.held.append(reading)
         if len(self.held) < _CONFIRMATIONS:
-            return Verdict.HOLD, []
+            return StampVerdict.HOLD, []
         freed, self.held = self.held, []
         self.newest_ns = max(item.stamp_ns for item in freed)
-        return Verdict.JUMP, freed
+        return StampVerdict.JUMP, freed
 
     def reset(self) -> None:
         """Believe the next stamp, whatever it is."""

@@ -20,7 +20,7 @@ MAX_DELTA = math.pi / 2
 """rad at the road wheel."""
 
 
-class Refused(Exception):
+class RefusedMessage(Exception):
     """A message cannot be used; the text is the reason, the same for the same fault."""
 
 
@@ -67,9 +67,9 @@ class CommandType:
 
 def _checked(torque: float, delta: float) -> tuple[float, float]:
     if not abs(torque) <= MAX_DRIVE:
-        raise Refused("drive torque is not finite or absurd")
+        raise RefusedMessage("drive torque is not finite or absurd")
     if not abs(delta) <= MAX_DELTA:
-        raise Refused("steering angle is not finite or beyond a quarter turn of the road wheel")
+        raise RefusedMessage("steering angle is not finite or beyond a quarter turn of the road wheel")
     return torque, delta
 
 
@@ -78,17 +78,17 @@ def _joint_state(msg: Any, config: CommandConfig) -> tuple[float, float]:
     torque = 0.0
     for joint in config.drive_joints:
         if joint not in names:
-            raise Refused(f"joint '{joint}' is missing")
+            raise RefusedMessage(f"joint '{joint}' is missing")
         index = names.index(joint)
         if index >= len(efforts):
-            raise Refused(f"joint '{joint}' has no effort")
+            raise RefusedMessage(f"joint '{joint}' has no effort")
         torque += float(efforts[index])
     joint = config.steer_joint
     if joint not in names:
-        raise Refused(f"joint '{joint}' is missing")
+        raise RefusedMessage(f"joint '{joint}' is missing")
     index = names.index(joint)
     if index >= len(positions):
-        raise Refused(f"joint '{joint}' has no position")
+        raise RefusedMessage(f"joint '{joint}' has no position")
     return _checked(torque, float(positions[index]) / config.steering_ratio)
 
 

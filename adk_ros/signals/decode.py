@@ -17,7 +17,7 @@ from typing import Any
 
 from adk_ros.errors import UsageError
 from adk_ros.signals.channels import Reading, Source
-from adk_ros.signals.commands import COMMAND_TYPES, Refused, steering_report
+from adk_ros.signals.commands import COMMAND_TYPES, RefusedMessage, steering_report
 from adk_ros.signals.frames import LeverArm, rotation, shift_velocity
 
 MAX_SPEED = 150.0
@@ -27,7 +27,7 @@ MAX_YAW_RATE = 20.0
 MAX_FORCE = 500.0
 """m/s^2 of specific force."""
 
-__all__ = ["Decoder", "Refused", "SensorConfig"]
+__all__ = ["Decoder", "RefusedMessage", "SensorConfig"]
 
 
 @dataclass(frozen=True)
@@ -117,15 +117,15 @@ class Decoder:
                 stamp = msg.stamp
             stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
             if stamp_ns <= 0:
-                raise Refused("no time stamp")
+                raise RefusedMessage("no time stamp")
             values = self._values[source](stamp_ns, msg)
-        except Refused as refusal:
+        except RefusedMessage as refusal:
             self.refused[(source, str(refusal))] += 1
             raise
         except (AttributeError, TypeError, ValueError, IndexError, OverflowError) as error:
             reason = f"not the expected message type ({type(msg).__name__})"
             self.refused[(source, reason)] += 1
-            raise Refused(reason) from error
+            raise RefusedMessage(reason) from error
         return Reading(source, stamp_ns, values)
 
     def reset(self) -> None:
@@ -140,13 +140,13 @@ class Decoder:
             yaw_rate = float(self._rotation[2] @ (float(rate.x), float(rate.y), yaw_rate))
         # REP-145: a first covariance element of -1 says that the field is not reported.
         if msg.angular_velocity_covariance[0] == -1.0:
-            raise Refused("the IMU reports no angular velocity")
+            raise RefusedMessage("the IMU reports no angular velocity")
         if not abs(yaw_rate) <= MAX_YAW_RATE * 57.3:
-            raise Refused("yaw rate is not finite or absurd")
+            raise RefusedMessage("yaw rate is not finite or absurd")
         if msg.linear_acceleration_covariance[0] == -1.0:
             return math.nan, math.nan, yaw_rate
         if not (abs(a_x) <= MAX_FORCE and abs(a_y) <= MAX_FORCE):
-            raise Refused("acceleration is not finite or absurd")
+            raise RefusedMessage("acceleration is not finite or absurd")
         if self._off_centre:
             a_x, a_y = self._arm.compensate(stamp_ns, a_x, a_y, yaw_rate)
         return a_x, a_y, yaw_rate
@@ -155,9 +155,9 @@ class Decoder:
         twist = msg.twist.twist
         v_x, v_y, yaw_rate = float(twist.linear.x), float(twist.linear.y), float(twist.angular.z)
         if not (abs(v_x) <= MAX_SPEED and abs(v_y) <= MAX_SPEED):
-            raise Refused("velocity is not finite or absurd")
+            raise RefusedMessage("velocity is not finite or absurd")
         if not abs(yaw_rate) <= MAX_YAW_RATE:
-            raise Refused("yaw rate is not finite or absurd")
+            raise RefusedMessage("yaw rate is not finite or absurd")
         if self._shifted:
             v_x, v_y = shift_velocity(v_x, v_y, yaw_rate, *self.config.reference_point)
         return v_x, v_y, yaw_rate

@@ -21,7 +21,7 @@ _ENOUGH_YAW = 0.5
 _ENOUGH_FORCE = 200.0
 _STANDARD_GRAVITY = 9.80665
 _ODOMETRY = Source.ODOMETRY
-_UNFIT = int(Flag.NO_IMU | Flag.IMU_STALE | Flag.COASTING | Flag.FROZEN)
+_UNRELIABLE = int(Flag.NO_IMU | Flag.IMU_STALE | Flag.COASTING | Flag.FROZEN)
 
 
 class _Slope:
@@ -64,7 +64,7 @@ class Plausibility:
     def add(self, sample: Sample) -> None:
         """Compare a sample with the yaw rate that odometry reported last."""
         odometry_yaw_rate = self._odometry_yaw_rate
-        if sample.flags & _UNFIT:
+        if sample.flags & _UNRELIABLE:
             return
         gyro, v_x, a_y = sample.x[2], sample.x[0], sample.a[1]
         if not math.isfinite(odometry_yaw_rate):

@@ -28,7 +28,7 @@ REPORT_SCALE = np.array([3.6, 3.6, 180.0 / math.pi])
 
 
 @dataclass(frozen=True)
-class Score:
+class ErrorTable:
     """
     Errors of one predictor: `rmse` and `worst` (steps, 3) in SI units, over `count` starts.
 
@@ -42,7 +42,7 @@ class Score:
     diverged: int
 
 
-def starts(record: Record, history: int, ahead: int, stride: int = 1) -> IntArray:
+def scorable_rows(record: Record, history: int, ahead: int, stride: int = 1) -> IntArray:
     """
     Rows from which all predictors can be scored.
 
@@ -69,7 +69,7 @@ def persistence(record: Record, rows: IntArray, ahead: int) -> FloatArray:
     return np.repeat(record.x[rows][:, None, :], ahead, axis=1)
 
 
-def straight_line(record: Record, rows: IntArray, ahead: int) -> FloatArray:
+def linear_extrapolation(record: Record, rows: IntArray, ahead: int) -> FloatArray:
     """The last change goes on: x_(k+j) = x_k + j (x_k - x_(k-1)). Shape (n, ahead, 3)."""
     slope = record.x[rows] - record.x[rows - 1]
     return record.x[rows][:, None, :] + np.arange(1, ahead + 1)[None, :, None] * slope[:, None, :]
@@ -104,7 +104,7 @@ def naive_predictions(record: Record, rows: IntArray, ahead: int) -> dict[str, F
     """All predictors without a model that this record allows, by name."""
     result = {
         "persistence": persistence(record, rows, ahead),
-        "straight line": straight_line(record, rows, ahead),
+        "straight line": linear_extrapolation(record, rows, ahead),
     }
     if np.isfinite(record.a[rows]).all():
         result["IMU integration"] = imu_integration(record, rows, ahead)
@@ -116,13 +116,13 @@ def score(
     rows: IntArray,
     predicted: FloatArray,
     steps: tuple[int, ...] = HORIZON_STEPS,
-) -> Score:
+) -> ErrorTable:
     """Score `predicted` (n, ahead, 3), made at `rows` (n,), against the measurement."""
     index = np.array(steps)
     error = predicted[:, index - 1, :] - record.x_ref[rows[:, None] + index[None, :]]
     lost = ~np.isfinite(error) | (np.abs(error) > DIVERGED)
     error = np.where(lost, DIVERGED, error)
-    return Score(
+    return ErrorTable(
         steps=steps,
         rmse=np.sqrt(np.mean(error**2, axis=0)),
         worst=np.abs(error).max(axis=0),
@@ -131,14 +131,14 @@ def score(
     )
 
 
-def pool(scores: Sequence[Score]) -> Score:
+def pool(scores: Sequence[ErrorTable]) -> ErrorTable:
     """One score over all starts of several, of the same steps; empty ones are left out."""
     used = [item for item in scores if item.count]
     if not used:
         raise ValueError("nothing was scored")
     weights = np.array([item.count for item in used], dtype=np.float64)
     squares = np.array([item.rmse**2 for item in used])
-    return Score(
+    return ErrorTable(
         steps=used[0].steps,
         rmse=np.sqrt(np.tensordot(weights / weights.sum(), squares, axes=1)),
         worst=np.max([item.worst for item in used], axis=0),
@@ -171,6 +171,6 @@ def white_noise(values: FloatArray) -> FloatArray:
     return np.asarray(np.median(np.abs(third), axis=0) / 0.6745 / math.sqrt(20.0))
 
 
-def best_naive(scores: Mapping[str, Score]) -> FloatArray:
+def best_naive(scores: Mapping[str, ErrorTable]) -> FloatArray:
     """Smallest RMSE of any of the given scores, cell by cell, shape (steps, 3)."""
     return np.asarray(np.min([item.rmse for item in scores.values()], axis=0))

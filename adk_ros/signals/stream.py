@@ -19,10 +19,10 @@ _KEEP_NS = 500_000_000
 _MAX_EXTRAPOLATION = 1.5
 _PERIOD_GAIN = 0.1
 _SHORTEST_PERIOD_NS = 1e6
-_LAST_ALONE = [1.0]
+_HOLD_LAST_WEIGHTS = [1.0]
 
 
-class Known(NamedTuple):
+class StreamSnapshot(NamedTuple):
     """
     A reading, and how its stream stood when it was the newest one.
 
@@ -42,7 +42,7 @@ class Known(NamedTuple):
         return (self.stamp_ns - self.unchanged_since_ns) * 1e-9
 
 
-class Stream:
+class SampledStream:
     """
     Readings of the last half second, sorted by stamp, and the period they come at.
 
@@ -107,14 +107,14 @@ class Stream:
         bounded = min(float(gap_ns), 3.0 * self.period_ns)
         self.period_ns += _PERIOD_GAIN * (bounded - self.period_ns)
 
-    def at_or_before(self, stamp_ns: int) -> Known | None:
+    def at_or_before(self, stamp_ns: int) -> StreamSnapshot | None:
         """Newest reading stamped at or before `stamp_ns`, or None."""
         index = bisect_right(self.stamps, stamp_ns) - 1
         if index < 0:
             return None
-        return Known(self.stamps[index], self._values[index], *self._standing[index])
+        return StreamSnapshot(self.stamps[index], self._values[index], *self._standing[index])
 
-    def line(self, stamp_ns: int) -> tuple[float, ...] | None:
+    def extrapolate(self, stamp_ns: int) -> tuple[float, ...] | None:
         """
         Value at `stamp_ns` of the line fitted to the window before it, per channel; None if empty.
 
@@ -124,16 +124,16 @@ class Stream:
         end = bisect_right(self.stamps, stamp_ns)
         if end == 0:
             return None
-        weights = self._line_weights(stamp_ns, end)
+        weights = self._extrapolation_weights(stamp_ns, end)
         columns = zip(*self._values[end - len(weights) : end], strict=True)
         return tuple([sum(map(float.__mul__, weights, column)) for column in columns])
 
-    def line_of(self, channel: int, stamp_ns: int) -> float | None:
+    def extrapolation_of(self, channel: int, stamp_ns: int) -> float | None:
         """Return one channel of `line`; None if empty."""
         end = bisect_right(self.stamps, stamp_ns)
         if end == 0:
             return None
-        weights = self._line_weights(stamp_ns, end)
+        weights = self._extrapolation_weights(stamp_ns, end)
         values = self._values
         if len(weights) == 1:
             return values[end - 1][channel]
@@ -143,7 +143,7 @@ class Stream:
             index += 1
         return total
 
-    def _line_weights(self, stamp_ns: int, end: int) -> list[float]:
+    def _extrapolation_weights(self, stamp_ns: int, end: int) -> list[float]:
         """Weights of the last readings before index `end` in the line's value at `stamp_ns`."""
         stamps = self.stamps
         newest, period_ns = stamps[end - 1], self._standing[end - 1][0]
@@ -152,13 +152,13 @@ class Stream:
         count = end - start
         # Readings at nearly the same instant say nothing of a slope.
         if count < 2 or newest - stamps[start] < 0.5 * period_ns:
-            return _LAST_ALONE
+            return _HOLD_LAST_WEIGHTS
         reach = min(stamp_ns, newest + int(_MAX_EXTRAPOLATION * period_ns))
         times = [(stamp - reach) * 1e-9 for stamp in stamps[start:end]]
         mean_t = sum(times) / count
         spread = sum([t * t for t in times]) - count * mean_t * mean_t
         if spread <= 0.0:
-            return _LAST_ALONE
+            return _HOLD_LAST_WEIGHTS
         level, lean = 1.0 / count, mean_t / spread
         return [level - (t - mean_t) * lean for t in times]
 

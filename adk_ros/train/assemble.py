@@ -9,20 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from adk_ros.model.correction import Correction
+from adk_ros.model.correction import ObserverGains
 from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.signals.channels import FloatArray
 from adk_ros.train.dataset import Sequences
-from adk_ros.train.fit import Trained
+from adk_ros.train.fit import FittedNetwork
 from adk_ros.train.network import Lift, Network, as_tensor, to_torchscript
 
-_PULLS = (1.0, 1e-2, 1e-4, 1e-6)
+_RIDGE_LEVELS = (1.0, 1e-2, 1e-4, 1e-6)
 
 
 @dataclass(frozen=True)
-class Assembled:
+class AssembledModel:
     """
     A model and its encoder's program, as the artefact stores them.
 
@@ -30,12 +30,12 @@ class Assembled:
     less and less; which is best is for validation to say.
     """
 
-    model: Model
+    model: KoopmanModel
     program: bytes
     refitted: tuple[FloatArray, ...] = ()
 
 
-def assemble(trained: Trained, part: Sequences, uses_imu: bool) -> Assembled:
+def assemble(trained: FittedNetwork, part: Sequences, uses_imu: bool) -> AssembledModel:
     """
     Build the offline model: adaptation off, gains zero, no covariance yet.
 
@@ -62,9 +62,9 @@ def assemble(trained: Trained, part: Sequences, uses_imu: bool) -> Assembled:
     theta = np.zeros((3 + n_features, phi.shape[1]))
     theta[:3] = _head(network, mean, spread).T
     theta[3:] = np.linalg.solve(phi.T @ phi + np.eye(phi.shape[1]), phi.T @ change).T
-    refitted = _refitted(theta, phi, target / scaling.step_scale)
+    refitted = _refit_output_layer(theta, phi, target / scaling.step_scale)
     program = to_torchscript(lift)
-    model = Model(
+    model = KoopmanModel(
         lifting=Lifting(program, input_size(network.history), n_features),
         scaling=scaling,
         theta0=theta,
@@ -72,13 +72,13 @@ def assemble(trained: Trained, part: Sequences, uses_imu: bool) -> Assembled:
         residual=True,
         affine=True,
         relift=True,
-        correction=Correction.none(),
+        observer_gains=ObserverGains.none(),
         horizon_covariance=np.zeros((0, 3, 3)),
-        usual_change=np.zeros((0, 3)),
+        mean_square_change=np.zeros((0, 3)),
         uses_imu=uses_imu,
         online=OnlineSettings("constant"),
     )
-    return Assembled(model, program, refitted)
+    return AssembledModel(model, program, refitted)
 
 
 def _inputs(
@@ -91,7 +91,7 @@ def _inputs(
     return torch.cat([x_row, u[rows[:, None] - past].reshape(len(rows), -1)], dim=1)
 
 
-def _refitted(theta: FloatArray, phi: FloatArray, target: FloatArray) -> tuple[FloatArray, ...]:
+def _refit_output_layer(theta: FloatArray, phi: FloatArray, target: FloatArray) -> tuple[FloatArray, ...]:
     """
     Return `theta` with its first three rows refitted, one copy for each of `_PULLS`.
 
@@ -102,7 +102,7 @@ def _refitted(theta: FloatArray, phi: FloatArray, target: FloatArray) -> tuple[F
     phi, target = phi[known], target[known]
     left = phi.T @ (target - phi @ theta[:3].T)
     result = []
-    for pull in _PULLS:
+    for pull in _RIDGE_LEVELS:
         changed = theta.copy()
         ridge = pull * len(phi) * np.eye(phi.shape[1])
         changed[:3] += np.linalg.solve(phi.T @ phi + ridge, left).T

@@ -16,7 +16,7 @@ import numpy as np
 
 from adk_ros.errors import DataError, UsageError
 from adk_ros.signals.channels import TICK_NS, FloatArray, IntArray, Record
-from adk_ros.signals.score import starts
+from adk_ros.signals.score import scorable_rows
 
 TRAIN, VALIDATION, TEST = 0, 1, 2
 PARTS = ("train", "validation", "test")
@@ -112,7 +112,7 @@ def sequences(records: Sequence[Record], history: int, ahead: int, what: str) ->
     offset = 0
     rows = []
     for record in records:
-        rows.append(starts(record, history, ahead) + offset)
+        rows.append(scorable_rows(record, history, ahead) + offset)
         offset += len(record)
     joined = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
     if joined.size == 0:

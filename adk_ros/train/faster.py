@@ -25,15 +25,15 @@ import numpy as np
 from adk_ros.signals.channels import TICK_NS, FloatArray, IntArray
 from adk_ros.train.dataset import Sequences
 
-MOST = 1.35
+MAX_SPEED_SCALE = 1.35
 """Times the speed, at most: each row is taken at one between this and its own."""
-_FEW = 0.1
+_AUGMENTATION_TRUST = 0.1
 _SEED = 0
 _TICK_S = TICK_NS * 1e-9
 
 
 @dataclass(frozen=True)
-class Faster:
+class AugmentedRows:
     """
     Rows made of the measured `rows` (m,), SI.
 
@@ -45,10 +45,10 @@ class Faster:
     change: FloatArray
 
 
-def faster(part: Sequences, past: int) -> Faster:
+def scale_to_higher_speeds(part: Sequences, past: int) -> AugmentedRows:
     """Return the rows of a part at higher speeds, with `past` states of each."""
     rows = part.rows[np.isfinite(part.x_ref[part.rows + 1]).all(axis=1)]
-    b = np.random.default_rng(_SEED).uniform(1.0, MOST, rows.size)
+    b = np.random.default_rng(_SEED).uniform(1.0, MAX_SPEED_SCALE, rows.size)
     more = (b * b - 1.0) * _TICK_S
     drag = drag_over_mass(part, rows)
 
@@ -63,7 +63,7 @@ def faster(part: Sequences, past: int) -> Faster:
     for j in range(1, past):
         # Back from the newest, whose slip angles are the measured ones'.
         states.append(states[-1] - changed(part.x[rows - j], part.x[rows - j + 1]))
-    return Faster(rows, states, changed(part.x[rows], part.x_ref[rows + 1]))
+    return AugmentedRows(rows, states, changed(part.x[rows], part.x_ref[rows + 1]))
 
 
 def drag_over_mass(part: Sequences, rows: IntArray) -> float:
@@ -84,7 +84,7 @@ def drag_over_mass(part: Sequences, rows: IntArray) -> float:
     return max(-float(solved[0] / size[0]), 0.0)
 
 
-def weight_of(measured: FloatArray, made: FloatArray) -> FloatArray:
+def augmentation_weight(measured: FloatArray, made: FloatArray) -> FloatArray:
     """
     Return what a made row weighs beside a measured one (3,): w = q^3 / (q^2 + 0.1^2).
 
@@ -96,4 +96,4 @@ def weight_of(measured: FloatArray, made: FloatArray) -> FloatArray:
     right = np.mean(np.square(measured), axis=0)
     wrong = np.mean(np.square(made), axis=0) if made.size else np.full(3, np.inf)
     q = np.minimum(right / np.maximum(wrong, 1e-30), 1.0)
-    return np.asarray(q**3 / (q * q + _FEW * _FEW))
+    return np.asarray(q**3 / (q * q + _AUGMENTATION_TRUST * _AUGMENTATION_TRUST))

@@ -15,13 +15,13 @@ from matplotlib import pyplot as plt
 
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import REPORT_SCALE
-from adk_ros.train.heldout import HELD, MODEL, HeldOut
+from adk_ros.train.heldout import HELD_INPUTS, MODEL, HeldOutScores
 
 _LABELS = ("v_x (km/h)", "v_y (km/h)", "yaw rate (deg/s)")
 _AHEAD = 40
 
 
-def prediction_figure(test: HeldOut, path: Path, longest_s: float = 40.0) -> None:
+def prediction_figure(test: HeldOutScores, path: Path, longest_s: float = 40.0) -> None:
     """Measured, predicted 1 s ahead and its naive rival's error along the longest stretch."""
     rolled = max(test.rollouts, key=lambda item: item.rows.size)
     record, rows = rolled.record, rolled.rows
@@ -63,13 +63,13 @@ def prediction_figure(test: HeldOut, path: Path, longest_s: float = 40.0) -> Non
     plt.close(figure)
 
 
-def horizon_figure(test: HeldOut, path: Path) -> None:
+def horizon_figure(test: HeldOutScores, path: Path) -> None:
     """RMSE against the horizon, all predictors, one panel a channel."""
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.8), constrained_layout=True)
     steps = np.array(test.scores[MODEL].steps) * TICK_NS * 1e-9
     for c, axis in enumerate(axes):
         for name, item in test.scores.items():
-            ours = name in (MODEL, HELD)
+            ours = name in (MODEL, HELD_INPUTS)
             axis.plot(
                 steps, item.rmse[:, c] * REPORT_SCALE[c], marker="o", markersize=3,
                 linestyle="-" if ours else "--", linewidth=1.8 if ours else 1.0, label=name,

@@ -27,24 +27,24 @@ from adk_ros.signals.channels import FloatArray, IntArray, Record
 from adk_ros.signals.score import noise_floor
 from adk_ros.train import checkpoint
 from adk_ros.train.dataset import Sequences, sequences
-from adk_ros.train.faster import faster
+from adk_ros.train.faster import scale_to_higher_speeds
 from adk_ros.train.network import Network, as_tensor
-from adk_ros.train.quadratic import Quadratic, Rows, fit_quadratic, newest
+from adk_ros.train.quadratic import QuadraticFeatures, Rows, fit_quadratic, newest
 from adk_ros.train.settings import TrainSettings
 
 _CHECKPOINT_EVERY = 500
-_LEAST_ROWS = 800
+_MIN_ROWS = 800
 _VALIDATION_ROWS = 4096
 _QUADRATIC_RATE = 0.25
-_BESIDE_FORMS = 0.75
+_WIDTH_WITH_QUADRATIC = 0.75
 """Of the network's width and features, beside forms that do most of the work: to stay as fast."""
-_FORMS_MOST = 0.15
+_QUADRATIC_ACCEPT_LOSS = 0.15
 """
 Of the validation loss, where 1 is persistence, of forms not yet trained, for them to be kept. What
 three past states do not tell, forms fit to how the data were made: on recordings resampled from
 another rate they roll out wildly wherever the car does something new.
 """
-_NOISE_SHARE, _LEAST_NOISE = 0.45, 0.02
+_NOISE_SHARE, _MIN_NOISE = 0.45, 0.02
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Trained:
+class FittedNetwork:
     """The network at its best validation, and the curve (m, 3): step, loss, validation."""
 
     network: Network
@@ -81,12 +81,12 @@ def choose_device(name: str) -> torch.device:
     return torch.device("cuda" if available and name != "cpu" else "cpu")
 
 
-def check_enough(rows: IntArray) -> None:
+def require_min_rows(rows: IntArray) -> None:
     """:raises DataError: these starts are too few to train from."""
-    if rows.size < _LEAST_ROWS:
+    if rows.size < _MIN_ROWS:
         raise DataError(
             f"only {rows.size * 0.025:.0f} s of training data without gaps, at least "
-            f"{_LEAST_ROWS * 0.025:.0f} s are needed: give more or longer recordings"
+            f"{_MIN_ROWS * 0.025:.0f} s are needed: give more or longer recordings"
         )
 
 
@@ -131,7 +131,7 @@ def input_noise(train: Sequence[Record], scaling: Scaling, most: float) -> Float
     if not known.any():
         return np.full(3, most)
     relative = np.median(floors[known], axis=0) / (scaling.x_scale * scaling.step_scale)
-    return np.asarray(np.clip(_NOISE_SHARE * relative, min(_LEAST_NOISE, most), most))
+    return np.asarray(np.clip(_NOISE_SHARE * relative, min(_MIN_NOISE, most), most))
 
 
 def fit(
@@ -140,7 +140,7 @@ def fit(
     settings: TrainSettings,
     on_step: Callable[[Step], None] | None = None,
     checkpoint_path: Path | None = None,
-) -> Trained:
+) -> FittedNetwork:
     """
     Train a network on `train`, choosing its best state by `validation`.
 
@@ -151,26 +151,26 @@ def fit(
     device = choose_device(settings.device)
     longest = max(settings.short_steps, settings.long_steps)
     part = sequences(train, settings.history, longest, "training")
-    check_enough(part.rows)
-    held = sequences(validation, settings.history, longest, "validation")
+    require_min_rows(part.rows)
+    validation_set = sequences(validation, settings.history, longest, "validation")
     scaling = scaling_of(part)
-    data, held_data = _Data(part, scaling, device), _Data(held, scaling, device)
+    data, held_data = _Data(part, scaling, device), _Data(validation_set, scaling, device)
 
-    def trainer_of(quadratic: Quadratic | None) -> _Trainer:
+    def trainer_of(quadratic: QuadraticFeatures | None) -> _Trainer:
         torch.manual_seed(settings.seed)
         share, noise = 1.0, np.full(3, settings.noise)
         if quadratic is not None:
-            share, noise = _BESIDE_FORMS, input_noise(train, scaling, settings.noise)
+            share, noise = _WIDTH_WITH_QUADRATIC, input_noise(train, scaling, settings.noise)
         hidden, features = (max(1, int(share * n)) for n in (settings.hidden, settings.features))
         network = Network(settings.history, hidden, features, scaling.step_scale, quadratic)
         return _Trainer(network.to(device), data, held_data, settings, noise)
 
-    trainer = trainer_of(forms_of(part, scaling) if settings.quadratic else None)
-    if trainer.forms and not trainer.validate() < _FORMS_MOST:
+    trainer = trainer_of(quadratic_features_of(part, scaling) if settings.quadratic else None)
+    if trainer.forms and not trainer.validate() < _QUADRATIC_ACCEPT_LOSS:
         trainer = trainer_of(None)
     key = checkpoint.fingerprint(settings, [*train, *validation])
     curve, best_step, early = trainer.run(key, checkpoint_path, on_step)
-    return Trained(trainer.network.to("cpu"), scaling, curve, best_step, early)
+    return FittedNetwork(trainer.network.to("cpu"), scaling, curve, best_step, early)
 
 
 def scaling_of(part: Sequences) -> Scaling:
@@ -180,12 +180,12 @@ def scaling_of(part: Sequences) -> Scaling:
     return Scaling.standard(part.x[part.rows], part.u[part.rows], change)
 
 
-def forms_of(part: Sequences, scaling: Scaling) -> Quadratic:
+def quadratic_features_of(part: Sequences, scaling: Scaling) -> QuadraticFeatures:
     """Return the quadratic forms that predict a part's scaled increments best."""
     x, x_ref = scaling.scale_x(part.x), scaling.scale_x(part.x_ref)
     target = np.full_like(x, np.nan)
     target[:-1] = (x_ref[1:] - x[:-1]) / scaling.step_scale
-    made = faster(part, newest(part.history))
+    made = scale_to_higher_speeds(part, newest(part.history))
     change = made.change / (scaling.x_scale * scaling.step_scale)
     rows = Rows(made.rows, [scaling.scale_x(state) for state in made.states], change)
     return fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, part.history, rows)

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.model.evaluate import Rollouts, roll_out_record
-from adk_ros.model.model import Model
+from adk_ros.model.evaluate import Rollouts, rollout_record
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.signals.channels import (
     INPUT_NAMES,
@@ -26,7 +26,7 @@ from adk_ros.signals.channels import (
 from adk_ros.signals.score import (
     HORIZON_STEPS,
     REPORT_SCALE,
-    Score,
+    ErrorTable,
     best_naive,
     naive_predictions,
     noise_floor,
@@ -34,7 +34,7 @@ from adk_ros.signals.score import (
     score,
 )
 
-MODEL, HELD = "model", "model, commands held"
+MODEL, HELD_INPUTS = "model", "model, commands held"
 TIE = 0.995
 """A ratio of RMSEs from here on is no win."""
 _AHEAD = HORIZON_STEPS[-1]
@@ -42,14 +42,14 @@ _UNIT = ("km/h", "km/h", "deg/s")
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutScores:
     """
     Scores by predictor name over the same starts, and `lost`: cell -> why the model is not best.
 
     `rollouts` are what they were computed from, one for each record that had a start.
     """
 
-    scores: dict[str, Score]
+    scores: dict[str, ErrorTable]
     lost: dict[str, str]
     rollouts: list[Rollouts]
 
@@ -61,12 +61,12 @@ class HeldOut:
     @property
     def ratio_held(self) -> FloatArray:
         """The same under held commands, as the node publishes its horizon."""
-        return self.scores[HELD].rmse / np.maximum(self.naive, 1e-12)
+        return self.scores[HELD_INPUTS].rmse / np.maximum(self.naive, 1e-12)
 
     @property
     def naive(self) -> FloatArray:
         """RMSE of the best naive predictor in each cell, (steps, 3)."""
-        return best_naive({k: v for k, v in self.scores.items() if k not in (MODEL, HELD)})
+        return best_naive({k: v for k, v in self.scores.items() if k not in (MODEL, HELD_INPUTS)})
 
     def write_csv(self, path: Path) -> None:
         """Write `predictor,channel,horizon_s,rmse,max` rows, SI units."""
@@ -110,20 +110,20 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
-class Range:
+class TrainingDomain:
     """What the training data cover: the central 99 % of each channel; `low`, `high` (5,), SI."""
 
     low: FloatArray
     high: FloatArray
 
     @staticmethod
-    def of(records: list[Record]) -> Range:
+    def of(records: list[Record]) -> TrainingDomain:
         """Of the usable rows of `records`."""
         rows = np.concatenate([np.hstack([r.x, r.u])[r.learnable] for r in records])
         low, high = np.nanpercentile(rows, [0.5, 99.5], axis=0)
-        return Range(low, high)
+        return TrainingDomain(low, high)
 
-    def share_beyond(self, result: HeldOut) -> dict[str, float]:
+    def out_of_domain_fraction(self, result: HeldOutScores) -> dict[str, float]:
         """Channels that leave the range by a tenth of it in over 5 % of the starts."""
         rows = np.concatenate(
             [np.hstack([r.record.x, r.record.u])[r.rows] for r in result.rollouts]
@@ -139,22 +139,22 @@ class Range:
         return dict(zip((*STATE_NAMES, *INPUT_NAMES), map(list, pairs), strict=True))
 
     @staticmethod
-    def from_json(stored: dict[str, list[float]] | None) -> Range | None:
+    def from_json(stored: dict[str, list[float]] | None) -> TrainingDomain | None:
         """The inverse of `as_json`; None where a manifest holds none."""
         if not stored:
             return None
         table = np.array([stored[name] for name in (*STATE_NAMES, *INPUT_NAMES)])
-        return Range(table[:, 0], table[:, 1])
+        return TrainingDomain(table[:, 0], table[:, 1])
 
 
-def held_out(
-    model: Model,
+def score_held_out(
+    model: KoopmanModel,
     parts: list[tuple[Record, BoolArray | None]],
-    known: Range | None = None,
+    known: TrainingDomain | None = None,
     online: OnlineSettings | None = None,
     stride: int = 4,
     progress: Callable[[int, int], None] | None = None,
-) -> HeldOut | None:
+) -> HeldOutScores | None:
     """
     Score a model on parts of records (a mask (n,) of the rows, or None for all).
 
@@ -167,21 +167,21 @@ def held_out(
             if progress is not None:
                 progress(number * total + done, len(parts) * total)
 
-        rolled = roll_out_record(model, record, online, scored, _AHEAD, stride, progress=report)
+        rolled = rollout_record(model, record, online, scored, _AHEAD, stride, progress=report)
         if rolled.rows.size:
             rollouts.append(rolled)
     if not rollouts:
         return None
-    by_name: dict[str, list[Score]] = {}
+    by_name: dict[str, list[ErrorTable]] = {}
     common: set[str] | None = None
     for rolled in rollouts:
-        predictions = {MODEL: rolled.predicted, HELD: rolled.held}
+        predictions = {MODEL: rolled.predicted, HELD_INPUTS: rolled.held_input_predictions}
         predictions |= naive_predictions(rolled.record, rolled.rows, _AHEAD)
         common = set(predictions) if common is None else common & set(predictions)
         for name, predicted in predictions.items():
             by_name.setdefault(name, []).append(score(rolled.record, rolled.rows, predicted))
     scores = {name: pool(items) for name, items in by_name.items() if name in (common or set())}
-    result = HeldOut(scores, {}, rollouts)
+    result = HeldOutScores(scores, {}, rollouts)
     for step, channel in np.argwhere(result.ratio >= TIE):
         horizon = HORIZON_STEPS[step] * TICK_NS * 1e-9
         cell = f"{STATE_NAMES[channel]} at {horizon:g} s"
@@ -189,7 +189,7 @@ def held_out(
     return result
 
 
-def _why(result: HeldOut, step: int, channel: int, known: Range | None) -> str:
+def _why(result: HeldOutScores, step: int, channel: int, known: TrainingDomain | None) -> str:
     naive, ratio = float(result.naive[step, channel]), float(result.ratio[step, channel])
     text = f"{ratio:.2f} times the best naive predictor's RMSE"
     floors = [noise_floor(rolled.record)[channel] for rolled in result.rollouts]
@@ -198,7 +198,7 @@ def _why(result: HeldOut, step: int, channel: int, known: Range | None) -> str:
         shown = f"{floor * REPORT_SCALE[channel]:.2g} {_UNIT[channel]}"
         return f"{text}; both are within twice the measurement's noise ({shown})"
     if known is not None:
-        beyond = known.share_beyond(result)
+        beyond = known.out_of_domain_fraction(result)
         if beyond:
             name, share = max(beyond.items(), key=lambda item: item[1])
             return (

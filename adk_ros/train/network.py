@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from adk_ros.model.lifting import input_size
 from adk_ros.signals.channels import FloatArray
-from adk_ros.train.quadratic import Quadratic
+from adk_ros.train.quadratic import QuadraticFeatures
 
 
 class Encoder(nn.Module):
@@ -30,11 +30,11 @@ class Encoder(nn.Module):
     """
 
     def __init__(
-        self, history: int, hidden: int, features: int, quadratic: Quadratic | None = None
+        self, history: int, hidden: int, features: int, quadratic: QuadraticFeatures | None = None
     ) -> None:
         super().__init__()
         n = input_size(history)
-        quadratic = quadratic or Quadratic.none(n)
+        quadratic = quadratic or QuadraticFeatures.none(n)
         self.reach = nn.Buffer(torch.from_numpy(quadratic.reach))
         self.directions = nn.Buffer(torch.from_numpy(quadratic.directions))
         self.weights = nn.Buffer(torch.from_numpy(quadratic.weights))
@@ -109,7 +109,7 @@ class Network(nn.Module):
 
     def __init__(
         self, history: int, hidden: int, features: int, step_scale: FloatArray,
-        quadratic: Quadratic | None = None,
+        quadratic: QuadraticFeatures | None = None,
     ) -> None:
         super().__init__()
         self.history = history

@@ -24,16 +24,16 @@ from pathlib import Path
 
 import numpy as np
 
-from adk_ros.model.correction import Correction
+from adk_ros.model.correction import ObserverGains
 from adk_ros.model.evaluate import sample_at
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.predictor import Predictor
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import BoolArray, FloatArray, Record
 from adk_ros.train.assemble import assemble
 from adk_ros.train.dataset import sequences
-from adk_ros.train.fit import Step, fit, forms_of, scaling_of
-from adk_ros.train.quadratic import Quadratic, input_columns, newest
+from adk_ros.train.fit import Step, fit, quadratic_features_of, scaling_of
+from adk_ros.train.quadratic import QuadraticFeatures, input_columns, newest
 from adk_ros.train.settings import TrainSettings
 from adk_ros.train.tune import windowed
 
@@ -41,15 +41,15 @@ _SHARE, _LEAST_STEPS = 0.4, 10
 """Of the steps of the training, for the first one."""
 _RIDGE = 300.0
 _CORRECTION = replace(
-    Correction.none(), slow_gain=np.full(3, 0.02), slow_decay=np.full(3, 0.99)
+    ObserverGains.none(), slow_gain=np.full(3, 0.02), slow_decay=np.full(3, 0.99)
 )
 _GAINS = (1.0, 0.6, 0.35, 0.2)
 _YAW_RATE = 2
-_AS_SMALL = 1.02
+_TIE_MARGIN = 1.02
 """Times the least RMS of innovations."""
 
 
-def observed(
+def observer_filtered(
     train: Sequence[Record],
     validation: Sequence[Record],
     settings: TrainSettings,
@@ -69,7 +69,7 @@ def observed(
     built = assemble(trained, sequences(train, settings.history, 2, "training"), False)
     model = replace(
         built.model, online=windowed(_RIDGE),
-        correction=replace(_CORRECTION, observer_gain=np.array([1.0, 1.0, gain])),
+        observer_gains=replace(_CORRECTION, observer_gain=np.array([1.0, 1.0, gain])),
     )
     return [_follow(model, r) for r in train], [_follow(model, r) for r in validation]
 
@@ -78,13 +78,13 @@ def observer_gain(train: Sequence[Record], history: int) -> float:
     """Return K, see above."""
     part = sequences(train, history, 1, "training")
     scaling = scaling_of(part)
-    forms = _Forms(forms_of(part, scaling), scaling, history)
+    forms = _Forms(quadratic_features_of(part, scaling), scaling, history)
     innovations = {gain: forms.innovations(train, gain) for gain in _GAINS}
     least = min(innovations.values())
-    return min(gain for gain, size in innovations.items() if size <= _AS_SMALL * least)
+    return min(gain for gain, size in innovations.items() if size <= _TIE_MARGIN * least)
 
 
-def _follow(model: Model, record: Record) -> Record:
+def _follow(model: KoopmanModel, record: Record) -> Record:
     """Return the record with the yaw rate that the model's observer has at each tick."""
     predictor = Predictor(model, horizon_steps=0)
     x = record.x.copy()
@@ -92,14 +92,14 @@ def _follow(model: Model, record: Record) -> Record:
         if row and record.episode[row] != record.episode[row - 1]:
             predictor.reset()
         if predictor.step(sample_at(record, row)) is not None:
-            x[row, _YAW_RATE] = predictor.observed[_YAW_RATE]
+            x[row, _YAW_RATE] = predictor.filtered_state[_YAW_RATE]
     return replace(record, x=x)
 
 
 class _Forms:
     """Quadratic forms as they predict the yaw rate, and an observer around them."""
 
-    def __init__(self, forms: Quadratic, scaling: Scaling, history: int) -> None:
+    def __init__(self, forms: QuadraticFeatures, scaling: Scaling, history: int) -> None:
         columns = input_columns(history)
         self._scaling, self._history = scaling, history
         self._reach = forms.reach[columns].astype(np.float64)

@@ -21,15 +21,15 @@ import numpy as np
 import torch
 
 from adk_ros.errors import DataError
-from adk_ros.model.correction import Correction
+from adk_ros.model.correction import ObserverGains
 from adk_ros.model.lifting import Lifting
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import TICK_NS, FloatArray, Record
-from adk_ros.train.assemble import Assembled
+from adk_ros.train.assemble import AssembledModel
 from adk_ros.train.dataset import sequences
-from adk_ros.train.fit import Step, check_enough
+from adk_ros.train.fit import Step, require_min_rows
 from adk_ros.train.network import PaperNetwork, as_tensor, to_torchscript
 from adk_ros.train.settings import PaperSettings
 
@@ -38,7 +38,7 @@ def fit_paper(
     train: Sequence[Record],
     settings: PaperSettings,
     on_step: Callable[[Step], None] | None = None,
-) -> Assembled:
+) -> AssembledModel:
     """
     Train DK, or ALDK with `settings.acceleration`, and return its model (constant until adapted).
 
@@ -49,7 +49,7 @@ def fit_paper(
     part = sequences(train, 0, 1, "training")
     # A sample without a state may lie between measurements that are there, as of a frozen sensor.
     rows = part.rows[np.isfinite(part.x[part.rows + 1]).all(axis=1)]
-    check_enough(rows)
+    require_min_rows(rows)
     a = np.concatenate([record.a for record in train])
     if settings.acceleration:
         rows = rows[np.isfinite(a[rows + 1]).all(axis=1)]
@@ -115,10 +115,10 @@ def _loss(
     return total
 
 
-def _assemble(network: PaperNetwork, scaling: Scaling, settings: PaperSettings) -> Assembled:
+def _assemble(network: PaperNetwork, scaling: Scaling, settings: PaperSettings) -> AssembledModel:
     theta = torch.cat([network.a.weight, network.b.weight], dim=1).detach().double().numpy()
     program = to_torchscript(network.encoder)
-    model = Model(
+    model = KoopmanModel(
         lifting=Lifting(program, 3, settings.features),
         scaling=scaling,
         theta0=theta,
@@ -126,10 +126,10 @@ def _assemble(network: PaperNetwork, scaling: Scaling, settings: PaperSettings) 
         residual=False,
         affine=False,
         relift=False,
-        correction=Correction.none(),
+        observer_gains=ObserverGains.none(),
         horizon_covariance=np.zeros((0, 3, 3)),
-        usual_change=np.zeros((0, 3)),
+        mean_square_change=np.zeros((0, 3)),
         uses_imu=settings.acceleration,
         online=OnlineSettings("swls", window=settings.window),
     )
-    return Assembled(model, program)
+    return AssembledModel(model, program)

@@ -24,16 +24,16 @@ from numpy.typing import NDArray
 
 from adk_ros.model.lifting import input_size
 from adk_ros.signals.channels import FloatArray, IntArray
-from adk_ros.train.faster import weight_of
+from adk_ros.train.faster import augmentation_weight
 
-_NEWEST = 3
+_NEWEST_COLUMNS = 3
 _RIDGES = 1e-11, 1e-8, 1e-8
 """
 For v_x, v_y, yaw rate, per row, in units of scaled regressors. A weaker one makes v_y and yaw rate
 no better one step ahead, and worse in seconds; a stronger one costs v_x most of its digits.
 """
 
-_BEYOND_STATE, _BEYOND_COMMAND = (1.5, 1.0, 1.5), (1.5, 1.5)
+_STATE_EXTRAPOLATION, _COMMAND_EXTRAPOLATION = (1.5, 1.0, 1.5), (1.5, 1.5)
 """
 How far the forms are believed, in units of what the training data show. A car's equations are
 nearly products of speed, yaw rate and steering, and stay so somewhat farther out; but beyond the
@@ -42,7 +42,7 @@ largest v_y that was seen lies the sliding tyre, where a form would run away.
 
 
 @dataclass(frozen=True)
-class Quadratic:
+class QuadraticFeatures:
     """
     Three forms of an encoder's input row (n,), float32.
 
@@ -57,18 +57,18 @@ class Quadratic:
     level: NDArray[np.float32]
 
     @staticmethod
-    def none(n: int) -> Quadratic:
+    def none(n: int) -> QuadraticFeatures:
         """No forms, for rows of `n`."""
         def empty(*shape: int) -> Any:
             return np.zeros(shape, dtype=np.float32)
 
         wide = np.full(n, np.finfo(np.float32).max, dtype=np.float32)
-        return Quadratic(wide, empty(n, 0), empty(0, 0), empty(n, 0), empty(0))
+        return QuadraticFeatures(wide, empty(n, 0), empty(0, 0), empty(n, 0), empty(0))
 
 
 def newest(history: int) -> int:
     """Return how many samples the forms see, the newest ones."""
-    return min(_NEWEST, history + 1)
+    return min(_NEWEST_COLUMNS, history + 1)
 
 
 def input_columns(history: int) -> IntArray:
@@ -96,7 +96,7 @@ class Rows:
 def fit_quadratic(
     x: FloatArray, u: FloatArray, target: FloatArray, rows: IntArray, history: int,
     made: Rows | None = None,
-) -> Quadratic:
+) -> QuadraticFeatures:
     """
     Fit the forms at `rows` of scaled `x` (n, 3), `u` (n, 2); `target` (n, 3) the scaled increment.
 
@@ -123,7 +123,7 @@ def fit_quadratic(
         there = np.concatenate([*made.states, *more], axis=1)
         beyond = np.hstack([there[:, i] * there[:, j], there, np.ones((len(there), 1))]) / size
         driven = (np.abs(there) <= np.abs(inputs).max(axis=0)).all(axis=1)
-        weight = weight_of(
+        weight = augmentation_weight(
             phi @ solution - target[rows], beyond[driven] @ solution - made.target[driven]
         )
         also, towards = beyond.T @ beyond, beyond.T @ (weight * made.target)
@@ -132,22 +132,22 @@ def fit_quadratic(
             for c in range(3)
         ], axis=1)
     solution /= size[:, None]
-    own, weights = _forms(solution[: i.size], i, j, columns.size)
+    own, weights = _quadratic_directions(solution[: i.size], i, j, columns.size)
     n = input_size(history)
     linear, directions, reach = np.zeros((n, 3)), np.zeros((n, own.shape[1])), np.zeros(n)
     linear[columns] = solution[i.size : i.size + columns.size]
     directions[columns] = own
     reach[:] = np.abs(np.concatenate(past, axis=1)).max(axis=0)
-    reach *= np.concatenate([np.tile(_BEYOND_STATE, history + 1),
-                             np.tile(_BEYOND_COMMAND, history + 1 if history else 0)])
+    reach *= np.concatenate([np.tile(_STATE_EXTRAPOLATION, history + 1),
+                             np.tile(_COMMAND_EXTRAPOLATION, history + 1 if history else 0)])
     single = np.float32
-    return Quadratic(
+    return QuadraticFeatures(
         reach.astype(single), directions.astype(single), weights.astype(single),
         linear.astype(single), solution[-1].astype(single),
     )
 
 
-def _forms(
+def _quadratic_directions(
     coefficients: FloatArray, i: IntArray, j: IntArray, size: int
 ) -> tuple[FloatArray, FloatArray]:
     """Upper triangles (m, 3) of three forms -> directions (size, q), weights (q, 3)."""

@@ -14,8 +14,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import REPORT_SCALE
 from adk_ros.train.figures import curve_figure, horizon_figure, prediction_figure
-from adk_ros.train.heldout import MODEL, TIE, HeldOut
-from adk_ros.train.run import Run
+from adk_ros.train.heldout import MODEL, TIE, HeldOutScores
+from adk_ros.train.run import TrainingResult
 
 _UNITS = ("km/h", "km/h", "deg/s")
 
@@ -30,7 +30,7 @@ def remove_report(out: Path) -> None:
         (out / name).unlink(missing_ok=True)
 
 
-def write_report(run: Run, out: Path) -> Path:
+def write_report(run: TrainingResult, out: Path) -> Path:
     """Write `report.html`, its figures as PNG and `held_out.json` into `out`; return the page."""
     remove_report(out)
     figures: dict[str, Path] = {}
@@ -62,7 +62,7 @@ def write_report(run: Run, out: Path) -> Path:
     return path
 
 
-def _sentence(test: HeldOut | None) -> str:
+def _sentence(test: HeldOutScores | None) -> str:
     if test is None:
         return "Nothing was held out that is long enough to score."
     ratio = test.ratio
@@ -77,7 +77,7 @@ def _sentence(test: HeldOut | None) -> str:
     )
 
 
-def _rows(test: HeldOut) -> list[dict[str, Any]]:
+def _rows(test: HeldOutScores) -> list[dict[str, Any]]:
     rows = []
     steps = test.scores[MODEL].steps
     for c, channel in enumerate(STATE_NAMES):

@@ -11,29 +11,29 @@ from typing import Any
 
 from adk_ros.errors import DataError
 from adk_ros.model import artefact
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.signals.channels import Record
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.train.assemble import assemble
 from adk_ros.train.dataset import PARTS, TEST, TRAIN, VALIDATION, Split, sequences, split_records
-from adk_ros.train.fit import Step, Trained, fit
-from adk_ros.train.heldout import HeldOut, Range, held_out
-from adk_ros.train.observed import observed
+from adk_ros.train.fit import FittedNetwork, Step, fit
+from adk_ros.train.heldout import HeldOutScores, TrainingDomain, score_held_out
+from adk_ros.train.observed import observer_filtered
 from adk_ros.train.paper import fit_paper
 from adk_ros.train.settings import PaperSettings, TrainSettings
-from adk_ros.train.tune import horizon_covariances, tune
+from adk_ros.train.tune import horizon_covariances, select_hyperparameters
 
 Note = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class Run:
+class TrainingResult:
     """What a training yielded; `trained` is None in the paper's mode, which has no curve."""
 
-    model: Model
+    model: KoopmanModel
     split: Split
-    trained: Trained | None
-    test: HeldOut | None
+    trained: FittedNetwork | None
+    test: HeldOutScores | None
     facts: dict[str, Any]
 
 
@@ -57,7 +57,7 @@ def run_training(
     sensors: SensorConfig | None = None,
     on_step: Callable[[Step], None] | None = None,
     note: Note | None = None,
-) -> Run:
+) -> TrainingResult:
     """
     Train on `records` and write the artefact folder `out`.
 
@@ -74,12 +74,12 @@ def run_training(
             "for validation: give at least a minute"
         )
     uses_imu = any(bool((r.a == r.a).any()) for r in records)
-    trained: Trained | None = None
+    trained: FittedNetwork | None = None
     if isinstance(settings, PaperSettings):
         built = fit_paper(train, settings, on_step)
         known_commands, held_commands = horizon_covariances(built.model, split)
         model = replace(
-            built.model, horizon_covariance=known_commands, held_covariance=held_commands
+            built.model, horizon_covariance=known_commands, held_input_covariance=held_commands
         )
     else:
         checkpoint, before = checkpoints_of(out)
@@ -88,19 +88,19 @@ def run_training(
                 if note is not None:
                     note("training an observer", step.step, step.steps)
 
-            train, validation = observed(train, validation, settings, beginning, before)
+            train, validation = observer_filtered(train, validation, settings, beginning, before)
         trained = fit(train, validation, settings, on_step, checkpoint)
         joined = sequences(train, settings.history, 2, "training")
         built = assemble(trained, joined, uses_imu)
-        model = tune(built.model, split, note, built.refitted)
+        model = select_hyperparameters(built.model, split, note, built.refitted)
 
     def scoring(done: int, total: int) -> None:
         if note is not None:
             note("scoring held-out data", done, total)
 
-    known = Range.of(split.of(TRAIN))
+    known = TrainingDomain.of(split.of(TRAIN))
     tests = [(r, p == TEST) for r, p in zip(split.records, split.parts, strict=True)]
-    test = held_out(model, tests, known, progress=scoring)
+    test = score_held_out(model, tests, known, progress=scoring)
     facts: dict[str, Any] = {
         "kind": "default" if trained else "aldk" if uses_imu_loss(settings) else "dk",
         "settings": asdict(settings),
@@ -121,7 +121,7 @@ def run_training(
     if trained is not None:
         for path in checkpoints_of(out):
             path.unlink(missing_ok=True)
-    return Run(model, split, trained, test, facts)
+    return TrainingResult(model, split, trained, test, facts)
 
 
 def uses_imu_loss(settings: TrainSettings | PaperSettings) -> bool:

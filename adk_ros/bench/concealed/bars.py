@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.bench.concealed.score import UNKNOWN, Score
+from adk_ros.bench.concealed.score import UNKNOWN, CaseResult
 
 PASS, FAIL, NONE = "PASS", "FAIL", "NONE"
 
@@ -36,7 +36,7 @@ MEMORY_MOST_MIB = 2048.0
 
 
 @dataclass(frozen=True)
-class Bar:
+class Criterion:
     """One line; `bar` says what was asked, `cases` how many the figure is of."""
 
     verdict: str
@@ -49,16 +49,16 @@ class Bar:
         return f"{self.verdict} {self.name} {self.figure} ({self.bar})"
 
 
-def _bar(name: str, cases: int, bar: str, passed: bool, figure: str) -> Bar:
+def _bar(name: str, cases: int, bar: str, passed: bool, figure: str) -> Criterion:
     if not cases:
-        return Bar(NONE, name, "no case ran", bar, 0)
-    return Bar(PASS if passed else FAIL, name, figure, bar, cases)
+        return Criterion(NONE, name, "no case ran", bar, 0)
+    return Criterion(PASS if passed else FAIL, name, figure, bar, cases)
 
 
 def _share(
-    name: str, scores: Sequence[Score], least: float, of: Callable[[Score], float],
+    name: str, scores: Sequence[CaseResult], least: float, of: Callable[[CaseResult], float],
     also: str = "",
-) -> Bar:
+) -> Criterion:
     value = float(np.mean([of(s) for s in scores])) if scores else 0.0
     figure = f"{value:.3f} of {len(scores)} cases{also}"
     return _bar(name, len(scores), f"at least {least:g}", value >= least, figure)
@@ -66,7 +66,7 @@ def _share(
 
 def _median(
     name: str, values: Sequence[float], cases: int, limit: float, most: bool, percent: bool = True
-) -> Bar:
+) -> Criterion:
     value = float(np.median(values)) if values else 0.0
     passed = value <= limit if most else value >= limit
     factor, unit = (100.0, " %") if percent else (1.0, "")
@@ -75,7 +75,7 @@ def _median(
     return _bar(name, len(values) and cases, bar, passed, figure)
 
 
-def judge(scores: Sequence[Score]) -> list[Bar]:
+def evaluate_criteria(scores: Sequence[CaseResult]) -> list[Criterion]:
     """
     Return all bars.
 
@@ -136,17 +136,17 @@ def judge(scores: Sequence[Score]) -> list[Bar]:
     ]
 
 
-def _coverage(covered: Sequence[bool]) -> Bar:
+def _coverage(covered: Sequence[bool]) -> Criterion:
     name, bar = "interval-coverage", f"{100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %"
     inside = float(np.mean(covered)) if covered else 0.0
     figure = f"{100.0 * inside:.1f} % of {len(covered)} intervals"
     if 0 < len(covered) < COVERED_LEAST:
         figure += f", {COVERED_LEAST} at least would tell"
-        return Bar(NONE, name, figure, bar, len(covered))
+        return Criterion(NONE, name, figure, bar, len(covered))
     return _bar(name, len(covered), bar, COVERAGE[0] <= inside <= COVERAGE[1], figure)
 
 
-def _seconds(ran: Sequence[Score], cpu: str) -> Bar:
+def _seconds(ran: Sequence[CaseResult], cpu: str) -> Criterion:
     value = float(np.median([s.seconds for s in ran])) if ran else 0.0
     return _bar(
         "seconds-a-case", len(ran), f"at most {SECONDS_MOST:g} s in the median",
@@ -154,7 +154,7 @@ def _seconds(ran: Sequence[Score], cpu: str) -> Bar:
     )
 
 
-def _memory(ran: Sequence[Score]) -> Bar:
+def _memory(ran: Sequence[CaseResult]) -> Criterion:
     value = float(np.median([s.memory_mib for s in ran])) if ran else 0.0
     return _bar(
         "memory-a-case", len(ran), f"at most {MEMORY_MOST_MIB:g} MiB in the median",

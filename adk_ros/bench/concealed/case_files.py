@@ -13,14 +13,14 @@ import numpy as np
 import yaml  # type: ignore[import-untyped, unused-ignore]
 
 from adk_ros.bag_export import write_bag
-from adk_ros.bench.concealed.own import OwnCase
-from adk_ros.mismatch.evidence import Evidence
-from adk_ros.plant.heard import START_NS, Drive
+from adk_ros.bench.concealed.own import GeneratedCase
+from adk_ros.mismatch.evidence import SensorLog
+from adk_ros.plant.heard import START_NS, SimulatedDrive
 from adk_ros.plant.sensors import Sensors, Stream
 from adk_ros.signals.channels import FloatArray, Source
 
 
-def write_evidence(evidence: Evidence, path: Path) -> None:
+def write_evidence(evidence: SensorLog, path: Path) -> None:
     """Write an evidence's streams as a bag; stamps are counted from a round time of day."""
 
     def stream(at_s: FloatArray, values: FloatArray) -> Stream:
@@ -36,10 +36,10 @@ def write_evidence(evidence: Evidence, path: Path) -> None:
     # All of a drive that writing looks at.
     heard = range(sum(len(s.stamp_ns) for s in streams.values()))
     drive = SimpleNamespace(streams=streams, sensors=Sensors(), readings=heard)
-    write_bag(cast(Drive, drive), path)
+    write_bag(cast(SimulatedDrive, drive), path)
 
 
-def write_case(case: OwnCase, folder: Path) -> None:
+def write_case(case: GeneratedCase, folder: Path) -> None:
     """Write a case as `run.find_cases` finds it."""
     folder.mkdir(parents=True)
     for name in ("simulation", "recording", "heldout"):

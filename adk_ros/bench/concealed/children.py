@@ -20,17 +20,17 @@ class Usage(NamedTuple):
     """Exit status, last line on stderr, seconds of wall and of CPU, largest memory in MiB."""
 
     status: int
-    said: str
+    output: str
     seconds: float
     cpu_s: float
     memory_mib: float
 
 
-class Ended(Exception):
+class SubprocessEnded(Exception):
     """A process was not begun, or was ended, since all are to end."""
 
 
-class Children:
+class Subprocesses:
     """Processes that threads wait for, and that another thread may end."""
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class Children:
         command = [sys.executable, "-m", "adk_ros.cli.main", *arguments]
         with self._lock:
             if self._over:
-                raise Ended
+                raise SubprocessEnded
             started = time.monotonic()
             process = subprocess.Popen(
                 command, env=os.environ | _ONE_THREAD, stdout=subprocess.DEVNULL,
@@ -64,7 +64,7 @@ class Children:
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         if self._over:
-            raise Ended
+            raise SubprocessEnded
         lines = said.strip().splitlines()
         return Usage(
             process.returncode, lines[-1] if lines else "", time.monotonic() - started,

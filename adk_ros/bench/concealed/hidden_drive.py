@@ -20,8 +20,8 @@ import numpy as np
 from adk_ros.bench.concealed import spring_car
 from adk_ros.bench.concealed.spring_car import step_spring_car
 from adk_ros.compiled import compiler
-from adk_ros.plant.body import NO_BODY, Body, resolve
-from adk_ros.plant.driver import Excitation, SpeedPlan, drive, excitation_signals
+from adk_ros.plant.body import NO_SPRUNG_MASS, SprungMass, resolve
+from adk_ros.plant.driver import Excitation, SpeedPlan, driver_command, excitation_signals
 from adk_ros.plant.fourteen_dof import rolling_state as rolling_on_plane
 from adk_ros.plant.on_route import step_on_route
 from adk_ros.plant.params import Constants, Vehicle
@@ -51,7 +51,7 @@ TRUTH = 11
 """Columns of the truth: a_x, a_y, yaw rate, v_x, v_y, x, y, heading, place, time, yaw acc."""
 
 
-class Changes(NamedTuple):
+class InjectedChanges(NamedTuple):
     """What is concealed; the defaults change nothing. SI; delays in ms; from `onset` s on."""
 
     onset: float = 0.0
@@ -77,26 +77,26 @@ class Changes(NamedTuple):
     """m^2; of the spring car alone, as is the next."""
     rear_steer: float = 0.0
     # What no catalogue lists.
-    locked: float = 0.0
+    locked_differential: float = 0.0
     """m/s^2: yaw acceleration against the relative wheel-speed difference r / v_x."""
-    pull: float = 0.0
+    torque_steer: float = 0.0
     """1/(kg m): lateral acceleration per commanded torque."""
     shimmy: float = 0.0
     """rad/s^2: yaw acceleration that oscillates with the speed, sin(1.5 v_x)."""
-    damped: float = 0.0
+    yaw_damping: float = 0.0
     """1/s: yaw acceleration against the yaw rate."""
-    scrub: float = 0.0
+    scrub_drag: float = 0.0
     """s^2/m: deceleration by the lateral acceleration squared."""
-    vectoring: float = 0.0
+    torque_vectoring: float = 0.0
     """1/(kg m^2 rad): yaw acceleration per torque times steering angle."""
-    ploughing: float = 0.0
+    steering_drag: float = 0.0
     """m/s^2 per rad: deceleration by the steering angle's size."""
 
 
 @_kernel
 def _run(
-    plant: int, c: Constants, later: Constants, b: Body, later_b: Body, driver: Constants,
-    table: FloatArray, later_table: FloatArray, spacing: float, added: FloatArray, h: Changes,
+    plant: int, c: Constants, later: Constants, b: SprungMass, later_b: SprungMass, driver: Constants,
+    table: FloatArray, later_table: FloatArray, spacing: float, added: FloatArray, h: InjectedChanges,
     place: float, state: FloatArray, truth: FloatArray, commands: FloatArray,
 ) -> None:
     road = np.empty((4, 5))
@@ -109,7 +109,7 @@ def _run(
         s, across, road_heading = locate(table, spacing, s, state[X], state[Y])
         now = n // TICK
         if n % TICK == 0:
-            torque, delta, integral = drive(
+            torque, delta, integral = driver_command(
                 driver, table, spacing, (s, across, road_heading), (state[V_X], state[V_Y]),
                 state[HEADING], added[now], integral, TICK * STEP,
             )
@@ -140,11 +140,11 @@ def _run(
             drag = h.side_drag / c.wheel_radius
             push_x = -2.0 * abs(drag) / c.mass
             turn = drag * c.track_width / c.yaw_inertia
-            turn -= h.locked * state[YAW_RATE] / speed
-            turn += h.shimmy * math.sin(1.5 * state[V_X]) - h.damped * state[YAW_RATE]
-            turn += h.vectoring * driven * steered
-            push_x -= h.scrub * a_y * a_y + h.ploughing * abs(steered)
-            push_y = h.pull * commands[now, 0]
+            turn -= h.locked_differential * state[YAW_RATE] / speed
+            turn += h.shimmy * math.sin(1.5 * state[V_X]) - h.yaw_damping * state[YAW_RATE]
+            turn += h.torque_vectoring * driven * steered
+            push_x -= h.scrub_drag * a_y * a_y + h.steering_drag * abs(steered)
+            push_y = h.torque_steer * commands[now, 0]
             blows = h.wind_from < 0.0
             if not blows:
                 at = s % (spacing * (table.shape[0] - 1))
@@ -181,8 +181,8 @@ def _run(
         row[10] = (state[YAW_RATE] - before) / STEP
 
 
-def hidden_drive(
-    vehicle: Vehicle, car: Vehicle, route: Route, changes: Changes, seed: int, seconds: float,
+def simulate_injected_drive(
+    vehicle: Vehicle, car: Vehicle, route: Route, changes: InjectedChanges, seed: int, seconds: float,
     plant: str = "seven_dof", start: float = 0.0, before: Vehicle | None = None,
     later: Route | None = None,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -200,7 +200,7 @@ def hidden_drive(
     added = excitation_signals(rng, count, TICK * STEP, excitation, SpeedPlan(variation=0.05))
     which = PLANTS.index(plant)
     constants = car.constants()
-    bodies = [resolve(v) if which == _FOURTEEN else NO_BODY for v in (before or car, car)]
+    bodies = [resolve(v) if which == _FOURTEEN else NO_SPRUNG_MASS for v in (before or car, car)]
     x, y, heading, speed = (
         lookup(route.table, route.spacing, start, column)
         for column in (ROAD_X, ROAD_Y, ROAD_HEADING, ROAD_SPEED)

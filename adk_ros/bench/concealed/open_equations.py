@@ -15,16 +15,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.correction import FEATURES, values
-from adk_ros.mismatch.course import GAINS, STEP, Course, Terms, prepare
+from adk_ros.mismatch.correction import FEATURES, feature_matrix
+from adk_ros.mismatch.course import (
+    OBSERVER_GAINS,
+    STEP_S,
+    ActiveTerms,
+    ResidualProblem,
+    prepare_residual_problem,
+)
 from adk_ros.mismatch.effect import PLACE, TIME
-from adk_ros.mismatch.evidence import Evidence
-from adk_ros.mismatch.gates import Gate
+from adk_ros.mismatch.evidence import SensorLog
+from adk_ros.mismatch.gates import Activation
 from adk_ros.mismatch.lap import Lap, find_lap
-from adk_ros.mismatch.likelihood import Active, Likelihood
-from adk_ros.mismatch.model_file import StandInFile
-from adk_ros.mismatch.pieces import signals_of
-from adk_ros.mismatch.scope import filled
+from adk_ros.mismatch.likelihood import ActiveEffect, Likelihood
+from adk_ros.mismatch.model_file import SurrogateFile
+from adk_ros.mismatch.pieces import feature_signals
+from adk_ros.mismatch.scope import with_pseudo_imu
 from adk_ros.mismatch.states import V_X, V_Y, YAW_RATE
 from adk_ros.signals.channels import STATE_NAMES, FloatArray
 
@@ -37,7 +43,7 @@ _SETTLING_S = 1.5
 
 
 @dataclass(frozen=True)
-class OpenEquations:
+class EquationErrors:
     """
     Rows in time: `time_s` (n,), `features` (n, k) of `names`, `residuals` (n, 3) of v_x, v_y, r.
 
@@ -51,16 +57,16 @@ class OpenEquations:
     noise: FloatArray
 
 
-def open_equations(recording: Evidence, model: StandInFile) -> OpenEquations:
+def equation_errors(recording: SensorLog, model: SurrogateFile) -> EquationErrors:
     """Return what a stand-in, its terms and its correction leave of a recording."""
-    e = filled(recording)
-    course = prepare(e)
+    e = with_pseudo_imu(recording)
+    course = prepare_residual_problem(e)
     vector, terms = _setting(course, find_lap(course), model)
     out = course.run(vector, terms, _HELD)
     if model.correction:
         out = course.run(vector, terms, _HELD, _extra(model, course, out))
     own = np.column_stack([
-        _changes(out[row], course.smooth[:, i], min(GAINS[i] * _HELD * STEP, 0.5))
+        _changes(out[row], course.smooth[:, i], min(OBSERVER_GAINS[i] * _HELD * STEP_S, 0.5))
         for i, row in enumerate((V_X, V_Y, YAW_RATE))
     ])  # fmt: skip
     measured = np.column_stack([
@@ -71,9 +77,9 @@ def open_equations(recording: Evidence, model: StandInFile) -> OpenEquations:
     difference = measured - np.cumsum(own, axis=0)
     residuals = np.column_stack([slopes(x) for x in difference.T])
     names = tuple(FEATURES)
-    table = values(list(names), signals_of(course, out))
-    kept = np.arange(max(round(_SETTLING_S / STEP), HALF), course.steps - HALF, EVERY)
-    return OpenEquations(
+    table = feature_matrix(list(names), feature_signals(course, out))
+    kept = np.arange(max(round(_SETTLING_S / STEP_S), HALF), course.steps - HALF, EVERY)
+    return EquationErrors(
         course.middle_s[kept], names, table[kept], residuals[kept], _noise(e)
     )
 
@@ -96,39 +102,39 @@ def _changes(middle: FloatArray, measured: FloatArray, gain: float) -> FloatArra
 def slopes(x: FloatArray) -> FloatArray:
     """Return the slope (n,) in 1/s of a line fitted to `HALF` steps to either side."""
     k = np.arange(-HALF, HALF + 1, dtype=np.float64)
-    return np.asarray(np.convolve(x, -k / (k @ k), mode="same") / STEP)
+    return np.asarray(np.convolve(x, -k / (k @ k), mode="same") / STEP_S)
 
 
-def _noise(e: Evidence) -> FloatArray:
+def _noise(e: SensorLog) -> FloatArray:
     """Return the deviation (3,) of a slope by the sensors' white noise."""
     sigma = e.noise()[[3, 4, 2]]
     rates = np.array([np.median(np.diff(at)) for at in (e.odometry_s, e.odometry_s, e.imu_s)])
-    samples = (2 * HALF + 1) * STEP / rates
+    samples = (2 * HALF + 1) * STEP_S / rates
     # Of n samples over a time T: sigma sqrt(12 / n) / T.
-    return np.asarray(sigma * np.sqrt(12.0 / samples) / ((2 * HALF + 1) * STEP))
+    return np.asarray(sigma * np.sqrt(12.0 / samples) / ((2 * HALF + 1) * STEP_S))
 
 
 def _setting(
-    course: Course, lap: Lap | None, model: StandInFile
-) -> tuple[FloatArray, Terms]:
+    course: ResidualProblem, lap: Lap | None, model: SurrogateFile
+) -> tuple[FloatArray, ActiveTerms]:
     """Return a model's vector and terms for a run."""
     likelihood = Likelihood.of(course, model.simulator())
     actives = []
     for term in model.terms:
-        gate = Gate()
+        gate = Activation()
         if term.where.kind == PLACE and lap is not None:
             where = tuple((a, b) for a, b in term.where.stretches)
-            gate = Gate(stretches=where, lap=lap.length, distance=lap.distance)
+            gate = Activation(stretches=where, lap=lap.length, distance=lap.distance)
         elif term.where.kind == TIME:
-            gate = Gate(onset_s=term.where.onset_s)
+            gate = Activation(onset_s=term.where.onset_s)
         effect = EFFECTS[term.effect]
-        inner = tuple(p.inner(term.parameters[p.name]) for p in effect.parameters)
-        actives.append(Active(effect, inner, gate))
-    return likelihood.setting(np.zeros(likelihood.nuisances), actives)
+        inner = tuple(p.theta(term.parameters[p.name]) for p in effect.parameters)
+        actives.append(ActiveEffect(effect, inner, gate))
+    return likelihood.simulation_inputs(np.zeros(likelihood.n_nuisances), actives)
 
 
-def _extra(model: StandInFile, course: Course, out: FloatArray) -> FloatArray:
-    signals = signals_of(course, out)
+def _extra(model: SurrogateFile, course: ResidualProblem, out: FloatArray) -> FloatArray:
+    signals = feature_signals(course, out)
     extra = np.zeros((course.steps, 3))
     for piece in model.correction:
         column = STATE_NAMES.index(piece.equation)

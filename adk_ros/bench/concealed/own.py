@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.bench.concealed.hidden_drive import Changes, hidden_drive
-from adk_ros.bench.concealed.own_effects import changed, changes
-from adk_ros.bench.concealed.own_routes import ROADS, planned, random_course
-from adk_ros.bench.concealed.own_sensors import sensed
-from adk_ros.mismatch.evidence import Evidence
-from adk_ros.mismatch.nominal import Nominal
+from adk_ros.bench.concealed.hidden_drive import InjectedChanges, simulate_injected_drive
+from adk_ros.bench.concealed.own_effects import changed_vehicle, plant_changes
+from adk_ros.bench.concealed.own_routes import ROAD_STYLES, plan_route, random_route
+from adk_ros.bench.concealed.own_sensors import simulate_faulty_sensors
+from adk_ros.mismatch.evidence import SensorLog
+from adk_ros.mismatch.nominal import NominalVehicle
 from adk_ros.plant.params import Vehicle
-from adk_ros.plant.road import ROAD_MU, Place
+from adk_ros.plant.road import ROAD_MU, RoadPatch
 from adk_ros.signals.channels import FloatArray
 
 SIMULATED_S, RECORDED_S, HELD_OUT_S = 150.0, 220.0, 100.0
@@ -39,7 +39,7 @@ Span = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Secret:
+class InjectedMismatch:
     """
     Effects by name -> parameters, as in a label; `kinds` name -> place or time where not always.
 
@@ -52,14 +52,14 @@ class Secret:
 
 
 @dataclass(frozen=True)
-class OwnCase:
+class GeneratedCase:
     """A case as the tool and the scorer take it."""
 
     name: str
-    simulation: Evidence
-    recording: Evidence
-    heldout: Evidence
-    nominal: Nominal
+    simulation: SensorLog
+    recording: SensorLog
+    heldout: SensorLog
+    nominal: NominalVehicle
     label: dict[str, Any]
 
 
@@ -111,10 +111,10 @@ def _times_in(along: FloatArray, spans: list[Span], blend: float) -> list[list[f
 
 
 def make_case(
-    name: str, secret: Secret, seed: int, plant: str = "seven_dof",
+    name: str, secret: InjectedMismatch, seed: int, plant: str = "seven_dof",
     seconds: tuple[float, float, float] = (SIMULATED_S, RECORDED_S, HELD_OUT_S),
     drive: str = "track", noise: float = 1.0,
-) -> OwnCase:
+) -> GeneratedCase:
     """
     Return a case; the same arguments give the same case.
 
@@ -122,15 +122,15 @@ def make_case(
     road of `own_routes.ROADS`; `noise` a factor. A driver whom the car leaves drives slower.
     """
     rng = np.random.default_rng([seed, 77])
-    roads = ROADS[drive]
+    roads = ROAD_STYLES[drive]
     vehicle = _vehicle(rng, "headwind" in secret.effects)
     placed = [k for k in secret.effects
               if secret.kinds.get(k) == "place" or k in _ALWAYS_PLACED]
-    simulated, _ = random_course(rng, roads)
-    course, length = random_course(rng, roads)
+    simulated, _ = random_route(rng, roads)
+    course, length = random_route(rng, roads)
     spans = _spans(rng, length)
     places = [
-        Place.model_validate({
+        RoadPatch.model_validate({
             "start": a, "end": b,
             "blend": _BLENDS[k], _PLACE_KEYS[k][0]: secret.effects[k][_PLACE_KEYS[k][1]],
         })
@@ -138,34 +138,34 @@ def make_case(
     ]
     timed = [k for k, kind in secret.kinds.items() if kind == "time"]
     onset = float(rng.uniform(0.27, 0.64)) * seconds[1] if timed else 0.0
-    hidden = changes(secret.effects, secret.unlisted, onset)
+    hidden = plant_changes(secret.effects, secret.unlisted, onset)
     if "crosswind" in placed:
         hidden = hidden._replace(wind_from=spans[0][0], wind_to=spans[0][1])
     built = _tolerances(rng, vehicle)
-    car = changed(built, secret.effects)
+    car = changed_vehicle(built, secret.effects)
     lateral = float(rng.uniform(*roads.lateral))
-    truth, commands, _ = hidden_drive(
-        vehicle, vehicle, planned(simulated, [], roads, lateral), Changes(), seed + 1,
+    truth, commands, _ = simulate_injected_drive(
+        vehicle, vehicle, plan_route(simulated, [], roads, lateral), InjectedChanges(), seed + 1,
         seconds[0], plant,
     )
-    simulation = sensed("simulation", truth, commands, {}, None)
+    simulation = simulate_faulty_sensors("simulation", truth, commands, {}, None)
     for tried in range(_MOST_TRIES):
-        route = later = planned(course, places, roads, lateral, _SLOWER**tried)
+        route = later = plan_route(course, places, roads, lateral, _SLOWER**tried)
         if "low_friction" in secret.effects and "low_friction" not in placed:
             table = route.table.copy()
             table[:, ROAD_MU] *= secret.effects["low_friction"]["mu_scale"]
             later = replace(route, table=table)
-        truth, commands, _ = hidden_drive(
+        truth, commands, _ = simulate_injected_drive(
             vehicle, car, route, hidden, seed + 2, seconds[1], plant, 0.0, built, later
         )
-        held, held_commands, _ = hidden_drive(
+        held, held_commands, _ = simulate_injected_drive(
             vehicle, car, route, hidden._replace(onset=0.0), seed + 3, seconds[2], plant,
             0.2 * length, None, later,
         )
         if max(np.abs(truth[:, 4]).max(), np.abs(held[:, 4]).max()) < _SPUN:
             break
-    recording = sensed("recording", truth, commands, secret.effects, rng, noise, onset)
-    heldout = sensed("heldout", held, held_commands, secret.effects, rng, noise)
+    recording = simulate_faulty_sensors("recording", truth, commands, secret.effects, rng, noise, onset)
+    heldout = simulate_faulty_sensors("heldout", held, held_commands, secret.effects, rng, noise)
     label: dict[str, Any] = {"effects": []}
     for effect, parameters in secret.effects.items():
         kind = "place" if effect in placed else secret.kinds.get(effect, "always")
@@ -181,7 +181,7 @@ def make_case(
             {"name": "unknown", "params": {}, "kind": "always",
              "time_intervals_s": [[0.0, seconds[1]]]}
         )
-    nominal = Nominal(**{
-        key: getattr(vehicle, key) for key in Nominal.model_fields
+    nominal = NominalVehicle(**{
+        key: getattr(vehicle, key) for key in NominalVehicle.model_fields
     })
-    return OwnCase(name, simulation, recording, heldout, nominal, label)
+    return GeneratedCase(name, simulation, recording, heldout, nominal, label)

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from adk_ros.bench.concealed.hidden_drive import Changes
+from adk_ros.bench.concealed.hidden_drive import InjectedChanges
 from adk_ros.plant.params import Vehicle
-from adk_ros.plant.yaml_file import replaced
+from adk_ros.plant.yaml_file import with_replacements
 
 FULL: dict[str, dict[str, float]] = {
     "aero_drag": {"cda": 1.0}, "rolling_resistance": {"crr": 0.015}, "headwind": {"wind_x": -9.0},
@@ -43,7 +43,7 @@ UNLISTED = {
 """Changes that no catalogue lists, at strength 1."""
 
 
-def scaled(name: str, strength: float) -> dict[str, float]:
+def scale_strength(name: str, strength: float) -> dict[str, float]:
     """Return an effect's parameters at a share of full strength."""
     if name == "power_limit":
         return {"power": FULL[name]["power"] / strength**0.5}
@@ -54,7 +54,7 @@ def scaled(name: str, strength: float) -> dict[str, float]:
     return out
 
 
-def changed(vehicle: Vehicle, effects: dict[str, dict[str, float]]) -> Vehicle:
+def changed_vehicle(vehicle: Vehicle, effects: dict[str, dict[str, float]]) -> Vehicle:
     """Return the vehicle with those effects that are in its parameters."""
     v = vehicle.model_dump()
     front, rear = v["front_tyre"], v["rear_tyre"]
@@ -85,7 +85,7 @@ def changed(vehicle: Vehicle, effects: dict[str, dict[str, float]]) -> Vehicle:
             v["wheel_inertia"] += 0.25 * p["inertia"]
         elif name == "wheel_radius":
             v["wheel_radius"] *= p["scale"]
-    return Vehicle.model_validate(replaced(vehicle.model_dump(), v))
+    return Vehicle.model_validate(with_replacements(vehicle.model_dump(), v))
 
 
 _COMMANDS = {
@@ -101,9 +101,9 @@ _COMMANDS = {
 }
 
 
-def changes(
+def plant_changes(
     effects: dict[str, dict[str, float]], unlisted: dict[str, float], onset: float
-) -> Changes:
+) -> InjectedChanges:
     values: dict[str, Any] = dict(unlisted)
     for name, p in effects.items():
         if name in _COMMANDS:
@@ -114,4 +114,4 @@ def changes(
     for key in delays:
         delays[key] += effects.get("clock_offset", {}).get("offset", 0.0)
         values[key] = round(1000.0 * delays[key])
-    return Changes(onset=onset)._replace(**values)
+    return InjectedChanges(onset=onset)._replace(**values)

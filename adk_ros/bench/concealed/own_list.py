@@ -15,8 +15,8 @@ from typing import Any
 
 from adk_ros.bench.concealed.case_files import write_case
 from adk_ros.bench.concealed.hidden_drive import PLANTS
-from adk_ros.bench.concealed.own import OwnCase, Secret, make_case
-from adk_ros.bench.concealed.own_effects import FULL, SPRING_CAR_ONLY, UNLISTED, scaled
+from adk_ros.bench.concealed.own import GeneratedCase, InjectedMismatch, make_case
+from adk_ros.bench.concealed.own_effects import FULL, SPRING_CAR_ONLY, UNLISTED, scale_strength
 
 STRENGTHS = (1.0, 0.3)
 CLEAN = 60
@@ -59,18 +59,18 @@ _PLACED = {"road_grade": "place", "road_bank": "place", "low_friction": "place",
 
 
 @dataclass(frozen=True)
-class Plan:
+class CasePlan:
     """A case to be made."""
 
     name: str
-    secret: Secret
+    secret: InjectedMismatch
     seed: int
     plant: str
     strength: float = 1.0
     drive: str = "track"
     noise: float = 1.0
 
-    def make(self) -> OwnCase:
+    def make(self) -> GeneratedCase:
         """Make the case, its label complete."""
         case = make_case(
             self.name, self.secret, self.seed, self.plant, drive=self.drive, noise=self.noise
@@ -95,13 +95,13 @@ class Plan:
                 "drive": self.drive, "noise": self.noise}
 
 
-def secret(names: tuple[str, ...], strength: float, kind: str = "") -> Secret:
+def injected_mismatch(names: tuple[str, ...], strength: float, kind: str = "") -> InjectedMismatch:
     """Return the secret of these effects; `kind` replaces where they act by default."""
     kinds = {n: kind or _PLACED[n] for n in names if kind or n in _PLACED}
-    return Secret({n: scaled(n, strength) for n in names}, kinds)
+    return InjectedMismatch({n: scale_strength(n, strength) for n in names}, kinds)
 
 
-def _plan(i: int, name: str, hidden: Secret, strength: float = 1.0) -> Plan:
+def _plan(i: int, name: str, hidden: InjectedMismatch, strength: float = 1.0) -> CasePlan:
     """Return the case of this number, whose turn decides on simulator, road and noise."""
     plant = PLANTS[i % len(PLANTS)]
     if set(SPRING_CAR_ONLY) & set(hidden.effects):
@@ -109,30 +109,30 @@ def _plan(i: int, name: str, hidden: Secret, strength: float = 1.0) -> Plan:
     drive, noise = DRIVES[i // 3 % len(DRIVES)], NOISES[i // 9 % len(NOISES)]
     if set(NEED_GRIP) & set(hidden.effects):
         drive = "track"
-    return Plan(name, hidden, 1000 + i, plant, strength, drive, noise)
+    return CasePlan(name, hidden, 1000 + i, plant, strength, drive, noise)
 
 
-def plans() -> Iterator[Plan]:
+def case_plans() -> Iterator[CasePlan]:
     """Yield all cases."""
-    every: list[tuple[str, Secret, float]] = []
-    every += [(f"clean_{i:02}", Secret(), 1.0) for i in range(CLEAN)]
+    every: list[tuple[str, InjectedMismatch, float]] = []
+    every += [(f"clean_{i:02}", InjectedMismatch(), 1.0) for i in range(CLEAN)]
     every += [
-        (f"{name}_{strength:g}", secret((name,), strength), strength)
+        (f"{name}_{strength:g}", injected_mismatch((name,), strength), strength)
         for strength in STRENGTHS for name in FULL
     ]
-    every += [("_and_".join(names), secret(names, 1.0), 1.0) for names in (*PAIRS, *TRIPLES)]
-    every += [(f"{n}_from_a_time_on", secret((n,), 1.0, "time"), 1.0) for n in TIMED]
+    every += [("_and_".join(names), injected_mismatch(names, 1.0), 1.0) for names in (*PAIRS, *TRIPLES)]
+    every += [(f"{n}_from_a_time_on", injected_mismatch((n,), 1.0, "time"), 1.0) for n in TIMED]
     every += [
-        (f"unlisted_{name}_{strength:g}", Secret(unlisted={name: strength * size}), strength)
+        (f"unlisted_{name}_{strength:g}", InjectedMismatch(unlisted={name: strength * size}), strength)
         for name, size in UNLISTED.items() for strength in STRENGTHS
     ]
     for i, (name, hidden, strength) in enumerate(every):
         yield _plan(i, name, hidden, strength)
 
 
-def chosen(limit: int) -> list[Plan]:
+def select_plans(limit: int) -> list[CasePlan]:
     """Return at most `limit` of the cases, spread evenly; all for 0."""
-    every = list(plans())
+    every = list(case_plans())
     if limit <= 0 or limit >= len(every):
         return every
     return [every[i * len(every) // limit] for i in range(limit)]

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.plant.driver import SpeedPlan, plan_speed
-from adk_ros.plant.road import Bend, Place, Route, Segment, build_route
+from adk_ros.plant.road import Bend, RoadPatch, Route, Segment, build_route
 
 Range = tuple[float, float]
 
 
-class Roads(NamedTuple):
+class RoadStyle(NamedTuple):
     """What kind of road it is, and how it is driven; m, degrees, m/s, m/s^2."""
 
     bends: int
@@ -28,16 +28,16 @@ class Roads(NamedTuple):
     brake: float
 
 
-ROADS = {
-    "track": Roads(9, (20.0, 130.0), (45.0, 130.0), 20.0, (1000.0, 2200.0), 33.0, (4.0, 5.0),
+ROAD_STYLES = {
+    "track": RoadStyle(9, (20.0, 130.0), (45.0, 130.0), 20.0, (1000.0, 2200.0), 33.0, (4.0, 5.0),
                    2.3, 2.6),
-    "town": Roads(9, (20.0, 90.0), (14.0, 40.0), 6.0, (500.0, 1200.0), 15.0, (3.6, 4.8),
+    "town": RoadStyle(9, (20.0, 90.0), (14.0, 40.0), 6.0, (500.0, 1200.0), 15.0, (3.6, 4.8),
                   1.8, 2.4),
 }
 _TRIES = 200
 
 
-def random_course(rng: np.random.Generator, roads: Roads) -> tuple[list[Segment], float]:
+def random_route(rng: np.random.Generator, roads: RoadStyle) -> tuple[list[Segment], float]:
     """Return the segments of a random closed course and its length, m."""
     for _ in range(_TRIES):
         signs = np.ones(roads.bends)
@@ -64,8 +64,8 @@ def random_course(rng: np.random.Generator, roads: Roads) -> tuple[list[Segment]
     raise ValueError("no random course closes")
 
 
-def planned(
-    segments: list[Segment], places: list[Place], roads: Roads, lateral: float, haste: float = 1.0
+def plan_route(
+    segments: list[Segment], places: list[RoadPatch], roads: RoadStyle, lateral: float, haste: float = 1.0
 ) -> Route:
     """
     Return the course as a route with its speeds, cornering at `lateral` m/s^2.

@@ -7,19 +7,19 @@ from __future__ import annotations
 import numpy as np
 
 from adk_ros.bench.concealed.hidden_drive import TICK
-from adk_ros.mismatch.evidence import Evidence
+from adk_ros.mismatch.evidence import SensorLog
 from adk_ros.plant.params import GRAVITY
 from adk_ros.signals.channels import FloatArray
 
 NOISE = np.array([0.06, 0.06, 0.003])
 ODOMETRY_NOISE = np.array([0.03, 0.03, 0.003, 0.03, 0.03, 0.003])
-_LOST = 0.002
+_DROPOUT = 0.002
 
 
-def sensed(
+def simulate_faulty_sensors(
     name: str, truth: FloatArray, commands: FloatArray, effects: dict[str, dict[str, float]],
     rng: np.random.Generator | None, noise: float = 1.0, onset_s: float = 0.0,
-) -> Evidence:
+) -> SensorLog:
     """
     Return what the sensors make of a drive; noise and loss only with a generator.
 
@@ -59,10 +59,10 @@ def sensed(
         both = noise * ODOMETRY_NOISE * rng.standard_normal((odometry.shape[0], 6))
         odometry += both[:, :3]
         pose += both[:, 3:]
-        kept, heard = rng.random(imu_s.size) > _LOST, rng.random(odometry_s.size) > _LOST
+        kept, heard = rng.random(imu_s.size) > _DROPOUT, rng.random(odometry_s.size) > _DROPOUT
         imu_s, imu = imu_s[kept], imu[kept]
         odometry_s, odometry, pose = odometry_s[heard], odometry[heard], pose[heard]
     command_s: FloatArray = 0.001 * TICK * np.arange(commands.shape[0], dtype=np.float64)
-    return Evidence(
+    return SensorLog(
         name, 0.001 * (n - 1), imu_s, imu, odometry_s, odometry, pose, command_s, commands
     )

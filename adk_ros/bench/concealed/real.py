@@ -18,29 +18,29 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.bench.concealed.bars import FAIL, PASS, Bar
-from adk_ros.bench.concealed.score import Score, score
+from adk_ros.bench.concealed.bars import FAIL, PASS, Criterion
+from adk_ros.bench.concealed.score import CaseResult, score_case
 from adk_ros.errors import DataError
 from adk_ros.mismatch.answer import as_dict
-from adk_ros.mismatch.checks import check
-from adk_ros.mismatch.course import Course, prepare
-from adk_ros.mismatch.evidence import Evidence
-from adk_ros.mismatch.fit import Unknowns
-from adk_ros.mismatch.investigate import investigate
-from adk_ros.mismatch.nominal import Nominal
+from adk_ros.mismatch.checks import check_recording
+from adk_ros.mismatch.course import ResidualProblem, prepare_residual_problem
+from adk_ros.mismatch.evidence import SensorLog
+from adk_ros.mismatch.fit import BoundedParameters
+from adk_ros.mismatch.investigate import identify_mismatch
+from adk_ros.mismatch.nominal import NominalVehicle
 from adk_ros.mismatch.parameters import HIGH, INDEX, LOW, SIZE
-from adk_ros.mismatch.scope import driven, filled, scope_of
+from adk_ros.mismatch.scope import longest_moving_segment, observable_effects, with_pseudo_imu
 from adk_ros.mismatch.smoothing import savitzky_golay
 from adk_ros.mismatch.standin import (
-    COLOURED,
-    FITTED,
+    FITTED_PARAMETERS,
+    RESIDUAL_SUBSAMPLING,
     SETTLING_BINS,
-    StandIn,
-    fitted_in_rounds,
+    SurrogateModel,
+    fit_with_annealed_observer,
 )
 from adk_ros.signals.channels import FloatArray
 
-REAL = "real"
+ABLATION_FILE = "real"
 
 Progress = Callable[[float, float, str], None]
 
@@ -70,7 +70,7 @@ class Removal:
     amount: float
     neutral: float = 0.0
 
-    def out_of(self, plain: StandIn) -> StandIn:
+    def out_of(self, plain: SurrogateModel) -> SurrogateModel:
         """Return the stand-in less the term."""
         p = plain.parameters.copy()
         p[INDEX[self.entry]] -= self.amount
@@ -78,13 +78,13 @@ class Removal:
 
     def label(self, start_s: float, end_s: float) -> dict[str, Any]:
         """Return the answer that is wanted."""
-        return {"plant": REAL, "effects": [{
+        return {"plant": ABLATION_FILE, "effects": [{
             "name": self.effect, "params": {self.parameter: self.neutral + self.amount},
             "kind": "always", "time_intervals_s": [[start_s, end_s]],
         }]}  # fmt: skip
 
 
-def removals(plain: StandIn) -> tuple[Removal, ...]:
+def removals(plain: SurrogateModel) -> tuple[Removal, ...]:
     """Return what is taken out of a calibrated stand-in: all its drag, a third of its steering."""
     drag, gain = (float(plain.parameters[INDEX[name]]) for name in ("drag_area", "steer_gain"))
     return (
@@ -94,15 +94,15 @@ def removals(plain: StandIn) -> tuple[Removal, ...]:
 
 
 @dataclass(frozen=True)
-class Calibrated:
+class CalibratedSurrogate:
     """A drive with torques, and the stand-in that was calibrated on it."""
 
-    stand_in: StandIn
-    drive: Evidence
+    stand_in: SurrogateModel
+    drive: SensorLog
     notes: tuple[str, ...]
 
 
-def with_torque(e: Evidence, mass: float, radius: float) -> tuple[Evidence, str]:
+def with_torque(e: SensorLog, mass: float, radius: float) -> tuple[SensorLog, str]:
     """
     Return a recording whose pedal is made a torque, and in words how.
 
@@ -127,31 +127,31 @@ def with_torque(e: Evidence, mass: float, radius: float) -> tuple[Evidence, str]
     return replace(e, command=command), text
 
 
-def calibrated(recording: Evidence, nominal: Nominal) -> Calibrated:
+def calibrate_surrogate(recording: SensorLog, nominal: NominalVehicle) -> CalibratedSurrogate:
     """
     Calibrate a stand-in on a real drive.
 
     Raises `DataError` for a recording that nothing can be learned from.
     """
     has_imu = recording.imu_s.size > 0
-    part = driven(recording)
+    part = longest_moving_segment(recording)
     notes = []
-    scope = scope_of(part, nominal.mass, nominal.wheel_radius, has_imu)
+    scope = observable_effects(part, nominal.mass, nominal.wheel_radius, has_imu)
     if not scope.torque:
         part, text = with_torque(part, nominal.mass, nominal.wheel_radius)
         notes.append(text)
-    check(filled(part))
-    scope = scope_of(part, nominal.mass, nominal.wheel_radius, has_imu)
-    start = scope.stand_in(StandIn(
+    check_recording(with_pseudo_imu(part))
+    scope = observable_effects(part, nominal.mass, nominal.wheel_radius, has_imu)
+    start = scope.with_yaw_filter(SurrogateModel(
         nominal.parameters(), np.zeros(6), np.zeros((6, 1)), np.empty((0, SIZE))
     )).parameters  # fmt: skip
-    stand_in = _calibrate(prepare(filled(part)), start, has_imu)
-    return Calibrated(stand_in, part, tuple(notes))
+    stand_in = _calibrate(prepare_residual_problem(with_pseudo_imu(part)), start, has_imu)
+    return CalibratedSurrogate(stand_in, part, tuple(notes))
 
 
-def _calibrate(course: Course, start: FloatArray, has_imu: bool) -> StandIn:
+def _calibrate(course: ResidualProblem, start: FloatArray, has_imu: bool) -> SurrogateModel:
     """Return the stand-in with all that a real car may differ in fitted to a course."""
-    fitted = FITTED | _ALSO
+    fitted = FITTED_PARAMETERS | _ALSO
     names = list(fitted)
     where = np.array([INDEX[name] for name in names])
     spread = np.array([fitted[name][0] for name in names])
@@ -165,17 +165,17 @@ def _calibrate(course: Course, start: FloatArray, has_imu: bool) -> StandIn:
     low = np.maximum(mean - _MOST * spread, LOW[where])
     high = np.minimum(mean + _MOST * spread, HIGH[where])
     p = start.copy()
-    p[where] = fitted_in_rounds(
-        course, p, where, Unknowns(mean, low, high, step, mean, spread),
-        COLOURED * counted / _ERROR[:, None],
+    p[where] = fit_with_annealed_observer(
+        course, p, where, BoundedParameters(mean, low, high, step, mean, spread),
+        RESIDUAL_SUBSAMPLING * counted / _ERROR[:, None],
     ).x
     left = course.residuals(p) * counted
     error = np.sqrt(np.mean(left[:, SETTLING_BINS:] ** 2, axis=1))
-    return StandIn(p, error, left[:, SETTLING_BINS:], np.empty((0, SIZE)))
+    return SurrogateModel(p, error, left[:, SETTLING_BINS:], np.empty((0, SIZE)))
 
 
 @dataclass(frozen=True)
-class Asked:
+class AblationResult:
     """
     What was said when a term was taken away, "" for none: its score, and the best single effect.
 
@@ -184,12 +184,12 @@ class Asked:
 
     recording: str
     removed: str
-    score: Score
+    score: CaseResult
     best: str
     gain: float
 
 
-def ask(recording: Evidence, nominal: Nominal, progress: Progress | None = None) -> list[Asked]:
+def run_ablation(recording: SensorLog, nominal: NominalVehicle, progress: Progress | None = None) -> list[AblationResult]:
     """
     Return what is said of a real drive by its calibrated stand-in, and by it less each term.
 
@@ -197,7 +197,7 @@ def ask(recording: Evidence, nominal: Nominal, progress: Progress | None = None)
     """
     tell = progress or (lambda done, total, text: None)
     tell(0.0, 1.0, f"{recording.name}: calibrating")
-    done = calibrated(recording, nominal)
+    done = calibrate_surrogate(recording, nominal)
     begin, end = float(done.drive.odometry_s[0]), float(done.drive.odometry_s[-1])
     cases: list[Removal | None] = [None, *removals(done.stand_in)]
     out = []
@@ -205,18 +205,18 @@ def ask(recording: Evidence, nominal: Nominal, progress: Progress | None = None)
         name = "" if removal is None else removal.effect
         tell(0.3 + 0.7 * i / len(cases), 1.0, f"{recording.name}: without {name or 'nothing'}")
         stand_in = done.stand_in if removal is None else removal.out_of(done.stand_in)
-        label = {"plant": REAL, "effects": []} if removal is None else removal.label(begin, end)
+        label = {"plant": ABLATION_FILE, "effects": []} if removal is None else removal.label(begin, end)
         started = time.process_time()
-        found = investigate(stand_in, done.drive, nominal)
-        result = score(f"{recording.name}, {name or 'nothing'} removed", label, as_dict(found))
+        found = identify_mismatch(stand_in, done.drive, nominal)
+        result = score_case(f"{recording.name}, {name or 'nothing'} removed", label, as_dict(found))
         result.cpu_s = time.process_time() - started
         (_, nothing), (best, least) = (*found.losses, ("", found.losses[0][1]))[:2]
-        out.append(Asked(recording.name, name, result, best, 1.0 - least / nothing))
+        out.append(AblationResult(recording.name, name, result, best, 1.0 - least / nothing))
     tell(1.0, 1.0, "")
     return out
 
 
-def real_bars(asked: Sequence[Asked]) -> list[Bar]:
+def ablation_criteria(asked: Sequence[AblationResult]) -> list[Criterion]:
     """Return a bar for each thing that was removed, and for nothing."""
     out = []
     for name in dict.fromkeys(one.removed for one in asked):
@@ -227,7 +227,7 @@ def real_bars(asked: Sequence[Asked]) -> list[Bar]:
             first = sum(one.best == name for one in these)
             figure += f", first of the single effects in {first}"
         title = f"real-{name or 'nothing'}-removed"
-        out.append(Bar(
+        out.append(Criterion(
             PASS if right == len(these) else FAIL, title, figure,
             "named in all" if name else "nothing named", len(these),
         ))  # fmt: skip

@@ -18,21 +18,21 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.bench.concealed.open_equations import OpenEquations, open_equations
+from adk_ros.bench.concealed.open_equations import EquationErrors, equation_errors
 from adk_ros.bench.concealed.rival_worker import METHODS
 from adk_ros.bench.paper.peers import Worker, find_python
-from adk_ros.mismatch.answer import HELD_OUT as HELD_OUT_MODEL
-from adk_ros.mismatch.answer import SIMULATION
+from adk_ros.mismatch.answer import HELD_OUT_FILE as HELD_OUT_MODEL
+from adk_ros.mismatch.answer import SIMULATION_FILE
 from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.evidence import Evidence
-from adk_ros.mismatch.model_file import load_stand_in
+from adk_ros.mismatch.evidence import SensorLog
+from adk_ros.mismatch.model_file import load_surrogate
 from adk_ros.signals.channels import STATE_NAMES, FloatArray
 
 OURS = "adk mismatch"
 NAMING = ("pysindy STLSQ", "pysindy ensemble")
-LEARNT = 0.75
+LEARNED = 0.75
 TIMEOUT_S = 600.0
-TELLING = 1.5
+MIN_RESIDUAL_TO_NOISE = 1.5
 """A residual this many times its noise, root mean square, is worth removing."""
 MINOR = 0.2
 """A feature with less than this share of the largest one's size is not what is named."""
@@ -70,7 +70,7 @@ MEANS: dict[tuple[str, str], tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class Beside:
+class BaselineResult:
     """
     One method on one case.
 
@@ -85,10 +85,10 @@ class Beside:
     right: bool
     abstains: bool
     removed: dict[str, float]
-    telling: str
+    naming_channels: str
 
 
-class Rivals:
+class Baselines:
     """
     The other methods in their own process; asked by several threads, they answer in turn.
 
@@ -103,19 +103,19 @@ class Rivals:
         """End the process."""
         self._worker.close()
 
-    def beside(
-        self, recording: Evidence, report: Path, label: dict[str, Any], answer: dict[str, Any]
+    def compare_baselines(
+        self, recording: SensorLog, report: Path, label: dict[str, Any], answer: dict[str, Any]
     ) -> list[dict[str, Any]]:
         """Return ours and all others on one case that has its report, as rows of `Beside`."""
-        plain = open_equations(recording, load_stand_in(report / SIMULATION).content)
-        ours = open_equations(recording, load_stand_in(report / HELD_OUT_MODEL).content)
-        cut = round(LEARNT * plain.time_s.size)
+        plain = equation_errors(recording, load_surrogate(report / SIMULATION_FILE).content)
+        ours = equation_errors(recording, load_surrogate(report / HELD_OUT_MODEL).content)
+        cut = round(LEARNED * plain.time_s.size)
         before = plain.residuals[cut:]
-        telling = _telling(plain, label)
+        telling = _naming_channels(plain, label)
         wanted = {effect["name"] for effect in label["effects"]}
         said = [str(effect["name"]) for effect in answer.get("effects", [])]
         verdict = str(answer.get("verdict", ""))
-        rows = [Beside(
+        rows = [BaselineResult(
             OURS, " + ".join(said) or verdict, set(said) == wanted - {"unknown"}
             and (verdict == "unknown") == ("unknown" in wanted),
             verdict == "none", _removed(before, ours.residuals[cut:]), telling,
@@ -131,7 +131,7 @@ class Rivals:
             groups = named(plain, found["coefficients"]) if method in NAMING else []
             expressions = [str(x) for x in found["expression"] if str(x)]
             names = " + ".join("|".join(group) for group in groups) or "; ".join(expressions)
-            rows.append(Beside(
+            rows.append(BaselineResult(
                 method, names, method in NAMING and matches(groups, wanted),
                 not predicted.any(), _removed(before, before - predicted), telling,
             ))  # fmt: skip
@@ -145,7 +145,7 @@ def _removed(before: FloatArray, after: FloatArray) -> dict[str, float]:
     }
 
 
-def _telling(plain: OpenEquations, label: dict[str, Any]) -> str:
+def _naming_channels(plain: EquationErrors, label: dict[str, Any]) -> str:
     entered: set[str] = set()
     for effect in label["effects"]:
         known = EFFECTS.get(effect["name"])
@@ -153,10 +153,10 @@ def _telling(plain: OpenEquations, label: dict[str, Any]) -> str:
     ratio = np.sqrt(np.mean(plain.residuals**2, axis=0)) / np.maximum(plain.noise, 1e-12)
     ratio[[name not in entered for name in STATE_NAMES]] = 0.0
     best = int(np.argmax(ratio))
-    return STATE_NAMES[best] if ratio[best] > TELLING else ""
+    return STATE_NAMES[best] if ratio[best] > MIN_RESIDUAL_TO_NOISE else ""
 
 
-def named(plain: OpenEquations, coefficients: FloatArray) -> list[tuple[str, ...]]:
+def named(plain: EquationErrors, coefficients: FloatArray) -> list[tuple[str, ...]]:
     """
     Return what a sparse regression's coefficients (k, 3) name: effects that cannot be told apart.
 

@@ -24,15 +24,15 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from adk_ros.bench.concealed.children import Children, Usage
-from adk_ros.bench.concealed.own_list import chosen
-from adk_ros.bench.concealed.rivals import Rivals
-from adk_ros.bench.concealed.score import Score, score
+from adk_ros.bench.concealed.children import Subprocesses, Usage
+from adk_ros.bench.concealed.own_list import select_plans
+from adk_ros.bench.concealed.rivals import Baselines
+from adk_ros.bench.concealed.score import CaseResult, score_case
 from adk_ros.errors import UsageError
-from adk_ros.mismatch.answer import ANSWER
-from adk_ros.mismatch.model_file import load_stand_in
-from adk_ros.mismatch.open_loop import FIRST_START_S, errors_ahead
-from adk_ros.mismatch.reading import read_evidence
+from adk_ros.mismatch.answer import RESULT_FILE
+from adk_ros.mismatch.model_file import load_surrogate
+from adk_ros.mismatch.open_loop import FIRST_START_S, horizon_rmse
+from adk_ros.mismatch.reading import read_sensor_log
 from adk_ros.signals.channels import STATE_NAMES
 
 HORIZON_S = 1.0
@@ -42,7 +42,7 @@ LABEL = "label.json"
 Progress = Callable[[float, float, str], None]
 
 
-class Job(NamedTuple):
+class CaseJob(NamedTuple):
     """A case to come: `write` makes it below a folder and returns where; `key` tells it apart."""
 
     name: str
@@ -64,22 +64,22 @@ def find_cases(folder: Path) -> list[Path]:
     return cases
 
 
-def jobs_of(folder: Path) -> list[Job]:
+def jobs_of(folder: Path) -> list[CaseJob]:
     """Return a job for each case of a folder."""
     return [
-        Job(case.name, _digest((case / LABEL).read_bytes()), partial(_there, case))
+        CaseJob(case.name, _digest((case / LABEL).read_bytes()), partial(_existing_case, case))
         for case in find_cases(folder)
     ]
 
 
-def _there(case: Path, folder: Path) -> Path:
+def _existing_case(case: Path, folder: Path) -> Path:
     """Where a case is that need not be made."""
     return case
 
 
-def own_jobs(limit: int) -> list[Job]:
+def generated_jobs(limit: int) -> list[CaseJob]:
     """Return jobs that make cases of our own."""
-    return [Job(plan.name, _digest(repr(plan).encode()), plan.write) for plan in chosen(limit)]
+    return [CaseJob(plan.name, _digest(repr(plan).encode()), plan.write) for plan in select_plans(limit)]
 
 
 def _digest(content: bytes) -> str:
@@ -87,7 +87,7 @@ def _digest(content: bytes) -> str:
 
 
 @dataclass(frozen=True)
-class Bench:
+class MismatchBench:
     """
     Where reports go, how many cases run at a time, and whether finished ones are kept.
 
@@ -97,9 +97,9 @@ class Bench:
     out: Path
     at_once: int = 1
     resume: bool = False
-    rivals: Rivals | None = None
+    rivals: Baselines | None = None
 
-    def run(self, jobs: Sequence[Job], progress: Progress | None = None) -> list[Score]:
+    def run(self, jobs: Sequence[CaseJob], progress: Progress | None = None) -> list[CaseResult]:
         """
         Run and score all cases; in their order.
 
@@ -112,7 +112,7 @@ class Bench:
         todo = [job for job in jobs if job.name not in found]
         there = self.out.exists()
         self.out.mkdir(parents=True, exist_ok=True)
-        children = Children()
+        children = Subprocesses()
         try:
             with tempfile.TemporaryDirectory(prefix=".concealed_", dir=self.out) as scratch:
                 pool = ThreadPoolExecutor(self.at_once)
@@ -139,7 +139,7 @@ class Bench:
             raise
         return [found[job.name] for job in jobs]
 
-    def _check(self, jobs: Sequence[Job]) -> None:
+    def _check(self, jobs: Sequence[CaseJob]) -> None:
         for job in jobs:
             place = self.out / job.name
             if place.exists() and not (place / SCORED).is_file():
@@ -147,21 +147,21 @@ class Bench:
                     f"{place} is there and no report of this command: name another --out"
                 )
 
-    def _earlier(self, job: Job) -> Score | None:
+    def _earlier(self, job: CaseJob) -> CaseResult | None:
         """Return the score of an earlier run of the same case, if it is to be kept."""
         path = self.out / job.name / SCORED
         if not self.resume or not path.is_file():
             return None
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
-            earlier = Score(**content["score"])
+            earlier = CaseResult(**content["score"])
         except (ValueError, KeyError, TypeError):
             return None
-        if self.rivals is not None and not earlier.beside:
+        if self.rivals is not None and not earlier.baselines:
             return None
         return earlier if content["key"] == job.key else None
 
-    def _case(self, job: Job, scratch: Path, children: Children) -> Score:
+    def _case(self, job: CaseJob, scratch: Path, children: Subprocesses) -> CaseResult:
         folder = scratch / job.name
         folder.mkdir()
         case = job.write(folder)
@@ -169,10 +169,10 @@ class Bench:
         result = run_case(case, report, children)
         result.case = job.name
         if self.rivals is not None and not result.failure:
-            result.beside = self.rivals.beside(
-                read_evidence(case / "recording", needs_imu=False), report,
+            result.baselines = self.rivals.compare_baselines(
+                read_sensor_log(case / "recording", needs_imu=False), report,
                 json.loads((case / LABEL).read_text(encoding="utf-8")),
-                json.loads((report / ANSWER).read_text(encoding="utf-8")),
+                json.loads((report / RESULT_FILE).read_text(encoding="utf-8")),
             )
         if not result.failure:
             content = {"key": job.key, "score": asdict(result)}
@@ -185,25 +185,25 @@ class Bench:
         return result
 
 
-def run_case(case: Path, out: Path, children: Children | None = None) -> Score:
+def run_case(case: Path, out: Path, children: Subprocesses | None = None) -> CaseResult:
     """Run the tool on one case and score its answer; the report goes into `out`."""
     arguments = [
         "mismatch", "--simulation", str(case / "simulation"),
         "--recording", str(case / "recording"), "--vehicle", str(case / "vehicle.yaml"),
         "--out", str(out),
     ]  # fmt: skip
-    used = (children or Children()).adk(arguments)
+    used = (children or Subprocesses()).adk(arguments)
     label = json.loads((case / LABEL).read_text(encoding="utf-8"))
     return _scored(case, label, out, used)
 
 
-def _scored(case: Path, label: dict[str, object], out: Path, used: Usage) -> Score:
+def _scored(case: Path, label: dict[str, object], out: Path, used: Usage) -> CaseResult:
     if used.status != 0:
-        result = score(case.name, label, {"verdict": "failed"})
-        result.failure = used.said or "it said nothing"
+        result = score_case(case.name, label, {"verdict": "failed"})
+        result.failure = used.output or "it said nothing"
     else:
-        answer = json.loads((out / ANSWER).read_text(encoding="utf-8"))
-        result = score(case.name, label, answer)
+        answer = json.loads((out / RESULT_FILE).read_text(encoding="utf-8"))
+        result = score_case(case.name, label, answer)
         result.removed = removed(case / "heldout", out)
     result.seconds, result.cpu_s, result.memory_mib = used.seconds, used.cpu_s, used.memory_mib
     return result
@@ -218,10 +218,10 @@ def removed(heldout: Path, report: Path) -> dict[str, float]:
     """
     if not heldout.exists():
         return {}
-    evidence = read_evidence(heldout, needs_imu=False)
+    evidence = read_sensor_log(heldout, needs_imu=False)
     before, after = (
-        errors_ahead(
-            load_stand_in(report / name).content, evidence, HORIZON_S, FIRST_START_S
+        horizon_rmse(
+            load_surrogate(report / name).content, evidence, HORIZON_S, FIRST_START_S
         )
         for name in ("simulation.yaml", "corrected.yaml")
     )

@@ -23,14 +23,14 @@ from typing import Any
 
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.unknown import WORDS
+from adk_ros.mismatch.unknown import EQUATION_TEXTS
 
 UNKNOWN = "unknown"
 _RESOLUTION_S = 0.01
 
 
 @dataclass
-class Score:
+class CaseResult:
     """
     One case's score.
 
@@ -45,7 +45,7 @@ class Score:
     kind: str
     right: float
     f1: float
-    said: str
+    reported: str
     label: str
     errors: dict[str, float] = field(default_factory=dict)
     covered: dict[str, bool] = field(default_factory=dict)
@@ -58,7 +58,7 @@ class Score:
     strength: float = 1.0
     plant: str = ""
     described: bool | None = None
-    beside: list[dict[str, Any]] = field(default_factory=list)
+    baselines: list[dict[str, Any]] = field(default_factory=list)
     """Rows of `rivals.Beside`, ours first, where other methods were run as well."""
     correctable: bool = True
     """Whether anything but a sensor's fault is concealed, which no correction removes."""
@@ -113,7 +113,7 @@ def described(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
     first = next(iter(rest.get("equations", [])), "")
     if equations and first not in equations:
         return False
-    begins = f"{WORDS.get(first, '')} against "
+    begins = f"{EQUATION_TEXTS.get(first, '')} against "
     goes_with = {
         part.removeprefix(begins) for part in rest.get("text", "").split("; ")
         if part.startswith(begins)
@@ -128,7 +128,7 @@ def _neutral(effect: str, parameter: str) -> float:
     return 0.0
 
 
-def score(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Score:
+def score_case(case: str, label: dict[str, Any], answer: dict[str, Any]) -> CaseResult:
     """Score an answer (the content of mismatch.json)."""
     kind = kind_of(label)
     found = list(answer.get("effects", []))
@@ -152,7 +152,7 @@ def score(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Score:
     if verdict == "unknown":
         rest = answer.get("unexplained", {})
         said = f"unknown({','.join(rest.get('equations', []))}) {said}".strip()
-    result = Score(
+    result = CaseResult(
         case, kind, right, f1, said or verdict,
         " + ".join(effect["name"] for effect in label["effects"]) or "none",
         strength=float(label.get("strength", 1.0)), plant=str(label.get("plant", "")),

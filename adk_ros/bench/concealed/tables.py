@@ -12,23 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.bench.concealed.bars import Bar
+from adk_ros.bench.concealed.bars import Criterion
 from adk_ros.bench.concealed.rivals import NAMING, OURS
-from adk_ros.bench.concealed.score import UNKNOWN, Score
+from adk_ros.bench.concealed.score import UNKNOWN, CaseResult
 from adk_ros.bench.paper.tables import markdown_line
 from adk_ros.finite import finite
 
-BARS, TABLE, SCORES, BESIDE = "bars.txt", "cases.md", "cases.json", "beside.md"
+CRITERIA_FILE, TABLE, SCORES, BASELINES_FILE = "bars.txt", "cases.md", "cases.json", "beside.md"
 _HEADER = (
     "case", "right", "set-F1", "label", "answer", "parameters off", "in interval", "IoU",
     "held-out error removed", "s", "s CPU", "MiB",
 )
 
 
-def case_row(s: Score) -> list[str]:
+def case_row(s: CaseResult) -> list[str]:
     """Return what the table says of a case."""
     return [
-        s.case, f"{s.right:.2f}", f"{s.f1:.2f}", s.label, s.failure or s.said,
+        s.case, f"{s.right:.2f}", f"{s.f1:.2f}", s.label, s.failure or s.reported,
         ", ".join(f"{name} {100.0 * x:.1f} %" for name, x in s.errors.items()),
         f"{sum(s.covered.values())} of {len(s.covered)}" if s.covered else "",
         ", ".join(f"{x:.2f}" for x in s.iou.values()),
@@ -42,12 +42,12 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "".join(f"{markdown_line(row)}\n" for row in (header, ["---"] * len(header), *rows))
 
 
-def cases_markdown(scores: Sequence[Score]) -> str:
+def cases_markdown(scores: Sequence[CaseResult]) -> str:
     """Return the table of all cases."""
     return markdown(_HEADER, [case_row(s) for s in scores])
 
 
-def besides(scores: Sequence[Score]) -> tuple[list[str], list[list[str]]]:
+def baseline_results(scores: Sequence[CaseResult]) -> tuple[list[str], list[list[str]]]:
     """
     Return header and rows of the methods side by side, over all cases that they were run on.
 
@@ -55,15 +55,15 @@ def besides(scores: Sequence[Score]) -> tuple[list[str], list[list[str]]]:
     abstains: share of the clean ones in which nothing is found; removed: the mean share of the
     held-out residual in the equation that has most of it, for all cases that have any.
     """
-    ran = [s for s in scores if s.beside]
-    methods = [row["method"] for row in ran[0].beside] if ran else []
+    ran = [s for s in scores if s.baselines]
+    methods = [row["method"] for row in ran[0].baselines] if ran else []
     rows = []
     for i, method in enumerate(methods):
-        listed = [s.beside[i] for s in ran if s.kind not in {"none", UNKNOWN}]
-        clean = [s.beside[i] for s in ran if s.kind == "none"]
+        listed = [s.baselines[i] for s in ran if s.kind not in {"none", UNKNOWN}]
+        clean = [s.baselines[i] for s in ran if s.kind == "none"]
         gone = [
             row["removed"][row["telling"]] for s in ran if s.kind != "none"
-            for row in (s.beside[i],) if row["telling"]
+            for row in (s.baselines[i],) if row["telling"]
         ]
         names = method in (OURS, *NAMING)
         rows.append([
@@ -78,9 +78,9 @@ def _percent(values: Sequence[float]) -> str:
     return f"{100.0 * float(np.mean(values)):.0f} % of {len(values)}" if values else "no case"
 
 
-def beside_markdown(scores: Sequence[Score]) -> str:
+def baselines_markdown(scores: Sequence[CaseResult]) -> str:
     """Return the methods side by side, overall and by case; empty where none were run."""
-    header, rows = besides(scores)
+    header, rows = baseline_results(scores)
     if not rows:
         return ""
     each = [
@@ -90,24 +90,24 @@ def beside_markdown(scores: Sequence[Score]) -> str:
             ", ".join(f"{name} {100.0 * x:.0f} %" for name, x in row["removed"].items()),
             row["telling"] or "-",
         ]
-        for s in scores for row in s.beside
+        for s in scores for row in s.baselines
     ]  # fmt: skip
     what = ("case", "label", "method", "names", "abstains", "removed", "telling equation")
     return f"{markdown(header, rows)}\n{markdown(what, each)}"
 
 
-def as_json(scores: Sequence[Score], bars: Sequence[Bar]) -> dict[str, Any]:
+def as_json(scores: Sequence[CaseResult], bars: Sequence[Criterion]) -> dict[str, Any]:
     """Return bars and cases as JSON takes them: what is not finite is null."""
     return {"bars": [asdict(bar) for bar in bars], "cases": [finite(asdict(s)) for s in scores]}
 
 
-def write_tables(scores: Sequence[Score], bars: Sequence[Bar], out: Path) -> None:
+def write_tables(scores: Sequence[CaseResult], bars: Sequence[Criterion], out: Path) -> None:
     """Write `cases.md`, `cases.json`, `bars.txt`, if peers ran `beside.md`, into a folder."""
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(as_json(scores, bars), indent=1) + "\n"
     (out / SCORES).write_text(text, encoding="utf-8")
     (out / TABLE).write_text(cases_markdown(scores), encoding="utf-8")
-    beside = beside_markdown(scores)
+    beside = baselines_markdown(scores)
     if beside:
-        (out / BESIDE).write_text(beside, encoding="utf-8")
-    (out / BARS).write_text("".join(f"{bar}\n" for bar in bars), encoding="utf-8")
+        (out / BASELINES_FILE).write_text(beside, encoding="utf-8")
+    (out / CRITERIA_FILE).write_text("".join(f"{bar}\n" for bar in bars), encoding="utf-8")

@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from adk_ros.bench.paper.cases import AHEAD, HISTORY
-from adk_ros.bench.paper.jobs import Job, Outcome, Plan, Tell, train_default
-from adk_ros.bench.paper.predictors import NAIVE, OURS, Koopman
+from adk_ros.bench.paper.jobs import BenchPlan, NoteProgress, Outcome, TrainingJob, train_default
+from adk_ros.bench.paper.predictors import ADK_ROS, NAIVE, KoopmanPredictor
 from adk_ros.bench.paper.scores import CaseScore
-from adk_ros.drives import read_drive
+from adk_ros.drives import read_recording
 from adk_ros.errors import DataError
 from adk_ros.signals.channels import FloatArray, IntArray, Record
-from adk_ros.signals.score import HORIZON_STEPS, naive_predictions, score, starts
+from adk_ros.signals.score import HORIZON_STEPS, naive_predictions, scorable_rows, score
 
 TRAINED_ON = 0.6
 JUDGED = (2, 3, 4)
@@ -46,11 +46,11 @@ def find_recordings(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted(bags))
 
 
-def recording_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
+def recording_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """Train on one recording; "tests" are `trained on / tested on`."""
     outcome = Outcome(job)
     with outcome.clocked("reading"):
-        records = [read_drive(path).record for path in plan.recordings]
+        records = [read_recording(path).record for path in plan.recordings]
     own = next(i for i, path in enumerate(plan.recordings) if path.name == job.about)
     cut = int(TRAINED_ON * len(records[own]))
     first, rest = records[own].rows(slice(0, cut)), records[own].rows(slice(cut, None))
@@ -64,16 +64,16 @@ def recording_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
     return outcome
 
 
-def against_naive(predictor: Koopman, record: Record) -> dict[str, CaseScore]:
+def against_naive(predictor: KoopmanPredictor, record: Record) -> dict[str, CaseScore]:
     """
     Score ours and the naive predictors from the same rows of a recording.
 
     :raises DataError: the record is too short.
     """
-    rows = starts(record, HISTORY, AHEAD, _STRIDE)
+    rows = scorable_rows(record, HISTORY, AHEAD, _STRIDE)
     if not rows.size:
         raise DataError(f"{record.name}: no stretch of 2 s without a gap to test on")
-    said: dict[str, FloatArray] = {OURS: predictor.predict(record, rows, AHEAD)}
+    said: dict[str, FloatArray] = {ADK_ROS: predictor.predict(record, rows, AHEAD)}
     said |= naive_predictions(record, rows, AHEAD)
     return {name: _scored(record, rows, predicted) for name, predicted in said.items()}
 
@@ -87,7 +87,7 @@ def _scored(record: Record, rows: IntArray, predicted: FloatArray) -> CaseScore:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordingScores:
     """
     By `trained on / tested on`: RMSE over the best naive one's, mean over seeds, (5, 3).
 
@@ -98,7 +98,7 @@ class Recorded:
     rmse: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
 
     @staticmethod
-    def of(outcomes: list[Outcome]) -> Recorded:
+    def of(outcomes: list[Outcome]) -> RecordingScores:
         """Put together what the jobs found."""
         found: dict[str, dict[str, list[CaseScore]]] = {}
         for outcome in outcomes:
@@ -112,9 +112,9 @@ class Recorded:
                 for name, items in by_name.items()
             }
             best = np.min([mean[name] for name in NAIVE if name in mean], axis=0)
-            ratios[test] = np.asarray(mean[OURS] / np.maximum(best, 1e-12))
+            ratios[test] = np.asarray(mean[ADK_ROS] / np.maximum(best, 1e-12))
             rmse[test] = mean
-        return Recorded(ratios, rmse)
+        return RecordingScores(ratios, rmse)
 
     def pairs(self, own: bool) -> dict[str, FloatArray]:
         """Those tested on the rest of their own recording, or those tested on another."""

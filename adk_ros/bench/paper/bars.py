@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.bench.paper import floors
-from adk_ros.bench.paper.av21 import JUDGED, Recorded
+from adk_ros.bench.paper.av21 import JUDGED, RecordingScores
 from adk_ros.bench.paper.cases import CLEAN
-from adk_ros.bench.paper.predictors import ALDK, MF_TUNED, OURS, PYKOOP, PYKOOPMAN, SWLS
+from adk_ros.bench.paper.predictors import ADK_ROS, ALDK, MF_TUNED, PYKOOP, PYKOOPMAN, SWLS
 from adk_ros.bench.paper.published import TABLES, effect
-from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Board, Cell, cells_text
+from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Cell, ScoreTable, cells_text
 from adk_ros.signals.channels import FloatArray
 
 MEAN_MOST = 0.25
@@ -30,7 +30,7 @@ PASS, FAIL, INFO = "PASS", "FAIL", "INFO"
 
 
 @dataclass(frozen=True)
-class Bar:
+class PaperCriterion:
     """One line: `verdict` is PASS, FAIL or, where nothing was asked, INFO."""
 
     verdict: str
@@ -41,7 +41,7 @@ class Bar:
         return f"{self.verdict} {self.name} {self.figure}"
 
 
-def judge(board: Board, recorded: Recorded | None, without: str = "") -> list[Bar]:
+def evaluate_paper_criteria(board: ScoreTable, recorded: RecordingScores | None, without: str = "") -> list[PaperCriterion]:
     """Return all bars; `without` says why the peers did not take part."""
     return [
         _mean(board),
@@ -64,12 +64,12 @@ def brief(text: str) -> str:
     return head if re.search(r"\d", begun) else said
 
 
-def _bar(passed: bool, name: str, figure: str) -> Bar:
-    return Bar(PASS if passed else FAIL, name, figure)
+def _bar(passed: bool, name: str, figure: str) -> PaperCriterion:
+    return PaperCriterion(PASS if passed else FAIL, name, figure)
 
 
-def _mean(board: Board) -> Bar:
-    ratios = board.ratios(OURS)
+def _mean(board: ScoreTable) -> PaperCriterion:
+    ratios = board.ratios(ADK_ROS)
     mean = _geometric(list(ratios.values()))
     parts = {
         v: _geometric([r for cell, r in ratios.items() if cell.variant == v])
@@ -88,24 +88,24 @@ def _geometric(ratios: list[FloatArray]) -> float:
     return float(np.exp(np.log(np.maximum(means, 1e-12)).mean()))
 
 
-def above(board: Board) -> dict[Cell, FloatArray]:
+def cells_above_one(board: ScoreTable) -> dict[Cell, FloatArray]:
     """Return the lost cells: even the best of the seeds is above the best naive predictor."""
-    return {cell: r for cell, r in board.ratios(OURS).items() if r.min() > 1.0}
+    return {cell: r for cell, r in board.ratios(ADK_ROS).items() if r.min() > 1.0}
 
 
-def behind_of(board: Board, rival: str) -> dict[Cell, float]:
+def behind_of(board: ScoreTable, rival: str) -> dict[Cell, float]:
     """Return the cells in which a rival's RMSE is not above ours, with ours over theirs."""
-    return {cell: r for cell, r in board.against(OURS, rival).items() if not r < 1.0}
+    return {cell: r for cell, r in board.against(ADK_ROS, rival).items() if not r < 1.0}
 
 
-def _none_above(board: Board) -> Bar:
-    ratios = board.ratios(OURS)
-    lost = above(board)
+def _none_above(board: ScoreTable) -> PaperCriterion:
+    ratios = board.ratios(ADK_ROS)
+    lost = cells_above_one(board)
     within = [cell for cell, r in ratios.items() if r.min() <= 1.0 < r.mean()]
-    floored = floors.at_floor(board, [*lost, *within])
+    floored = floors.at_oracle(board, [*lost, *within])
     figure = f"{len(lost)} of {len(ratios)} cells, all seeds above 1.0"
     if lost:
-        figure += floors.said(floored & set(lost))
+        figure += floors.oracle_note(floored & set(lost))
         shown = {c: floors.marked(_spread(r), c, floored) for c, r in lost.items()}
         figure += f": {cells_text(list(lost), shown)}"
     if within:
@@ -122,30 +122,30 @@ def _spread(ratio: FloatArray) -> str:
     return f"{ratio.mean():.{digits}f} ({ratio.min():.{digits}f} to {ratio.max():.{digits}f})"
 
 
-def _peer(board: Board, name: str, without: str) -> Bar:
+def _peer(board: ScoreTable, name: str, without: str) -> PaperCriterion:
     if not board.has(name):
-        return Bar(FAIL, f"ahead-of-{name}", f"not measured: {without or 'it was not run'}")
+        return PaperCriterion(FAIL, f"ahead-of-{name}", f"not measured: {without or 'it was not run'}")
     return _ahead(board, name, f"ahead-of-{name}")
 
 
-def _ahead(board: Board, rival: str, name: str) -> Bar:
-    ratios = board.against(OURS, rival)
+def _ahead(board: ScoreTable, rival: str, name: str) -> PaperCriterion:
+    ratios = board.against(ADK_ROS, rival)
     if not ratios:
-        return Bar(FAIL, name, "not measured: it was not run")
+        return PaperCriterion(FAIL, name, "not measured: it was not run")
     behind = behind_of(board, rival)
     share = 1.0 - len(behind) / len(ratios)
     figure = (
         f"{100.0 * share:.1f} % of {len(ratios)} cells, at least {100.0 * AHEAD_LEAST:.0f} %"
     )
     if behind:
-        floored = floors.at_floor(board, behind)
+        floored = floors.at_oracle(board, behind)
         shown = {c: floors.marked(f"{r:.2f}", c, floored) for c, r in behind.items()}
-        figure += f"; behind in {len(behind)}{floors.said(floored)}: "
+        figure += f"; behind in {len(behind)}{floors.oracle_note(floored)}: "
         figure += cells_text(list(behind), shown)
     return _bar(share >= AHEAD_LEAST, name, figure)
 
 
-def pooled_coverage(board: Board) -> dict[Cell, float]:
+def pooled_coverage(board: ScoreTable) -> dict[Cell, float]:
     """Return the share within the 90 % intervals over all tests and seeds, NaN where unknown."""
     return {
         Cell(variant, "all tests", i, c): float(board.coverage(variant)[i, c])
@@ -155,13 +155,13 @@ def pooled_coverage(board: Board) -> dict[Cell, float]:
     }
 
 
-def _coverage(board: Board) -> list[Bar]:
+def _coverage(board: ScoreTable) -> list[PaperCriterion]:
     """Each variant, horizon and channel, over all tests and seeds, must be within the bounds."""
     low, high = COVERAGE
     pooled = pooled_coverage(board)
     known = [value for value in pooled.values() if value == value]
     if not known:
-        return [Bar(FAIL, "coverage", "not measured: the model gave no covariance")]
+        return [PaperCriterion(FAIL, "coverage", "not measured: the model gave no covariance")]
     outside = {cell: value for cell, value in pooled.items() if not low <= value <= high}
     figure = (
         f"90 % intervals cover {100.0 * min(known):.1f} to {100.0 * max(known):.1f} % on the "
@@ -181,16 +181,16 @@ def _coverage(board: Board) -> list[Bar]:
     told = f"{len(by_test) - len(lost)} of {len(by_test)} cells within"
     if lost:
         told += f"; outside: {_percent(lost)}"
-    return [_bar(not outside, "coverage", figure), Bar(INFO, "coverage-by-cell", told)]
+    return [_bar(not outside, "coverage", figure), PaperCriterion(INFO, "coverage-by-cell", told)]
 
 
 def _percent(values: dict[Cell, float]) -> str:
     return cells_text(list(values), {c: f"{100.0 * v:.1f} %" for c, v in values.items()})
 
 
-def _recordings(recorded: Recorded | None) -> list[Bar]:
+def _recordings(recorded: RecordingScores | None) -> list[PaperCriterion]:
     if recorded is None:
-        return [Bar(FAIL, "av21", "not measured: give --recordings DIR")]
+        return [PaperCriterion(FAIL, "av21", "not measured: give --recordings DIR")]
     own, other = recorded.pairs(own=True), recorded.pairs(own=False)
     bars = []
     total, lost = _lost(own)
@@ -204,7 +204,7 @@ def _recordings(recorded: Recorded | None) -> list[Bar]:
         figure = f"{total - len(lost)} of {total} cells, trained on one and tested on another"
         if lost:
             figure += f"; not below: {', '.join(lost)}"
-        bars.append(Bar(INFO, "av21-across", figure))
+        bars.append(PaperCriterion(INFO, "av21-across", figure))
     return bars
 
 
@@ -219,7 +219,7 @@ def _lost(tables: dict[str, FloatArray]) -> tuple[int, list[str]]:
     return len(tables) * 3 * len(JUDGED), lost
 
 
-def papers_effect(board: Board) -> dict[Cell, tuple[float, float]]:
+def papers_effect(board: ScoreTable) -> dict[Cell, tuple[float, float]]:
     """Return by how much SWLS's RMSE is below ALDK's, and the paper's share: one step, clean."""
     found = {}
     for test in (test for pair in list(TABLES.values())[1:] for test in pair):
@@ -231,11 +231,11 @@ def papers_effect(board: Board) -> dict[Cell, tuple[float, float]]:
     return found
 
 
-def _effect(board: Board) -> Bar:
+def _effect(board: ScoreTable) -> PaperCriterion:
     """As much better as in the paper's own tables."""
     found = papers_effect(board)
     if not found:
-        return Bar(FAIL, "papers-effect", "not measured: ALDK-SWLS was not run")
+        return PaperCriterion(FAIL, "papers-effect", "not measured: ALDK-SWLS was not run")
     short = [
         f"{cell.test} {CHANNELS[cell.channel]} {100.0 * here:.2f} % (paper {100.0 * there:.2f} %)"
         for cell, (here, there) in found.items() if not here >= there

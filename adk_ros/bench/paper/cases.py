@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from adk_ros.errors import DataError
-from adk_ros.plant.heard import Drive
+from adk_ros.plant.heard import SimulatedDrive
 from adk_ros.plant.scenarios import load_scenario
 from adk_ros.plant.simulate import Progress, simulate
 from adk_ros.signals.channels import Flag, FloatArray, IntArray, Record
@@ -58,7 +58,7 @@ class Durations:
     test: float | None = None
 
 
-def drive(test: str, durations: Durations, progress: Progress | None = None) -> tuple[Drive, int]:
+def simulate_test(test: str, durations: Durations, progress: Progress | None = None) -> tuple[SimulatedDrive, int]:
     """
     Simulate a test's drive, without its readings; and the row at which the test begins.
 
@@ -77,7 +77,7 @@ def _cut(n: int) -> int:
     return int(TRAINING_SHARE * n)
 
 
-def write_truth(folder: Path, test: str, driven: Drive) -> None:
+def write_truth(folder: Path, test: str, driven: SimulatedDrive) -> None:
     """Keep what the other processes need of a drive."""
     np.savez(folder / f"{test}.npz", stamp_ns=driven.stamp_ns, x=driven.x, u=driven.u, a=driven.a)
 

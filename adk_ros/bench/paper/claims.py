@@ -18,7 +18,7 @@ import numpy as np
 
 from adk_ros.bench.paper.cases import CLEAN
 from adk_ros.bench.paper.published import printed
-from adk_ros.bench.paper.scores import CHANNELS, Board
+from adk_ros.bench.paper.scores import CHANNELS, ScoreTable
 from adk_ros.bench.paper.tables import number
 from adk_ros.signals.channels import FloatArray
 from adk_ros.signals.score import REPORT_SCALE
@@ -72,10 +72,10 @@ def counts(claims: Sequence[Claim]) -> str:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class ClaimEvidence:
     """Our figures, as the comparisons ask for them; KeyError for what was not run."""
 
-    board: Board
+    board: ScoreTable
     series: Series
 
     def rmse(self, test: str, name: str) -> FloatArray:
@@ -101,7 +101,7 @@ class Evidence:
         return float(1e6 * item.seconds / max(int(item.count[0]), 1))
 
 
-Make = Callable[[Evidence], Sequence[Comparison]]
+Make = Callable[[ClaimEvidence], Sequence[Comparison]]
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Statement:
     text: str
     make: Make
 
-    def judge(self, evidence: Evidence) -> Claim:
+    def check(self, evidence: ClaimEvidence) -> Claim:
         """Compare, as far as there is something to compare."""
         try:
             return Claim(self.section, self.text, tuple(self.make(evidence)))
@@ -131,7 +131,7 @@ def less(
 
 
 def by_channel(
-    evidence: Evidence, test: str, name: str, rival: str, what: str = "rmse",
+    evidence: ClaimEvidence, test: str, name: str, rival: str, what: str = "rmse",
     channels: Sequence[int] = (0, 1, 2),
 ) -> list[Comparison]:
     """`name`'s RMSE or Max is below `rival`'s on each channel."""
@@ -158,7 +158,7 @@ def _quoted(
 
 
 def lowest(
-    evidence: Evidence, test: str, name: str, among: Sequence[str], what: str = "rmse",
+    evidence: ClaimEvidence, test: str, name: str, among: Sequence[str], what: str = "rmse",
     channels: Sequence[int] = (0, 1, 2), highest: bool = False,
 ) -> list[Comparison]:
     """Whether `name` has the lowest RMSE or Max of `among`, or the highest, by channel."""
@@ -182,7 +182,7 @@ def lowest(
 
 
 def reduced(
-    evidence: Evidence, test: str, name: str, rival: str, shares: Sequence[float],
+    evidence: ClaimEvidence, test: str, name: str, rival: str, shares: Sequence[float],
     what: str = "rmse", channels: Sequence[int] = (0, 1, 2),
 ) -> list[Comparison]:
     """`name`'s figure is below `rival`'s by at least `shares`, in per cent, as in the paper."""

@@ -10,7 +10,7 @@ from adk_ros.bench.paper import comparisons as c
 from adk_ros.bench.paper.cases import CLEAN, NOMINAL
 from adk_ros.bench.paper.claims import (
     Claim,
-    Evidence,
+    ClaimEvidence,
     Series,
     Statement,
     by_channel,
@@ -19,7 +19,7 @@ from adk_ros.bench.paper.claims import (
 )
 from adk_ros.bench.paper.predictors import ALDK, DK, FFRLS, MF, SWLS
 from adk_ros.bench.paper.published import FIVE
-from adk_ros.bench.paper.scores import Board
+from adk_ros.bench.paper.scores import ScoreTable
 from adk_ros.bench.paper.tables import number
 
 STATEMENTS = (
@@ -156,13 +156,13 @@ STATEMENTS = (
 )  # fmt: skip
 
 
-def judge(board: Board, series: Series) -> list[Claim]:
+def check_claims(board: ScoreTable, series: Series) -> list[Claim]:
     """Judge all claims by what was measured."""
-    evidence = Evidence(board, series)
-    return [statement.judge(evidence) for statement in STATEMENTS]
+    evidence = ClaimEvidence(board, series)
+    return [statement.check(evidence) for statement in STATEMENTS]
 
 
-def beside(board: Board) -> list[str]:
+def compared_with(board: ScoreTable) -> list[str]:
     """What the paper does not ask of its methods, in sentences: against no model, and ahead."""
     result = []
     for name in (ALDK, SWLS):

@@ -10,8 +10,8 @@ import numpy as np
 
 from adk_ros.bench.paper.cases import NOMINAL, PAPER_TESTS
 from adk_ros.bench.paper.claims import (
+    ClaimEvidence,
     Comparison,
-    Evidence,
     by_channel,
     less,
     lowest,
@@ -31,7 +31,7 @@ _WINDOW_S = 1.25
 _TICK_US = TICK_NS * 1e-3
 
 
-def trend(e: Evidence) -> list[Comparison]:
+def trend(e: ClaimEvidence) -> list[Comparison]:
     spread = e.spread(NOMINAL, ALDK)
     return [
         less(f"{CHANNELS[c]}: RMSE of {name}", float(e.rmse(NOMINAL, name)[c]),
@@ -40,14 +40,14 @@ def trend(e: Evidence) -> list[Comparison]:
     ]  # fmt: skip
 
 
-def dk_yaw(e: Evidence) -> list[Comparison]:
+def dk_yaw(e: ClaimEvidence) -> list[Comparison]:
     return [
         *by_channel(e, NOMINAL, ALDK, DK, "max", (2,)),
         *reduced(e, NOMINAL, ALDK, DK, (81.8,), channels=(2,)),
     ]
 
 
-def rls_same(e: Evidence, test: str) -> list[Comparison]:
+def rls_same(e: ClaimEvidence, test: str) -> list[Comparison]:
     """As much as a factor of 0.7 is no notable improvement: the paper's own smallest is 0.71."""
     ours, theirs = e.rmse(test, RLS), e.rmse(test, ALDK)
     return [
@@ -57,19 +57,19 @@ def rls_same(e: Evidence, test: str) -> list[Comparison]:
     ]  # fmt: skip
 
 
-def mf_nominal(e: Evidence) -> list[Comparison]:
+def mf_nominal(e: ClaimEvidence) -> list[Comparison]:
     worst = lowest(e, NOMINAL, MF, FIVE, channels=(1, 2), highest=True)
     return [*by_channel(e, NOMINAL, MF, ALDK, channels=(0,)), *worst]
 
 
-def rls_max(e: Evidence) -> list[Comparison]:
+def rls_max(e: ClaimEvidence) -> list[Comparison]:
     return [
         *by_channel(e, NOMINAL, RLS, ALDK, "max", (2,)),
         *by_channel(e, NOMINAL, ALDK, RLS, "max", (0, 1)),
     ]
 
 
-def oscillation(e: Evidence) -> list[Comparison]:
+def oscillation(e: ClaimEvidence) -> list[Comparison]:
     def shake(name: str) -> FloatArray:
         time_s, error = e.errors(NOMINAL, name)
         within = error[(time_s >= 50.0) & (time_s <= 100.0)]
@@ -85,12 +85,12 @@ def oscillation(e: Evidence) -> list[Comparison]:
     ]  # fmt: skip
 
 
-def efficient(e: Evidence) -> list[Comparison]:
+def efficient(e: ClaimEvidence) -> list[Comparison]:
     return [less("a tick's microseconds with SWLS", e.tick_us(NOMINAL, SWLS),
                  "a tenth of the tick's", 0.1 * _TICK_US)]  # fmt: skip
 
 
-def mass_up(e: Evidence) -> list[Comparison]:
+def mass_up(e: ClaimEvidence) -> list[Comparison]:
     return [
         *by_channel(e, MASS_UP, SWLS, ALDK, "max", (1,)),
         *by_channel(e, MASS_UP, SWLS, MF, "max", (1,)),
@@ -98,14 +98,14 @@ def mass_up(e: Evidence) -> list[Comparison]:
     ]
 
 
-def inertia_against_mf(e: Evidence) -> list[Comparison]:
+def inertia_against_mf(e: ClaimEvidence) -> list[Comparison]:
     return [
         *by_channel(e, INERTIA_UP, SWLS, MF, "max", (0,)),
         *reduced(e, INERTIA_UP, SWLS, MF, (63.0,), "max", (2,)),
     ]
 
 
-def worst_first(e: Evidence) -> list[Comparison]:
+def worst_first(e: ClaimEvidence) -> list[Comparison]:
     time_s, error = e.errors(INERTIA_UP, SWLS)
     when = time_s[np.argmax(np.abs(error), axis=0)]
     return [
@@ -120,7 +120,7 @@ def table_shares(test: str) -> FloatArray:
     return np.asarray(np.floor(100.0 * (1.0 - printed(test, SWLS) / printed(test, ALDK))))
 
 
-def mf_depends(e: Evidence) -> list[Comparison]:
+def mf_depends(e: ClaimEvidence) -> list[Comparison]:
     nominal = e.rmse(NOMINAL, MF)
     return [
         less(f"{CHANNELS[c]}: RMSE of {MF}, nominal,", float(nominal[c]), f"{test}'s",
@@ -129,11 +129,11 @@ def mf_depends(e: Evidence) -> list[Comparison]:
     ]  # fmt: skip
 
 
-def robust(e: Evidence) -> list[Comparison]:
+def robust(e: ClaimEvidence) -> list[Comparison]:
     return [item for test in CHANGED for item in by_channel(e, test, SWLS, ALDK)]
 
 
-def far_off(e: Evidence, test: str) -> list[Comparison]:
+def far_off(e: ClaimEvidence, test: str) -> list[Comparison]:
     """The three others miss v_x by more than twice as much as on the training road."""
     return [
         less(f"v_x: twice {name}'s RMSE, nominal,", 2.0 * float(e.rmse(NOMINAL, name)[0]),
@@ -142,7 +142,7 @@ def far_off(e: Evidence, test: str) -> list[Comparison]:
     ]  # fmt: skip
 
 
-def fast_and_slow(e: Evidence) -> list[Comparison]:
+def fast_and_slow(e: ClaimEvidence) -> list[Comparison]:
     result = []
     for name in DATA_DRIVEN:
         time_s, error = e.errors(SLALOM, name)
@@ -160,14 +160,14 @@ def fast_and_slow(e: Evidence) -> list[Comparison]:
     return result
 
 
-def slalom_mf(e: Evidence) -> list[Comparison]:
+def slalom_mf(e: ClaimEvidence) -> list[Comparison]:
     return [
         *by_channel(e, SLALOM, MF, SWLS, channels=(0,)),
         *by_channel(e, SLALOM, SWLS, MF, channels=(1, 2)),
     ]
 
 
-def best_overall(e: Evidence) -> list[Comparison]:
+def best_overall(e: ClaimEvidence) -> list[Comparison]:
     """In how many cells SWLS has the lowest RMSE of the five, and in how many in the paper."""
     ours = theirs = 0
     for test in PAPER_TESTS:
@@ -182,5 +182,5 @@ def best_overall(e: Evidence) -> list[Comparison]:
     )]  # fmt: skip
 
 
-def throughout(tests: Sequence[str], name: str, rival: str, e: Evidence) -> list[Comparison]:
+def throughout(tests: Sequence[str], name: str, rival: str, e: ClaimEvidence) -> list[Comparison]:
     return [item for test in tests for item in by_channel(e, test, name, rival)]

@@ -29,7 +29,7 @@ class Terminated(BaseException):
 
 
 @contextmanager
-def unwinding() -> Iterator[None]:
+def graceful_shutdown() -> Iterator[None]:
     """
     Turn the first SIGTERM or SIGINT into `Terminated` or KeyboardInterrupt, and ignore the rest.
 
@@ -74,11 +74,11 @@ def begin_worker() -> None:
     A parent that was killed says nothing, so its end is watched for.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _leave)
+    signal.signal(signal.SIGTERM, _on_sigterm)
     threading.Thread(target=_follow, daemon=True).start()
 
 
-def _leave(number: int, frame: FrameType | None) -> None:
+def _on_sigterm(number: int, frame: FrameType | None) -> None:
     signal.signal(number, signal.SIG_IGN)
     raise SystemExit(TERMINATED)
 

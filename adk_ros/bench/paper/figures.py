@@ -18,22 +18,22 @@ from matplotlib.axes import Axes
 from adk_ros.bench.paper.cases import CLEAN, NOMINAL
 from adk_ros.bench.paper.claims import Series
 from adk_ros.bench.paper.predictors import (
+    ADK_ROS,
     ALDK,
     DK,
     FFRLS,
-    FLOOR,
     LINEAR,
     LINEAR_ADAPTED,
     MF,
     MF_TUNED,
-    OURS,
+    ORACLE,
     PYKOOP,
     PYKOOPMAN,
     RLS,
     SWLS,
 )
 from adk_ros.bench.paper.ratios import geometric_means
-from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, Board
+from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, ScoreTable
 from adk_ros.signals.channels import FloatArray
 from adk_ros.signals.score import HORIZON_STEPS, REPORT_SCALE, TICK_S
 
@@ -52,11 +52,11 @@ PLANNED = {
 # Okabe and Ito's palette, told apart by the colour-blind; dashes besides, for print.
 STYLES: dict[str, tuple[str, str]] = {
     DK: ("#CC79A7", "-"), MF: ("#999999", "-"), ALDK: ("#E69F00", "-"), RLS: ("#56B4E9", "--"),
-    FFRLS: ("#009E73", "--"), SWLS: ("#0072B2", "-"), OURS: ("#D55E00", "-"),
+    FFRLS: ("#009E73", "--"), SWLS: ("#0072B2", "-"), ADK_ROS: ("#D55E00", "-"),
     PYKOOP: ("#009E73", "-"), PYKOOPMAN: ("#009E73", "--"), MF_TUNED: ("#999999", "--"),
-    LINEAR: ("#56B4E9", ":"), LINEAR_ADAPTED: ("#56B4E9", ":"), FLOOR: ("#000000", ":"),
+    LINEAR: ("#56B4E9", ":"), LINEAR_ADAPTED: ("#56B4E9", ":"), ORACLE: ("#000000", ":"),
 }  # fmt: skip
-_SUMMARY = (DK, ALDK, SWLS, MF_TUNED, LINEAR_ADAPTED, PYKOOP, PYKOOPMAN, OURS, FLOOR)
+_SUMMARY = (DK, ALDK, SWLS, MF_TUNED, LINEAR_ADAPTED, PYKOOP, PYKOOPMAN, ADK_ROS, ORACLE)
 _AVERAGED = 40
 _LEAST, _MOST = 3e-3, 50.0
 _LABEL = 0.045
@@ -65,11 +65,11 @@ _MOVES = 500
 _BEST_NAIVE = "best naive predictor"
 
 
-def write_figures(board: Board, series: Series, folder: Path) -> dict[str, Path]:
+def write_figures(board: ScoreTable, series: Series, folder: Path) -> dict[str, Path]:
     """Write all figures for which there is something to show; title -> path."""
     written = {}
     for name, (test, predictors, title) in PLANNED.items():
-        lines = _lines(series, test, [*predictors, OURS])
+        lines = _lines(series, test, [*predictors, ADK_ROS])
         if lines:
             written[title] = folder / f"{name}.png"
             history_figure(lines, title, written[title])
@@ -102,7 +102,7 @@ def history_figure(
         low, high = truth[:, c].min() * REPORT_SCALE[c], truth[:, c].max() * REPORT_SCALE[c]
         for name, (time_s, truth, predicted) in lines.items():
             colour, dashes = STYLES[name]
-            width = 1.3 if name == OURS else 0.8
+            width = 1.3 if name == ADK_ROS else 0.8
             shown = np.nan_to_num(predicted[:, c], nan=np.inf) * REPORT_SCALE[c]
             left.plot(time_s, shown, color=colour, linestyle=dashes, linewidth=width, label=name)
             error = (predicted[:, c] - truth[:, c]) * REPORT_SCALE[c]
@@ -140,7 +140,7 @@ def _averaged(error: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(square, 1e-18)))
 
 
-def summary_figure(board: Board, path: Path) -> None:
+def summary_figure(board: ScoreTable, path: Path) -> None:
     """Geometric mean over tests and channels of RMSE over the best naive one's, by horizon."""
     variants = board.variants()
     figure, axes = plt.subplots(
@@ -156,7 +156,7 @@ def summary_figure(board: Board, path: Path) -> None:
     plt.close(figure)
 
 
-def _by_horizon(axis: Axes, board: Board, variant: str) -> None:
+def _by_horizon(axis: Axes, board: ScoreTable, variant: str) -> None:
     """Draw each predictor's line, its name at the line's end."""
     horizon_s = np.array(HORIZON_STEPS) * TICK_S
     ends: dict[str, float] = {}
@@ -168,7 +168,7 @@ def _by_horizon(axis: Axes, board: Board, variant: str) -> None:
         colour, dashes = STYLES[name]
         axis.plot(
             horizon_s, values, color=colour, linestyle=dashes, marker="o", markersize=4,
-            linewidth=3.0 if name == OURS else 1.4, zorder=3 if name == OURS else 2,
+            linewidth=3.0 if name == ADK_ROS else 1.4, zorder=3 if name == ADK_ROS else 2,
         )  # fmt: skip
         ends[name] = float(np.clip(values[-1], _LEAST, _MOST))
     axis.axhline(1.0, color="black", linewidth=0.8)
@@ -188,7 +188,7 @@ def _by_horizon(axis: Axes, board: Board, variant: str) -> None:
         axis.annotate(
             f"{name}{off}", (2.4, height), (4, 0), textcoords="offset points", va="center",
             color=STYLES.get(name, ("black", "-"))[0], fontsize=9, annotation_clip=False,
-            fontweight="bold" if name == OURS else "normal",
+            fontweight="bold" if name == ADK_ROS else "normal",
         )  # fmt: skip
 
 

@@ -10,23 +10,23 @@ from pathlib import Path
 
 from adk_ros.bench.paper.cases import CLEAN
 from adk_ros.bench.paper.predictors import (
+    ADK_ROS,
     ALDK,
     DK,
-    FLOOR,
     LINEAR_ADAPTED,
     MF_TUNED,
     NAIVE,
-    OURS,
+    ORACLE,
     PYKOOP,
     PYKOOPMAN,
     SWLS,
 )
 from adk_ros.bench.paper.ratios import best_cells, geometric_means, lost_tests, mean_text
-from adk_ros.bench.paper.scores import HORIZONS, Board
+from adk_ros.bench.paper.scores import HORIZONS, ScoreTable
 from adk_ros.bench.paper.tables import Table
 
 ROWS = (
-    *NAIVE, LINEAR_ADAPTED, DK, ALDK, SWLS, MF_TUNED, PYKOOP, PYKOOPMAN, OURS, FLOOR,
+    *NAIVE, LINEAR_ADAPTED, DK, ALDK, SWLS, MF_TUNED, PYKOOP, PYKOOPMAN, ADK_ROS, ORACLE,
 )  # fmt: skip
 EXACT = "exact"
 NOT_RUN = "not run"
@@ -66,7 +66,7 @@ class Headline:
                 writer.writerow([variant, name, *means, *(self.lost[k] for k in keys)])
 
 
-def headline(board: Board, setting: str = "") -> Headline:
+def headline(board: ScoreTable, setting: str = "") -> Headline:
     """Put the headline together; `setting` says in a sentence how the run was made."""
     means = {
         (name, *key): value
@@ -91,7 +91,7 @@ def headline(board: Board, setting: str = "") -> Headline:
 
 
 def _table(
-    board: Board, variant: str, means: dict[tuple[str, str, int], float],
+    board: ScoreTable, variant: str, means: dict[tuple[str, str, int], float],
     lost: dict[tuple[str, str, int], int],
 ) -> Table:  # fmt: skip
     rows = []
@@ -102,7 +102,7 @@ def _table(
             continue
         keys = [(name, variant, i) for i in range(len(HORIZONS))]
         cells = [mean_text(means.get(key), lost[key]) for key in keys]
-        if name == FLOOR and variant == CLEAN:
+        if name == ORACLE and variant == CLEAN:
             cells = [EXACT] * len(HORIZONS)
         rows.append([name, *cells])
     columns = [
@@ -114,7 +114,7 @@ def _table(
     ]  # fmt: skip
     title = "From noisy measurements" if variant != CLEAN else "From exact measurements (clean)"
     header = ["predictor", *HORIZONS]
-    strong = tuple(i for i, name in enumerate(names) if name == OURS)
+    strong = tuple(i for i, name in enumerate(names) if name == ADK_ROS)
     return Table(
         f"headline_{variant}", title, header, rows, strong, best_cells(names, columns)
     )

@@ -23,6 +23,7 @@ from adk_ros.bench.paper.linear import LeastSquares
 from adk_ros.bench.paper.peers import Peers
 from adk_ros.bench.paper.physics import SevenDof
 from adk_ros.bench.paper.predictors import (
+    ADK_ROS,
     DK,
     LINEAR,
     LINEAR_ADAPTED,
@@ -30,10 +31,9 @@ from adk_ros.bench.paper.predictors import (
     MF,
     MF_TUNED,
     NAIVE,
-    OURS,
-    Floor,
-    Koopman,
-    Naive,
+    KoopmanPredictor,
+    NaivePredictor,
+    OraclePredictor,
     run,
 )
 from adk_ros.bench.paper.scores import CaseScore, score_case
@@ -53,11 +53,11 @@ ADAPTED = OnlineSettings("windowed", window=2000, ridge=300.0)
 TRAINED_SHARE = 0.8
 """Of a job's progress, where it trains; nobody depends on it."""
 
-Tell = Callable[[float], None]
+NoteProgress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class Plan:
+class BenchPlan:
     """What is to be run, with which effort."""
 
     quick: bool = False
@@ -73,7 +73,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Job:
+class TrainingJob:
     """One of `KINDS`; `about` is a test to simulate, or the number of a recording."""
 
     kind: str
@@ -97,7 +97,7 @@ class Outcome:
     `failed`: why nothing was found, where the run can do without.
     """
 
-    job: Job
+    job: TrainingJob
     scores: list[tuple[str, str, CaseScore]] = field(default_factory=list)
     notes: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
@@ -118,16 +118,16 @@ def series_path(folder: Path, variant: str, test: str, name: str) -> Path:
     return folder / f"{variant}_{test}_{name.replace(' ', '_')}.npy"
 
 
-def simulate_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
+def simulate_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """Make one drive."""
     outcome = Outcome(job)
     with outcome.clocked("simulating"):
-        driven, _ = cases.drive(job.about, plan.durations, lambda done, total: tell(done / total))
+        driven, _ = cases.simulate_test(job.about, plan.durations, lambda done, total: tell(done / total))
         cases.write_truth(folder, job.about, driven)
     return outcome
 
 
-def naive_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
+def naive_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """Those that need no training, or a moment's."""
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant)
@@ -135,8 +135,8 @@ def naive_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
         linear = LeastSquares.fit([train], name=LINEAR)
         adapted = LeastSquares.fit([train], ADAPTED, LINEAR_ADAPTED)
     nominal = SevenDof(load_vehicle(_scenario_vehicle()), _friction(), MF)
-    everybody: list[BenchPredictor] = [Naive(name) for name in NAIVE]
-    _through(outcome, [*everybody, linear, adapted, nominal], plan, folder, tell)
+    everybody: list[BenchPredictor] = [NaivePredictor(name) for name in NAIVE]
+    _evaluate_on_all_tests(outcome, [*everybody, linear, adapted, nominal], plan, folder, tell)
     return outcome
 
 
@@ -149,7 +149,7 @@ def _scenario_vehicle() -> str:
     return load_scenario(cases.TRAINING).vehicle
 
 
-def tuned_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
+def tuned_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """The seven degrees of freedom, their parameters identified on the training drive."""
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant)
@@ -157,11 +157,11 @@ def tuned_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
         vehicle = load_vehicle(_scenario_vehicle())
         tuned = SevenDof.tuned(vehicle, [train], _friction(), MF_TUNED)
     tell(0.5)
-    _through(outcome, [tuned], plan, folder, lambda share: tell(0.5 + 0.5 * share))
+    _evaluate_on_all_tests(outcome, [tuned], plan, folder, lambda share: tell(0.5 + 0.5 * share))
     return outcome
 
 
-def paper_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
+def paper_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """DK; or ALDK, and the same model adapted in three ways."""
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant)
@@ -180,25 +180,25 @@ def paper_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
     model = artefact.load(where).model
     methods = METHODS if settings.acceleration else {DK: "constant"}
     everybody = [
-        Koopman(name, model, replace(model.online, method=method))
+        KoopmanPredictor(name, model, replace(model.online, method=method))
         for name, method in methods.items()
     ]
-    _through(outcome, everybody, plan, folder, _rest(tell))
+    _evaluate_on_all_tests(outcome, everybody, plan, folder, _evaluation_rest(tell))
     return outcome
 
 
-def default_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
+def default_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """Train our own under one seed, a tenth of the drive validating, and run it."""
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant)
     model = train_default(outcome, [train], plan, folder, tell)
-    _through(outcome, [model], plan, folder, _rest(tell))
+    _evaluate_on_all_tests(outcome, [model], plan, folder, _evaluation_rest(tell))
     return outcome
 
 
 def train_default(
-    outcome: Outcome, records: list[Record], plan: Plan, folder: Path, tell: Tell
-) -> Koopman:
+    outcome: Outcome, records: list[Record], plan: BenchPlan, folder: Path, tell: NoteProgress
+) -> KoopmanPredictor:
     """Return our default, trained on pieces of `records`."""
     job = outcome.job
 
@@ -214,10 +214,10 @@ def train_default(
     with outcome.clocked("training"):
         settings = replace(plan.train, seed=job.seed)
         run_training(cut, where, settings, "bags", None, on_step, note)
-    return Koopman(OURS, artefact.load(where).model)
+    return KoopmanPredictor(ADK_ROS, artefact.load(where).model)
 
 
-def peers_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
+def peers_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """Other people's libraries, in their own environment."""
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant)
@@ -228,7 +228,7 @@ def peers_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
             tell(0.5)
             for peer in peers.predictors:
                 outcome.notes[peer.name] = peer.settings
-            _through(
+            _evaluate_on_all_tests(
                 outcome, peers.predictors, plan, folder, lambda share: tell(0.5 + 0.5 * share)
             )
     except AdkError as error:
@@ -237,24 +237,24 @@ def peers_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
     return outcome
 
 
-def floor_job(job: Job, plan: Plan, folder: Path, tell: Tell) -> Outcome:
+def floor_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """The plant itself, from the same measurements."""
     outcome = Outcome(job)
     for number, test in enumerate(plan.tests):
         with outcome.clocked("simulating"):
-            driven, begin = cases.drive(test, plan.durations)
+            driven, begin = cases.simulate_test(test, plan.durations)
         one = replace(plan, tests=(test,))
-        _through(outcome, [Floor(driven, begin)], one, folder, _nothing)
+        _evaluate_on_all_tests(outcome, [OraclePredictor(driven, begin)], one, folder, _nothing)
         tell((number + 1) / len(plan.tests))
     return outcome
 
 
-def _through(
+def _evaluate_on_all_tests(
     outcome: Outcome,
-    everybody: Sequence[BenchPredictor | Koopman],
-    plan: Plan,
+    everybody: Sequence[BenchPredictor | KoopmanPredictor],
+    plan: BenchPlan,
     folder: Path,
-    tell: Tell,
+    tell: NoteProgress,
 ) -> None:
     """Take each through all tests, score it, keep its one-step predictions for the figures."""
     job = outcome.job
@@ -280,7 +280,7 @@ def _through(
             tell(done / total)
 
 
-def _rest(tell: Tell) -> Tell:
+def _evaluation_rest(tell: NoteProgress) -> NoteProgress:
     return lambda share: tell(TRAINED_SHARE + (1.0 - TRAINED_SHARE) * share)
 
 
@@ -288,7 +288,7 @@ def _nothing(share: float) -> None:
     """Where progress is told otherwise."""
 
 
-def read_series(folder: Path, plan: Plan, test: str, name: str) -> tuple[FloatArray, ...]:
+def read_series(folder: Path, plan: BenchPlan, test: str, name: str) -> tuple[FloatArray, ...]:
     """Return time (n,) s, truth and one-step prediction (n, 3) SI; KeyError where not run."""
     path = series_path(folder, cases.CLEAN, test, name)
     if not path.is_file():

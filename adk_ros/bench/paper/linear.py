@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.errors import DataError
-from adk_ros.model.online import OnlineSettings, Windowed
+from adk_ros.model.online import OnlineSettings, WindowedRidge
 from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import BoolArray, FloatArray, IntArray, Record
 
@@ -97,7 +97,7 @@ class LeastSquares:
 
     def _adapted(self, record: Record, rows: IntArray, settings: OnlineSettings) -> FloatArray:
         """Theta as it stands at each row, (n, 3, 6)."""
-        solver = Windowed(self.theta, settings)
+        solver = WindowedRidge(self.theta, settings)
         kept = np.empty((rows.shape[0], *self.theta.shape))
         last = int(rows[-1]) if rows.size else 0
         phi = _phi(self.scaling, record.x[: last + 1], record.u[: last + 1])

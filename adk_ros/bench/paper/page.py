@@ -12,7 +12,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from adk_ros.bench.paper.bars import Bar, brief, judge
+from adk_ros.bench.paper.bars import PaperCriterion, brief, evaluate_paper_criteria
 from adk_ros.bench.paper.cases import (
     AHEAD,
     DROPPED,
@@ -22,12 +22,12 @@ from adk_ros.bench.paper.cases import (
     TRAINING_SHARE,
 )
 from adk_ros.bench.paper.claims import RULE, Claim, counts
-from adk_ros.bench.paper.claims_list import beside
-from adk_ros.bench.paper.claims_list import judge as judge_claims
+from adk_ros.bench.paper.claims_list import check_claims as judge_claims
+from adk_ros.bench.paper.claims_list import compared_with
 from adk_ros.bench.paper.figures import write_figures
 from adk_ros.bench.paper.headline import headline
-from adk_ros.bench.paper.jobs import Plan, read_series
-from adk_ros.bench.paper.predictors import OURS
+from adk_ros.bench.paper.jobs import BenchPlan, read_series
+from adk_ros.bench.paper.predictors import ADK_ROS
 from adk_ros.bench.paper.ratios import ratio_tables, summary_table
 from adk_ros.bench.paper.run import Result
 from adk_ros.bench.paper.tables import (
@@ -37,8 +37,8 @@ from adk_ros.bench.paper.tables import (
     one_step_tables,
     recording_tables,
 )
-from adk_ros.bench.paper.why import why
-from adk_ros.report_folder import into_folder
+from adk_ros.bench.paper.why import explain_failures
+from adk_ros.report_folder import staged_folder
 from adk_ros.signals.channels import FloatArray
 
 PAGE = "report.html"
@@ -47,27 +47,27 @@ PAPER_EPOCHS, PAPER_BATCH = 2000, 20
 
 
 @dataclass(frozen=True)
-class Report:
+class PaperReport:
     """What was written, and what it says."""
 
     page: Path
-    bars: list[Bar]
+    bars: list[PaperCriterion]
     claims: list[Claim]
     times: Table
 
 
-def write_report(result: Result, plan: Plan, scratch: Path, out: Path) -> Report:
+def write_report(result: Result, plan: BenchPlan, scratch: Path, out: Path) -> PaperReport:
     """
     Write `report.html`, `headline.md`, `tables/`, `figures/`, `claims.md`, `bars.txt` and more.
 
     `scratch` is the folder that the run left its predictions in. An earlier report in `out` is
     replaced, once all of this one is there.
     """
-    with into_folder(out, (PAGE,)) as staged:
+    with staged_folder(out, (PAGE,)) as staged:
         return replace(_write(result, plan, scratch, staged), page=out / PAGE)
 
 
-def _write(result: Result, plan: Plan, scratch: Path, out: Path) -> Report:
+def _write(result: Result, plan: BenchPlan, scratch: Path, out: Path) -> PaperReport:
 
     def series(test: str, name: str) -> tuple[FloatArray, ...]:
         return read_series(scratch, plan, test, name)
@@ -91,7 +91,7 @@ def _write(result: Result, plan: Plan, scratch: Path, out: Path) -> Report:
     top.write(out)
     board.write_csv(out / "scores.csv")
     figures = write_figures(board, series, folders["figures"])
-    bars = judge(board, result.recorded, result.without)
+    bars = evaluate_paper_criteria(board, result.recorded, result.without)
     claims = judge_claims(board, series)
     times = times_table(result)
     (out / "bars.txt").write_text("".join(f"{bar}\n" for bar in bars))
@@ -100,10 +100,10 @@ def _write(result: Result, plan: Plan, scratch: Path, out: Path) -> Report:
         loader=PackageLoader("adk_ros.bench.paper"), autoescape=True, undefined=StrictUndefined
     )
     page = environment.get_template("page.html.j2").render(
-        bars=bars, claims=claims, rule=RULE, count=counts(claims), beside=beside(board),
+        bars=bars, claims=claims, rule=RULE, count=counts(claims), beside=compared_with(board),
         groups=groups, times=times,
-        setting=setting(result, plan), notes=result.settings, headline=top,
-        why=why(board, result.recorded, bars), brief=brief,
+        setting=setting_text(result, plan), notes=result.settings, headline=top,
+        why=explain_failures(board, result.recorded, bars), brief=brief,
         figures={
             title: base64.b64encode(path.read_bytes()).decode() for title, path in figures.items()
         },
@@ -111,14 +111,14 @@ def _write(result: Result, plan: Plan, scratch: Path, out: Path) -> Report:
     path = out / PAGE
     # A template's own line ends, so that a report of the same run is the same file.
     path.write_text(re.sub(r"\n{3,}", "\n\n", page))
-    return Report(path, bars, claims, times)
+    return PaperReport(path, bars, claims, times)
 
 
-def how_made(plan: Plan) -> str:
+def how_made(plan: BenchPlan) -> str:
     """Say in a sentence or two with which effort the run was made."""
     seeds = f"mean of {plan.seeds} seeds" if plan.seeds > 1 else "one seed"
     text = (
-        f"{OURS}: {plan.train.steps} training steps, {seeds}; DK and ALDK: {plan.paper_epochs} "
+        f"{ADK_ROS}: {plan.train.steps} training steps, {seeds}; DK and ALDK: {plan.paper_epochs} "
         f"epochs in batches of {plan.paper_batch} (the paper: {PAPER_EPOCHS} in batches of "
         f"{PAPER_BATCH})."
     )
@@ -129,11 +129,11 @@ def how_made(plan: Plan) -> str:
     return text
 
 
-def _shortened(plan: Plan) -> bool:
+def _shortened(plan: BenchPlan) -> bool:
     return plan.durations.train is not None or plan.durations.test is not None
 
 
-def setting(result: Result, plan: Plan) -> dict[str, Any]:
+def setting_text(result: Result, plan: BenchPlan) -> dict[str, Any]:
     """What the introduction says of the run, in numbers."""
     return {
         "quick": plan.quick,

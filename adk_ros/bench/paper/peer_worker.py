@@ -138,7 +138,7 @@ class Pykoop:
             out[alive, step] = self._scale.retract_state(new[alive], episode_feature=False)
         return out
 
-    def own(self, x: Any, u: Any) -> Any:
+    def internal_model(self, x: Any, u: Any) -> Any:
         """The same of one start by the library's function: x (3, 3), u (2 + ahead, 2)."""
         # Its last row of inputs is that of the last state predicted, and is not used.
         padded = np.concatenate([u, u[-1:]])

@@ -11,7 +11,7 @@ import numpy as np
 
 from adk_ros.plant.params import Vehicle
 from adk_ros.plant.rollout import rollout
-from adk_ros.plant.tune import reached, tune
+from adk_ros.plant.tune import actuator_state_history, identify_vehicle
 from adk_ros.signals.channels import FloatArray, IntArray, Record
 
 _BATCH = 4096
@@ -34,12 +34,12 @@ class SevenDof:
 
         :raises DataError: the records hold too few starts.
         """
-        return SevenDof(tune(vehicle, records, mu=mu).vehicle, mu, name)
+        return SevenDof(identify_vehicle(vehicle, records, mu=mu).vehicle, mu, name)
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
         """As `BenchPredictor.predict`."""
         constants = self.vehicle.constants()
-        at_start = reached(constants, record)[rows]
+        at_start = actuator_state_history(constants, record)[rows]
         out = np.empty((rows.shape[0], ahead, 3))
         for first in range(0, rows.shape[0], _BATCH):
             part = slice(first, first + _BATCH)

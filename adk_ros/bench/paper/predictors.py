@@ -12,34 +12,34 @@ import numpy as np
 from adk_ros.bench.paper.cases import AHEAD
 from adk_ros.bench.paper.contract import BenchPredictor
 from adk_ros.model.evaluate import sample_at
-from adk_ros.model.model import Model
+from adk_ros.model.model import KoopmanModel
 from adk_ros.model.online import OnlineSettings
 from adk_ros.model.predictor import Predictor
-from adk_ros.plant.floor import floor_rollout
-from adk_ros.plant.heard import Drive
+from adk_ros.plant.floor import oracle_rollout
+from adk_ros.plant.heard import SimulatedDrive
 from adk_ros.signals.channels import FloatArray, IntArray, Record
-from adk_ros.signals.score import HORIZON_STEPS, imu_integration, persistence, straight_line
+from adk_ros.signals.score import HORIZON_STEPS, imu_integration, linear_extrapolation, persistence
 
 DK, ALDK, RLS, FFRLS, SWLS = "DK", "ALDK", "ALDK-RLS", "ALDK-FFRLS", "ALDK-SWLS"
 MF, MF_TUNED = "7 DoF-MF", "7 DoF-MF tuned"
-OURS, FLOOR = "adk_ros", "floor (the plant)"
+ADK_ROS, ORACLE = "adk_ros", "floor (the plant)"
 LINEAR, LINEAR_ADAPTED = "least squares", "least squares, adapted"
 PYKOOP, PYKOOPMAN = "pykoop", "pykoopman"
 NAIVE = ("persistence", "straight line", "IMU integration")
 PAPERS = (DK, MF, ALDK, RLS, FFRLS, SWLS)
 """The paper's own, in its order."""
 ORDER = (
-    *PAPERS, MF_TUNED, *NAIVE, LINEAR, LINEAR_ADAPTED, PYKOOP, PYKOOPMAN, OURS, FLOOR,
+    *PAPERS, MF_TUNED, *NAIVE, LINEAR, LINEAR_ADAPTED, PYKOOP, PYKOOPMAN, ADK_ROS, ORACLE,
 )  # fmt: skip
 """As the tables list them."""
 METHODS = {ALDK: "constant", RLS: "rls", FFRLS: "ffrls", SWLS: "swls"}
 
 Tell = Callable[[float], None]
-_TOLD_EVERY = 500
+_PROGRESS_STRIDE = 500
 
 
 @dataclass(frozen=True)
-class Passed:
+class TestPredictions:
     """
     What a predictor said on its way through a test, SI.
 
@@ -53,36 +53,36 @@ class Passed:
 
 
 @dataclass(frozen=True)
-class Naive:
+class NaivePredictor:
     """One of those that need no model."""
 
     name: str
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
         """As `BenchPredictor.predict`."""
-        functions = dict(zip(NAIVE, (persistence, straight_line, imu_integration), strict=True))
+        functions = dict(zip(NAIVE, (persistence, linear_extrapolation, imu_integration), strict=True))
         return functions[self.name](record, rows, ahead)
 
 
 @dataclass(frozen=True)
-class Floor:
+class OraclePredictor:
     """The plant itself from the same measurements; the test begins at row `begin` of the drive."""
 
-    drive: Drive
+    drive: SimulatedDrive
     begin: int
-    name: str = FLOOR
+    name: str = ORACLE
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
         """As `BenchPredictor.predict`, but that it knows the plant."""
-        return floor_rollout(self.drive, rows + self.begin, record.x[rows], ahead)
+        return oracle_rollout(self.drive, rows + self.begin, record.x[rows], ahead)
 
 
 @dataclass(frozen=True)
-class Koopman:
+class KoopmanPredictor:
     """A trained model, adapted by `online` as it goes."""
 
     name: str
-    model: Model
+    model: KoopmanModel
     online: OnlineSettings | None = None
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
@@ -91,7 +91,7 @@ class Koopman:
 
     def run(
         self, record: Record, rows: IntArray, starts: IntArray, tell: Tell | None = None
-    ) -> Passed:
+    ) -> TestPredictions:
         """
         Go through the record once: one-step predictions at `rows`, roll-outs from `starts`.
 
@@ -107,28 +107,28 @@ class Koopman:
         predictor = Predictor(self.model, self.online, horizon_steps=0)
         for row in range(last + 1):
             prediction = predictor.step(sample_at(record, row))
-            if tell is not None and row % _TOLD_EVERY == 0:
+            if tell is not None and row % _PROGRESS_STRIDE == 0:
                 tell(row / (last + 1))
             if prediction is None:
                 continue
             one[row] = prediction.x
             if place[row] >= 0:
-                ahead[place[row]] = predictor.roll_out(record.u[row : row + AHEAD])
+                ahead[place[row]] = predictor.rollout(record.u[row : row + AHEAD])
                 table = predictor.horizon_covariance
                 if len(table) >= AHEAD:
                     variance[place[row]] = np.diagonal(table[index], axis1=1, axis2=2)
-        return Passed(one[rows], ahead, variance if np.isfinite(variance).any() else None)
+        return TestPredictions(one[rows], ahead, variance if np.isfinite(variance).any() else None)
 
 
 def run(
-    predictor: BenchPredictor | Koopman,
+    predictor: BenchPredictor | KoopmanPredictor,
     record: Record,
     rows: IntArray,
     starts: IntArray,
     tell: Tell | None = None,
-) -> Passed:
+) -> TestPredictions:
     """Take a predictor through a test."""
-    if isinstance(predictor, Koopman):
+    if isinstance(predictor, KoopmanPredictor):
         return predictor.run(record, rows, starts, tell)
     one = predictor.predict(record, rows, 1)[:, 0]
-    return Passed(one, predictor.predict(record, starts, AHEAD))
+    return TestPredictions(one, predictor.predict(record, starts, AHEAD))

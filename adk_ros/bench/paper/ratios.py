@@ -9,12 +9,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from adk_ros.bench.paper.cases import CLEAN
-from adk_ros.bench.paper.predictors import FLOOR, OURS
-from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Board, Cell
+from adk_ros.bench.paper.predictors import ADK_ROS, ORACLE
+from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Cell, ScoreTable
 from adk_ros.bench.paper.tables import NONE, Table, number, strong
 
 
-def geometric_means(board: Board, name: str) -> dict[tuple[str, int], float]:
+def geometric_means(board: ScoreTable, name: str) -> dict[tuple[str, int], float]:
     """
     By variant and horizon, over tests and channels, seeds averaged first.
 
@@ -22,7 +22,7 @@ def geometric_means(board: Board, name: str) -> dict[tuple[str, int], float]:
     """
     gathered: dict[tuple[str, int], list[float]] = {}
     for cell, ratio in board.ratios(name).items():
-        if name == FLOOR and cell.variant == CLEAN:
+        if name == ORACLE and cell.variant == CLEAN:
             continue
         gathered.setdefault((cell.variant, cell.horizon), []).append(float(ratio.mean()))
     return {
@@ -31,7 +31,7 @@ def geometric_means(board: Board, name: str) -> dict[tuple[str, int], float]:
     }
 
 
-def lost_tests(board: Board, name: str) -> dict[tuple[str, int], int]:
+def lost_tests(board: ScoreTable, name: str) -> dict[tuple[str, int], int]:
     """Return, by variant and horizon, in how many tests at least one prediction diverged."""
     return {
         (variant, i): sum(
@@ -52,7 +52,7 @@ def mean_text(mean: float | None, lost: int) -> str:
     return f"> {text} ({lost})" if lost else text
 
 
-def summary_table(board: Board) -> Table:
+def summary_table(board: ScoreTable) -> Table:
     """Return geometric means over tests and channels of RMSE over the best naive one's."""
     header = ["predictor"]
     header += [f"{v} {h}" for v in board.variants() for h in HORIZONS]
@@ -85,17 +85,17 @@ def best_cells(
     """
     found = set()
     for j, column in enumerate(columns):
-        real = {name: value for name, value in column.items() if name != FLOOR}
+        real = {name: value for name, value in column.items() if name != ORACLE}
         least = min(real, key=real.__getitem__, default=None)
         if least is not None and real[least] < 1.0:
             found.add((names.index(least), j + 1))
     return frozenset(found)
 
 
-def ratio_tables(board: Board) -> list[Table]:
+def ratio_tables(board: ScoreTable) -> list[Table]:
     """Return our RMSE over the best naive predictor's in every cell, a table a variant."""
     result = []
-    ours = board.ratios(OURS)
+    ours = board.ratios(ADK_ROS)
     for variant in board.variants():
         header = ["test", *(f"{c} {h}" for c in CHANNELS for h in HORIZONS)]
         rows = [
@@ -103,8 +103,8 @@ def ratio_tables(board: Board) -> list[Table]:
                 number(float(ours[Cell(variant, test, i, c)].mean()))
                 for c in range(len(CHANNELS)) for i in range(len(HORIZONS))
             )]
-            for test in board.tests() if (variant, test, OURS) in board.scores
+            for test in board.tests() if (variant, test, ADK_ROS) in board.scores
         ]  # fmt: skip
-        title = f"{OURS}, {variant}: RMSE over the best naive predictor's, test by test"
+        title = f"{ADK_ROS}, {variant}: RMSE over the best naive predictor's, test by test"
         result.append(Table(f"ratios_{variant}", title, header, rows))
     return result

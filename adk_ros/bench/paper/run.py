@@ -15,19 +15,19 @@ from pathlib import Path
 from typing import Any
 
 from adk_ros.bench.paper import jobs
-from adk_ros.bench.paper.av21 import Recorded, recording_job
+from adk_ros.bench.paper.av21 import RecordingScores, recording_job
 from adk_ros.bench.paper.cases import NOMINAL, TESTS, VARIANTS
 from adk_ros.bench.paper.ending import TERMINATED, begin_worker, end_all
-from adk_ros.bench.paper.jobs import Job, Outcome, Plan, Tell
+from adk_ros.bench.paper.jobs import BenchPlan, NoteProgress, Outcome, TrainingJob
 from adk_ros.bench.paper.peers import find_python
 from adk_ros.bench.paper.predictors import PYKOOP, PYKOOPMAN
-from adk_ros.bench.paper.scores import Board
+from adk_ros.bench.paper.scores import ScoreTable
 from adk_ros.errors import DataError, UsageError
 
 Progress = Callable[[float, float, str], None]
 Note = Callable[[str], None]
 
-KINDS: dict[str, Callable[[Job, Plan, Path, Tell], Outcome]] = {
+KINDS: dict[str, Callable[[TrainingJob, BenchPlan, Path, NoteProgress], Outcome]] = {
     "simulate": jobs.simulate_job,
     "recording": recording_job,
     "default": jobs.default_job,
@@ -50,15 +50,15 @@ _shares: Any = None
 class Result:
     """All that was measured; `without`: why the peers did not take part."""
 
-    board: Board
-    recorded: Recorded | None
+    board: ScoreTable
+    recorded: RecordingScores | None
     outcomes: list[Outcome]
     without: str = ""
     seconds: float = 0.0
     settings: dict[str, str] = field(default_factory=dict)
 
 
-def check(plan: Plan) -> None:
+def check(plan: BenchPlan) -> None:
     """
     Refuse what cannot be run, before hours are spent on it.
 
@@ -77,7 +77,7 @@ def check(plan: Plan) -> None:
 
 
 def run_paper(
-    plan: Plan, folder: Path, workers: int = 2, progress: Progress | None = None,
+    plan: BenchPlan, folder: Path, workers: int = 2, progress: Progress | None = None,
     note: Note | None = None,
 ) -> Result:
     """
@@ -96,13 +96,13 @@ def run_paper(
             without = str(error)
     if without and note:
         note(f"without pykoop and pykoopman: {without}")
-    drives = [Job("simulate", about=test) for test in plan.tests]
+    drives = [TrainingJob("simulate", about=test) for test in plan.tests]
     after = planned(plan, not without)
     pool = _Here(plan, folder) if workers == 0 else _Pool(plan, folder, workers)
     with pool:
         outcomes = pool.run(drives, "simulating", progress, note)
         outcomes += pool.run(after, "training and predicting", progress, note)
-    board = Board()
+    board = ScoreTable()
     # In the plan's order: seeds are told apart by it, and a report should not depend on luck.
     order = {job: i for i, job in enumerate([*drives, *after])}
     outcomes.sort(key=lambda outcome: order[outcome.job])
@@ -122,11 +122,11 @@ def run_paper(
         if note:
             note(f"without pykoop and pykoopman: {without}")
     on_recordings = [o for o in outcomes if o.job.kind == "recording"]
-    recorded = Recorded.of(on_recordings) if on_recordings else None
+    recorded = RecordingScores.of(on_recordings) if on_recordings else None
     return Result(board, recorded, outcomes, without, time.monotonic() - started, settings)
 
 
-def planned(plan: Plan, peers: bool) -> list[Job]:
+def planned(plan: BenchPlan, peers: bool) -> list[TrainingJob]:
     """Everything but the drives, the longest first."""
     result = []
     for kind in KINDS:
@@ -135,17 +135,17 @@ def planned(plan: Plan, peers: bool) -> list[Job]:
         if kind == "recording":
             for path in plan.recordings:
                 seeds = 1 if plan.quick else plan.seeds
-                result += [Job(kind, "recorded", seed, path.name) for seed in range(seeds)]
+                result += [TrainingJob(kind, "recorded", seed, path.name) for seed in range(seeds)]
             continue
         seeds = plan.seeds if kind == "default" else 1
-        result += [Job(kind, variant, seed) for variant in VARIANTS for seed in range(seeds)]
+        result += [TrainingJob(kind, variant, seed) for variant in VARIANTS for seed in range(seeds)]
     return result
 
 
 class _Here:
     """Runs jobs one after the other, in this process."""
 
-    def __init__(self, plan: Plan, folder: Path) -> None:
+    def __init__(self, plan: BenchPlan, folder: Path) -> None:
         self._plan, self._folder = plan, folder
 
     def __enter__(self) -> _Here:
@@ -155,13 +155,13 @@ class _Here:
         """Nothing is held."""
 
     def run(
-        self, todo: list[Job], what: str, progress: Progress | None, note: Note | None
+        self, todo: list[TrainingJob], what: str, progress: Progress | None, note: Note | None
     ) -> list[Outcome]:
         """Run all of `todo`."""
         outcomes = []
         for number, job in enumerate(todo):
 
-            def tell(share: float, number: int = number, job: Job = job) -> None:
+            def tell(share: float, number: int = number, job: TrainingJob = job) -> None:
                 if progress is not None:
                     progress(number + share, len(todo), f"{what}: {job.name}")
 
@@ -176,7 +176,7 @@ def _begin(shares: Any) -> None:
     begin_worker()
 
 
-def _work(number: int, job: Job, plan: Plan, folder: Path) -> Outcome:
+def _work(number: int, job: TrainingJob, plan: BenchPlan, folder: Path) -> Outcome:
     def tell(share: float) -> None:
         _shares[number] = share
 
@@ -190,7 +190,7 @@ def _work(number: int, job: Job, plan: Plan, folder: Path) -> Outcome:
 class _Pool:
     """Runs jobs on processes of one thread each, started afresh: torch does not survive a fork."""
 
-    def __init__(self, plan: Plan, folder: Path, workers: int) -> None:
+    def __init__(self, plan: BenchPlan, folder: Path, workers: int) -> None:
         self._plan, self._folder, self._workers = plan, folder, workers
         context = multiprocessing.get_context("spawn")
         self._shares = context.Array("d", 1000, lock=False)
@@ -217,12 +217,12 @@ class _Pool:
         self._executor.shutdown(wait=True, cancel_futures=True)
 
     def run(
-        self, todo: list[Job], what: str, progress: Progress | None, note: Note | None
+        self, todo: list[TrainingJob], what: str, progress: Progress | None, note: Note | None
     ) -> list[Outcome]:
         """Run all of `todo`, telling how far it is; the first failure ends it."""
         for i in range(len(todo)):
             self._shares[i] = 0.0
-        futures: dict[Future[Outcome], Job] = {
+        futures: dict[Future[Outcome], TrainingJob] = {
             self._executor.submit(_work, i, job, self._plan, self._folder): job
             for i, job in enumerate(todo)
         }

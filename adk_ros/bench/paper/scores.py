@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.bench.paper.cases import NOISY, VARIANTS, measured
-from adk_ros.bench.paper.predictors import NAIVE, ORDER, OURS, Passed
+from adk_ros.bench.paper.predictors import ADK_ROS, NAIVE, ORDER, TestPredictions
 from adk_ros.signals.channels import STATE_NAMES, FloatArray, IntArray, Record
 from adk_ros.signals.score import HORIZON_STEPS, REPORT_SCALE, TICK_S, score
 
@@ -45,7 +45,7 @@ class CaseScore:
 
 
 def score_case(
-    record: Record, rows: IntArray, starts: IntArray, passed: Passed, seconds: float = 0.0
+    record: Record, rows: IntArray, starts: IntArray, passed: TestPredictions, seconds: float = 0.0
 ) -> CaseScore:
     """Score a pass: one step ahead at all `rows`, further from the `starts`."""
     parts = [score(record, rows, passed.one[:, None], (1,))]
@@ -81,7 +81,7 @@ class Cell(NamedTuple):
 
 
 @dataclass
-class Board:
+class ScoreTable:
     """Scores by variant, test and predictor, one a seed where there are several."""
 
     scores: dict[tuple[str, str, str], list[CaseScore]] = field(default_factory=dict)
@@ -166,7 +166,7 @@ class Board:
         chosen = [
             item
             for (v, t, name), items in self.scores.items()
-            if name == OURS and variant in (None, v) and test in (None, t)
+            if name == ADK_ROS and variant in (None, v) and test in (None, t)
             for item in items
         ]
         covered = np.sum([item.covered for item in chosen], axis=0)

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from adk_ros.bench.paper.av21 import Recorded
+from adk_ros.bench.paper.av21 import RecordingScores
 from adk_ros.bench.paper.cases import OWN_TESTS
-from adk_ros.bench.paper.predictors import ORDER, OURS, PAPERS
+from adk_ros.bench.paper.predictors import ADK_ROS, ORDER, PAPERS
 from adk_ros.bench.paper.published import TABLES, TITLES, Entry, published
-from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, Board
+from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, ScoreTable
 from adk_ros.signals.score import REPORT_SCALE
 
 NONE = "-"
@@ -73,7 +73,7 @@ def number(value: float) -> str:
     return f"{value:.3g}" if value >= 1e-4 else f"{value:.1e}"
 
 
-def one_step_tables(board: Board) -> list[Table]:
+def one_step_tables(board: ScoreTable) -> list[Table]:
     """Return the paper's tables in their order, then ours; each clean, then noisy."""
     have = set(board.tests())
     result = []
@@ -91,7 +91,7 @@ def one_step_tables(board: Board) -> list[Table]:
 
 
 def _one_step(
-    board: Board, variant: str, tests: list[str], table: int | None, title: str
+    board: ScoreTable, variant: str, tests: list[str], table: int | None, title: str
 ) -> Table:
     """Max/RMSE, with the paper's own beside them where it has any."""
     header = ["predictor"]
@@ -116,7 +116,7 @@ def _one_step(
     return Table(name, title, header, rows, strong(names))
 
 
-def _in_order(board: Board, table: int | None) -> list[str]:
+def _in_order(board: ScoreTable, table: int | None) -> list[str]:
     """The paper's rows for that table first; nobody stands in between."""
     names = board.names()
     if table is None:
@@ -128,7 +128,7 @@ def _in_order(board: Board, table: int | None) -> list[str]:
 
 def strong(names: list[str]) -> tuple[int, ...]:
     """Return which rows are ours."""
-    return tuple(i for i, name in enumerate(names) if name == OURS)
+    return tuple(i for i, name in enumerate(names) if name == ADK_ROS)
 
 
 def _quoted(theirs: Entry | None, channel: int) -> str:
@@ -138,13 +138,13 @@ def _quoted(theirs: Entry | None, channel: int) -> str:
     return f"{worst:g}/{rmse:g}"
 
 
-def _diverged(board: Board, variant: str, test: str, name: str, horizon: int) -> str:
+def _diverged(board: ScoreTable, variant: str, test: str, name: str, horizon: int) -> str:
     """Say how many diverged, or nothing if none did."""
     lost, count = board.diverged(variant, test, name)
     return f"diverged ({lost[horizon]} of {count[horizon]})" if lost[horizon] else ""
 
 
-def _max_rmse(board: Board, variant: str, test: str, name: str, channel: int) -> str:
+def _max_rmse(board: ScoreTable, variant: str, test: str, name: str, channel: int) -> str:
     if (variant, test, name) not in board.scores:
         return NONE
     said = _diverged(board, variant, test, name, 0)
@@ -155,7 +155,7 @@ def _max_rmse(board: Board, variant: str, test: str, name: str, channel: int) ->
     return f"{number(worst)}/{number(rmse)}"
 
 
-def horizon_tables(board: Board) -> list[Table]:
+def horizon_tables(board: ScoreTable) -> list[Table]:
     """Return, by test and variant, RMSE at 0.25 to 2 s under known commands."""
     result = []
     for test in board.tests():
@@ -170,7 +170,7 @@ def horizon_tables(board: Board) -> list[Table]:
     return result
 
 
-def _by_horizon(board: Board, variant: str, test: str, name: str) -> list[str]:
+def _by_horizon(board: ScoreTable, variant: str, test: str, name: str) -> list[str]:
     rmse = board.rmse(variant, test, name) * REPORT_SCALE
     return [
         _diverged(board, variant, test, name, i) or number(rmse[i, channel])
@@ -179,7 +179,7 @@ def _by_horizon(board: Board, variant: str, test: str, name: str) -> list[str]:
     ]
 
 
-def coverage_tables(board: Board) -> list[Table]:
+def coverage_tables(board: ScoreTable) -> list[Table]:
     """Return, by variant, the share of measurements within our 90 % intervals, in per cent."""
     result = []
     for variant in board.variants():
@@ -195,7 +195,7 @@ def coverage_tables(board: Board) -> list[Table]:
     return result
 
 
-def recording_tables(recorded: Recorded) -> list[Table]:
+def recording_tables(recorded: RecordingScores) -> list[Table]:
     """Return, by recording trained on and tested on, RMSE at 1 step to 2 s and our ratio."""
     result = []
     for number_of, (test, by_name) in enumerate(recorded.rmse.items(), 1):
@@ -208,7 +208,7 @@ def recording_tables(recorded: Recorded) -> list[Table]:
             for name in names
         ]
         ratio = recorded.ratios[test].T.ravel()
-        rows.append([f"{OURS} / best naive", *(number(float(v)) for v in ratio)])
+        rows.append([f"{ADK_ROS} / best naive", *(number(float(v)) for v in ratio)])
         trained, tested = test.split(" / ")
         where = "tested on its rest" if trained == tested else f"tested on all of {tested}"
         title = f"Trained on the first 60 % of {trained}, {where}, commands known"

@@ -15,36 +15,36 @@ from collections.abc import Callable, Collection
 import numpy as np
 
 from adk_ros.bench.paper import bars
-from adk_ros.bench.paper.av21 import JUDGED, Recorded
+from adk_ros.bench.paper.av21 import JUDGED, RecordingScores
 from adk_ros.bench.paper.cases import CLEAN, NOISY
 from adk_ros.bench.paper.predictors import (
+    ADK_ROS,
     ALDK,
-    FLOOR,
     MF_TUNED,
     NAIVE,
-    OURS,
+    ORACLE,
     PYKOOP,
     PYKOOPMAN,
     SWLS,
 )
 from adk_ros.bench.paper.published import printed
 from adk_ros.bench.paper.ratios import geometric_means
-from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, Board, Cell
+from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, Cell, ScoreTable
 from adk_ros.bench.paper.tables import number
 from adk_ros.bench.paper.why_cells import (
     SHOWN,
     best_naive,
+    cell_location,
     distribution,
     divergence,
-    levels,
-    where,
+    error_magnitudes,
     worst_cells,
 )
 from adk_ros.signals.score import REPORT_SCALE
 
 
-def why(
-    board: Board, recorded: Recorded | None, judged: Collection[bars.Bar]
+def explain_failures(
+    board: ScoreTable, recorded: RecordingScores | None, judged: Collection[bars.PaperCriterion]
 ) -> dict[str, str]:
     """Return a paragraph for each bar that failed, by its name; none for what was not run."""
     makers: dict[str, Callable[[], list[str]]] = {
@@ -64,10 +64,10 @@ def why(
     }
 
 
-def _mean(board: Board) -> list[str]:
+def _mean(board: ScoreTable) -> list[str]:
     said = []
-    means = geometric_means(board, OURS)
-    floor = geometric_means(board, FLOOR)
+    means = geometric_means(board, ADK_ROS)
+    floor = geometric_means(board, ORACLE)
     for variant in board.variants():
         listed = ", ".join(f"{number(means[variant, i])} at {h}" for i, h in enumerate(HORIZONS))
         said.append(f"{variant.capitalize()}, the mean is {listed}.")
@@ -76,7 +76,7 @@ def _mean(board: Board) -> list[str]:
         said.append(
             f"The noisy floor (the plant itself, started from the same sample) has {listed}."
         )
-    ratios = {cell: float(np.log(r.mean())) for cell, r in board.ratios(OURS).items()}
+    ratios = {cell: float(np.log(r.mean())) for cell, r in board.ratios(ADK_ROS).items()}
     whole = float(np.exp(np.mean(list(ratios.values()))))
     by_test = {
         test: float(np.exp(np.mean([v for c, v in ratios.items() if c.test == test])))
@@ -99,30 +99,30 @@ def _mean(board: Board) -> list[str]:
     return said
 
 
-def _above(board: Board) -> list[str]:
-    lost = bars.above(board)
+def _above(board: ScoreTable) -> list[str]:
+    lost = bars.cells_above_one(board)
     best = Counter(best_naive(board, cell) for cell in lost)
     who = ", ".join(f"{name} in {n}" for name, n in best.most_common())
     return [
-        *where(board, lost, "A naive predictor wins in"),
+        *cell_location(board, lost, "A naive predictor wins in"),
         f"The best naive predictor there is {who}.",
-        *levels(board, lost),
+        *error_magnitudes(board, lost),
         worst_cells(board, {cell: float(r.mean()) for cell, r in lost.items()}),
     ]
 
 
-def _behind(board: Board, rival: str) -> list[str]:
+def _behind(board: ScoreTable, rival: str) -> list[str]:
     behind = bars.behind_of(board, rival)
     return [
-        *where(board, behind, f"{rival} leads in"),
+        *cell_location(board, behind, f"{rival} leads in"),
         distribution(board, behind, rival),
         divergence(board, rival),
-        *levels(board, behind, rival),
+        *error_magnitudes(board, behind, rival),
         worst_cells(board, behind, rival),
     ]
 
 
-def _coverage(board: Board) -> list[str]:
+def _coverage(board: ScoreTable) -> list[str]:
     low, high = bars.COVERAGE
     said = []
     for cell, value in bars.pooled_coverage(board).items():
@@ -142,7 +142,7 @@ def _coverage(board: Board) -> list[str]:
     return said
 
 
-def _recordings(recorded: Recorded | None) -> list[str]:
+def _recordings(recorded: RecordingScores | None) -> list[str]:
     said = []
     for test, ratio in (recorded.pairs(own=True) if recorded else {}).items():
         by_name = recorded.rmse.get(test, {}) if recorded else {}
@@ -152,7 +152,7 @@ def _recordings(recorded: Recorded | None) -> list[str]:
                     continue
                 naive = {n: float(by_name[n][i, c]) for n in NAIVE if n in by_name}
                 best = min(naive, key=naive.__getitem__)
-                ours = float(by_name[OURS][i, c] * REPORT_SCALE[c])
+                ours = float(by_name[ADK_ROS][i, c] * REPORT_SCALE[c])
                 said.append(
                     f"{test.split(' / ')[0]}, {CHANNELS[c]} at {HORIZONS[i]}: ours "
                     f"{number(ours)}, {best} {number(naive[best] * float(REPORT_SCALE[c]))} "
@@ -161,7 +161,7 @@ def _recordings(recorded: Recorded | None) -> list[str]:
     return said
 
 
-def _effect(board: Board) -> list[str]:
+def _effect(board: ScoreTable) -> list[str]:
     """Whether ALDK is better than the paper's, which leaves less to gain, or SWLS worse."""
     found = bars.papers_effect(board)
     short = [cell for cell, (here, there) in found.items() if not here >= there]

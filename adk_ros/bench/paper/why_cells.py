@@ -11,8 +11,8 @@ import numpy as np
 
 from adk_ros.bench.paper import floors
 from adk_ros.bench.paper.cases import CLEAN, NOISE, OWN_TESTS, PAPER_TESTS
-from adk_ros.bench.paper.predictors import FLOOR, NAIVE, OURS
-from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, Board, Cell
+from adk_ros.bench.paper.predictors import ADK_ROS, NAIVE, ORACLE
+from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, Cell, ScoreTable
 from adk_ros.bench.paper.tables import number
 from adk_ros.signals.score import REPORT_SCALE
 
@@ -23,9 +23,9 @@ SHOWN = 3
 """Cells and tests that are named one by one."""
 
 
-def where(board: Board, cells: Collection[Cell], begin: str) -> list[str]:
+def cell_location(board: ScoreTable, cells: Collection[Cell], begin: str) -> list[str]:
     """How many cells of which variant, horizon, channel, and in which tests the most."""
-    every = list(board.ratios(OURS))
+    every = list(board.ratios(ADK_ROS))
 
     def counted(key: Callable[[Cell], object], names: Mapping[object, str]) -> list[str]:
         hit, total = Counter(map(key, cells)), Counter(map(key, every))
@@ -43,9 +43,9 @@ def where(board: Board, cells: Collection[Cell], begin: str) -> list[str]:
     ]
 
 
-def distribution(board: Board, behind: Collection[Cell], rival: str) -> str:
+def distribution(board: ScoreTable, behind: Collection[Cell], rival: str) -> str:
     """Whether a rival leads where the drive is like the one it was fitted to, or everywhere."""
-    every = board.against(OURS, rival)
+    every = board.against(ADK_ROS, rival)
     shares, parts = [], []
     for tests, what in (
         (KNOWN_ROADS, "on the road of the training drive (nominal, and mass or inertia changed)"),
@@ -67,7 +67,7 @@ def distribution(board: Board, behind: Collection[Cell], rival: str) -> str:
     return f"{text}: about as often in distribution as out of it."
 
 
-def divergence(board: Board, rival: str) -> str:
+def divergence(board: ScoreTable, rival: str) -> str:
     found = []
     for variant, test, name in board.scores:
         if name == rival:
@@ -83,8 +83,8 @@ def divergence(board: Board, rival: str) -> str:
     )
 
 
-def levels(
-    board: Board, cells: Collection[Cell], rival: str | None = None
+def error_magnitudes(
+    board: ScoreTable, cells: Collection[Cell], rival: str | None = None
 ) -> list[str]:
     """Our errors there beside the noise of the sensors and beside the floor's."""
     said = []
@@ -93,17 +93,17 @@ def levels(
     )
     for variant in board.variants():
         part = [cell for cell in cells if cell.variant == variant]
-        below = sum(_ours(board, cell) <= NOISE[cell.channel] for cell in part)
+        below = sum(_adk_ros_cells(board, cell) <= NOISE[cell.channel] for cell in part)
         if part and below:
             what = "noise of the sensors" if variant != CLEAN else "noise that a sensor would add"
             said.append(
                 f"In {below} of the {len(part)} {variant} cells our RMSE is below the {what} "
                 f"({noise})."
             )
-    ratios = np.array([floors.over_floor(board, cell) for cell in cells])
+    ratios = np.array([floors.over_oracle(board, cell) for cell in cells])
     ratios = ratios[np.isfinite(ratios)]
     if ratios.size:
-        at = floors.at_floor(board, cells)
+        at = floors.at_oracle(board, cells)
         share = f"in {len(at)} of {ratios.size} it is" if at else "in none of them is it"
         text = (
             f"Noisy, our RMSE in these cells is {number(float(np.median(ratios)))} times the "
@@ -123,17 +123,17 @@ def levels(
     return said
 
 
-def _below_floor(board: Board, cells: Collection[Cell], name: str) -> int:
+def _below_floor(board: ScoreTable, cells: Collection[Cell], name: str) -> int:
     """In how many of the cells a predictor is below the floor."""
     return sum(
-        bool((board.rmse(c.variant, c.test, name) < board.rmse(c.variant, c.test, FLOOR))
+        bool((board.rmse(c.variant, c.test, name) < board.rmse(c.variant, c.test, ORACLE))
              [c.horizon, c.channel])
         for c in cells
     )  # fmt: skip
 
 
 def worst_cells(
-    board: Board, ratios: Mapping[Cell, float], rival: str | None = None
+    board: ScoreTable, ratios: Mapping[Cell, float], rival: str | None = None
 ) -> str:
     """The largest ratios with all that can be set beside them."""
     parts = []
@@ -143,11 +143,11 @@ def worst_cells(
             return number(float(rmse * REPORT_SCALE[cell.channel]))
 
         best = best_naive(board, cell)
-        beside = [f"ours {shown(OURS)}", *([f"{rival} {shown(rival)}"] if rival else [])]
+        beside = [f"ours {shown(ADK_ROS)}", *([f"{rival} {shown(rival)}"] if rival else [])]
         beside.append(f"{best} {shown(best)}")
         if cell.variant != CLEAN:
-            if (cell.variant, cell.test, FLOOR) in board.scores:
-                beside.append(f"floor {shown(FLOOR)}")
+            if (cell.variant, cell.test, ORACLE) in board.scores:
+                beside.append(f"floor {shown(ORACLE)}")
             noise = float(NOISE[cell.channel] * REPORT_SCALE[cell.channel])
             beside.append(f"sensor noise {number(noise)}")
         parts.append(
@@ -157,11 +157,11 @@ def worst_cells(
     return f"The largest: {'; '.join(parts)}."
 
 
-def _ours(board: Board, cell: Cell) -> float:
-    return float(board.rmse(cell.variant, cell.test, OURS)[cell.horizon, cell.channel])
+def _adk_ros_cells(board: ScoreTable, cell: Cell) -> float:
+    return float(board.rmse(cell.variant, cell.test, ADK_ROS)[cell.horizon, cell.channel])
 
 
-def best_naive(board: Board, cell: Cell) -> str:
+def best_naive(board: ScoreTable, cell: Cell) -> str:
     found = {
         name: float(board.rmse(cell.variant, cell.test, name)[cell.horizon, cell.channel])
         for name in NAIVE

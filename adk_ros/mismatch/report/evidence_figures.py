@@ -16,8 +16,8 @@ from matplotlib.axes import Axes
 
 from adk_ros.mismatch.effect import PLACE
 from adk_ros.mismatch.evidence import CHANNELS, UNITS
-from adk_ros.mismatch.findings import Findings, FoundEffect
-from adk_ros.mismatch.places import PlaceMap
+from adk_ros.mismatch.findings import IdentifiedEffect, MismatchResult
+from adk_ros.mismatch.places import SpatialProfile
 from adk_ros.mismatch.report.explain import BINS, Trend
 from adk_ros.mismatch.report.sentence import pair_text
 from adk_ros.mismatch.report.where_figures import DPI
@@ -36,18 +36,18 @@ def rms(residuals: FloatArray, settled: int) -> FloatArray:
     return np.asarray(np.sqrt(np.mean(residuals[:, settled:] ** 2, axis=1)))
 
 
-def place_map(findings: Findings, found: FoundEffect) -> PlaceMap | None:
+def profile_figure(findings: MismatchResult, found: IdentifiedEffect) -> SpatialProfile | None:
     """Return the free estimate of an effect's size along the lap, if there is one."""
     if found.kind != PLACE:
         return None
-    return next((m for m in findings.maps if m.effect == found.effect.name), None)
+    return next((m for m in findings.profiles if m.effect == found.effect.name), None)
 
 
 def trend_figure(
-    findings: Findings, item: Trend, found: FoundEffect | None, path: Path
+    findings: MismatchResult, item: Trend, found: IdentifiedEffect | None, path: Path
 ) -> None:
     """Draw the residual against the variable; for a place, the effect's size along the lap too."""
-    sized = None if found is None else place_map(findings, found)
+    sized = None if found is None else profile_figure(findings, found)
     figure, axes = plt.subplots(
         1 if sized is None else 2, 1, sharex=True, squeeze=False, constrained_layout=True,
         figsize=(7.6, 3.6 if sized is None else 5.4),
@@ -80,14 +80,14 @@ def trend_figure(
     plt.close(figure)
 
 
-def _size(axis: Axes, sized: PlaceMap, found: FoundEffect, lap: float) -> None:
+def _size(axis: Axes, sized: SpatialProfile, found: IdentifiedEffect, lap: float) -> None:
     """Draw the effect's size along the lap: free in each bin, and as it was fitted."""
     parameter = found.effect.parameters[0]
     axis.step(sized.at, sized.size + parameter.neutral, where="mid", color="0.45", linewidth=1.0,
               label="free in each bin, a first look")
     along = np.linspace(0.0, lap, 1000)
     acts = np.zeros(along.shape, dtype=bool)
-    for begin, end in found.stretches:
+    for begin, end in found.segments:
         acts |= (along - begin) % lap <= end - begin
     value = found.parameters[parameter.name].value
     axis.plot(along, np.where(acts, value, parameter.neutral), color="black", linewidth=1.6,
@@ -98,8 +98,8 @@ def _size(axis: Axes, sized: PlaceMap, found: FoundEffect, lap: float) -> None:
     axis.legend(fontsize=8)
 
 
-def _shade(axis: Axes, found: FoundEffect, lap: float) -> None:
-    for begin, end in found.stretches:
+def _shade(axis: Axes, found: IdentifiedEffect, lap: float) -> None:
+    for begin, end in found.segments:
         for shift in (-lap, 0.0, lap):
             low, high = max(begin + shift, 0.0), min(end + shift, lap)
             if high > low:
@@ -108,7 +108,7 @@ def _shade(axis: Axes, found: FoundEffect, lap: float) -> None:
     axis.set_xlim(0.0, lap)
 
 
-def errors_figure(findings: Findings, path: Path) -> None:
+def errors_figure(findings: MismatchResult, path: Path) -> None:
     """Draw the held-out errors ahead, before and after, one panel a state."""
     figure, axes = plt.subplots(1, 3, figsize=(9.0, 2.4), constrained_layout=True)
     for axis, (name, (what, unit)) in zip(axes, STATES.items(), strict=True):
@@ -132,7 +132,7 @@ def errors_figure(findings: Findings, path: Path) -> None:
     plt.close(figure)
 
 
-def remains_figure(before: FloatArray, after: FloatArray, path: Path) -> None:
+def unexplained_figure(before: FloatArray, after: FloatArray, path: Path) -> None:
     """Draw residual over noise (6,) by channel, before and after; one is the noise."""
     figure, axis = plt.subplots(figsize=(7.6, 2.9), constrained_layout=True)
     rows = np.arange(6)

@@ -18,30 +18,30 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.course import BIN
+from adk_ros.mismatch.course import BIN_S
 from adk_ros.mismatch.effect import PLACE
 from adk_ros.mismatch.evidence import CHANNELS
-from adk_ros.mismatch.findings import FoundEffect, Series
-from adk_ros.mismatch.pieces import Piece
+from adk_ros.mismatch.findings import IdentifiedEffect, ResidualSeries
+from adk_ros.mismatch.pieces import FeatureTerm
 from adk_ros.signals.channels import BoolArray, FloatArray
 
 BINS = 20
 PLACE_BINS = 60
-SETTLED = 25
+SETTLING_BINS = 25
 """Bins at the beginning that are not shown: the simulation has yet to settle."""
-SIDES = (16.0, 84.0)
+SPREAD_PERCENTILES = (16.0, 84.0)
 """Percentiles of a bin's residuals between which its spread is drawn."""
 
 
 def _rate(values: FloatArray) -> FloatArray:
-    return np.asarray(np.gradient(values, BIN))
+    return np.asarray(np.gradient(values, BIN_S))
 
 
 class Variable(NamedTuple):
     """A variable of the drive: what an axis says, and its values of a series."""
 
     label: str
-    of: Callable[[Series], FloatArray]
+    of: Callable[[ResidualSeries], FloatArray]
 
 
 VARIABLES: dict[str, Variable] = {
@@ -120,7 +120,7 @@ class Trend:
 
 
 def trend(
-    series: Series, channel: str, label: str, u: FloatArray, use: BoolArray, bins: int = BINS,
+    series: ResidualSeries, channel: str, label: str, u: FloatArray, use: BoolArray, bins: int = BINS,
     without: str = "",
 ) -> Trend:
     """
@@ -140,7 +140,7 @@ def trend(
         return np.array([values[part].mean() for part in parts])
 
     def sides(values: FloatArray) -> FloatArray:
-        return np.asarray(np.array([np.percentile(values[part], SIDES) for part in parts]).T)
+        return np.asarray(np.array([np.percentile(values[part], SPREAD_PERCENTILES) for part in parts]).T)
 
     noise = max(float(series.noise[row]), _SAME_SCALE)
     mean_before, mean_after = means(before), means(after)
@@ -152,7 +152,7 @@ def trend(
 
 
 def best_trend(
-    series: Series, variables: Sequence[tuple[str, FloatArray]], equations: Sequence[str],
+    series: ResidualSeries, variables: Sequence[tuple[str, FloatArray]], equations: Sequence[str],
     use: BoolArray, bins: int = BINS, without: str = "",
 ) -> Trend:
     """Return the trend with the most weight over the equations' channels and the variables."""
@@ -164,25 +164,25 @@ def best_trend(
     return max(found, key=lambda item: item.weight)
 
 
-def during(series: Series, intervals: Sequence[Sequence[float]]) -> BoolArray:
+def active_bins(series: ResidualSeries, intervals: Sequence[Sequence[float]]) -> BoolArray:
     """Return which bins (b,) lie in one of the intervals and after the settling."""
     inside = np.zeros(series.time_s.shape[0], dtype=np.bool_)
     for begin, end in intervals:
         inside |= (series.time_s >= begin) & (series.time_s <= end)
-    inside[:SETTLED] = False
+    inside[:SETTLING_BINS] = False
     return inside
 
 
-def effect_trend(series: Series, found: FoundEffect) -> Trend:
+def effect_residual_trend(series: ResidualSeries, found: IdentifiedEffect) -> Trend:
     """Return the evidence for an effect, over where it acts; along the lap if tied to a place."""
     if found.kind == PLACE and series.distance is not None:
-        use = during(series, [[-np.inf, np.inf]])
+        use = active_bins(series, [[-np.inf, np.inf]])
         along = [("distance along the lap (m)", series.distance)]
         name = found.effect.name
         return best_trend(series, along, found.effect.equations, use, PLACE_BINS, name)
-    use = during(series, found.time_intervals_s)
+    use = active_bins(series, found.time_intervals_s)
     if np.count_nonzero(use) < 2 * BINS:
-        use = during(series, [[-np.inf, np.inf]])
+        use = active_bins(series, [[-np.inf, np.inf]])
     names = EXPLAINS.get(found.effect.name, tuple(VARIABLES))
     variables = [(VARIABLES[name].label, VARIABLES[name].of(series)) for name in names]
     return best_trend(
@@ -190,7 +190,7 @@ def effect_trend(series: Series, found: FoundEffect) -> Trend:
     )
 
 
-def piece_trend(series: Series, piece: Piece) -> Trend:
+def feature_residual_trend(series: ResidualSeries, piece: FeatureTerm) -> Trend:
     """Return the evidence for one feature of an unexplained remainder."""
     feature = FEATURES[piece.feature]
     u = feature.of(series.signals)
@@ -198,6 +198,6 @@ def piece_trend(series: Series, piece: Piece) -> Trend:
         label, u = "time (s)", series.time_s
     else:
         label = f"{feature.text}, {feature.expression} ({feature.unit.replace('^', '')})"
-    use = during(series, [[-np.inf, np.inf]])
+    use = active_bins(series, [[-np.inf, np.inf]])
     name = f"{piece.equation}:{piece.feature}"
     return best_trend(series, [(label, u)], [piece.equation], use, without=name)

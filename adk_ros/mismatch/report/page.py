@@ -15,29 +15,34 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from adk_ros.mismatch.catalogue import EFFECTS
 from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.findings import NONE, Findings
-from adk_ros.mismatch.likelihood import TOLERANCE_MOST
+from adk_ros.mismatch.findings import NONE, MismatchResult
+from adk_ros.mismatch.likelihood import TOLERANCE_BOUND
 from adk_ros.mismatch.report.evidence_figures import (
     errors_figure,
-    remains_figure,
     rms,
     trend_figure,
+    unexplained_figure,
 )
-from adk_ros.mismatch.report.explain import SETTLED, Trend, effect_trend, piece_trend
-from adk_ros.mismatch.report.sentence import poorly_met, sentence, unexplained_text
+from adk_ros.mismatch.report.explain import (
+    SETTLING_BINS,
+    Trend,
+    effect_residual_trend,
+    feature_residual_trend,
+)
+from adk_ros.mismatch.report.sentence import sentence, underfit_channels, unexplained_text
 from adk_ros.mismatch.report.tables import (
+    competitor_rows,
     effect_rows,
     error_rows,
     group_rows,
     loss_rows,
-    remains_rows,
-    rival_rows,
-    stand_in_rows,
+    surrogate_rows,
+    unexplained_rows,
 )
 from adk_ros.mismatch.report.where_figures import map_figure, timeline_figure
 from adk_ros.mismatch.report.words import CHANNELS as CHANNEL_WORDS
 from adk_ros.mismatch.report.words import listed, title
-from adk_ros.mismatch.unknown import WORDS as EQUATION_WORDS
+from adk_ros.mismatch.unknown import EQUATION_TEXTS as EQUATION_WORDS
 
 PAGE = "report.html"
 _MOST_PIECES = 8
@@ -58,10 +63,10 @@ class Figure(NamedTuple):
     picture: str
 
 
-def write_page(findings: Findings, out: Path) -> Path:
+def write_page(findings: MismatchResult, out: Path) -> Path:
     """Write `report.html` and its figures into the folder `out`; return the page."""
     series = findings.series
-    before, after = rms(series.before, SETTLED), rms(series.after, SETTLED)
+    before, after = rms(series.before, SETTLING_BINS), rms(series.after, SETTLING_BINS)
     where = [
         _figure(out, "map.png", "Map of the track, dark where simulation and recording differ",
                 partial(map_figure, findings)),
@@ -74,28 +79,28 @@ def write_page(findings: Findings, out: Path) -> Path:
     )
     remains = _figure(
         out, "remains.png", "Residual over noise by channel, before and after",
-        partial(remains_figure, before / series.noise, after / series.noise),
+        partial(unexplained_figure, before / series.noise, after / series.noise),
     )
     environment = Environment(
         loader=PackageLoader("adk_ros.mismatch.report"), autoescape=True,
         undefined=StrictUndefined,
     )
     rest = findings.unexplained
-    pieces = () if rest is None else rest.pieces
+    pieces = () if rest is None else rest.terms
     page = environment.get_template("report.html.j2").render(
         findings=findings, sentence=sentence(findings),
-        missed=poorly_met(findings) if findings.verdict == NONE else "",
+        missed=underfit_channels(findings) if findings.verdict == NONE else "",
         effects=effect_rows(findings),
-        tolerance=100.0 * TOLERANCE_MOST,
+        tolerance=100.0 * TOLERANCE_BOUND,
         where=where, evidence=_evidence(findings, out), errors=errors, remains=remains,
         rivals=[
-            (title(found.effect.name), rival_rows(found), found.gain, found.alternatives)
+            (title(found.effect.name), competitor_rows(found), found.gain, found.alternatives)
             for found in findings.effects
         ],
         losses=loss_rows(findings), error_rows=error_rows(findings),
-        remains_rows=remains_rows(before, after, series.noise),
+        remains_rows=unexplained_rows(before, after, series.noise),
         unexplained=None if rest is None else unexplained_text(rest),
-        groups=group_rows(findings), stand_in=stand_in_rows(findings),
+        groups=group_rows(findings), stand_in=surrogate_rows(findings),
         not_judged=listed([title(name) for name in findings.not_judged]),
         drivers=listed([FEATURES[piece.feature].text for piece in pieces]) or "nothing known",
         needs=[(title(found.effect.name), found.effect.manoeuvre) for found in findings.effects],
@@ -111,19 +116,19 @@ def _figure(out: Path, name: str, alt: str, draw: Callable[[Path], None]) -> Fig
     return Figure(name, alt, base64.b64encode(path.read_bytes()).decode())
 
 
-def _evidence(findings: Findings, out: Path) -> list[tuple[str, str, Figure]]:
+def _evidence(findings: MismatchResult, out: Path) -> list[tuple[str, str, Figure]]:
     """Draw a figure an effect and one a feature of the remainder: (title, words, figure)."""
     parts = []
     for found in findings.effects:
-        item = effect_trend(findings.series, found)
+        item = effect_residual_trend(findings.series, found)
         parts.append((
             title(found.effect.name), f"{found.effect.text}. {_said(item)}",
             _figure(out, f"evidence_{found.effect.name}.png", _alt(item),
                     partial(trend_figure, findings, item, found)),
         ))
-    pieces = findings.unexplained.pieces if findings.unexplained is not None else ()
+    pieces = findings.unexplained.terms if findings.unexplained is not None else ()
     for i, piece in enumerate(pieces[:_MOST_PIECES], 1):
-        item = piece_trend(findings.series, piece)
+        item = feature_residual_trend(findings.series, piece)
         parts.append((
             f"unexplained: {EQUATION_WORDS[piece.equation]}", _said(item),
             _figure(out, f"remainder_{i}.png", _alt(item),

@@ -13,26 +13,26 @@ from adk_ros.mismatch.findings import (
     EXPLAINED,
     NONE,
     UNKNOWN,
-    Findings,
-    FoundEffect,
+    IdentifiedEffect,
     Interval,
-    Unexplained,
+    MismatchResult,
+    UnexplainedResidual,
 )
 from adk_ros.mismatch.report.words import CHANNELS as CHANNEL_WORDS
 from adk_ros.mismatch.report.words import (
+    EFFECT_VOCABULARY,
     STATES,
     THAN,
-    WORDS,
     Quantity,
     listed,
     quantity,
     title,
 )
-from adk_ros.mismatch.unknown import WORDS as EQUATION_WORDS
+from adk_ros.mismatch.unknown import EQUATION_TEXTS as EQUATION_WORDS
 
-POORLY = 2.0
+MAX_ERROR_TO_NOISE = 2.0
 """The stand-in misses a simulation that it is off by so many times a bin's noise."""
-BETTER = 0.98
+MAX_IMPROVED_RATIO = 0.98
 """An error this many times smaller than before, or less, has fallen."""
 
 
@@ -56,7 +56,7 @@ def interval_text(x: Interval, said: Quantity) -> str:
     return f"{number(value, wide)}{unit} ({number(low, wide)} to {number(high, wide)})"
 
 
-def parameters_text(found: FoundEffect) -> str:
+def parameters_text(found: IdentifiedEffect) -> str:
     """Return the effect's parameters with their 90 % intervals."""
     parts = []
     for name, x in found.parameters.items():
@@ -65,9 +65,9 @@ def parameters_text(found: FoundEffect) -> str:
     return listed(parts)
 
 
-def phrase(found: FoundEffect) -> str:
+def phrase(found: IdentifiedEffect) -> str:
     """Return what the recording has; ends in "than" if it compares with the simulation."""
-    words = WORDS.get(found.effect.name)
+    words = EFFECT_VOCABULARY.get(found.effect.name)
     if words is None:
         return title(found.effect.name)
     first = next(iter(found.effect.parameters))
@@ -76,32 +76,32 @@ def phrase(found: FoundEffect) -> str:
     return words.opposite if below else words.phrase
 
 
-def stretch_texts(found: FoundEffect) -> list[str]:
+def segment_texts(found: IdentifiedEffect) -> list[str]:
     """Return "306 to 617 m" for each stretch, within the lap; "1700 m over the start to 60 m"."""
     lap = found.lap_m
     parts = []
-    for begin, end in sorted((a % lap, b % lap) if lap else (a, b) for a, b in found.stretches):
+    for begin, end in sorted((a % lap, b % lap) if lap else (a, b) for a, b in found.segments):
         over = " m over the start" if end < begin else ""
         parts.append(f"{begin:.0f}{over} to {end:.0f} m")
     return parts
 
 
-def where_words(found: FoundEffect) -> str:
+def activation_text(found: IdentifiedEffect) -> str:
     """Return where it acts, or nothing where it acts throughout."""
     if found.kind == PLACE:
-        parts = stretch_texts(found)
+        parts = segment_texts(found)
         return f"at {listed(parts)} of every lap" if parts else "at a place"
     if found.kind == TIME:
         return f"from {found.onset_s or 0.0:.1f} s on"
     return ""
 
 
-def _values(found: FoundEffect) -> str:
-    where = where_words(found)
+def _values(found: IdentifiedEffect) -> str:
+    where = activation_text(found)
     return parameters_text(found) + (f", {where}" if where else "")
 
 
-def found_text(effects: list[FoundEffect]) -> str:
+def effects_text(effects: list[IdentifiedEffect]) -> str:
     """Return what the recording has, with values; without a stop at the end."""
     if len(effects) == 1:
         (one,) = effects
@@ -119,7 +119,7 @@ def found_text(effects: list[FoundEffect]) -> str:
 _COUNTS = {2: "two", 3: "three", 4: "four"}
 
 
-def worst_channel(findings: Findings) -> str:
+def worst_channel(findings: MismatchResult) -> str:
     """Return the state whose error falls most, as a share."""
     judged = [name for name, value in findings.before.items() if math.isfinite(value)]
     return max(
@@ -128,13 +128,13 @@ def worst_channel(findings: Findings) -> str:
     )
 
 
-def gain_text(findings: Findings) -> str:
+def gain_text(findings: MismatchResult) -> str:
     """Return by how much the corrected simulation is better, on held-out data."""
     name = worst_channel(findings)
     what, unit = STATES.get(name, (name, ""))
     before, after = findings.before[name], findings.after[name]
     error = f"the {findings.horizon_s:g} s {what} error"
-    if after < BETTER * before:
+    if after < MAX_IMPROVED_RATIO * before:
         first, second = pair_text(before, after)
         return f"{error} falls from {first} to {second} {unit}"
     stays = f"{error} stays at {before:.2g} {unit}"
@@ -156,12 +156,12 @@ def pair_text(before: float, after: float) -> tuple[str, str]:
     return first, second
 
 
-def unexplained_text(rest: Unexplained) -> str:
+def unexplained_text(rest: UnexplainedResidual) -> str:
     """Return what an unexplained remainder is and what it goes with."""
-    if not rest.pieces:
+    if not rest.terms:
         return rest.text
     goes: dict[str, list[str]] = {}
-    for piece in rest.pieces:
+    for piece in rest.terms:
         goes.setdefault(piece.equation, []).append(FEATURES[piece.feature].text)
     return listed([
         f"a {EQUATION_WORDS[equation]} that goes with {listed(features)}"
@@ -169,7 +169,7 @@ def unexplained_text(rest: Unexplained) -> str:
     ])
 
 
-def _ties(effects: list[FoundEffect]) -> str:
+def _ties(effects: list[IdentifiedEffect]) -> str:
     parts = []
     for found in effects:
         if found.alternatives:
@@ -178,22 +178,22 @@ def _ties(effects: list[FoundEffect]) -> str:
     return "".join(parts)
 
 
-def _lacks(findings: Findings) -> str:
-    if not findings.lacking:
+def _lacks(findings: MismatchResult) -> str:
+    if not findings.missing_channels:
         return ""
-    return f" The recording is judged without {listed([x.what for x in findings.lacking])}."
+    return f" The recording is judged without {listed([x.what for x in findings.missing_channels])}."
 
 
-def poorly_met(findings: Findings) -> str:
+def underfit_channels(findings: MismatchResult) -> str:
     """Return in which channels the stand-in misses the simulation, and by how much; or nothing."""
     return listed([
-        f"{CHANNEL_WORDS[name]} ({findings.stand_in_error[name]:.2g} {unit.replace('^', '')})"
+        f"{CHANNEL_WORDS[name]} ({findings.surrogate_error[name]:.2g} {unit.replace('^', '')})"
         for name, unit, noise in zip(CHANNELS, UNITS, findings.series.noise, strict=True)
-        if findings.stand_in_error[name] > POORLY * noise
+        if findings.surrogate_error[name] > MAX_ERROR_TO_NOISE * noise
     ])
 
 
-def sentence(findings: Findings) -> str:
+def sentence(findings: MismatchResult) -> str:
     """
     Return the answer in a sentence.
 
@@ -204,7 +204,7 @@ def sentence(findings: Findings) -> str:
         judged = math.isfinite(findings.before["v_x"])
         what, unit = STATES["v_x" if judged else "yaw_rate"]
         error = findings.before["v_x" if judged else "yaw_rate"]
-        missed = poorly_met(findings)
+        missed = underfit_channels(findings)
         if missed:
             return (
                 "Nothing is found, but little could be: the stand-in misses the simulation's own "
@@ -221,9 +221,9 @@ def sentence(findings: Findings) -> str:
     if findings.verdict == UNKNOWN and findings.unexplained is not None:
         rest = findings.unexplained
         formula = f", as {rest.expression}" if rest.expression else ""
-        also = f" It also has {found_text(findings.effects)}." if findings.effects else ""
+        also = f" It also has {effects_text(findings.effects)}." if findings.effects else ""
         return (
             "The recording has something that the simulation lacks and no known effect explains: "
             f"{unexplained_text(rest)}{formula}; with it, {gain}.{also}{ties}"
         )
-    return f"The recording has {found_text(findings.effects)}; {gain}.{ties}"
+    return f"The recording has {effects_text(findings.effects)}; {gain}.{ties}"

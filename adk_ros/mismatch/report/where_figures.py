@@ -21,10 +21,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
-from adk_ros.mismatch.course import BIN
+from adk_ros.mismatch.course import BIN_S
 from adk_ros.mismatch.effect import PLACE
 from adk_ros.mismatch.evidence import CHANNELS
-from adk_ros.mismatch.findings import Findings, FoundEffect, Series
+from adk_ros.mismatch.findings import IdentifiedEffect, MismatchResult, ResidualSeries
 from adk_ros.mismatch.report.words import CHANNELS as CHANNEL_WORDS
 from adk_ros.mismatch.report.words import title
 from adk_ros.signals.channels import BoolArray, FloatArray
@@ -33,14 +33,14 @@ DPI = 100
 COLOURS = LinearSegmentedColormap.from_list(
     "residual", plt.get_cmap("YlOrBr")(np.linspace(0.04, 1.0, 64))
 )
-_SECOND = round(1.0 / BIN)
+_SECOND = round(1.0 / BIN_S)
 _LAP_STEP = 4.0
 """m, of the lap's mean line."""
 _MOST = 100.0
 _HATCHES = ("////", "\\\\\\\\", "....", "xxxx")
 
 
-def over_noise(residuals: FloatArray, noise: FloatArray) -> FloatArray:
+def residual_to_noise(residuals: FloatArray, noise: FloatArray) -> FloatArray:
     """Return residuals (6, b) over the noise, their root mean square over a second (6, b)."""
     square = (residuals / np.maximum(noise, 1e-9)[:, None]) ** 2
     kernel = np.ones(_SECOND)
@@ -49,17 +49,17 @@ def over_noise(residuals: FloatArray, noise: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(np.array(rows), 0.0)))
 
 
-def overall(residuals: FloatArray, noise: FloatArray) -> FloatArray:
+def combined_residual(residuals: FloatArray, noise: FloatArray) -> FloatArray:
     """Return one figure a bin (b,): the root mean square of `over_noise` over the channels."""
-    return np.asarray(np.sqrt(np.mean(over_noise(residuals, noise) ** 2, axis=0)))
+    return np.asarray(np.sqrt(np.mean(residual_to_noise(residuals, noise) ** 2, axis=0)))
 
 
-def _scale(series: Series) -> LogNorm:
-    top = float(np.percentile(over_noise(series.before, series.noise), 99.0))
+def _scale(series: ResidualSeries) -> LogNorm:
+    top = float(np.percentile(residual_to_noise(series.before, series.noise), 99.0))
     return LogNorm(1.0, float(np.clip(top, 3.0, _MOST)))
 
 
-def line_of(series: Series, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def line_of(series: ResidualSeries, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (x, y, value) of the way driven; where laps repeat, their mean along the lap."""
     if series.distance is None:
         return series.x, series.y, values
@@ -84,10 +84,10 @@ def inside(distance: FloatArray, stretches: tuple[tuple[float, float], ...], lap
     return within
 
 
-def map_figure(findings: Findings, path: Path) -> None:
+def map_figure(findings: MismatchResult, path: Path) -> None:
     """Draw the track, coloured by the residual before correction, and places of effects."""
     series = findings.series
-    size = overall(series.before, series.noise)
+    size = combined_residual(series.before, series.noise)
     x, y, value = line_of(series, size)
     figure, axis = plt.subplots(figsize=(7.6, 5.2), constrained_layout=True)
     placed = [found for found in findings.effects if found.kind == PLACE]
@@ -125,7 +125,7 @@ def _ticks(norm: LogNorm) -> tuple[list[float], list[str]]:
     return at, [f"{x:g}" for x in at]
 
 
-def _mark(axis: Axes, findings: Findings, found: FoundEffect, hatch: str) -> None:
+def _mark(axis: Axes, findings: MismatchResult, found: IdentifiedEffect, hatch: str) -> None:
     """Underlay the stretches at which an effect acts."""
     series = findings.series
     lap = findings.lap_m
@@ -133,7 +133,7 @@ def _mark(axis: Axes, findings: Findings, found: FoundEffect, hatch: str) -> Non
         return
     along = np.arange(0.0, lap, _LAP_STEP)
     order = np.argsort(series.distance, kind="stable")
-    for i, (begin, end) in enumerate(found.stretches):
+    for i, (begin, end) in enumerate(found.segments):
         there = np.flatnonzero(inside(along, ((begin, end),), lap))
         if not there.size:
             continue
@@ -151,7 +151,7 @@ def _mark(axis: Axes, findings: Findings, found: FoundEffect, hatch: str) -> Non
         )
 
 
-def timeline_figure(findings: Findings, path: Path) -> None:
+def timeline_figure(findings: MismatchResult, path: Path) -> None:
     """Draw the residuals by channel along time, before and after, and when effects act."""
     series = findings.series
     rows = len(findings.effects)
@@ -169,7 +169,7 @@ def timeline_figure(findings: Findings, path: Path) -> None:
         panels, (series.before, series.after), ("before", "after"), strict=True
     ):
         picture = axis.imshow(
-            np.clip(over_noise(residuals, series.noise), norm.vmin, None), aspect="auto",
+            np.clip(residual_to_noise(residuals, series.noise), norm.vmin, None), aspect="auto",
             cmap=COLOURS, norm=norm, interpolation="nearest", extent=(*span, 5.5, -0.5),
         )
         axis.set_yticks(range(6), [CHANNEL_WORDS[name] for name in CHANNELS], fontsize=8)
@@ -183,7 +183,7 @@ def timeline_figure(findings: Findings, path: Path) -> None:
     plt.close(figure)
 
 
-def _bars(axis: Axes, findings: Findings) -> None:
+def _bars(axis: Axes, findings: MismatchResult) -> None:
     names = []
     for i, found in enumerate(findings.effects):
         spans = [(begin, end - begin) for begin, end in found.time_intervals_s]

@@ -23,7 +23,7 @@ class Quantity(NamedTuple):
     factor: float = 1.0
 
 
-class Words(NamedTuple):
+class EffectVocabulary(NamedTuple):
     """
     How an effect is said: its title, a phrase, and its parameters.
 
@@ -40,7 +40,7 @@ def _scaled(label: str) -> dict[str, Quantity]:
     return {"scale": Quantity(label, "of the simulation's")}
 
 
-MEASURED = {
+CHANNEL_TEXTS = {
     "wheel_radius": "the way rolled in ten turns of the wheel",
     "drive_torque_gain": "the wheels' torque on a dynamometer",
     "rolling_resistance": "a coast-down with the drive uncoupled",
@@ -55,90 +55,90 @@ MEASURED = {
 """What tells effects that no drive tells apart."""
 
 _ROAD_AND_AIR = {
-    "aero_drag": Words("air drag", "air drag", "less air drag than",
+    "aero_drag": EffectVocabulary("air drag", "air drag", "less air drag than",
                        {"cda": Quantity("CdA", "m2")}),
-    "rolling_resistance": Words(
+    "rolling_resistance": EffectVocabulary(
         "rolling resistance", "rolling resistance", "less rolling resistance than",
         {"crr": Quantity("coefficient", "of the wheel load")},
     ),
-    "headwind": Words(
+    "headwind": EffectVocabulary(
         "wind along the road", "a tailwind", "a headwind",
         {"wind_x": Quantity("air moving along the road at", "m/s")},
     ),
-    "crosswind": Words(
+    "crosswind": EffectVocabulary(
         "crosswind", "a crosswind from the right", "a crosswind from the left",
         {"wind_y": Quantity("air moving to the left at", "m/s")},
     ),
-    "aero_downforce": Words(
+    "aero_downforce": EffectVocabulary(
         "downforce", "aerodynamic downforce", "less downforce than",
         {"cla": Quantity("ClA", "m2")},
     ),
-    "road_grade": Words("slope of the road", "an uphill slope", "a downhill slope",
+    "road_grade": EffectVocabulary("slope of the road", "an uphill slope", "a downhill slope",
                         {"grade": Quantity("climb", "rad")}),
-    "road_bank": Words("bank of the road", "a banked road", "a banked road",
+    "road_bank": EffectVocabulary("bank of the road", "a banked road", "a banked road",
                        {"bank": Quantity("left side up by", "rad")}),
-    "low_friction": Words("grip of the road", "more grip than", "less grip than",
+    "low_friction": EffectVocabulary("grip of the road", "more grip than", "less grip than",
                           {"mu_scale": Quantity("friction", "of the simulation's")}),
 }
 
 _TYRES_AND_BODY = {
-    "front_tyre_stiffness": Words(
+    "front_tyre_stiffness": EffectVocabulary(
         "stiffness of the front tyres", "stiffer front tyres than", "softer front tyres than",
         _scaled("slip stiffness"),
     ),
-    "rear_tyre_stiffness": Words(
+    "rear_tyre_stiffness": EffectVocabulary(
         "stiffness of the rear tyres", "stiffer rear tyres than", "softer rear tyres than",
         _scaled("slip stiffness"),
     ),
-    "tyre_relaxation": Words(
+    "tyre_relaxation": EffectVocabulary(
         "relaxation of the tyres", "tyres whose slip builds up late",
         "tyres whose slip builds up sooner than", {"length": Quantity("relaxation length", "m")},
     ),
-    "load_sensitivity": Words(
+    "load_sensitivity": EffectVocabulary(
         "load sensitivity of the tyres", "grip that falls with wheel load",
         "grip that falls less with wheel load than",
         {"slope": Quantity("loss of friction per relative load", "")},
     ),
-    "payload": Words("payload", "a payload", "less mass than", {"mass": Quantity("mass", "kg")}),
-    "cg_shift": Words(
+    "payload": EffectVocabulary("payload", "a payload", "less mass than", {"mass": Quantity("mass", "kg")}),
+    "cg_shift": EffectVocabulary(
         "place of the centre of gravity", "a centre of gravity further forward than",
         "a centre of gravity further back than", {"shift": Quantity("forward", "m")},
     ),
-    "yaw_inertia": Words("yaw inertia", "more yaw inertia than", "less yaw inertia than",
+    "yaw_inertia": EffectVocabulary("yaw inertia", "more yaw inertia than", "less yaw inertia than",
                          _scaled("inertia")),
-    "rotating_inertia": Words(
+    "rotating_inertia": EffectVocabulary(
         "inertia of what rotates", "rotating inertia in the drive", "less rotating inertia than",
         {"inertia": Quantity("inertia at the wheels", "kg m2")},
     ),
 }
 
 _STEERING = {
-    "steering_offset": Words(
+    "steering_offset": EffectVocabulary(
         "steering offset", "wheels that stand to the left of the command",
         "wheels that stand to the right of the command", {"offset": Quantity("angle", "rad")},
     ),
-    "steering_ratio": Words(
+    "steering_ratio": EffectVocabulary(
         "steering ratio", "a more direct steering than", "a less direct steering than",
         _scaled("angle at the wheels"),
     ),
-    "steering_delay": Words(
+    "steering_delay": EffectVocabulary(
         "dead time of the steering", "a dead time in the steering",
         "a steering that acts sooner than", {"delay": Quantity("delay", "s")},
     ),
-    "steering_lag": Words(
+    "steering_lag": EffectVocabulary(
         "lag of the steering", "a steering that lags (first order)",
         "a steering that lags less than", {"tau": Quantity("time constant", "s")},
     ),
-    "steering_backlash": Words(
+    "steering_backlash": EffectVocabulary(
         "play in the steering", "play in the steering", "less play in the steering than",
         {"half_gap": Quantity("half the gap", "rad")},
     ),
-    "compliance_steer": Words(
+    "compliance_steer": EffectVocabulary(
         "steering that gives way", "a steering that gives way under side force",
         "wheels that side force turns into the bend",
         {"rad_per_mps2": Quantity("angle per lateral acceleration", "rad s2/m")},
     ),
-    "rear_wheel_steer": Words(
+    "rear_wheel_steer": EffectVocabulary(
         "rear-wheel steering", "rear wheels that turn with the front ones",
         "rear wheels that turn against the front ones",
         {"ratio": Quantity("ratio to the front", "")},
@@ -146,32 +146,32 @@ _STEERING = {
 }
 
 _DRIVE = {
-    "drive_torque_gain": Words(
+    "drive_torque_gain": EffectVocabulary(
         "gain of the wheel torque", "more torque at the wheels than",
         "less torque at the wheels than", {"scale": Quantity("share of the command", "")},
     ),
-    "brake_torque_gain": Words(
+    "brake_torque_gain": EffectVocabulary(
         "gain of the brakes", "stronger brakes than", "weaker brakes than",
         {"scale": Quantity("share of the command", "")},
     ),
-    "drive_torque_delay": Words(
+    "drive_torque_delay": EffectVocabulary(
         "dead time of the drive", "a dead time in the drive", "a drive that acts sooner than",
         {"delay": Quantity("delay", "s")},
     ),
-    "drive_torque_lag": Words(
+    "drive_torque_lag": EffectVocabulary(
         "lag of the drive", "a drive that lags (first order)", "a drive that lags less than",
         {"tau": Quantity("time constant", "s")},
     ),
-    "torque_offset": Words(
+    "torque_offset": EffectVocabulary(
         "torque offset", "a constant torque on top of the command",
         "a constant torque against the command", {"offset": Quantity("torque", "N m")},
     ),
-    "power_limit": Words("power limit", "a limit of the drive's power",
+    "power_limit": EffectVocabulary("power limit", "a limit of the drive's power",
                          "a limit of the drive's power",
                          {"power": Quantity("power", "kW", 1e-3)}),
-    "wheel_radius": Words("wheel radius", "larger wheels than", "smaller wheels than",
+    "wheel_radius": EffectVocabulary("wheel radius", "larger wheels than", "smaller wheels than",
                           _scaled("radius")),
-    "brake_drag_one_side": Words(
+    "brake_drag_one_side": EffectVocabulary(
         "brake that drags on one side", "brakes that drag on the left",
         "brakes that drag on the right",
         {"torque_per_wheel": Quantity("torque at each wheel", "N m")},
@@ -179,44 +179,44 @@ _DRIVE = {
 }
 
 _SENSORS = {
-    "clock_offset": Words(
+    "clock_offset": EffectVocabulary(
         "clock of the commands", "commands that act later than their stamps say",
         "commands that act sooner than their stamps say", {"offset": Quantity("delay", "s")},
     ),
-    "imu_bias": Words(
+    "imu_bias": EffectVocabulary(
         "constant errors of the IMU", "constant errors of the IMU", "constant errors of the IMU",
         {
             "ax": Quantity("a_x", "m/s2"), "ay": Quantity("a_y", "m/s2"),
             "gyro": Quantity("yaw rate", "rad/s"),
         },
     ),
-    "imu_tilt": Words(
+    "imu_tilt": EffectVocabulary(
         "IMU mounted askew", "an IMU mounted askew", "an IMU mounted askew",
         {"roll": Quantity("roll", "rad"), "pitch": Quantity("pitch", "rad")},
     ),
-    "imu_lever_arm": Words(
+    "imu_lever_arm": EffectVocabulary(
         "IMU away from the centre of gravity", "an IMU away from the centre of gravity",
         "an IMU away from the centre of gravity",
         {"x": Quantity("forward", "m"), "y": Quantity("to the left", "m")},
     ),
-    "imu_delay": Words("delay of the IMU", "an IMU that is late", "an IMU that is early",
+    "imu_delay": EffectVocabulary("delay of the IMU", "an IMU that is late", "an IMU that is early",
                        {"delay": Quantity("delay", "s")}),
-    "odometry_scale": Words(
+    "odometry_scale": EffectVocabulary(
         "scale of the odometry's speed", "an odometry that reads too fast",
         "an odometry that reads too slow", {"scale": Quantity("reading", "of the speed")},
     ),
-    "gyro_scale": Words(
+    "gyro_scale": EffectVocabulary(
         "scale of the gyro", "a gyro that reads too much", "a gyro that reads too little",
         {"scale": Quantity("reading", "of the yaw rate")},
     ),
-    "odometry_filter": Words(
+    "odometry_filter": EffectVocabulary(
         "filter of the odometry's yaw rate", "an odometry whose yaw rate is low-passed",
         "an odometry whose yaw rate is less low-passed than",
         {"tau": Quantity("time constant", "s")},
     ),
 }
 
-WORDS: dict[str, Words] = {
+EFFECT_VOCABULARY: dict[str, EffectVocabulary] = {
     **_ROAD_AND_AIR, **_TYRES_AND_BODY, **_STEERING, **_DRIVE, **_SENSORS,
 }
 
@@ -233,12 +233,12 @@ STATES = {"v_x": ("speed", "m/s"), "v_y": ("lateral velocity", "m/s"),
 
 def title(name: str) -> str:
     """Return what an effect is called; a name that has no words is taken apart."""
-    return WORDS[name].title if name in WORDS else name.replace("_", " ")
+    return EFFECT_VOCABULARY[name].title if name in EFFECT_VOCABULARY else name.replace("_", " ")
 
 
 def quantity(effect: str, parameter: str, unit: str) -> Quantity:
     """Return how a parameter is said; `unit` is the catalogue's, for what has no words."""
-    words = WORDS.get(effect)
+    words = EFFECT_VOCABULARY.get(effect)
     if words is not None and parameter in words.quantities:
         return words.quantities[parameter]
     return Quantity(parameter.replace("_", " "), "" if unit == "-" else unit.replace("^", ""))
