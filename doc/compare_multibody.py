@@ -21,11 +21,11 @@ from vehiclemodels.init_mb import init_mb
 from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
 from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
 
-from adk_ros.plant import fourteen_dof as ours
-from adk_ros.plant.body import resolve
-from adk_ros.plant.chassis import Chassis
-from adk_ros.plant.params import Tyre, Vehicle
-from adk_ros.plant.surface import even_planes
+from adk_ros.plant.environment.surface import even_planes
+from adk_ros.plant.vehicle import fourteen_dof as ours
+from adk_ros.plant.vehicle.chassis import Chassis
+from adk_ros.plant.vehicle.sprung_mass import resolve
+from adk_ros.plant.vehicle.vehicle_parameters import Tyre, Vehicle
 
 STEP = 1e-3
 SHIFTS = ("p_hx1", "p_vx1", "p_hy1", "p_hy3", "p_vy1", "p_vy3")

@@ -14,14 +14,14 @@ import time
 
 import numpy as np
 
-from adk_ros.plant import fourteen_dof
-from adk_ros.plant.body import resolve, vertical_modes
-from adk_ros.plant.floor import oracle_rollout
-from adk_ros.plant.heard import SimulatedDrive
-from adk_ros.plant.params import load_vehicle, vehicles
-from adk_ros.plant.road import ROAD_GRADE, ROAD_HEIGHT, locate
-from adk_ros.plant.scenarios import load_scenario, scenarios
-from adk_ros.plant.simulate import simulate
+from adk_ros.plant.environment.road import ROAD_GRADE, ROAD_HEIGHT, locate
+from adk_ros.plant.scenario.oracle import oracle_rollout
+from adk_ros.plant.scenario.scenario_file import load_scenario, scenarios
+from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
+from adk_ros.plant.scenario.simulate import simulate
+from adk_ros.plant.vehicle import fourteen_dof
+from adk_ros.plant.vehicle.sprung_mass import resolve, vertical_modes
+from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle, vehicles
 
 
 def offset(drive: SimulatedDrive) -> float:

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from adk_ros.bench.paper.bars import brief
+from adk_ros.bench.paper.criteria import brief
 from adk_ros.ros import diagnostics
 from adk_ros.ros.parameters import TABLE
 

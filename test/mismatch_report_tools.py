@@ -8,11 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from adk_ros.mismatch.ambiguity import CompetingEffect
-from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.course import BIN_S
-from adk_ros.mismatch.evidence import CHANNELS
-from adk_ros.mismatch.findings import (
+from adk_ros.mismatch.inference.identifiability import CompetingEffect
+from adk_ros.mismatch.inference.likelihood import ActiveEffect
+from adk_ros.mismatch.inference.result import (
     EXPLAINED,
     NONE,
     UNKNOWN,
@@ -22,9 +20,11 @@ from adk_ros.mismatch.findings import (
     ResidualSeries,
     UnexplainedResidual,
 )
-from adk_ros.mismatch.likelihood import ActiveEffect
-from adk_ros.mismatch.pieces import FeatureTerm
-from adk_ros.mismatch.places import SpatialProfile
+from adk_ros.mismatch.inference.segments import SpatialProfile
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.recording.sensor_log import CHANNELS
+from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
+from adk_ros.mismatch.surrogate.residuals import BIN_S
 
 SECONDS = 120.0
 LAP = 600.0

@@ -9,11 +9,11 @@ from functools import cache
 
 import numpy as np
 
-from adk_ros.bench.concealed.own import GeneratedCase, InjectedMismatch, make_case
-from adk_ros.mismatch.evidence import SensorLog
-from adk_ros.mismatch.nominal import NominalVehicle
-from adk_ros.mismatch.parameters import INDEX
-from adk_ros.signals.channels import FloatArray
+from adk_ros.bench.mismatch.case_generator import GeneratedCase, InjectedMismatch, make_case
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.numerics.arrays import FloatArray
 
 CAR = NominalVehicle(
     mass=1800.0, yaw_inertia=3000.0, cg_to_front_axle=1.25, cg_to_rear_axle=1.4, track_width=1.6

@@ -11,16 +11,16 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.lifting import CompiledEncoder, Lifting, input_size
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import OnlineSettings
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.lifting.encoder import CompiledEncoder, Lifting, input_size
+from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
-from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import TICK_NS, Flag, Sample
 from adk_ros.train.network import Encoder, Lift, to_torchscript
-from adk_ros.train.quadratic import QuadraticFeatures, input_columns
+from adk_ros.train.quadratic_features import QuadraticFeatures, input_columns
 
 Array = npt.NDArray[np.float64]
 START_NS = 68_000_000_000 * TICK_NS
@@ -54,6 +54,7 @@ def weights(lift: Lift) -> list[Any]:
     """Its arrays in the order that the kernels take them."""
     columns = np.flatnonzero(lift.directions.any(dim=1).numpy())
     given: dict[str, Any] = {name: value.numpy() for name, value in lift.state_dict().items()}
+    given["input_bound"] = given["reach"]
     given |= {"columns": columns, "directions": given["directions"][columns]}
     return [given[field.name] for field in fields(CompiledEncoder)]
 

@@ -21,12 +21,12 @@ import torch
 from adk_ros.bags import BagWriter
 from adk_ros.bags import message as bag_message
 from adk_ros.model import artefact
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.model import KoopmanModel
+from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.lifting.encoder import Lifting, input_size
+from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
-from adk_ros.model.scaling import Scaling
 from adk_ros.ros.core import Core
 from adk_ros.ros.diagnostic_values import Clocks
 from adk_ros.ros.diagnostics import DiagnosticReport, Diagnostics

@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from adk_ros.bench.paper.cases import CLEAN, PAPER_TESTS, TESTS, VARIANTS
+from adk_ros.bench.paper.paper_results import FIVE, printed
 from adk_ros.bench.paper.predictors import ADK_ROS, MF_TUNED, NAIVE, PYKOOP, PYKOOPMAN
-from adk_ros.bench.paper.published import FIVE, printed
 from adk_ros.bench.paper.scores import CaseScore, ScoreTable
-from adk_ros.signals.channels import FloatArray
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.score import REPORT_SCALE
 
 

@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adk_ros.plant.body import SprungMass, resolve
-from adk_ros.plant.fourteen_dof import (
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import GRAVITY
+from adk_ros.plant.environment.surface import even_planes
+from adk_ros.plant.vehicle.fourteen_dof import (
     HEADING,
     OMEGA,
     PITCH,
@@ -30,10 +32,9 @@ from adk_ros.plant.fourteen_dof import (
     advance,
     rolling_state,
 )
-from adk_ros.plant.params import GRAVITY, Constants, Vehicle, load_vehicle
-from adk_ros.plant.surface import even_planes
-from adk_ros.plant.suspension import corner, tyre_load
-from adk_ros.signals.channels import FloatArray
+from adk_ros.plant.vehicle.sprung_mass import SprungMass, resolve
+from adk_ros.plant.vehicle.suspension import corner, tyre_load
+from adk_ros.plant.vehicle.vehicle_parameters import Constants, Vehicle, load_vehicle
 
 
 class Car(NamedTuple):

@@ -14,12 +14,18 @@ import numpy as np
 import pytest
 from train_tools import lines, small
 
-from adk_ros.bench import latency, soak
-from adk_ros.bench.feed import bench_model, endless, simulated_messages, stamp_of, write_model
+from adk_ros.bench.runtime import latency, soak
+from adk_ros.bench.runtime.synthetic_feed import (
+    bench_model,
+    endless,
+    simulated_messages,
+    stamp_of,
+    write_model,
+)
 from adk_ros.cli.main import main
 from adk_ros.errors import UsageError
 from adk_ros.model import artefact
-from adk_ros.model.online import OnlineSettings, WindowedRidge
+from adk_ros.model.adaptation.online_methods import OnlineSettings, WindowedRidge
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.signals.channels import TICK_NS, Source
 

@@ -14,10 +14,10 @@ import pytest
 from train_tools import bag, changed_streams, drive, kept, lines, record, small
 
 from adk_ros.bags import Bag, BagWriter, message
+from adk_ros.bags.recording import RecordingOptions, read_recording
 from adk_ros.cli.main import main
-from adk_ros.drives import RecordingOptions, read_recording
 from adk_ros.errors import DataError
-from adk_ros.plant.sensors import Stream
+from adk_ros.plant.scenario.sensors import Stream
 from adk_ros.signals.channels import Source
 from adk_ros.signals.decode import SensorConfig
 

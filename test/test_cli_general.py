@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from train_tools import bag, lines, refused, small
 
-from adk_ros import drives
+from adk_ros.bags import recording
 from adk_ros.cli import console
 from adk_ros.cli.main import VERBS, main
 
@@ -153,7 +153,7 @@ def test_a_full_disk_is_told_without_a_traceback(capsys, monkeypatch, tmp_path: 
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device", "/data/out")
 
-    monkeypatch.setattr(drives, "read_recording", full)
+    monkeypatch.setattr(recording, "read_recording", full)
     arguments = ["train", bag(), "--out", tmp_path / "m"]
     assert refused(capsys, arguments, 2) == "adk: /data/out: No space left on device"
 
@@ -162,7 +162,7 @@ def test_an_interrupt_is_no_traceback(capsys, monkeypatch, tmp_path: Path) -> No
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(drives, "read_recording", interrupt)
+    monkeypatch.setattr(recording, "read_recording", interrupt)
     assert main(["train", str(bag()), "--out", str(tmp_path / "m")]) == 130
     assert capsys.readouterr().err == "adk: interrupted\n"
 
@@ -288,7 +288,7 @@ def test_a_bar_that_begins_ends_the_one_before(monkeypatch) -> None:
 
 
 def test_the_score_table_fits_80_columns(capsys) -> None:
-    from adk_ros.train.heldout import HELD_INPUTS, MODEL
+    from adk_ros.train.held_out import HELD_INPUTS, MODEL
 
     test = small().run.test
     assert test is not None

@@ -12,11 +12,11 @@ import pytest
 from train_tools import bag, lines, refused, small, small_without_imu
 
 from adk_ros.bags import BagWriter, message
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.cli.main import main
-from adk_ros.drives import RecordingOptions
 from adk_ros.model import artefact
 from adk_ros.model.pipeline import PipelineSettings
-from adk_ros.replay import TWIST_TOPIC, TWIST_TYPE, replay
+from adk_ros.offline.replay import TWIST_TOPIC, TWIST_TYPE, replay
 
 
 def told(capsys, *arguments: object) -> str:

@@ -15,11 +15,11 @@ import yaml
 from mismatch_report_tools import drag
 from mismatch_tools import case
 
-from adk_ros.bench.concealed.case_files import write_case, write_evidence
+from adk_ros.bench.mismatch.case_files import write_case, write_evidence
 from adk_ros.cli.main import main
-from adk_ros.mismatch.model_file import surrogate_yaml
-from adk_ros.mismatch.parameters import INDEX, default_parameters
-from adk_ros.mismatch.reading import read_sensor_log
+from adk_ros.mismatch.deployment.surrogate_file import surrogate_yaml
+from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
+from adk_ros.mismatch.recording.from_bag import read_sensor_log
 
 
 @pytest.fixture(scope="module")
@@ -139,12 +139,12 @@ def test_an_interruption_leaves_no_half_report(
         (out / "map.png").write_bytes(b"half")
         signal.raise_signal(number)
 
-    monkeypatch.setattr("adk_ros.mismatch.investigate.investigate", lambda *_: drag())
+    monkeypatch.setattr("adk_ros.mismatch.analysis.investigate", lambda *_: drag())
     arguments = ["mismatch", "--simulation", str(folder / "simulation")]
     arguments += ["--recording", str(folder / "recording"), "--out", str(tmp_path / "out")]
     assert main(arguments) == 0
     before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
-    monkeypatch.setattr("adk_ros.mismatch.answer.write_page", half_a_page)
+    monkeypatch.setattr("adk_ros.mismatch.report.result_files.write_page", half_a_page)
     assert main(arguments) == 128 + number
     assert {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir()} == before
     assert main([*arguments[:-1], str(tmp_path / "new")]) == 128 + number
@@ -187,7 +187,7 @@ def test_a_recording_without_an_imu_is_refused_unless_told(
     whole = case().recording
     bag = tmp_path / "odometry"
     write_evidence(replace(whole, imu_s=np.empty(0), imu=np.empty((0, 3))), bag)
-    monkeypatch.setattr("adk_ros.mismatch.investigate.investigate", lambda *_: drag())
+    monkeypatch.setattr("adk_ros.mismatch.analysis.investigate", lambda *_: drag())
     arguments = ["mismatch", "--simulation", str(folder / "simulation"), "--recording", str(bag)]
     arguments += ["--out", str(tmp_path / "out")]
     line = refused(capsys, 3, *arguments)

@@ -13,8 +13,8 @@ import pytest
 import yaml
 from train_tools import bag, drive, lines, refused, small
 
+from adk_ros.bags.recording import read_recording
 from adk_ros.cli.main import main
-from adk_ros.drives import read_recording
 from adk_ros.signals.channels import TICK_NS
 
 COLUMNS = ["start_s", "t_s", "v_x", "v_y", "yaw_rate"]

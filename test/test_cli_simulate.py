@@ -13,10 +13,10 @@ import pytest
 from train_tools import bag, drive, lines, refused
 
 from adk_ros.bags import Bag
+from adk_ros.bags.recording import read_recording
 from adk_ros.cli import main as cli
 from adk_ros.cli.main import main
-from adk_ros.drives import read_recording
-from adk_ros.plant.scenarios import scenarios
+from adk_ros.plant.scenario.scenario_file import scenarios
 
 
 def contents(path: Path) -> list[tuple[str, str, int, bytes]]:

@@ -13,7 +13,7 @@ from train_tools import bag, lines, refused, small
 from adk_ros.bags import BagWriter, message
 from adk_ros.cli.main import main
 from adk_ros.model import artefact
-from adk_ros.train import fit
+from adk_ros.train import network_fit
 
 QUICK = ["--steps", "20", "--hidden", "8", "--history", "2", "--no-report"]
 
@@ -57,16 +57,16 @@ def test_json_is_all_there_is_on_stdout(capsys, tmp_path: Path) -> None:
 
 def test_an_interrupted_training_goes_on(capsys, monkeypatch, tmp_path: Path) -> None:
     arguments = ["train", str(bag("handling", 60.0)), "--out", str(tmp_path / "m"), *QUICK]
-    monkeypatch.setattr(fit, "_CHECKPOINT_EVERY", 5)
-    one_step = fit._Trainer.one_step
+    monkeypatch.setattr(network_fit, "_CHECKPOINT_EVERY", 5)
+    one_step = network_fit._Trainer.one_step
 
-    def interrupted(trainer: fit._Trainer, step: int, stage: int, running: float) -> float:
+    def interrupted(trainer: network_fit._Trainer, step: int, stage: int, running: float) -> float:
         if step == 12:
             raise KeyboardInterrupt
         return one_step(trainer, step, stage, running)
 
     with monkeypatch.context() as patch:
-        patch.setattr(fit._Trainer, "one_step", interrupted)
+        patch.setattr(network_fit._Trainer, "one_step", interrupted)
         assert main(arguments) == 130
     said = capsys.readouterr().err
     assert "going on" not in said

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from adk_ros.bench.concealed import run
-from adk_ros.bench.concealed.bars import FAIL, NONE, PASS, Criterion, evaluate_criteria
-from adk_ros.bench.concealed.children import SubprocessEnded, Subprocesses
-from adk_ros.bench.concealed.own_effects import UNLISTED
-from adk_ros.bench.concealed.own_list import UNLISTED_IN, case_plans
-from adk_ros.bench.concealed.run import CaseJob, MismatchBench, jobs_of
-from adk_ros.bench.concealed.score import CaseResult
-from adk_ros.bench.concealed.tables import write_tables
+from adk_ros.bench.mismatch import mismatch_bench
+from adk_ros.bench.mismatch.acceptance import FAIL, NONE, PASS, Criterion, evaluate_criteria
+from adk_ros.bench.mismatch.case_matrix import UNLISTED_IN, case_plans
+from adk_ros.bench.mismatch.case_score import CaseResult
+from adk_ros.bench.mismatch.injectors import UNLISTED
+from adk_ros.bench.mismatch.mismatch_bench import CaseJob, MismatchBench, jobs_of
+from adk_ros.bench.mismatch.result_tables import write_tables
+from adk_ros.bench.mismatch.subprocesses import SubprocessEnded, Subprocesses
 from adk_ros.errors import UsageError
-from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.pieces import EQUATION_PARAMETERS
+from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS
 
 
 def good(kind: str = "single", **changes: object) -> CaseResult:
@@ -153,13 +153,13 @@ def test_an_interrupted_bench_leaves_whole_reports_and_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, todo = tmp_path / "out", jobs(tmp_path)
-    monkeypatch.setattr(run, "run_case", Fake("b"))
+    monkeypatch.setattr(mismatch_bench, "run_case", Fake("b"))
     with pytest.raises(KeyboardInterrupt):
         MismatchBench(out).run(todo)
     assert {p.name for p in out.iterdir()} <= {"a", "c"}
     assert (out / "a" / "score.json").is_file()
     again = Fake()
-    monkeypatch.setattr(run, "run_case", again)
+    monkeypatch.setattr(mismatch_bench, "run_case", again)
     scores = MismatchBench(out, 2, resume=True).run(todo)
     assert [s.case for s in scores] == ["a", "b", "c"]
     assert "a" not in again.ran
@@ -168,11 +168,11 @@ def test_an_interrupted_bench_leaves_whole_reports_and_goes_on(
 
 def test_a_changed_case_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out, todo = tmp_path / "out", jobs(tmp_path)
-    monkeypatch.setattr(run, "run_case", Fake())
+    monkeypatch.setattr(mismatch_bench, "run_case", Fake())
     MismatchBench(out).run(todo)
     (tmp_path / "cases" / "b" / "label.json").write_text('{"effects": [ ]}')
     again = Fake()
-    monkeypatch.setattr(run, "run_case", again)
+    monkeypatch.setattr(mismatch_bench, "run_case", again)
     MismatchBench(out, resume=True).run(jobs_of(tmp_path / "cases"))
     assert again.ran == ["b"]
 
@@ -180,7 +180,7 @@ def test_a_changed_case_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_nothing_is_left_where_nothing_was_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run, "run_case", Fake("a"))
+    monkeypatch.setattr(mismatch_bench, "run_case", Fake("a"))
     with pytest.raises(KeyboardInterrupt):
         MismatchBench(tmp_path / "out").run(jobs(tmp_path)[:1])
     assert not (tmp_path / "out").exists()

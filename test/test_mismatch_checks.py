@@ -12,13 +12,13 @@ import pytest
 from mismatch_tools import case
 
 from adk_ros.errors import DataError
-from adk_ros.mismatch.checks import (
+from adk_ros.mismatch.recording.checks import (
     check_recording,
     check_same_vehicle,
     check_vehicle,
     effective_mass,
 )
-from adk_ros.mismatch.evidence import SensorLog
+from adk_ros.mismatch.recording.sensor_log import SensorLog
 
 
 def scaled(which: str, column: int, factor: float) -> Callable[[SensorLog], SensorLog]:

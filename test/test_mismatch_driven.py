@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adk_ros.bag_export import write_bag
 from adk_ros.cli.main import main
 from adk_ros.errors import DataError
-from adk_ros.mismatch.driven import position_dependent_terms, simulate_scenario
-from adk_ros.mismatch.model_file import load_surrogate, surrogate_yaml
-from adk_ros.mismatch.open_loop import OpenLoopPredictor
-from adk_ros.mismatch.parameters import INDEX, default_parameters
-from adk_ros.mismatch.reading import read_sensor_log
-from adk_ros.plant.heard import SimulatedDrive
-from adk_ros.plant.road import locate
-from adk_ros.plant.scenarios import Scenario, load_scenario
-from adk_ros.signals.channels import FloatArray
+from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor
+from adk_ros.mismatch.deployment.scenario_drive import position_dependent_terms, simulate_scenario
+from adk_ros.mismatch.deployment.surrogate_file import load_surrogate, surrogate_yaml
+from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
+from adk_ros.mismatch.recording.from_bag import read_sensor_log
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.offline.export import write_bag
+from adk_ros.plant.environment.road import locate
+from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
+from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
 
 SECONDS = 40.0
 DRAG = [{"effect": "aero_drag", "parameters": {"cda": 2.0}, "where": {"kind": "always"}}]

@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 from mismatch_tools import car, steady, with_commands
 
-from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.course import ResidualProblem, prepare_residual_problem
-from adk_ros.mismatch.effect import Effect
-from adk_ros.mismatch.gates import Activation, inside_segments
-from adk_ros.mismatch.likelihood import (
+from adk_ros.mismatch.inference.forward_selection import SelectionPath, min_required_gain
+from adk_ros.mismatch.inference.likelihood import (
     N_FIXED_NUISANCES,
     SENSOR_OFFSETS,
     TOLERANCE_PARAMETERS,
@@ -23,10 +20,17 @@ from adk_ros.mismatch.likelihood import (
     Likelihood,
     inactive_effect,
 )
-from adk_ros.mismatch.parameters import INDEX, SIZE
-from adk_ros.mismatch.places import GRADUAL_EDGE_WIDTHS, optimal_segmentation, segments_of_mask
-from adk_ros.mismatch.search import SelectionPath, min_required_gain
-from adk_ros.mismatch.standin import SurrogateModel
+from adk_ros.mismatch.inference.segments import (
+    GRADUAL_EDGE_WIDTHS,
+    optimal_segmentation,
+    segments_of_mask,
+)
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.effect import Effect
+from adk_ros.mismatch.library.surrogate_parameters import INDEX, SIZE
+from adk_ros.mismatch.surrogate.activation import Activation, inside_segments
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
 
 NAMES = [
     "aero_drag", "rolling_resistance", "headwind", "crosswind", "aero_downforce", "road_grade",

@@ -13,12 +13,12 @@ import pytest
 import yaml
 from mismatch_tools import case
 
-from adk_ros.mismatch.answer import as_dict, write_report
-from adk_ros.mismatch.findings import MismatchResult
-from adk_ros.mismatch.investigate import identify_mismatch
-from adk_ros.mismatch.model_file import load_surrogate
-from adk_ros.mismatch.open_loop import OpenLoopPredictor, horizon_rmse, start_times_of
-from adk_ros.mismatch.report.sentence import sentence
+from adk_ros.mismatch.analysis import identify_mismatch
+from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, horizon_rmse, start_times_of
+from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
+from adk_ros.mismatch.inference.result import MismatchResult
+from adk_ros.mismatch.report.result_files import as_dict, write_report
+from adk_ros.mismatch.report.summary import sentence
 
 DRAG = 1.0
 

@@ -10,14 +10,28 @@ import numpy as np
 import pytest
 from mismatch_tools import CAR, car, steady, with_commands
 
-from adk_ros.mismatch.actuators import first_order_lag, second_order_lag, zoh_mean
-from adk_ros.mismatch.course import STEP_S, ResidualProblem, prepare_residual_problem
-from adk_ros.mismatch.forces import normalised_lateral_force
-from adk_ros.mismatch.kernel import integrate
-from adk_ros.mismatch.parameters import HIGH, LOW, SURROGATE_PARAMETERS, default_parameters
-from adk_ros.mismatch.states import A_X, A_Y, OUTPUTS, S_V_X, STATE_SIZE, V_X, V_Y, YAW_RATE
-from adk_ros.plant.params import AIR_DENSITY, GRAVITY
-from adk_ros.signals.channels import FloatArray
+from adk_ros.mismatch.library.surrogate_parameters import (
+    HIGH,
+    LOW,
+    SURROGATE_PARAMETERS,
+    default_parameters,
+)
+from adk_ros.mismatch.surrogate.command_response import first_order_lag, second_order_lag, zoh_mean
+from adk_ros.mismatch.surrogate.equations_of_motion import integrate
+from adk_ros.mismatch.surrogate.residuals import STEP_S, ResidualProblem, prepare_residual_problem
+from adk_ros.mismatch.surrogate.state_index import (
+    A_X,
+    A_Y,
+    OUTPUTS,
+    S_V_X,
+    STATE_SIZE,
+    V_X,
+    V_Y,
+    YAW_RATE,
+)
+from adk_ros.mismatch.surrogate.tyre_forces import normalised_lateral_force
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import AIR_DENSITY, GRAVITY
 
 
 def run(course: ResidualProblem, p: FloatArray) -> FloatArray:

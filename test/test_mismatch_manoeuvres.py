@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from mismatch_report_tools import drag
 
-from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.likelihood import ActiveEffect
-from adk_ros.mismatch.manoeuvres import (
+from adk_ros.mismatch.inference.experiment_design import (
     DISCRIMINATION_LOSS,
     Discriminability,
     manoeuvres,
     most_discriminating_manoeuvre,
     parameters_with_effects,
 )
-from adk_ros.mismatch.parameters import INDEX, default_parameters
-from adk_ros.mismatch.report.tables import discriminability_text, group_rows
+from adk_ros.mismatch.inference.likelihood import ActiveEffect
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
+from adk_ros.mismatch.report.report_tables import discriminability_text, group_rows
 
 NOISE = np.array([0.02, 0.02, 1e-3, 0.01, 0.01, 1e-3])
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.bench.concealed.own_sensors import simulate_faulty_sensors
+from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
 
 BIAS = {"imu_bias": {"ax": 0.2, "ay": -0.1, "gyro": 0.01}}
 

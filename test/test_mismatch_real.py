@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 from mismatch_tools import case
 
-from adk_ros.bench.concealed.bars import FAIL, PASS
-from adk_ros.bench.concealed.real import (
+from adk_ros.bench.mismatch.ablation import (
     AblationResult,
     ablation_criteria,
     calibrate_surrogate,
     removals,
     with_torque,
 )
-from adk_ros.bench.concealed.score import CaseResult, score_case
+from adk_ros.bench.mismatch.acceptance import FAIL, PASS
+from adk_ros.bench.mismatch.case_score import CaseResult, score_case
 from adk_ros.bench.paper.av21 import find_recordings
 from adk_ros.errors import DataError
-from adk_ros.mismatch.evidence import SensorLog
-from adk_ros.mismatch.parameters import INDEX
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.recording.sensor_log import SensorLog
 
 
 def with_pedal(e: SensorLog, full: float = 3000.0) -> SensorLog:

@@ -19,12 +19,12 @@ from mismatch_report_tools import bank, drag, findings, found, late, odd
 
 from adk_ros.cli.main import main
 from adk_ros.errors import UsageError
-from adk_ros.mismatch import answer
-from adk_ros.mismatch.answer import as_dict, write_report
-from adk_ros.mismatch.findings import MismatchResult
-from adk_ros.mismatch.report.page import FIGURES, write_page
-from adk_ros.mismatch.report.sentence import sentence
-from adk_ros.report_folder import check_output_folder
+from adk_ros.files.output_folder import check_output_folder
+from adk_ros.mismatch.inference.result import MismatchResult
+from adk_ros.mismatch.report import result_files
+from adk_ros.mismatch.report.report_page import FIGURES, write_page
+from adk_ros.mismatch.report.result_files import as_dict, write_report
+from adk_ros.mismatch.report.summary import sentence
 
 VOID = {"meta", "img", "br"}
 ALWAYS = {"map.png", "timeline.png", "errors.png", "remains.png"}
@@ -204,7 +204,7 @@ def test_interrupted_it_leaves_no_half_report(
         (out / "map.png").write_bytes(b"half")
         raise error
 
-    monkeypatch.setattr(answer, "write_page", stop)
+    monkeypatch.setattr(result_files, "write_page", stop)
     with pytest.raises(error):
         write_report(drag(), tmp_path / "new")
     assert list(tmp_path.iterdir()) == []

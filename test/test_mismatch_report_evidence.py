@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from mismatch_report_tools import LAP, NOISE, bank, drag, findings, found, late, odd, series
 
-from adk_ros.mismatch.ambiguity import CompetingEffect
-from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.likelihood import inactive_effect
-from adk_ros.mismatch.manoeuvres import Discriminability
-from adk_ros.mismatch.report import tables
-from adk_ros.mismatch.report.explain import (
+from adk_ros.mismatch.inference.experiment_design import Discriminability
+from adk_ros.mismatch.inference.identifiability import CompetingEffect
+from adk_ros.mismatch.inference.likelihood import inactive_effect
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.report import report_tables
+from adk_ros.mismatch.report.location_figures import inside, line_of, residual_to_noise
+from adk_ros.mismatch.report.residual_trends import (
     BINS,
     EXPLAINS,
     PLACE_BINS,
@@ -24,8 +25,7 @@ from adk_ros.mismatch.report.explain import (
     effect_residual_trend,
     feature_residual_trend,
 )
-from adk_ros.mismatch.report.where_figures import inside, line_of, residual_to_noise
-from adk_ros.mismatch.report.words import CHANNEL_TEXTS
+from adk_ros.mismatch.report.vocabulary import CHANNEL_TEXTS
 
 
 def test_drag_is_shown_by_the_accelerometer_against_speed_squared() -> None:
@@ -110,7 +110,7 @@ def test_noise_is_one_and_laps_lie_over_each_other() -> None:
 
 
 def test_rivals_are_said_to_tie_or_why_they_lost() -> None:
-    tied, lost = tables.competitor_rows(drag().effects[0])
+    tied, lost = report_tables.competitor_rows(drag().effects[0])
     assert tied[0] == "wind along the road"
     assert "-4 m/s" in tied[1]
     assert tied[2] == "100 %"
@@ -120,20 +120,20 @@ def test_rivals_are_said_to_tie_or_why_they_lost() -> None:
 
 
 def test_tables_say_the_findings() -> None:
-    (row,) = tables.effect_rows(drag())
+    (row,) = report_tables.effect_rows(drag())
     assert row == ["air drag", "CdA", "0.92 m2 (0.88 to 0.97)", "",
                    "the whole drive, grows with V^2", "97 %"]
-    assert tables.effect_rows(bank())[0][3] == "10.2 %"
-    losses = tables.loss_rows(drag())
+    assert report_tables.effect_rows(bank())[0][3] == "10.2 %"
+    losses = report_tables.loss_rows(drag())
     assert losses[0] == ["nothing but build tolerance", "3.250", "", ""]
     assert losses[1] == ["air drag", "1.025", "35,600", "taken"]
-    assert tables.error_rows(drag())[0] == ["speed (m/s)", "0.145", "0.012", "92 %"]
-    (group,) = tables.group_rows(drag())
+    assert report_tables.error_rows(drag())[0] == ["speed (m/s)", "0.145", "0.012", "92 %"]
+    (group,) = report_tables.group_rows(drag())
     assert group[0] == "air drag or wind along the road"
     assert "the same straight in both directions" in group[2]
-    rows = tables.unexplained_rows(2.0 * NOISE, NOISE, NOISE)
+    rows = report_tables.unexplained_rows(2.0 * NOISE, NOISE, NOISE)
     assert rows[0] == ["a_x, IMU (m/s2)", "0.04", "0.02", "0.02", "1.00"]
-    assert len(tables.surrogate_rows(drag())) == 6
+    assert len(report_tables.surrogate_rows(drag())) == 6
 
 
 def test_what_no_manoeuvre_tells_is_to_be_measured() -> None:
@@ -141,22 +141,22 @@ def test_what_no_manoeuvre_tells_is_to_be_measured() -> None:
     untold = replace(drag(), groups=[["drive_torque_gain", "wheel_radius"]], discriminability=[
         replace(pair, of="drive_torque_gain", other="wheel_radius"),
     ])
-    (group,) = tables.group_rows(untold)
+    (group,) = report_tables.group_rows(untold)
     assert "none of 9 simulated manoeuvres" in group[1]
     assert "dynamometer" in group[2]
     assert "turns of the wheel" in group[2]
     assert "step steers" not in group[2]
     told = replace(drag(), discriminability=[replace(pair, loss=500.0)])
-    assert "the same straight in both directions" in tables.group_rows(told)[0][2]
+    assert "the same straight in both directions" in report_tables.group_rows(told)[0][2]
     assert set(CHANNEL_TEXTS) <= set(EFFECTS)
 
 
 def test_a_rival_that_ends_at_nothing_shows_no_figure() -> None:
     idle = CompetingEffect("aero_drag", "power_limit", 2e4, inactive_effect(EFFECTS["power_limit"]), False)
-    shown = tables.competitor_rows(replace(found(), competitors=(idle,)))
+    shown = report_tables.competitor_rows(replace(found(), competitors=(idle,)))
     assert shown[0][:2] == ["power limit", "next to nothing of it"]
 
 
 def test_what_was_not_taken_is_said() -> None:
     more = replace(findings(), losses=[("none", 16100.0), ("payload", 16090.0)])
-    assert tables.loss_rows(more)[1][2:] == ["10", "not taken: gains too little"]
+    assert report_tables.loss_rows(more)[1][2:] == ["10", "not taken: gains too little"]

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from mismatch_report_tools import bank, drag, findings, found, late, odd
 
-from adk_ros.mismatch.answer import as_dict, where_text
-from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.effect import PLACE
-from adk_ros.mismatch.findings import Interval, MissingChannel
-from adk_ros.mismatch.report.explain import EXPLAINS
-from adk_ros.mismatch.report.sentence import (
+from adk_ros.mismatch.inference.result import Interval, MissingChannel
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.effect import PLACE
+from adk_ros.mismatch.report.report_tables import error_rows
+from adk_ros.mismatch.report.residual_trends import EXPLAINS
+from adk_ros.mismatch.report.result_files import as_dict, where_text
+from adk_ros.mismatch.report.summary import (
     activation_text,
     interval_text,
     number,
     pair_text,
     sentence,
 )
-from adk_ros.mismatch.report.tables import error_rows
-from adk_ros.mismatch.report.words import EFFECT_VOCABULARY, Quantity, listed, quantity, title
+from adk_ros.mismatch.report.vocabulary import EFFECT_VOCABULARY, Quantity, listed, quantity, title
 
 
 def test_every_effect_of_the_catalogue_has_words() -> None:

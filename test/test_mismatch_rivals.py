@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from mismatch_tools import case
 
-from adk_ros.bench.concealed.open_equations import EquationErrors, equation_errors, slopes
-from adk_ros.bench.concealed.rival_worker import METHODS
-from adk_ros.bench.concealed.rivals import MEANS, OURS, Baselines, matches, named
-from adk_ros.bench.concealed.score import CaseResult
-from adk_ros.bench.concealed.tables import baseline_results, baselines_markdown
+from adk_ros.bench.mismatch.baseline_worker import METHODS
+from adk_ros.bench.mismatch.baselines import MEANS, OURS, Baselines, matches, named
+from adk_ros.bench.mismatch.case_score import CaseResult
+from adk_ros.bench.mismatch.equation_errors import EquationErrors, equation_errors, slopes
+from adk_ros.bench.mismatch.result_tables import baseline_results, baselines_markdown
 from adk_ros.errors import UsageError
-from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.model_file import load_surrogate, surrogate_yaml
+from adk_ros.mismatch.deployment.surrogate_file import load_surrogate, surrogate_yaml
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.signals.channels import STATE_NAMES
 
 DRAG = {"effect": "aero_drag", "parameters": {"cda": 1.0}}

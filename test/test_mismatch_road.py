@@ -12,33 +12,38 @@ import pytest
 import yaml
 from mismatch_tools import CAR, case, steady
 
-from adk_ros.bench.concealed.own import InjectedMismatch, make_case
-from adk_ros.bench.concealed.own_effects import UNLISTED
-from adk_ros.bench.concealed.own_list import UNLISTED_IN
+from adk_ros.bench.mismatch.case_generator import InjectedMismatch, make_case
+from adk_ros.bench.mismatch.case_matrix import UNLISTED_IN
+from adk_ros.bench.mismatch.injectors import UNLISTED
 from adk_ros.errors import UsageError
-from adk_ros.mismatch import investigate as way
-from adk_ros.mismatch.course import ResidualProblem, prepare_residual_problem
-from adk_ros.mismatch.driven import position_dependent_terms
-from adk_ros.mismatch.evidence import SensorLog
-from adk_ros.mismatch.findings import MismatchResult
-from adk_ros.mismatch.investigate import identify_mismatch
-from adk_ros.mismatch.model_file import SurrogateFile, surrogate_yaml
-from adk_ros.mismatch.nominal import nominal_vehicle_of
-from adk_ros.mismatch.open_loop import OpenLoopPredictor, horizon_rmse, start_times_of
-from adk_ros.mismatch.parameters import INDEX
-from adk_ros.mismatch.pieces import FeatureTerm
-from adk_ros.mismatch.report.sentence import sentence
-from adk_ros.mismatch.rest import augment_surrogate, is_underfit, misfit
-from adk_ros.mismatch.road_fit import graph_colouring
-from adk_ros.mismatch.road_map import KNOT_SPACING_M, RoadProfile, basis, zero_profile
-from adk_ros.mismatch.simulator import sensor_log_of
-from adk_ros.mismatch.standin import SurrogateModel, identify_surrogate
-from adk_ros.plant.elevation import Height, Undulation
-from adk_ros.plant.params import Vehicle
-from adk_ros.plant.road import ROAD_GRADE, ROAD_HEADING, ROAD_X, ROAD_Y, lookup
-from adk_ros.plant.scenarios import Scenario, load_scenario
-from adk_ros.plant.simulate import simulate
-from adk_ros.plant.yaml_file import validate
+from adk_ros.files.yaml_file import validate
+from adk_ros.mismatch import analysis as way
+from adk_ros.mismatch.analysis import identify_mismatch
+from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, horizon_rmse, start_times_of
+from adk_ros.mismatch.deployment.scenario_drive import position_dependent_terms
+from adk_ros.mismatch.deployment.simulator_input import sensor_log_of
+from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile, surrogate_yaml
+from adk_ros.mismatch.inference.result import MismatchResult
+from adk_ros.mismatch.inference.surrogate_extension import augment_surrogate, is_underfit, misfit
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.recording.nominal_vehicle import nominal_vehicle_of
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.report.summary import sentence
+from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
+from adk_ros.mismatch.surrogate.identification import SurrogateModel, identify_surrogate
+from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
+from adk_ros.mismatch.surrogate.road_profile import (
+    KNOT_SPACING_M,
+    RoadProfile,
+    basis,
+    zero_profile,
+)
+from adk_ros.mismatch.surrogate.road_profile_fit import graph_colouring
+from adk_ros.plant.environment.elevation import Height, Undulation
+from adk_ros.plant.environment.road import ROAD_GRADE, ROAD_HEADING, ROAD_X, ROAD_Y, lookup
+from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
+from adk_ros.plant.scenario.simulate import simulate
+from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
 
 DRAG = 0.8
 

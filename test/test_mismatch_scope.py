@@ -11,16 +11,9 @@ import pytest
 from mismatch_tools import case
 
 from adk_ros.errors import DataError
-from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.correction import FEATURES
-from adk_ros.mismatch.course import prepare_residual_problem
-from adk_ros.mismatch.evidence import SensorLog
-from adk_ros.mismatch.findings import EXPLAINED
-from adk_ros.mismatch.investigate import identify_mismatch
-from adk_ros.mismatch.likelihood import MIN_SPEED, Likelihood
-from adk_ros.mismatch.parameters import INDEX
-from adk_ros.mismatch.report.sentence import sentence
-from adk_ros.mismatch.scope import (
+from adk_ros.mismatch.analysis import identify_mismatch
+from adk_ros.mismatch.inference.likelihood import MIN_SPEED, Likelihood
+from adk_ros.mismatch.inference.observability import (
     PHASE_LAG_EFFECTS,
     ObservableEffects,
     longest_moving_segment,
@@ -28,7 +21,14 @@ from adk_ros.mismatch.scope import (
     with_pseudo_imu,
     yaw_filter,
 )
-from adk_ros.mismatch.standin import SurrogateModel
+from adk_ros.mismatch.inference.result import EXPLAINED
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.report.summary import sentence
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
 
 MASS, RADIUS = 2000.0, 0.325
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from adk_ros.bench.concealed.score import overlap, score_case
+from adk_ros.bench.mismatch.case_score import overlap, score_case
 
 
 def label(*effects: str, kind: str = "always", **params: float) -> dict[str, Any]:

@@ -13,17 +13,21 @@ import yaml
 from mismatch_report_tools import drag
 from mismatch_tools import case
 
-from adk_ros.bench.concealed.case_files import write_evidence
+from adk_ros.bench.mismatch.case_files import write_evidence
 from adk_ros.cli.main import main
 from adk_ros.errors import UsageError
-from adk_ros.mismatch.findings import EXPLAINED
-from adk_ros.mismatch.investigate import identify_mismatch
-from adk_ros.mismatch.model_file import surrogate_yaml
-from adk_ros.mismatch.nominal import load_nominal_vehicle, nominal_vehicle_of
-from adk_ros.mismatch.parameters import default_parameters
-from adk_ros.mismatch.simulator import driving_envelope, load_simulator, simulate_matched_drive
-from adk_ros.mismatch.standin import SurrogateModel
-from adk_ros.plant.params import Vehicle, load_vehicle
+from adk_ros.mismatch.analysis import identify_mismatch
+from adk_ros.mismatch.deployment.simulator_input import (
+    driving_envelope,
+    load_simulator,
+    simulate_matched_drive,
+)
+from adk_ros.mismatch.deployment.surrogate_file import surrogate_yaml
+from adk_ros.mismatch.inference.result import EXPLAINED
+from adk_ros.mismatch.library.surrogate_parameters import default_parameters
+from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle, nominal_vehicle_of
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle
 
 
 def vehicle() -> Vehicle:
@@ -101,7 +105,7 @@ def test_the_command_takes_a_stand_in(
         given.append(simulation)
         return drag()
 
-    monkeypatch.setattr("adk_ros.mismatch.investigate.investigate", known)
+    monkeypatch.setattr("adk_ros.mismatch.analysis.investigate", known)
     arguments = ["mismatch", "--simulation", str(file), "--recording", str(bag)]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
     assert isinstance(given[0], SurrogateModel)

@@ -6,12 +6,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.mismatch.catalogue import EFFECTS
-from adk_ros.mismatch.likelihood import ActiveEffect, Hypothesis, inactive_effect
-from adk_ros.mismatch.pieces import FeatureTerm
-from adk_ros.mismatch.search import SelectionPath
-from adk_ros.mismatch.unknown import UnmodelledDynamics, feature_as_effect, most_parsimonious
-from adk_ros.mismatch.verdict import prefers_feature_model
+from adk_ros.mismatch.inference.decision import prefers_feature_model
+from adk_ros.mismatch.inference.forward_selection import SelectionPath
+from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, inactive_effect
+from adk_ros.mismatch.inference.unmodelled import (
+    UnmodelledDynamics,
+    feature_as_effect,
+    most_parsimonious,
+)
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 
 
 def fitted(feature: str, cost: float) -> Hypothesis:

@@ -22,8 +22,8 @@ from model_tools import make_model, paper_model, plain_program, program, slalom,
 from adk_ros.errors import UsageError
 from adk_ros.model import artefact
 from adk_ros.model.artefact import ARRAYS, ENCODER, MANIFEST
-from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.model import KoopmanModel
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.lifting.encoder import Lifting, input_size
 from adk_ros.model.predictor import Predictor
 
 FACTS = {"data": [{"name": "town", "seconds": 60.0}], "seed": 3}

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from model_tools import Array
 
-from adk_ros.model.calibration import (
+from adk_ros.model.uncertainty.conformal import (
     FORGETTING,
     GAIN,
-    MOST,
-    QUANTILE_90,
+    SCALE_MAX,
     SCALE_MIN,
     ConformalScale,
     update_conformal_scale,
 )
+from adk_ros.numerics.constants import QUANTILE_90
 
 START = np.array([[[0.04, 0.01, 0.0], [0.01, 0.09, -0.01], [0.0, -0.01, 0.01]]] * 4)
 
@@ -43,7 +43,7 @@ def test_kernel_is_the_equations() -> None:
         missed = np.abs(surprise) > 1.6448536269514722 * np.sqrt(variance)
         count = FORGETTING * count + 1.0
         covariance = covariance + (np.outer(error, error) - covariance) / count
-        factor = np.clip(factor + GAIN * (missed - 0.1), np.log(SCALE_MIN), np.log(MOST))
+        factor = np.clip(factor + GAIN * (missed - 0.1), np.log(SCALE_MIN), np.log(SCALE_MAX))
         wanted = covariance * np.outer(np.exp(factor), np.exp(factor))
         np.testing.assert_allclose(made.calibrated[1], wanted, rtol=1e-9, atol=1e-15)
     # The other steps know nothing of it.
@@ -78,7 +78,7 @@ def test_a_covariance_alone_does_not_hold_nine_of_ten() -> None:
 
 def test_the_factor_is_bounded_and_all_stays_finite() -> None:
     random = np.random.default_rng(0)
-    for size, bound in ((0.0, SCALE_MIN), (1e300, MOST)):
+    for size, bound in ((0.0, SCALE_MIN), (1e300, SCALE_MAX)):
         made = ConformalScale(START, 5.0)
         for _ in range(2000):
             error = size * random.normal(size=3)

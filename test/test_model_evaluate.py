@@ -7,8 +7,8 @@ import pytest
 from model_tools import make_model
 from signals_tools import drive, in_order, without
 
-from adk_ros.model.evaluate import WARM_UP_STEPS, rollout_record, sample_at
-from adk_ros.model.online import OnlineSettings
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.evaluation import WARM_UP_STEPS, rollout_record, sample_at
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.align import align_samples
 from adk_ros.signals.channels import Record, Source

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_tools import SCALING, Array, make_model, paper_model, sample, slalom
 
-from adk_ros.model.online import METHODS, OnlineSettings
+from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
 from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import Flag, Sample

@@ -6,29 +6,29 @@ import numpy as np
 import pytest
 from model_tools import Array, make_model, sample
 
-from adk_ros.model.compiled import jit
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.hindsight import (
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.predictor import Predictor
+from adk_ros.model.uncertainty.error_regression import (
     FORGETTING,
     N_REGRESSORS,
     ErrorRegression,
     accumulate_moments,
     solve_shrunk_regression,
 )
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import OnlineSettings
-from adk_ros.model.predictor import Predictor
+from adk_ros.numerics.numba_cache import strict_kernel
 
 STEPS = 40
 TRUE = np.array([30.0, 0.0, -2.0, 0.0, 5.0])
 
 
-@jit
+@strict_kernel
 def _account(h, c, error, lane, disturbance, moments):  # type: ignore[no-untyped-def]
     accumulate_moments(h, c, error, lane, disturbance, moments)
 
 
-@jit
+@strict_kernel
 def _learn(h, c, moments, weights):  # type: ignore[no-untyped-def]
     solve_shrunk_regression(h, c, moments, np.empty((N_REGRESSORS, N_REGRESSORS)), weights)
 

@@ -10,9 +10,11 @@ import pytest
 import torch
 from model_tools import random_lift, weights
 
-from adk_ros.model import kernels
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.lifting import input_size
+from adk_ros.model.estimation import disturbance as disturbance_kernels
+from adk_ros.model.estimation import observer
+from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.lifting import encoder_kernels
+from adk_ros.model.lifting.encoder import input_size
 
 Random = np.random.Generator
 
@@ -37,7 +39,7 @@ def test_perceptron_is_the_torch_module(
         with torch.no_grad():
             truth = encoder(torch.from_numpy(row)[None])[0].numpy()
         before = row.copy()
-        kernels.perceptron(row, *weights(encoder), scratch, out)
+        encoder_kernels.perceptron(row, *weights(encoder), scratch, out)
         np.testing.assert_allclose(out, truth, rtol=1e-5, atol=1e-5 * max(1.0, scale))
         np.testing.assert_array_equal(row, before)
 
@@ -50,33 +52,33 @@ def test_where_no_cache_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
         raise RuntimeError("cannot cache function: no locator available")
 
     monkeypatch.setattr(CPUDispatcher, "enable_caching", refuse)
-    spec = importlib.util.spec_from_file_location("kernels_without_cache", kernels.__file__)
+    spec = importlib.util.spec_from_file_location("kernels_without_cache", disturbance_kernels.__file__)
     assert spec is not None
     assert spec.loader is not None
     fresh = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(fresh)
     covariance = np.zeros((3, 3))
-    fresh.follow_covariance(covariance, np.ones(3), 0.5)
+    fresh.ewma_covariance(covariance, np.ones(3), 0.5)
     assert covariance.tolist() == [[0.5] * 3] * 3
 
 
 def test_fill_row_is_newest_first() -> None:
     row = np.zeros(15, np.float32)
-    kernels.pack_encoder_input(np.arange(9.0).reshape(3, 3), np.arange(20.0, 24.0).reshape(2, 2), row)
-    kernels.set_command(row, 9, 30.0, 31.0)
+    encoder_kernels.pack_encoder_input(np.arange(9.0).reshape(3, 3), np.arange(20.0, 24.0).reshape(2, 2), row)
+    encoder_kernels.set_command(row, 9, 30.0, 31.0)
     assert row.tolist() == [*range(9), 30, 31, *range(20, 24)]
     alone = np.zeros(3, np.float32)
-    kernels.pack_encoder_input(np.array([[1.0, 2.0, 3.0]]), np.zeros((0, 2)), alone)
-    kernels.set_command(alone, 3, 30.0, 31.0)
+    encoder_kernels.pack_encoder_input(np.array([[1.0, 2.0, 3.0]]), np.zeros((0, 2)), alone)
+    encoder_kernels.set_command(alone, 3, 30.0, 31.0)
     assert alone.tolist() == [1.0, 2.0, 3.0]
 
 
 def test_shift_in() -> None:
     past = np.arange(6.0).reshape(3, 2)
-    kernels.shift_in(past, np.array([8.0, 9.0]))
+    encoder_kernels.shift_in(past, np.array([8.0, 9.0]))
     assert past.tolist() == [[8.0, 9.0], [0.0, 1.0], [2.0, 3.0]]
     empty = np.zeros((0, 2))
-    kernels.shift_in(empty, np.array([8.0, 9.0]))
+    encoder_kernels.shift_in(empty, np.array([8.0, 9.0]))
     assert empty.shape == (0, 2)
 
 
@@ -92,7 +94,7 @@ def test_take_sample_over_many_ticks(history: int, random: Random) -> None:
     scaled_x, scaled_u = (x - x_mean) / x_scale, (u - u_mean) / u_scale
     for k in range(12):
         command = tuple(u[k].tolist())
-        kernels.observer_update(
+        observer.observer_update(
             x[k], expected, ObserverGains.none().table(), command, x_mean, x_scale, u_mean, u_scale,
             measured, x_past, u_past, u_now, row, np.zeros((3, 3)),
         )  # fmt: skip
@@ -115,7 +117,7 @@ def test_take_sample_observes() -> None:
     for predicted, seen in (
         ([1.0, 2.0, 3.0], [0.5, 2.0, 1.0]), ([np.nan] * 3, [2.0, 2.0, 2.0]),
     ):
-        kernels.observer_update(
+        observer.observer_update(
             state, np.array(predicted), gains.table(), (0.0, 0.0), *scaling, measured, x_past,
             *rest, np.zeros((3, 3)),
         )  # fmt: skip
@@ -135,7 +137,7 @@ def test_take_sample_believes_what_keeps_differing(lag: float, gain: float) -> N
     innovation, used = np.zeros(3), []
     for _ in range(2000):
         innovation = lag * innovation + np.sqrt(1.0 - lag**2) * random.normal(size=3)
-        kernels.observer_update(
+        observer.observer_update(
             innovation, np.zeros(3), gains.table(), (0.0, 0.0), *scaling, measured, x_past, *rest,
             whiteness,
         )  # fmt: skip
@@ -147,7 +149,7 @@ def test_take_sample_believes_what_keeps_differing(lag: float, gain: float) -> N
 def test_fill_phi(affine: bool) -> None:
     phi = np.full(6 + affine, np.nan)
     x, features = np.arange(6.0).reshape(2, 3), np.array([3.0], np.float32)
-    kernels.pack_regressor(x, features, np.array([7.0, 8.0]), affine, phi)
+    encoder_kernels.pack_regressor(x, features, np.array([7.0, 8.0]), affine, phi)
     assert phi.tolist() == [0.0, 1.0, 2.0, 3.0, 7.0, 8.0] + [1.0] * affine
 
 
@@ -159,7 +161,7 @@ def test_make_pair(residual: bool, random: Random) -> None:
     quick = np.array([1.0, 0.5, 0.3])
     correction = replace(ObserverGains.none(), slow_gain=gain, fast_gain=quick).table()
     y = np.zeros(5)
-    assert kernels.regression_pair(
+    assert disturbance_kernels.regression_pair(
         measured, features, phi, theta, step, residual, correction, disturbance, y, 1e3
     )  # fmt: skip
     z = np.concatenate([measured, features])
@@ -181,7 +183,7 @@ def test_make_pair_refuses_what_is_absurd(bad: float, where: str, random: Random
     with np.errstate(over="ignore"):
         {"x": x, "features": features, "phi": phi}[where].flat[1] = bad
     disturbance = np.ones((3, 3))
-    assert not kernels.regression_pair(
+    assert not disturbance_kernels.regression_pair(
         x, features, phi, np.zeros((5, 8)), np.ones(3), True, np.full((5, 3), 0.5), disturbance,
         np.zeros(5), 1e3,
     )  # fmt: skip
@@ -190,7 +192,7 @@ def test_make_pair_refuses_what_is_absurd(bad: float, where: str, random: Random
 
 def test_follow_covariance() -> None:
     covariance = np.diag([1.0, 2.0, 3.0])
-    kernels.ewma_covariance(covariance, np.array([1.0, -2.0, 0.5]), 0.25)
+    disturbance_kernels.ewma_covariance(covariance, np.array([1.0, -2.0, 0.5]), 0.25)
     expected = 0.75 * np.diag([1.0, 2.0, 3.0])
     expected += 0.25 * np.outer([1.0, -2.0, 0.5], [1.0, -2.0, 0.5])
     np.testing.assert_allclose(covariance, expected)

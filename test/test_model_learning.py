@@ -19,8 +19,8 @@ from model_tools import (
     slow,
 )
 
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.online import METHODS, OnlineSettings
+from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
+from adk_ros.model.estimation.observer_gains import ObserverGains
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import UNLEARNABLE, Flag
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_tools import Array
 
-from adk_ros.model.least_squares import cholesky_solve, rank_one
+from adk_ros.model.adaptation.least_squares import cholesky_solve, rank_one
 
 
 @settings(max_examples=40)

@@ -15,8 +15,8 @@ from model_tools import plain_program, program, random_lift
 from torch import Tensor, nn
 
 from adk_ros.errors import UsageError
-from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.scaling import Scaling
+from adk_ros.model.lifting.encoder import Lifting, input_size
+from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.train.network import Encoder, Lift, to_torchscript
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from model_tools import Array
 
 from adk_ros.errors import UsageError
-from adk_ros.model.online import (
+from adk_ros.model.adaptation.online_methods import (
     METHODS,
     OnlineMethod,
     OnlineSettings,

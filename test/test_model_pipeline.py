@@ -12,7 +12,7 @@ from model_tools import make_model
 from signals_tools import START_NS, arriving, drive, in_order, state
 
 from adk_ros.errors import UsageError
-from adk_ros.model.online import OnlineSettings
+from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.predictor import Predictor

@@ -19,9 +19,9 @@ from model_tools import (
 )
 
 from adk_ros.errors import UsageError
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import OnlineSettings, WindowedRidge
+from adk_ros.model.adaptation.online_methods import OnlineSettings, WindowedRidge
+from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import TICK_NS, Sample

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from model_tools import Array, inputs, make_model, paper_model, sample
 
-from adk_ros.model.calibration import FORGETTING, GAIN, QUANTILE_90, ROLLOUT_STRIDE
-from adk_ros.model.model import KoopmanModel
+from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
+from adk_ros.model.uncertainty.conformal import FORGETTING, GAIN, ROLLOUT_STRIDE
+from adk_ros.numerics.constants import QUANTILE_90
 from adk_ros.signals.channels import Flag
 
 HELD = np.arange(1.0, 81.0)[:, None, None] * np.array(

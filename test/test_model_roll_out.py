@@ -10,9 +10,9 @@ import pytest
 import torch
 from model_tools import Array, random_lift, weights
 
-from adk_ros.model import roll_out
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.hindsight import N_REGRESSORS
+from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.uncertainty import compiled_rollout
+from adk_ros.model.uncertainty.error_regression import N_REGRESSORS
 
 Random = np.random.Generator
 ALL = np.zeros((1, 3, 3)), np.zeros((0, 3, N_REGRESSORS + 1)), np.ones((0, 3))
@@ -28,18 +28,18 @@ def test_to_si() -> None:
     states, start = np.arange(6.0).reshape(2, 3), np.ones(3)
     scaling = (np.array([1.0, 2.0, 3.0]), np.array([10.0, 100.0, 1.0]))
     kept = states.copy()
-    assert roll_out.to_si(states, start, *ALL, *scaling)
+    assert compiled_rollout.to_si(states, start, *ALL, *scaling)
     assert states.tolist() == [[1.0, 102.0, 5.0], [31.0, 402.0, 8.0]]
     trust = np.array([[1.0, 0.5, 0.0], [0.0, 0.5, 1.0]])
     untold = np.ones((1, 3, 3)), np.zeros((2, 3, N_REGRESSORS + 1))
-    assert roll_out.to_si(kept, start, *untold, trust, *scaling)
+    assert compiled_rollout.to_si(kept, start, *untold, trust, *scaling)
     assert kept.tolist() == [[1.0, 102.0, 4.0], [11.0, 252.0, 8.0]]
     longer = np.tile(np.array([1.0, 1.0, 5.0]), (3, 1))
-    assert roll_out.to_si(longer, start, *untold, trust, np.zeros(3), np.ones(3))
+    assert compiled_rollout.to_si(longer, start, *untold, trust, np.zeros(3), np.ones(3))
     assert longer[:, 2].tolist() == [1.0, 5.0, 5.0]
     zero, one = np.zeros(3), np.ones(3)
     for bad in (np.nan, np.inf):
-        assert not roll_out.to_si(np.array([[0.0, bad, 0.0]]), start, *ALL, zero, one)
+        assert not compiled_rollout.to_si(np.array([[0.0, bad, 0.0]]), start, *ALL, zero, one)
 
 
 def test_to_si_adds_what_is_foreseen_then_trusts_a_share() -> None:
@@ -50,15 +50,15 @@ def test_to_si_adds_what_is_foreseen_then_trusts_a_share() -> None:
     weights[..., N_REGRESSORS] = 1e3
     held = [0, 1, 1, 1]
     change = states - start + np.einsum("hck,ck->hc", weights[held, :, :N_REGRESSORS], signs)
-    assert roll_out.to_si(states, start, gone[None], weights, trust, np.zeros(3), np.ones(3))
+    assert compiled_rollout.to_si(states, start, gone[None], weights, trust, np.zeros(3), np.ones(3))
     np.testing.assert_allclose(states, start + trust[held] * change)
     broken = np.full((1, 3), np.nan)
-    assert not roll_out.to_si(
+    assert not compiled_rollout.to_si(
         broken, start, gone[None], weights, np.ones((1, 3)), np.zeros(3), np.ones(3)
     )
     # However large, it stays where roll-outs stay.
     far = np.zeros((1, 3))
-    assert roll_out.to_si(
+    assert compiled_rollout.to_si(
         far, start, gone[None], 1e300 * weights, np.ones((1, 3)), np.zeros(3), np.ones(3)
     )
     assert (np.abs(far) == 50.0).all()
@@ -68,7 +68,7 @@ def test_commands_that_end_are_held(random: Random) -> None:
     encoder, out = random_lift(1, 4, 2), np.empty((2, 30, 3))
     theta = random.normal(0.0, 0.1, (5, 8))
     for u_ahead, of in ((np.ones((1, 2)), out[0]), (np.ones((30, 2)), out[1])):
-        roll_out.rollout_lifting(
+        compiled_rollout.rollout_lifting(
             np.zeros((2, 3)), np.zeros((1, 2)), theta, np.ones(3), True, True, u_ahead,
             np.zeros((2, 3)), np.ones((5, 3)), *weights(encoder), of,
         )  # fmt: skip
@@ -111,7 +111,7 @@ def test_roll_out_lifting(history: int, residual: bool, affine: bool, random: Ra
     out = np.empty((60, 3))
     given = (x_past, u_past, theta, u_ahead, disturbance, correction, step)
     before = [array.copy() for array in given]
-    roll_out.rollout_lifting(
+    compiled_rollout.rollout_lifting(
         x_past, u_past, theta, step, residual, affine, u_ahead, disturbance, correction,
         *weights(encoder), out,
     )  # fmt: skip
@@ -135,11 +135,11 @@ def test_roll_out_lifting_is_bounded_and_shows_what_is_no_number(random: Random)
     rest = (np.ones((20, 2)), np.zeros((2, 3)), np.ones((5, 3)), *weights(encoder), out)
     theta[:3, :3] = 3.0 * np.eye(3)
     theta[0, 7], theta[1, 7] = 1.0, -1.0
-    roll_out.rollout_lifting(*fixed, theta, np.ones(3), True, True, *rest)
+    compiled_rollout.rollout_lifting(*fixed, theta, np.ones(3), True, True, *rest)
     assert out[-1].tolist() == [50.0, -50.0, 0.0]
     theta[1, 0] = np.nan
-    roll_out.rollout_lifting(*fixed, theta, np.ones(3), True, True, *rest)
-    assert not roll_out.to_si(out, np.zeros(3), *ALL, np.zeros(3), np.ones(3))
+    compiled_rollout.rollout_lifting(*fixed, theta, np.ones(3), True, True, *rest)
+    assert not compiled_rollout.to_si(out, np.zeros(3), *ALL, np.zeros(3), np.ones(3))
 
 
 def test_roll_out_linear_is_matrix_powers(random: Random) -> None:
@@ -148,7 +148,7 @@ def test_roll_out_linear_is_matrix_powers(random: Random) -> None:
     z, u = random.normal(size=7), random.normal(size=(40, 2))
     out = np.empty((40, 3))
     kept = z.copy()
-    roll_out.rollout_linear(z, np.hstack([a, b]), u, out)
+    compiled_rollout.rollout_linear(z, np.hstack([a, b]), u, out)
     for h in (1, 2, 10, 40):
         power = np.linalg.matrix_power
         expected = power(a, h) @ z + sum(power(a, h - 1 - j) @ b @ u[j] for j in range(h))
@@ -158,5 +158,5 @@ def test_roll_out_linear_is_matrix_powers(random: Random) -> None:
 
 def test_roll_out_linear_is_bounded() -> None:
     theta, out = np.hstack([2 * np.eye(4), np.zeros((4, 2))]), np.empty((100, 3))
-    roll_out.rollout_linear(np.ones(4), theta, np.zeros((100, 2)), out)
+    compiled_rollout.rollout_linear(np.ones(4), theta, np.zeros((100, 2)), out)
     assert out.max() == 50.0

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from model_tools import Array, make_model, sample, slow
 
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import OnlineSettings
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.predictor import Predictor
-from adk_ros.model.trials import ROLLOUT_STRIDE
+from adk_ros.model.uncertainty.rollout_monitor import ROLLOUT_STRIDE
 from adk_ros.signals.channels import Flag
 
 CHANGE = np.outer(np.arange(1.0, 81.0), [1e-3, 1e-5, 1e-5])

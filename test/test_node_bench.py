@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from node_tools import readings, write_model
 
-from adk_ros.bench.live import bench_live, latencies
+from adk_ros.bench.runtime.live import bench_live, latencies
 from adk_ros.errors import DataError
 from adk_ros.signals.align import Aligner
 from adk_ros.signals.channels import TICK_NS

@@ -18,7 +18,7 @@ import pytest
 from node_tools import Rig, write_model
 
 from adk_ros.model import artefact
-from adk_ros.model.model import KoopmanModel
+from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import PipelineSettings
 from adk_ros.ros.diagnostics import DiagnosticReport, Level
 from adk_ros.ros.messages import join_stamp, split_stamp

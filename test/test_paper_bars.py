@@ -12,14 +12,14 @@ from paper_tools import board_of, case_score, good_board, papers_board
 
 from adk_ros.bench.paper import claims
 from adk_ros.bench.paper.av21 import RecordingScores
-from adk_ros.bench.paper.bars import FAIL, INFO, PASS, PaperCriterion, evaluate_paper_criteria
 from adk_ros.bench.paper.cases import CLEAN, NOISY, PAPER_TESTS, TESTS
 from adk_ros.bench.paper.claims import HOLDS, NOT, PART, UNKNOWN, Claim, Comparison
 from adk_ros.bench.paper.claims_list import STATEMENTS, compared_with
 from adk_ros.bench.paper.claims_list import check_claims as judge_claims
+from adk_ros.bench.paper.criteria import FAIL, INFO, PASS, PaperCriterion, evaluate_paper_criteria
 from adk_ros.bench.paper.predictors import ADK_ROS, ALDK, DK, NAIVE, PYKOOP, PYKOOPMAN, RLS, SWLS
 from adk_ros.bench.paper.scores import ScoreTable
-from adk_ros.signals.channels import FloatArray
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.score import REPORT_SCALE
 
 

@@ -13,7 +13,7 @@ from train_tools import made_record
 
 from adk_ros.bench.paper import cases
 from adk_ros.errors import DataError, UsageError
-from adk_ros.plant.scenarios import load_scenario, scenarios
+from adk_ros.plant.scenario.scenario_file import load_scenario, scenarios
 from adk_ros.signals.channels import Flag, Record
 from adk_ros.train.dataset import TEST, TRAIN, VALIDATION, split_records
 

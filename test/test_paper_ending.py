@@ -16,10 +16,10 @@ from pathlib import Path
 import pytest
 from train_tools import lines
 
-from adk_ros.bench.paper import run as runs
-from adk_ros.bench.paper.ending import TERMINATED, Terminated, graceful_shutdown
+from adk_ros.bench.paper import paper_bench as runs
 from adk_ros.cli.main import main
-from adk_ros.report_folder import staged_folder
+from adk_ros.files.output_folder import staged_folder
+from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
 LIMIT_S = 120.0
 

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from paper_tools import board_of, case_score, good_board, papers_board
 
-from adk_ros.bench.paper import floors
+from adk_ros.bench.paper import oracle_notes
 from adk_ros.bench.paper.av21 import RecordingScores
-from adk_ros.bench.paper.bars import FAIL, brief, evaluate_paper_criteria
 from adk_ros.bench.paper.cases import CLEAN, NOISY, TESTS
-from adk_ros.bench.paper.figures import summary_figure
+from adk_ros.bench.paper.criteria import FAIL, brief, evaluate_paper_criteria
+from adk_ros.bench.paper.failure_analysis import explain_failures
 from adk_ros.bench.paper.headline import headline
+from adk_ros.bench.paper.paper_figures import summary_figure
+from adk_ros.bench.paper.paper_tables import horizon_tables, recording_tables
 from adk_ros.bench.paper.predictors import ADK_ROS, MF_TUNED, NAIVE, ORACLE, PYKOOP, PYKOOPMAN
 from adk_ros.bench.paper.ratios import best_cells, ratio_tables, summary_table
 from adk_ros.bench.paper.scores import Cell, ScoreTable
-from adk_ros.bench.paper.tables import horizon_tables, recording_tables
-from adk_ros.bench.paper.why import explain_failures
 
 NAIVES = {name: 1.0 for name in NAIVE}
 
@@ -85,9 +85,9 @@ def test_every_cell_of_ours_is_in_a_table() -> None:
 def test_at_the_floor_within_three_per_cent(floor: float, expected: bool) -> None:
     board = with_floor(with_floor(board_of(NAIVES | {ADK_ROS: 1.0}), floor), floor, CLEAN)
     noisy, clean = Cell(NOISY, "winter", 0, 1), Cell(CLEAN, "winter", 0, 1)
-    assert floors.at_oracle(board, [noisy, clean]) == ({noisy} if expected else set())
-    assert floors.over_oracle(board, noisy) == pytest.approx(1.0 / floor)
-    assert np.isnan(floors.over_oracle(board, clean))
+    assert oracle_notes.at_oracle(board, [noisy, clean]) == ({noisy} if expected else set())
+    assert oracle_notes.over_oracle(board, noisy) == pytest.approx(1.0 / floor)
+    assert np.isnan(oracle_notes.over_oracle(board, clean))
 
 
 def test_bars_name_cells_at_the_floor_and_count_them_all_the_same() -> None:

@@ -9,13 +9,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from adk_ros.bench.paper.contract import BenchPredictor
-from adk_ros.bench.paper.linear import LeastSquares, pairs
-from adk_ros.bench.paper.physics import SevenDof
+from adk_ros.bench.paper.linear_models import LeastSquares, pairs
+from adk_ros.bench.paper.predictor_protocol import BenchPredictor
+from adk_ros.bench.paper.seven_dof_predictor import SevenDof
 from adk_ros.errors import DataError
-from adk_ros.model.online import OnlineSettings
-from adk_ros.plant.params import load_vehicle
-from adk_ros.signals.channels import TICK_NS, Flag, FloatArray, Record
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
+from adk_ros.signals.channels import TICK_NS, Flag, Record
 
 A = np.array([[0.99, 0.01, 0.0], [0.005, 0.9, -0.2], [0.0, 0.03, 0.85]])
 B = np.array([[2e-4, 0.1], [0.0, 1.5], [1e-5, 3.0]])

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from adk_ros.bench.paper import peers
-from adk_ros.bench.paper.peers import Peers, find_python, stretches
+from adk_ros.bench.paper import baseline_libraries
+from adk_ros.bench.paper.baseline_libraries import Peers, find_python, stretches
 from adk_ros.errors import DataError, UsageError
 from adk_ros.signals.channels import TICK_NS, Flag, Record
 
@@ -104,20 +104,20 @@ def test_only_good_stretches_are_learned_from() -> None:
 def test_an_environment_that_is_not_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv(peers.VARIABLE, raising=False)
-    monkeypatch.setattr(peers, "_BESIDE", tmp_path)
+    monkeypatch.delenv(baseline_libraries.VARIABLE, raising=False)
+    monkeypatch.setattr(baseline_libraries, "_BESIDE", tmp_path)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UsageError, match=r"no \.venv-peers: run `make peers`") as caught:
         Peers([record()])
     assert "\n" not in str(caught.value)
-    monkeypatch.setenv(peers.VARIABLE, str(tmp_path / "none"))
+    monkeypatch.setenv(baseline_libraries.VARIABLE, str(tmp_path / "none"))
     with pytest.raises(UsageError, match="none is no executable"):
         find_python()
     with pytest.raises(UsageError, match="is no executable"):
         find_python(tmp_path)
-    monkeypatch.setenv(peers.VARIABLE, sys.executable)
+    monkeypatch.setenv(baseline_libraries.VARIABLE, sys.executable)
     assert find_python() == Path(sys.executable)
-    monkeypatch.delenv(peers.VARIABLE)
+    monkeypatch.delenv(baseline_libraries.VARIABLE)
     made = tmp_path / ".venv-peers" / "bin" / "python"
     made.parent.mkdir(parents=True)
     made.symlink_to(sys.executable)
@@ -127,7 +127,7 @@ def test_an_environment_that_is_not_there(
 def test_an_environment_without_the_peers(tmp_path: Path) -> None:
     """The real worker, under a Python that has neither."""
     pattern = r"does not work \(ModuleNotFoundError: No module named 'no_such_peer'\): run `make"
-    text = peers.WORKER.read_text().replace('"pykoop"', '"no_such_peer"')
+    text = baseline_libraries.WORKER.read_text().replace('"pykoop"', '"no_such_peer"')
     with pytest.raises(UsageError, match=pattern):
         Peers([record()], sys.executable, worker=script(tmp_path, text), names=["no_such_peer"])
 
@@ -207,7 +207,7 @@ def linear_drive(n: int, seed: int) -> Record:
 
 
 def test_the_worker_chooses_on_the_last_part_and_predicts(tmp_path: Path) -> None:
-    worker = runpy.run_path(str(peers.WORKER), run_name="worker")
+    worker = runpy.run_path(str(baseline_libraries.WORKER), run_name="worker")
     worker["PEERS"]["linear"] = Linear
     x, u, episode = stretches([linear_drive(600, 1), linear_drive(500, 2)])
     known: dict[str, Any] = {}
@@ -230,7 +230,7 @@ def test_the_worker_chooses_on_the_last_part_and_predicts(tmp_path: Path) -> Non
 
 
 def test_the_worker_asks_for_nothing_but_numpy_and_the_peers() -> None:
-    text = peers.WORKER.read_text()
+    text = baseline_libraries.WORKER.read_text()
     names = {line.split()[1].split(".")[0] for line in re.findall(
         r"^(?:import|from) .*$", text, re.MULTILINE
     )}

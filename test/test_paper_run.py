@@ -15,12 +15,10 @@ import pytest
 from model_tools import make_model, paper_model
 from train_tools import bag, drive, lines, record, refused
 
-from adk_ros.bench.paper import av21, cases, jobs
-from adk_ros.bench.paper import run as runs
+from adk_ros.bench.paper import av21, cases, training_jobs
+from adk_ros.bench.paper import paper_bench as runs
 from adk_ros.bench.paper.cases import CLEAN, NOISY, Durations
-from adk_ros.bench.paper.jobs import BenchPlan, Outcome, TrainingJob
-from adk_ros.bench.paper.page import write_report
-from adk_ros.bench.paper.physics import SevenDof
+from adk_ros.bench.paper.paper_page import write_report
 from adk_ros.bench.paper.predictors import (
     ADK_ROS,
     MF_TUNED,
@@ -33,12 +31,15 @@ from adk_ros.bench.paper.predictors import (
     OraclePredictor,
     run,
 )
+from adk_ros.bench.paper.seven_dof_predictor import SevenDof
+from adk_ros.bench.paper.training_jobs import BenchPlan, Outcome, TrainingJob
 from adk_ros.cli.main import main
 from adk_ros.errors import DataError, UsageError
-from adk_ros.model.model import KoopmanModel
+from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.predictor import Predictor
-from adk_ros.signals.channels import FloatArray, IntArray, Record
-from adk_ros.train.settings import TrainSettings
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.signals.channels import Record
+from adk_ros.train.train_settings import TrainSettings
 
 TINY = BenchPlan(
     quick=True, seeds=2, tests=("nominal", "slalom"), paper_epochs=1, paper_batch=256, stride=40,
@@ -57,7 +58,7 @@ def test_one_pass_gives_what_the_predictor_gives(make: Callable[[], KoopmanModel
     koopman = KoopmanPredictor("any", make())
     passed = koopman.run(heard, rows, starts)
     predictor = Predictor(koopman.model, horizon_steps=0)
-    from adk_ros.model.evaluate import sample_at
+    from adk_ros.model.evaluation import sample_at
 
     for row in range(int(starts[2]) + 1):
         prediction = predictor.step(sample_at(heard, row))
@@ -109,7 +110,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[runs.Result, Path, P
     (out / "tables" / "table_9_clean.md").write_text("of an earlier report")
 
     def tuned(vehicle: object, records: object, mu: float, name: str) -> SevenDof:
-        from adk_ros.plant.params import load_vehicle
+        from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
 
         return SevenDof(load_vehicle("imdv"), mu, name)
 
@@ -173,7 +174,7 @@ def test_failing_peers_do_not_end_the_run(
     def nothing(job: TrainingJob, plan: BenchPlan, folder: Path, tell: Callable[[float], None]) -> Outcome:
         return Outcome(job)
 
-    monkeypatch.setattr(jobs, "Peers", broken)
+    monkeypatch.setattr(training_jobs, "Peers", broken)
     monkeypatch.setattr(runs, "find_python", lambda: Path("python"))
     for kind in ("default", "aldk", "dk", "tuned", "floor"):
         monkeypatch.setitem(runs.KINDS, kind, nothing)

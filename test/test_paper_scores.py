@@ -15,6 +15,13 @@ from paper_tools import board_of, case_score, good_board, papers_board
 from train_tools import made_record
 
 from adk_ros.bench.paper.cases import CLEAN, HISTORY, NOISY, PAPER_TESTS, rows_of
+from adk_ros.bench.paper.paper_results import FIVE, TABLES, effect, printed, published
+from adk_ros.bench.paper.paper_tables import (
+    coverage_tables,
+    horizon_tables,
+    number,
+    one_step_tables,
+)
 from adk_ros.bench.paper.predictors import (
     ADK_ROS,
     ALDK,
@@ -27,15 +34,8 @@ from adk_ros.bench.paper.predictors import (
     TestPredictions,
     run,
 )
-from adk_ros.bench.paper.published import FIVE, TABLES, effect, printed, published
 from adk_ros.bench.paper.ratios import geometric_means, summary_table
 from adk_ros.bench.paper.scores import Cell, ScoreTable, cells_text, score_case
-from adk_ros.bench.paper.tables import (
-    coverage_tables,
-    horizon_tables,
-    number,
-    one_step_tables,
-)
 from adk_ros.signals.channels import Flag, Record
 from adk_ros.signals.score import DIVERGED, HORIZON_STEPS
 

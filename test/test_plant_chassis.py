@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from adk_ros.errors import UsageError
-from adk_ros.plant.body import MAX_RATE, resolve, vertical_modes
-from adk_ros.plant.params import GRAVITY, Vehicle, load_vehicle, vehicles
-from adk_ros.plant.scenarios import load_scenario
+from adk_ros.numerics.constants import GRAVITY
+from adk_ros.plant.scenario.scenario_file import load_scenario
+from adk_ros.plant.vehicle.sprung_mass import MAX_RATE, resolve, vertical_modes
+from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle, vehicles
 
 CAR = """\
 mass: 1800.0

@@ -7,10 +7,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adk_ros.plant.floor import oracle_rollout
-from adk_ros.plant.heard import SimulatedDrive
-from adk_ros.plant.scenarios import load_scenario
-from adk_ros.plant.simulate import simulate
+from adk_ros.plant.scenario.oracle import oracle_rollout
+from adk_ros.plant.scenario.scenario_file import load_scenario
+from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
+from adk_ros.plant.scenario.simulate import simulate
 
 AHEAD = 80
 

@@ -27,10 +27,12 @@ from plant_tools import (
     tyre_forces,
 )
 
-from adk_ros.plant import seven_dof
-from adk_ros.plant.body import resolve, vertical_modes
-from adk_ros.plant.driver import understeer_gradient
-from adk_ros.plant.fourteen_dof import (
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import AIR_DENSITY, GRAVITY
+from adk_ros.plant.environment.surface import even_planes
+from adk_ros.plant.scenario.driver import understeer_gradient
+from adk_ros.plant.vehicle import seven_dof
+from adk_ros.plant.vehicle.fourteen_dof import (
     BRAKE,
     DELTA,
     F_X_UTIL,
@@ -51,9 +53,8 @@ from adk_ros.plant.fourteen_dof import (
     Y,
     Z,
 )
-from adk_ros.plant.params import AIR_DENSITY, GRAVITY, Vehicle, load_vehicle
-from adk_ros.plant.surface import even_planes
-from adk_ros.signals.channels import FloatArray
+from adk_ros.plant.vehicle.sprung_mass import resolve, vertical_modes
+from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle
 
 WHEELBASE = IMDV.c.cg_to_front_axle + IMDV.c.cg_to_rear_axle
 PER_WHEEL = (OMEGA, F_X_UTIL, F_Y_UTIL, TRAVEL, TRAVEL_RATE, MOTOR, BRAKE)

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from adk_ros.plant.body import resolve
-from adk_ros.plant.params import GRAVITY
-from adk_ros.plant.tyre import axle_tyre, combined_slip_utilisation
+from adk_ros.numerics.constants import GRAVITY
+from adk_ros.plant.vehicle.sprung_mass import resolve
+from adk_ros.plant.vehicle.tyre import axle_tyre, combined_slip_utilisation
 
 ROOT = Path(__file__).resolve().parent.parent
 

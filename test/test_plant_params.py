@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from adk_ros.errors import UsageError
-from adk_ros.plant.params import load_vehicle, vehicles
-from adk_ros.plant.scenarios import load_scenario, scenarios
+from adk_ros.plant.scenario.scenario_file import load_scenario, scenarios
+from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle, vehicles
 
 LENGTHS_AND_MASSES = """\
 mass: 1800.0

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from adk_ros.plant.driver import understeer_gradient
-from adk_ros.plant.forces import LOAD_MIN, aerodynamic_forces, road_normal_weight, wheel_loads
-from adk_ros.plant.params import AIR_DENSITY, GRAVITY, Constants, Tyre, Vehicle, load_vehicle
-from adk_ros.plant.seven_dof import (
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import AIR_DENSITY, GRAVITY
+from adk_ros.plant.scenario.driver import understeer_gradient
+from adk_ros.plant.vehicle.seven_dof import (
     DELTA,
     F_X_UTIL,
     F_Y_UTIL,
@@ -30,8 +30,14 @@ from adk_ros.plant.seven_dof import (
     advance,
     rolling_state,
 )
-from adk_ros.plant.tyre import axle_tyre, combined_slip_utilisation, friction
-from adk_ros.signals.channels import FloatArray
+from adk_ros.plant.vehicle.tyre import axle_tyre, combined_slip_utilisation, friction
+from adk_ros.plant.vehicle.vehicle_forces import (
+    LOAD_MIN,
+    aerodynamic_forces,
+    road_normal_weight,
+    wheel_loads,
+)
+from adk_ros.plant.vehicle.vehicle_parameters import Constants, Tyre, Vehicle, load_vehicle
 
 CAR = load_vehicle("imdv").constants()
 FRICTIONLESS = CAR._replace(cda=0.0, crr=0.0, side_force_area=0.0, yaw_moment_volume=0.0)

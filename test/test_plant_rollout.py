@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from adk_ros.plant.params import load_vehicle
-from adk_ros.plant.rollout import actuator_states, driven_shares, rollout
-from adk_ros.plant.scenarios import load_scenario, scenarios
-from adk_ros.plant.simulate import simulate
-from adk_ros.plant.tyre import axle_tyre, combined_slip_utilisation
-from adk_ros.signals.channels import FloatArray
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.plant.identification.vehicle_rollout import actuator_states, driven_shares, rollout
+from adk_ros.plant.scenario.scenario_file import load_scenario, scenarios
+from adk_ros.plant.scenario.simulate import simulate
+from adk_ros.plant.vehicle.tyre import axle_tyre, combined_slip_utilisation
+from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
 
 CAR = load_vehicle("imdv")
 HORIZON = 80

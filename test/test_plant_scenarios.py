@@ -12,11 +12,11 @@ import pytest
 from test_plant_simulate import offsets
 
 from adk_ros.errors import UsageError
-from adk_ros.plant.heard import START_NS
-from adk_ros.plant.scenarios import Scenario, load_scenario, scenarios
-from adk_ros.plant.simulate import simulate
-from adk_ros.plant.swept_sine import SweptSine, steering_angles
-from adk_ros.plant.wind import Wind, wind_series
+from adk_ros.plant.environment.wind import Wind, wind_series
+from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario, scenarios
+from adk_ros.plant.scenario.sensor_simulation import START_NS
+from adk_ros.plant.scenario.simulate import simulate
+from adk_ros.plant.scenario.swept_sine import SweptSine, steering_angles
 from adk_ros.signals.channels import TICK_NS, Source
 
 FOURTEEN = [name for name in scenarios() if load_scenario(name).plant == "fourteen_dof"]

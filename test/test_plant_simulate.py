@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adk_ros.bag_export import TOPICS, write_bag
 from adk_ros.bags import Bag
 from adk_ros.errors import UsageError
-from adk_ros.plant.heard import START_NS, SimulatedDrive
-from adk_ros.plant.params import GRAVITY
-from adk_ros.plant.road import (
+from adk_ros.numerics.constants import GRAVITY
+from adk_ros.offline.export import TOPICS, write_bag
+from adk_ros.plant.environment.road import (
     ROAD_CURVATURE,
     ROAD_HEADING,
     ROAD_SPEED,
@@ -27,8 +26,9 @@ from adk_ros.plant.road import (
     build_route,
     locate,
 )
-from adk_ros.plant.scenarios import Scenario, load_scenario, scenarios
-from adk_ros.plant.simulate import simulate
+from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario, scenarios
+from adk_ros.plant.scenario.sensor_simulation import START_NS, SimulatedDrive
+from adk_ros.plant.scenario.simulate import simulate
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.decode import Decoder, SensorConfig
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from plant_tools import IMDV
 
-from adk_ros.plant.elevation import Height, Undulation
-from adk_ros.plant.fourteen_dof import PITCH, TRAVEL, Z
-from adk_ros.plant.params import GRAVITY
-from adk_ros.plant.road import (
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import GRAVITY
+from adk_ros.plant.environment.elevation import Height, Undulation
+from adk_ros.plant.environment.road import (
     ROAD_GRADE,
     ROAD_HEIGHT,
     ROAD_SLOPE,
@@ -22,10 +22,11 @@ from adk_ros.plant.road import (
     Segment,
     build_route,
 )
-from adk_ros.plant.scenarios import Scenario, load_scenario, scenarios
-from adk_ros.plant.simulate import simulate
-from adk_ros.plant.surface import even_planes, planes_under, tangent_plane
-from adk_ros.signals.channels import FloatArray
+from adk_ros.plant.environment.surface import even_planes, tangent_plane
+from adk_ros.plant.scenario.route_step import planes_under
+from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario, scenarios
+from adk_ros.plant.scenario.simulate import simulate
+from adk_ros.plant.vehicle.fourteen_dof import PITCH, TRAVEL, Z
 
 SQUARE = [
     Segment.model_validate(part)

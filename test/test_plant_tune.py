@@ -12,18 +12,19 @@ import numpy as np
 import pytest
 
 from adk_ros.errors import DataError
-from adk_ros.plant.params import Constants, Vehicle, load_vehicle
-from adk_ros.plant.rollout import MAX_STEP, actuator_states, rollout
-from adk_ros.plant.scenarios import load_scenario
-from adk_ros.plant.simulate import simulate
-from adk_ros.plant.tune import (
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.plant.identification.identify_vehicle import (
     DEFAULT_PARAMETERS,
     IdentifiedVehicle,
     VehicleParameter,
     actuator_state_history,
     identify_vehicle,
 )
-from adk_ros.signals.channels import FloatArray, Record
+from adk_ros.plant.identification.vehicle_rollout import MAX_STEP, actuator_states, rollout
+from adk_ros.plant.scenario.scenario_file import load_scenario
+from adk_ros.plant.scenario.simulate import simulate
+from adk_ros.plant.vehicle.vehicle_parameters import Constants, Vehicle, load_vehicle
+from adk_ros.signals.channels import Record
 
 CAR = load_vehicle("imdv")
 MU = load_scenario("handling").mu

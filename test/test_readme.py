@@ -15,7 +15,7 @@ import pytest
 from matplotlib import pyplot as plt
 from paper_tools import good_board
 
-from adk_ros.bench.paper.bars import evaluate_paper_criteria
+from adk_ros.bench.paper.criteria import evaluate_paper_criteria
 from adk_ros.bench.paper.headline import headline
 from adk_ros.cli.main import VERBS
 

@@ -24,15 +24,15 @@ from train_tools import (
 )
 
 from adk_ros.bags import Bag, BagWriter, message
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.cli.main import main
-from adk_ros.drives import RecordingOptions
 from adk_ros.model import artefact
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import METHODS, OnlineSettings
+from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
+from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
-from adk_ros.plant.sensors import Stream
-from adk_ros.replay import COVARIANCE_TOPIC, HORIZON_TOPIC, TWIST_TOPIC, replay
+from adk_ros.offline.replay import COVARIANCE_TOPIC, HORIZON_TOPIC, TWIST_TOPIC, replay
+from adk_ros.plant.scenario.sensors import Stream
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.decode import SensorConfig
 

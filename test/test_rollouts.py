@@ -23,16 +23,13 @@ from train_tools import (
 )
 
 from adk_ros.bags import BagWriter, message
-from adk_ros.drives import RecordingOptions, read_recording
+from adk_ros.bags.recording import RecordingOptions, read_recording
 from adk_ros.errors import DataError, UsageError
 from adk_ros.model import artefact
-from adk_ros.model.evaluate import sample_at
-from adk_ros.model.model import KoopmanModel
+from adk_ros.model.evaluation import sample_at
+from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.predictor import Predictor
-from adk_ros.plant.heard import SimulatedDrive
-from adk_ros.plant.params import Vehicle, load_vehicle
-from adk_ros.plant.sensors import Stream
-from adk_ros.rollouts import (
+from adk_ros.offline.rollout import (
     find_vehicle,
     horizon_steps,
     mean_commands,
@@ -40,6 +37,9 @@ from adk_ros.rollouts import (
     start_rows,
     write_csv,
 )
+from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
+from adk_ros.plant.scenario.sensors import Stream
+from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle
 from adk_ros.signals.channels import TICK_NS, Reading, Source
 
 CAR = load_vehicle("imdv")
@@ -195,7 +195,7 @@ def test_actuators_start_where_the_commands_have_brought_them(monkeypatch) -> No
     starts, predicted = rollout(of.vehicle, read, STEPS, 0.5)
     truth = truth_at(of, starts, read.start_ns)
     early = np.sqrt(np.mean((predicted - truth)[:, 0] ** 2, axis=0))
-    monkeypatch.setattr("adk_ros.rollouts._reached", lambda vehicle, record, u: u)
+    monkeypatch.setattr("adk_ros.offline.rollout._reached", lambda vehicle, record, u: u)
     _, settled = rollout(of.vehicle, read, STEPS, 0.5)
     settled_early = np.sqrt(np.mean((settled - truth)[:, 0] ** 2, axis=0))
     assert np.all(early < 0.5 * settled_early), early / settled_early

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from adk_ros.errors import UsageError
-from adk_ros.model.online import OnlineSettings
+from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.pipeline import PipelineSettings
 from adk_ros.ros import parameters
 from adk_ros.signals.decode import SensorConfig

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from signals_tools import START_NS, arriving, drive, in_order, seconds, state, without
 
 from adk_ros.errors import DataError
+from adk_ros.numerics.arrays import IntArray
 from adk_ros.signals.align import Aligner, align_samples
-from adk_ros.signals.channels import TICK_NS, Flag, IntArray, Reading, Record, Source
+from adk_ros.signals.channels import TICK_NS, Flag, Reading, Record, Source
 from adk_ros.signals.record import build_record, reference
 
 S = 1_000_000_000

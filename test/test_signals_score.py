@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from adk_ros.signals.channels import TICK_NS, Flag, FloatArray, Record
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import TICK_NS, Flag, Record
 from adk_ros.signals.score import (
     DIVERGED,
     HORIZON_STEPS,

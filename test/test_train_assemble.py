@@ -13,20 +13,20 @@ import torch
 from train_tools import SMALL, drive, record, small
 
 from adk_ros.model import artefact
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.evaluate import sample_at
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import OnlineSettings
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.evaluation import sample_at
+from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import Record, Source
 from adk_ros.signals.record import build_record
 from adk_ros.train import assemble as assembly
-from adk_ros.train import tune as module
+from adk_ros.train import hyperparameters as module
 from adk_ros.train.assemble import assemble
 from adk_ros.train.dataset import TRAIN, VALIDATION, Split, sequences, split_records
-from adk_ros.train.fit import FittedNetwork, fit
+from adk_ros.train.hyperparameters import horizon_covariance, select_hyperparameters
 from adk_ros.train.network import as_tensor
-from adk_ros.train.tune import horizon_covariance, select_hyperparameters
+from adk_ros.train.network_fit import FittedNetwork, fit
 
 HISTORY = SMALL.history
 

@@ -6,10 +6,10 @@ import numpy as np
 from train_tools import record, small
 
 from adk_ros.model import artefact
-from adk_ros.model.evaluate import sample_at
+from adk_ros.model.evaluation import sample_at
 from adk_ros.model.predictor import Predictor
 from adk_ros.train.dataset import TRAIN, VALIDATION, Split
-from adk_ros.train.tune import horizon_covariance, horizon_covariances
+from adk_ros.train.hyperparameters import horizon_covariance, horizon_covariances
 
 
 def test_held_is_of_the_horizon_that_is_published() -> None:

@@ -7,9 +7,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adk_ros.signals.channels import FloatArray
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.train.dataset import Sequences
-from adk_ros.train.faster import (
+from adk_ros.train.speed_augmentation import (
     MAX_SPEED_SCALE,
     augmentation_weight,
     drag_over_mass,

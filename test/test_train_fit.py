@@ -15,11 +15,11 @@ from train_tools import SMALL, made_record, record, small
 
 from adk_ros.errors import DataError, UsageError
 from adk_ros.signals.channels import Record
-from adk_ros.train import checkpoint, fit
+from adk_ros.train import checkpoint, network_fit
 from adk_ros.train.dataset import TRAIN, VALIDATION, split_records
-from adk_ros.train.fit import FittedNetwork, Step, choose_device
 from adk_ros.train.network import Network
-from adk_ros.train.settings import PaperSettings, TrainSettings
+from adk_ros.train.network_fit import FittedNetwork, Step, choose_device
+from adk_ros.train.train_settings import PaperSettings, TrainSettings
 
 SHORT = replace(SMALL, steps=40, batch=32, validate_every=10)
 
@@ -47,7 +47,7 @@ def assert_same(a: FittedNetwork, b: FittedNetwork) -> None:
 @pytest.fixture(scope="module")
 def whole() -> FittedNetwork:
     """A short training that nothing disturbed."""
-    return fit.fit(*parts(), SHORT)
+    return network_fit.fit(*parts(), SHORT)
 
 
 def kill_at(step: int):
@@ -61,7 +61,7 @@ def kill_at(step: int):
 @pytest.fixture
 def often(monkeypatch: pytest.MonkeyPatch) -> None:
     """A checkpoint every 10 steps."""
-    monkeypatch.setattr(fit, "_CHECKPOINT_EVERY", 10)
+    monkeypatch.setattr(network_fit, "_CHECKPOINT_EVERY", 10)
 
 
 def test_it_learns_far_more_than_persistence_knows() -> None:
@@ -81,14 +81,14 @@ def test_the_state_kept_is_that_of_the_best_validation(whole: FittedNetwork) -> 
 
 
 def test_same_seed_same_network_other_seed_another(whole: FittedNetwork) -> None:
-    assert_same(whole, fit.fit(*parts(), SHORT))
-    other = fit.fit(*parts(), replace(SHORT, seed=1))
+    assert_same(whole, network_fit.fit(*parts(), SHORT))
+    other = network_fit.fit(*parts(), replace(SHORT, seed=1))
     assert not np.array_equal(state(whole)["encoder.w1"], state(other)["encoder.w1"])
 
 
 def test_what_it_reports_while_it_runs(whole: FittedNetwork) -> None:
     told: list[Step] = []
-    assert_same(whole, fit.fit(*parts(), SHORT, told.append))
+    assert_same(whole, network_fit.fit(*parts(), SHORT, told.append))
     assert [step.step for step in told] == list(range(1, 41))
     assert {step.steps for step in told} == {40}
     rates = np.array([step.learning_rate for step in told])
@@ -108,9 +108,9 @@ def test_killed_and_resumed_is_as_if_nothing_had_happened(
     path = tmp_path / "kept.npz"
     for step in killed_at:
         with pytest.raises(Killed):
-            fit.fit(*parts(), SHORT, kill_at(step), path)
+            network_fit.fit(*parts(), SHORT, kill_at(step), path)
     told: list[Step] = []
-    assert_same(whole, fit.fit(*parts(), SHORT, told.append, path))
+    assert_same(whole, network_fit.fit(*parts(), SHORT, told.append, path))
     # It went on from the last checkpoint, written after the step before the kill at the latest.
     assert told[0].step == (killed_at[-1] - 1) // 10 * 10 + 1
 
@@ -119,17 +119,17 @@ def test_killed_when_it_had_decided_to_stop_it_stops_there_again(
     often: None, tmp_path: Path
 ) -> None:
     settings = replace(SHORT, learning_rate=1e-12, short_share=0.0, patience=2, steps=200)
-    undisturbed = fit.fit(*parts(), settings)
+    undisturbed = network_fit.fit(*parts(), settings)
     assert undisturbed.stopped_early
     assert [step for step, _, _ in undisturbed.curve] == [10, 20, 30]
     path = tmp_path / "kept.npz"
-    fit.fit(*parts(), settings, None, path)
-    assert_same(undisturbed, fit.fit(*parts(), settings, None, path))
+    network_fit.fit(*parts(), settings, None, path)
+    assert_same(undisturbed, network_fit.fit(*parts(), settings, None, path))
 
 
 def test_no_early_stop_in_the_first_stage() -> None:
     settings = replace(SHORT, learning_rate=1e-12, short_share=0.75, patience=1, steps=80)
-    trained = fit.fit(*parts(), settings)
+    trained = network_fit.fit(*parts(), settings)
     assert trained.stopped_early
     assert trained.curve[-1][0] == 70
     assert trained.best_step == 10
@@ -146,9 +146,9 @@ def test_a_checkpoint_of_another_training_is_ignored(
     ]
     for settings, data in others:
         with pytest.raises(Killed):
-            fit.fit(*data, settings, kill_at(25), path)
+            network_fit.fit(*data, settings, kill_at(25), path)
         told: list[Step] = []
-        assert_same(whole, fit.fit(*parts(), SHORT, told.append, path))
+        assert_same(whole, network_fit.fit(*parts(), SHORT, told.append, path))
         assert told[0].step == 1
         path.unlink()
 
@@ -171,7 +171,7 @@ def kept(often: None, tmp_path: Path) -> Path:
     """A checkpoint as a killed training leaves it."""
     path = tmp_path / "kept.npz"
     with pytest.raises(Killed):
-        fit.fit(*parts(), SHORT, kill_at(25), path)
+        network_fit.fit(*parts(), SHORT, kill_at(25), path)
     return path
 
 
@@ -212,7 +212,7 @@ def test_a_training_that_diverges_says_so() -> None:
     base = record()
     wild = np.random.default_rng(0).choice([1e-30, 1e30], base.x_ref.shape)
     with pytest.raises(DataError) as caught:
-        fit.fit(*parts(replace(base, x_ref=wild)), SHORT)
+        network_fit.fit(*parts(replace(base, x_ref=wild)), SHORT)
     assert str(caught.value).startswith("the training diverged: lower --learning-rate")
     assert "\n" not in str(caught.value)
 
@@ -220,15 +220,15 @@ def test_a_training_that_diverges_says_so() -> None:
 def test_too_little_data_is_said_in_one_line() -> None:
     held = [record().rows(slice(0, 300))]
     with pytest.raises(DataError) as caught:
-        fit.fit([record().rows(slice(0, 600))], held, SHORT)
+        network_fit.fit([record().rows(slice(0, 600))], held, SHORT)
     assert str(caught.value) == (
         "only 14 s of training data without gaps, at least 20 s are needed: give more or longer "
         "recordings"
     )
     with pytest.raises(DataError, match="no training sequence"):
-        fit.fit([record().rows(slice(0, 10))], held, SHORT)
+        network_fit.fit([record().rows(slice(0, 10))], held, SHORT)
     with pytest.raises(DataError, match="no validation sequence"):
-        fit.fit([record()], [record().rows(slice(0, 10))], SHORT)
+        network_fit.fit([record()], [record().rows(slice(0, 10))], SHORT)
 
 
 def test_a_channel_that_never_changes_is_no_fault() -> None:
@@ -237,7 +237,7 @@ def test_a_channel_that_never_changes_is_no_fault() -> None:
     x, u = base.x.copy(), base.u.copy()
     x[:, 1:], u[:, 1] = 0.0, 0.0
     straight = made_record(x, u)
-    trained = fit.fit(*parts(straight), SHORT)
+    trained = network_fit.fit(*parts(straight), SHORT)
     assert all(np.isfinite(value).all() for value in state(trained).values())
     assert np.isfinite(np.array(trained.curve)).all()
 
@@ -249,7 +249,7 @@ def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UsageError, match="torch sees no GPU: use --device auto"):
         choose_device("cuda")
     with pytest.raises(UsageError, match="torch sees no GPU"):
-        fit.fit(*parts(), replace(SHORT, device="cuda"))
+        network_fit.fit(*parts(), replace(SHORT, device="cuda"))
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     assert choose_device("auto").type == "cuda"
     assert choose_device("cuda").type == "cuda"
@@ -259,8 +259,8 @@ def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_auto_without_a_gpu_trains_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     settings = replace(SHORT, device="auto", steps=10)
-    same = fit.fit(*parts(), replace(settings, device="cpu"))
-    assert_same(same, fit.fit(*parts(), settings))
+    same = network_fit.fit(*parts(), replace(settings, device="cpu"))
+    assert_same(same, network_fit.fit(*parts(), settings))
 
 
 @pytest.mark.parametrize(

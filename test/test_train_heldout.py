@@ -12,15 +12,15 @@ import pytest
 import torch
 from train_tools import made_record, record, small
 
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import OnlineSettings
-from adk_ros.model.scaling import Scaling
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.lifting.encoder import Lifting, input_size
+from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.signals.channels import STATE_NAMES, Flag, Record
 from adk_ros.signals.score import HORIZON_STEPS
 from adk_ros.train.dataset import TEST, TRAIN, split_records
-from adk_ros.train.heldout import (
+from adk_ros.train.held_out import (
     HELD_INPUTS,
     MODEL,
     TIE,

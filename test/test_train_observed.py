@@ -11,10 +11,10 @@ from train_tools import SMALL, drive
 
 from adk_ros.signals.channels import Record
 from adk_ros.signals.record import build_record
-from adk_ros.train import observed as module
-from adk_ros.train.fit import Step
-from adk_ros.train.observed import observer_filtered, observer_gain
-from adk_ros.train.run import checkpoints_of, run_training
+from adk_ros.train import denoising as module
+from adk_ros.train.denoising import observer_filtered, observer_gain
+from adk_ros.train.network_fit import Step
+from adk_ros.train.training_run import checkpoints_of, run_training
 
 NOISE = 0.003
 """rad/s."""
@@ -74,7 +74,7 @@ def test_killed_in_either_training_it_goes_on(noisy: Record, tmp_path: Path) -> 
 
     monkey = pytest.MonkeyPatch()
     with monkey.context() as patched:
-        patched.setattr("adk_ros.train.fit._CHECKPOINT_EVERY", 5)
+        patched.setattr("adk_ros.train.network_fit._CHECKPOINT_EVERY", 5)
         with pytest.raises(KeyboardInterrupt):
             run_training([noisy], out, settings, note=kill)
         assert all(path.is_file() for path in checkpoints_of(out))

@@ -14,17 +14,17 @@ from train_tools import drive, record
 
 from adk_ros.errors import DataError
 from adk_ros.model import artefact
-from adk_ros.model.evaluate import sample_at
+from adk_ros.model.evaluation import sample_at
+from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.model.predictor import Predictor
-from adk_ros.model.scaling import Scaling
 from adk_ros.signals.channels import Flag
-from adk_ros.train import paper
+from adk_ros.train import paper_training
 from adk_ros.train.assemble import AssembledModel
-from adk_ros.train.fit import Step
 from adk_ros.train.network import PaperNetwork
-from adk_ros.train.report import write_report
-from adk_ros.train.run import run_training
-from adk_ros.train.settings import PaperSettings
+from adk_ros.train.network_fit import Step
+from adk_ros.train.train_settings import PaperSettings
+from adk_ros.train.training_report import write_report
+from adk_ros.train.training_run import run_training
 
 TINY = PaperSettings(hidden=8, features=4, epochs=1)
 
@@ -66,11 +66,11 @@ def test_the_loss_is_the_papers(acceleration: bool) -> None:
     if acceleration:
         wanted += np.mean(((measured - estimated) / reach) ** 2)
 
-    goal = paper._measured_change(si_next, force) / scale[:2]
+    goal = paper_training._measured_change(si_next, force) / scale[:2]
     tensors = [torch.tensor(t, dtype=torch.float32) for t in (x_k, x_next, u_k, goal)]
     spread = tensors[3].amax(0) - tensors[3].amin(0)
     settings = PaperSettings(acceleration=acceleration)
-    loss = paper._loss(network, *tensors, spread, settings)
+    loss = paper_training._loss(network, *tensors, spread, settings)
     assert float(loss.detach()) == pytest.approx(wanted, rel=1e-5)
 
 
@@ -79,11 +79,11 @@ def test_the_measured_change_is_the_motions() -> None:
     truth = drive(clean=True).truth()
     x, a = truth.x[1:-1], truth.a[1:-1]
     change = 0.5 * (truth.x[2:, :2] - truth.x[:-2, :2])
-    left = paper._measured_change(x, a) - change
+    left = paper_training._measured_change(x, a) - change
     assert np.sqrt(np.mean(left**2, axis=0) / np.mean(change**2, axis=0)) == pytest.approx(
         0.0, abs=0.05
     )
-    assert np.all(paper._measured_change(x, np.full_like(a, np.nan)) == 0.0)
+    assert np.all(paper_training._measured_change(x, np.full_like(a, np.nan)) == 0.0)
 
 
 def test_networks_are_those_of_table_2() -> None:
@@ -122,7 +122,7 @@ def trained() -> dict[bool, tuple[AssembledModel, list[Step]]]:
     for acceleration in (False, True):
         told: list[Step] = []
         settings = replace(TINY, acceleration=acceleration, epochs=2)
-        results[acceleration] = paper.fit_paper([record()], settings, told.append), told
+        results[acceleration] = paper_training.fit_paper([record()], settings, told.append), told
     return results
 
 
@@ -142,10 +142,10 @@ def test_dk_and_aldk_learn_and_differ(trained: dict[bool, tuple[AssembledModel, 
 
 def test_same_seed_same_model(trained: dict[bool, tuple[AssembledModel, list[Step]]]) -> None:
     settings = replace(TINY, acceleration=True, epochs=2)
-    again = paper.fit_paper([record()], settings)
+    again = paper_training.fit_paper([record()], settings)
     np.testing.assert_array_equal(again.model.theta0, trained[True][0].model.theta0)
     assert again.program == trained[True][0].program
-    other = paper.fit_paper([record()], replace(settings, seed=5, epochs=1))
+    other = paper_training.fit_paper([record()], replace(settings, seed=5, epochs=1))
     assert not np.array_equal(other.model.theta0, again.model.theta0)
 
 
@@ -175,18 +175,18 @@ def test_the_artefact_predicts_with_swls(tmp_path: Path, acceleration: bool, kin
 def test_aldk_without_an_imu_is_refused() -> None:
     without = [record("handling", 90.0, imu=False)]
     with pytest.raises(DataError) as caught:
-        paper.fit_paper(without, replace(TINY, acceleration=True))
+        paper_training.fit_paper(without, replace(TINY, acceleration=True))
     assert str(caught.value) == (
         "ALDK needs accelerations and the bags have no usable IMU: give bags with a "
         "sensor_msgs/Imu topic, or train DK (--paper dk)"
     )
-    model = paper.fit_paper(without, replace(TINY, acceleration=False)).model
+    model = paper_training.fit_paper(without, replace(TINY, acceleration=False)).model
     assert np.isfinite(model.theta0).all()
 
 
 def test_too_little_data_is_refused() -> None:
     with pytest.raises(DataError, match="only 12 s of training data without gaps"):
-        paper.fit_paper([record().rows(slice(0, 500))], TINY)
+        paper_training.fit_paper([record().rows(slice(0, 500))], TINY)
 
 
 def test_samples_without_a_state_are_left_out() -> None:
@@ -194,7 +194,7 @@ def test_samples_without_a_state_are_left_out() -> None:
     x, flags = of.x.copy(), of.flags.copy()
     x[1000:1040] = np.nan
     flags[1000:1040] = int(Flag.FROZEN | Flag.COASTING)
-    model = paper.fit_paper([replace(of, x=x, flags=flags)], TINY).model
+    model = paper_training.fit_paper([replace(of, x=x, flags=flags)], TINY).model
     assert np.isfinite(model.theta0).all()
 
 
@@ -202,4 +202,4 @@ def test_a_training_that_diverges_says_so() -> None:
     of = record()
     absurd = np.where(np.isfinite(of.a), 1e30, of.a)
     with pytest.raises(DataError, match="the training diverged"):
-        paper.fit_paper([replace(of, a=absurd)], replace(TINY, learning_rate=1e30))
+        paper_training.fit_paper([replace(of, a=absurd)], replace(TINY, learning_rate=1e30))

@@ -12,13 +12,13 @@ from train_tools import SMALL
 from train_tools import drive as drive_of
 
 from adk_ros.model import artefact
-from adk_ros.model.lifting import input_size
-from adk_ros.train import fit as fit_module
+from adk_ros.model.lifting.encoder import input_size
+from adk_ros.train import network_fit as fit_module
 from adk_ros.train.dataset import TRAIN, VALIDATION, split_records
-from adk_ros.train.fit import fit
 from adk_ros.train.network import Encoder, Lift
-from adk_ros.train.quadratic import QuadraticFeatures, Rows, fit_quadratic, input_columns
-from adk_ros.train.run import run_training
+from adk_ros.train.network_fit import fit
+from adk_ros.train.quadratic_features import QuadraticFeatures, Rows, fit_quadratic, input_columns
+from adk_ros.train.training_run import run_training
 
 Array = np.ndarray
 

@@ -19,9 +19,9 @@ from train_tools import SMALL, record, small
 from adk_ros.signals.channels import STATE_NAMES, Flag
 from adk_ros.signals.score import REPORT_SCALE
 from adk_ros.train.dataset import TEST, split_records
-from adk_ros.train.heldout import TIE
-from adk_ros.train.report import FILES, remove_report, write_report
-from adk_ros.train.run import run_training
+from adk_ros.train.held_out import TIE
+from adk_ros.train.training_report import FILES, remove_report, write_report
+from adk_ros.train.training_run import run_training
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 

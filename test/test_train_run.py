@@ -16,9 +16,9 @@ from adk_ros.errors import DataError, UsageError
 from adk_ros.model import artefact
 from adk_ros.signals.channels import Record
 from adk_ros.signals.decode import SensorConfig
-from adk_ros.train import fit
-from adk_ros.train.fit import Step
-from adk_ros.train.run import run_training
+from adk_ros.train import network_fit
+from adk_ros.train.network_fit import Step
+from adk_ros.train.training_run import run_training
 
 SHORT = replace(SMALL, steps=20, batch=32, validate_every=10)
 
@@ -85,7 +85,7 @@ def test_same_seed_same_bytes_other_seed_others(whole: dict[str, str], tmp_path:
 def test_killed_and_started_again_it_is_the_same_model(
     whole: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fit, "_CHECKPOINT_EVERY", 5)
+    monkeypatch.setattr(network_fit, "_CHECKPOINT_EVERY", 5)
     killed = tmp_path / "killed"
 
     def kill(step: Step) -> None:

@@ -13,17 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adk_ros.bag_export import write_bag
 from adk_ros.cli.main import main
-from adk_ros.plant.heard import SimulatedDrive
-from adk_ros.plant.scenarios import load_scenario
-from adk_ros.plant.sensors import Stream
-from adk_ros.plant.simulate import simulate
-from adk_ros.signals.channels import TICK_NS, FloatArray, Record, Source
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.offline.export import write_bag
+from adk_ros.plant.scenario.scenario_file import load_scenario
+from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
+from adk_ros.plant.scenario.sensors import Stream
+from adk_ros.plant.scenario.simulate import simulate
+from adk_ros.signals.channels import TICK_NS, Record, Source
 from adk_ros.signals.record import build_record
-from adk_ros.train.report import write_report
-from adk_ros.train.run import TrainingResult, run_training
-from adk_ros.train.settings import TrainSettings
+from adk_ros.train.train_settings import TrainSettings
+from adk_ros.train.training_report import write_report
+from adk_ros.train.training_run import TrainingResult, run_training
 
 SMALL = TrainSettings(
     steps=300, batch=128, hidden=16, features=8, history=3, learning_rate=8e-3, short_steps=10,

@@ -12,14 +12,14 @@ from typing import Annotated, Any
 
 import typer
 
-from adk_ros.cli import bench_concealed, bench_paper, console
+from adk_ros.cli import bench_mismatch, bench_paper, console
 from adk_ros.cli.options import JsonOption
 
 app = typer.Typer(
     help="Measure speed, endurance and accuracy.", no_args_is_help=True, rich_markup_mode=None
 )
 app.command("paper")(bench_paper.paper)
-app.command("concealed")(bench_concealed.concealed)
+app.command("concealed")(bench_mismatch.concealed)
 ModelChoice = Annotated[
     Path | None, typer.Option(help="model folder; default: one trained for the purpose")
 ]
@@ -36,7 +36,7 @@ def latency(
 
     Example: adk bench latency
     """
-    from adk_ros.bench.latency import bench_latency
+    from adk_ros.bench.runtime.latency import bench_latency
 
     with _chosen(model) as path, console.progress("ticking") as bar:
         result = bench_latency(path, ticks, bar)
@@ -71,7 +71,7 @@ def live(
 
     Example: adk bench live --duration 60
     """
-    from adk_ros.bench.live import bench_live
+    from adk_ros.bench.runtime.live import bench_live
 
     with _chosen(model) as path, console.progress("running live") as bar:
         result = bench_live(path, duration, imu_hz, progress=bar)
@@ -89,7 +89,7 @@ def soak(
 
     Example: adk bench soak --ticks 1000000
     """
-    from adk_ros.bench.soak import bench_soak
+    from adk_ros.bench.runtime.soak import bench_soak
 
     with _chosen(model) as path, console.progress("soaking") as bar:
         result = bench_soak(path, ticks, bar)
@@ -102,7 +102,7 @@ def _chosen(model: Path | None) -> Iterator[Path]:
     if model is not None:
         yield model
         return
-    from adk_ros.bench.feed import write_model
+    from adk_ros.bench.runtime.synthetic_feed import write_model
 
     with tempfile.TemporaryDirectory() as folder:
         with console.progress("training a model to measure") as bar:

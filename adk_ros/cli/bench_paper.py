@@ -17,7 +17,7 @@ from adk_ros.cli.options import JsonOption
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
-    from adk_ros.bench.paper.jobs import BenchPlan
+    from adk_ros.bench.paper.training_jobs import BenchPlan
 
 _QUICK_STEPS = 2000
 _QUICK_EPOCHS, _QUICK_BATCH = 80, 256
@@ -49,8 +49,8 @@ def paper(
     """
     started = time.monotonic()
     from adk_ros.bench.paper.claims import counts
-    from adk_ros.bench.paper.ending import TERMINATED, Terminated, graceful_shutdown
-    from adk_ros.bench.paper.run import check, run_paper
+    from adk_ros.bench.paper.paper_bench import check, run_paper
+    from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
     plan = _plan(quick, seeds, steps, epochs, recordings, peers, tuple(test or ()))
     check(plan)
@@ -63,7 +63,7 @@ def paper(
         with graceful_shutdown(), tempfile.TemporaryDirectory(prefix="adk_paper_") as folder:
             with console.progress("bench") as bar:
                 result = run_paper(plan, Path(folder), jobs, bar, console.note)
-            from adk_ros.bench.paper.page import write_report
+            from adk_ros.bench.paper.paper_page import write_report
 
             report = write_report(result, plan, Path(folder), out)
     except Terminated:
@@ -97,8 +97,8 @@ def _plan(
 ) -> BenchPlan:
     from adk_ros.bench.paper.av21 import find_recordings
     from adk_ros.bench.paper.cases import TESTS
-    from adk_ros.bench.paper.jobs import BenchPlan
-    from adk_ros.train.settings import TrainSettings
+    from adk_ros.bench.paper.training_jobs import BenchPlan
+    from adk_ros.train.train_settings import TrainSettings
 
     plan = BenchPlan(quick=quick, seeds=seeds, tests=tests or TESTS, peers=peers)
     if quick:

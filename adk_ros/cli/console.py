@@ -16,13 +16,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from adk_ros.finite import finite
+from adk_ros.numerics.finite import finite
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import REPORT_SCALE, ErrorTable, best_naive
 
 if TYPE_CHECKING:
-    from adk_ros.drives import Recording
-    from adk_ros.train.heldout import HeldOutScores
+    from adk_ros.bags.recording import Recording
+    from adk_ros.train.held_out import HeldOutScores
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 output = Console(highlight=False, soft_wrap=True)
@@ -155,7 +155,7 @@ def flush() -> None:
 
 def show_test(test: HeldOutScores, title: str) -> None:
     """Print a held-out table, and of each cell that a naive predictor wins the reason."""
-    from adk_ros.train.heldout import HELD_INPUTS, MODEL
+    from adk_ros.train.held_out import HELD_INPUTS, MODEL
 
     starts = test.scores[MODEL].count
     print_table(score_table(test.scores, (MODEL, HELD_INPUTS), f"{title} ({starts} starts)"))

@@ -23,6 +23,6 @@ def demo(
 
     Example: adk demo --out demo_out
     """
-    from adk_ros.demo import run_demo
+    from adk_ros.cli.demonstration import run_demo
 
     run_demo(out, train_bag, play_bag, steps)

@@ -17,18 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from adk_ros.cli import (
-    bench,
-    demo,
-    echo,
-    info,
-    mismatch,
-    play,
-    replay,
-    rollout,
-    simulate,
-    train,
-)
+from adk_ros.cli import bench, demo, echo, info, mismatch, play, replay, rollout, simulate, train
 from adk_ros.errors import AdkError
 
 app = typer.Typer(

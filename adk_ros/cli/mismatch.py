@@ -21,8 +21,8 @@ from adk_ros.cli.options import (
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
-    from adk_ros.mismatch.evidence import SensorLog
-    from adk_ros.mismatch.standin import SurrogateModel
+    from adk_ros.mismatch.recording.sensor_log import SensorLog
+    from adk_ros.mismatch.surrogate.identification import SurrogateModel
 
 
 def mismatch(
@@ -57,19 +57,19 @@ def mismatch(
 
     Example: adk mismatch --simulation sim --recording real --vehicle vehicle.yaml --out report
     """
-    from adk_ros.bench.paper.ending import TERMINATED, Terminated, graceful_shutdown
-    from adk_ros.mismatch.answer import as_dict, write_report
-    from adk_ros.mismatch.investigate import identify_mismatch
-    from adk_ros.mismatch.nominal import load_nominal_vehicle, nominal_vehicle_of
-    from adk_ros.mismatch.reading import read_sensor_log
-    from adk_ros.mismatch.report.sentence import sentence
-    from adk_ros.mismatch.simulator import (
+    from adk_ros.files.output_folder import check_output_folder
+    from adk_ros.mismatch.analysis import identify_mismatch
+    from adk_ros.mismatch.deployment.simulator_input import (
         is_simulator_file,
         load_simulator,
         simulate_matched_drive,
     )
-    from adk_ros.plant.params import Vehicle
-    from adk_ros.report_folder import check_output_folder
+    from adk_ros.mismatch.recording.from_bag import read_sensor_log
+    from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle, nominal_vehicle_of
+    from adk_ros.mismatch.report.result_files import as_dict, write_report
+    from adk_ros.mismatch.report.summary import sentence
+    from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
+    from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
     check_output_folder(out)
     if simulation.resolve() == recording.resolve():

@@ -14,7 +14,7 @@ from adk_ros.errors import UsageError
 from adk_ros.signals.decode import SensorConfig
 
 if TYPE_CHECKING:
-    from adk_ros.drives import RecordingOptions
+    from adk_ros.bags.recording import RecordingOptions
 
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap, .db3 or ROS 1 .bag")]
 BagsArgument = Annotated[list[Path], typer.Argument(help="one recording or more")]
@@ -44,7 +44,7 @@ def drive_options(
     The vehicle's sensors come from `params`, else from what the model was trained with (`own`).
     :raises UsageError: the parameter file does not fit.
     """
-    from adk_ros.drives import RecordingOptions
+    from adk_ros.bags.recording import RecordingOptions
 
     sensors = sensors_of(own) if own else SensorConfig()
     if params is not None:

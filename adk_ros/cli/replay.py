@@ -58,12 +58,12 @@ def replay(
 
     Example: adk replay bags/town --model models/handling --out predicted
     """
-    from adk_ros.drives import read_recording
+    from adk_ros.bags.recording import read_recording
     from adk_ros.model import artefact
-    from adk_ros.model.online import OnlineSettings
+    from adk_ros.model.adaptation.online_methods import OnlineSettings
     from adk_ros.model.pipeline import PipelineSettings
-    from adk_ros.replay import replay as run
-    from adk_ros.train.heldout import TrainingDomain, score_held_out
+    from adk_ros.offline.replay import replay as run
+    from adk_ros.train.held_out import TrainingDomain, score_held_out
 
     loaded = artefact.load(model)
     facts = loaded.manifest["training"]

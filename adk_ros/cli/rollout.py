@@ -19,7 +19,7 @@ from adk_ros.cli.options import (
     ParamsOption,
     drive_options,
 )
-from adk_ros.signals.channels import FloatArray
+from adk_ros.numerics.arrays import FloatArray
 
 
 def rollout(
@@ -44,10 +44,10 @@ def rollout(
 
     Example: adk rollout --model models/handling --bag bags/town --horizon 1 --out rollouts.csv
     """
-    from adk_ros.drives import read_recording
-    from adk_ros.mismatch.model_file import is_surrogate_file
+    from adk_ros.bags.recording import read_recording
+    from adk_ros.mismatch.deployment.surrogate_file import is_surrogate_file
     from adk_ros.model import artefact
-    from adk_ros.rollouts import find_vehicle, horizon_steps, rollout, rollout_surrogate
+    from adk_ros.offline.rollout import find_vehicle, horizon_steps, rollout, rollout_surrogate
 
     steps = horizon_steps(horizon, stride)
     if is_surrogate_file(model):
@@ -69,7 +69,7 @@ def rollout(
 
 
 def _done(out: Path, starts: FloatArray, predicted: FloatArray, as_json: bool) -> None:
-    from adk_ros.rollouts import write_csv
+    from adk_ros.offline.rollout import write_csv
 
     write_csv(out, starts, predicted)
     steps = int(predicted.shape[1])

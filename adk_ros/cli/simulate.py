@@ -35,11 +35,14 @@ def simulate(
 
     Example: adk simulate mountain --out mountain
     """
-    from adk_ros.bag_export import write_bag
-    from adk_ros.mismatch.driven import position_dependent_terms, simulate_scenario
-    from adk_ros.mismatch.model_file import load_surrogate
-    from adk_ros.plant.scenarios import load_scenario
-    from adk_ros.plant.simulate import simulate as run
+    from adk_ros.mismatch.deployment.scenario_drive import (
+        position_dependent_terms,
+        simulate_scenario,
+    )
+    from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
+    from adk_ros.offline.export import write_bag
+    from adk_ros.plant.scenario.scenario_file import load_scenario
+    from adk_ros.plant.scenario.simulate import simulate as run
 
     course = load_scenario(scenario)
     with console.progress("driving") as bar:

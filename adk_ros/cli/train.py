@@ -25,10 +25,10 @@ from adk_ros.cli.options import (
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
-    from adk_ros.drives import RecordingOptions
+    from adk_ros.bags.recording import RecordingOptions
     from adk_ros.signals.channels import Record
-    from adk_ros.train.fit import Step
-    from adk_ros.train.settings import PaperSettings, TrainSettings
+    from adk_ros.train.network_fit import Step
+    from adk_ros.train.train_settings import PaperSettings, TrainSettings
 
 
 def train(
@@ -70,9 +70,9 @@ def train(
     started = time.monotonic()
     from adk_ros.model.artefact import MANIFEST
     from adk_ros.train.dataset import TEST
-    from adk_ros.train.report import remove_report, write_report
-    from adk_ros.train.run import checkpoints_of, run_training
-    from adk_ros.train.settings import PaperSettings, TrainSettings
+    from adk_ros.train.train_settings import PaperSettings, TrainSettings
+    from adk_ros.train.training_report import remove_report, write_report
+    from adk_ros.train.training_run import checkpoints_of, run_training
 
     settings: TrainSettings | PaperSettings
     if (out / MANIFEST).is_file() and not force:
@@ -145,7 +145,7 @@ def train(
 
 def read_records(bags: list[Path], options: RecordingOptions) -> list[Record]:
     """Read all bags, with a progress bar, telling what was odd about them."""
-    from adk_ros.drives import read_recording
+    from adk_ros.bags.recording import read_recording
 
     records = []
     for path in bags:

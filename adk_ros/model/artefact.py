@@ -25,19 +25,13 @@ from typing import Any
 import numpy as np
 
 from adk_ros.errors import UsageError
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import OnlineSettings
-from adk_ros.model.scaling import Scaling
-from adk_ros.signals.channels import (
-    INPUT_NAMES,
-    INPUT_UNITS,
-    STATE_NAMES,
-    STATE_UNITS,
-    TICK_NS,
-    FloatArray,
-)
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.lifting.encoder import Lifting, input_size
+from adk_ros.model.lifting.scaling import Scaling
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import INPUT_NAMES, INPUT_UNITS, STATE_NAMES, STATE_UNITS, TICK_NS
 
 FORMAT = "adk_ros.model"
 VERSION = 3

@@ -13,8 +13,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import OnlineSettings
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.align import Aligner

@@ -7,7 +7,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
-from adk_ros.signals.channels import FloatArray
+from adk_ros.numerics.arrays import FloatArray
 
 
 class Status(Enum):

@@ -20,15 +20,24 @@ import math
 import numpy as np
 
 from adk_ros.errors import UsageError
-from adk_ros.model import kernels, roll_out
-from adk_ros.model.hindsight import N_REGRESSORS
-from adk_ros.model.lifting import Float32Array, input_size
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import METHODS, OnlineSettings
+from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
+from adk_ros.model.estimation.disturbance import ewma_covariance, regression_pair
+from adk_ros.model.estimation.observer import observer_update
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.lifting.encoder import Float32Array, input_size
+from adk_ros.model.lifting.encoder_kernels import (
+    pack_encoder_input,
+    pack_regressor,
+    set_command,
+    shift_in,
+)
 from adk_ros.model.prediction import Prediction, Status
-from adk_ros.model.published import PublishedHorizonErrors
-from adk_ros.model.trials import RolloutMonitor
-from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, FloatArray, Sample
+from adk_ros.model.uncertainty import compiled_rollout
+from adk_ros.model.uncertainty.error_regression import N_REGRESSORS
+from adk_ros.model.uncertainty.published_horizons import PublishedHorizonErrors
+from adk_ros.model.uncertainty.rollout_monitor import RolloutMonitor
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, Sample
 
 _COVARIANCE_GAIN = 0.01
 _MAX_PAIR = 1e3
@@ -184,7 +193,7 @@ class Predictor:
         expected = _NAN3 if self._predicted is None else self._predicted
         # A held velocity tells less than what was predicted for this tick.
         held = sample.flags & _ODOMETRY_STALE
-        kernels.observer_update(
+        observer_update(
             state, expected, self._prediction_only_gains if held else self._observer_gains, sample.u,
             scaling.x_mean, scaling.x_scale, scaling.u_mean, scaling.u_scale, self._measured,
             self._x_past, self._u_past, self._u, self._row, self._whiteness,
@@ -206,7 +215,7 @@ class Predictor:
             # Both lifts of the pair, pasts included, must be of samples that may be learned from.
             if self._consecutive_valid_samples >= model.history + 2:
                 self._learn(features, innovation)
-        kernels.pack_regressor(self._x_past, features, self._u, model.affine, self._phi)
+        pack_regressor(self._x_past, features, self._u, model.affine, self._phi)
         if self.rollout_monitor is not None and measured:
             self.rollout_monitor.start(
                 self._x_past, self._u_past, self.online.theta, model.affine, self._disturbance
@@ -238,13 +247,13 @@ class Predictor:
 
     def _learn(self, features: Float32Array, innovation: FloatArray) -> None:
         model = self.model
-        usable = kernels.regression_pair(
+        usable = regression_pair(
             self._measured, features, self._phi, self.online.theta, model.scaling.step_scale,
             model.residual, self._observer_gains, self._disturbance, self._y, _MAX_PAIR,
         )
         if usable:
             self.online.update(self._phi, self._y)
-            kernels.ewma_covariance(self._covariance, innovation, _COVARIANCE_GAIN)
+            ewma_covariance(self._covariance, innovation, _COVARIANCE_GAIN)
 
     def _rollout(self, u_ahead: FloatArray, steps: int) -> FloatArray | None:
         """Scaled commands ahead, the last held -> states (steps, 3), SI; None if not finite."""
@@ -252,9 +261,9 @@ class Predictor:
         out = np.empty((steps, 3))
         theta = self.online.theta
         if not model.relift:
-            roll_out.rollout_linear(self._phi[: model.n_z], theta, u_ahead, out)
+            compiled_rollout.rollout_linear(self._phi[: model.n_z], theta, u_ahead, out)
         elif self._encoder is not None:
-            roll_out.rollout_lifting(
+            compiled_rollout.rollout_lifting(
                 self._x_past, self._u_past, theta, model.scaling.step_scale, model.residual,
                 model.affine, u_ahead, self._disturbance, self._observer_gains,
                 *self._encoder, out,
@@ -264,7 +273,7 @@ class Predictor:
         trials, scaling = self.rollout_monitor, model.scaling
         trust = _NO_SHRINKAGE if trials is None else trials.shrinkage
         weights = _NO_ERROR_REGRESSION if trials is None else trials.error_regression.weights
-        finite = roll_out.to_si(
+        finite = compiled_rollout.to_si(
             out, self._x_past[0], self._disturbance[None], weights, trust, scaling.x_mean,
             scaling.x_scale,
         )
@@ -276,16 +285,16 @@ class Predictor:
         row, phi, push = self._row.copy(), self._phi.copy(), self._disturbance[:2].copy()
         for step in range(out.shape[0]):
             u = u_ahead[min(step, u_ahead.shape[0] - 1)]
-            kernels.pack_encoder_input(x_past, u_past, row)
-            kernels.set_command(row, 3 * x_past.shape[0], u[0], u[1])
+            pack_encoder_input(x_past, u_past, row)
+            set_command(row, 3 * x_past.shape[0], u[0], u[1])
             phi[:3] = x_past[0]
             phi[3 : model.n_z] = model.lifting(row)
             phi[model.n_z : model.n_z + 2] = u
             change = (self.online.theta[:3] @ phi + push.sum(axis=0)) * model.scaling.step_scale
             push *= self._observer_gains[[2, 4]]
             new = np.clip(change + x_past[0] if model.residual else change, -50.0, 50.0)
-            kernels.shift_in(x_past, new)
-            kernels.shift_in(u_past, u)
+            shift_in(x_past, new)
+            shift_in(u_past, u)
             out[step] = new
 
     def rollout(self, u_ahead: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.model.model import KoopmanModel
+from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.ros.counters import Counters

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.model.pipeline import Pipeline
-from adk_ros.signals.channels import FloatArray, Source
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import Source
 
 _TIMES_KEPT = 2400
 """Tick times kept for the percentiles: a minute's."""

@@ -21,9 +21,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 
 from adk_ros.errors import DataError, UsageError
+from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.ros.messages import AXES, DIAGNOSTIC_NAME, join_stamp
 from adk_ros.ros.session import Session, stopping
-from adk_ros.signals.channels import STATE_NAMES, FloatArray, IntArray
+from adk_ros.signals.channels import STATE_NAMES
 
 TOPIC_TYPE = "geometry_msgs/msg/TwistWithCovarianceStamped"
 TOPIC_NAME = "predicted_twist"

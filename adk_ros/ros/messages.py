@@ -22,7 +22,8 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from adk_ros.model.prediction import Prediction
-from adk_ros.signals.channels import TICK_NS, FloatArray
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import TICK_NS
 
 NOT_ESTIMATED = 1e6
 """Variance on the axes that are not estimated (v_z, roll and pitch rate)."""

@@ -21,7 +21,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from adk_ros.errors import UsageError
-from adk_ros.model.online import METHODS, OnlineSettings
+from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
 from adk_ros.model.pipeline import PipelineSettings
 from adk_ros.signals.channels import TICK_NS
 from adk_ros.signals.commands import COMMAND_TYPES

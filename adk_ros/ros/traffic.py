@@ -23,6 +23,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, JointState
 
 from adk_ros.errors import DataError
+from adk_ros.numerics.constants import GRAVITY
 from adk_ros.ros.messages import split_stamp
 from adk_ros.ros.pacing import paced
 from adk_ros.ros.session import Session, stopping
@@ -80,7 +81,7 @@ def message(reading: Reading) -> Any:
     made.header.stamp.sec, made.header.stamp.nanosec = split_stamp(reading.stamp_ns)
     if reading.source is Source.IMU:
         made.linear_acceleration.x, made.linear_acceleration.y = reading.values[:2]
-        made.linear_acceleration.z = 9.81
+        made.linear_acceleration.z = GRAVITY
         made.angular_velocity.z = reading.values[2]
     elif reading.source is Source.ODOMETRY:
         twist = made.twist.twist

@@ -15,11 +15,8 @@ from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 
 TICK_NS = 25_000_000
 """Grid spacing in nanoseconds: the method's 25 ms."""
@@ -28,8 +25,6 @@ STATE_NAMES = ("v_x", "v_y", "yaw_rate")
 STATE_UNITS = ("m/s", "m/s", "rad/s")
 INPUT_NAMES = ("torque", "delta")
 INPUT_UNITS = ("N m", "rad")
-FORCE_NAMES = ("a_x", "a_y")
-FORCE_UNITS = ("m/s^2", "m/s^2")
 
 
 class Source(IntEnum):

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from adk_ros.signals.channels import FloatArray
+from adk_ros.numerics.arrays import FloatArray
 
 _RATE_FILTER_S = 0.05
 _MAX_GAP_S = 0.2

@@ -14,12 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 
+from adk_ros.numerics.constants import GRAVITY
 from adk_ros.signals.channels import Flag, Reading, Sample, Source
 
 _FORGETTING = 0.9995
 _ENOUGH_YAW = 0.5
 _ENOUGH_FORCE = 200.0
-_STANDARD_GRAVITY = 9.80665
 _ODOMETRY = Source.ODOMETRY
 _UNRELIABLE = int(Flag.NO_IMU | Flag.IMU_STALE | Flag.COASTING | Flag.FROZEN)
 
@@ -93,7 +93,7 @@ class Plausibility:
             if 0.05 < force.value < 0.2:
                 found.append(
                     f"the IMU's lateral acceleration is {force.value:.3f} of v_x times yaw rate: "
-                    f"it looks like g, the topic must carry m/s^2 (1 g = {_STANDARD_GRAVITY})"
+                    f"it looks like g, the topic must carry m/s^2 (1 g = {GRAVITY})"
                 )
             elif force.value < -0.3:
                 found.append(

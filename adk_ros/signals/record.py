@@ -15,18 +15,9 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from adk_ros.errors import DataError
+from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.signals.align import Aligner
-from adk_ros.signals.channels import (
-    TICK_NS,
-    BoolArray,
-    Flag,
-    FloatArray,
-    IntArray,
-    Reading,
-    Record,
-    Sample,
-    Source,
-)
+from adk_ros.signals.channels import TICK_NS, Flag, Reading, Record, Sample, Source
 
 _HALF_TICK_NS = TICK_NS // 2
 _MAX_GAP_NS = 150_000_000

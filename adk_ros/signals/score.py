@@ -16,7 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.signals.channels import TICK_NS, FloatArray, IntArray, Record
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.signals.channels import TICK_NS, Record
 
 TICK_S = TICK_NS * 1e-9
 HORIZON_STEPS = (1, 10, 20, 40, 80)

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from adk_ros.model.correction import ObserverGains
-from adk_ros.model.lifting import Lifting, input_size
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import OnlineSettings
-from adk_ros.signals.channels import FloatArray
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.lifting.encoder import Lifting, input_size
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.train.dataset import Sequences
-from adk_ros.train.fit import FittedNetwork
 from adk_ros.train.network import Lift, Network, as_tensor, to_torchscript
+from adk_ros.train.network_fit import FittedNetwork
 
 _RIDGE_LEVELS = (1.0, 1e-2, 1e-4, 1e-6)
 

@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from adk_ros.errors import DataError, UsageError
-from adk_ros.signals.channels import TICK_NS, FloatArray, IntArray, Record
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.signals.channels import TICK_NS, Record
 from adk_ros.signals.score import scorable_rows
 
 TRAIN, VALIDATION, TEST = 0, 1, 2

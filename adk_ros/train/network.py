@@ -16,9 +16,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from adk_ros.model.lifting import input_size
-from adk_ros.signals.channels import FloatArray
-from adk_ros.train.quadratic import QuadraticFeatures
+from adk_ros.model.lifting.encoder import input_size
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.train.quadratic_features import QuadraticFeatures
 
 
 class Encoder(nn.Module):

@@ -1,3 +1,3 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's tables: every predictor on every test, under one contract."""
+"""Predictors on the tests of the paper, compared under one protocol."""

@@ -15,13 +15,20 @@ from pathlib import Path
 
 import numpy as np
 
+from adk_ros.bags.recording import read_recording
 from adk_ros.bench.paper.cases import AHEAD, HISTORY
-from adk_ros.bench.paper.jobs import BenchPlan, NoteProgress, Outcome, TrainingJob, train_default
 from adk_ros.bench.paper.predictors import ADK_ROS, NAIVE, KoopmanPredictor
 from adk_ros.bench.paper.scores import CaseScore
-from adk_ros.drives import read_recording
+from adk_ros.bench.paper.training_jobs import (
+    BenchPlan,
+    NoteProgress,
+    Outcome,
+    TrainingJob,
+    train_default,
+)
 from adk_ros.errors import DataError
-from adk_ros.signals.channels import FloatArray, IntArray, Record
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.signals.channels import Record
 from adk_ros.signals.score import HORIZON_STEPS, naive_predictions, scorable_rows, score
 
 TRAINED_ON = 0.6

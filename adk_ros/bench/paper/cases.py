@@ -17,10 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from adk_ros.errors import DataError
-from adk_ros.plant.heard import SimulatedDrive
-from adk_ros.plant.scenarios import load_scenario
-from adk_ros.plant.simulate import Progress, simulate
-from adk_ros.signals.channels import Flag, FloatArray, IntArray, Record
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.plant.scenario.scenario_file import load_scenario
+from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
+from adk_ros.plant.scenario.simulate import Progress, simulate
+from adk_ros.signals.channels import Flag, Record
 
 TRAINING = "xyz_edges"
 NOMINAL = "nominal"

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.bench.paper.cases import CLEAN
-from adk_ros.bench.paper.published import printed
+from adk_ros.bench.paper.paper_results import printed
+from adk_ros.bench.paper.paper_tables import number
 from adk_ros.bench.paper.scores import CHANNELS, ScoreTable
-from adk_ros.bench.paper.tables import number
-from adk_ros.signals.channels import FloatArray
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.score import REPORT_SCALE
 
 HOLDS, PART, NOT, UNKNOWN = "holds", "holds in part", "does not hold", "not measured"

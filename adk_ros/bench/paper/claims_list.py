@@ -17,10 +17,10 @@ from adk_ros.bench.paper.claims import (
     lowest,
     reduced,
 )
+from adk_ros.bench.paper.paper_results import FIVE
+from adk_ros.bench.paper.paper_tables import number
 from adk_ros.bench.paper.predictors import ALDK, DK, FFRLS, MF, SWLS
-from adk_ros.bench.paper.published import FIVE
 from adk_ros.bench.paper.scores import ScoreTable
-from adk_ros.bench.paper.tables import number
 
 STATEMENTS = (
     Statement("4.2.1", "ALDK and DK both show the overall trend of the benchmark.", c.trend),

@@ -9,18 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from adk_ros.bench.paper.cases import NOMINAL, PAPER_TESTS
-from adk_ros.bench.paper.claims import (
-    ClaimEvidence,
-    Comparison,
-    by_channel,
-    less,
-    lowest,
-    reduced,
-)
+from adk_ros.bench.paper.claims import ClaimEvidence, Comparison, by_channel, less, lowest, reduced
+from adk_ros.bench.paper.paper_results import FIVE, printed
 from adk_ros.bench.paper.predictors import ALDK, DK, FFRLS, MF, RLS, SWLS
-from adk_ros.bench.paper.published import FIVE, printed
 from adk_ros.bench.paper.scores import CHANNELS
-from adk_ros.signals.channels import TICK_NS, FloatArray
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import TICK_NS
 
 MASS_UP, MASS_DOWN, INERTIA_UP, INERTIA_DOWN, MOUNTAIN, SLALOM = PAPER_TESTS[1:]
 CHANGED = PAPER_TESTS[1:5]

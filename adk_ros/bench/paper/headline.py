@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from adk_ros.bench.paper.cases import CLEAN
+from adk_ros.bench.paper.paper_tables import Table
 from adk_ros.bench.paper.predictors import (
     ADK_ROS,
     ALDK,
@@ -23,7 +24,6 @@ from adk_ros.bench.paper.predictors import (
 )
 from adk_ros.bench.paper.ratios import best_cells, geometric_means, lost_tests, mean_text
 from adk_ros.bench.paper.scores import HORIZONS, ScoreTable
-from adk_ros.bench.paper.tables import Table
 
 ROWS = (
     *NAIVE, LINEAR_ADAPTED, DK, ALDK, SWLS, MF_TUNED, PYKOOP, PYKOOPMAN, ADK_ROS, ORACLE,

@@ -10,14 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.bench.paper.cases import AHEAD
-from adk_ros.bench.paper.contract import BenchPredictor
-from adk_ros.model.evaluate import sample_at
-from adk_ros.model.model import KoopmanModel
-from adk_ros.model.online import OnlineSettings
+from adk_ros.bench.paper.predictor_protocol import BenchPredictor
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.evaluation import sample_at
+from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.predictor import Predictor
-from adk_ros.plant.floor import oracle_rollout
-from adk_ros.plant.heard import SimulatedDrive
-from adk_ros.signals.channels import FloatArray, IntArray, Record
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.plant.scenario.oracle import oracle_rollout
+from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
+from adk_ros.signals.channels import Record
 from adk_ros.signals.score import HORIZON_STEPS, imu_integration, linear_extrapolation, persistence
 
 DK, ALDK, RLS, FFRLS, SWLS = "DK", "ALDK", "ALDK-RLS", "ALDK-FFRLS", "ALDK-SWLS"

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from adk_ros.bench.paper.cases import CLEAN
+from adk_ros.bench.paper.paper_tables import NONE, Table, number, strong
 from adk_ros.bench.paper.predictors import ADK_ROS, ORACLE
 from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Cell, ScoreTable
-from adk_ros.bench.paper.tables import NONE, Table, number, strong
 
 
 def geometric_means(board: ScoreTable, name: str) -> dict[tuple[str, int], float]:

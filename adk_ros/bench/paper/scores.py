@@ -14,14 +14,14 @@ import numpy as np
 
 from adk_ros.bench.paper.cases import NOISY, VARIANTS, measured
 from adk_ros.bench.paper.predictors import ADK_ROS, NAIVE, ORDER, TestPredictions
-from adk_ros.signals.channels import STATE_NAMES, FloatArray, IntArray, Record
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.numerics.constants import QUANTILE_90
+from adk_ros.signals.channels import STATE_NAMES, Record
 from adk_ros.signals.score import HORIZON_STEPS, REPORT_SCALE, TICK_S, score
 
 HORIZONS = ("1 step", "0.25 s", "0.5 s", "1 s", "2 s")
 CHANNELS = ("v_x", "v_y", "yaw rate")
 UNITS = ("km/h", "km/h", "deg/s")
-QUANTILE_90 = 1.6448536269514722
-"""Of the normal distribution: 90 % lie within as many deviations."""
 _LEAST = 1e-12
 
 

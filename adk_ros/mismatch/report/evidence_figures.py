@@ -14,16 +14,16 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from adk_ros.mismatch.effect import PLACE
-from adk_ros.mismatch.evidence import CHANNELS, UNITS
-from adk_ros.mismatch.findings import IdentifiedEffect, MismatchResult
-from adk_ros.mismatch.places import SpatialProfile
-from adk_ros.mismatch.report.explain import BINS, Trend
-from adk_ros.mismatch.report.sentence import pair_text
-from adk_ros.mismatch.report.where_figures import DPI
-from adk_ros.mismatch.report.words import CHANNELS as CHANNEL_WORDS
-from adk_ros.mismatch.report.words import STATES, title
-from adk_ros.signals.channels import FloatArray
+from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult
+from adk_ros.mismatch.inference.segments import SpatialProfile
+from adk_ros.mismatch.library.effect import PLACE
+from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
+from adk_ros.mismatch.report.location_figures import DPI
+from adk_ros.mismatch.report.residual_trends import BINS, Trend
+from adk_ros.mismatch.report.summary import pair_text
+from adk_ros.mismatch.report.vocabulary import CHANNELS as CHANNEL_WORDS
+from adk_ros.mismatch.report.vocabulary import STATES, title
+from adk_ros.numerics.arrays import FloatArray
 
 BEFORE, AFTER = "#8c2d04", "#2171b5"
 """Dark and light enough to be told apart in grey; their markers differ as well."""

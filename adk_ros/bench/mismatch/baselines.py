@@ -1,0 +1,184 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Other methods on the same residuals, beside ours: who names, who abstains, who improves how much.
+
+Each sees the residual accelerations that the stand-in leaves (`open_equations`) and our features
+of the drive, learns from the first three quarters of a recording and is judged on the last; so is
+our corrected model, as it was fitted to the first three quarters. What a sparse regression names
+is what its features may be called: see `MEANS`.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from adk_ros.bench.mismatch.baseline_worker import METHODS
+from adk_ros.bench.mismatch.equation_errors import EquationErrors, equation_errors
+from adk_ros.bench.paper.baseline_libraries import Worker, find_python
+from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.report.result_files import HELD_OUT_FILE as HELD_OUT_MODEL
+from adk_ros.mismatch.report.result_files import SIMULATION_FILE
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import STATE_NAMES
+
+OURS = "adk mismatch"
+NAMING = ("pysindy STLSQ", "pysindy ensemble")
+LEARNED = 0.75
+TIMEOUT_S = 600.0
+MIN_RESIDUAL_TO_NOISE = 1.5
+"""A residual this many times its noise, root mean square, is worth removing."""
+MINOR = 0.2
+"""A feature with less than this share of the largest one's size is not what is named."""
+
+WORKER = Path(__file__).with_name("baseline_worker.py")
+
+_STEERED = ("steering_ratio", "front_tyre_stiffness")
+_SLIDES = ("front_tyre_stiffness", "rear_tyre_stiffness", "cg_shift")
+_HARD = ("low_friction", "load_sensitivity", "compliance_steer", "aero_downforce")
+MEANS: dict[tuple[str, str], tuple[str, ...]] = {
+    ("v_x", "constant"): ("rolling_resistance", "torque_offset"),
+    ("v_x", "speed"): ("headwind",),
+    ("v_x", "speed_squared"): ("aero_drag",),
+    ("v_x", "speed_cubed"): ("aero_drag",),
+    ("v_x", "torque"): ("drive_torque_gain", "wheel_radius", "payload", "rotating_inertia"),
+    ("v_x", "torque_size"): ("brake_torque_gain",),
+    ("v_x", "torque_squared"): ("power_limit",),
+    ("v_x", "torque_speed"): ("power_limit",),
+    **{
+        (equation, feature): effects
+        for equation in ("v_y", "yaw_rate")
+        for features, effects in (
+            (("constant",), ("steering_offset", "crosswind", "brake_drag_one_side")),
+            (("delta", "delta_speed", "delta_speed_squared", "delta_cubed"), _STEERED),
+            (("lateral_speed", "lateral_speed_speed", "lateral_speed_per_speed"), _SLIDES),
+            (("lateral_cubed", "lateral_squared", "lateral_size"), _HARD),
+            (("yaw_rate_speed", "yaw_rate_speed_squared"), _HARD),
+            (("torque_delta", "torque_lateral", "torque_yaw_rate"), ("payload",)),
+            (("speed_squared",), ("crosswind",)),
+        )
+        for feature in features
+    },
+}
+"""Feature with a coefficient, in an equation -> effects that it may be taken for."""
+
+
+@dataclass(frozen=True)
+class BaselineResult:
+    """
+    One method on one case.
+
+    `removed` the share of the held-out residual's second moment that is gone, by equation;
+    `telling` the equation, of those that what is concealed enters, that has most to remove, ""
+    where none has; `names` as the method may be read, "" of those that name nothing; `abstains`:
+    it says that nothing is missing.
+    """
+
+    method: str
+    names: str
+    right: bool
+    abstains: bool
+    removed: dict[str, float]
+    naming_channels: str
+
+
+class Baselines:
+    """
+    The other methods in their own process; asked by several threads, they answer in turn.
+
+    Raises `UsageError` where there is no such environment; `DataError` where it fails.
+    """
+
+    def __init__(self, python: Path | None = None, worker: Path = WORKER) -> None:
+        self._worker = Worker(find_python(python), worker, TIMEOUT_S)
+        self._lock = threading.Lock()
+
+    def close(self) -> None:
+        """End the process."""
+        self._worker.close()
+
+    def compare_baselines(
+        self, recording: SensorLog, report: Path, label: dict[str, Any], answer: dict[str, Any]
+    ) -> list[dict[str, Any]]:
+        """Return ours and all others on one case that has its report, as rows of `Beside`."""
+        plain = equation_errors(recording, load_surrogate(report / SIMULATION_FILE).content)
+        ours = equation_errors(recording, load_surrogate(report / HELD_OUT_MODEL).content)
+        cut = round(LEARNED * plain.time_s.size)
+        before = plain.residuals[cut:]
+        telling = _naming_channels(plain, label)
+        wanted = {effect["name"] for effect in label["effects"]}
+        said = [str(effect["name"]) for effect in answer.get("effects", [])]
+        verdict = str(answer.get("verdict", ""))
+        rows = [BaselineResult(
+            OURS, " + ".join(said) or verdict, set(said) == wanted - {"unknown"}
+            and (verdict == "unknown") == ("unknown" in wanted),
+            verdict == "none", _removed(before, ours.residuals[cut:]), telling,
+        )]  # fmt: skip
+        for method in METHODS:
+            with self._lock:
+                found = self._worker.ask(
+                    method=np.array(method), features=plain.features[:cut],
+                    targets=plain.residuals[:cut], later=plain.features[cut:],
+                    names=np.array(plain.names),
+                )
+            predicted = np.asarray(found["predicted"], dtype=np.float64)
+            groups = named(plain, found["coefficients"]) if method in NAMING else []
+            expressions = [str(x) for x in found["expression"] if str(x)]
+            names = " + ".join("|".join(group) for group in groups) or "; ".join(expressions)
+            rows.append(BaselineResult(
+                method, names, method in NAMING and matches(groups, wanted),
+                not predicted.any(), _removed(before, before - predicted), telling,
+            ))  # fmt: skip
+        return [asdict(row) for row in rows]
+
+
+def _removed(before: FloatArray, after: FloatArray) -> dict[str, float]:
+    had, left = (np.sum(x**2, axis=0) for x in (before, after))
+    return {
+        name: float(1.0 - left[i] / max(had[i], 1e-30)) for i, name in enumerate(STATE_NAMES)
+    }
+
+
+def _naming_channels(plain: EquationErrors, label: dict[str, Any]) -> str:
+    entered: set[str] = set()
+    for effect in label["effects"]:
+        known = EFFECTS.get(effect["name"])
+        entered |= set(effect.get("equations", STATE_NAMES) if known is None else known.equations)
+    ratio = np.sqrt(np.mean(plain.residuals**2, axis=0)) / np.maximum(plain.noise, 1e-12)
+    ratio[[name not in entered for name in STATE_NAMES]] = 0.0
+    best = int(np.argmax(ratio))
+    return STATE_NAMES[best] if ratio[best] > MIN_RESIDUAL_TO_NOISE else ""
+
+
+def named(plain: EquationErrors, coefficients: FloatArray) -> list[tuple[str, ...]]:
+    """
+    Return what a sparse regression's coefficients (k, 3) name: effects that cannot be told apart.
+
+    Of each equation the features that are not minor; one that means no effect is called by
+    itself.
+    """
+    scale = np.sqrt(np.mean(plain.features**2, axis=0))
+    groups: list[tuple[str, ...]] = []
+    for column, equation in enumerate(STATE_NAMES):
+        size = np.abs(coefficients[:, column]) * scale
+        for i in np.argsort(-size):
+            if size[i] == 0.0 or size[i] < MINOR * size.max():
+                break
+            name = plain.names[int(i)]
+            group = MEANS.get((equation, name), (f"{equation}:{name}",))
+            if group not in groups:
+                groups.append(group)
+    return groups
+
+
+def matches(groups: list[tuple[str, ...]], wanted: set[str]) -> bool:
+    """Whether each group holds a wanted effect and each wanted effect is in a group."""
+    held = {name for group in groups for name in group}
+    return wanted <= held and all(wanted & set(group) for group in groups)

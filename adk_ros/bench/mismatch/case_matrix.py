@@ -1,0 +1,138 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Which cases of our own there are: singles at two strengths, pairs, unlisted ones, clean ones.
+
+Simulators, roads and noise levels take turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from adk_ros.bench.mismatch.case_files import write_case
+from adk_ros.bench.mismatch.case_generator import GeneratedCase, InjectedMismatch, make_case
+from adk_ros.bench.mismatch.injected_drive import PLANTS
+from adk_ros.bench.mismatch.injectors import FULL, SPRING_CAR_ONLY, UNLISTED, scale_strength
+
+STRENGTHS = (1.0, 0.3)
+CLEAN = 60
+DRIVES = ("track", "track", "town")
+NOISES = (1.0, 0.5, 1.0, 2.0)
+NEED_GRIP = ("aero_downforce", "low_friction", "load_sensitivity")
+"""Effects that a drive through a town does not show: at its speeds and in its bends they change
+the motion by less than the noise."""
+
+PAIRS = (
+    ("aero_drag", "steering_lag"), ("payload", "steering_offset"), ("road_bank", "yaw_inertia"),
+    ("drive_torque_gain", "front_tyre_stiffness"), ("imu_bias", "steering_delay"),
+    ("low_friction", "rolling_resistance"), ("crosswind", "drive_torque_lag"),
+    ("road_grade", "rear_tyre_stiffness"), ("gyro_scale", "brake_torque_gain"),
+    ("tyre_relaxation", "torque_offset"),
+)
+TRIPLES = (
+    ("aero_drag", "steering_delay", "rear_tyre_stiffness"),
+    ("payload", "steering_offset", "road_grade"),
+    ("drive_torque_gain", "yaw_inertia", "imu_bias"),
+)
+TIMED = (
+    "aero_drag", "steering_lag", "drive_torque_gain", "payload", "low_friction", "imu_bias",
+)
+"""Effects that are concealed from a time on as well."""
+
+UNLISTED_IN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "locked": (("yaw_rate",), ("yaw_rate_per_speed", "yaw_rate", "delta")),
+    "pull": (("v_y",), ("torque", "torque_squared")),
+    "shimmy": (("yaw_rate",), ("sine_of_speed", "speed", "speed_squared", "speed_cubed")),
+    "damped": (("yaw_rate",), ("yaw_rate", "yaw_rate_per_speed", "yaw_rate_speed")),
+    "scrub": (("v_x",), ("lateral_squared", "lateral_size")),
+    "vectoring": (("yaw_rate",), ("torque_delta", "torque_yaw_rate", "torque_lateral")),
+    "ploughing": (("v_x",), ("delta_size", "yaw_rate_size")),
+}
+"""Unlisted effect -> equations that it is in, features of which any says what drives it."""
+
+_PLACED = {"road_grade": "place", "road_bank": "place", "low_friction": "place",
+           "crosswind": "place"}
+
+
+@dataclass(frozen=True)
+class CasePlan:
+    """A case to be made."""
+
+    name: str
+    secret: InjectedMismatch
+    seed: int
+    plant: str
+    strength: float = 1.0
+    drive: str = "track"
+    noise: float = 1.0
+
+    def make(self) -> GeneratedCase:
+        """Make the case, its label complete."""
+        case = make_case(
+            self.name, self.secret, self.seed, self.plant, drive=self.drive, noise=self.noise
+        )
+        return replace(case, label=self.labelled(case.label))
+
+    def write(self, folder: Path) -> Path:
+        """Make the case and write it below `folder`; return where."""
+        path = folder / self.name
+        write_case(self.make(), path)
+        return path
+
+    def labelled(self, label: dict[str, Any]) -> dict[str, Any]:
+        """Return a label with the strength, the plant, and what drives an unlisted effect."""
+        effects = [dict(effect) for effect in label["effects"]]
+        known = [UNLISTED_IN[name] for name in self.secret.unlisted if name in UNLISTED_IN]
+        for effect in effects:
+            if effect["name"] == "unknown" and known:
+                effect["equations"] = [x for equations, _ in known for x in equations]
+                effect["driven_by"] = [x for _, features in known for x in features]
+        return {**label, "effects": effects, "strength": self.strength, "plant": self.plant,
+                "drive": self.drive, "noise": self.noise}
+
+
+def injected_mismatch(names: tuple[str, ...], strength: float, kind: str = "") -> InjectedMismatch:
+    """Return the secret of these effects; `kind` replaces where they act by default."""
+    kinds = {n: kind or _PLACED[n] for n in names if kind or n in _PLACED}
+    return InjectedMismatch({n: scale_strength(n, strength) for n in names}, kinds)
+
+
+def _plan(i: int, name: str, hidden: InjectedMismatch, strength: float = 1.0) -> CasePlan:
+    """Return the case of this number, whose turn decides on simulator, road and noise."""
+    plant = PLANTS[i % len(PLANTS)]
+    if set(SPRING_CAR_ONLY) & set(hidden.effects):
+        plant = "spring_car"
+    drive, noise = DRIVES[i // 3 % len(DRIVES)], NOISES[i // 9 % len(NOISES)]
+    if set(NEED_GRIP) & set(hidden.effects):
+        drive = "track"
+    return CasePlan(name, hidden, 1000 + i, plant, strength, drive, noise)
+
+
+def case_plans() -> Iterator[CasePlan]:
+    """Yield all cases."""
+    every: list[tuple[str, InjectedMismatch, float]] = []
+    every += [(f"clean_{i:02}", InjectedMismatch(), 1.0) for i in range(CLEAN)]
+    every += [
+        (f"{name}_{strength:g}", injected_mismatch((name,), strength), strength)
+        for strength in STRENGTHS for name in FULL
+    ]
+    every += [("_and_".join(names), injected_mismatch(names, 1.0), 1.0) for names in (*PAIRS, *TRIPLES)]
+    every += [(f"{n}_from_a_time_on", injected_mismatch((n,), 1.0, "time"), 1.0) for n in TIMED]
+    every += [
+        (f"unlisted_{name}_{strength:g}", InjectedMismatch(unlisted={name: strength * size}), strength)
+        for name, size in UNLISTED.items() for strength in STRENGTHS
+    ]
+    for i, (name, hidden, strength) in enumerate(every):
+        yield _plan(i, name, hidden, strength)
+
+
+def select_plans(limit: int) -> list[CasePlan]:
+    """Return at most `limit` of the cases, spread evenly; all for 0."""
+    every = list(case_plans())
+    if limit <= 0 or limit >= len(every):
+        return every
+    return [every[i * len(every) // limit] for i in range(limit)]

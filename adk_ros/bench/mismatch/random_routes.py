@@ -1,0 +1,80 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Roads of our own cases: a fast track and a town, each a random closed course."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from adk_ros.plant.environment.road import Bend, RoadPatch, Route, Segment, build_route
+from adk_ros.plant.scenario.driver import SpeedPlan, plan_speed
+
+Range = tuple[float, float]
+
+
+class RoadStyle(NamedTuple):
+    """What kind of road it is, and how it is driven; m, degrees, m/s, m/s^2."""
+
+    bends: int
+    straight: Range
+    radius: Range
+    transition: float
+    lap: Range
+    top: float
+    lateral: Range
+    accel: float
+    brake: float
+
+
+ROAD_STYLES = {
+    "track": RoadStyle(9, (20.0, 130.0), (45.0, 130.0), 20.0, (1000.0, 2200.0), 33.0, (4.0, 5.0),
+                   2.3, 2.6),
+    "town": RoadStyle(9, (20.0, 90.0), (14.0, 40.0), 6.0, (500.0, 1200.0), 15.0, (3.6, 4.8),
+                  1.8, 2.4),
+}
+_TRIES = 200
+
+
+def random_route(rng: np.random.Generator, roads: RoadStyle) -> tuple[list[Segment], float]:
+    """Return the segments of a random closed course and its length, m."""
+    for _ in range(_TRIES):
+        signs = np.ones(roads.bends)
+        signs[rng.choice(roads.bends - 2, 2, replace=False) + 1] = -1.0
+        angles = signs * rng.uniform(40.0, 110.0, roads.bends)
+        angles[int(np.argmax(signs))] += 360.0 - angles.sum()
+        size = np.abs(angles)
+        if size.min() < 30.0 or size.max() > 170.0:
+            continue
+        segments = []
+        for angle in angles:
+            segments.append(Segment(straight=float(rng.uniform(*roads.straight))))
+            bend = Bend(
+                radius=float(rng.uniform(*roads.radius)), angle_deg=float(angle),
+                transition=roads.transition,
+            )
+            segments.append(Segment(bend=bend))
+        try:
+            length = build_route(segments, [], 1.0).length
+        except ValueError:
+            continue
+        if roads.lap[0] < length < roads.lap[1]:
+            return segments, length
+    raise ValueError("no random course closes")
+
+
+def plan_route(
+    segments: list[Segment], places: list[RoadPatch], roads: RoadStyle, lateral: float, haste: float = 1.0
+) -> Route:
+    """
+    Return the course as a route with its speeds, cornering at `lateral` m/s^2.
+
+    `haste` is a factor on all speeds.
+    """
+    lateral *= haste**2
+    plan = SpeedPlan(
+        top=haste * roads.top, lateral_accel=lateral, accel=roads.accel, brake=roads.brake,
+        variation=0.05,
+    )
+    return plan_speed(build_route(segments, places, 1.0), plan)

@@ -1,0 +1,247 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The run: drives made, everything trained and taken through every test, on so many processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from adk_ros.bench.paper import training_jobs
+from adk_ros.bench.paper.av21 import RecordingScores, recording_job
+from adk_ros.bench.paper.baseline_libraries import find_python
+from adk_ros.bench.paper.cases import NOMINAL, TESTS, VARIANTS
+from adk_ros.bench.paper.predictors import PYKOOP, PYKOOPMAN
+from adk_ros.bench.paper.scores import ScoreTable
+from adk_ros.bench.paper.training_jobs import BenchPlan, NoteProgress, Outcome, TrainingJob
+from adk_ros.errors import DataError, UsageError
+from adk_ros.shutdown import TERMINATED, begin_worker, end_all
+
+Progress = Callable[[float, float, str], None]
+Note = Callable[[str], None]
+
+KINDS: dict[str, Callable[[TrainingJob, BenchPlan, Path, NoteProgress], Outcome]] = {
+    "simulate": training_jobs.simulate_job,
+    "recording": recording_job,
+    "default": training_jobs.default_job,
+    "aldk": training_jobs.paper_job,
+    "dk": training_jobs.paper_job,
+    "peers": training_jobs.peers_job,
+    "tuned": training_jobs.tuned_job,
+    "floor": training_jobs.floor_job,
+    "naive": training_jobs.naive_job,
+}
+"""The longest first, so that no process is left with one at the end."""
+_POLL_S = 0.5
+_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+_shares: Any = None
+"""In a worker: how far each job is, shared with the parent."""
+
+
+@dataclass
+class Result:
+    """All that was measured; `without`: why the peers did not take part."""
+
+    board: ScoreTable
+    recorded: RecordingScores | None
+    outcomes: list[Outcome]
+    without: str = ""
+    seconds: float = 0.0
+    settings: dict[str, str] = field(default_factory=dict)
+
+
+def check(plan: BenchPlan) -> None:
+    """
+    Refuse what cannot be run, before hours are spent on it.
+
+    :raises UsageError: an unknown test, no seeds, or the nominal drive is not among the tests.
+    """
+    unknown = [test for test in plan.tests if test not in TESTS]
+    if unknown:
+        raise UsageError(f"test '{unknown[0]}' is unknown: choose from {', '.join(TESTS)}")
+    if NOMINAL not in plan.tests:
+        raise UsageError(f"the test '{NOMINAL}' is part of every run: its drive is trained on")
+    if not 1 <= plan.seeds <= 100:
+        raise UsageError(f"--seeds is {plan.seeds}: choose 1 to 100")
+    for path in plan.recordings:
+        if not path.exists():
+            raise UsageError(f"recording {path} does not exist")
+
+
+def run_paper(
+    plan: BenchPlan, folder: Path, workers: int = 2, progress: Progress | None = None,
+    note: Note | None = None,
+) -> Result:
+    """
+    Run the whole plan; `folder` takes the drives and what the figures are drawn from.
+
+    `workers` processes of one thread each; 0 runs all in this one.
+    :raises UsageError, DataError: as `check`, training and recordings.
+    """
+    check(plan)
+    started = time.monotonic()
+    without = "" if plan.peers else "they were not asked for (--no-peers)"
+    if plan.peers:
+        try:
+            find_python()
+        except UsageError as error:
+            without = str(error)
+    if without and note:
+        note(f"without pykoop and pykoopman: {without}")
+    drives = [TrainingJob("simulate", about=test) for test in plan.tests]
+    after = planned(plan, not without)
+    pool = _Here(plan, folder) if workers == 0 else _Pool(plan, folder, workers)
+    with pool:
+        outcomes = pool.run(drives, "simulating", progress, note)
+        outcomes += pool.run(after, "training and predicting", progress, note)
+    board = ScoreTable()
+    # In the plan's order: seeds are told apart by it, and a report should not depend on luck.
+    order = {job: i for i, job in enumerate([*drives, *after])}
+    outcomes.sort(key=lambda outcome: order[outcome.job])
+    settings: dict[str, str] = {}
+    for outcome in outcomes:
+        if outcome.job.kind == "recording":
+            continue
+        for test, name, item in outcome.scores:
+            board.add(outcome.job.variant, test, name, item)
+        for name, text in outcome.notes.items():
+            settings[f"{name}, {outcome.job.variant}"] = text
+    failed = [outcome.failed for outcome in outcomes if outcome.failed]
+    if failed:
+        # Both variants or none: half a comparison would be read as a whole one.
+        without = failed[0]
+        board.drop(PYKOOP, PYKOOPMAN)
+        if note:
+            note(f"without pykoop and pykoopman: {without}")
+    on_recordings = [o for o in outcomes if o.job.kind == "recording"]
+    recorded = RecordingScores.of(on_recordings) if on_recordings else None
+    return Result(board, recorded, outcomes, without, time.monotonic() - started, settings)
+
+
+def planned(plan: BenchPlan, peers: bool) -> list[TrainingJob]:
+    """Everything but the drives, the longest first."""
+    result = []
+    for kind in KINDS:
+        if kind == "simulate" or (kind == "peers" and not peers):
+            continue
+        if kind == "recording":
+            for path in plan.recordings:
+                seeds = 1 if plan.quick else plan.seeds
+                result += [TrainingJob(kind, "recorded", seed, path.name) for seed in range(seeds)]
+            continue
+        seeds = plan.seeds if kind == "default" else 1
+        result += [TrainingJob(kind, variant, seed) for variant in VARIANTS for seed in range(seeds)]
+    return result
+
+
+class _Here:
+    """Runs jobs one after the other, in this process."""
+
+    def __init__(self, plan: BenchPlan, folder: Path) -> None:
+        self._plan, self._folder = plan, folder
+
+    def __enter__(self) -> _Here:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Nothing is held."""
+
+    def run(
+        self, todo: list[TrainingJob], what: str, progress: Progress | None, note: Note | None
+    ) -> list[Outcome]:
+        """Run all of `todo`."""
+        outcomes = []
+        for number, job in enumerate(todo):
+
+            def tell(share: float, number: int = number, job: TrainingJob = job) -> None:
+                if progress is not None:
+                    progress(number + share, len(todo), f"{what}: {job.name}")
+
+            outcomes.append(KINDS[job.kind](job, self._plan, self._folder, tell))
+        return outcomes
+
+
+def _begin(shares: Any) -> None:
+    """Set up a worker."""
+    global _shares  # noqa: PLW0603 (how a worker is handed what cannot be sent later)
+    _shares = shares
+    begin_worker()
+
+
+def _work(number: int, job: TrainingJob, plan: BenchPlan, folder: Path) -> Outcome:
+    def tell(share: float) -> None:
+        _shares[number] = share
+
+    try:
+        return KINDS[job.kind](job, plan, folder, tell)
+    except SystemExit:
+        # Told to end, and all is unwound; the executor would wait for the next job.
+        os._exit(TERMINATED)
+
+
+class _Pool:
+    """Runs jobs on processes of one thread each, started afresh: torch does not survive a fork."""
+
+    def __init__(self, plan: BenchPlan, folder: Path, workers: int) -> None:
+        self._plan, self._folder, self._workers = plan, folder, workers
+        context = multiprocessing.get_context("spawn")
+        self._shares = context.Array("d", 1000, lock=False)
+        self._kept = {name: os.environ.get(name) for name in _THREADS}
+        os.environ.update(dict.fromkeys(_THREADS, "1"))
+        self._before = set(multiprocessing.active_children())
+        self._executor = ProcessPoolExecutor(
+            workers, mp_context=context, initializer=_begin, initargs=(self._shares,)
+        )
+
+    def __enter__(self) -> _Pool:
+        return self
+
+    def __exit__(self, kind: object, *error: object) -> None:
+        for name, value in self._kept.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+        if kind is not None:
+            end_all(set(multiprocessing.active_children()) - self._before)
+        # To the end, even of a pool that is broken: its thread, still closing a pipe when the
+        # interpreter leaves, would leave a traceback.
+        self._executor.shutdown(wait=True, cancel_futures=True)
+
+    def run(
+        self, todo: list[TrainingJob], what: str, progress: Progress | None, note: Note | None
+    ) -> list[Outcome]:
+        """Run all of `todo`, telling how far it is; the first failure ends it."""
+        for i in range(len(todo)):
+            self._shares[i] = 0.0
+        futures: dict[Future[Outcome], TrainingJob] = {
+            self._executor.submit(_work, i, job, self._plan, self._folder): job
+            for i, job in enumerate(todo)
+        }
+        numbers = {job: i for i, job in enumerate(todo)}
+        outcomes: list[Outcome] = []
+        open_ones = set(futures)
+        while open_ones:
+            finished, open_ones = wait(open_ones, _POLL_S, FIRST_COMPLETED)
+            for future in finished:
+                try:
+                    outcomes.append(future.result())
+                except BrokenProcessPool:
+                    raise DataError(
+                        "a worker process was ended from outside, for lack of memory perhaps: "
+                        "try --jobs 1"
+                    ) from None
+                self._shares[numbers[futures[future]]] = 1.0
+            if progress is not None:
+                running = [futures[f].name for f in futures if f in open_ones and f.running()]
+                done = sum(self._shares[: len(todo)])
+                progress(done, len(todo), f"{what}: {', '.join(running[: self._workers])}")
+        return outcomes

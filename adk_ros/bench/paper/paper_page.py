@@ -1,0 +1,182 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report: one page that stands by itself, and its tables and figures as files beside it."""
+
+from __future__ import annotations
+
+import base64
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from adk_ros.bench.paper.cases import AHEAD, DROPPED, FORCE_NOISE, HISTORY, NOISE, TRAINING_SHARE
+from adk_ros.bench.paper.claims import RULE, Claim, counts
+from adk_ros.bench.paper.claims_list import check_claims as judge_claims
+from adk_ros.bench.paper.claims_list import compared_with
+from adk_ros.bench.paper.criteria import PaperCriterion, brief, evaluate_paper_criteria
+from adk_ros.bench.paper.failure_analysis import explain_failures
+from adk_ros.bench.paper.headline import headline
+from adk_ros.bench.paper.paper_bench import Result
+from adk_ros.bench.paper.paper_figures import write_figures
+from adk_ros.bench.paper.paper_tables import (
+    Table,
+    coverage_tables,
+    horizon_tables,
+    one_step_tables,
+    recording_tables,
+)
+from adk_ros.bench.paper.predictors import ADK_ROS
+from adk_ros.bench.paper.ratios import ratio_tables, summary_table
+from adk_ros.bench.paper.training_jobs import BenchPlan, read_series
+from adk_ros.files.output_folder import staged_folder
+from adk_ros.numerics.arrays import FloatArray
+
+PAGE = "report.html"
+PAPER_EPOCHS, PAPER_BATCH = 2000, 20
+"""What Table 2 of the paper says."""
+
+
+@dataclass(frozen=True)
+class PaperReport:
+    """What was written, and what it says."""
+
+    page: Path
+    bars: list[PaperCriterion]
+    claims: list[Claim]
+    times: Table
+
+
+def write_report(result: Result, plan: BenchPlan, scratch: Path, out: Path) -> PaperReport:
+    """
+    Write `report.html`, `headline.md`, `tables/`, `figures/`, `claims.md`, `bars.txt` and more.
+
+    `scratch` is the folder that the run left its predictions in. An earlier report in `out` is
+    replaced, once all of this one is there.
+    """
+    with staged_folder(out, (PAGE,)) as staged:
+        return replace(_write(result, plan, scratch, staged), page=out / PAGE)
+
+
+def _write(result: Result, plan: BenchPlan, scratch: Path, out: Path) -> PaperReport:
+
+    def series(test: str, name: str) -> tuple[FloatArray, ...]:
+        return read_series(scratch, plan, test, name)
+
+    board = result.board
+    folders = {name: out / name for name in ("tables", "figures")}
+    for folder in folders.values():
+        folder.mkdir()
+    top = headline(board, how_made(plan))
+    groups = {
+        "Summary": [summary_table(board), *ratio_tables(board)],
+        "One step ahead": one_step_tables(board),
+        "0.25 to 2 s ahead": horizon_tables(board),
+        "Coverage": coverage_tables(board),
+    }
+    if result.recorded is not None:
+        groups["Recordings of a real car"] = recording_tables(result.recorded)
+    for tables in groups.values():
+        for table in tables:
+            table.write(folders["tables"])
+    top.write(out)
+    board.write_csv(out / "scores.csv")
+    figures = write_figures(board, series, folders["figures"])
+    bars = evaluate_paper_criteria(board, result.recorded, result.without)
+    claims = judge_claims(board, series)
+    times = times_table(result)
+    (out / "bars.txt").write_text("".join(f"{bar}\n" for bar in bars))
+    (out / "claims.md").write_text(_claims_text(claims))
+    environment = Environment(
+        loader=PackageLoader("adk_ros.bench.paper"), autoescape=True, undefined=StrictUndefined
+    )
+    page = environment.get_template("page.html.j2").render(
+        bars=bars, claims=claims, rule=RULE, count=counts(claims), beside=compared_with(board),
+        groups=groups, times=times,
+        setting=setting_text(result, plan), notes=result.settings, headline=top,
+        why=explain_failures(board, result.recorded, bars), brief=brief,
+        figures={
+            title: base64.b64encode(path.read_bytes()).decode() for title, path in figures.items()
+        },
+    )  # fmt: skip
+    path = out / PAGE
+    # A template's own line ends, so that a report of the same run is the same file.
+    path.write_text(re.sub(r"\n{3,}", "\n\n", page))
+    return PaperReport(path, bars, claims, times)
+
+
+def how_made(plan: BenchPlan) -> str:
+    """Say in a sentence or two with which effort the run was made."""
+    seeds = f"mean of {plan.seeds} seeds" if plan.seeds > 1 else "one seed"
+    text = (
+        f"{ADK_ROS}: {plan.train.steps} training steps, {seeds}; DK and ALDK: {plan.paper_epochs} "
+        f"epochs in batches of {plan.paper_batch} (the paper: {PAPER_EPOCHS} in batches of "
+        f"{PAPER_BATCH})."
+    )
+    if plan.quick:
+        text += " Made with --quick, which shortens these trainings."
+    if _shortened(plan):
+        text += " The drives were cut short: a trial run, not a result."
+    return text
+
+
+def _shortened(plan: BenchPlan) -> bool:
+    return plan.durations.train is not None or plan.durations.test is not None
+
+
+def setting_text(result: Result, plan: BenchPlan) -> dict[str, Any]:
+    """What the introduction says of the run, in numbers."""
+    return {
+        "quick": plan.quick,
+        "seeds": plan.seeds,
+        "tests": result.board.tests(),
+        "variants": result.board.variants(),
+        "epochs": plan.paper_epochs,
+        "batch": plan.paper_batch,
+        "steps": plan.train.steps,
+        "stride_s": plan.stride * 0.025,
+        "paper_epochs": PAPER_EPOCHS,
+        "paper_batch": PAPER_BATCH,
+        "noise": NOISE.tolist(),
+        "force_noise": FORCE_NOISE,
+        "dropped": DROPPED,
+        "share": TRAINING_SHARE,
+        "history": HISTORY,
+        "ahead_s": AHEAD * 0.025,
+        "without": result.without,
+        "minutes": result.seconds / 60.0,
+        "shortened": _shortened(plan),
+        "train_s": plan.durations.train,
+        "test_s": plan.durations.test,
+    }
+
+
+def times_table(result: Result) -> Table:
+    """Seconds by job and part; jobs ran side by side, so they add up to more than the whole."""
+    parts = list(dict.fromkeys(part for o in result.outcomes for part in o.seconds))
+    rows = [
+        [o.job.name, *(f"{o.seconds[p]:.1f}" if p in o.seconds else "" for p in parts)]
+        for o in result.outcomes
+        if o.job.kind != "simulate"
+    ]
+    drives = [o for o in result.outcomes if o.job.kind == "simulate"]
+    whole = {p: sum(o.seconds.get(p, 0.0) for o in drives) for p in parts}
+    rows.insert(
+        0, [f"simulate {len(drives)} drives", *(f"{v:.1f}" if v else "" for v in whole.values())]
+    )
+    sums = {p: sum(o.seconds.get(p, 0.0) for o in result.outcomes) for p in parts}
+    rows.append(["all, one after the other", *(f"{v:.1f}" for v in sums.values())])
+    title = f"Seconds by job; {result.seconds:.0f} s from beginning to end"
+    return Table("times", title, ["job", *parts], rows, (len(rows) - 1,))
+
+
+def _claims_text(claims: list[Claim]) -> str:
+    lines = ["# The paper's claims", "", RULE, "", counts(claims), ""]
+    for claim in claims:
+        lines.append(f"- **{claim.verdict}** ({claim.section}): {claim.text}")
+        lines += [
+            f"  - {'true' if item.true else 'false'}: {item.text}" for item in claim.comparisons
+        ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,300 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The pieces of the run that do not depend on each other: fit a predictor, take it through all tests.
+
+A job reads the drives from the folder that the simulation left them in and hands back scores; one
+step predictions, which the figures need, go into files beside the drives.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from adk_ros.bench.paper import cases
+from adk_ros.bench.paper.baseline_libraries import Peers
+from adk_ros.bench.paper.linear_models import LeastSquares
+from adk_ros.bench.paper.predictor_protocol import BenchPredictor
+from adk_ros.bench.paper.predictors import (
+    ADK_ROS,
+    DK,
+    LINEAR,
+    LINEAR_ADAPTED,
+    METHODS,
+    MF,
+    MF_TUNED,
+    NAIVE,
+    KoopmanPredictor,
+    NaivePredictor,
+    OraclePredictor,
+    run,
+)
+from adk_ros.bench.paper.scores import CaseScore, score_case
+from adk_ros.bench.paper.seven_dof_predictor import SevenDof
+from adk_ros.errors import AdkError
+from adk_ros.model import artefact
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.plant.scenario.scenario_file import load_scenario
+from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
+from adk_ros.signals.channels import Record
+from adk_ros.train.network_fit import Step
+from adk_ros.train.paper_training import fit_paper
+from adk_ros.train.train_settings import PaperSettings, TrainSettings
+from adk_ros.train.training_run import run_training
+
+ADAPTED = OnlineSettings("windowed", window=2000, ridge=300.0)
+"""Of the least squares without lifting: a window as long as the default predictor's."""
+TRAINED_SHARE = 0.8
+"""Of a job's progress, where it trains; nobody depends on it."""
+
+NoteProgress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class BenchPlan:
+    """What is to be run, with which effort."""
+
+    quick: bool = False
+    seeds: int = 3
+    tests: tuple[str, ...] = cases.TESTS
+    train: TrainSettings = field(default_factory=TrainSettings)
+    paper_epochs: int = 200
+    paper_batch: int = 20
+    stride: int = 20
+    durations: cases.Durations = field(default_factory=cases.Durations)
+    peers: bool = True
+    recordings: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
+class TrainingJob:
+    """One of `KINDS`; `about` is a test to simulate, or the number of a recording."""
+
+    kind: str
+    variant: str = cases.CLEAN
+    seed: int = 0
+    about: str = ""
+
+    @property
+    def name(self) -> str:
+        """As progress and the table of times show it."""
+        seed = f" seed {self.seed}" if self.kind in ("default", "recording") else ""
+        where = self.about if self.kind in ("simulate", "recording") else self.variant
+        return f"{self.kind} {where}{seed}"
+
+
+@dataclass
+class Outcome:
+    """
+    What a job found: (test, predictor, score), notes for the report, seconds spent by part.
+
+    `failed`: why nothing was found, where the run can do without.
+    """
+
+    job: TrainingJob
+    scores: list[tuple[str, str, CaseScore]] = field(default_factory=list)
+    notes: dict[str, str] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    failed: str = ""
+
+    @contextmanager
+    def clocked(self, part: str) -> Iterator[None]:
+        """Add what passes to a part's seconds."""
+        started = time.monotonic()
+        try:
+            yield
+        finally:
+            self.seconds[part] = self.seconds.get(part, 0.0) + time.monotonic() - started
+
+
+def series_path(folder: Path, variant: str, test: str, name: str) -> Path:
+    """Where the one-step predictions of a test are kept for the figures."""
+    return folder / f"{variant}_{test}_{name.replace(' ', '_')}.npy"
+
+
+def simulate_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
+    """Make one drive."""
+    outcome = Outcome(job)
+    with outcome.clocked("simulating"):
+        driven, _ = cases.simulate_test(job.about, plan.durations, lambda done, total: tell(done / total))
+        cases.write_truth(folder, job.about, driven)
+    return outcome
+
+
+def naive_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
+    """Those that need no training, or a moment's."""
+    outcome = Outcome(job)
+    train = cases.training_record(folder, job.variant)
+    with outcome.clocked("fitting"):
+        linear = LeastSquares.fit([train], name=LINEAR)
+        adapted = LeastSquares.fit([train], ADAPTED, LINEAR_ADAPTED)
+    nominal = SevenDof(load_vehicle(_scenario_vehicle()), _friction(), MF)
+    everybody: list[BenchPredictor] = [NaivePredictor(name) for name in NAIVE]
+    _evaluate_on_all_tests(outcome, [*everybody, linear, adapted, nominal], plan, folder, tell)
+    return outcome
+
+
+def _friction() -> float:
+    """The training road's: a model that is told anything else would have to measure it first."""
+    return load_scenario(cases.TRAINING).mu
+
+
+def _scenario_vehicle() -> str:
+    return load_scenario(cases.TRAINING).vehicle
+
+
+def tuned_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
+    """The seven degrees of freedom, their parameters identified on the training drive."""
+    outcome = Outcome(job)
+    train = cases.training_record(folder, job.variant)
+    with outcome.clocked("fitting"):
+        vehicle = load_vehicle(_scenario_vehicle())
+        tuned = SevenDof.tuned(vehicle, [train], _friction(), MF_TUNED)
+    tell(0.5)
+    _evaluate_on_all_tests(outcome, [tuned], plan, folder, lambda share: tell(0.5 + 0.5 * share))
+    return outcome
+
+
+def paper_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
+    """DK; or ALDK, and the same model adapted in three ways."""
+    outcome = Outcome(job)
+    train = cases.training_record(folder, job.variant)
+    settings = PaperSettings(
+        acceleration=job.kind == "aldk", epochs=plan.paper_epochs, batch=plan.paper_batch
+    )
+
+    def on_step(step: Step) -> None:
+        tell(TRAINED_SHARE * step.step / step.steps)
+
+    with outcome.clocked("training"):
+        built = fit_paper([train], settings, on_step)
+        # Through the artefact, as anybody else who runs such a model.
+        where = folder / f"{job.kind}_{job.variant}"
+        artefact.save(where, built.program, built.model, {"kind": job.kind})
+    model = artefact.load(where).model
+    methods = METHODS if settings.acceleration else {DK: "constant"}
+    everybody = [
+        KoopmanPredictor(name, model, replace(model.online, method=method))
+        for name, method in methods.items()
+    ]
+    _evaluate_on_all_tests(outcome, everybody, plan, folder, _evaluation_rest(tell))
+    return outcome
+
+
+def default_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
+    """Train our own under one seed, a tenth of the drive validating, and run it."""
+    outcome = Outcome(job)
+    train = cases.training_record(folder, job.variant)
+    model = train_default(outcome, [train], plan, folder, tell)
+    _evaluate_on_all_tests(outcome, [model], plan, folder, _evaluation_rest(tell))
+    return outcome
+
+
+def train_default(
+    outcome: Outcome, records: list[Record], plan: BenchPlan, folder: Path, tell: NoteProgress
+) -> KoopmanPredictor:
+    """Return our default, trained on pieces of `records`."""
+    job = outcome.job
+
+    def on_step(step: Step) -> None:
+        tell(0.6 * TRAINED_SHARE * step.step / step.steps)
+
+    def note(what: str, done: int, total: int) -> None:
+        if what.startswith("tuning"):
+            tell(TRAINED_SHARE * (0.6 + 0.4 * done / max(total, 1)))
+
+    cut = [piece for record in records for piece in cases.pieces(record)]
+    where = folder / job.name.replace(" ", "_")
+    with outcome.clocked("training"):
+        settings = replace(plan.train, seed=job.seed)
+        run_training(cut, where, settings, "bags", None, on_step, note)
+    return KoopmanPredictor(ADK_ROS, artefact.load(where).model)
+
+
+def peers_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
+    """Other people's libraries, in their own environment."""
+    outcome = Outcome(job)
+    train = cases.training_record(folder, job.variant)
+    try:
+        with outcome.clocked("fitting"):
+            peers = Peers([train], scratch=folder)
+        with peers:
+            tell(0.5)
+            for peer in peers.predictors:
+                outcome.notes[peer.name] = peer.settings
+            _evaluate_on_all_tests(
+                outcome, peers.predictors, plan, folder, lambda share: tell(0.5 + 0.5 * share)
+            )
+    except AdkError as error:
+        # Libraries of others in an environment of theirs: not worth losing the rest for.
+        return Outcome(job, failed=str(error), seconds=outcome.seconds)
+    return outcome
+
+
+def floor_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
+    """The plant itself, from the same measurements."""
+    outcome = Outcome(job)
+    for number, test in enumerate(plan.tests):
+        with outcome.clocked("simulating"):
+            driven, begin = cases.simulate_test(test, plan.durations)
+        one = replace(plan, tests=(test,))
+        _evaluate_on_all_tests(outcome, [OraclePredictor(driven, begin)], one, folder, _nothing)
+        tell((number + 1) / len(plan.tests))
+    return outcome
+
+
+def _evaluate_on_all_tests(
+    outcome: Outcome,
+    everybody: Sequence[BenchPredictor | KoopmanPredictor],
+    plan: BenchPlan,
+    folder: Path,
+    tell: NoteProgress,
+) -> None:
+    """Take each through all tests, score it, keep its one-step predictions for the figures."""
+    job = outcome.job
+    total = len(plan.tests) * len(everybody)
+    done = 0
+    for test in plan.tests:
+        record = cases.test_record(folder, test, job.variant)
+        rows, starts = cases.rows_of(record, plan.stride)
+        for predictor in everybody:
+
+            def within(share: float, done: int = done) -> None:
+                tell((done + share) / total)
+
+            started = time.monotonic()
+            with outcome.clocked("predicting"):
+                passed = run(predictor, record, rows, starts, within)
+            seconds = time.monotonic() - started
+            item = score_case(record, rows, starts, passed, seconds)
+            outcome.scores.append((test, predictor.name, item))
+            if job.variant == cases.CLEAN and job.seed == 0:
+                np.save(series_path(folder, job.variant, test, predictor.name), passed.one)
+            done += 1
+            tell(done / total)
+
+
+def _evaluation_rest(tell: NoteProgress) -> NoteProgress:
+    return lambda share: tell(TRAINED_SHARE + (1.0 - TRAINED_SHARE) * share)
+
+
+def _nothing(share: float) -> None:
+    """Where progress is told otherwise."""
+
+
+def read_series(folder: Path, plan: BenchPlan, test: str, name: str) -> tuple[FloatArray, ...]:
+    """Return time (n,) s, truth and one-step prediction (n, 3) SI; KeyError where not run."""
+    path = series_path(folder, cases.CLEAN, test, name)
+    if not path.is_file():
+        raise KeyError(name)
+    record = cases.test_record(folder, test, cases.CLEAN)
+    rows, _ = cases.rows_of(record, plan.stride)
+    time_s = (record.stamp_ns[rows + 1] - record.stamp_ns[0]) * 1e-9
+    return time_s, record.x_ref[rows + 1], np.load(path)

@@ -1,0 +1,163 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The whole tick, timed: the messages of 25 ms decoded, aligned, lifted, learned from, rolled out.
+
+Beside it, in the same run and in turn with it, padasip's FilterRLS updating 15 outputs of 17
+regressors: what the adaptation alone would cost with the usual library.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from adk_ros.bench.runtime.synthetic_feed import Message, bench_model, endless, simulated_messages
+from adk_ros.errors import UsageError
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.pipeline import Pipeline
+
+_WARM_UP_TICKS = 500
+_BLOCK = 1000
+_STAGE_TICKS = 10_000
+
+Progress = Callable[[int, int], None]
+
+
+def bench_latency(
+    model_path: Path | None, ticks: int, progress: Progress | None = None
+) -> dict[str, Any]:
+    """
+    Return {"tick", "stages", "padasip_rls15", "ticks"}; times in microseconds.
+
+    A stage's times come from a second, shorter pass with a clock around each part.
+    :raises UsageError: padasip is not installed, or too few ticks.
+    """
+    if ticks < 1000:
+        raise UsageError(f"--ticks {ticks} is too few for a 99th percentile: at least 1000")
+    rival = _padasip_tick()
+    model = bench_model(model_path)
+    messages = simulated_messages()
+    feed = endless(messages)
+    pipeline = Pipeline(model)
+    for _ in range(_WARM_UP_TICKS):
+        _tick(pipeline, feed)
+        rival()
+    gc.collect()
+    # As in the node, which collects between ticks, when there is time.
+    gc.disable()
+    times, rivals = np.empty(ticks), []
+    for i in range(ticks):
+        times[i] = _tick(pipeline, feed)
+        if i % _BLOCK == 0:
+            # In blocks: taken turn by turn, each would be timed on the caches the other left.
+            for _ in range(_BLOCK // 10):
+                started = time.perf_counter_ns()
+                rival()
+                rivals.append(time.perf_counter_ns() - started)
+        if progress is not None and i % 500 == 0:
+            progress(i, ticks + _STAGE_TICKS)
+    stages = _stages(model, simulated_messages(), ticks, progress)
+    gc.enable()
+    return {
+        "tick": _summary(times) | {"max_us": float(times.max()) * 1e-3},
+        "stages": stages,
+        "padasip_rls15": _summary(np.array(rivals)),
+        "ticks": ticks,
+        "horizon_steps": pipeline.settings.horizon_steps,
+        "method": model.online.method,
+    }
+
+
+def _tick(pipeline: Pipeline, feed: Iterator[Message]) -> int:
+    """Feed messages until a prediction comes out; nanoseconds spent on all of them."""
+    spent = 0
+    while True:
+        source, msg = next(feed)
+        started = time.perf_counter_ns()
+        predictions = pipeline.take(source, msg)
+        spent += time.perf_counter_ns() - started
+        if predictions:
+            return spent
+
+
+def _padasip_tick() -> Callable[[], None]:
+    try:
+        from padasip.filters import FilterRLS
+    except ImportError:
+        raise UsageError(
+            "adk bench latency compares with padasip, which is not installed: pip install padasip"
+        ) from None
+    filters = [FilterRLS(n=17, mu=0.98) for _ in range(15)]
+    random = np.random.default_rng(0)
+    x, y = random.normal(size=(256, 17)), random.normal(size=(256, 15))
+    count = 0
+
+    def update() -> None:
+        nonlocal count
+        row, targets = x[count % 256], y[count % 256]
+        count += 1
+        for item, target in zip(filters, targets, strict=True):
+            item.adapt(target, row)
+
+    return update
+
+
+class _Watch:
+    """Adds up the time spent in a callable, tick by tick."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.spent = 0
+
+    def wrap(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*arguments: Any) -> Any:
+            started = time.perf_counter_ns()
+            result = function(*arguments)
+            self.spent += time.perf_counter_ns() - started
+            return result
+
+        return timed
+
+
+def _stages(
+    model: KoopmanModel, messages: list[Message], before: int, progress: Progress | None
+) -> dict[str, dict[str, float]]:
+    names = ("decode", "align", "lift", "update", "horizon", "rest")
+    watches = {name: _Watch(name) for name in names}
+    pipeline = Pipeline(model)
+    decoder: Any = pipeline.decoder
+    aligner: Any = pipeline.aligner
+    predictor: Any = pipeline.predictor
+    decoder.decode = watches["decode"].wrap(decoder.decode)
+    aligner.push = watches["align"].wrap(aligner.push)
+    predictor._lift = watches["lift"].wrap(predictor._lift)
+    predictor.online.update = watches["update"].wrap(predictor.online.update)
+    predictor._roll_out = watches["horizon"].wrap(predictor._roll_out)
+    feed = endless(messages)
+    rows = []
+    for i in range(_WARM_UP_TICKS + _STAGE_TICKS):
+        total = _tick(pipeline, feed)
+        parts = [watches[name].spent for name in names[:-1]]
+        for watch in watches.values():
+            watch.spent = 0
+        if i >= _WARM_UP_TICKS:
+            rows.append([*parts, total - sum(parts)])
+        if progress is not None and i % 500 == 0:
+            progress(before + i, before + _STAGE_TICKS)
+    table = np.array(rows)
+    total = table.sum()
+    return {
+        name: _summary(table[:, i]) | {"share": float(table[:, i].sum() / total)}
+        for i, name in enumerate(names)
+    }
+
+
+def _summary(times_ns: np.ndarray[Any, Any]) -> dict[str, float]:
+    p50, p99 = np.percentile(times_ns, [50, 99]) * 1e-3
+    return {"p50_us": float(p50), "p99_us": float(p99)}

@@ -1,0 +1,244 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+How fast the real node is: sensors, node and listener in three processes, over Fast DDS.
+
+The latency of a prediction runs from the publication of the last input that it waited for to its
+arrival in the listener's callback. Which input that is, is found by folding what was published, in
+that order, through the aligner: the reading that completes a tick is the one. CLOCK_MONOTONIC is
+one clock for all processes of a machine, so times of different processes may be subtracted.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import select
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil  # type: ignore[import-untyped, unused-ignore]
+from numpy.typing import NDArray
+
+from adk_ros.errors import DataError
+from adk_ros.signals.align import Aligner
+from adk_ros.signals.channels import TICK_NS, Reading, Source
+
+TARGET_P99_MS = 5.0
+TARGET_CPU_PERCENT = 20.0
+_WARM_UP_S = 3.0
+_PATIENCE_S = 60.0
+_MODULE = "adk_ros.bench.runtime.live"
+
+
+def bench_live(
+    model: Path | str,
+    duration_s: float = 60.0,
+    imu_hz: float = 200.0,
+    odometry_hz: float = 50.0,
+    command_hz: float = 40.0,
+    *,
+    method: str = "",
+    progress: Callable[[float, float], None] | None = None,
+) -> dict[str, Any]:
+    """
+    Measure the node for `duration_s` after a warm-up of 3 s; return what can be written as JSON.
+
+    `latency_ms` has p50, p99 and max; `ticks`, `ticks_missed` (completed by the sensors, but
+    never predicted), `cpu_percent` of one core, `memory_growth_mb`, `targets_met`, and what the
+    node says of itself, under `node`.
+    :param progress: called about ten times a second with (seconds done, seconds in all).
+    :raises DataError: the node did not start, or a part of the measurement failed.
+    """
+    total_s = duration_s + _WARM_UP_S
+    rates = [str(total_s), str(imu_hz), str(odometry_hz), str(command_hz)]
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="adk_bench_")))
+        arguments = ["--ros-args", "-p", f"model:={model}"]
+        if method:
+            arguments += ["-p", f"method:={method}"]
+        node = _start(stack, folder, "adk_ros.ros.node", *arguments)
+        listener = _start(stack, folder, _MODULE, "listen", str(folder / "heard.npz"))
+        traffic = _start(stack, folder, _MODULE, "drive", str(folder / "sent.npz"), *rates)
+        _await_line(traffic, "started", node, folder)
+        cpu_percent, grown_mb = _watch(node, duration_s, progress)
+        if traffic.wait(_PATIENCE_S) or node.poll() is not None:
+            raise DataError(f"the measurement failed: {_last_words(folder)}")
+        time.sleep(1.5)
+        listener.terminate()
+        if listener.wait(_PATIENCE_S):
+            raise DataError(f"the listener failed: {_last_words(folder)}")
+        sent, heard = np.load(folder / "sent.npz"), np.load(folder / "heard.npz")
+        result = _evaluate(sent, heard, round(_WARM_UP_S * 1e9))
+    result["cpu_percent"] = round(cpu_percent, 2)
+    result["memory_growth_mb"] = round(grown_mb, 2)
+    result["duration_s"] = duration_s
+    result["rates_hz"] = {"imu": imu_hz, "odometry": odometry_hz, "command": command_hz}
+    result["targets_met"] = {
+        "p99_ms": result["latency_ms"]["p99"] <= TARGET_P99_MS,
+        "ticks_missed": result["ticks_missed"] == 0,
+        "cpu_percent": cpu_percent <= TARGET_CPU_PERCENT,
+    }
+    return result
+
+
+def _start(stack: ExitStack, folder: Path, module: str, *arguments: str) -> subprocess.Popen[str]:
+    # A domain of its own: a robot on this network must not hear any of this.
+    environment = {
+        **os.environ,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": str(60 + os.getpid() % 40),
+    }
+    errors = stack.enter_context((folder / f"{arguments[0].strip('-')}.err").open("w"))
+    process = subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        env=environment, stdout=subprocess.PIPE, stderr=errors, text=True,
+    )
+    stack.callback(_end, process)
+    return process
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    if process.poll() is None:
+        process.terminate()
+        try:
+            process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
+
+
+def _await_line(
+    process: subprocess.Popen[str], wanted: str, node: subprocess.Popen[str], folder: Path
+) -> None:
+    assert process.stdout is not None
+    while node.poll() is None:
+        if select.select([process.stdout], [], [], 0.2)[0]:
+            line = process.stdout.readline()
+            if line.strip() == wanted:
+                return
+            if not line:
+                raise DataError(f"the sensors found no node: {_last_words(folder)}")
+    raise DataError(f"the node ended with exit code {node.returncode}: {_last_words(folder)}")
+
+
+def _last_words(folder: Path) -> str:
+    lines = [
+        line for path in sorted(folder.glob("*.err")) for line in path.read_text().splitlines()
+    ]
+    return lines[-1] if lines else "no reason was given"
+
+
+def _watch(
+    node: subprocess.Popen[str], duration_s: float, progress: Callable[[float, float], None] | None
+) -> tuple[float, float]:
+    """Return the per cent of a core that the node takes, once warm, and MB that it grows by."""
+    process = psutil.Process(node.pid)
+    time.sleep(_WARM_UP_S)
+    before, begin_s = process.cpu_times(), time.monotonic()
+    held = process.memory_info().rss
+    while (done_s := time.monotonic() - begin_s) < duration_s - 0.2:
+        if progress is not None:
+            progress(done_s, duration_s)
+        time.sleep(0.1)
+    after = process.cpu_times()
+    spent_s = after.user + after.system - before.user - before.system
+    grown_mb = (process.memory_info().rss - held) * 1e-6
+    return float(100.0 * spent_s / (time.monotonic() - begin_s)), float(grown_mb)
+
+
+def _evaluate(sent: Any, heard: Any, warm_up_ns: int) -> dict[str, Any]:
+    from_ns = int(sent["stamp_ns"][0]) + warm_up_ns
+    latencies_ms, missed = latencies(
+        sent["source"], sent["stamp_ns"], sent["values"], sent["published_ns"],
+        dict(zip(heard["stamp_ns"].tolist(), heard["arrival_ns"].tolist(), strict=True)),
+        from_ns,
+    )
+    if not len(latencies_ms):
+        raise DataError("no prediction arrived at the listener")
+    p50, p99, worst = np.percentile(latencies_ms, (50, 99, 100)).round(3).tolist()
+    pauses_ns = np.diff(sent["published_ns"][sent["stamp_ns"] >= from_ns])
+    own = dict(zip(heard["keys"].tolist(), heard["shown"].tolist(), strict=True))
+    kept = ("tick_p50_us", "tick_p99_us", "tick_max_us", "missed_deadlines", "internal_errors")
+    return {
+        "latency_ms": {"p50": p50, "p99": p99, "max": worst},
+        "ticks": len(latencies_ms) + missed,
+        "ticks_missed": missed,
+        "messages": len(sent["stamp_ns"]),
+        "longest_pause_of_the_sensors_ms": round(float(pauses_ns.max()) * 1e-6, 3),
+        "node": {key: float(own[key]) for key in kept if key in own},
+    }
+
+
+def latencies(
+    source: NDArray[np.int64],
+    stamp_ns: NDArray[np.int64],
+    values: NDArray[np.float64],
+    published_ns: NDArray[np.int64],
+    arrived_ns: dict[int, int],
+    from_ns: int,
+) -> tuple[NDArray[np.float64], int]:
+    """
+    Return the latencies in ms, and how many ticks from `from_ns` on have no prediction.
+
+    :param source: rows of what was published, in order of publication; so the next three.
+    :param arrived_ns: time predicted for -> monotonic time of arrival.
+    """
+    aligner = Aligner()
+    found, missed = [], 0
+    for row in range(len(source)):
+        kind = Source(int(source[row]))
+        width = 2 if kind is Source.COMMAND else 3
+        reading = Reading(kind, int(stamp_ns[row]), tuple(values[row, :width].tolist()))
+        for sample in aligner.push(reading):
+            if sample.stamp_ns < from_ns:
+                continue
+            arrival_ns = arrived_ns.get(sample.stamp_ns + TICK_NS)
+            if arrival_ns is None:
+                missed += 1
+            else:
+                found.append((arrival_ns - int(published_ns[row])) * 1e-6)
+    return np.array(found), missed
+
+
+def _drive(path: str, *rates: str) -> None:
+    from adk_ros.ros.traffic import Rates, publish_synthetic_sensors
+
+    duration_s, *hz = (float(rate) for rate in rates)
+    sent = publish_synthetic_sensors(duration_s, Rates(*hz), on_start=lambda: print("started", flush=True))
+    values = np.full((len(sent), 3), np.nan)
+    for row, item in enumerate(sent):
+        values[row, : len(item.reading.values)] = item.reading.values
+    np.savez(
+        path,
+        source=[int(item.reading.source) for item in sent],
+        stamp_ns=[item.reading.stamp_ns for item in sent],
+        published_ns=[item.published_ns for item in sent],
+        values=values,
+    )
+
+
+def _listen(path: str) -> None:
+    from adk_ros.ros.echo import record, watch_diagnostics
+
+    shown: dict[str, str] = {}
+    recording = record(wait_s=_PATIENCE_S, on_node=lambda node: watch_diagnostics(node, shown))
+    np.savez(
+        path, stamp_ns=recording.stamp_ns, arrival_ns=recording.arrival_ns,
+        keys=list(shown), shown=list(shown.values()),
+    )
+
+
+if __name__ == "__main__":
+    # What the measuring programs collect must not be taken for the node's latency.
+    gc.disable()
+    {"drive": _drive, "listen": _listen}[sys.argv[1]](*sys.argv[2:])

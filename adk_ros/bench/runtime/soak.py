@@ -1,0 +1,161 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A million ticks of a looped drive with faults injected: does anything grow, drift or go bad?
+
+Faults come at random: fields that are NaN or infinite, duplicates, messages out of order, stray
+stamps from the future and the past, missing joints, topics that fall silent for seconds, a sensor
+that freezes, and, in the first half, a clock that jumps back. In the second half nothing resets
+the window, so that drift has the time to show.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil  # type: ignore[import-untyped, unused-ignore]
+
+from adk_ros.bench.runtime.synthetic_feed import Message, bench_model, endless, simulated_messages
+from adk_ros.errors import UsageError
+from adk_ros.model.adaptation.online_methods import OnlineSettings, WindowedRidge
+from adk_ros.model.pipeline import Pipeline, PipelineSettings
+from adk_ros.model.prediction import Prediction
+from adk_ros.signals.channels import Source
+
+_FAULT_SHARE = 2e-3
+_SILENCE = 400
+_FREEZE = 400
+_JUMP_S = 100
+
+
+def bench_soak(
+    model_path: Path | None, ticks: int, progress: Callable[[int, int], None] | None = None
+) -> dict[str, Any]:
+    """
+    Return what was found; `drift` is the largest difference of theta from a batch solution.
+
+    Memory is the resident set at a tenth of the run and at its end, in MiB.
+    :raises UsageError: too few ticks.
+    """
+    if ticks < 1000:
+        raise UsageError(f"--ticks {ticks} is too few for anything to grow: at least 1000")
+    model = bench_model(model_path)
+    online = OnlineSettings("windowed", model.online.window, max(model.online.ridge, 1e-3))
+    pipeline = Pipeline(model, PipelineSettings(online=online, horizon_steps=20))
+    faults: Counter[str] = Counter()
+    feed = _faulty(simulated_messages(), pipeline, faults, ticks // 2)
+    process = psutil.Process(os.getpid())
+    bad = made = 0
+    early = 0.0
+    while pipeline.ticks < ticks:
+        source, msg = next(feed)
+        for prediction in pipeline.take(source, msg):
+            made += 1
+            bad += not _finite(prediction)
+        if not early and pipeline.ticks >= ticks // 10:
+            early = process.memory_info().rss / 2**20
+        if progress is not None and pipeline.ticks % 1000 == 0:
+            progress(pipeline.ticks, ticks)
+    method = pipeline.predictor.online
+    assert isinstance(method, WindowedRidge)
+    return {
+        "ticks": pipeline.ticks,
+        "predictions": made,
+        "not_finite": bad,
+        "drift": float(np.abs(method.theta - method.batch_solution()).max()),
+        "memory_early_mib": round(early, 1),
+        "memory_end_mib": round(process.memory_info().rss / 2**20, 1),
+        "restarts": pipeline.restarts,
+        "online_failures": method.failures,
+        "faults": dict(sorted(faults.items())),
+        "counts": dict(sorted(pipeline.aligner.counts.items())),
+        "refused": sum(pipeline.decoder.refused.values()),
+    }
+
+
+def _finite(prediction: Prediction) -> bool:
+    return bool(
+        np.isfinite(prediction.x).all()
+        and np.isfinite(prediction.covariance).all()
+        and np.isfinite(prediction.horizon).all()
+    )
+
+
+def _faulty(
+    messages: list[Message], pipeline: Pipeline, faults: Counter[str], jumps_until: int
+) -> Iterator[Message]:
+    random = np.random.default_rng(1)
+    silent: dict[Source, int] = {}
+    frozen: dict[Source, tuple[int, Any]] = {}
+    for source, msg in endless(messages):
+        if silent.get(source, 0) > 0:
+            silent[source] -= 1
+            continue
+        if frozen.get(source, (0, None))[0] > 0:
+            left, stuck = frozen[source]
+            frozen[source] = (left - 1, stuck)
+            yield source, _with_stamp(stuck, msg)
+            continue
+        if random.random() > _FAULT_SHARE:
+            yield source, msg
+            continue
+        kind = str(random.choice([
+            "not a number", "infinite", "duplicate", "out of order", "future", "past",
+            "missing joint", "silence", "freeze", "jump back",
+        ]))
+        if kind == "jump back" and pipeline.ticks >= jumps_until:
+            kind = "duplicate"
+        faults[kind] += 1
+        if kind == "silence":
+            silent[source] = _SILENCE
+        elif kind == "freeze":
+            frozen[source] = (_FREEZE, copy.deepcopy(msg))
+        elif kind == "jump back":
+            for _, other in messages:
+                other.header.stamp.sec -= _JUMP_S
+            yield source, msg
+        else:
+            yield from _fault(kind, source, msg)
+
+
+def _fault(kind: str, source: Source, msg: Any) -> Iterator[Message]:
+    if kind in ("not a number", "infinite"):
+        value = math.nan if kind == "not a number" else math.inf
+        bad = copy.deepcopy(msg)
+        if source is Source.IMU:
+            bad.angular_velocity.z = value
+        elif source is Source.ODOMETRY:
+            bad.twist.twist.linear.y = value
+        else:
+            bad.position[list(bad.name).index("steer")] = value
+        yield source, bad
+    elif kind == "missing joint" and source is Source.COMMAND:
+        bad = copy.deepcopy(msg)
+        bad.name = ["drive", "something"]
+        yield source, bad
+    elif kind in ("future", "past"):
+        stray = copy.deepcopy(msg)
+        stray.header.stamp.sec += 3600 if kind == "future" else -3600
+        yield source, stray
+        yield source, msg
+    elif kind == "out of order":
+        late = copy.deepcopy(msg)
+        late.header.stamp.nanosec = max(0, late.header.stamp.nanosec - 30_000_000)
+        yield source, msg
+        yield source, late
+    else:
+        yield source, msg
+        yield source, msg
+
+
+def _with_stamp(stuck: Any, msg: Any) -> Any:
+    repeated = copy.copy(stuck)
+    repeated.header = msg.header
+    return repeated

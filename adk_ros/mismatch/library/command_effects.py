@@ -1,0 +1,119 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Effects between a command and the wheels: steering, drive, brakes."""
+
+from __future__ import annotations
+
+from adk_ros.mismatch.library.effect import ALWAYS, TIME, Effect, EffectParameter
+
+_DELAYS = (0.04, 0.1, 0.2)
+_LAGS = (0.05, 0.15, 0.35)
+
+_STEERING = (
+    Effect(
+        "steering_offset",
+        (EffectParameter("offset", "rad", -0.1, 0.1, 5e-4, 1e-3, {"steer_offset": 1.0}),),
+        ("v_y", "yaw_rate"), "delta = command + offset", "driving straight",
+        ("crosswind", "brake_drag_one_side"), "driving straight at several speeds",
+    ),
+    Effect(
+        "steering_ratio",
+        (EffectParameter("scale", "-", 0.4, 2.0, 0.005, 0.02, {"steer_gain": 1.0}, 1.0),),
+        ("v_y", "yaw_rate"), "delta = scale command", "cornering",
+        ("front_tyre_stiffness", "compliance_steer"), "tight bends at walking pace",
+    ),
+    Effect(
+        "steering_delay",
+        (EffectParameter("delay", "s", 0.0, 0.6, 0.004, 0.01, {"steer_delay": 1.0}, starts=_DELAYS),),
+        ("v_y", "yaw_rate"), "delta(t) = command(t - delay)", "quick steering",
+        ("steering_lag", "clock_offset"), "step steers",
+    ),
+    Effect(
+        "steering_lag",
+        (EffectParameter("tau", "s", 0.0, 1.0, 0.004, 0.015, {"steer_lag_more": 1.0}, starts=_LAGS),),
+        ("v_y", "yaw_rate"), "tau d(delta)/dt = command - delta", "quick steering",
+        ("steering_delay", "tyre_relaxation", "yaw_inertia"), "step steers",
+    ),
+    Effect(
+        "steering_backlash",
+        (EffectParameter("half_gap", "rad", 0.0, 0.05, 3e-4, 8e-4, {"steer_half_gap": 1.0},
+                   starts=(0.002, 0.008)),),
+        ("v_y", "yaw_rate"), "delta follows the command half_gap behind", "steering to and fro",
+        ("steering_lag", "steering_delay"), "slow sine steering of small amplitude",
+    ),
+    Effect(
+        "compliance_steer",
+        (EffectParameter("rad_per_mps2", "rad s^2/m", -0.01, 0.02, 1e-4, 2.5e-4,
+                   {"steer_compliance": 1.0}),),
+        ("v_y", "yaw_rate"), "delta = command - rad_per_mps2 a_y", "cornering at several speeds",
+        ("front_tyre_stiffness", "steering_ratio"), "tight bends, slow and fast",
+    ),
+    Effect(
+        "rear_wheel_steer",
+        (EffectParameter("ratio", "-", -0.6, 0.8, 0.005, 0.012, {"rear_steer": 1.0}),),
+        ("v_y", "yaw_rate"), "rear angle = ratio delta", "cornering at several speeds",
+        ("steering_ratio", "rear_tyre_stiffness"), "tight bends at walking pace",
+    ),
+)
+
+_DRIVE = (
+    Effect(
+        "drive_torque_gain",
+        (EffectParameter("scale", "-", 0.3, 1.8, 0.005, 0.02, {"torque_gain": 1.0}, 1.0),),
+        ("v_x",), "T = scale command", "accelerating and braking",
+        ("wheel_radius", "payload", "rotating_inertia"), "step steers, which a payload changes",
+    ),
+    Effect(
+        "brake_torque_gain",
+        (EffectParameter("scale", "-", 0.2, 2.0, 0.005, 0.02, {"brake_gain": 1.0}, 1.0),),
+        ("v_x",), "T = scale command where it brakes", "braking", ("drive_torque_gain",),
+        "braking from speed",
+    ),
+    Effect(
+        "drive_torque_delay",
+        (EffectParameter("delay", "s", 0.0, 0.8, 0.004, 0.01, {"torque_delay": 1.0}, starts=_DELAYS),),
+        ("v_x",), "T(t) = command(t - delay)", "steps of torque",
+        ("drive_torque_lag", "clock_offset"), "steps of torque",
+    ),
+    Effect(
+        "drive_torque_lag",
+        (EffectParameter("tau", "s", 0.0, 2.0, 0.004, 0.015, {"torque_lag_more": 1.0}, starts=_LAGS),),
+        ("v_x",), "tau dT/dt = command - T", "steps of torque", ("drive_torque_delay",),
+        "steps of torque",
+    ),
+    Effect(
+        "torque_offset",
+        (EffectParameter("offset", "N m", -800.0, 800.0, 3.0, 8.0, {"torque_offset": 1.0}),),
+        ("v_x",), "T = command + offset", "coasting", ("rolling_resistance",),
+        "roll backwards",
+    ),
+    Effect(
+        "power_limit",
+        (EffectParameter("power", "W", 2e3, 1e9, 2e-7, 1.5e5, {"power_inverse": 1.0}, inverse=True,
+                   starts=(2.5e4, 4.5e4)),),
+        ("v_x",), "T V / R <= power", "full torque at speed", ("drive_torque_gain",),
+        "full torque up to top speed",
+    ),
+    Effect(
+        "wheel_radius",
+        (EffectParameter("scale", "-", 0.5, 1.6, 0.005, 0.02, {"wheel_radius": 1.0}, 1.0, True),),
+        ("v_x",), "F_x = T / (scale R)", "torque",
+        ("drive_torque_gain", "payload", "rotating_inertia"), "a wheel speed sensor",
+    ),
+    Effect(
+        "brake_drag_one_side",
+        (EffectParameter("torque_per_wheel", "N m", -600.0, 600.0, 3.0, 8.0, {"side_drag": 1.0}),),
+        ("v_x", "yaw_rate"), "T_i -= torque of each wheel on one side", "driving straight",
+        ("steering_offset", "rolling_resistance"), "coasting straight",
+    ),
+    Effect(
+        "clock_offset",
+        (EffectParameter("offset", "s", -0.3, 0.6, 0.004, 0.01, {"command_delay": 1.0},
+                   starts=(0.04, 0.1, 0.2)),),
+        ("v_x", "v_y", "yaw_rate"), "u(t) = command(t - offset)", "torque and steering alike",
+        ("steering_delay", "drive_torque_delay"), "steps of torque and of steering",
+        activations=(ALWAYS, TIME), sensor=True,
+    ),
+)
+
+COMMANDS = (*_STEERING, *_DRIVE)

@@ -1,0 +1,64 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of the sensors: found, named, and never corrected into the vehicle."""
+
+from __future__ import annotations
+
+from adk_ros.mismatch.library.effect import ALWAYS, TIME, Effect, EffectParameter
+from adk_ros.numerics.constants import GRAVITY
+
+SENSORS = (
+    Effect(
+        "imu_bias",
+        (
+            EffectParameter("ax", "m/s^2", -3.0, 3.0, 0.01, 0.02, {"bias_a_x": 1.0}),
+            EffectParameter("ay", "m/s^2", -3.0, 3.0, 0.01, 0.02, {"bias_a_y": 1.0}),
+            EffectParameter("gyro", "rad/s", -0.2, 0.2, 5e-4, 8e-4, {"bias_gyro": 1.0}),
+        ),
+        ("imu",), "reading = truth + bias", "nothing", ("imu_tilt",),
+        "standing still, turned round", (ALWAYS, TIME), True,
+    ),
+    Effect(
+        "imu_tilt",
+        (
+            EffectParameter("roll", "rad", -0.3, 0.3, 0.001, 0.002, {"bias_a_y": GRAVITY}),
+            EffectParameter("pitch", "rad", -0.3, 0.3, 0.001, 0.002, {"bias_a_x": -GRAVITY}),
+        ),
+        ("imu",), "a_y += g sin(roll), a_x -= g sin(pitch)", "nothing", ("imu_bias",),
+        "standing still, turned round", (ALWAYS, TIME), True,
+    ),
+    Effect(
+        "imu_lever_arm",
+        (
+            EffectParameter("x", "m", -3.0, 3.0, 0.02, 0.06, {"arm_x": 1.0}),
+            EffectParameter("y", "m", -3.0, 3.0, 0.05, 0.15, {"arm_y": 1.0}),
+        ),
+        ("imu",), "a = a_cg + dr/dt x arm - r^2 arm", "quick steering, tight bends",
+        ("imu_delay",), "tight slaloms", (ALWAYS,), True,
+    ),
+    Effect(
+        "imu_delay",
+        (EffectParameter("delay", "s", -0.1, 0.4, 0.004, 0.008, {"imu_delay": 1.0},
+                   starts=(0.03, 0.1)),),
+        ("imu",), "reading(t) = truth(t - delay)", "quick steering", ("clock_offset",),
+        "steps of torque and of steering", (ALWAYS, TIME), True,
+    ),
+    Effect(
+        "odometry_scale",
+        (EffectParameter("scale", "-", 0.7, 1.4, 0.002, 0.005, {"odometry_gain": 1.0}, 1.0),),
+        ("odometry",), "reading = scale v_x", "a pose that is not integrated from it",
+        ("drive_torque_gain",), "a measured distance", (ALWAYS, TIME), True,
+    ),
+    Effect(
+        "gyro_scale",
+        (EffectParameter("scale", "-", 0.6, 1.6, 0.002, 0.005, {"gyro_gain": 1.0}, 1.0),),
+        ("imu",), "reading = scale yaw rate", "cornering", (), "a full turn", (ALWAYS, TIME), True,
+    ),
+    Effect(
+        "odometry_filter",
+        (EffectParameter("tau", "s", 0.0, 1.0, 0.004, 0.015, {"odometry_lag": 1.0},
+                   starts=(0.05, 0.2, 0.45)),),
+        ("odometry",), "tau d(reading)/dt = yaw rate - reading", "quick steering", (),
+        "step steers", (ALWAYS, TIME), True,
+    ),
+)

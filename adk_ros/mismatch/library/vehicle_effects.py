@@ -1,0 +1,131 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Effects of the air, the road, the tyres and the body."""
+
+from __future__ import annotations
+
+from adk_ros.mismatch.library.effect import ALWAYS, PLACE, TIME, Effect, EffectParameter
+
+_EVERYWHERE = (ALWAYS, PLACE, TIME)
+
+_AIR = (
+    Effect(
+        "aero_drag",
+        (EffectParameter("cda", "m^2", -2.0, 6.0, 0.02, 0.03, {"drag_area": 1.0}),),
+        ("v_x",), "F_x = -rho/2 cda V^2", "speeds that differ by a factor of two",
+        ("headwind", "rolling_resistance"), "coast down from top speed on a straight, both ways",
+        where="the whole drive, grows with V^2",
+    ),
+    Effect(
+        "headwind",
+        (EffectParameter("wind_x", "m/s", -25.0, 25.0, 0.2, 0.7, {"wind_x": 1.0}),),
+        ("v_x",), "F_x = -rho/2 cda ((V - wind_x)^2 - V^2)", "a wide range of speed",
+        ("aero_drag", "rolling_resistance"), "the same straight in both directions",
+        _EVERYWHERE, where="the whole drive, grows with V",
+    ),
+    Effect(
+        "crosswind",
+        (EffectParameter("wind_y", "m/s", -30.0, 30.0, 0.2, 0.7, {"wind_y": 1.0}),),
+        ("v_y", "yaw_rate"), "F_y = rho/2 V_air^2 area sin(beta_air), M_z alike",
+        "straights at speed", ("road_bank", "steering_offset"),
+        "the same straight in both directions", _EVERYWHERE,
+    ),
+    Effect(
+        "aero_downforce",
+        (EffectParameter("cla", "m^2", -3.0, 8.0, 0.05, 0.15, {"lift_area": 1.0}),),
+        ("v_y", "yaw_rate"), "F_z += rho/2 cla V^2", "hard cornering at different speeds",
+        ("load_sensitivity",), "the same lateral acceleration at low and at high speed",
+    ),
+)
+
+_ROAD = (
+    Effect(
+        "road_grade",
+        (EffectParameter("grade", "rad", -0.25, 0.25, 0.002, 0.004, {"grade": 1.0}),),
+        ("v_x",), "dv_x/dt = a_x + r v_y - g sin(grade)",
+        "an accelerometer, which does not feel gravity", ("imu_tilt",),
+        "the same road in both directions", (PLACE,),
+    ),
+    Effect(
+        "road_bank",
+        (EffectParameter("bank", "rad", -0.3, 0.3, 0.002, 0.005, {"bank": 1.0}),),
+        ("v_y", "yaw_rate"), "dv_y/dt = a_y - r v_x - g sin(bank)",
+        "an accelerometer, which does not feel gravity", ("crosswind", "imu_tilt"),
+        "the same road in both directions", (PLACE,),
+    ),
+    Effect(
+        "low_friction",
+        (EffectParameter("mu_scale", "-", 0.1, 1.0, 0.01, 0.03, {"friction": 1.0}, 1.0,
+                   starts=(0.85, 0.55)),),
+        ("v_y", "yaw_rate"), "D = mu_scale mu F_z", "lateral acceleration near the limit",
+        ("front_tyre_stiffness", "rear_tyre_stiffness", "load_sensitivity"),
+        "a circle driven faster and faster until it slides", _EVERYWHERE,
+    ),
+    Effect(
+        "rolling_resistance",
+        (EffectParameter("crr", "-", -0.02, 0.1, 0.0005, 0.001, {"rolling": 1.0}),),
+        ("v_x",), "F_x = -crr F_z", "coasting", ("torque_offset", "aero_drag", "headwind"),
+        "roll backwards, or coast down to walking pace",
+    ),
+)
+
+_TYRES = (
+    Effect(
+        "front_tyre_stiffness",
+        (EffectParameter("scale", "-", 0.2, 3.0, 0.01, 0.02, {"stiffness_f": 1.0}, 1.0, True),),
+        ("v_y", "yaw_rate"), "dF_y/dalpha of the front axle times scale", "moderate cornering",
+        ("steering_ratio", "compliance_steer"), "a step steer at constant speed",
+    ),
+    Effect(
+        "rear_tyre_stiffness",
+        (EffectParameter("scale", "-", 0.2, 3.0, 0.01, 0.02, {"stiffness_r": 1.0}, 1.0, True),),
+        ("v_y", "yaw_rate"), "dF_y/dalpha of the rear axle times scale", "moderate cornering",
+        ("cg_shift", "rear_wheel_steer"), "steady circles at several speeds",
+    ),
+    Effect(
+        "tyre_relaxation",
+        (EffectParameter("length", "m", 0.0, 4.0, 0.03, 0.1, {"relaxation_length": 1.0},
+                   starts=(0.6,)),),
+        ("v_y", "yaw_rate"), "d(alpha')/dt = V / length (alpha - alpha')", "quick steering",
+        ("steering_lag", "yaw_inertia"), "step steers at low and at high speed",
+    ),
+    Effect(
+        "load_sensitivity",
+        (EffectParameter("slope", "-", -0.3, 0.6, 0.01, 0.03,
+                   {"load_sensitivity": 1.0, "stiffness_falloff": 1.0}),),
+        ("v_y", "yaw_rate"), "mu (1 - slope (F_z / F_z0 - 1)), the slip stiffness alike",
+        "hard cornering",
+        ("low_friction", "aero_downforce"), "a slow circle up to the limit",
+    ),
+)
+
+_BODY = (
+    Effect(
+        "payload",
+        (EffectParameter("mass", "kg", -600.0, 1500.0, 10.0, 30.0,
+                   {"mass": 1.0, "yaw_inertia": 1.1}),),
+        ("v_x", "v_y", "yaw_rate"), "m += mass, I_z += 1.1 m^2 mass", "torque and quick steering",
+        ("drive_torque_gain", "wheel_radius"), "step steers, which feel the inertia alone",
+    ),
+    Effect(
+        "cg_shift",
+        (EffectParameter("shift", "m", -0.5, 0.5, 0.005, 0.015,
+                   {"cg_to_front_axle": -1.0, "cg_to_rear_axle": 1.0}),),
+        ("v_y", "yaw_rate"), "l_f -= shift, l_r += shift", "cornering at several speeds",
+        ("rear_tyre_stiffness", "front_tyre_stiffness"), "steady circles at several speeds",
+    ),
+    Effect(
+        "yaw_inertia",
+        (EffectParameter("scale", "-", 0.3, 3.0, 0.01, 0.02, {"yaw_inertia": 1.0}, 1.0, True),),
+        ("yaw_rate",), "I_z times scale", "quick steering",
+        ("tyre_relaxation", "steering_lag", "payload"), "swept-sine steering at constant speed",
+    ),
+    Effect(
+        "rotating_inertia",
+        (EffectParameter("inertia", "kg m^2", -4.0, 60.0, 0.3, 1.0, {"wheel_inertia": 1.0}),),
+        ("v_x",), "F_x = (T - inertia dv_x/dt / R) / R", "torque",
+        ("drive_torque_gain", "payload", "wheel_radius"), "coast at one speed on a slope",
+    ),
+)
+
+VEHICLE = (*_AIR, *_ROAD, *_TYRES, *_BODY)

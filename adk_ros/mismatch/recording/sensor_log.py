@@ -1,0 +1,65 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a bag's sensors say, at their own rates.
+
+Times are seconds from the bag's first message, by header stamps; SI units; accelerations are
+specific force at the IMU, velocities at the centre of gravity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.score import white_noise
+
+CHANNELS = ("imu_a_x", "imu_a_y", "imu_yaw_rate", "v_x", "v_y", "yaw_rate")
+UNITS = ("m/s^2", "m/s^2", "rad/s", "m/s", "m/s", "rad/s")
+
+MIN_SENSOR_NOISE = np.array([0.01, 0.01, 3e-4, 2e-3, 2e-3, 3e-4])
+"""Noise that is assumed at least, by channel: a simulation has none, and no model is exact."""
+
+
+@dataclass(frozen=True)
+class SensorLog:
+    """
+    Streams of one bag, in time order, without messages that were lost.
+
+    `imu` (m, 3) a_x, a_y, yaw rate at `imu_s` (m,); `odometry` (k, 3) v_x, v_y, yaw rate and
+    `pose` (k, 3) x, y, heading (unwrapped) at `odometry_s` (k,); `command` (c, 2) torque and
+    road-wheel angle at `command_s` (c,), each held until the next.
+    """
+
+    name: str
+    duration_s: float
+    imu_s: FloatArray
+    imu: FloatArray
+    odometry_s: FloatArray
+    odometry: FloatArray
+    pose: FloatArray
+    command_s: FloatArray
+    command: FloatArray
+    start_ns: int = 0
+    """Log time of the bag's first message, ns: where the seconds are counted from."""
+
+    def noise(self) -> FloatArray:
+        """Return the noise of one sample by channel (6,), at least `FLOOR`."""
+        found = np.concatenate([white_noise(self.imu), white_noise(self.odometry)])
+        # What is not known, of a sensor that is not there, is the floor too.
+        return np.asarray(np.fmax(found, MIN_SENSOR_NOISE))
+
+    def between(self, begin_s: float, end_s: float) -> SensorLog:
+        """Return the part between two times, its clock going on as before."""
+        imu = (self.imu_s >= begin_s) & (self.imu_s < end_s)
+        odometry = (self.odometry_s >= begin_s) & (self.odometry_s < end_s)
+        # The command in force at the beginning was given before it.
+        first = max(int(np.searchsorted(self.command_s, begin_s, side="right")) - 1, 0)
+        last = int(np.searchsorted(self.command_s, end_s))
+        return SensorLog(
+            self.name, end_s - begin_s, self.imu_s[imu], self.imu[imu], self.odometry_s[odometry],
+            self.odometry[odometry], self.pose[odometry], self.command_s[first:last],
+            self.command[first:last], self.start_ns,
+        )

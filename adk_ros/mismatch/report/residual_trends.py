@@ -1,0 +1,203 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Which channel shows an effect best, and against what: the evidence a person can look at.
+
+For a variable u of the drive cut into bins of equal count, and a channel with residual e and noise
+s, the figure's weight is the sum over bins of n (mean(e before)^2 - mean(e after)^2) / s^2: what
+correction takes out of the binned means, in units of the noise. The channel with the most is
+shown; so is the variable, where the table names none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from adk_ros.mismatch.inference.result import IdentifiedEffect, ResidualSeries
+from adk_ros.mismatch.library.effect import PLACE
+from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.recording.sensor_log import CHANNELS
+from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
+from adk_ros.mismatch.surrogate.residuals import BIN_S
+from adk_ros.numerics.arrays import BoolArray, FloatArray
+
+BINS = 20
+PLACE_BINS = 60
+SETTLING_BINS = 25
+"""Bins at the beginning that are not shown: the simulation has yet to settle."""
+SPREAD_PERCENTILES = (16.0, 84.0)
+"""Percentiles of a bin's residuals between which its spread is drawn."""
+
+
+def _rate(values: FloatArray) -> FloatArray:
+    return np.asarray(np.gradient(values, BIN_S))
+
+
+class Variable(NamedTuple):
+    """A variable of the drive: what an axis says, and its values of a series."""
+
+    label: str
+    of: Callable[[ResidualSeries], FloatArray]
+
+
+VARIABLES: dict[str, Variable] = {
+    "time": Variable("time (s)", lambda s: s.time_s),
+    "speed": Variable("speed (m/s)", lambda s: s.signals["v_x"]),
+    "speed_squared": Variable("speed squared (m2/s2)", lambda s: s.signals["v_x"] ** 2),
+    "torque": Variable("commanded wheel torque (N m)", lambda s: s.signals["torque"]),
+    "power": Variable(
+        "commanded wheel torque times speed (N m2/s)",
+        lambda s: s.signals["torque"] * s.signals["v_x"],
+    ),
+    "torque_rate": Variable(
+        "change of the commanded torque (N m/s)", lambda s: _rate(s.signals["torque"])
+    ),
+    "angle": Variable("commanded wheel angle (rad)", lambda s: s.signals["delta"]),
+    "angle_rate": Variable(
+        "change of the commanded wheel angle (rad/s)", lambda s: _rate(s.signals["delta"])
+    ),
+    "lateral": Variable("lateral acceleration (m/s2)", lambda s: s.signals["a_y"]),
+    "lateral_fast": Variable(
+        "lateral acceleration times speed squared (m3/s4)",
+        lambda s: s.signals["a_y"] * s.signals["v_x"] ** 2,
+    ),
+    "lateral_rate": Variable(
+        "change of the lateral acceleration (m/s3)", lambda s: _rate(s.signals["a_y"])
+    ),
+    "yaw_rate": Variable("yaw rate (rad/s)", lambda s: s.signals["yaw_rate"]),
+    "yaw_acceleration": Variable(
+        "yaw acceleration (rad/s2)", lambda s: _rate(s.signals["yaw_rate"])
+    ),
+}
+
+EXPLAINS: dict[str, tuple[str, ...]] = {
+    "aero_drag": ("speed_squared",), "headwind": ("speed",), "rolling_resistance": ("speed",),
+    "crosswind": ("speed",), "aero_downforce": ("lateral_fast",), "low_friction": ("lateral",),
+    "front_tyre_stiffness": ("angle", "lateral"), "rear_tyre_stiffness": ("lateral",),
+    "tyre_relaxation": ("angle_rate", "lateral_rate"), "load_sensitivity": ("lateral",),
+    "payload": ("torque", "yaw_acceleration"), "cg_shift": ("lateral",),
+    "yaw_inertia": ("yaw_acceleration", "angle_rate"), "rotating_inertia": ("torque",),
+    "steering_offset": ("speed",), "steering_ratio": ("angle", "lateral"),
+    "steering_delay": ("angle_rate",), "steering_lag": ("angle_rate",),
+    "steering_backlash": ("angle_rate",), "compliance_steer": ("lateral",),
+    "rear_wheel_steer": ("angle", "lateral"), "drive_torque_gain": ("torque",),
+    "brake_torque_gain": ("torque",), "drive_torque_delay": ("torque_rate",),
+    "drive_torque_lag": ("torque_rate",), "torque_offset": ("torque",),
+    "power_limit": ("power",), "wheel_radius": ("torque",), "brake_drag_one_side": ("speed",),
+    "clock_offset": ("torque_rate", "angle_rate"), "imu_bias": ("time",), "imu_tilt": ("time",),
+    "imu_lever_arm": ("yaw_acceleration", "yaw_rate"), "gyro_scale": ("yaw_rate",),
+    "imu_delay": ("lateral_rate", "torque_rate"), "odometry_scale": ("speed",),
+    "odometry_filter": ("yaw_acceleration",),
+}
+"""Effect -> variables that explain it, of which the best is shown; missing: of all."""
+
+_OF_EQUATION = {
+    "v_x": ("imu_a_x", "v_x"), "v_y": ("imu_a_y", "v_y"),
+    "yaw_rate": ("imu_yaw_rate", "yaw_rate"), "imu": ("imu_a_x", "imu_a_y", "imu_yaw_rate"),
+    "odometry": ("v_x", "v_y", "yaw_rate"),
+}
+_SAME_SCALE = 1e-9
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A residual in bins (k,) of a variable: means before and after, and the spread of both."""
+
+    channel: str
+    label: str
+    at: FloatArray
+    before: FloatArray
+    after: FloatArray
+    before_sides: FloatArray
+    """(2, k): the percentiles `SIDES`."""
+    after_sides: FloatArray
+    noise: float
+    weight: float
+
+
+def trend(
+    series: ResidualSeries, channel: str, label: str, u: FloatArray, use: BoolArray, bins: int = BINS,
+    without: str = "",
+) -> Trend:
+    """
+    Cut the bins in `use` by a variable u (b,) into bins of equal count.
+
+    "Before" is the simulation less all that was found; if more than one thing was, less `without`
+    alone.
+    """
+    row = CHANNELS.index(channel)
+    lacking = series.without.get(without, series.before)
+    before, after = lacking[row][use], series.after[row][use]
+    order = np.argsort(u[use], kind="stable")
+    parts = [part for part in np.array_split(order, bins) if part.size]
+    counts = np.array([part.size for part in parts], dtype=np.float64)
+
+    def means(values: FloatArray) -> FloatArray:
+        return np.array([values[part].mean() for part in parts])
+
+    def sides(values: FloatArray) -> FloatArray:
+        return np.asarray(np.array([np.percentile(values[part], SPREAD_PERCENTILES) for part in parts]).T)
+
+    noise = max(float(series.noise[row]), _SAME_SCALE)
+    mean_before, mean_after = means(before), means(after)
+    weight = float(np.sum(counts * (mean_before**2 - mean_after**2))) / noise**2
+    return Trend(
+        channel, label, means(u[use]), mean_before, mean_after, sides(before), sides(after),
+        noise, weight,
+    )
+
+
+def best_trend(
+    series: ResidualSeries, variables: Sequence[tuple[str, FloatArray]], equations: Sequence[str],
+    use: BoolArray, bins: int = BINS, without: str = "",
+) -> Trend:
+    """Return the trend with the most weight over the equations' channels and the variables."""
+    channels = [c for equation in equations for c in _OF_EQUATION.get(equation, ())] or CHANNELS
+    found = [
+        trend(series, channel, label, u, use, bins, without)
+        for channel in channels for label, u in variables
+    ]
+    return max(found, key=lambda item: item.weight)
+
+
+def active_bins(series: ResidualSeries, intervals: Sequence[Sequence[float]]) -> BoolArray:
+    """Return which bins (b,) lie in one of the intervals and after the settling."""
+    inside = np.zeros(series.time_s.shape[0], dtype=np.bool_)
+    for begin, end in intervals:
+        inside |= (series.time_s >= begin) & (series.time_s <= end)
+    inside[:SETTLING_BINS] = False
+    return inside
+
+
+def effect_residual_trend(series: ResidualSeries, found: IdentifiedEffect) -> Trend:
+    """Return the evidence for an effect, over where it acts; along the lap if tied to a place."""
+    if found.kind == PLACE and series.distance is not None:
+        use = active_bins(series, [[-np.inf, np.inf]])
+        along = [("distance along the lap (m)", series.distance)]
+        name = found.effect.name
+        return best_trend(series, along, found.effect.equations, use, PLACE_BINS, name)
+    use = active_bins(series, found.time_intervals_s)
+    if np.count_nonzero(use) < 2 * BINS:
+        use = active_bins(series, [[-np.inf, np.inf]])
+    names = EXPLAINS.get(found.effect.name, tuple(VARIABLES))
+    variables = [(VARIABLES[name].label, VARIABLES[name].of(series)) for name in names]
+    return best_trend(
+        series, variables, found.effect.equations, use, without=found.effect.name
+    )
+
+
+def feature_residual_trend(series: ResidualSeries, piece: FeatureTerm) -> Trend:
+    """Return the evidence for one feature of an unexplained remainder."""
+    feature = FEATURES[piece.feature]
+    u = feature.of(series.signals)
+    if float(np.ptp(u)) == 0.0:
+        label, u = "time (s)", series.time_s
+    else:
+        label = f"{feature.text}, {feature.expression} ({feature.unit.replace('^', '')})"
+    use = active_bins(series, [[-np.inf, np.inf]])
+    name = f"{piece.equation}:{piece.feature}"
+    return best_trend(series, [(label, u)], [piece.equation], use, without=name)

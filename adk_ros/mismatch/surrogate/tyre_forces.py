@@ -1,0 +1,176 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Forces on the stand-in's body: tyres, air and the road's slope.
+
+Wheels are quasi-static: what the drive gives, less what the wheels' spin takes up, is on the road,
+F_x = (T - I_w dv_x/dt / R) / R, and the lateral force is what the friction circle leaves,
+
+    F_y = D sin(C atan(B a - E (B a - atan B a))) sqrt(1 - c (F_x / D)^2),
+
+D = mu F_z, B = K / C D, at slip angle a; K is the slip stiffness, which friction leaves as it is.
+Loads follow a_x and a_y (m h a_x / L between axles, m h a_y / track across), the cross slope
+(m (g cos(bank) - v_x r sin(bank))), the downforce and the body's vertical acceleration.
+"""
+
+from __future__ import annotations
+
+import math
+
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import AIR_DENSITY, GRAVITY
+from adk_ros.numerics.numba_cache import relaxed_kernel
+
+MIN_LATERAL_UTILISATION = 0.15
+"""Share of the lateral grip that a wheel keeps whatever it drives or brakes."""
+MIN_FRICTION = 0.02
+"""Of a road: terms at one place add up."""
+
+_MASS = INDEX["mass"]
+_INERTIA = INDEX["yaw_inertia"]
+_L_F = INDEX["cg_to_front_axle"]
+_L_R = INDEX["cg_to_rear_axle"]
+_TRACK = INDEX["track_width"]
+_HEIGHT = INDEX["cg_height"]
+_RADIUS = INDEX["wheel_radius"]
+_SPIN = INDEX["wheel_inertia"]
+_AREA = INDEX["side_force_area"]
+_VOLUME = INDEX["yaw_moment_volume"]
+_K_F = INDEX["stiffness_f"]
+_K_R = INDEX["stiffness_r"]
+_C_F = INDEX["shape_f"]
+_C_R = INDEX["shape_r"]
+_E_F = INDEX["curvature_f"]
+_E_R = INDEX["curvature_r"]
+_MU_F = INDEX["grip_f"]
+_MU_R = INDEX["grip_r"]
+_SENSITIVITY = INDEX["load_sensitivity"]
+_FALLOFF = INDEX["stiffness_falloff"]
+_COMBINED = INDEX["combined_slip"]
+_BRUSH = INDEX["brush_share"]
+_ROLL = INDEX["roll_share_front"]
+_ROLL_ARM = INDEX["roll_arm"]
+_SPLIT = INDEX["torque_split_front"]
+_DRAG = INDEX["drag_area"]
+_LIFT = INDEX["lift_area"]
+_ROLLING = INDEX["rolling"]
+_REAR = INDEX["rear_steer"]
+_SIDE = INDEX["side_drag"]
+_GRADE = INDEX["grade"]
+_BANK = INDEX["bank"]
+_FRICTION = INDEX["friction"]
+_WIND_X = INDEX["wind_x"]
+_WIND_Y = INDEX["wind_y"]
+_EXTRA_X = INDEX["extra_x"]
+_EXTRA_Y = INDEX["extra_y"]
+_EXTRA_YAW = INDEX["extra_yaw"]
+
+
+@relaxed_kernel
+def normalised_lateral_force(slip: float, shape: float, curvature: float, brush: float) -> float:
+    """
+    Return the share of the grip that a normalised slip s = B tan(alpha) takes.
+
+    The Magic Formula's sin(C atan(s - E (s - atan s))), and in the share `brush` the brush model's
+    3 z - 3 z^2 + z^3 with z = C |s| / 3, one beyond: both of slope C.
+    """
+    share = math.sin(shape * math.atan(slip - curvature * (slip - math.atan(slip))))
+    if brush != 0.0:
+        z = min(shape * abs(slip) / 3.0, 1.0)
+        share += brush * (math.copysign(z * (3.0 - 3.0 * z + z * z), slip) - share)
+    return share
+
+
+@relaxed_kernel
+def body_forces(
+    p: FloatArray,
+    v_x: float,
+    v_y: float,
+    yaw_rate: float,
+    delta: float,
+    torque: float,
+    load_x: float,
+    load_y: float,
+    roll_rate: float,
+    heave: float,
+    slips: FloatArray,
+    build_up: float,
+    targets: FloatArray,
+) -> tuple[float, float, float]:
+    """
+    Return (a_x, a_y, yaw acceleration): specific force at the centre of gravity, SI.
+
+    `load_x`, `load_y` are the specific forces that the loads follow; `roll_rate` (rad/s) and
+    `heave` (upward acceleration, m/s^2) are the body's; `slips` (4,) the slip angles as far as
+    they have built up, of which `build_up` remains; what they tend to is written into `targets`
+    (4,).
+    """
+    mass, radius, wheelbase = p[_MASS], p[_RADIUS], p[_L_F] + p[_L_R]
+    speed = max(v_x, 1.0)
+    w_x, w_y = v_x - p[_WIND_X], p[_WIND_Y] - v_y
+    air = math.hypot(w_x, w_y)
+    pressure = 0.5 * AIR_DENSITY * air
+    sin_grade, sin_bank = math.sin(p[_GRADE]), math.sin(p[_BANK])
+    normal = GRAVITY * math.cos(p[_GRADE]) * math.cos(p[_BANK])
+    weight = mass * (normal + heave - v_x * yaw_rate * sin_bank)
+    down = pressure * p[_LIFT] * w_x
+    along = mass * p[_HEIGHT] * load_x / wheelbase
+    front = max(weight * p[_L_R] / wheelbase - along + 0.5 * down, 100.0)
+    rear = max(weight * p[_L_F] / wheelbase + along + 0.5 * down, 100.0)
+    across = mass * p[_HEIGHT] * load_y / p[_TRACK]
+    nominal = 0.25 * mass * GRAVITY
+    f_x = -pressure * p[_DRAG] * w_x
+    f_y = pressure * p[_AREA] * w_y
+    m_z = pressure * p[_VOLUME] * w_y
+    spin = p[_SPIN] / (radius * radius)
+    # What takes the wheels' spin along: known but for a_x itself, which is solved for below.
+    carried = yaw_rate * v_y - GRAVITY * sin_grade
+    inertial = spin * (load_x + carried)
+    cos_f, sin_f = math.cos(delta), math.sin(delta)
+    rear_angle = p[_REAR] * delta
+    cos_r, sin_r = 1.0, 0.0
+    if rear_angle != 0.0:
+        cos_r, sin_r = math.cos(rear_angle), math.sin(rear_angle)
+    for i in range(4):
+        is_front = i < 2
+        side = 1.0 if i % 2 == 0 else -1.0
+        axle = front if is_front else rear
+        share = p[_ROLL] if is_front else 1.0 - p[_ROLL]
+        load = max(0.5 * axle - side * share * across, 50.0)
+        x = p[_L_F] if is_front else -p[_L_R]
+        y = 0.5 * side * p[_TRACK]
+        angle = delta if is_front else rear_angle
+        cos, sin = (cos_f, sin_f) if is_front else (cos_r, sin_r)
+        hub_x = max(speed - yaw_rate * y, 1.0)
+        hub_y = v_y + yaw_rate * x + roll_rate * p[_ROLL_ARM]
+        targets[i] = angle - math.atan(hub_y / hub_x)
+        slip = targets[i] + (slips[i] - targets[i]) * build_up
+        more = load / nominal - 1.0
+        grip = (p[_MU_F] if is_front else p[_MU_R]) * max(1.0 - p[_SENSITIVITY] * more, 0.2)
+        peak = grip * max(p[_FRICTION], MIN_FRICTION) * load
+        stiffness = (p[_K_F] if is_front else p[_K_R]) * load * max(1.0 - p[_FALLOFF] * more, 0.2)
+        shape = p[_C_F] if is_front else p[_C_R]
+        # The stiffness is the carcass's: a slippery road takes the grip alone.
+        b = stiffness / (shape * peak)
+        split = p[_SPLIT] if is_front else 1.0 - p[_SPLIT]
+        # A brake that drags does so on its own side alone.
+        driven = (0.5 * split * torque - max(side * p[_SIDE], 0.0)) / radius
+        resisting = p[_ROLLING] * load
+        t_x = driven - resisting
+        used = min(abs(t_x - 0.25 * inertial) / peak, 1.0)
+        left = math.sqrt(max(1.0 - p[_COMBINED] * used * used, MIN_LATERAL_UTILISATION * MIN_LATERAL_UTILISATION))
+        t_y = peak * left * normalised_lateral_force(
+            b * slip, shape, p[_E_F] if is_front else p[_E_R], p[_BRUSH]
+        )
+        # A locked or spinning wheel gives no more than the road takes.
+        most = peak
+        t_x = min(max(t_x, -most), most)
+        b_x = t_x * cos - t_y * sin
+        b_y = t_x * sin + t_y * cos
+        f_x += b_x
+        f_y += b_y
+        m_z += x * b_y - y * b_x
+    a_x = (f_x - spin * carried) / (mass + spin) + p[_EXTRA_X]
+    a_y = f_y / mass + p[_EXTRA_Y]
+    return a_x, a_y, m_z / p[_INERTIA] + p[_EXTRA_YAW]

@@ -1,0 +1,151 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag through the predictor, without ROS: what the live node would have published on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from adk_ros.bags import Bag, BagWriter, message
+from adk_ros.bags.recording import RecordingOptions, choose_topics, sources
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.pipeline import Pipeline, PipelineSettings
+from adk_ros.model.prediction import Prediction
+from adk_ros.numerics.arrays import FloatArray
+
+TWIST_TOPIC = "/predictor/predicted_twist"
+HORIZON_TOPIC = "/predictor/predicted_horizon"
+COVARIANCE_TOPIC = "/predictor/predicted_horizon_covariance"
+TWIST_TYPE = "geometry_msgs/msg/TwistWithCovarianceStamped"
+HORIZON_TYPE = "trajectory_msgs/msg/MultiDOFJointTrajectory"
+COVARIANCE_TYPE = "std_msgs/msg/Float64MultiArray"
+_PLANE = (0, 1, 5)
+_NOT_ESTIMATED = 1e6
+
+Progress = Callable[[int, int], None]
+
+
+def predictions(
+    bag: Bag,
+    pipeline: Pipeline,
+    options: RecordingOptions,
+    progress: Progress | None = None,
+) -> Iterator[tuple[int, Prediction]]:
+    """Yield (log time in ns of the message that completed the tick, prediction), in order."""
+    source_of = sources(choose_topics(bag, options))
+    total = sum(info.count for info in bag.topics if info.name in source_of)
+    for done, (topic, log_ns, msg) in enumerate(bag.messages(source_of), start=1):
+        if progress is not None and (done % 1000 == 0 or done == total):
+            progress(done, total)
+        for prediction in pipeline.take(source_of[topic], msg):
+            yield log_ns, prediction
+
+
+def replay(
+    path: Path,
+    model: KoopmanModel,
+    settings: PipelineSettings,
+    options: RecordingOptions,
+    out: Path | None,
+    with_horizon: bool = False,
+    progress: Progress | None = None,
+) -> tuple[list[Prediction], Pipeline, list[str]]:
+    """
+    Replay a bag; return the predictions, the pipeline with its counts, and the bag's warnings.
+
+    The predictions are without their `horizon_covariance`, which of an hour would be 0.8 GB.
+    `out`: rosbag2 to write, with the predicted twist, on request the horizon and its covariance,
+    and the odometry they are to be compared with.
+    :raises UsageError, DataError: as `bags`.
+    """
+    pipeline = Pipeline(model, settings)
+    kept: list[Prediction] = []
+    with Bag(path) as bag:
+        found = predictions(bag, pipeline, options, progress)
+        if out is None:
+            kept = [_light(prediction) for _, prediction in found]
+        else:
+            odometry = choose_topics(bag, options).odometry
+            with BagWriter(out, "mcap", "zstd") as writer:
+                writer.add_topic(TWIST_TOPIC, TWIST_TYPE)
+                writer.add_topic(odometry, "nav_msgs/msg/Odometry")
+                if with_horizon:
+                    writer.add_topic(HORIZON_TOPIC, HORIZON_TYPE)
+                    writer.add_topic(COVARIANCE_TOPIC, COVARIANCE_TYPE)
+                for topic, _, log_ns, content in bag.raw([odometry]):
+                    writer.write(topic, content, log_ns)
+                for log_ns, prediction in found:
+                    kept.append(_light(prediction))
+                    writer.write(TWIST_TOPIC, twist_message(prediction), log_ns)
+                    if with_horizon:
+                        writer.write(HORIZON_TOPIC, horizon_message(prediction), log_ns)
+                        writer.write(COVARIANCE_TOPIC, covariance_message(prediction), log_ns)
+        warnings = list(bag.warnings)
+    return kept, pipeline, warnings
+
+
+def _light(prediction: Prediction) -> Prediction:
+    return prediction._replace(horizon_covariance=np.zeros((0, 3, 3)))
+
+
+def twist_message(prediction: Prediction, frame_id: str = "base_link") -> Any:
+    """The prediction as the node publishes it, stamped with the time it is for."""
+    covariance = [0.0] * 36
+    for axis in range(6):
+        covariance[7 * axis] = _NOT_ESTIMATED
+    for i, row in enumerate(_PLANE):
+        for j, column in enumerate(_PLANE):
+            covariance[6 * row + column] = float(prediction.covariance[i, j])
+    return message(
+        TWIST_TYPE,
+        header={"stamp": prediction.stamp_ns, "frame_id": frame_id},
+        twist={"twist": _twist(prediction.x), "covariance": covariance},
+    )
+
+
+def horizon_message(prediction: Prediction, frame_id: str = "base_link") -> Any:
+    """The horizon as the node publishes it, stamped with its origin."""
+    step_ns = prediction.stamp_ns - prediction.origin_ns
+    points = [
+        {
+            "velocities": [message("geometry_msgs/msg/Twist", **_twist(x))],
+            "time_from_start": {
+                "sec": step_ns * (i + 1) // 10**9, "nanosec": step_ns * (i + 1) % 10**9
+            },
+        }
+        for i, x in enumerate(prediction.horizon)
+    ]
+    return message(
+        HORIZON_TYPE,
+        header={"stamp": prediction.origin_ns, "frame_id": frame_id},
+        joint_names=["vehicle"],
+        points=[message("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint", **p) for p in points],
+    )
+
+
+def covariance_message(prediction: Prediction) -> Any:
+    """The covariance along the horizon (steps, 3, 3) as the node publishes it."""
+    steps = len(prediction.horizon_covariance)
+    dims = (("step", steps, 9 * steps), ("row", 3, 9), ("column", 3, 3))
+    return message(
+        COVARIANCE_TYPE,
+        layout={
+            "dim": [
+                message("std_msgs/msg/MultiArrayDimension", label=label, size=size, stride=stride)
+                for label, size, stride in dims
+            ],
+            "data_offset": 0,
+        },
+        data=np.ascontiguousarray(prediction.horizon_covariance).ravel(),
+    )
+
+
+def _twist(x: FloatArray) -> dict[str, Any]:
+    return {
+        "linear": {"x": float(x[0]), "y": float(x[1])},
+        "angular": {"z": float(x[2])},
+    }

@@ -1,0 +1,189 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the car's sensors make of a drive: three streams, each with its own rate and faults.
+
+The inertial unit sits at the centre of gravity and senses specific force: on a slope the road's
+push is in it, gravity is not subtracted. Odometry reports pose, body velocities and yaw rate at
+the centre of gravity. Commands are reported as given, so by default without noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from adk_ros.files.yaml_file import FileModel
+from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
+
+
+class Timing(FileModel):
+    """When a stream speaks and when it is heard."""
+
+    rate_hz: float = Field(gt=0.1, le=1000.0)
+    phase_s: float = Field(default=0.0, ge=0.0, le=10.0)
+    """Time of the first stamp after the start of the drive."""
+    delay_s: float = Field(default=0.002, ge=0.0, le=5.0)
+    """From stamp to arrival, always."""
+    jitter_s: float = Field(default=0.0005, ge=0.0, le=5.0)
+    """Mean of what comes on top, exponentially distributed, cut at eight times the mean."""
+    dropout: float = Field(default=0.0, ge=0.0, le=0.95)
+    """Probability that a message is lost."""
+
+
+class Imu(Timing):
+    """Inertial unit: a_x, a_y, yaw rate. Biases are what it reads at rest."""
+
+    rate_hz: float = Field(default=200.0, gt=0.1, le=1000.0)
+    phase_s: float = Field(default=0.0013, ge=0.0, le=10.0)
+    accel_noise: float = Field(default=0.05, ge=0.0, le=1e3)
+    gyro_noise: float = Field(default=0.002, ge=0.0, le=1e2)
+    bias_a_x: float = 0.0
+    bias_a_y: float = 0.0
+    bias_yaw_rate: float = 0.0
+    accel_resolution: float = Field(default=2.0**-10, ge=0.0, le=10.0)
+    gyro_resolution: float = Field(default=2.0**-14, ge=0.0, le=1.0)
+
+
+class Odometry(Timing):
+    """Pose (x, y, heading) in the route's frame, and v_x, v_y, yaw rate of the body."""
+
+    rate_hz: float = Field(default=50.0, gt=0.1, le=1000.0)
+    phase_s: float = Field(default=0.0071, ge=0.0, le=10.0)
+    delay_s: float = Field(default=0.004, ge=0.0, le=5.0)
+    velocity_noise: float = Field(default=0.02, ge=0.0, le=1e2)
+    yaw_rate_noise: float = Field(default=0.002, ge=0.0, le=1e2)
+    position_noise: float = Field(default=0.02, ge=0.0, le=1e3)
+    heading_noise: float = Field(default=0.002, ge=0.0, le=10.0)
+    bias_v_x: float = 0.0
+    bias_v_y: float = 0.0
+    bias_yaw_rate: float = 0.0
+    velocity_resolution: float = Field(default=2.0**-12, ge=0.0, le=10.0)
+    gyro_resolution: float = Field(default=2.0**-14, ge=0.0, le=1.0)
+    position_resolution: float = Field(default=2.0**-10, ge=0.0, le=10.0)
+
+
+class Command(Timing):
+    """Torque and road-wheel angle as commanded; they act from their stamp on, until the next."""
+
+    rate_hz: float = Field(default=40.0, ge=1.0, le=1000.0)
+    phase_s: float = Field(default=0.022, ge=0.0, le=10.0)
+    delay_s: float = Field(default=0.001, ge=0.0, le=5.0)
+    torque_noise: float = Field(default=0.0, ge=0.0, le=1e4)
+    delta_noise: float = Field(default=0.0, ge=0.0, le=1.0)
+    bias_torque: float = 0.0
+    bias_delta: float = 0.0
+    torque_resolution: float = Field(default=2.0**-4, ge=0.0, le=100.0)
+    delta_resolution: float = Field(default=2.0**-16, ge=0.0, le=0.1)
+
+
+class Sensors(FileModel):
+    """The three streams; `clean()` has the same without noise, bias, rounding, loss and jitter."""
+
+    imu: Imu | None = Imu()
+    odometry: Odometry = Odometry()
+    command: Command = Command()
+
+    def clean(self) -> Sensors:
+        """Return sensors that report the truth, at the same rates, phases and delays."""
+        imu = None if self.imu is None else self.imu.model_copy(update=_CLEAN_IMU)
+        return Sensors(
+            imu=imu,
+            odometry=self.odometry.model_copy(update=_CLEAN_ODOMETRY),
+            command=self.command.model_copy(update=_CLEAN_COMMAND),
+        )
+
+
+def _zeros(model: type[Timing]) -> dict[str, float]:
+    keep = {"rate_hz", "phase_s", "delay_s"}
+    return {name: 0.0 for name in model.model_fields if name not in keep}
+
+
+_CLEAN_IMU, _CLEAN_ODOMETRY, _CLEAN_COMMAND = _zeros(Imu), _zeros(Odometry), _zeros(Command)
+
+
+@dataclass(frozen=True)
+class Stream:
+    """
+    What one sensor sent, in the order of its stamps: `stamp_ns` (m,), `log_ns` (m,), `values`.
+
+    `values` (m, k): IMU a_x, a_y, yaw rate; odometry v_x, v_y, yaw rate, x, y, heading; command
+    torque, delta.
+    """
+
+    stamp_ns: IntArray
+    log_ns: IntArray
+    values: FloatArray
+
+
+def stamps(timing: Timing, duration_s: float) -> IntArray:
+    """Return the stream's stamps in ns from the start of the drive, up to `duration_s`."""
+    period = 1.0 / timing.rate_hz
+    count = max(0, int(np.floor((duration_s - timing.phase_s) / period + 1e-9)) + 1)
+    at = np.rint((timing.phase_s + period * np.arange(count)) * 1e9)
+    return np.asarray(at, dtype=np.int64)
+
+
+def send(
+    rng: np.random.Generator,
+    timing: Timing,
+    stamp_ns: IntArray,
+    truth: FloatArray,
+    noise: list[float],
+    bias: list[float],
+    resolution: list[float],
+) -> Stream:
+    """
+    Return what becomes of `truth` (m, k) on its way; one of `noise`, `bias`, ... a column.
+
+    The random numbers of a message do not depend on the settings: less noise or loss is the same
+    drive, heard better.
+    """
+    m, k = truth.shape
+    draws = rng.standard_normal((m, k))
+    lateness = np.minimum(rng.standard_exponential(m), 8.0)
+    kept: BoolArray = np.asarray(rng.random(m) >= timing.dropout)
+    values = truth + np.asarray(bias) + np.asarray(noise) * draws
+    step = np.asarray(resolution)
+    coarse = step > 0.0
+    values[:, coarse] = np.rint(values[:, coarse] / step[coarse]) * step[coarse]
+    late_ns = np.rint((timing.delay_s + timing.jitter_s * lateness) * 1e9).astype(np.int64)
+    return Stream(stamp_ns[kept], (stamp_ns + late_ns)[kept], values[kept])
+
+
+def imu_stream(rng: np.random.Generator, imu: Imu, at: IntArray, truth: FloatArray) -> Stream:
+    """Return the IMU's stream; `truth` (m, 3) a_x, a_y, yaw rate at the stamps."""
+    return send(
+        rng, imu, at, truth,
+        [imu.accel_noise] * 2 + [imu.gyro_noise],
+        [imu.bias_a_x, imu.bias_a_y, imu.bias_yaw_rate],
+        [imu.accel_resolution] * 2 + [imu.gyro_resolution],
+    )
+
+
+def odometry_stream(
+    rng: np.random.Generator, odometry: Odometry, at: IntArray, truth: FloatArray
+) -> Stream:
+    """Return odometry's stream; `truth` (m, 6) v_x, v_y, yaw rate, x, y, heading."""
+    o = odometry
+    return send(
+        rng, o, at, truth,
+        [o.velocity_noise] * 2 + [o.yaw_rate_noise] + [o.position_noise] * 2 + [o.heading_noise],
+        [o.bias_v_x, o.bias_v_y, o.bias_yaw_rate, 0.0, 0.0, 0.0],
+        [o.velocity_resolution] * 2 + [o.gyro_resolution] + [o.position_resolution] * 2
+        + [o.gyro_resolution],
+    )
+
+
+def command_stream(
+    rng: np.random.Generator, command: Command, at: IntArray, truth: FloatArray
+) -> Stream:
+    """Return the commands' stream; `truth` (m, 2) torque, delta."""
+    return send(
+        rng, command, at, truth,
+        [command.torque_noise, command.delta_noise],
+        [command.bias_torque, command.bias_delta],
+        [command.torque_resolution, command.delta_resolution],
+    )

@@ -1,0 +1,316 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The plant: a car with fourteen degrees of freedom over a road in three dimensions.
+
+Body (six), four unsprung masses (travel along the body's vertical), four wheel spins. Body axes,
+REP-103, origin P at the car's centre of gravity at rest; attitude is heading, then pitch, then
+roll, about z, y, x; wheels front left, front right, rear left, rear right. With g the gravity in
+body axes, F_i the force of the road on tyre i (load along the road's normal, longitudinal and
+lateral in its plane), S_i the suspension's force, M the moments about P, masses and inertias as in
+`body`, (u, v, w) and (p, q, r) velocity and rates:
+
+    m (du/dt + q w - r v) = sum(F_xi) + air + m g_x - 2 q sum(m_i dzeta_i/dt)
+    m (dv/dt + r u - p w) = sum(F_yi) + air + m g_y + 2 p sum(m_i dzeta_i/dt)
+    m_s a_sz              = sum(S_i) + lift + m_s g_z
+    I_x dp/dt - I_xz dr/dt     = M_x
+    I_y dq/dt - m_s x_s a_Pz   = M_y
+    I_z dr/dt - I_xz dp/dt     = M_z
+    m_i a_iz              = F_zi - S_i + m_i g_z        (S_i with its links: `suspension`)
+    I_w domega_i/dt       = T_i - R f_xi                (T_i acts back on the body)
+
+The accelerometer is strapped to the body at P: it senses (du/dt, dv/dt, ...) + omega x v - g.
+Tyres are those of `tyre`, their slips formed at the contact in the road's plane. Commands, speed
+and friction limits are as in `seven_dof`, and so are the first entries of the state.
+
+RK4 at 1 ms: the fastest modes are wheel spins (some 230 1/s) and wheel hop (some 60 1/s); vehicles
+with modes beyond 2000 1/s are refused. Finite for any finite input: see `seven_dof`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import AIR_DENSITY, GRAVITY
+from adk_ros.numerics.numba_cache import strict_kernel
+from adk_ros.numerics.runge_kutta import axpy, clip, take_step
+from adk_ros.plant.environment.surface import PLANE_MU, PLANE_OFFSET, PLANE_X, PLANE_Y, PLANE_Z
+from adk_ros.plant.vehicle.actuators import asked_of_wheels, brake_torque
+from adk_ros.plant.vehicle.sprung_mass import SprungMass
+from adk_ros.plant.vehicle.suspension import corner, suspension_force, tyre_load
+from adk_ros.plant.vehicle.tyre import (
+    SLIP_SPEED_MIN,
+    axle_tyre,
+    combined_slip_utilisation,
+    friction,
+    relaxation_rate,
+)
+from adk_ros.plant.vehicle.vehicle_forces import aerodynamic_forces, rolling_resistance
+from adk_ros.plant.vehicle.vehicle_parameters import Constants
+
+V_X, V_Y, YAW_RATE = 0, 1, 2
+OMEGA = 3
+F_X_UTIL = 7
+F_Y_UTIL = 11
+V_Z, ROLL_RATE, PITCH_RATE = 15, 16, 17
+DELTA = 18
+X, Y, HEADING = 19, 20, 21
+Z, ROLL, PITCH = 22, 23, 24
+TRAVEL = 25
+TRAVEL_RATE = 29
+MOTOR = 33
+BRAKE = 37
+STATE_SIZE = 41
+"""Named state index: four entries from OMEGA, GRIP_X, GRIP_Y, TRAVEL, TRAVEL_RATE, MOTOR and BRAKE
+on, one per wheel. DELTA to HEADING and all up to GRIP_Y are where `seven_dof` has them."""
+
+STATE_LIMIT = np.array(
+    [150.0, 150.0, 30.0] + [2000.0] * 4 + [1.0] * 8 + [100.0, 30.0, 30.0, 1.5]
+    + [1e9, 1e9, 1e9, 1e5, 1.2, 1.2] + [1.0] * 4 + [100.0] * 4 + [1e6] * 8
+)  # fmt: skip
+"""No entry of the state passes this, SI units."""
+
+
+@strict_kernel
+def derivative(
+    c: Constants,
+    b: SprungMass,
+    state: FloatArray,
+    command: FloatArray,
+    planes: FloatArray,
+    wind: tuple[float, float],
+    step: float,
+    out: FloatArray,
+) -> tuple[float, float]:
+    """
+    Write d(state)/dt into `out` and return the specific force (a_x, a_y) at P, m/s^2.
+
+    `command` = (torque, delta); `planes` (4, 5) the road under each wheel, as in `surface`;
+    `wind` to the +x, +y of the map; `step` is the integrator's, which bounds the rates.
+    """
+    v_x, v_y, v_z = state[V_X], state[V_Y], state[V_Z]
+    p, q, r = state[ROLL_RATE], state[PITCH_RATE], state[YAW_RATE]
+    cos_h, sin_h = math.cos(state[HEADING]), math.sin(state[HEADING])
+    cos_p, sin_p = math.cos(state[PITCH]), math.sin(state[PITCH])
+    cos_r, sin_r = math.cos(state[ROLL]), math.sin(state[ROLL])
+    cos_d, sin_d = math.cos(state[DELTA]), math.sin(state[DELTA])
+    # Body to map; columns are the body's axes.
+    t_xx, t_xy = cos_p * cos_h, sin_r * sin_p * cos_h - cos_r * sin_h
+    t_yx, t_yy = cos_p * sin_h, sin_r * sin_p * sin_h + cos_r * cos_h
+    t_xz, t_yz = cos_r * sin_p * cos_h + sin_r * sin_h, cos_r * sin_p * sin_h - sin_r * cos_h
+    t_zx, t_zy, t_zz = -sin_p, sin_r * cos_p, cos_r * cos_p
+    g_x, g_y, g_z = -GRAVITY * t_zx, -GRAVITY * t_zy, -GRAVITY * t_zz
+
+    wind_x = wind[0] * cos_h + wind[1] * sin_h
+    wind_y = -wind[0] * sin_h + wind[1] * cos_h
+    f_x, f_y, m_z = aerodynamic_forces(c, v_x, v_y, wind_x, wind_y)
+    pressure = 0.5 * AIR_DENSITY * ((wind_x - v_x) ** 2 + (wind_y - v_y) ** 2)
+    lift_f, lift_r = pressure * b.lift_area_f, pressure * b.lift_area_r
+    f_z = lift_f + lift_r + b.sprung_mass * g_z
+    m_x = 0.0
+    m_y = lift_r * c.cg_to_rear_axle - lift_f * c.cg_to_front_axle
+    m_y -= b.sprung_x * b.sprung_mass * g_z
+    falling = 0.0
+
+    motor_f, motor_r, brake_f, brake_r = asked_of_wheels(c, b, command[0])
+    motor_rate = 1.0 / max(c.torque_lag, step)
+    brake_rate = 1.0 / max(b.brake_lag, step)
+    for i in range(4):
+        front = i < 2
+        at = corner(b, front)
+        tyre = axle_tyre(c, front)
+        plane = planes[i]
+        mu = min(max(plane[PLANE_MU], 0.01), 2.0)
+        x = c.cg_to_front_axle if front else -c.cg_to_rear_axle
+        y = 0.5 * c.track_width if i % 2 == 0 else -0.5 * c.track_width
+        travel, rate = state[TRAVEL + i], state[TRAVEL_RATE + i]
+        z = b.wheel_z + travel
+        # The road's normal in body axes, and how far the wheel's axle leans out of its plane; then
+        # the wheel's forward and left in that plane.
+        n_x = t_xx * plane[PLANE_X] + t_yx * plane[PLANE_Y] + t_zx * plane[PLANE_Z]
+        n_y = t_xy * plane[PLANE_X] + t_yy * plane[PLANE_Y] + t_zy * plane[PLANE_Z]
+        n_z = t_xz * plane[PLANE_X] + t_yz * plane[PLANE_Y] + t_zz * plane[PLANE_Z]
+        cos, sin = (cos_d, sin_d) if front else (1.0, 0.0)
+        lean = cos * n_y - sin * n_x
+        upright = math.sqrt(max(1.0 - lean * lean, 1e-6))
+        l_x, l_y = cos * n_z / upright, sin * n_z / upright
+        l_z = -(sin * n_y + cos * n_x) / upright
+        s_x, s_y, s_z = n_y * l_z - n_z * l_y, n_z * l_x - n_x * l_z, n_x * l_y - n_y * l_x
+        height = (
+            plane[PLANE_X] * state[X] + plane[PLANE_Y] * state[Y] + plane[PLANE_Z] * state[Z]
+            - plane[PLANE_OFFSET] + n_x * x + n_y * y + n_z * z
+        )  # fmt: skip
+        hub_x = v_x - r * y + q * z
+        hub_y = v_y + r * x - p * z
+        hub_z = v_z + p * y - q * x + rate
+        # A thin disc: leaning, it touches the road beside the foot of its hub's plumb line.
+        leaning = p * l_x + q * l_y + r * l_z
+        beside = c.wheel_radius * lean
+        closing = -(n_x * hub_x + n_y * hub_y + n_z * hub_z + beside * leaning)
+        load = tyre_load(at, c.wheel_radius * upright - height, closing)
+        along = l_x * hub_x + l_y * hub_y + l_z * hub_z
+        across = s_x * hub_x + s_y * hub_y + s_z * hub_z
+        across += height * leaning + rate * at.roll_centre / y
+
+        contact = math.hypot(along, across)
+        rolling = max(abs(along), SLIP_SPEED_MIN)
+        kappa = (state[OMEGA + i] * c.wheel_radius - along) / rolling
+        tan_alpha = -across / rolling
+        grip_x, grip_y = combined_slip_utilisation(tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha)
+        rate_x = relaxation_rate(contact, tyre.relaxation_length_x, step)
+        rate_y = relaxation_rate(contact, tyre.relaxation_length, step)
+        out[F_X_UTIL + i] = rate_x * (grip_x - state[F_X_UTIL + i])
+        out[F_Y_UTIL + i] = rate_y * (grip_y - state[F_Y_UTIL + i])
+        peak = mu * load * friction(tyre, load)
+        drive = peak * state[F_X_UTIL + i]
+        side = peak * state[F_Y_UTIL + i]
+        torque = state[MOTOR + i]
+        torque += brake_torque(state[BRAKE + i], state[OMEGA + i], c.wheel_inertia, step)
+        out[OMEGA + i] = (torque - c.wheel_radius * drive) / c.wheel_inertia
+        drive += rolling_resistance(c.crr, load, along)
+        b_x = drive * l_x + side * s_x + load * n_x
+        b_y = drive * l_y + side * s_y + load * n_y
+        b_z = drive * l_z + side * s_z + load * n_z
+        opposite = state[TRAVEL + (i ^ 1)]
+        force = suspension_force(at, b.stop_stiffness, b.travel, travel, rate, opposite)
+        force -= side * at.roll_centre / y
+        f_x += b_x
+        f_y += b_y
+        f_z += force
+        tips = height * side + beside * load
+        m_x += y * force - z * b_y + tips * l_x + torque * sin
+        m_y += z * b_x - x * force + tips * l_y - torque * cos
+        m_z += x * b_y - y * b_x + tips * l_z
+        out[TRAVEL + i] = rate
+        # Completed below, when the body's own acceleration is known.
+        out[TRAVEL_RATE + i] = (b_z - force) / at.unsprung + g_z
+        falling += at.unsprung * rate
+        out[MOTOR + i] = motor_rate * ((motor_f if front else motor_r) - state[MOTOR + i])
+        out[BRAKE + i] = brake_rate * ((brake_f if front else brake_r) - state[BRAKE + i])
+
+    f_x -= 2.0 * q * falling
+    f_y += 2.0 * p * falling
+    a_x, a_y = f_x / c.mass, f_y / c.mass
+    out[V_X] = a_x + g_x + r * v_y - q * v_z
+    out[V_Y] = a_y + g_y - r * v_x + p * v_z
+    m_x -= q * r * (b.sprung_inertia_zz - b.sprung_inertia_yy - b.unsprung_m_zz) - p * q * (b.sprung_inertia_xz + b.unsprung_m_xz)
+    m_y -= r * p * (b.sprung_inertia_xx - b.sprung_inertia_zz + b.unsprung_m_zz) + b.sprung_inertia_xz * (p * p - r * r)
+    m_y += (q * q + r * r) * b.unsprung_m_xz
+    m_z -= p * q * (b.sprung_inertia_yy - b.sprung_inertia_xx + b.unsprung_m_xx - b.unsprung_m_yy)
+    m_z -= q * r * (b.sprung_inertia_xz + b.unsprung_m_xz)
+    lateral = b.inertia_x * b.inertia_z - b.inertia_xz * b.inertia_xz
+    p_rate = (b.inertia_z * m_x + b.inertia_xz * m_z) / lateral
+    r_rate = (b.inertia_x * m_z + b.inertia_xz * m_x) / lateral
+    # m_s (a_z - x_s q') = f_z' and I_y q' - m_s x_s a_z = m_y, a_z = acceleration of P.
+    f_z -= b.sprung_mass * (r * p * b.sprung_x - b.sprung_z * (p * p + q * q))
+    q_rate = (m_y + b.sprung_x * f_z) / (b.inertia_y - b.sprung_mass * b.sprung_x * b.sprung_x)
+    a_z = f_z / b.sprung_mass + b.sprung_x * q_rate
+    out[V_Z] = a_z - p * v_y + q * v_x
+    out[ROLL_RATE], out[PITCH_RATE], out[YAW_RATE] = p_rate, q_rate, r_rate
+    for i in range(4):
+        x = c.cg_to_front_axle if i < 2 else -c.cg_to_rear_axle
+        y = 0.5 * c.track_width if i % 2 == 0 else -0.5 * c.track_width
+        z = b.wheel_z + state[TRAVEL + i]
+        carried = a_z + p_rate * y - q_rate * x + r * (p * x + q * y) - z * (p * p + q * q)
+        out[TRAVEL_RATE + i] -= carried
+
+    out[DELTA] = (clip(command[1], c.max_steer) - state[DELTA]) / max(c.steer_lag, step)
+    out[X] = t_xx * v_x + t_xy * v_y + t_xz * v_z
+    out[Y] = t_yx * v_x + t_yy * v_y + t_yz * v_z
+    out[Z] = t_zx * v_x + t_zy * v_y + t_zz * v_z
+    turning = (q * sin_r + r * cos_r) / max(cos_p, 0.1)
+    out[HEADING] = turning
+    out[PITCH] = q * cos_r - r * sin_r
+    out[ROLL] = p + turning * sin_p
+    return a_x, a_y
+
+
+@strict_kernel
+def rk4_step(
+    c: Constants,
+    b: SprungMass,
+    state: FloatArray,
+    command: FloatArray,
+    planes: FloatArray,
+    wind: tuple[float, float],
+    step: float,
+    work: FloatArray,
+) -> tuple[float, float]:
+    """
+    Advance `state` in place by one classical Runge-Kutta step, inputs held.
+
+    `work` (5, STATE_SIZE) is scratch. Returns the specific force at the *start* of the step.
+    """
+    a_x, a_y = derivative(c, b, state, command, planes, wind, step, work[0])
+    axpy(state, 0.5 * step, work[0], work[4])
+    derivative(c, b, work[4], command, planes, wind, step, work[1])
+    axpy(state, 0.5 * step, work[1], work[4])
+    derivative(c, b, work[4], command, planes, wind, step, work[2])
+    axpy(state, step, work[2], work[4])
+    derivative(c, b, work[4], command, planes, wind, step, work[3])
+    take_step(state, step, work, STATE_LIMIT)
+    return a_x, a_y
+
+
+@strict_kernel
+def advance(
+    c: Constants,
+    b: SprungMass,
+    state: FloatArray,
+    commands: FloatArray,
+    planes: FloatArray,
+    wind: tuple[float, float],
+    step: float,
+    substeps: int,
+    states: FloatArray,
+    forces: FloatArray,
+) -> None:
+    """
+    Drive `state` (STATE_SIZE,) in place under `commands` (n, 2) over planes that stay.
+
+    As `seven_dof.advance`: row k of `states` (n + 1, STATE_SIZE) and `forces` (n + 1, 2) is what
+    holds as command k begins, the last row what holds at the end.
+    """
+    work = np.empty((5, STATE_SIZE))
+    n = commands.shape[0]
+    for j in range(STATE_SIZE):
+        state[j] = clip(state[j], STATE_LIMIT[j])
+    for k in range(n):
+        states[k] = state
+        for i in range(substeps):
+            a_x, a_y = rk4_step(c, b, state, commands[k], planes, wind, step, work)
+            if i == 0:
+                forces[k, 0] = a_x
+                forces[k, 1] = a_y
+    states[n] = state
+    forces[n, 0], forces[n, 1] = derivative(
+        c, b, state, commands[n - 1], planes, wind, step, work[0]
+    )
+
+
+def rolling_state(
+    c: Constants,
+    v_x: float,
+    plane: FloatArray,
+    x: float = 0.0,
+    y: float = 0.0,
+    heading: float = 0.0,
+) -> FloatArray:
+    """
+    Return the state (STATE_SIZE,) of a car that rolls straight ahead on `plane`, free of slip.
+
+    It stands square on the road, its wheels where they rest on a level one.
+    """
+    state = np.zeros(STATE_SIZE)
+    cos, sin = math.cos(heading), math.sin(heading)
+    n_x, n_y, n_z = plane[PLANE_X], plane[PLANE_Y], plane[PLANE_Z]
+    state[V_X] = v_x
+    state[OMEGA : OMEGA + 4] = v_x / c.wheel_radius
+    state[X], state[Y], state[HEADING] = x, y, heading
+    state[Z] = (plane[PLANE_OFFSET] + c.cg_height - n_x * x - n_y * y) / n_z
+    state[ROLL] = -math.asin(n_y * cos - n_x * sin)
+    state[PITCH] = math.atan2(n_x * cos + n_y * sin, n_z)
+    return state

@@ -1,0 +1,208 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The held-out table: model against the naive predictors, cell by cell, and why a cell is lost."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.evaluation import Rollouts, rollout_record
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.signals.channels import INPUT_NAMES, STATE_NAMES, TICK_NS, Record
+from adk_ros.signals.score import (
+    HORIZON_STEPS,
+    REPORT_SCALE,
+    ErrorTable,
+    best_naive,
+    naive_predictions,
+    noise_floor,
+    pool,
+    score,
+)
+
+MODEL, HELD_INPUTS = "model", "model, commands held"
+TIE = 0.995
+"""A ratio of RMSEs from here on is no win."""
+_AHEAD = HORIZON_STEPS[-1]
+_UNIT = ("km/h", "km/h", "deg/s")
+
+
+@dataclass(frozen=True)
+class HeldOutScores:
+    """
+    Scores by predictor name over the same starts, and `lost`: cell -> why the model is not best.
+
+    `rollouts` are what they were computed from, one for each record that had a start.
+    """
+
+    scores: dict[str, ErrorTable]
+    lost: dict[str, str]
+    rollouts: list[Rollouts]
+
+    @property
+    def ratio(self) -> FloatArray:
+        """RMSE of the model over the best naive predictor's, (steps, 3)."""
+        return self.scores[MODEL].rmse / np.maximum(self.naive, 1e-12)
+
+    @property
+    def ratio_held(self) -> FloatArray:
+        """The same under held commands, as the node publishes its horizon."""
+        return self.scores[HELD_INPUTS].rmse / np.maximum(self.naive, 1e-12)
+
+    @property
+    def naive(self) -> FloatArray:
+        """RMSE of the best naive predictor in each cell, (steps, 3)."""
+        return best_naive({k: v for k, v in self.scores.items() if k not in (MODEL, HELD_INPUTS)})
+
+    def write_csv(self, path: Path) -> None:
+        """Write `predictor,channel,horizon_s,rmse,max` rows, SI units."""
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["predictor", "channel", "horizon_s", "rmse", "max"])
+            for name, item in self.scores.items():
+                for c, channel in enumerate(STATE_NAMES):
+                    for i, step in enumerate(item.steps):
+                        cell = (f"{v[i, c]:.6g}" for v in (item.rmse, item.worst))
+                        writer.writerow([name, channel, f"{step * TICK_NS * 1e-9:g}", *cell])
+
+    def as_json(self) -> dict[str, Any]:
+        """SI units; rmse and max by predictor, channel and horizon."""
+        steps = self.scores[MODEL].steps
+        return {
+            "horizons_s": [round(s * TICK_NS * 1e-9, 3) for s in steps],
+            "starts": self.scores[MODEL].count,
+            "predictors": {
+                name: {
+                    channel: {
+                        "rmse": [float(v) for v in item.rmse[:, c]],
+                        "max": [float(v) for v in item.worst[:, c]],
+                    }
+                    for c, channel in enumerate(STATE_NAMES)
+                }
+                | {"diverged": item.diverged}
+                for name, item in self.scores.items()
+            },
+            "ratio_to_best_naive": {
+                channel: [float(v) for v in self.ratio[:, c]]
+                for c, channel in enumerate(STATE_NAMES)
+            },
+            "ratio_to_best_naive_commands_held": {
+                channel: [float(v) for v in self.ratio_held[:, c]]
+                for c, channel in enumerate(STATE_NAMES)
+            },
+            "geometric_mean_ratio": float(np.exp(np.log(self.ratio).mean())),
+            "lost_cells": self.lost,
+        }
+
+
+@dataclass(frozen=True)
+class TrainingDomain:
+    """What the training data cover: the central 99 % of each channel; `low`, `high` (5,), SI."""
+
+    low: FloatArray
+    high: FloatArray
+
+    @staticmethod
+    def of(records: list[Record]) -> TrainingDomain:
+        """Of the usable rows of `records`."""
+        rows = np.concatenate([np.hstack([r.x, r.u])[r.learnable] for r in records])
+        low, high = np.nanpercentile(rows, [0.5, 99.5], axis=0)
+        return TrainingDomain(low, high)
+
+    def out_of_domain_fraction(self, result: HeldOutScores) -> dict[str, float]:
+        """Channels that leave the range by a tenth of it in over 5 % of the starts."""
+        rows = np.concatenate(
+            [np.hstack([r.record.x, r.record.u])[r.rows] for r in result.rollouts]
+        )
+        spare = 0.1 * (self.high - self.low)
+        share = ((rows < self.low - spare) | (rows > self.high + spare)).mean(axis=0)
+        names = (*STATE_NAMES, *INPUT_NAMES)
+        return {n: float(s) for n, s in zip(names, share, strict=True) if s > 0.05}
+
+    def as_json(self) -> dict[str, list[float]]:
+        """By channel: [low, high]."""
+        pairs = zip(self.low.tolist(), self.high.tolist(), strict=True)
+        return dict(zip((*STATE_NAMES, *INPUT_NAMES), map(list, pairs), strict=True))
+
+    @staticmethod
+    def from_json(stored: dict[str, list[float]] | None) -> TrainingDomain | None:
+        """The inverse of `as_json`; None where a manifest holds none."""
+        if not stored:
+            return None
+        table = np.array([stored[name] for name in (*STATE_NAMES, *INPUT_NAMES)])
+        return TrainingDomain(table[:, 0], table[:, 1])
+
+
+def score_held_out(
+    model: KoopmanModel,
+    parts: list[tuple[Record, BoolArray | None]],
+    known: TrainingDomain | None = None,
+    online: OnlineSettings | None = None,
+    stride: int = 4,
+    progress: Callable[[int, int], None] | None = None,
+) -> HeldOutScores | None:
+    """
+    Score a model on parts of records (a mask (n,) of the rows, or None for all).
+
+    `known`: what the training data cover, to say whether the held-out ones went beyond it. None if
+    no part holds a start with its whole horizon.
+    """
+    rollouts = []
+    for number, (record, scored) in enumerate(parts):
+        def report(done: int, total: int, number: int = number) -> None:
+            if progress is not None:
+                progress(number * total + done, len(parts) * total)
+
+        rolled = rollout_record(model, record, online, scored, _AHEAD, stride, progress=report)
+        if rolled.rows.size:
+            rollouts.append(rolled)
+    if not rollouts:
+        return None
+    by_name: dict[str, list[ErrorTable]] = {}
+    common: set[str] | None = None
+    for rolled in rollouts:
+        predictions = {MODEL: rolled.predicted, HELD_INPUTS: rolled.held_input_predictions}
+        predictions |= naive_predictions(rolled.record, rolled.rows, _AHEAD)
+        common = set(predictions) if common is None else common & set(predictions)
+        for name, predicted in predictions.items():
+            by_name.setdefault(name, []).append(score(rolled.record, rolled.rows, predicted))
+    scores = {name: pool(items) for name, items in by_name.items() if name in (common or set())}
+    result = HeldOutScores(scores, {}, rollouts)
+    for step, channel in np.argwhere(result.ratio >= TIE):
+        horizon = HORIZON_STEPS[step] * TICK_NS * 1e-9
+        cell = f"{STATE_NAMES[channel]} at {horizon:g} s"
+        result.lost[cell] = _why(result, int(step), int(channel), known)
+    return result
+
+
+def _why(result: HeldOutScores, step: int, channel: int, known: TrainingDomain | None) -> str:
+    naive, ratio = float(result.naive[step, channel]), float(result.ratio[step, channel])
+    text = f"{ratio:.2f} times the best naive predictor's RMSE"
+    floors = [noise_floor(rolled.record)[channel] for rolled in result.rollouts]
+    floor = float(np.nanmedian(floors))
+    if naive < 2.0 * floor:
+        shown = f"{floor * REPORT_SCALE[channel]:.2g} {_UNIT[channel]}"
+        return f"{text}; both are within twice the measurement's noise ({shown})"
+    if known is not None:
+        beyond = known.out_of_domain_fraction(result)
+        if beyond:
+            name, share = max(beyond.items(), key=lambda item: item[1])
+            return (
+                f"{text}; in {100 * share:.0f} % of the starts {name} was beyond the training data"
+            )
+    errors = np.concatenate(
+        [r.predicted[:, HORIZON_STEPS[step] - 1, channel]
+         - r.record.x_ref[r.rows + HORIZON_STEPS[step], channel] for r in result.rollouts]
+    )
+    share = float(np.sort(errors**2)[-max(1, errors.size // 20):].sum() / np.sum(errors**2))
+    if share > 0.5:
+        return f"{text}; {100 * share:.0f} % of the squared error comes from 5 % of the starts"
+    return f"{text}; the error is spread evenly: the model misses something throughout"

@@ -1,0 +1,296 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The default training: a multi-step loss, in units of what persistence would miss.
+
+    L = mean over steps j and channels c of ((x_pred(k+j) - x_ref(k+j)) / s_jc)^2
+    s_jc = RMS of x_ref(k+j) - x_k over the training data
+
+so that every horizon and channel counts alike, and 1 means "no better than doing nothing". The
+acceleration that the paper's loss looks at is the one-step increment here, which j = 1 holds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from adk_ros.errors import DataError, UsageError
+from adk_ros.model.lifting.scaling import Scaling
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.signals.channels import Record
+from adk_ros.signals.score import noise_floor
+from adk_ros.train import checkpoint
+from adk_ros.train.dataset import Sequences, sequences
+from adk_ros.train.network import Network, as_tensor
+from adk_ros.train.quadratic_features import QuadraticFeatures, Rows, fit_quadratic, newest
+from adk_ros.train.speed_augmentation import scale_to_higher_speeds
+from adk_ros.train.train_settings import TrainSettings
+
+_CHECKPOINT_EVERY = 500
+_MIN_ROWS = 800
+_VALIDATION_ROWS = 4096
+_QUADRATIC_RATE = 0.25
+_WIDTH_WITH_QUADRATIC = 0.75
+"""Of the network's width and features, beside forms that do most of the work: to stay as fast."""
+_QUADRATIC_ACCEPT_LOSS = 0.15
+"""
+Of the validation loss, where 1 is persistence, of forms not yet trained, for them to be kept. What
+three past states do not tell, forms fit to how the data were made: on recordings resampled from
+another rate they roll out wildly wherever the car does something new.
+"""
+_NOISE_SHARE, _MIN_NOISE = 0.45, 0.02
+
+
+@dataclass(frozen=True)
+class Step:
+    """Where a training is: `loss` is a running mean, `validation` the last one measured."""
+
+    step: int
+    steps: int
+    loss: float
+    validation: float
+    learning_rate: float
+
+
+@dataclass(frozen=True)
+class FittedNetwork:
+    """The network at its best validation, and the curve (m, 3): step, loss, validation."""
+
+    network: Network
+    scaling: Scaling
+    curve: list[tuple[int, float, float]]
+    best_step: int
+    stopped_early: bool
+
+
+def choose_device(name: str) -> torch.device:
+    """
+    Return the device for `auto`, `cpu` or `cuda`.
+
+    :raises UsageError: cuda was asked for and there is none.
+    """
+    available = torch.cuda.is_available()
+    if name == "cuda" and not available:
+        raise UsageError("device cuda was asked for, but torch sees no GPU: use --device auto")
+    return torch.device("cuda" if available and name != "cpu" else "cpu")
+
+
+def require_min_rows(rows: IntArray) -> None:
+    """:raises DataError: these starts are too few to train from."""
+    if rows.size < _MIN_ROWS:
+        raise DataError(
+            f"only {rows.size * 0.025:.0f} s of training data without gaps, at least "
+            f"{_MIN_ROWS * 0.025:.0f} s are needed: give more or longer recordings"
+        )
+
+
+class _Data:
+    """A part of the data as scaled tensors, and how to gather sequences from them."""
+
+    def __init__(self, part: Sequences, scaling: Scaling, device: torch.device) -> None:
+        self.part = part
+        self.x = as_tensor(scaling.scale_x(part.x), device)
+        self.x_ref = as_tensor(scaling.scale_x(part.x_ref), device)
+        self.u = as_tensor(scaling.scale_u(part.u), device)
+        past = torch.arange(part.history + 1, device=device)
+        self._x_past, self._u_past = -past, -1 - past[:-1]
+
+    def gather(self, rows: Tensor, ahead: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """x_past (b, p + 1, 3), u_past (b, p, 2), u_ahead (b, h, 2), x_ref ahead (b, h, 3)."""
+        column, step = rows[:, None], torch.arange(ahead, device=rows.device)
+        return (
+            self.x[column + self._x_past],
+            self.u[column + self._u_past],
+            self.u[column + step],
+            self.x_ref[column + 1 + step],
+        )
+
+    def persistence(self, ahead: int) -> Tensor:
+        """s_jc (h, 3), see above."""
+        rows = torch.from_numpy(self.part.rows).to(self.x.device)
+        now, ends = self.x[rows], range(1, ahead + 1)
+        result = [((self.x_ref[rows + j] - now) ** 2).mean(0) for j in ends]
+        return torch.stack(result).sqrt().clamp_min(1e-6)
+
+
+def input_noise(train: Sequence[Record], scaling: Scaling, most: float) -> FloatArray:
+    """
+    Noise (3,) to add to the past in training, in units of the usual change in one tick.
+
+    Near half of what the measurements carry already: a model trained on clean data amplifies
+    noise ten times, one trained with noise that is not there blurs what clean data show.
+    """
+    floors = np.array([noise_floor(record) for record in train])
+    known = np.isfinite(floors).all(axis=1)
+    if not known.any():
+        return np.full(3, most)
+    relative = np.median(floors[known], axis=0) / (scaling.x_scale * scaling.step_scale)
+    return np.asarray(np.clip(_NOISE_SHARE * relative, min(_MIN_NOISE, most), most))
+
+
+def fit(
+    train: Sequence[Record],
+    validation: Sequence[Record],
+    settings: TrainSettings,
+    on_step: Callable[[Step], None] | None = None,
+    checkpoint_path: Path | None = None,
+) -> FittedNetwork:
+    """
+    Train a network on `train`, choosing its best state by `validation`.
+
+    A checkpoint of the same training found at `checkpoint_path` is continued.
+    :raises DataError: too little data.
+    """
+    torch.set_num_threads(1)
+    device = choose_device(settings.device)
+    longest = max(settings.short_steps, settings.long_steps)
+    part = sequences(train, settings.history, longest, "training")
+    require_min_rows(part.rows)
+    validation_set = sequences(validation, settings.history, longest, "validation")
+    scaling = scaling_of(part)
+    data, held_data = _Data(part, scaling, device), _Data(validation_set, scaling, device)
+
+    def trainer_of(quadratic: QuadraticFeatures | None) -> _Trainer:
+        torch.manual_seed(settings.seed)
+        share, noise = 1.0, np.full(3, settings.noise)
+        if quadratic is not None:
+            share, noise = _WIDTH_WITH_QUADRATIC, input_noise(train, scaling, settings.noise)
+        hidden, features = (max(1, int(share * n)) for n in (settings.hidden, settings.features))
+        network = Network(settings.history, hidden, features, scaling.step_scale, quadratic)
+        return _Trainer(network.to(device), data, held_data, settings, noise)
+
+    trainer = trainer_of(quadratic_features_of(part, scaling) if settings.quadratic else None)
+    if trainer.forms and not trainer.validate() < _QUADRATIC_ACCEPT_LOSS:
+        trainer = trainer_of(None)
+    key = checkpoint.fingerprint(settings, [*train, *validation])
+    curve, best_step, early = trainer.run(key, checkpoint_path, on_step)
+    return FittedNetwork(trainer.network.to("cpu"), scaling, curve, best_step, early)
+
+
+def scaling_of(part: Sequences) -> Scaling:
+    """Return the scaling of a part of the data."""
+    change = np.diff(part.x_ref, axis=0)
+    change = change[np.isfinite(change).all(axis=1)]
+    return Scaling.standard(part.x[part.rows], part.u[part.rows], change)
+
+
+def quadratic_features_of(part: Sequences, scaling: Scaling) -> QuadraticFeatures:
+    """Return the quadratic forms that predict a part's scaled increments best."""
+    x, x_ref = scaling.scale_x(part.x), scaling.scale_x(part.x_ref)
+    target = np.full_like(x, np.nan)
+    target[:-1] = (x_ref[1:] - x[:-1]) / scaling.step_scale
+    made = scale_to_higher_speeds(part, newest(part.history))
+    change = made.change / (scaling.x_scale * scaling.step_scale)
+    rows = Rows(made.rows, [scaling.scale_x(state) for state in made.states], change)
+    return fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, part.history, rows)
+
+
+class _Trainer:
+    def __init__(
+        self, network: Network, data: _Data, held: _Data, settings: TrainSettings,
+        noise: FloatArray,
+    ) -> None:
+        self.network, self.data, self.held, self.settings = network, data, held, settings
+        self.forms = network.encoder.level.shape[0] > 0
+        longest = max(settings.short_steps, settings.long_steps)
+        self.weight = 1.0 / data.persistence(longest)
+        self.optimiser = torch.optim.AdamW(
+            network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+        self.noise = as_tensor(noise, self.weight.device) * network.step_scale
+        spread = np.linspace(0, held.part.rows.size - 1, _VALIDATION_ROWS).astype(int)
+        chosen = held.part.rows[np.unique(spread)]
+        self.held_rows = torch.from_numpy(chosen).to(self.weight.device)
+
+    def loss(self, data: _Data, rows: Tensor, ahead: int, noise: Tensor | None) -> Tensor:
+        x_past, u_past, u_ahead, target = data.gather(rows, ahead)
+        if noise is not None:
+            x_past = x_past + noise
+        error = (self.network.roll_out(x_past, u_past, u_ahead) - target) * self.weight[:ahead]
+        return (error**2).mean()
+
+    def validate(self) -> float:
+        with torch.no_grad():
+            ahead = max(self.settings.short_steps, self.settings.long_steps)
+            return float(self.loss(self.held, self.held_rows, ahead, None))
+
+    def rate(self, step: int) -> float:
+        """One cycle: a linear rise over the first tenth, a cosine down to nothing."""
+        share = step / self.settings.steps
+        shape = share / 0.1 if share < 0.1 else 0.5 * (1 + math.cos(math.pi * (share - 0.1) / 0.9))
+        # The forms are near the solution already: smaller steps do not lose what they know.
+        share = _QUADRATIC_RATE if self.forms else 1.0
+        return self.settings.learning_rate * share * max(shape, 1e-3)
+
+    def run(
+        self, key: str, path: Path | None, on_step: Callable[[Step], None] | None
+    ) -> tuple[list[tuple[int, float, float]], int, bool]:
+        settings, network = self.settings, self.network
+        first, running, since = 0, math.nan, 0
+        curve: list[tuple[int, float, float]] = []
+        best, best_step = math.inf, 0
+        best_state = {k: v.clone() for k, v in network.state_dict().items()}
+        resumed = checkpoint.load(path, key, network, self.optimiser) if path else None
+        if resumed is not None:
+            first, extra = resumed
+            curve = [(int(a), float(b), float(c)) for a, b, c in extra["curve"]]
+            best, best_step, running, since = (
+                float(extra["best"]), int(extra["best_step"]), float(extra["running"]),
+                int(extra["since"]),
+            )
+            best_state = {k: torch.as_tensor(extra[f"best.{k}"]) for k in best_state}
+        stage = int(settings.short_share * settings.steps)
+        early = False
+        for step in range(first, settings.steps):
+            running = self.one_step(step, stage, running)
+            if (step + 1) % settings.validate_every == 0 or step + 1 == settings.steps:
+                value = self.validate()
+                curve.append((step + 1, running, value))
+                since += 1
+                if value < best:
+                    best, best_step, since = value, step + 1, 0
+                    best_state = {k: v.clone() for k, v in network.state_dict().items()}
+                # In the first stage the loss is another one: no verdict on it.
+                early = since >= settings.patience and step > stage
+            if on_step is not None:
+                last = curve[-1][2] if curve else math.nan
+                on_step(Step(step + 1, settings.steps, running, last, self.rate(step)))
+            # Not once it is decided to stop: resumed from there, it would go on.
+            if path is not None and not early and (step + 1) % _CHECKPOINT_EVERY == 0:
+                extra = {f"best.{k}": v.cpu().numpy() for k, v in best_state.items()}
+                extra |= {
+                    "curve": np.array(curve).reshape(-1, 3), "best": np.array(best),
+                    "best_step": np.array(best_step), "running": np.array(running),
+                    "since": np.array(since),
+                }
+                checkpoint.save(path, key, step + 1, network, self.optimiser, extra)
+            if early:
+                break
+        if not math.isfinite(best):
+            raise DataError("the training diverged: lower --learning-rate, check the bag's units")
+        network.load_state_dict(best_state)
+        return curve, best_step, early
+
+    def one_step(self, step: int, stage: int, running: float) -> float:
+        settings, data = self.settings, self.data
+        random = np.random.default_rng((settings.seed, step))
+        device = self.weight.device
+        rows = torch.from_numpy(random.choice(data.part.rows, settings.batch)).to(device)
+        shape = (settings.batch, settings.history + 1, 3)
+        noise = as_tensor(random.standard_normal(shape), device) * self.noise
+        ahead = settings.short_steps if step < stage else settings.long_steps
+        loss = self.loss(data, rows, ahead, noise)
+        self.optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.rate(step)
+        self.optimiser.step()
+        value = float(loss.detach())
+        return value if math.isnan(running) else 0.98 * running + 0.02 * value

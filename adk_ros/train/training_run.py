@@ -1,0 +1,129 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""From records to an artefact on disk: fit, assemble, tune, score on what was held out, save."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from adk_ros.errors import DataError
+from adk_ros.model import artefact
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.signals.channels import Record
+from adk_ros.signals.decode import SensorConfig
+from adk_ros.train.assemble import assemble
+from adk_ros.train.dataset import PARTS, TEST, TRAIN, VALIDATION, Split, sequences, split_records
+from adk_ros.train.denoising import observer_filtered
+from adk_ros.train.held_out import HeldOutScores, TrainingDomain, score_held_out
+from adk_ros.train.hyperparameters import horizon_covariances, select_hyperparameters
+from adk_ros.train.network_fit import FittedNetwork, Step, fit
+from adk_ros.train.paper_training import fit_paper
+from adk_ros.train.train_settings import PaperSettings, TrainSettings
+
+Note = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """What a training yielded; `trained` is None in the paper's mode, which has no curve."""
+
+    model: KoopmanModel
+    split: Split
+    trained: FittedNetwork | None
+    test: HeldOutScores | None
+    facts: dict[str, Any]
+
+
+def checkpoints_of(out: Path) -> tuple[Path, Path]:
+    """
+    Where a training that will write `out` keeps its checkpoint, and that of a first one.
+
+    Of noisy data there are two trainings, see `train.observed`.
+    """
+    return (
+        out.with_name(out.name + ".checkpoint.npz"),
+        out.with_name(out.name + ".first.checkpoint.npz"),
+    )
+
+
+def run_training(
+    records: list[Record],
+    out: Path,
+    settings: TrainSettings | PaperSettings,
+    split_kind: str = "blocks",
+    sensors: SensorConfig | None = None,
+    on_step: Callable[[Step], None] | None = None,
+    note: Note | None = None,
+) -> TrainingResult:
+    """
+    Train on `records` and write the artefact folder `out`.
+
+    A killed run that is started again with the same data and settings goes on from its checkpoint,
+    `out` with ".checkpoint.npz" appended, which is removed at the end.
+    :raises UsageError, DataError: as split, fit and artefact.
+    """
+    artefact.check_target(out)
+    split = split_records(records, split_kind)
+    train, validation = split.of(TRAIN), split.of(VALIDATION)
+    if not validation:
+        raise DataError(
+            f"{sum(r.duration_s for r in records):.0f} s of data are too short to set some aside "
+            "for validation: give at least a minute"
+        )
+    uses_imu = any(bool((r.a == r.a).any()) for r in records)
+    trained: FittedNetwork | None = None
+    if isinstance(settings, PaperSettings):
+        built = fit_paper(train, settings, on_step)
+        known_commands, held_commands = horizon_covariances(built.model, split)
+        model = replace(
+            built.model, horizon_covariance=known_commands, held_input_covariance=held_commands
+        )
+    else:
+        checkpoint, before = checkpoints_of(out)
+        if settings.quadratic:
+            def beginning(step: Step) -> None:
+                if note is not None:
+                    note("training an observer", step.step, step.steps)
+
+            train, validation = observer_filtered(train, validation, settings, beginning, before)
+        trained = fit(train, validation, settings, on_step, checkpoint)
+        joined = sequences(train, settings.history, 2, "training")
+        built = assemble(trained, joined, uses_imu)
+        model = select_hyperparameters(built.model, split, note, built.refitted)
+
+    def scoring(done: int, total: int) -> None:
+        if note is not None:
+            note("scoring held-out data", done, total)
+
+    known = TrainingDomain.of(split.of(TRAIN))
+    tests = [(r, p == TEST) for r, p in zip(split.records, split.parts, strict=True)]
+    test = score_held_out(model, tests, known, progress=scoring)
+    facts: dict[str, Any] = {
+        "kind": "default" if trained else "aldk" if uses_imu_loss(settings) else "dk",
+        "settings": asdict(settings),
+        "sensors": asdict(sensors or SensorConfig()),
+        "data": [
+            {"name": r.name, "seconds": round(r.duration_s, 3), "imu": bool((r.a == r.a).any())}
+            for r in records
+        ],
+        "split": {"kind": split_kind} | {
+            name: round(split.seconds(part), 3) for part, name in enumerate(PARTS)
+        },
+        "range": known.as_json(),
+        "held_out": test.as_json() if test else None,
+    }
+    if trained is not None:
+        facts |= {"best_step": trained.best_step, "stopped_early": trained.stopped_early}
+    artefact.save(out, built.program, model, facts)
+    if trained is not None:
+        for path in checkpoints_of(out):
+            path.unlink(missing_ok=True)
+    return TrainingResult(model, split, trained, test, facts)
+
+
+def uses_imu_loss(settings: TrainSettings | PaperSettings) -> bool:
+    """Whether the acceleration loss is on."""
+    return isinstance(settings, PaperSettings) and settings.acceleration
