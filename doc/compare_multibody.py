@@ -157,9 +157,7 @@ def drive_ours(vehicle: Vehicle, m: Manoeuvre) -> Track:
     state = ours.rolling_state(c, m.speed, planes[0])
     ours.advance(c, body, state, commands, planes, (0.0, 0.0), STEP, 1, states, forces)
     rows = states[:-1]
-    return Track(
-        *(rows[:, i] for i in (ours.V_X, ours.V_Y, ours.YAW_RATE, ours.ROLL, ours.PITCH))
-    )
+    return Track(*(rows[:, i] for i in (ours.V_X, ours.V_Y, ours.YAW_RATE, ours.ROLL, ours.PITCH)))
 
 
 def _ramp(size: float, seconds: float) -> Callable[[np.ndarray], np.ndarray]:

@@ -77,7 +77,9 @@ def concealed(
     todo = generated_jobs(limit) if cases is None else jobs_of(cases)
     try:
         with (
-            graceful_shutdown(), tempfile.TemporaryDirectory() as folder, console.progress("cases") as bar
+            graceful_shutdown(),
+            tempfile.TemporaryDirectory() as folder,
+            console.progress("cases") as bar,
         ):
             rivals = Baselines() if peers else None
             scores = MismatchBench(out or Path(folder), jobs, resume, rivals).run(todo, bar)

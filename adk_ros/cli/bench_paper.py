@@ -71,15 +71,17 @@ def paper(
         raise typer.Exit(TERMINATED) from None
     seconds = time.monotonic() - started
     if as_json:
-        console.print_json({
-            "bars": [vars(item) for item in report.bars],
-            "claims": [
-                {"section": c.section, "claim": c.text, "verdict": c.verdict}
-                for c in report.claims
-            ],
-            "seconds": round(seconds, 1),
-            "report": str(report.page),
-        })
+        console.print_json(
+            {
+                "bars": [vars(item) for item in report.bars],
+                "claims": [
+                    {"section": c.section, "claim": c.text, "verdict": c.verdict}
+                    for c in report.claims
+                ],
+                "seconds": round(seconds, 1),
+                "report": str(report.page),
+            }
+        )
         return
     for item in report.bars:
         console.output.print(str(item), markup=False)
@@ -92,8 +94,13 @@ def paper(
 
 
 def _plan(
-    quick: bool, seeds: int, steps: int | None, epochs: int | None, recordings: Path | None,
-    peers: bool, tests: tuple[str, ...],
+    quick: bool,
+    seeds: int,
+    steps: int | None,
+    epochs: int | None,
+    recordings: Path | None,
+    peers: bool,
+    tests: tuple[str, ...],
 ) -> BenchPlan:
     from adk_ros.bench.paper.av21 import find_recordings
     from adk_ros.bench.paper.cases import TESTS

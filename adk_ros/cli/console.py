@@ -68,9 +68,15 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
     started = time.monotonic()
     if errors.is_terminal:
         bar = Progress(
-            TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(),
-            TimeRemainingColumn(), TextColumn("{task.fields[text]}"),
-            console=errors, transient=True, disable=False, auto_refresh=False,
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TaskProgressColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[text]}"),
+            console=errors,
+            transient=True,
+            disable=False,
+            auto_refresh=False,
         )
         task = bar.add_task(what, total=None, text="")
         shown = False
@@ -135,7 +141,10 @@ def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], tit
             ]
             name = label if row == 0 else unit if row == 1 else ""
             table.add_row(
-                name, f"{step * TICK_NS * 1e-9:g} s", *cells, *(f"{r:.2f}" for r in ratios),
+                name,
+                f"{step * TICK_NS * 1e-9:g} s",
+                *cells,
+                *(f"{r:.2f}" for r in ratios),
                 end_section=row == len(first.steps) - 1,
                 style=None if ratios[0] < 1.0 else "yellow",
             )

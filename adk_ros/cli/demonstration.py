@@ -97,8 +97,12 @@ def _environment() -> dict[str, str]:
 def _process(arguments: list[str], environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
     """Run a Python module beside us; interrupt it, and only it, at the end."""
     process = subprocess.Popen(
-        [sys.executable, "-m", *arguments], env=environment, stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        [sys.executable, "-m", *arguments],
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     try:
         yield process
@@ -151,7 +155,10 @@ def _live(model: Path, bag: Path) -> dict[int, tuple[float, ...]]:
             threading.Thread(target=run, daemon=True).start()
 
         listen(
-            hear, TWIST_TOPIC, wait_s=60.0, on_ready=play,
+            hear,
+            TWIST_TOPIC,
+            wait_s=60.0,
+            on_ready=play,
             until=lambda: ended.is_set() or node.poll() is not None,
         )
         if node.poll() is not None:
@@ -195,7 +202,9 @@ def _score(model: Path, bag: Path, out: Path) -> HeldOutScores:
     with console.progress("scoring") as bar:
         loaded = artefact.load(model)
         known = TrainingDomain.from_json(loaded.manifest["training"].get("range"))
-        test = score_held_out(loaded.model, [(read_recording(bag).record, None)], known, progress=bar)
+        test = score_held_out(
+            loaded.model, [(read_recording(bag).record, None)], known, progress=bar
+        )
     if test is None:
         raise DataError(f"{bag} has no stretch of 2 s without a gap: nothing to score")
     prediction_figure(test, out / "prediction.png")

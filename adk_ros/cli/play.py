@@ -20,9 +20,7 @@ def play(
     loop: Annotated[bool, typer.Option("--loop", help="begin again at the end")] = False,
     start: Annotated[float, typer.Option(help="seconds into the bag")] = 0.0,
     duration: Annotated[float | None, typer.Option(help="seconds to play")] = None,
-    remap: Annotated[
-        list[str] | None, typer.Option(help="FROM:=TO, as often as needed")
-    ] = None,
+    remap: Annotated[list[str] | None, typer.Option(help="FROM:=TO, as often as needed")] = None,
     stamps: Annotated[str, typer.Option(help="'original', or 'now' to shift them to now")] = (
         "original"
     ),
@@ -42,9 +40,18 @@ def play(
         raise UsageError("--remap needs FROM:=TO, for instance /imu/data:=/imu")
     with console.progress(f"playing {bag.name}") as bar:
         stats = run(
-            bag, rate, clock=clock, loop=loop, remap={a: b for a, b in pairs}, stamps=stamps,
-            topics=topic, start_s=start, duration_s=duration, wait_for_subscribers_s=wait,
-            progress=bar, notice=console.note,
+            bag,
+            rate,
+            clock=clock,
+            loop=loop,
+            remap={a: b for a, b in pairs},
+            stamps=stamps,
+            topics=topic,
+            start_s=start,
+            duration_s=duration,
+            wait_for_subscribers_s=wait,
+            progress=bar,
+            notice=console.note,
         )
     if as_json:
         console.print_json(stats.to_json())

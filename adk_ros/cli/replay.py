@@ -96,13 +96,20 @@ def replay(
     known = innovations[np.isfinite(innovations).all(axis=1)]
     rms = np.sqrt(np.mean(known**2, axis=0)) if len(known) else np.full(3, math.nan)
     if as_json:
-        console.print_json({
-            "bag": str(bag), "model": str(model), "out": str(out) if out else None,
-            "method": online.method, "ticks": pipeline.ticks, "predictions": len(predictions),
-            "restarts": pipeline.restarts, "innovation_rms": rms.tolist(),
-            "counts": dict(pipeline.aligner.counts),
-            "score": test.as_json() if test else None,
-        })
+        console.print_json(
+            {
+                "bag": str(bag),
+                "model": str(model),
+                "out": str(out) if out else None,
+                "method": online.method,
+                "ticks": pipeline.ticks,
+                "predictions": len(predictions),
+                "restarts": pipeline.restarts,
+                "innovation_rms": rms.tolist(),
+                "counts": dict(pipeline.aligner.counts),
+                "score": test.as_json() if test else None,
+            }
+        )
         return
     if test is None:
         console.warn("no stretch without a gap is as long as the horizon: nothing to score")

@@ -25,8 +25,10 @@ from adk_ros.numerics.arrays import FloatArray
 def rollout(
     model: Annotated[
         Path,
-        typer.Option(help="folder that 'adk train' wrote, a vehicle's YAML or name, or the YAML "
-                     "that 'adk mismatch' wrote"),
+        typer.Option(
+            help="folder that 'adk train' wrote, a vehicle's YAML or name, or the YAML "
+            "that 'adk mismatch' wrote"
+        ),
     ],
     bag: Annotated[Path, typer.Option(help="the recording to start from")],
     out: Annotated[Path, typer.Option(help="CSV file to write")],
@@ -74,9 +76,13 @@ def _done(out: Path, starts: FloatArray, predicted: FloatArray, as_json: bool) -
     write_csv(out, starts, predicted)
     steps = int(predicted.shape[1])
     if as_json:
-        console.print_json({
-            "out": str(out), "starts": int(starts.size), "steps": steps,
-        })
+        console.print_json(
+            {
+                "out": str(out),
+                "starts": int(starts.size),
+                "steps": steps,
+            }
+        )
         return
     console.note(
         f"{starts.size} predictions of {steps * 0.025:g} s ({steps} steps of 25 ms) in {out}"

@@ -58,9 +58,14 @@ def simulate(
         write_bag(drive, out, storage, None if compression == "none" else compression, bar)
     seconds = round((len(drive.stamp_ns) - 1) * 0.025, 3)
     if as_json:
-        console.print_json({
-            "scenario": drive.name, "seed": drive.seed, "seconds": seconds,
-            "messages": len(drive.readings), "out": str(out),
-        })
+        console.print_json(
+            {
+                "scenario": drive.name,
+                "seed": drive.seed,
+                "seconds": seconds,
+                "messages": len(drive.readings),
+                "out": str(out),
+            }
+        )
         return
     console.note(f"{seconds:.0f} s of {drive.name}, seed {drive.seed}: {out}")

@@ -81,8 +81,13 @@ def train(
         if epochs is not None:
             raise UsageError("--epochs is for --paper; the default training takes --steps")
         settings = TrainSettings(
-            steps=steps, history=history, hidden=hidden, learning_rate=learning_rate,
-            quadratic=quadratic, seed=seed, device=device,
+            steps=steps,
+            history=history,
+            hidden=hidden,
+            learning_rate=learning_rate,
+            quadratic=quadratic,
+            seed=seed,
+            device=device,
             validate_every=min(200, max(1, steps // 10)),
         )
     elif paper in ("dk", "aldk"):

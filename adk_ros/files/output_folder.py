@@ -28,9 +28,7 @@ def check_output_folder(out: Path) -> None:
 
 
 @contextmanager
-def staged_folder(
-    out: Path, last: Sequence[str], stale: Sequence[str] = ()
-) -> Iterator[Path]:
+def staged_folder(out: Path, last: Sequence[str], stale: Sequence[str] = ()) -> Iterator[Path]:
     """
     Yield a folder to write into; in the end all of it goes into `out`, folders as wholes.
 

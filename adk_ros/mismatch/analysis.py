@@ -123,18 +123,26 @@ def identify_mismatch(
     effects = [replace(e, lap_m=None if lap is None else lap.length) for e in verdict.effects]
     return MismatchResult(
         effects=effects,
-        verdict=verdict.verdict, unexplained=verdict.unexplained,
-        horizon_s=HORIZON_S, before=before, after=after, groups=groups,
+        verdict=verdict.verdict,
+        unexplained=verdict.unexplained,
+        horizon_s=HORIZON_S,
+        before=before,
+        after=after,
+        groups=groups,
         suggestion="; ".join(dict.fromkeys(s for s in suggestions if s)),
         simulation_yaml=surrogate_yaml(stand_in.parameters, simulator=stand_in),
         corrected_yaml=corrected,
         series=_series(course, likelihood, verdict.hypothesis, lap),
         surrogate_error=dict(zip(CHANNELS, (float(x) for x in stand_in.error), strict=True)),
         losses=[("+".join(level[0].names) or NONE, level[0].cost) for level in found.levels],
-        expected_loss=found.expected_loss, lap_m=None if lap is None else lap.length, profiles=found.profiles,
+        expected_loss=found.expected_loss,
+        lap_m=None if lap is None else lap.length,
+        profiles=found.profiles,
         notes=notes + _notes(nominal is None and not known, lap),
-        held_out_yaml=early, missing_channels=scope.missing_channels(),
-        not_judged=sorted(scope.unobservable & set(EFFECTS)), discriminability=separations,
+        held_out_yaml=early,
+        missing_channels=scope.missing_channels(),
+        not_judged=sorted(scope.unobservable & set(EFFECTS)),
+        discriminability=separations,
     )
 
 
@@ -145,14 +153,22 @@ def surrogate_of(
     course, known = prepare_residual_problem(simulation), nominal is not None
     begun = (nominal or default_vehicle(simulation)).parameters()
     plain = identify_surrogate(
-        course, begun,
-        lambda done, total: tell(done / total, 10.0, "identifying the simulator"), known,
+        course,
+        begun,
+        lambda done, total: tell(done / total, 10.0, "identifying the simulator"),
+        known,
     )
     whole = augment_surrogate(
-        course, plain, begun, known,
+        course,
+        plain,
+        begun,
+        known,
         lambda done, total: tell(1.0 + done / total, 10.0, "learning the rest of the simulator"),
     )
-    if whole.road is not None and whole.road.covered_share(prepare_residual_problem(recording)) < MIN_ROAD_COVERAGE:
+    if (
+        whole.road is not None
+        and whole.road.covered_share(prepare_residual_problem(recording)) < MIN_ROAD_COVERAGE
+    ):
         return plain, [
             "the simulated road was learned, but the recording drives another, or its poses have "
             "another origin: nothing of it is used"
@@ -165,7 +181,9 @@ def surrogate_of(
     ]
 
 
-def _discriminability(stand_in: SurrogateModel, verdict: Decision, course: ResidualProblem) -> list[Discriminability]:
+def _discriminability(
+    stand_in: SurrogateModel, verdict: Decision, course: ResidualProblem
+) -> list[Discriminability]:
     """Return for each pair that the drive cannot tell apart what would, if anything."""
     actives = [a for a in verdict.hypothesis.actives if not a.effect.name.startswith(MARK)]
     place = {a.effect.name: i for i, a in enumerate(actives)}
@@ -173,8 +191,10 @@ def _discriminability(stand_in: SurrogateModel, verdict: Decision, course: Resid
         most_discriminating_manoeuvre(
             stand_in.parameters, actives, place[found.effect.name], rival.fitted, course.bin_noise
         )
-        for found in verdict.effects if found.effect.name in place
-        for rival in found.competitors if rival.alternative
+        for found in verdict.effects
+        if found.effect.name in place
+        for rival in found.competitors
+        if rival.alternative
     ]
 
 
@@ -189,8 +209,12 @@ def default_vehicle(simulation: SensorLog) -> NominalVehicle:
     """Return a middling car as heavy as the simulation's answer to torque says."""
     mass = min(max(effective_mass(simulation, DEFAULT_WHEEL_RADIUS) or 1600.0, 200.0), 4e4)
     return NominalVehicle(
-        mass=mass, yaw_inertia=1.75 * mass, cg_to_front_axle=1.3, cg_to_rear_axle=1.4,
-        track_width=1.6, wheel_radius=DEFAULT_WHEEL_RADIUS,
+        mass=mass,
+        yaw_inertia=1.75 * mass,
+        cg_to_front_axle=1.3,
+        cg_to_rear_axle=1.4,
+        track_width=1.6,
+        wheel_radius=DEFAULT_WHEEL_RADIUS,
     )
 
 
@@ -202,9 +226,7 @@ def _notes(assumes: bool, lap: Lap | None) -> list[str]:
             f"of {DEFAULT_WHEEL_RADIUS:g} m"
         )
     if lap is None:
-        notes.append(
-            "no place is passed twice: nothing can be said of what is bound to a place"
-        )
+        notes.append("no place is passed twice: nothing can be said of what is bound to a place")
     return notes
 
 
@@ -230,7 +252,11 @@ def _corrected_yaml(
 ) -> str:
     """Return the corrected model's file: stand-in, build tolerances, vehicle effects."""
     k = len(TOLERANCE_PARAMETERS)
-    vector = np.clip(stand_in.parameters + h.tolerances[N_FIXED_NUISANCES:] @ stand_in.weak_directions, LOW, HIGH)
+    vector = np.clip(
+        stand_in.parameters + h.tolerances[N_FIXED_NUISANCES:] @ stand_in.weak_directions,
+        LOW,
+        HIGH,
+    )
     terms = [
         {
             "effect": a.effect.name,
@@ -242,8 +268,11 @@ def _corrected_yaml(
         if not a.effect.sensor and not a.effect.name.startswith(MARK)
     ]
     return surrogate_yaml(
-        vector, dict(zip(TOLERANCE_PARAMETERS, (float(x) for x in h.tolerances[:k]), strict=True)), terms,
-        _feature_terms(verdict.unmodelled, h), stand_in,
+        vector,
+        dict(zip(TOLERANCE_PARAMETERS, (float(x) for x in h.tolerances[:k]), strict=True)),
+        terms,
+        _feature_terms(verdict.unmodelled, h),
+        stand_in,
     )
 
 
@@ -257,10 +286,13 @@ def _feature_terms(remainder: UnmodelledDynamics | None, h: Hypothesis) -> list[
         name = f"{MARK}{piece.equation}:{piece.feature}"
         # The same scale as when the piece was found, the coefficient as it is fitted now.
         share = now[name] / fitted[name] if fitted[name] else 1.0
-        out.append({
-            "equation": piece.equation, "feature": piece.feature,
-            "coefficient": float(f"{piece.coefficient * share:.8g}"),
-        })
+        out.append(
+            {
+                "equation": piece.equation,
+                "feature": piece.feature,
+                "coefficient": float(f"{piece.coefficient * share:.8g}"),
+            }
+        )
     return out
 
 
@@ -271,7 +303,11 @@ def _parsed(text: str) -> SurrogateFile:
 
 
 def _improvement(
-    likelihood: Likelihood, stand_in: SurrogateModel, verdict: Decision, lap: Lap | None, scope: ObservableEffects
+    likelihood: Likelihood,
+    stand_in: SurrogateModel,
+    verdict: Decision,
+    lap: Lap | None,
+    scope: ObservableEffects,
 ) -> tuple[dict[str, float], dict[str, float], str]:
     """
     Return the errors ahead before and after, on the last part of the recording, and the model.
@@ -284,13 +320,13 @@ def _improvement(
     h = verdict.hypothesis
     early = part.fit(h.actives, h.tolerances, 3, None, 1e-4)
     before = horizon_rmse(
-        _parsed(surrogate_yaml(stand_in.parameters, simulator=stand_in)), course.evidence, HORIZON_S,
+        _parsed(surrogate_yaml(stand_in.parameters, simulator=stand_in)),
+        course.evidence,
+        HORIZON_S,
         from_s,
     )
     model = _corrected_yaml(stand_in, verdict, early, lap)
-    after = horizon_rmse(
-        _parsed(model), course.evidence, HORIZON_S, from_s
-    )
+    after = horizon_rmse(_parsed(model), course.evidence, HORIZON_S, from_s)
     if not scope.torque:
         before[0] = after[0] = np.nan
     return _named(before), _named(after), model
@@ -320,8 +356,10 @@ def _series(
         others = likelihood.simulation_inputs(h.tolerances, [*h.actives[:i], *h.actives[i + 1 :]])
         without[active.effect.name.removeprefix(MARK)] = judged * course.residuals(*others)
     return ResidualSeries(
-        time_s=course.bin_s, x=_binned(course, course.pose[:, 0]),
-        y=_binned(course, course.pose[:, 1]), signals=signals,
+        time_s=course.bin_s,
+        x=_binned(course, course.pose[:, 0]),
+        y=_binned(course, course.pose[:, 1]),
+        signals=signals,
         before=judged * course.residuals(likelihood.parameters, likelihood.fixed_terms),
         after=judged * course.residuals(p, terms, out=out),
         noise=course.bin_noise,

@@ -41,8 +41,16 @@ CHANNELS = {
     "input": dict(zip(INPUT_NAMES, INPUT_UNITS, strict=True)),
 }
 _ARRAYS = (
-    "x_mean", "x_scale", "u_mean", "u_scale", "step_scale", "theta0",
-    "horizon_covariance", "held_covariance", "usual_change", *ObserverGains.names(),
+    "x_mean",
+    "x_scale",
+    "u_mean",
+    "u_scale",
+    "step_scale",
+    "theta0",
+    "horizon_covariance",
+    "held_covariance",
+    "usual_change",
+    *ObserverGains.names(),
 )
 MANIFEST, ENCODER, ARRAYS = "manifest.json", "encoder.pt", "arrays.npz"
 
@@ -203,8 +211,15 @@ def read_manifest(folder: Path) -> dict[str, Any]:
                 f"{json.dumps(value)}: train the model anew with this version"
             )
     kinds = {
-        "history": int, "lifted_size": int, "residual": bool, "affine": bool, "relift": bool,
-        "uses_imu": bool, "online": dict, "sha256": dict, "training": dict,
+        "history": int,
+        "lifted_size": int,
+        "residual": bool,
+        "affine": bool,
+        "relift": bool,
+        "uses_imu": bool,
+        "online": dict,
+        "sha256": dict,
+        "training": dict,
     }
     for key, kind in kinds.items():
         if type(manifest.get(key)) is not kind:
@@ -262,7 +277,11 @@ def _checked_bytes(folder: Path, name: str, manifest: dict[str, Any]) -> bytes:
 
 def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine: bool) -> None:
     shapes = {
-        "x_mean": (3,), "x_scale": (3,), "u_mean": (2,), "u_scale": (2,), "step_scale": (3,),
+        "x_mean": (3,),
+        "x_scale": (3,),
+        "u_mean": (2,),
+        "u_scale": (2,),
+        "step_scale": (3,),
         "theta0": (n_z, n_z + 2 + int(affine)),
     } | {name: (3,) for name in ObserverGains.names()}
     for name, shape in shapes.items():

@@ -89,7 +89,9 @@ class Predictor:
         self._u_held = self._u[None]
         self._encoder = model.lifting.twin.arrays() if model.lifting.twin is not None else None
         self.rollout_monitor = _rollout_monitor(model)
-        self._published = PublishedHorizonErrors(_held_input_errors(model, horizon_steps), _PRIOR_ROLLOUTS)
+        self._published = PublishedHorizonErrors(
+            _held_input_errors(model, horizon_steps), _PRIOR_ROLLOUTS
+        )
         self.reset()
 
     def reset(self) -> None:
@@ -184,9 +186,7 @@ class Predictor:
         self._predicted = None
         self._consecutive_valid_samples = 0
 
-    def _advance(
-        self, sample: Sample, state: FloatArray, measured: bool
-    ) -> Prediction | None:
+    def _advance(self, sample: Sample, state: FloatArray, measured: bool) -> Prediction | None:
         model, scaling = self.model, self.model.scaling
         # Until the sample is taken, this is the command of the tick that has passed.
         u_passed = self._u.copy()
@@ -194,17 +194,37 @@ class Predictor:
         # A held velocity tells less than what was predicted for this tick.
         held = sample.flags & _ODOMETRY_STALE
         observer_update(
-            state, expected, self._prediction_only_gains if held else self._observer_gains, sample.u,
-            scaling.x_mean, scaling.x_scale, scaling.u_mean, scaling.u_scale, self._measured,
-            self._x_past, self._u_past, self._u, self._row, self._whiteness,
+            state,
+            expected,
+            self._prediction_only_gains if held else self._observer_gains,
+            sample.u,
+            scaling.x_mean,
+            scaling.x_scale,
+            scaling.u_mean,
+            scaling.u_scale,
+            self._measured,
+            self._x_past,
+            self._u_past,
+            self._u,
+            self._row,
+            self._whiteness,
         )
         if self.rollout_monitor is not None:
             self.rollout_monitor.update(
-                self._measured, u_passed, measured and not sample.flags & _UNLEARNABLE,
-                3 * (model.history + 1), scaling.step_scale, model.residual, self._observer_gains,
+                self._measured,
+                u_passed,
+                measured and not sample.flags & _UNLEARNABLE,
+                3 * (model.history + 1),
+                scaling.step_scale,
+                model.residual,
+                self._observer_gains,
             )
         self._known += 1
-        self._consecutive_valid_samples = self._consecutive_valid_samples + 1 if measured and not sample.flags & _UNLEARNABLE else 0
+        self._consecutive_valid_samples = (
+            self._consecutive_valid_samples + 1
+            if measured and not sample.flags & _UNLEARNABLE
+            else 0
+        )
         if self._known <= model.history:
             self.status = Status.WARMING_UP
             return None
@@ -248,8 +268,16 @@ class Predictor:
     def _learn(self, features: Float32Array, innovation: FloatArray) -> None:
         model = self.model
         usable = regression_pair(
-            self._measured, features, self._phi, self.online.theta, model.scaling.step_scale,
-            model.residual, self._observer_gains, self._disturbance, self._y, _MAX_PAIR,
+            self._measured,
+            features,
+            self._phi,
+            self.online.theta,
+            model.scaling.step_scale,
+            model.residual,
+            self._observer_gains,
+            self._disturbance,
+            self._y,
+            _MAX_PAIR,
         )
         if usable:
             self.online.update(self._phi, self._y)
@@ -264,9 +292,17 @@ class Predictor:
             compiled_rollout.rollout_linear(self._phi[: model.n_z], theta, u_ahead, out)
         elif self._encoder is not None:
             compiled_rollout.rollout_lifting(
-                self._x_past, self._u_past, theta, model.scaling.step_scale, model.residual,
-                model.affine, u_ahead, self._disturbance, self._observer_gains,
-                *self._encoder, out,
+                self._x_past,
+                self._u_past,
+                theta,
+                model.scaling.step_scale,
+                model.residual,
+                model.affine,
+                u_ahead,
+                self._disturbance,
+                self._observer_gains,
+                *self._encoder,
+                out,
             )
         else:
             self._rollout_by_torch(u_ahead, out)
@@ -274,7 +310,12 @@ class Predictor:
         trust = _NO_SHRINKAGE if trials is None else trials.shrinkage
         weights = _NO_ERROR_REGRESSION if trials is None else trials.error_regression.weights
         finite = compiled_rollout.to_si(
-            out, self._x_past[0], self._disturbance[None], weights, trust, scaling.x_mean,
+            out,
+            self._x_past[0],
+            self._disturbance[None],
+            weights,
+            trust,
+            scaling.x_mean,
             scaling.x_scale,
         )
         return out if finite else None

@@ -13,7 +13,9 @@ WINDOW_SAMPLES = 25
 POLYNOMIAL_ORDER = 3
 
 
-def savitzky_golay(values: FloatArray, window: int = WINDOW_SAMPLES, order: int = POLYNOMIAL_ORDER) -> FloatArray:
+def savitzky_golay(
+    values: FloatArray, window: int = WINDOW_SAMPLES, order: int = POLYNOMIAL_ORDER
+) -> FloatArray:
     """
     Return `values` (n,), evenly sampled, each replaced by a polynomial fitted around it.
 

@@ -25,7 +25,15 @@ Residuals = Callable[[FloatArray], FloatArray]
 def huber_loss(e: FloatArray) -> float:
     """Return the Huber loss of whitened residuals."""
     size = np.abs(e)
-    return float(np.sum(np.where(size <= HUBER_THRESHOLD, e * e, 2.0 * HUBER_THRESHOLD * size - HUBER_THRESHOLD * HUBER_THRESHOLD)))
+    return float(
+        np.sum(
+            np.where(
+                size <= HUBER_THRESHOLD,
+                e * e,
+                2.0 * HUBER_THRESHOLD * size - HUBER_THRESHOLD * HUBER_THRESHOLD,
+            )
+        )
+    )
 
 
 def huber_root(e: FloatArray) -> FloatArray:
@@ -77,7 +85,11 @@ class FitResult:
 
 
 def jacobian_by_differences(
-    residuals: Residuals, x: FloatArray, e: FloatArray, u: BoundedParameters, known: FloatArray | None
+    residuals: Residuals,
+    x: FloatArray,
+    e: FloatArray,
+    u: BoundedParameters,
+    known: FloatArray | None,
 ) -> FloatArray:
     """Return d(residuals)/dx (m, n) by one-sided differences that stay within the bounds."""
     out = np.empty((e.shape[0], x.shape[0]))

@@ -79,10 +79,13 @@ def _referenced(function: Any) -> dict[str, Any]:
         value = function.__globals__[name]
         found[name] = value
         if isinstance(value, ModuleType) and value.__name__.split(".")[0] != "numpy":
-            found.update({
-                f"{name}.{attribute}": getattr(value, attribute)
-                for attribute in names if hasattr(value, attribute)
-            })
+            found.update(
+                {
+                    f"{name}.{attribute}": getattr(value, attribute)
+                    for attribute in names
+                    if hasattr(value, attribute)
+                }
+            )
     if function.__closure__:
         for name, cell in zip(function.__code__.co_freevars, function.__closure__, strict=True):
             found[name] = cell.cell_contents
@@ -133,9 +136,7 @@ def _keyed(base: Any) -> type:
 _strict = compiler(fastmath=False)
 _relaxed = compiler(fastmath={"contract", "reassoc", "arcp", "nsz"}, error_model="numpy")
 _fused = compiler(fastmath={"contract", "reassoc"}, error_model="numpy")
-_inlined = compiler(
-    fastmath={"contract", "reassoc"}, error_model="numpy", inline="always"
-)
+_inlined = compiler(fastmath={"contract", "reassoc"}, error_model="numpy", inline="always")
 
 
 def strict_kernel(function: F) -> F:

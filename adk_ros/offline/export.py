@@ -131,7 +131,9 @@ def _planar(linear: float, yaw: float) -> FloatArray:
 _MAKERS = {Source.IMU: _imu, Source.ODOMETRY: _odometry, Source.COMMAND: _command}
 
 
-def _messages(drive: SimulatedDrive, source: Source, sensors: Sensors) -> Iterator[tuple[int, str, Any]]:
+def _messages(
+    drive: SimulatedDrive, source: Source, sensors: Sensors
+) -> Iterator[tuple[int, str, Any]]:
     make = _MAKERS[source](sensors)
     topic = TOPICS[source][0]
     stream = drive.streams[source]

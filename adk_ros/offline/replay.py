@@ -114,7 +114,8 @@ def horizon_message(prediction: Prediction, frame_id: str = "base_link") -> Any:
         {
             "velocities": [message("geometry_msgs/msg/Twist", **_twist(x))],
             "time_from_start": {
-                "sec": step_ns * (i + 1) // 10**9, "nanosec": step_ns * (i + 1) % 10**9
+                "sec": step_ns * (i + 1) // 10**9,
+                "nanosec": step_ns * (i + 1) % 10**9,
             },
         }
         for i, x in enumerate(prediction.horizon)

@@ -90,7 +90,9 @@ def rollout(
     else:
         u = mean_commands(record, drive.commands)
         predicted = seven_dof_rollout(
-            model, record.x[rows], u[rows[:, None] + np.arange(steps)],
+            model,
+            record.x[rows],
+            u[rows[:, None] + np.arange(steps)],
             actuators=_actuator_states(model, record, u)[rows],
         )
     if rows.size == 0:
@@ -114,8 +116,13 @@ def rollout_surrogate(
     """
     stand_in = load_surrogate(model)
     evidence = read_sensor_log(
-        bag, options.imu if options.use_imu else "", options.odometry, options.command,
-        options.sensors, progress, needs_imu=False,
+        bag,
+        options.imu if options.use_imu else "",
+        options.odometry,
+        options.command,
+        options.sensors,
+        progress,
+        needs_imu=False,
     )
     starts = start_times_of(evidence, steps, stride_s, FIRST_START_S)
     return starts, OpenLoopPredictor(stand_in.content, evidence).predict(starts, steps)

@@ -31,7 +31,11 @@ class Clocks(NamedTuple):
 
 
 def describe(
-    pipeline: Pipeline, counters: Counters, before: CounterSnapshot, now: CounterSnapshot, clocks: Clocks
+    pipeline: Pipeline,
+    counters: Counters,
+    before: CounterSnapshot,
+    now: CounterSnapshot,
+    clocks: Clocks,
 ) -> list[tuple[str, str]]:
     """Return the pairs: totals since the start, rates and rms values since `before`."""
     values: dict[str, object] = {
@@ -79,7 +83,9 @@ def _tick_times(counters: Counters) -> dict[str, float]:
     return {"tick_p50_us": p50, "tick_p99_us": p99, "tick_max_us": counters.tick_max_us}
 
 
-def _quality(pipeline: Pipeline, before: CounterSnapshot, now: CounterSnapshot) -> dict[str, float]:
+def _quality(
+    pipeline: Pipeline, before: CounterSnapshot, now: CounterSnapshot
+) -> dict[str, float]:
     count = now.innovations - before.innovations
     squares = (now.innovation_squares - before.innovation_squares).tolist()
     pushes = pipeline.predictor.disturbance.tolist()

@@ -165,8 +165,11 @@ class Diagnostics:
         name = source.name.lower()
         if not self._now.received[source]:
             return f"{name} never received"
-        refused = sum((self._now.refused - self._before.refused)[key]
-                      for key in self._now.refused if key[0] is source)
+        refused = sum(
+            (self._now.refused - self._before.refused)[key]
+            for key in self._now.refused
+            if key[0] is source
+        )
         if refused:
             return f"all {name} messages are refused"
         return f"{name} has stamps of another time than the other streams"

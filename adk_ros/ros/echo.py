@@ -156,16 +156,16 @@ class _Arrivals:
         self._on_prediction(decode(message, arrival_ns))
 
 
-def _find(
-    session: Session, topic: str | None, wait_s: float, ended: Callable[[], bool]
-) -> str:
+def _find(session: Session, topic: str | None, wait_s: float, ended: Callable[[], bool]) -> str:
     deadline_s = time.monotonic() + wait_s
     wanted = session.resolve(topic) if topic else None
     while True:
         known = dict(session.node.get_topic_names_and_types())
         found = sorted(
-            name for name, types in known.items()
-            if TOPIC_TYPE in types and name.rsplit("/", 1)[-1] == TOPIC_NAME
+            name
+            for name, types in known.items()
+            if TOPIC_TYPE in types
+            and name.rsplit("/", 1)[-1] == TOPIC_NAME
             and session.node.count_publishers(name)
         )
         if wanted and session.node.count_publishers(wanted):
@@ -201,8 +201,15 @@ def record(
     """Keep all predictions; parameters and errors as `listen`."""
     recording = PredictionLog(topic or "")
     recording.topic = listen(
-        recording.received.append, topic, count=count, duration_s=duration_s, idle_s=idle_s,
-        wait_s=wait_s, until=until, on_ready=on_ready, on_node=on_node,
+        recording.received.append,
+        topic,
+        count=count,
+        duration_s=duration_s,
+        idle_s=idle_s,
+        wait_s=wait_s,
+        until=until,
+        on_ready=on_ready,
+        on_node=on_node,
     )
     return recording
 
@@ -242,7 +249,12 @@ def echo(
 
     heard_in_all = None if count is None else (count - 1) * every + 1
     recording.topic = listen(
-        show, topic, count=heard_in_all, duration_s=duration_s, idle_s=idle_s, wait_s=wait_s,
+        show,
+        topic,
+        count=heard_in_all,
+        duration_s=duration_s,
+        idle_s=idle_s,
+        wait_s=wait_s,
         until=until,
     )
     return recording

@@ -127,37 +127,88 @@ def _plain(value: Any) -> Any:
 
 TABLE: tuple[Spec, ...] = (
     Spec("model", "", "Folder that 'adk train' wrote; required."),
-    Spec("method", "", "Online method; empty: the one that the model was validated with.",
-         choices=("", *METHODS)),
+    Spec(
+        "method",
+        "",
+        "Online method; empty: the one that the model was validated with.",
+        choices=("", *METHODS),
+    ),
     Spec("window", 0, "Samples in the least-squares window; 0: the model's own.", 0, 100_000),
-    Spec("ridge", 0.0, "Pull to the offline model, in samples' worth; 0: the model's own.",
-         0.0, 1e12),
+    Spec(
+        "ridge",
+        0.0,
+        "Pull to the offline model, in samples' worth; 0: the model's own.",
+        0.0,
+        1e12,
+    ),
     Spec("forgetting", 0.0, "Factor per tick of method ffrls; 0: the model's own.", 0.0, 1.0),
     Spec("horizon_s", 2.0, "Length of the predicted horizon in s; 0: none.", 0.0, 10.0),
     Spec("publish_horizon", True, "Publish ~/predicted_horizon and its covariance.", live=True),
     Spec("frame_id", "base_link", "Frame in whose axes the predicted twist is given."),
-    Spec("use_imu", "auto", "auto: use an IMU where there is one; required: report an error "
-         "without one; never: do not subscribe.", choices=("auto", "required", "never")),
-    Spec("reference_point", [0.0, 0.0], "Centre of gravity (x, y) in the odometry's child frame, "
-         "m; velocities are predicted there.", -50.0, 50.0),
+    Spec(
+        "use_imu",
+        "auto",
+        "auto: use an IMU where there is one; required: report an error "
+        "without one; never: do not subscribe.",
+        choices=("auto", "required", "never"),
+    ),
+    Spec(
+        "reference_point",
+        [0.0, 0.0],
+        "Centre of gravity (x, y) in the odometry's child frame, "
+        "m; velocities are predicted there.",
+        -50.0,
+        50.0,
+    ),
     Spec("imu_position", [0.0, 0.0], "IMU (x, y) in the odometry's child frame, m.", -50.0, 50.0),
-    Spec("imu_rotation", [0.0, 0.0, 0.0], "Roll, pitch, yaw that turn the IMU's axes into the "
-         "vehicle's, rad.", -2 * math.pi, 2 * math.pi),
+    Spec(
+        "imu_rotation",
+        [0.0, 0.0, 0.0],
+        "Roll, pitch, yaw that turn the IMU's axes into the vehicle's, rad.",
+        -2 * math.pi,
+        2 * math.pi,
+    ),
     Spec("command_type", "joint_state", "Kind of command message.", choices=tuple(COMMAND_TYPES)),
     Spec("drive_joints", ["drive"], "Joints whose efforts add up to the net wheel torque, N m."),
     Spec("steer_joint", "steer", "Joint whose position is the steering angle, rad."),
-    Spec("steering_ratio", 1.0, "Steer joint's angle over road-wheel angle; 1: it is the road "
-         "wheel's; negative: it turns the other way.", -1000.0, 1000.0),
-    Spec("mass", 0.0, "Vehicle mass in kg; needed where a command carries an acceleration.",
-         0.0, 1e6),
-    Spec("wheel_radius", 0.0, "Wheel radius in m; needed where a command carries an acceleration.",
-         0.0, 10.0),
+    Spec(
+        "steering_ratio",
+        1.0,
+        "Steer joint's angle over road-wheel angle; 1: it is the road "
+        "wheel's; negative: it turns the other way.",
+        -1000.0,
+        1000.0,
+    ),
+    Spec(
+        "mass",
+        0.0,
+        "Vehicle mass in kg; needed where a command carries an acceleration.",
+        0.0,
+        1e6,
+    ),
+    Spec(
+        "wheel_radius",
+        0.0,
+        "Wheel radius in m; needed where a command carries an acceleration.",
+        0.0,
+        10.0,
+    ),
     Spec("odometry_timeout_s", 0.5, "Odometry older than this gives no state.", 0.0, 60.0),
-    Spec("frozen_after_s", 1.0, "A moving vehicle's sensor that repeats itself for so long is "
-         "frozen; 0: never.", 0.0, 3600.0),
+    Spec(
+        "frozen_after_s",
+        1.0,
+        "A moving vehicle's sensor that repeats itself for so long is frozen; 0: never.",
+        0.0,
+        3600.0,
+    ),
     Spec("max_wait_s", 0.05, "How long a tick waits for a reading that is due.", 0.0, 0.5),
-    Spec("max_coast_s", 1.0, "How long predictions go on from themselves without a state.",
-         0.0, 60.0),
+    Spec(
+        "max_coast_s",
+        1.0,
+        "How long predictions go on from themselves without a state.",
+        0.0,
+        60.0,
+    ),
     Spec("diagnostics_period_s", 1.0, "Time between two diagnostics, wall clock.", 0.1, 60.0),
 )
 
@@ -261,7 +312,9 @@ def help_text() -> str:
     lines = []
     for spec in TABLE:
         lines += textwrap.wrap(
-            f"{spec.text} [{spec.default!r}]", 98,
-            initial_indent=f"  {spec.name:<{width}}  ", subsequent_indent=" " * (width + 4),
+            f"{spec.text} [{spec.default!r}]",
+            98,
+            initial_indent=f"  {spec.name:<{width}}  ",
+            subsequent_indent=" " * (width + 4),
         )
     return "\n".join(lines)

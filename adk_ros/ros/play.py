@@ -168,8 +168,12 @@ class _Player:
                 raise UsageError(f"bag {bag.path} has no topic {name}; it has {bag.summary()}")
         for info in bag.topics:
             if info.count and (topics is None or info.name in topics):
-                self._advertise(info.name, info.msgtype, remap.get(info.name, info.name),
-                                named=topics is not None)
+                self._advertise(
+                    info.name,
+                    info.msgtype,
+                    remap.get(info.name, info.name),
+                    named=topics is not None,
+                )
         if not self._publishers:
             raise DataError(f"bag {bag.path} has nothing to play; it has {bag.summary()}")
         self._sensors = self._sensors or list(self._publishers)
@@ -244,9 +248,7 @@ class _Player:
             if log_ns >= from_ns:
                 yield _Item(begin_ns + log_ns - from_ns, count, topic, content)
 
-    def send(
-        self, item: _Item, late_ns: int, from_ns: int, length_ns: int, shift_ns: int
-    ) -> None:
+    def send(self, item: _Item, late_ns: int, from_ns: int, length_ns: int, shift_ns: int) -> None:
         """Publish an item; `shift_ns` moves stamps to the present, 0 leaves them."""
         begin_ns = item.loop * (length_ns + _CLOCK_NS)
         self._loops = item.loop

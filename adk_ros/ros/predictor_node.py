@@ -86,7 +86,10 @@ class PredictorNode:
         self._inputs = self._open_inputs(classes)
         self._facts = self._make_facts(loaded)
         self.diagnostics = Diagnostics(
-            self.core.pipeline, self.core.counters, self._facts, self.values["use_imu"],
+            self.core.pipeline,
+            self.core.counters,
+            self._facts,
+            self.values["use_imu"],
             time.monotonic(),
         )
         self._told_level = Level.OK

@@ -34,9 +34,7 @@ _SWAY = 0.5
 """rad/s of the slalom's own rhythm."""
 _SETTLE_S = 0.5
 _QOS: Any = qos_profile_sensor_data
-KINDS: dict[Source, Any] = {
-    Source.IMU: Imu, Source.ODOMETRY: Odometry, Source.COMMAND: JointState
-}
+KINDS: dict[Source, Any] = {Source.IMU: Imu, Source.ODOMETRY: Odometry, Source.COMMAND: JointState}
 
 
 class Rates(NamedTuple):
@@ -104,7 +102,9 @@ def schedule(rates: Rates, duration_s: float) -> Iterator[Due]:
         for offset_ns in range(first_ns, round(duration_s * 1e9), period_ns):
             yield Due(offset_ns, source)
 
-    streams = [ticks(source, rate) for source, rate in zip(STANDARD_SOURCES, rates, strict=True) if rate]
+    streams = [
+        ticks(source, rate) for source, rate in zip(STANDARD_SOURCES, rates, strict=True) if rate
+    ]
     return heapq.merge(*streams)
 
 

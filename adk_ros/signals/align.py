@@ -35,7 +35,9 @@ _PERIODS_UNTIL_STALE = 3.0
 _AWAITED_FROM, _OVERDUE_FROM = 0.8, 1.2
 # Plain integers: operations on flags themselves cost a microsecond each.
 _NO_IMU, _IMU_STALE, _ODOMETRY_STALE = (
-    int(Flag.NO_IMU), int(Flag.IMU_STALE), int(Flag.ODOMETRY_STALE)
+    int(Flag.NO_IMU),
+    int(Flag.IMU_STALE),
+    int(Flag.ODOMETRY_STALE),
 )
 _COMMAND_STALE, _FROZEN = int(Flag.COMMAND_STALE), int(Flag.FROZEN)
 _COASTING, _RESTART = int(Flag.COASTING), int(Flag.RESTART)

@@ -136,6 +136,12 @@ class Record:
     def rows(self, keep: slice | BoolArray | IntArray) -> Record:
         """Return the chosen rows as a record of their own (episodes keep their numbers)."""
         return Record(
-            self.stamp_ns[keep], self.x[keep], self.u[keep], self.a[keep], self.flags[keep],
-            self.x_ref[keep], self.episode[keep], self.name,
+            self.stamp_ns[keep],
+            self.x[keep],
+            self.u[keep],
+            self.a[keep],
+            self.flags[keep],
+            self.x_ref[keep],
+            self.episode[keep],
+            self.name,
         )

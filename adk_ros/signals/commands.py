@@ -69,7 +69,9 @@ def _checked(torque: float, delta: float) -> tuple[float, float]:
     if not abs(torque) <= MAX_DRIVE:
         raise RefusedMessage("drive torque is not finite or absurd")
     if not abs(delta) <= MAX_DELTA:
-        raise RefusedMessage("steering angle is not finite or beyond a quarter turn of the road wheel")
+        raise RefusedMessage(
+            "steering angle is not finite or beyond a quarter turn of the road wheel"
+        )
     return torque, delta
 
 

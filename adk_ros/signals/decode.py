@@ -59,8 +59,12 @@ class SensorConfig:
                 f"{', '.join(COMMAND_TYPES)}"
             )
         numbers = (
-            self.steering_ratio, *self.reference_point, *self.imu_position, *self.imu_rotation,
-            self.mass, self.wheel_radius,
+            self.steering_ratio,
+            *self.reference_point,
+            *self.imu_position,
+            *self.imu_rotation,
+            self.mass,
+            self.wheel_radius,
         )
         if not all(math.isfinite(value) for value in numbers):
             raise UsageError("sensor configuration holds a value that is not finite")

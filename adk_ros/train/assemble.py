@@ -91,7 +91,9 @@ def _inputs(
     return torch.cat([x_row, u[rows[:, None] - past].reshape(len(rows), -1)], dim=1)
 
 
-def _refit_output_layer(theta: FloatArray, phi: FloatArray, target: FloatArray) -> tuple[FloatArray, ...]:
+def _refit_output_layer(
+    theta: FloatArray, phi: FloatArray, target: FloatArray
+) -> tuple[FloatArray, ...]:
     """
     Return `theta` with its first three rows refitted, one copy for each of `_PULLS`.
 

@@ -69,7 +69,8 @@ def observer_filtered(
     trained = fit(train, validation, first, on_step, checkpoint)
     built = assemble(trained, sequences(train, settings.history, 2, "training"), False)
     model = replace(
-        built.model, online=windowed(_RIDGE),
+        built.model,
+        online=windowed(_RIDGE),
         observer_gains=replace(_CORRECTION, observer_gain=np.array([1.0, 1.0, gain])),
     )
     return [_follow(model, r) for r in train], [_follow(model, r) for r in validation]
@@ -132,10 +133,12 @@ class _Forms:
             # `past` samples before this one, of which the newest holds the command in force.
             if since <= past:
                 continue
-            row = np.concatenate([
-                x[k - past : k][::-1].ravel(),
-                u[k - past : k][::-1].ravel() if self._history else [],
-            ])
+            row = np.concatenate(
+                [
+                    x[k - past : k][::-1].ravel(),
+                    u[k - past : k][::-1].ravel() if self._history else [],
+                ]
+            )
             held = np.clip(row, -self._reach, self._reach)
             increment = held @ self._form @ held + row @ self._linear + self._level
             expected = x[k - 1, _YAW_RATE] + step * increment

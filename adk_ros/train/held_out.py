@@ -157,6 +157,7 @@ def score_held_out(
     """
     rollouts = []
     for number, (record, scored) in enumerate(parts):
+
         def report(done: int, total: int, number: int = number) -> None:
             if progress is not None:
                 progress(number * total + done, len(parts) * total)
@@ -199,10 +200,13 @@ def _why(result: HeldOutScores, step: int, channel: int, known: TrainingDomain |
                 f"{text}; in {100 * share:.0f} % of the starts {name} was beyond the training data"
             )
     errors = np.concatenate(
-        [r.predicted[:, HORIZON_STEPS[step] - 1, channel]
-         - r.record.x_ref[r.rows + HORIZON_STEPS[step], channel] for r in result.rollouts]
+        [
+            r.predicted[:, HORIZON_STEPS[step] - 1, channel]
+            - r.record.x_ref[r.rows + HORIZON_STEPS[step], channel]
+            for r in result.rollouts
+        ]
     )
-    share = float(np.sort(errors**2)[-max(1, errors.size // 20):].sum() / np.sum(errors**2))
+    share = float(np.sort(errors**2)[-max(1, errors.size // 20) :].sum() / np.sum(errors**2))
     if share > 0.5:
         return f"{text}; {100 * share:.0f} % of the squared error comes from 5 % of the starts"
     return f"{text}; the error is spread evenly: the model misses something throughout"

@@ -39,9 +39,7 @@ Of the cost, a mean log ratio: what is chosen is the least bold setting, they ar
 order, within so much of the best. Validation data are few, and boldness is paid for on others;
 most by a slow disturbance, whose error adds up for seconds.
 """
-_QUICK = replace(
-    ObserverGains.none(), slow_gain=np.full(3, 0.05), slow_decay=np.full(3, 0.99)
-)
+_QUICK = replace(ObserverGains.none(), slow_gain=np.full(3, 0.05), slow_decay=np.full(3, 0.99))
 """With which theta0 is chosen: not for what a disturbance takes care of anyway."""
 _WORSE_THAN_NAIVE_WEIGHT = 4.0
 """Weight of how far a cell is behind the best naive predictor, beside the mean of all cells."""
@@ -75,7 +73,9 @@ def select_hyperparameters(
             note("tuning adaptation", done, total)
         done += 1
         ratio = _ratio(trial, cases)
-        return np.asarray((ratio + _WORSE_THAN_NAIVE_WEIGHT * np.maximum(ratio, 0.0)).mean(axis=(0, 1)))
+        return np.asarray(
+            (ratio + _WORSE_THAN_NAIVE_WEIGHT * np.maximum(ratio, 0.0)).mean(axis=(0, 1))
+        )
 
     model = replace(model, mean_square_change=mean_square_change(split))
 
@@ -91,10 +91,12 @@ def select_hyperparameters(
     def choose(corrections: Sequence[ObserverGains], within: float = _TIE_MARGIN) -> ObserverGains:
         costs = np.array([cost(replace(model, observer_gains=item)) for item in corrections])
         chosen = _most_conservative(costs, within)
-        return ObserverGains(**{
-            name: np.array([getattr(corrections[i], name)[c] for c, i in enumerate(chosen)])
-            for name in ObserverGains.names()
-        })
+        return ObserverGains(
+            **{
+                name: np.array([getattr(corrections[i], name)[c] for c, i in enumerate(chosen)])
+                for name in ObserverGains.names()
+            }
+        )
 
     now, each = model.observer_gains, np.ones(3)
     slow = [replace(now, slow_gain=g * each, slow_decay=d * each) for g, d in _SLOW]
@@ -128,7 +130,9 @@ def _cases(split: Split) -> tuple[ValidationDrives, ValidationDrives]:
         scored = parts == VALIDATION
         if scored.any():
             same.append((record, scored))
-            changed = record.u.mean(axis=0) + (record.u - record.u.mean(axis=0)) / _PERTURBED_INPUT_GAIN
+            changed = (
+                record.u.mean(axis=0) + (record.u - record.u.mean(axis=0)) / _PERTURBED_INPUT_GAIN
+            )
             other.append((replace(record, u=changed), scored))
     return same, other
 

@@ -108,7 +108,11 @@ class Network(nn.Module):
     step_scale: Tensor
 
     def __init__(
-        self, history: int, hidden: int, features: int, step_scale: FloatArray,
+        self,
+        history: int,
+        hidden: int,
+        features: int,
+        step_scale: FloatArray,
         quadratic: QuadraticFeatures | None = None,
     ) -> None:
         super().__init__()
@@ -169,9 +173,12 @@ class PaperNetwork(nn.Module):
 
 def _layers(n_in: int, hidden: int, n_out: int) -> nn.Sequential:
     return nn.Sequential(
-        nn.Linear(n_in, hidden), nn.ReLU(),
-        nn.Linear(hidden, hidden), nn.ReLU(),
-        nn.Linear(hidden, hidden), nn.ReLU(),
+        nn.Linear(n_in, hidden),
+        nn.ReLU(),
+        nn.Linear(hidden, hidden),
+        nn.ReLU(),
+        nn.Linear(hidden, hidden),
+        nn.ReLU(),
         nn.Linear(hidden, n_out),
     )
 

@@ -194,7 +194,11 @@ def quadratic_features_of(part: Sequences, scaling: Scaling) -> QuadraticFeature
 
 class _Trainer:
     def __init__(
-        self, network: Network, data: _Data, held: _Data, settings: TrainSettings,
+        self,
+        network: Network,
+        data: _Data,
+        held: _Data,
+        settings: TrainSettings,
         noise: FloatArray,
     ) -> None:
         self.network, self.data, self.held, self.settings = network, data, held, settings
@@ -202,7 +206,8 @@ class _Trainer:
         longest = max(settings.short_steps, settings.long_steps)
         self.weight = 1.0 / data.persistence(longest)
         self.optimiser = torch.optim.AdamW(
-            network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+            network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+        )
         self.noise = as_tensor(noise, self.weight.device) * network.step_scale
         spread = np.linspace(0, held.part.rows.size - 1, _VALIDATION_ROWS).astype(int)
         chosen = held.part.rows[np.unique(spread)]
@@ -241,7 +246,9 @@ class _Trainer:
             first, extra = resumed
             curve = [(int(a), float(b), float(c)) for a, b, c in extra["curve"]]
             best, best_step, running, since = (
-                float(extra["best"]), int(extra["best_step"]), float(extra["running"]),
+                float(extra["best"]),
+                int(extra["best_step"]),
+                float(extra["running"]),
                 int(extra["since"]),
             )
             best_state = {k: torch.as_tensor(extra[f"best.{k}"]) for k in best_state}
@@ -265,8 +272,10 @@ class _Trainer:
             if path is not None and not early and (step + 1) % _CHECKPOINT_EVERY == 0:
                 extra = {f"best.{k}": v.cpu().numpy() for k, v in best_state.items()}
                 extra |= {
-                    "curve": np.array(curve).reshape(-1, 3), "best": np.array(best),
-                    "best_step": np.array(best_step), "running": np.array(running),
+                    "curve": np.array(curve).reshape(-1, 3),
+                    "best": np.array(best),
+                    "best_step": np.array(best_step),
+                    "running": np.array(running),
                     "since": np.array(since),
                 }
                 checkpoint.save(path, key, step + 1, network, self.optimiser, extra)

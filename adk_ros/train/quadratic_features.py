@@ -59,6 +59,7 @@ class QuadraticFeatures:
     @staticmethod
     def none(n: int) -> QuadraticFeatures:
         """No forms, for rows of `n`."""
+
         def empty(*shape: int) -> Any:
             return np.zeros(shape, dtype=np.float32)
 
@@ -94,7 +95,11 @@ class Rows:
 
 
 def fit_quadratic(
-    x: FloatArray, u: FloatArray, target: FloatArray, rows: IntArray, history: int,
+    x: FloatArray,
+    u: FloatArray,
+    target: FloatArray,
+    rows: IntArray,
+    history: int,
     made: Rows | None = None,
 ) -> QuadraticFeatures:
     """
@@ -115,9 +120,7 @@ def fit_quadratic(
     phi /= size
     gram, right = phi.T @ phi, phi.T @ target[rows]
     ridges = [ridge * rows.size * np.eye(len(gram)) for ridge in _RIDGES]
-    solution = np.stack(
-        [np.linalg.solve(gram + ridges[c], right[:, c]) for c in range(3)], axis=1
-    )
+    solution = np.stack([np.linalg.solve(gram + ridges[c], right[:, c]) for c in range(3)], axis=1)
     if made is not None:
         more = [u[made.rows - k] for k in range(newest(history))] if history else []
         there = np.concatenate([*made.states, *more], axis=1)
@@ -127,10 +130,13 @@ def fit_quadratic(
             phi @ solution - target[rows], beyond[driven] @ solution - made.target[driven]
         )
         also, towards = beyond.T @ beyond, beyond.T @ (weight * made.target)
-        solution = np.stack([
-            np.linalg.solve(gram + weight[c] * also + ridges[c], right[:, c] + towards[:, c])
-            for c in range(3)
-        ], axis=1)
+        solution = np.stack(
+            [
+                np.linalg.solve(gram + weight[c] * also + ridges[c], right[:, c] + towards[:, c])
+                for c in range(3)
+            ],
+            axis=1,
+        )
     solution /= size[:, None]
     own, weights = _quadratic_directions(solution[: i.size], i, j, columns.size)
     n = input_size(history)
@@ -138,12 +144,19 @@ def fit_quadratic(
     linear[columns] = solution[i.size : i.size + columns.size]
     directions[columns] = own
     reach[:] = np.abs(np.concatenate(past, axis=1)).max(axis=0)
-    reach *= np.concatenate([np.tile(_STATE_EXTRAPOLATION, history + 1),
-                             np.tile(_COMMAND_EXTRAPOLATION, history + 1 if history else 0)])
+    reach *= np.concatenate(
+        [
+            np.tile(_STATE_EXTRAPOLATION, history + 1),
+            np.tile(_COMMAND_EXTRAPOLATION, history + 1 if history else 0),
+        ]
+    )
     single = np.float32
     return QuadraticFeatures(
-        reach.astype(single), directions.astype(single), weights.astype(single),
-        linear.astype(single), solution[-1].astype(single),
+        reach.astype(single),
+        directions.astype(single),
+        weights.astype(single),
+        linear.astype(single),
+        solution[-1].astype(single),
     )
 
 

@@ -46,7 +46,10 @@ def prediction_figure(test: HeldOutScores, path: Path, longest_s: float = 40.0) 
         )
         left.set_ylabel(_LABELS[c])
         right.plot(
-            time_s, naive[:, c] - measured[:, c], color="tab:orange", linewidth=0.9,
+            time_s,
+            naive[:, c] - measured[:, c],
+            color="tab:orange",
+            linewidth=0.9,
             label="persistence",
         )
         right.plot(time_s, ours[:, c] - measured[:, c], color="tab:blue", label="model")
@@ -71,8 +74,13 @@ def horizon_figure(test: HeldOutScores, path: Path) -> None:
         for name, item in test.scores.items():
             ours = name in (MODEL, HELD_INPUTS)
             axis.plot(
-                steps, item.rmse[:, c] * REPORT_SCALE[c], marker="o", markersize=3,
-                linestyle="-" if ours else "--", linewidth=1.8 if ours else 1.0, label=name,
+                steps,
+                item.rmse[:, c] * REPORT_SCALE[c],
+                marker="o",
+                markersize=3,
+                linestyle="-" if ours else "--",
+                linewidth=1.8 if ours else 1.0,
+                label=name,
             )
         axis.set_xscale("log")
         axis.set_yscale("log")

@@ -77,9 +77,7 @@ def drag_over_mass(part: Sequences, rows: IntArray) -> float:
     felt = (part.x_ref[rows + 1, 0] - part.x[rows, 0]) / _TICK_S - rate * v_y
     torque, delta = part.u[rows].T
     lateral = rate * v_x
-    columns = np.column_stack(
-        [v_x**2, np.ones(rows.size), torque, lateral**2, lateral * delta]
-    )
+    columns = np.column_stack([v_x**2, np.ones(rows.size), torque, lateral**2, lateral * delta])
     size = np.sqrt(np.mean(columns**2, axis=0)) + 1e-12
     solved = np.linalg.lstsq(columns / size, felt, rcond=None)[0]
     return max(-float(solved[0] / size[0]), 0.0)

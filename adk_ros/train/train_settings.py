@@ -45,9 +45,15 @@ class TrainSettings:
 
     def __post_init__(self) -> None:
         ranges = {
-            "history": (0, 40), "hidden": (4, 512), "features": (1, 64), "steps": (10, 10**7),
-            "batch": (1, 65536), "short_steps": (1, 400), "long_steps": (1, 400),
-            "patience": (1, 10**6), "validate_every": (1, 10**6),
+            "history": (0, 40),
+            "hidden": (4, 512),
+            "features": (1, 64),
+            "steps": (10, 10**7),
+            "batch": (1, 65536),
+            "short_steps": (1, 400),
+            "long_steps": (1, 400),
+            "patience": (1, 10**6),
+            "validate_every": (1, 10**6),
         }
         for name, (low, high) in ranges.items():
             if not low <= getattr(self, name) <= high:

@@ -82,13 +82,17 @@ def _rows(test: HeldOutScores) -> list[dict[str, Any]]:
     steps = test.scores[MODEL].steps
     for c, channel in enumerate(STATE_NAMES):
         for i, step in enumerate(steps):
-            rows.append({
-                "channel": f"{channel} ({_UNITS[c]})" if i == 0 else "",
-                "horizon": f"{step * TICK_NS * 1e-9:g} s",
-                "cells": [f"{s.rmse[i, c] * REPORT_SCALE[c]:.4g}" for s in test.scores.values()],
-                "ratio": f"{test.ratio[i, c]:.2f}",
-                "ratio_held": f"{test.ratio_held[i, c]:.2f}",
-                "lost": bool(test.ratio[i, c] >= TIE),
-                "first": i == 0,
-            })
+            rows.append(
+                {
+                    "channel": f"{channel} ({_UNITS[c]})" if i == 0 else "",
+                    "horizon": f"{step * TICK_NS * 1e-9:g} s",
+                    "cells": [
+                        f"{s.rmse[i, c] * REPORT_SCALE[c]:.4g}" for s in test.scores.values()
+                    ],
+                    "ratio": f"{test.ratio[i, c]:.2f}",
+                    "ratio_held": f"{test.ratio_held[i, c]:.2f}",
+                    "lost": bool(test.ratio[i, c] >= TIE),
+                    "first": i == 0,
+                }
+            )
     return rows

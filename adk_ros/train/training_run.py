@@ -84,6 +84,7 @@ def run_training(
     else:
         checkpoint, before = checkpoints_of(out)
         if settings.quadratic:
+
             def beginning(step: Step) -> None:
                 if note is not None:
                     note("training an observer", step.step, step.steps)
@@ -109,9 +110,8 @@ def run_training(
             {"name": r.name, "seconds": round(r.duration_s, 3), "imu": bool((r.a == r.a).any())}
             for r in records
         ],
-        "split": {"kind": split_kind} | {
-            name: round(split.seconds(part), 3) for part, name in enumerate(PARTS)
-        },
+        "split": {"kind": split_kind}
+        | {name: round(split.seconds(part), 3) for part, name in enumerate(PARTS)},
         "range": known.as_json(),
         "held_out": test.as_json() if test else None,
     }

@@ -118,9 +118,9 @@ def with_torque(e: SensorLog, mass: float, radius: float) -> tuple[SensorLog, st
     along = np.gradient(v_x, e.odometry_s) - e.odometry[:, 1] * e.odometry[:, 2]
     held = pedal[np.maximum(np.searchsorted(e.command_s, e.odometry_s, side="right") - 1, 0)]
     use = v_x > _MOVING
-    rows = np.column_stack([
-        np.maximum(held, 0.0), np.minimum(held, 0.0), -(v_x**2), -np.ones_like(v_x)
-    ])
+    rows = np.column_stack(
+        [np.maximum(held, 0.0), np.minimum(held, 0.0), -(v_x**2), -np.ones_like(v_x)]
+    )
     solved, *_ = np.linalg.lstsq(rows[use], along[use], rcond=None)
     if solved[0] <= 0.0 or solved[1] <= 0.0:
         raise DataError(f"{e.name}: the drive command does not speed the car up and slow it down")
@@ -170,7 +170,10 @@ def _calibrate(course: ResidualProblem, start: FloatArray, has_imu: bool) -> Sur
     high = np.minimum(mean + _MOST * spread, HIGH[where])
     p = start.copy()
     p[where] = fit_with_annealed_observer(
-        course, p, where, BoundedParameters(mean, low, high, step, mean, spread),
+        course,
+        p,
+        where,
+        BoundedParameters(mean, low, high, step, mean, spread),
         RESIDUAL_SUBSAMPLING * counted / _ERROR[:, None],
     ).x
     left = course.residuals(p) * counted
@@ -193,7 +196,9 @@ class AblationResult:
     gain: float
 
 
-def run_ablation(recording: SensorLog, nominal: NominalVehicle, progress: Progress | None = None) -> list[AblationResult]:
+def run_ablation(
+    recording: SensorLog, nominal: NominalVehicle, progress: Progress | None = None
+) -> list[AblationResult]:
     """
     Return what is said of a real drive by its calibrated stand-in, and by it less each term.
 
@@ -209,10 +214,16 @@ def run_ablation(recording: SensorLog, nominal: NominalVehicle, progress: Progre
         name = "" if removal is None else removal.effect
         tell(0.3 + 0.7 * i / len(cases), 1.0, f"{recording.name}: without {name or 'nothing'}")
         stand_in = done.stand_in if removal is None else removal.out_of(done.stand_in)
-        label = {"plant": ABLATION_FILE, "effects": []} if removal is None else removal.label(begin, end)
+        label = (
+            {"plant": ABLATION_FILE, "effects": []}
+            if removal is None
+            else removal.label(begin, end)
+        )
         started = time.process_time()
         found = identify_mismatch(stand_in, done.drive, nominal)
-        result = score_case(f"{recording.name}, {name or 'nothing'} removed", label, as_dict(found))
+        result = score_case(
+            f"{recording.name}, {name or 'nothing'} removed", label, as_dict(found)
+        )
         result.cpu_s = time.process_time() - started
         (_, nothing), (best, least) = (*found.losses, ("", found.losses[0][1]))[:2]
         out.append(AblationResult(recording.name, name, result, best, 1.0 - least / nothing))

@@ -56,7 +56,10 @@ def _bar(name: str, cases: int, bar: str, passed: bool, figure: str) -> Criterio
 
 
 def _share(
-    name: str, scores: Sequence[CaseResult], least: float, of: Callable[[CaseResult], float],
+    name: str,
+    scores: Sequence[CaseResult],
+    least: float,
+    of: Callable[[CaseResult], float],
     also: str = "",
 ) -> Criterion:
     value = float(np.mean([of(s) for s in scores])) if scores else 0.0
@@ -90,16 +93,18 @@ def evaluate_criteria(scores: Sequence[CaseResult]) -> list[Criterion]:
     placed = [s for s in scores if s.iou]
     better = [s for s in scores if s.removed and s.correctable]
     other = [
-        s for s in scores
-        if s.plant not in OWN_FAMILY and s.kind != "none" and s.strength == FULL
+        s for s in scores if s.plant not in OWN_FAMILY and s.kind != "none" and s.strength == FULL
     ]
     ran = [s for s in scores if np.isfinite(s.seconds)]
     cpu = f"; CPU {np.median([s.cpu_s for s in ran]):.3g} s" if ran else ""
     return [
         *(
-            _share(f"singles-strength-{strength:g}", [
-                s for s in scores if s.kind == "single" and s.strength == strength
-            ], least, lambda s: s.right)
+            _share(
+                f"singles-strength-{strength:g}",
+                [s for s in scores if s.kind == "single" and s.strength == strength],
+                least,
+                lambda s: s.right,
+            )
             for strength, least in SINGLES_LEAST.items()
         ),
         *(
@@ -107,29 +112,47 @@ def evaluate_criteria(scores: Sequence[CaseResult]) -> list[Criterion]:
             for kind, least in F1_LEAST.items()
         ),
         _share(
-            "unlisted-unknown", unlisted, UNLISTED_LEAST, lambda s: s.right,
+            "unlisted-unknown",
+            unlisted,
+            UNLISTED_LEAST,
+            lambda s: s.right,
             f", {unsaid} of them without equation and variable in the label" if unsaid else "",
         ),
         _bar(
-            "false-alarms", len(clean), "none", alarms == 0,
+            "false-alarms",
+            len(clean),
+            "none",
+            alarms == 0,
             f"{alarms} of {len(clean)} clean cases",
         ),
         _share(
-            "other-family-simulators", other, OTHER_FAMILY_LEAST,
+            "other-family-simulators",
+            other,
+            OTHER_FAMILY_LEAST,
             lambda s: s.f1 if s.kind in F1_LEAST else s.right,
         ),
         _median(
-            "parameter-error", [x for s in found for x in s.errors.values()], len(found),
-            ERROR_MOST, True,
+            "parameter-error",
+            [x for s in found for x in s.errors.values()],
+            len(found),
+            ERROR_MOST,
+            True,
         ),
         _coverage([x for s in scores for x in s.covered.values()]),
         _median(
-            "where-iou", [x for s in placed for x in s.iou.values()], len(placed), IOU_LEAST,
-            False, False,
+            "where-iou",
+            [x for s in placed for x in s.iou.values()],
+            len(placed),
+            IOU_LEAST,
+            False,
+            False,
         ),
         _median(
-            "held-out-error-removed", [x for s in better for x in s.removed.values()],
-            len(better), REMOVED_LEAST, False,
+            "held-out-error-removed",
+            [x for s in better for x in s.removed.values()],
+            len(better),
+            REMOVED_LEAST,
+            False,
         ),
         _seconds(ran, cpu),
         _memory(ran),
@@ -149,14 +172,20 @@ def _coverage(covered: Sequence[bool]) -> Criterion:
 def _seconds(ran: Sequence[CaseResult], cpu: str) -> Criterion:
     value = float(np.median([s.seconds for s in ran])) if ran else 0.0
     return _bar(
-        "seconds-a-case", len(ran), f"at most {SECONDS_MOST:g} s in the median",
-        value <= SECONDS_MOST, f"{value:.3g} s of {len(ran)} cases{cpu}",
+        "seconds-a-case",
+        len(ran),
+        f"at most {SECONDS_MOST:g} s in the median",
+        value <= SECONDS_MOST,
+        f"{value:.3g} s of {len(ran)} cases{cpu}",
     )
 
 
 def _memory(ran: Sequence[CaseResult]) -> Criterion:
     value = float(np.median([s.memory_mib for s in ran])) if ran else 0.0
     return _bar(
-        "memory-a-case", len(ran), f"at most {MEMORY_MOST_MIB:g} MiB in the median",
-        value <= MEMORY_MOST_MIB, f"{value:.0f} MiB of {len(ran)} cases",
+        "memory-a-case",
+        len(ran),
+        f"at most {MEMORY_MOST_MIB:g} MiB in the median",
+        value <= MEMORY_MOST_MIB,
+        f"{value:.0f} MiB of {len(ran)} cases",
     )

@@ -89,9 +89,14 @@ def sparse(ensemble: bool, x: Any, y: Any) -> Any:
 def _symbolic(x: Any, y: Any, names: Sequence[str]) -> tuple[Predictor, str]:
     rows = np.linspace(0, len(y) - 1, min(SYMBOLIC_ROWS, len(y))).astype(int)
     model = importlib.import_module("gplearn.genetic").SymbolicRegressor(
-        population_size=500, generations=12, parsimony_coefficient=0.002,
-        function_set=("add", "sub", "mul"), random_state=SEED, feature_names=list(names),
-        const_range=(-2.0, 2.0), metric="mse",
+        population_size=500,
+        generations=12,
+        parsimony_coefficient=0.002,
+        function_set=("add", "sub", "mul"),
+        random_state=SEED,
+        feature_names=list(names),
+        const_range=(-2.0, 2.0),
+        metric="mse",
     )
     model.fit(x[rows], y[rows])
     return model.predict, str(model._program)
@@ -108,10 +113,18 @@ def _process(x: Any, y: Any, names: Sequence[str]) -> tuple[Predictor, str]:
 
 
 def _network(x: Any, y: Any, names: Sequence[str]) -> tuple[Predictor, str]:
-    model = importlib.import_module("sklearn.neural_network").MLPRegressor(
-        (32, 32), activation="tanh", alpha=1e-3, early_stopping=True, random_state=SEED,
-        max_iter=200,
-    ).fit(x, y)
+    model = (
+        importlib.import_module("sklearn.neural_network")
+        .MLPRegressor(
+            (32, 32),
+            activation="tanh",
+            alpha=1e-3,
+            early_stopping=True,
+            random_state=SEED,
+            max_iter=200,
+        )
+        .fit(x, y)
+    )
     return model.predict, ""
 
 
@@ -145,7 +158,8 @@ def answer(job: dict[str, Any]) -> dict[str, Any]:
                 predicted[:, column] = predict(later) * size[column]
         expressions.append(expression)
     return {
-        "predicted": predicted, "coefficients": coefficients,
+        "predicted": predicted,
+        "coefficients": coefficients,
         "expression": np.array(expressions, dtype=str),
     }
 

@@ -124,8 +124,10 @@ class Baselines:
         for method in METHODS:
             with self._lock:
                 found = self._worker.ask(
-                    method=np.array(method), features=plain.features[:cut],
-                    targets=plain.residuals[:cut], later=plain.features[cut:],
+                    method=np.array(method),
+                    features=plain.features[:cut],
+                    targets=plain.residuals[:cut],
+                    later=plain.features[cut:],
                     names=np.array(plain.names),
                 )
             predicted = np.asarray(found["predicted"], dtype=np.float64)
@@ -141,9 +143,7 @@ class Baselines:
 
 def _removed(before: FloatArray, after: FloatArray) -> dict[str, float]:
     had, left = (np.sum(x**2, axis=0) for x in (before, after))
-    return {
-        name: float(1.0 - left[i] / max(had[i], 1e-30)) for i, name in enumerate(STATE_NAMES)
-    }
+    return {name: float(1.0 - left[i] / max(had[i], 1e-30)) for i, name in enumerate(STATE_NAMES)}
 
 
 def _naming_channels(plain: EquationErrors, label: dict[str, Any]) -> str:

@@ -26,7 +26,8 @@ from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
 SIMULATED_S, RECORDED_S, HELD_OUT_S = 150.0, 220.0, 100.0
 _ALWAYS_PLACED = ("road_grade", "road_bank")
 _PLACE_KEYS = {
-    "road_grade": ("grade", "grade"), "road_bank": ("bank", "bank"),
+    "road_grade": ("grade", "grade"),
+    "road_bank": ("bank", "bank"),
     "low_friction": ("mu", "mu_scale"),
 }
 _BLENDS = {"road_grade": 24.0, "road_bank": 16.0, "low_friction": 5.0, "crosswind": 0.0}
@@ -66,22 +67,46 @@ class GeneratedCase:
 def _vehicle(rng: np.random.Generator, windy: bool) -> Vehicle:
     """Return a random car; one that wind is to be felt on has drag."""
     u = rng.uniform
-    tyre = {"mu": u(0.95, 1.1), "b_y": u(9.0, 11.0), "c_y": u(1.3, 1.5), "nominal_load": 5300.0,
-            "load_sensitivity": u(0.05, 0.15), "relaxation_length": u(0.0, 0.35)}
+    tyre = {
+        "mu": u(0.95, 1.1),
+        "b_y": u(9.0, 11.0),
+        "c_y": u(1.3, 1.5),
+        "nominal_load": 5300.0,
+        "load_sensitivity": u(0.05, 0.15),
+        "relaxation_length": u(0.0, 0.35),
+    }
     drag = bool(rng.random() < 0.6) or windy
-    return Vehicle.model_validate({
-        "mass": u(1900.0, 2250.0), "yaw_inertia": u(3300.0, 3900.0),
-        "cg_to_front_axle": u(1.26, 1.34), "cg_to_rear_axle": u(1.3, 1.42),
-        "track_width": 1.7, "cg_height": u(0.49, 0.59), "wheel_radius": 0.325,
-        "wheel_inertia": 1.3, "cda": 0.7 * drag, "crr": 0.01 * drag, "load_lag": u(0.0, 0.06),
-        "torque_lag": u(0.0, 0.03), "steer_lag": u(0.0, 0.03),
-        "front_tyre": tyre, "rear_tyre": {**tyre, "b_y": tyre["b_y"] * u(1.05, 1.2)},
-    })
+    return Vehicle.model_validate(
+        {
+            "mass": u(1900.0, 2250.0),
+            "yaw_inertia": u(3300.0, 3900.0),
+            "cg_to_front_axle": u(1.26, 1.34),
+            "cg_to_rear_axle": u(1.3, 1.42),
+            "track_width": 1.7,
+            "cg_height": u(0.49, 0.59),
+            "wheel_radius": 0.325,
+            "wheel_inertia": 1.3,
+            "cda": 0.7 * drag,
+            "crr": 0.01 * drag,
+            "load_lag": u(0.0, 0.06),
+            "torque_lag": u(0.0, 0.03),
+            "steer_lag": u(0.0, 0.03),
+            "front_tyre": tyre,
+            "rear_tyre": {**tyre, "b_y": tyre["b_y"] * u(1.05, 1.2)},
+        }
+    )
 
 
 def _tolerances(rng: np.random.Generator, vehicle: Vehicle) -> Vehicle:
-    names = ("mass", "yaw_inertia", "cg_to_front_axle", "cg_to_rear_axle", "cda", "crr",
-             "wheel_radius")
+    names = (
+        "mass",
+        "yaw_inertia",
+        "cg_to_front_axle",
+        "cg_to_rear_axle",
+        "cda",
+        "crr",
+        "wheel_radius",
+    )
     values = vehicle.model_dump()
     for name in names:
         values[name] *= 1.0 + 0.004 * rng.uniform(-1.0, 1.0)
@@ -106,14 +131,19 @@ def _times_in(along: FloatArray, spans: list[Span], blend: float) -> list[list[f
     for a, b in spans:
         inside[1:-1] |= (along > a + 0.5 * blend) & (along < b - 0.5 * blend)
     edges = np.flatnonzero(np.diff(inside.astype(np.int8)))
-    return [[0.001 * float(a), 0.001 * float(b)]
-            for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [
+        [0.001 * float(a), 0.001 * float(b)] for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
 
 
 def make_case(
-    name: str, secret: InjectedMismatch, seed: int, plant: str = "seven_dof",
+    name: str,
+    secret: InjectedMismatch,
+    seed: int,
+    plant: str = "seven_dof",
     seconds: tuple[float, float, float] = (SIMULATED_S, RECORDED_S, HELD_OUT_S),
-    drive: str = "track", noise: float = 1.0,
+    drive: str = "track",
+    noise: float = 1.0,
 ) -> GeneratedCase:
     """
     Return a case; the same arguments give the same case.
@@ -124,17 +154,22 @@ def make_case(
     rng = np.random.default_rng([seed, 77])
     roads = ROAD_STYLES[drive]
     vehicle = _vehicle(rng, "headwind" in secret.effects)
-    placed = [k for k in secret.effects
-              if secret.kinds.get(k) == "place" or k in _ALWAYS_PLACED]
+    placed = [k for k in secret.effects if secret.kinds.get(k) == "place" or k in _ALWAYS_PLACED]
     simulated, _ = random_route(rng, roads)
     course, length = random_route(rng, roads)
     spans = _spans(rng, length)
     places = [
-        RoadPatch.model_validate({
-            "start": a, "end": b,
-            "blend": _BLENDS[k], _PLACE_KEYS[k][0]: secret.effects[k][_PLACE_KEYS[k][1]],
-        })
-        for k in placed if k in _PLACE_KEYS for a, b in spans
+        RoadPatch.model_validate(
+            {
+                "start": a,
+                "end": b,
+                "blend": _BLENDS[k],
+                _PLACE_KEYS[k][0]: secret.effects[k][_PLACE_KEYS[k][1]],
+            }
+        )
+        for k in placed
+        if k in _PLACE_KEYS
+        for a, b in spans
     ]
     timed = [k for k, kind in secret.kinds.items() if kind == "time"]
     onset = float(rng.uniform(0.27, 0.64)) * seconds[1] if timed else 0.0
@@ -145,8 +180,13 @@ def make_case(
     car = changed_vehicle(built, secret.effects)
     lateral = float(rng.uniform(*roads.lateral))
     truth, commands, _ = simulate_injected_drive(
-        vehicle, vehicle, plan_route(simulated, [], roads, lateral), InjectedChanges(), seed + 1,
-        seconds[0], plant,
+        vehicle,
+        vehicle,
+        plan_route(simulated, [], roads, lateral),
+        InjectedChanges(),
+        seed + 1,
+        seconds[0],
+        plant,
     )
     simulation = simulate_faulty_sensors("simulation", truth, commands, {}, None)
     for tried in range(_MOST_TRIES):
@@ -159,12 +199,22 @@ def make_case(
             vehicle, car, route, hidden, seed + 2, seconds[1], plant, 0.0, built, later
         )
         held, held_commands, _ = simulate_injected_drive(
-            vehicle, car, route, hidden._replace(onset=0.0), seed + 3, seconds[2], plant,
-            0.2 * length, None, later,
+            vehicle,
+            car,
+            route,
+            hidden._replace(onset=0.0),
+            seed + 3,
+            seconds[2],
+            plant,
+            0.2 * length,
+            None,
+            later,
         )
         if max(np.abs(truth[:, 4]).max(), np.abs(held[:, 4]).max()) < _SPUN:
             break
-    recording = simulate_faulty_sensors("recording", truth, commands, secret.effects, rng, noise, onset)
+    recording = simulate_faulty_sensors(
+        "recording", truth, commands, secret.effects, rng, noise, onset
+    )
     heldout = simulate_faulty_sensors("heldout", held, held_commands, secret.effects, rng, noise)
     label: dict[str, Any] = {"effects": []}
     for effect, parameters in secret.effects.items():
@@ -178,10 +228,12 @@ def make_case(
         )
     if secret.unlisted:
         label["effects"].append(
-            {"name": "unknown", "params": {}, "kind": "always",
-             "time_intervals_s": [[0.0, seconds[1]]]}
+            {
+                "name": "unknown",
+                "params": {},
+                "kind": "always",
+                "time_intervals_s": [[0.0, seconds[1]]],
+            }
         )
-    nominal = NominalVehicle(**{
-        key: getattr(vehicle, key) for key in NominalVehicle.model_fields
-    })
+    nominal = NominalVehicle(**{key: getattr(vehicle, key) for key in NominalVehicle.model_fields})
     return GeneratedCase(name, simulation, recording, heldout, nominal, label)

@@ -27,10 +27,15 @@ NEED_GRIP = ("aero_downforce", "low_friction", "load_sensitivity")
 the motion by less than the noise."""
 
 PAIRS = (
-    ("aero_drag", "steering_lag"), ("payload", "steering_offset"), ("road_bank", "yaw_inertia"),
-    ("drive_torque_gain", "front_tyre_stiffness"), ("imu_bias", "steering_delay"),
-    ("low_friction", "rolling_resistance"), ("crosswind", "drive_torque_lag"),
-    ("road_grade", "rear_tyre_stiffness"), ("gyro_scale", "brake_torque_gain"),
+    ("aero_drag", "steering_lag"),
+    ("payload", "steering_offset"),
+    ("road_bank", "yaw_inertia"),
+    ("drive_torque_gain", "front_tyre_stiffness"),
+    ("imu_bias", "steering_delay"),
+    ("low_friction", "rolling_resistance"),
+    ("crosswind", "drive_torque_lag"),
+    ("road_grade", "rear_tyre_stiffness"),
+    ("gyro_scale", "brake_torque_gain"),
     ("tyre_relaxation", "torque_offset"),
 )
 TRIPLES = (
@@ -39,7 +44,12 @@ TRIPLES = (
     ("drive_torque_gain", "yaw_inertia", "imu_bias"),
 )
 TIMED = (
-    "aero_drag", "steering_lag", "drive_torque_gain", "payload", "low_friction", "imu_bias",
+    "aero_drag",
+    "steering_lag",
+    "drive_torque_gain",
+    "payload",
+    "low_friction",
+    "imu_bias",
 )
 """Effects that are concealed from a time on as well."""
 
@@ -54,8 +64,12 @@ UNLISTED_IN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 """Unlisted effect -> equations that it is in, features of which any says what drives it."""
 
-_PLACED = {"road_grade": "place", "road_bank": "place", "low_friction": "place",
-           "crosswind": "place"}
+_PLACED = {
+    "road_grade": "place",
+    "road_bank": "place",
+    "low_friction": "place",
+    "crosswind": "place",
+}
 
 
 @dataclass(frozen=True)
@@ -91,8 +105,14 @@ class CasePlan:
             if effect["name"] == "unknown" and known:
                 effect["equations"] = [x for equations, _ in known for x in equations]
                 effect["driven_by"] = [x for _, features in known for x in features]
-        return {**label, "effects": effects, "strength": self.strength, "plant": self.plant,
-                "drive": self.drive, "noise": self.noise}
+        return {
+            **label,
+            "effects": effects,
+            "strength": self.strength,
+            "plant": self.plant,
+            "drive": self.drive,
+            "noise": self.noise,
+        }
 
 
 def injected_mismatch(names: tuple[str, ...], strength: float, kind: str = "") -> InjectedMismatch:
@@ -118,13 +138,21 @@ def case_plans() -> Iterator[CasePlan]:
     every += [(f"clean_{i:02}", InjectedMismatch(), 1.0) for i in range(CLEAN)]
     every += [
         (f"{name}_{strength:g}", injected_mismatch((name,), strength), strength)
-        for strength in STRENGTHS for name in FULL
+        for strength in STRENGTHS
+        for name in FULL
     ]
-    every += [("_and_".join(names), injected_mismatch(names, 1.0), 1.0) for names in (*PAIRS, *TRIPLES)]
+    every += [
+        ("_and_".join(names), injected_mismatch(names, 1.0), 1.0) for names in (*PAIRS, *TRIPLES)
+    ]
     every += [(f"{n}_from_a_time_on", injected_mismatch((n,), 1.0, "time"), 1.0) for n in TIMED]
     every += [
-        (f"unlisted_{name}_{strength:g}", InjectedMismatch(unlisted={name: strength * size}), strength)
-        for name, size in UNLISTED.items() for strength in STRENGTHS
+        (
+            f"unlisted_{name}_{strength:g}",
+            InjectedMismatch(unlisted={name: strength * size}),
+            strength,
+        )
+        for name, size in UNLISTED.items()
+        for strength in STRENGTHS
     ]
     for i, (name, hidden, strength) in enumerate(every):
         yield _plan(i, name, hidden, strength)

@@ -115,7 +115,8 @@ def described(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
         return False
     begins = f"{EQUATION_TEXTS.get(first, '')} against "
     goes_with = {
-        part.removeprefix(begins) for part in rest.get("text", "").split("; ")
+        part.removeprefix(begins)
+        for part in rest.get("text", "").split("; ")
         if part.startswith(begins)
     }
     return not drivers or any(FEATURES[name].text in goes_with for name in drivers)
@@ -153,9 +154,14 @@ def score_case(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Case
         rest = answer.get("unexplained", {})
         said = f"unknown({','.join(rest.get('equations', []))}) {said}".strip()
     result = CaseResult(
-        case, kind, right, f1, said or verdict,
+        case,
+        kind,
+        right,
+        f1,
+        said or verdict,
         " + ".join(effect["name"] for effect in label["effects"]) or "none",
-        strength=float(label.get("strength", 1.0)), plant=str(label.get("plant", "")),
+        strength=float(label.get("strength", 1.0)),
+        plant=str(label.get("plant", "")),
         described=described(label, answer) if verdict == UNKNOWN == kind else None,
         correctable=any(
             effect["name"] not in EFFECTS or not EFFECTS[effect["name"]].sensor

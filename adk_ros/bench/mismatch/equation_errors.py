@@ -70,19 +70,19 @@ def equation_errors(recording: SensorLog, model: SurrogateFile) -> EquationError
         _changes(out[row], course.smooth[:, i], min(OBSERVER_GAINS[i] * _HELD * STEP_S, 0.5))
         for i, row in enumerate((V_X, V_Y, YAW_RATE))
     ])  # fmt: skip
-    measured = np.column_stack([
-        np.interp(course.middle_s, e.odometry_s, e.odometry[:, 0]),
-        np.interp(course.middle_s, e.odometry_s, e.odometry[:, 1]),
-        np.interp(course.middle_s, e.imu_s, e.imu[:, 2]),
-    ])
+    measured = np.column_stack(
+        [
+            np.interp(course.middle_s, e.odometry_s, e.odometry[:, 0]),
+            np.interp(course.middle_s, e.odometry_s, e.odometry[:, 1]),
+            np.interp(course.middle_s, e.imu_s, e.imu[:, 2]),
+        ]
+    )
     difference = measured - np.cumsum(own, axis=0)
     residuals = np.column_stack([slopes(x) for x in difference.T])
     names = tuple(FEATURES)
     table = feature_matrix(list(names), feature_signals(course, out))
     kept = np.arange(max(round(_SETTLING_S / STEP_S), HALF), course.steps - HALF, EVERY)
-    return EquationErrors(
-        course.middle_s[kept], names, table[kept], residuals[kept], _noise(e)
-    )
+    return EquationErrors(course.middle_s[kept], names, table[kept], residuals[kept], _noise(e))
 
 
 def _changes(middle: FloatArray, measured: FloatArray, gain: float) -> FloatArray:

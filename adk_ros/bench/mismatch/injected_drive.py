@@ -93,9 +93,21 @@ class InjectedChanges(NamedTuple):
 
 @strict_kernel
 def _run(
-    plant: int, c: Constants, later: Constants, b: SprungMass, later_b: SprungMass, driver: Constants,
-    table: FloatArray, later_table: FloatArray, spacing: float, added: FloatArray, h: InjectedChanges,
-    place: float, state: FloatArray, truth: FloatArray, commands: FloatArray,
+    plant: int,
+    c: Constants,
+    later: Constants,
+    b: SprungMass,
+    later_b: SprungMass,
+    driver: Constants,
+    table: FloatArray,
+    later_table: FloatArray,
+    spacing: float,
+    added: FloatArray,
+    h: InjectedChanges,
+    place: float,
+    state: FloatArray,
+    truth: FloatArray,
+    commands: FloatArray,
 ) -> None:
     road = np.empty((4, 5))
     work = np.empty((5, state.shape[0]))
@@ -108,8 +120,15 @@ def _run(
         now = n // TICK
         if n % TICK == 0:
             torque, delta, integral = driver_command(
-                driver, table, spacing, (s, across, road_heading), (state[V_X], state[V_Y]),
-                state[HEADING], added[now], integral, TICK * STEP,
+                driver,
+                table,
+                spacing,
+                (s, across, road_heading),
+                (state[V_X], state[V_Y]),
+                state[HEADING],
+                added[now],
+                integral,
+                TICK * STEP,
             )
             commands[now, 0], commands[now, 1] = torque, delta
             if n == 0:
@@ -160,17 +179,33 @@ def _run(
         ground = later_table if acts else table
         if plant == _SPRING:
             surface = (
-                lookup(ground, spacing, s, ROAD_MU), lookup(ground, spacing, s, ROAD_GRADE),
+                lookup(ground, spacing, s, ROAD_MU),
+                lookup(ground, spacing, s, ROAD_GRADE),
                 lookup(ground, spacing, s, ROAD_BANK),
             )
             a_x, a_y = step_spring_car(
-                car, state, command, surface, (wind_x, wind_y), h.lift_area if acts else 0.0,
-                h.rear_steer if acts else 0.0, STEP,
+                car,
+                state,
+                command,
+                surface,
+                (wind_x, wind_y),
+                h.lift_area if acts else 0.0,
+                h.rear_steer if acts else 0.0,
+                STEP,
             )
         else:
             a_x, a_y = step_on_route(
-                plant == _FOURTEEN, car, later_b if acts else b, ground, spacing, s,
-                (wind_x, wind_y), state, command, road, work,
+                plant == _FOURTEEN,
+                car,
+                later_b if acts else b,
+                ground,
+                spacing,
+                s,
+                (wind_x, wind_y),
+                state,
+                command,
+                road,
+                work,
             )
         state[V_X] += STEP * push_x
         state[V_Y] += STEP * push_y
@@ -180,8 +215,15 @@ def _run(
 
 
 def simulate_injected_drive(
-    vehicle: Vehicle, car: Vehicle, route: Route, changes: InjectedChanges, seed: int, seconds: float,
-    plant: str = "seven_dof", start: float = 0.0, before: Vehicle | None = None,
+    vehicle: Vehicle,
+    car: Vehicle,
+    route: Route,
+    changes: InjectedChanges,
+    seed: int,
+    seconds: float,
+    plant: str = "seven_dof",
+    start: float = 0.0,
+    before: Vehicle | None = None,
     later: Route | None = None,
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """
@@ -216,8 +258,19 @@ def simulate_injected_drive(
     commands = np.zeros((count, 2))
     run: Any = _run
     run(
-        which, (before or car).constants(), constants, *bodies, vehicle.constants(),
+        which,
+        (before or car).constants(),
+        constants,
+        *bodies,
+        vehicle.constants(),
         route.table,
-        (later or route).table, route.spacing, added, changes, start, state, truth, commands,
+        (later or route).table,
+        route.spacing,
+        added,
+        changes,
+        start,
+        state,
+        truth,
+        commands,
     )
     return truth, commands, np.arange(count, dtype=np.int64) * TICK

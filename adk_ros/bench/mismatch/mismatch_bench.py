@@ -79,7 +79,10 @@ def _existing_case(case: Path, folder: Path) -> Path:
 
 def generated_jobs(limit: int) -> list[CaseJob]:
     """Return jobs that make cases of our own."""
-    return [CaseJob(plan.name, _digest(repr(plan).encode()), plan.write) for plan in select_plans(limit)]
+    return [
+        CaseJob(plan.name, _digest(repr(plan).encode()), plan.write)
+        for plan in select_plans(limit)
+    ]
 
 
 def _digest(content: bytes) -> str:
@@ -170,7 +173,8 @@ class MismatchBench:
         result.case = job.name
         if self.rivals is not None and not result.failure:
             result.baselines = self.rivals.compare_baselines(
-                read_sensor_log(case / "recording", needs_imu=False), report,
+                read_sensor_log(case / "recording", needs_imu=False),
+                report,
                 json.loads((case / LABEL).read_text(encoding="utf-8")),
                 json.loads((report / RESULT_FILE).read_text(encoding="utf-8")),
             )
@@ -220,9 +224,7 @@ def removed(heldout: Path, report: Path) -> dict[str, float]:
         return {}
     evidence = read_sensor_log(heldout, needs_imu=False)
     before, after = (
-        horizon_rmse(
-            load_surrogate(report / name).content, evidence, HORIZON_S, FIRST_START_S
-        )
+        horizon_rmse(load_surrogate(report / name).content, evidence, HORIZON_S, FIRST_START_S)
         for name in ("simulation.yaml", "corrected.yaml")
     )
     floor = evidence.noise()[3:]

@@ -29,10 +29,12 @@ class RoadStyle(NamedTuple):
 
 
 ROAD_STYLES = {
-    "track": RoadStyle(9, (20.0, 130.0), (45.0, 130.0), 20.0, (1000.0, 2200.0), 33.0, (4.0, 5.0),
-                   2.3, 2.6),
-    "town": RoadStyle(9, (20.0, 90.0), (14.0, 40.0), 6.0, (500.0, 1200.0), 15.0, (3.6, 4.8),
-                  1.8, 2.4),
+    "track": RoadStyle(
+        9, (20.0, 130.0), (45.0, 130.0), 20.0, (1000.0, 2200.0), 33.0, (4.0, 5.0), 2.3, 2.6
+    ),
+    "town": RoadStyle(
+        9, (20.0, 90.0), (14.0, 40.0), 6.0, (500.0, 1200.0), 15.0, (3.6, 4.8), 1.8, 2.4
+    ),
 }
 _TRIES = 200
 
@@ -51,7 +53,8 @@ def random_route(rng: np.random.Generator, roads: RoadStyle) -> tuple[list[Segme
         for angle in angles:
             segments.append(Segment(straight=float(rng.uniform(*roads.straight))))
             bend = Bend(
-                radius=float(rng.uniform(*roads.radius)), angle_deg=float(angle),
+                radius=float(rng.uniform(*roads.radius)),
+                angle_deg=float(angle),
                 transition=roads.transition,
             )
             segments.append(Segment(bend=bend))
@@ -65,7 +68,11 @@ def random_route(rng: np.random.Generator, roads: RoadStyle) -> tuple[list[Segme
 
 
 def plan_route(
-    segments: list[Segment], places: list[RoadPatch], roads: RoadStyle, lateral: float, haste: float = 1.0
+    segments: list[Segment],
+    places: list[RoadPatch],
+    roads: RoadStyle,
+    lateral: float,
+    haste: float = 1.0,
 ) -> Route:
     """
     Return the course as a route with its speeds, cornering at `lateral` m/s^2.
@@ -74,7 +81,10 @@ def plan_route(
     """
     lateral *= haste**2
     plan = SpeedPlan(
-        top=haste * roads.top, lateral_accel=lateral, accel=roads.accel, brake=roads.brake,
+        top=haste * roads.top,
+        lateral_accel=lateral,
+        accel=roads.accel,
+        brake=roads.brake,
         variation=0.05,
     )
     return plan_speed(build_route(segments, places, 1.0), plan)

@@ -20,20 +20,36 @@ from adk_ros.numerics.finite import finite
 
 CRITERIA_FILE, TABLE, SCORES, BASELINES_FILE = "bars.txt", "cases.md", "cases.json", "beside.md"
 _HEADER = (
-    "case", "right", "set-F1", "label", "answer", "parameters off", "in interval", "IoU",
-    "held-out error removed", "s", "s CPU", "MiB",
+    "case",
+    "right",
+    "set-F1",
+    "label",
+    "answer",
+    "parameters off",
+    "in interval",
+    "IoU",
+    "held-out error removed",
+    "s",
+    "s CPU",
+    "MiB",
 )
 
 
 def case_row(s: CaseResult) -> list[str]:
     """Return what the table says of a case."""
     return [
-        s.case, f"{s.right:.2f}", f"{s.f1:.2f}", s.label, s.failure or s.reported,
+        s.case,
+        f"{s.right:.2f}",
+        f"{s.f1:.2f}",
+        s.label,
+        s.failure or s.reported,
         ", ".join(f"{name} {100.0 * x:.1f} %" for name, x in s.errors.items()),
         f"{sum(s.covered.values())} of {len(s.covered)}" if s.covered else "",
         ", ".join(f"{x:.2f}" for x in s.iou.values()),
         ", ".join(f"{name} {100.0 * x:.0f} %" for name, x in s.removed.items()),
-        f"{s.seconds:.0f}", f"{s.cpu_s:.0f}", f"{s.memory_mib:.0f}",
+        f"{s.seconds:.0f}",
+        f"{s.cpu_s:.0f}",
+        f"{s.memory_mib:.0f}",
     ]
 
 
@@ -62,15 +78,21 @@ def baseline_results(scores: Sequence[CaseResult]) -> tuple[list[str], list[list
         listed = [s.baselines[i] for s in ran if s.kind not in {"none", UNKNOWN}]
         clean = [s.baselines[i] for s in ran if s.kind == "none"]
         gone = [
-            row["removed"][row["telling"]] for s in ran if s.kind != "none"
-            for row in (s.baselines[i],) if row["telling"]
+            row["removed"][row["telling"]]
+            for s in ran
+            if s.kind != "none"
+            for row in (s.baselines[i],)
+            if row["telling"]
         ]
         names = method in (OURS, *NAMING)
-        rows.append([
-            method,
-            _percent([float(r["right"]) for r in listed]) if names else "names nothing",
-            _percent([float(r["abstains"]) for r in clean]), _percent(gone),
-        ])
+        rows.append(
+            [
+                method,
+                _percent([float(r["right"]) for r in listed]) if names else "names nothing",
+                _percent([float(r["abstains"]) for r in clean]),
+                _percent(gone),
+            ]
+        )
     return ["method", "named right", "abstains on clean", "held-out residual removed"], rows
 
 

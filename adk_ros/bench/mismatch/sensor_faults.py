@@ -17,8 +17,13 @@ _DROPOUT = 0.002
 
 
 def simulate_faulty_sensors(
-    name: str, truth: FloatArray, commands: FloatArray, effects: dict[str, dict[str, float]],
-    rng: np.random.Generator | None, noise: float = 1.0, onset_s: float = 0.0,
+    name: str,
+    truth: FloatArray,
+    commands: FloatArray,
+    effects: dict[str, dict[str, float]],
+    rng: np.random.Generator | None,
+    noise: float = 1.0,
+    onset_s: float = 0.0,
 ) -> SensorLog:
     """
     Return what the sensors make of a drive; noise and loss only with a generator.
@@ -47,9 +52,7 @@ def simulate_faulty_sensors(
         keep = np.exp(-0.001 / tau)
         for k in range(1, n):
             rates[k] = rates[k] + (rates[k - 1] - rates[k]) * keep
-    odometry = np.column_stack(
-        [truth[odometry_at, 3], truth[odometry_at, 4], rates[odometry_at]]
-    )
+    odometry = np.column_stack([truth[odometry_at, 3], truth[odometry_at, 4], rates[odometry_at]])
     odometry[:, 0] *= effects.get("odometry_scale", {}).get("scale", 1.0)
     pose = truth[odometry_at][:, [5, 6, 7]].copy()
     imu_s: FloatArray = 0.001 * imu_at.astype(np.float64)

@@ -43,8 +43,14 @@ def brush(slip: float, stiffness: float, grip: float) -> float:
 
 @strict_kernel
 def step_spring_car(
-    c: Constants, state: FloatArray, command: FloatArray, road: tuple[float, float, float],
-    wind: tuple[float, float], lift_area: float, rear_steer: float, step: float,
+    c: Constants,
+    state: FloatArray,
+    command: FloatArray,
+    road: tuple[float, float, float],
+    wind: tuple[float, float],
+    lift_area: float,
+    rear_steer: float,
+    step: float,
 ) -> tuple[float, float]:
     """
     Advance `state` in place by one step; return the specific force (a_x, a_y) during it.
@@ -108,15 +114,15 @@ def step_spring_car(
     state[Y] += step * (v_x * sin_h + v_y * cos_h)
     state[HEADING] += step * rate
     free = _ROLL_RATE_FREE
-    state[ROLL_RATE] += step * free * (
-        free * (a_y - state[ROLL]) - 2.0 * _ROLL_DAMPING * state[ROLL_RATE]
+    state[ROLL_RATE] += (
+        step * free * (free * (a_y - state[ROLL]) - 2.0 * _ROLL_DAMPING * state[ROLL_RATE])
     )
     state[ROLL] += step * state[ROLL_RATE]
     state[PITCH_LOAD] += step / max(c.load_lag, step) * (a_x - state[PITCH_LOAD])
     free = _GEAR_RATE_FREE
     asked = min(max(command[1], -c.max_steer), c.max_steer)
-    state[GEAR_RATE] += step * free * (
-        free * (asked - state[GEAR]) - 2.0 * _GEAR_DAMPING * state[GEAR_RATE]
+    state[GEAR_RATE] += (
+        step * free * (free * (asked - state[GEAR]) - 2.0 * _GEAR_DAMPING * state[GEAR_RATE])
     )
     state[GEAR] += step * state[GEAR_RATE]
     asked = min(max(command[0], -c.max_brake_torque), c.max_drive_torque)

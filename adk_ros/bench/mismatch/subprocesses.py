@@ -50,8 +50,11 @@ class Subprocesses:
                 raise SubprocessEnded
             started = time.monotonic()
             process = subprocess.Popen(
-                command, env=os.environ | _ONE_THREAD, stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE, text=True,
+                command,
+                env=os.environ | _ONE_THREAD,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
             )
             self._running.add(process.pid)
         assert process.stderr is not None
@@ -67,8 +70,11 @@ class Subprocesses:
             raise SubprocessEnded
         lines = said.strip().splitlines()
         return Usage(
-            process.returncode, lines[-1] if lines else "", time.monotonic() - started,
-            usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0,
+            process.returncode,
+            lines[-1] if lines else "",
+            time.monotonic() - started,
+            usage.ru_utime + usage.ru_stime,
+            usage.ru_maxrss / 1024.0,
         )
 
     def end(self) -> None:

@@ -78,8 +78,12 @@ class Peer:
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
         """As `BenchPredictor.predict`; NaN where two samples of past are not there."""
         answer = self._worker.ask(
-            peer=np.array(self.name), x=record.x, u=record.u, episode=record.episode,
-            rows=rows, ahead=np.array(ahead),
+            peer=np.array(self.name),
+            x=record.x,
+            u=record.u,
+            episode=record.episode,
+            rows=rows,
+            ahead=np.array(ahead),
         )
         predicted = np.asarray(answer.get("predicted"), dtype=np.float64)
         if predicted.shape != (rows.shape[0], ahead, 3):
@@ -102,8 +106,11 @@ class Worker:
         with self._log.open("wb") as log:
             # Isolated: neither PYTHONPATH nor the user's own packages belong to what is compared.
             self._process = subprocess.Popen(
-                [str(python), "-I", str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                stderr=log, env=os.environ | _ONE_THREAD,
+                [str(python), "-I", str(script)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                env=os.environ | _ONE_THREAD,
             )
         self._end = weakref.finalize(self, _end, self._process, self._folder)
 

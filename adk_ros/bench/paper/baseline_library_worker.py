@@ -214,9 +214,9 @@ class Pykoopman:
         ahead = u.shape[1] - PAST
         scaled_x, scaled_u = self._scaled(x, 0), self._scaled(u, 1)
         order = [PAST - i for i in range(self._past + 1)]
-        state = np.column_stack([scaled_x[:, i] for i in order] + [
-            scaled_u[:, i] for i in order[1:]
-        ])
+        state = np.column_stack(
+            [scaled_x[:, i] for i in order] + [scaled_u[:, i] for i in order[1:]]
+        )
         out = np.full((len(x), ahead, 3), np.nan)
         lifted = None if self._anew else np.real(self._model.phi(state.T)).T
         for step in range(ahead):

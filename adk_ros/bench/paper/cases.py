@@ -59,7 +59,9 @@ class Durations:
     test: float | None = None
 
 
-def simulate_test(test: str, durations: Durations, progress: Progress | None = None) -> tuple[SimulatedDrive, int]:
+def simulate_test(
+    test: str, durations: Durations, progress: Progress | None = None
+) -> tuple[SimulatedDrive, int]:
     """
     Simulate a test's drive, without its readings; and the row at which the test begins.
 
@@ -163,6 +165,4 @@ def pieces(record: Record) -> list[Record]:
     last = min(round(_TEST_PIECE_S * 40.0), n // 10)
     count = max(1, round((n - last) / (PIECES_S * 40.0)))
     parts = [*np.array_split(np.arange(n - last), count), np.arange(n - last, n)]
-    return [
-        replace(record.rows(part), name=f"{record.name}.{i}") for i, part in enumerate(parts)
-    ]
+    return [replace(record.rows(part), name=f"{record.name}.{i}") for i, part in enumerate(parts)]

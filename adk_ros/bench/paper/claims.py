@@ -131,7 +131,11 @@ def less(
 
 
 def by_channel(
-    evidence: ClaimEvidence, test: str, name: str, rival: str, what: str = "rmse",
+    evidence: ClaimEvidence,
+    test: str,
+    name: str,
+    rival: str,
+    what: str = "rmse",
     channels: Sequence[int] = (0, 1, 2),
 ) -> list[Comparison]:
     """`name`'s RMSE or Max is below `rival`'s on each channel."""
@@ -158,13 +162,17 @@ def _quoted(
 
 
 def lowest(
-    evidence: ClaimEvidence, test: str, name: str, among: Sequence[str], what: str = "rmse",
-    channels: Sequence[int] = (0, 1, 2), highest: bool = False,
+    evidence: ClaimEvidence,
+    test: str,
+    name: str,
+    among: Sequence[str],
+    what: str = "rmse",
+    channels: Sequence[int] = (0, 1, 2),
+    highest: bool = False,
 ) -> list[Comparison]:
     """Whether `name` has the lowest RMSE or Max of `among`, or the highest, by channel."""
     figures = {
-        who: getattr(evidence, "rmse" if what == "rmse" else "worst")(test, who)
-        for who in among
+        who: getattr(evidence, "rmse" if what == "rmse" else "worst")(test, who) for who in among
     }
     label = "RMSE" if what == "rmse" else "Max"
     result = []
@@ -182,8 +190,13 @@ def lowest(
 
 
 def reduced(
-    evidence: ClaimEvidence, test: str, name: str, rival: str, shares: Sequence[float],
-    what: str = "rmse", channels: Sequence[int] = (0, 1, 2),
+    evidence: ClaimEvidence,
+    test: str,
+    name: str,
+    rival: str,
+    shares: Sequence[float],
+    what: str = "rmse",
+    channels: Sequence[int] = (0, 1, 2),
 ) -> list[Comparison]:
     """`name`'s figure is below `rival`'s by at least `shares`, in per cent, as in the paper."""
     pick = evidence.rmse if what == "rmse" else evidence.worst

@@ -144,9 +144,7 @@ def fast_and_slow(e: ClaimEvidence) -> list[Comparison]:
         if not (fast.any() and slow.any()):
             raise KeyError(SLALOM)
         for c in range(3):
-            calm, wild = (
-                float(np.sqrt(np.mean(error[part, c] ** 2))) for part in (slow, fast)
-            )
+            calm, wild = (float(np.sqrt(np.mean(error[part, c] ** 2))) for part in (slow, fast))
             result.append(less(
                 f"{CHANNELS[c]}: RMSE of {name} from 50 to 100 s", calm,
                 "half of that from 15 to 50 s,", 0.5 * wild,

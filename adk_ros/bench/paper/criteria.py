@@ -41,7 +41,9 @@ class PaperCriterion:
         return f"{self.verdict} {self.name} {self.figure}"
 
 
-def evaluate_paper_criteria(board: ScoreTable, recorded: RecordingScores | None, without: str = "") -> list[PaperCriterion]:
+def evaluate_paper_criteria(
+    board: ScoreTable, recorded: RecordingScores | None, without: str = ""
+) -> list[PaperCriterion]:
     """Return all bars; `without` says why the peers did not take part."""
     return [
         _mean(board),
@@ -124,7 +126,9 @@ def _spread(ratio: FloatArray) -> str:
 
 def _peer(board: ScoreTable, name: str, without: str) -> PaperCriterion:
     if not board.has(name):
-        return PaperCriterion(FAIL, f"ahead-of-{name}", f"not measured: {without or 'it was not run'}")
+        return PaperCriterion(
+            FAIL, f"ahead-of-{name}", f"not measured: {without or 'it was not run'}"
+        )
     return _ahead(board, name, f"ahead-of-{name}")
 
 
@@ -134,9 +138,7 @@ def _ahead(board: ScoreTable, rival: str, name: str) -> PaperCriterion:
         return PaperCriterion(FAIL, name, "not measured: it was not run")
     behind = behind_of(board, rival)
     share = 1.0 - len(behind) / len(ratios)
-    figure = (
-        f"{100.0 * share:.1f} % of {len(ratios)} cells, at least {100.0 * AHEAD_LEAST:.0f} %"
-    )
+    figure = f"{100.0 * share:.1f} % of {len(ratios)} cells, at least {100.0 * AHEAD_LEAST:.0f} %"
     if behind:
         floored = oracle_notes.at_oracle(board, behind)
         shown = {c: oracle_notes.marked(f"{r:.2f}", c, floored) for c, r in behind.items()}

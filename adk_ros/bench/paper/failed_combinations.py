@@ -78,9 +78,7 @@ def divergence(board: ScoreTable, rival: str) -> str:
     if not found:
         return "It diverges in no test."
     total = sum(name == rival for _, _, name in board.scores)
-    return (
-        f"It diverges in {len(found)} of the {total} clean and noisy tests: {', '.join(found)}."
-    )
+    return f"It diverges in {len(found)} of the {total} clean and noisy tests: {', '.join(found)}."
 
 
 def error_magnitudes(
@@ -88,9 +86,7 @@ def error_magnitudes(
 ) -> list[str]:
     """Our errors there beside the noise of the sensors and beside the floor's."""
     said = []
-    noise = ", ".join(
-        f"{v:.3g} {u}" for v, u in zip(NOISE * REPORT_SCALE, UNITS, strict=True)
-    )
+    noise = ", ".join(f"{v:.3g} {u}" for v, u in zip(NOISE * REPORT_SCALE, UNITS, strict=True))
     for variant in board.variants():
         part = [cell for cell in cells if cell.variant == variant]
         below = sum(_adk_ros_cells(board, cell) <= NOISE[cell.channel] for cell in part)
@@ -132,12 +128,11 @@ def _below_floor(board: ScoreTable, cells: Collection[Cell], name: str) -> int:
     )  # fmt: skip
 
 
-def worst_cells(
-    board: ScoreTable, ratios: Mapping[Cell, float], rival: str | None = None
-) -> str:
+def worst_cells(board: ScoreTable, ratios: Mapping[Cell, float], rival: str | None = None) -> str:
     """The largest ratios with all that can be set beside them."""
     parts = []
     for cell in sorted(ratios, key=ratios.__getitem__, reverse=True)[:SHOWN]:
+
         def shown(name: str, cell: Cell = cell) -> str:
             rmse = board.rmse(cell.variant, cell.test, name)[cell.horizon, cell.channel]
             return number(float(rmse * REPORT_SCALE[cell.channel]))

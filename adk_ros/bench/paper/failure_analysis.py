@@ -44,7 +44,9 @@ from adk_ros.signals.score import REPORT_SCALE
 
 
 def explain_failures(
-    board: ScoreTable, recorded: RecordingScores | None, judged: Collection[criteria.PaperCriterion]
+    board: ScoreTable,
+    recorded: RecordingScores | None,
+    judged: Collection[criteria.PaperCriterion],
 ) -> dict[str, str]:
     """Return a paragraph for each bar that failed, by its name; none for what was not run."""
     makers: dict[str, Callable[[], list[str]]] = {
@@ -129,9 +131,7 @@ def _coverage(board: ScoreTable) -> list[str]:
         if low <= value <= high:
             continue
         i, c = cell.horizon, cell.channel
-        by_test = {
-            test: float(board.coverage(cell.variant, test)[i, c]) for test in board.tests()
-        }
+        by_test = {test: float(board.coverage(cell.variant, test)[i, c]) for test in board.tests()}
         least, most = (pick(by_test, key=by_test.__getitem__) for pick in (min, max))
         width = "narrow" if value < low else "wide"
         said.append(

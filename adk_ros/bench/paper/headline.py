@@ -69,9 +69,7 @@ class Headline:
 def headline(board: ScoreTable, setting: str = "") -> Headline:
     """Put the headline together; `setting` says in a sentence how the run was made."""
     means = {
-        (name, *key): value
-        for name in ROWS
-        for key, value in geometric_means(board, name).items()
+        (name, *key): value for name in ROWS for key, value in geometric_means(board, name).items()
     }
     lost = {
         (name, *key): count
@@ -115,6 +113,4 @@ def _table(
     title = "From noisy measurements" if variant != CLEAN else "From exact measurements (clean)"
     header = ["predictor", *HORIZONS]
     strong = tuple(i for i, name in enumerate(names) if name == ADK_ROS)
-    return Table(
-        f"headline_{variant}", title, header, rows, strong, best_cells(names, columns)
-    )
+    return Table(f"headline_{variant}", title, header, rows, strong, best_cells(names, columns))

@@ -55,9 +55,9 @@ class LeastSquares:
             x.append(record.x[rows])
             u.append(record.u[rows])
             change.append(record.x[rows + 1] - record.x[rows])
-        now, command, step = (np.concatenate([np.zeros((0, w)), *part]) for w, part in (
-            (3, x), (2, u), (3, change)
-        ))
+        now, command, step = (
+            np.concatenate([np.zeros((0, w)), *part]) for w, part in ((3, x), (2, u), (3, change))
+        )
         if now.shape[0] < 10:
             raise DataError(
                 f"least squares needs ten pairs of samples to fit and the records have "

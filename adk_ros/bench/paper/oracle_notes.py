@@ -30,7 +30,9 @@ def over_oracle(board: ScoreTable, cell: Cell) -> float:
     key = cell.variant, cell.test
     if cell.variant == CLEAN or (*key, ORACLE) not in board.scores:
         return float("nan")
-    ours, floor = (board.rmse(*key, name)[cell.horizon, cell.channel] for name in (ADK_ROS, ORACLE))
+    ours, floor = (
+        board.rmse(*key, name)[cell.horizon, cell.channel] for name in (ADK_ROS, ORACLE)
+    )
     return float(ours / max(floor, np.finfo(float).tiny))
 
 

@@ -77,7 +77,10 @@ def check(plan: BenchPlan) -> None:
 
 
 def run_paper(
-    plan: BenchPlan, folder: Path, workers: int = 2, progress: Progress | None = None,
+    plan: BenchPlan,
+    folder: Path,
+    workers: int = 2,
+    progress: Progress | None = None,
     note: Note | None = None,
 ) -> Result:
     """
@@ -138,7 +141,9 @@ def planned(plan: BenchPlan, peers: bool) -> list[TrainingJob]:
                 result += [TrainingJob(kind, "recorded", seed, path.name) for seed in range(seeds)]
             continue
         seeds = plan.seeds if kind == "default" else 1
-        result += [TrainingJob(kind, variant, seed) for variant in VARIANTS for seed in range(seeds)]
+        result += [
+            TrainingJob(kind, variant, seed) for variant in VARIANTS for seed in range(seeds)
+        ]
     return result
 
 

@@ -79,9 +79,7 @@ def write_figures(board: ScoreTable, series: Series, folder: Path) -> dict[str, 
     return written
 
 
-def _lines(
-    series: Series, test: str, names: Sequence[str]
-) -> dict[str, tuple[FloatArray, ...]]:
+def _lines(series: Series, test: str, names: Sequence[str]) -> dict[str, tuple[FloatArray, ...]]:
     found = {}
     for name in names:
         try:
@@ -91,9 +89,7 @@ def _lines(
     return found
 
 
-def history_figure(
-    lines: dict[str, tuple[FloatArray, ...]], title: str, path: Path
-) -> None:
+def history_figure(lines: dict[str, tuple[FloatArray, ...]], title: str, path: Path) -> None:
     """Truth and one-step predictions on the left, what they miss on the right."""
     figure, axes = plt.subplots(3, 2, figsize=(13, 8), sharex=True, constrained_layout=True)
     for c in range(3):

@@ -40,7 +40,7 @@ _PROGRESS_STRIDE = 500
 
 
 @dataclass(frozen=True)
-class TestPredictions:
+class PredictionsOnTest:
     """
     What a predictor said on its way through a test, SI.
 
@@ -61,7 +61,9 @@ class NaivePredictor:
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
         """As `BenchPredictor.predict`."""
-        functions = dict(zip(NAIVE, (persistence, linear_extrapolation, imu_integration), strict=True))
+        functions = dict(
+            zip(NAIVE, (persistence, linear_extrapolation, imu_integration), strict=True)
+        )
         return functions[self.name](record, rows, ahead)
 
 
@@ -92,7 +94,7 @@ class KoopmanPredictor:
 
     def run(
         self, record: Record, rows: IntArray, starts: IntArray, tell: Tell | None = None
-    ) -> TestPredictions:
+    ) -> PredictionsOnTest:
         """
         Go through the record once: one-step predictions at `rows`, roll-outs from `starts`.
 
@@ -118,7 +120,7 @@ class KoopmanPredictor:
                 table = predictor.horizon_covariance
                 if len(table) >= AHEAD:
                     variance[place[row]] = np.diagonal(table[index], axis1=1, axis2=2)
-        return TestPredictions(one[rows], ahead, variance if np.isfinite(variance).any() else None)
+        return PredictionsOnTest(one[rows], ahead, variance if np.isfinite(variance).any() else None)
 
 
 def run(
@@ -127,9 +129,9 @@ def run(
     rows: IntArray,
     starts: IntArray,
     tell: Tell | None = None,
-) -> TestPredictions:
+) -> PredictionsOnTest:
     """Take a predictor through a test."""
     if isinstance(predictor, KoopmanPredictor):
         return predictor.run(record, rows, starts, tell)
     one = predictor.predict(record, rows, 1)[:, 0]
-    return TestPredictions(one, predictor.predict(record, starts, AHEAD))
+    return PredictionsOnTest(one, predictor.predict(record, starts, AHEAD))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.bench.paper.cases import NOISY, VARIANTS, measured
-from adk_ros.bench.paper.predictors import ADK_ROS, NAIVE, ORDER, TestPredictions
+from adk_ros.bench.paper.predictors import ADK_ROS, NAIVE, ORDER, PredictionsOnTest
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.constants import QUANTILE_90
 from adk_ros.signals.channels import STATE_NAMES, Record
@@ -45,7 +45,7 @@ class CaseScore:
 
 
 def score_case(
-    record: Record, rows: IntArray, starts: IntArray, passed: TestPredictions, seconds: float = 0.0
+    record: Record, rows: IntArray, starts: IntArray, passed: PredictionsOnTest, seconds: float = 0.0
 ) -> CaseScore:
     """Score a pass: one step ahead at all `rows`, further from the `starts`."""
     parts = [score(record, rows, passed.one[:, None], (1,))]

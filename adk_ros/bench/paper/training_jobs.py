@@ -123,7 +123,9 @@ def simulate_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProg
     """Make one drive."""
     outcome = Outcome(job)
     with outcome.clocked("simulating"):
-        driven, _ = cases.simulate_test(job.about, plan.durations, lambda done, total: tell(done / total))
+        driven, _ = cases.simulate_test(
+            job.about, plan.durations, lambda done, total: tell(done / total)
+        )
         cases.write_truth(folder, job.about, driven)
     return outcome
 

@@ -99,7 +99,10 @@ def _start(stack: ExitStack, folder: Path, module: str, *arguments: str) -> subp
     errors = stack.enter_context((folder / f"{arguments[0].strip('-')}.err").open("w"))
     process = subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
-        env=environment, stdout=subprocess.PIPE, stderr=errors, text=True,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=errors,
+        text=True,
     )
     stack.callback(_end, process)
     return process
@@ -159,7 +162,10 @@ def _watch(
 def _evaluate(sent: Any, heard: Any, warm_up_ns: int) -> dict[str, Any]:
     from_ns = int(sent["stamp_ns"][0]) + warm_up_ns
     latencies_ms, missed = latencies(
-        sent["source"], sent["stamp_ns"], sent["values"], sent["published_ns"],
+        sent["source"],
+        sent["stamp_ns"],
+        sent["values"],
+        sent["published_ns"],
         dict(zip(heard["stamp_ns"].tolist(), heard["arrival_ns"].tolist(), strict=True)),
         from_ns,
     )
@@ -214,7 +220,9 @@ def _drive(path: str, *rates: str) -> None:
     from adk_ros.ros.traffic import Rates, publish_synthetic_sensors
 
     duration_s, *hz = (float(rate) for rate in rates)
-    sent = publish_synthetic_sensors(duration_s, Rates(*hz), on_start=lambda: print("started", flush=True))
+    sent = publish_synthetic_sensors(
+        duration_s, Rates(*hz), on_start=lambda: print("started", flush=True)
+    )
     values = np.full((len(sent), 3), np.nan)
     for row, item in enumerate(sent):
         values[row, : len(item.reading.values)] = item.reading.values
@@ -233,8 +241,11 @@ def _listen(path: str) -> None:
     shown: dict[str, str] = {}
     recording = record(wait_s=_PATIENCE_S, on_node=lambda node: watch_diagnostics(node, shown))
     np.savez(
-        path, stamp_ns=recording.stamp_ns, arrival_ns=recording.arrival_ns,
-        keys=list(shown), shown=list(shown.values()),
+        path,
+        stamp_ns=recording.stamp_ns,
+        arrival_ns=recording.arrival_ns,
+        keys=list(shown),
+        shown=list(shown.values()),
     )
 
 

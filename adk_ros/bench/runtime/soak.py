@@ -106,10 +106,22 @@ def _faulty(
         if random.random() > _FAULT_SHARE:
             yield source, msg
             continue
-        kind = str(random.choice([
-            "not a number", "infinite", "duplicate", "out of order", "future", "past",
-            "missing joint", "silence", "freeze", "jump back",
-        ]))
+        kind = str(
+            random.choice(
+                [
+                    "not a number",
+                    "infinite",
+                    "duplicate",
+                    "out of order",
+                    "future",
+                    "past",
+                    "missing joint",
+                    "silence",
+                    "freeze",
+                    "jump back",
+                ]
+            )
+        )
         if kind == "jump back" and pipeline.ticks >= jumps_until:
             kind = "duplicate"
         faults[kind] += 1

@@ -92,7 +92,8 @@ class OpenLoopPredictor:
             gate += [1 + len(self.places) + k for k in range(len(self.road.entries))]
         self.vector = model.acting()
         self.gated = _TermsAtActivation(
-            np.array(index, dtype=np.int64), np.array(amount, dtype=np.float64),
+            np.array(index, dtype=np.int64),
+            np.array(amount, dtype=np.float64),
             np.array(gate, dtype=np.int64),
         )
         self.names, self.coefficients = model.coefficients()
@@ -109,14 +110,33 @@ class OpenLoopPredictor:
         return np.vstack([gates, self.road.along(poses, _ROAD_STRIDE)])
 
     def _run(
-        self, state: FloatArray, start: float, n: int, measured: FloatArray, gates: FloatArray,
+        self,
+        state: FloatArray,
+        start: float,
+        n: int,
+        measured: FloatArray,
+        gates: FloatArray,
         extra: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         out, states = np.empty((OUTPUTS, n)), np.empty((n + 1, 6))
         integrate(
-            self.vector, self.gated.index, self.gated.amount, self.gated.gate, gates,
-            self.torques, self.angles, COMMAND_GRID_S, start - float(self.evidence.command_s[0]), STEP_S,
-            np.empty(0), measured, ASSIMILATION_GAINS, extra, state, out, states,
+            self.vector,
+            self.gated.index,
+            self.gated.amount,
+            self.gated.gate,
+            gates,
+            self.torques,
+            self.angles,
+            COMMAND_GRID_S,
+            start - float(self.evidence.command_s[0]),
+            STEP_S,
+            np.empty(0),
+            measured,
+            ASSIMILATION_GAINS,
+            extra,
+            state,
+            out,
+            states,
         )
         return out, states
 
@@ -128,14 +148,17 @@ class OpenLoopPredictor:
         torque = np.diff(np.interp(at, grid, self.torques)) / STEP_S
         delta = np.diff(np.interp(at, grid, self.angles)) / STEP_S
         signals = {
-            "v_x": out[V_X], "v_y": out[V_Y], "yaw_rate": out[YAW_RATE], "a_x": out[A_X],
-            "a_y": out[A_Y], "torque": torque, "delta": delta,
+            "v_x": out[V_X],
+            "v_y": out[V_Y],
+            "yaw_rate": out[YAW_RATE],
+            "a_x": out[A_X],
+            "a_y": out[A_Y],
+            "torque": torque,
+            "delta": delta,
         }
         return np.ascontiguousarray(feature_matrix(self.names, signals) @ self.coefficients)
 
-    def predict(
-        self, starts_s: FloatArray, ticks: int, ticks_phase_s: float = 0.0
-    ) -> FloatArray:
+    def predict(self, starts_s: FloatArray, ticks: int, ticks_phase_s: float = 0.0) -> FloatArray:
         """
         Return (n, ticks, 3): v_x, v_y, yaw rate at 1 to `ticks` ticks after each start.
 
@@ -190,7 +213,9 @@ class OpenLoopPredictor:
             np.full(n, s) + state[S_V_X] * STEP_S * (np.arange(n) + 0.5)
             for s in self._places_at(now)
         ]
-        gates = self._gates(along, self._poses_until(np.asarray(now + STEP_S * np.arange(1, n + 1))))
+        gates = self._gates(
+            along, self._poses_until(np.asarray(now + STEP_S * np.arange(1, n + 1)))
+        )
         before = state.copy()
         out, _ = self._run(state, now, n, measured, gates, np.empty((0, 3)))
         if self.names:
@@ -224,7 +249,10 @@ class OpenLoopPredictor:
         i = max(int(np.searchsorted(e.odometry_s, now + 1e-9)) - 1, 0)
         since = now - e.odometry_s[i]
         return [
-            np.asarray(on_line(line, place.lap or 1.0, e.pose[i], _MAX_DISTANCE_TO_LINE_M) + since * e.odometry[i, 0])
+            np.asarray(
+                on_line(line, place.lap or 1.0, e.pose[i], _MAX_DISTANCE_TO_LINE_M)
+                + since * e.odometry[i, 0]
+            )
             for place, line in zip(self.places, self.lines, strict=True)
         ]
 
@@ -254,7 +282,10 @@ def start_times_of(evidence: SensorLog, ticks: int, stride_s: float, from_s: flo
 
 
 def horizon_rmse(
-    model: SurrogateFile, evidence: SensorLog, horizon_s: float, from_s: float,
+    model: SurrogateFile,
+    evidence: SensorLog,
+    horizon_s: float,
+    from_s: float,
     stride_s: float = 0.5,
 ) -> FloatArray:
     """

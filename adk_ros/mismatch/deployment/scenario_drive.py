@@ -117,8 +117,14 @@ def simulate_scenario(
                 f"{stamped[k] * STEP:.0f} s: the scenario is driven harder than this car can"
             )
         torque, delta, integral = driver_command(
-            c, route.table, route.spacing, (s, across, road_heading),
-            (state[S_V_X], state[S_V_Y]), state[S_HEADING], setting.added[k], integral,
+            c,
+            route.table,
+            route.spacing,
+            (s, across, road_heading),
+            (state[S_V_X], state[S_V_Y]),
+            state[S_HEADING],
+            setting.added[k],
+            integral,
             setting.every * STEP,
         )
         if setting.angles.shape[0]:
@@ -131,10 +137,12 @@ def simulate_scenario(
         run.advance(stamped[k] * STEP, ends[k] * STEP, torque, delta, road, wind)
         if progress is not None and k % 200 == 0:
             progress(stamped[k] * STEP, setting.seconds)
-    truth = run.truth(setting.steps, np.interp(
-        STEP * np.arange(setting.steps + 1), stamped * STEP, places
-    ))
-    return simulate_sensors(scenario, setting, truth, commands, driver, route, PLANT, np.empty((0, 0)))
+    truth = run.truth(
+        setting.steps, np.interp(STEP * np.arange(setting.steps + 1), stamped * STEP, places)
+    )
+    return simulate_sensors(
+        scenario, setting, truth, commands, driver, route, PLANT, np.empty((0, 0))
+    )
 
 
 def _driver(scenario: Scenario, model: SurrogateFile) -> Vehicle:
@@ -142,8 +150,10 @@ def _driver(scenario: Scenario, model: SurrogateFile) -> Vehicle:
     p = model.vector()
     content = scenario.car().model_dump()
     content |= {name: float(p[INDEX[name]]) for name in Dimensions.model_fields}
-    content |= {"cda": max(float(p[INDEX["drag_area"]]), 0.0),
-                "crr": max(float(p[INDEX["rolling"]]), 0.0)}
+    content |= {
+        "cda": max(float(p[INDEX["drag_area"]]), 0.0),
+        "crr": max(float(p[INDEX["rolling"]]), 0.0),
+    }
     for axle, end in (("front_tyre", "f"), ("rear_tyre", "r")):
         # Slip stiffness over load is B C mu.
         tyre = content[axle]
@@ -175,7 +185,12 @@ class _Run:
         self.state[[S_PLAY, S_STEER, S_STEER_MORE]] = self._base[INDEX["steer_gain"]] * delta
 
     def advance(
-        self, begin_s: float, end_s: float, torque: float, delta: float, road: list[float],
+        self,
+        begin_s: float,
+        end_s: float,
+        torque: float,
+        delta: float,
+        road: list[float],
         wind: tuple[float, float],
     ) -> None:
         """Run from one command to the next."""
@@ -194,9 +209,23 @@ class _Run:
         out, states = np.empty((OUTPUTS, n)), np.empty((n + 1, 6))
         none = np.empty(0, dtype=np.int64)
         integrate(
-            p, none, np.empty(0), none, np.ones((1, n)), self._torques, self._angles, COMMAND_GRID_S,
-            begin_s, step, np.empty(0), np.full((n, 3), np.nan), np.zeros(3),
-            self._extra(n, torque, delta), self.state, out, states,
+            p,
+            none,
+            np.empty(0),
+            none,
+            np.ones((1, n)),
+            self._torques,
+            self._angles,
+            COMMAND_GRID_S,
+            begin_s,
+            step,
+            np.empty(0),
+            np.full((n, 3), np.nan),
+            np.zeros(3),
+            self._extra(n, torque, delta),
+            self.state,
+            out,
+            states,
         )
         self._felt = out[[A_X, A_Y], -1]
         self._ends.append(states[:-1])
@@ -217,10 +246,18 @@ class _Run:
         if not self._names:
             return np.empty((0, 3))
         now = {
-            "v_x": self.state[S_V_X], "v_y": self.state[S_V_Y], "yaw_rate": self.state[S_YAW_RATE],
-            "a_x": self._felt[0], "a_y": self._felt[1], "torque": torque, "delta": delta,
+            "v_x": self.state[S_V_X],
+            "v_y": self.state[S_V_Y],
+            "yaw_rate": self.state[S_YAW_RATE],
+            "a_x": self._felt[0],
+            "a_y": self._felt[1],
+            "torque": torque,
+            "delta": delta,
         }
-        row = feature_matrix(self._names, {k: np.array([x]) for k, x in now.items()}) @ self._coefficients
+        row = (
+            feature_matrix(self._names, {k: np.array([x]) for k, x in now.items()})
+            @ self._coefficients
+        )
         return np.ascontiguousarray(np.repeat(row, n, axis=0))
 
     def truth(self, steps: int, place: FloatArray) -> FloatArray:
@@ -231,11 +268,18 @@ class _Run:
         ends_s = np.append(np.concatenate(self._ends_s), at[-1])
         middles, middles_s = np.vstack(self._middles), np.concatenate(self._middles_s)
         truth = np.empty((steps + 1, TRUTH_SIZE))
-        for column, (values_, when) in enumerate((
-            (middles[:, 0], middles_s), (middles[:, 1], middles_s), (ends[:, 2], ends_s),
-            (ends[:, 0], ends_s), (ends[:, 1], ends_s), (ends[:, 3], ends_s),
-            (ends[:, 4], ends_s), (ends[:, 5], ends_s),
-        )):
+        for column, (values_, when) in enumerate(
+            (
+                (middles[:, 0], middles_s),
+                (middles[:, 1], middles_s),
+                (ends[:, 2], ends_s),
+                (ends[:, 0], ends_s),
+                (ends[:, 1], ends_s),
+                (ends[:, 3], ends_s),
+                (ends[:, 4], ends_s),
+                (ends[:, 5], ends_s),
+            )
+        ):
             truth[:, column] = np.interp(at, when, values_)
         truth[:, TRUTH_SIZE - 1] = place
         return truth

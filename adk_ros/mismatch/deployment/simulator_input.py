@@ -93,7 +93,9 @@ def load_simulator(path: Path) -> Vehicle | SurrogateModel:
     return content.simulator()
 
 
-def simulate_matched_drive(vehicle: Vehicle, recording: SensorLog, name: str = "simulation") -> SensorLog:
+def simulate_matched_drive(
+    vehicle: Vehicle, recording: SensorLog, name: str = "simulation"
+) -> SensorLog:
     """
     Return what perfect sensors say of a vehicle that is driven like a recording.
 
@@ -118,16 +120,23 @@ def _simulate(vehicle: Vehicle, how: DrivingEnvelope, margin: float, name: str) 
     size = float(np.clip(size, 0.4, 50.0))
     heavy = vehicle.mass / _REFERENCE_MASS
     scenario = Scenario(
-        name=name, plant="seven_dof", vehicle=base.vehicle, duration_s=DURATION_S, seed=1,
+        name=name,
+        plant="seven_dof",
+        vehicle=base.vehicle,
+        duration_s=DURATION_S,
+        seed=1,
         route=[type(part).model_validate(_scaled(part.model_dump(), size)) for part in base.route],
         speed=SpeedPlan(
-            top=top, lateral_accel=lateral, variation=0.05,
+            top=top,
+            lateral_accel=lateral,
+            variation=0.05,
             accel=float(np.clip(margin * how.forward, 1.0, 8.0)),
             brake=float(np.clip(margin * how.braking, 1.0, 10.0)),
         ),
         excitation=Excitation(steer=0.003, torque=150.0 * heavy, torque_step=200.0 * heavy),
         sensors=Sensors(
-            imu=Imu(rate_hz=100.0, phase_s=0.005), odometry=Odometry(rate_hz=50.0, phase_s=0.005),
+            imu=Imu(rate_hz=100.0, phase_s=0.005),
+            odometry=Odometry(rate_hz=50.0, phase_s=0.005),
             command=Command(rate_hz=40.0),
         ).clean(),
         vehicle_changes=vehicle.model_dump(exclude={"name"}),
@@ -144,8 +153,14 @@ def sensor_log_of(drive: SimulatedDrive) -> SensorLog:
     pose = odometry[:, 3:6].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
     return SensorLog(
-        drive.name, float(_seconds(drive.stamp_ns)[-1]), at[Source.IMU], values[Source.IMU],
-        at[Source.ODOMETRY], np.ascontiguousarray(odometry[:, :3]), pose, at[Source.COMMAND],
+        drive.name,
+        float(_seconds(drive.stamp_ns)[-1]),
+        at[Source.IMU],
+        values[Source.IMU],
+        at[Source.ODOMETRY],
+        np.ascontiguousarray(odometry[:, :3]),
+        pose,
+        at[Source.COMMAND],
         values[Source.COMMAND],
     )
 

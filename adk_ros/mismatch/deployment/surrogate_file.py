@@ -86,10 +86,9 @@ class EffectTermEntry(FileModel):
     def amounts(self, base: FloatArray) -> list[tuple[int, float]]:
         """Return (index, amount) pairs that the term adds to the vector `base`."""
         return [
-            pair for parameter in EFFECTS[self.effect].parameters
-            for pair in parameter.amounts(
-                parameter.theta(self.parameters[parameter.name]), base
-            )
+            pair
+            for parameter in EFFECTS[self.effect].parameters
+            for pair in parameter.amounts(parameter.theta(self.parameters[parameter.name]), base)
         ]
 
 
@@ -131,7 +130,9 @@ class RoadEntry(FileModel):
     def map(self) -> RoadProfile:
         """Return the road as it is computed with."""
         return RoadProfile(
-            np.array(self.line), tuple(self.curves), np.array(list(self.curves.values())),
+            np.array(self.line),
+            tuple(self.curves),
+            np.array(list(self.curves.values())),
             self.spacing,
         )
 
@@ -203,7 +204,11 @@ class SurrogateFile(FileModel):
             FeatureTerm(c.equation, c.feature, c.coefficient, 0.0) for c in self.own.correction
         )
         return SurrogateModel(
-            self.vector(), np.zeros(6), np.zeros((6, 100)), np.empty((0, SIZE)), self.road(),
+            self.vector(),
+            np.zeros(6),
+            np.zeros((6, 100)),
+            np.empty((0, SIZE)),
+            self.road(),
             pieces,
         )
 
@@ -235,8 +240,10 @@ def load_surrogate(path: Path) -> NamedSurrogate:
 
 
 def surrogate_yaml(
-    vector: FloatArray, tolerances: dict[str, float] | None = None,
-    terms: list[dict[str, Any]] | None = None, correction: list[dict[str, Any]] | None = None,
+    vector: FloatArray,
+    tolerances: dict[str, float] | None = None,
+    terms: list[dict[str, Any]] | None = None,
+    correction: list[dict[str, Any]] | None = None,
     simulator: SurrogateModel | None = None,
 ) -> str:
     """Return a stand-in's file as text, with what its `simulator` has of its own."""
@@ -273,7 +280,8 @@ def _own(simulator: SurrogateModel) -> dict[str, Any]:
     if simulator.feature_terms:
         own["correction"] = [
             {
-                "equation": piece.equation, "feature": piece.feature,
+                "equation": piece.equation,
+                "feature": piece.feature,
                 "coefficient": _short(piece.coefficient),
             }
             for piece in simulator.feature_terms

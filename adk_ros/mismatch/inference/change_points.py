@@ -14,7 +14,9 @@ MIN_DISTANCE_TO_END_S = 15.0
 """A beginning nearer than this to either end of the recording is not looked for."""
 
 
-def locate_change_point(screen: LinearisedProblem, active: ActiveEffect) -> tuple[float, ActiveEffect] | None:
+def locate_change_point(
+    screen: LinearisedProblem, active: ActiveEffect
+) -> tuple[float, ActiveEffect] | None:
     """
     Return the linear gain and the effect with the onset at which it gains most, or None.
 
@@ -33,7 +35,11 @@ def locate_change_point(screen: LinearisedProblem, active: ActiveEffect) -> tupl
     gain = np.where(own > 1e-6, both**2 / np.maximum(own, 1e-6), 0.0)
     share = -both / np.maximum(own, 1e-6)
     at = course.bin_s
-    allowed = (at > course.start_s + MIN_DISTANCE_TO_END_S) & (at < at[-1] - MIN_DISTANCE_TO_END_S) & (share > 0.0)
+    allowed = (
+        (at > course.start_s + MIN_DISTANCE_TO_END_S)
+        & (at < at[-1] - MIN_DISTANCE_TO_END_S)
+        & (share > 0.0)
+    )
     if not allowed.any():
         return None
     best = int(np.argmax(np.where(allowed, gain, -1.0)))

@@ -73,7 +73,9 @@ def decide(likelihood: Likelihood, found: SelectionPath) -> Decision:
         return Decision(NONE, [], None, best, None)
     edges = any(a.activation.kind in {PLACE, TIME} for a in kept)
     final = likelihood.fit(best.actives, best.tolerances, 6, None, 1e-6, edges=edges)
-    final, standings = _resolve_competitors(likelihood, _canonicalised(likelihood, final, edges), edges)
+    final, standings = _resolve_competitors(
+        likelihood, _canonicalised(likelihood, final, edges), edges
+    )
     worthy = _significant(likelihood, final, edges)
     if len(worthy) < len(final.actives):
         final = likelihood.fit(worthy, final.tolerances, 6, None, 1e-6, edges=edges)
@@ -83,12 +85,16 @@ def decide(likelihood: Likelihood, found: SelectionPath) -> Decision:
     deviation = _deviations(likelihood, final, edges)
     effects = [
         _effect(likelihood, active, deviation[i], standings[i])
-        for i, active in enumerate(final.actives) if i in standings
+        for i, active in enumerate(final.actives)
+        if i in standings
     ]
     if remainder is None:
         return Decision(EXPLAINED, effects, None, final, None)
     said = UnexplainedResidual(
-        remainder.equations, round(remainder.share, 3), remainder.text(), remainder.expression(),
+        remainder.equations,
+        round(remainder.share, 3),
+        remainder.text(),
+        remainder.expression(),
         remainder.terms,
     )
     return Decision(UNKNOWN, effects, said, final, remainder)
@@ -123,10 +129,13 @@ def _resolve_competitors(
     for _ in range(_MAX_REPLACEMENTS + 1):
         standings = {
             i: assess_identifiability(likelihood, h, i)
-            for i, active in enumerate(h.actives) if active.effect.name in EFFECTS
+            for i, active in enumerate(h.actives)
+            if active.effect.name in EFFECTS
         }
         ahead = [
-            (r.loss_difference, i, j) for i, s in standings.items() for j, r in enumerate(s.competitors)
+            (r.loss_difference, i, j)
+            for i, s in standings.items()
+            for j, r in enumerate(s.competitors)
             if r.fitted.is_material()
         ]
         behind, which, rival = min(ahead, default=(0.0, 0, 0))
@@ -138,22 +147,30 @@ def _resolve_competitors(
     return h, standings
 
 
-def _unmodelled_dynamics(likelihood: Likelihood, found: SelectionPath, best: Hypothesis) -> UnmodelledDynamics | None:
+def _unmodelled_dynamics(
+    likelihood: Likelihood, found: SelectionPath, best: Hypothesis
+) -> UnmodelledDynamics | None:
     """Return what is left where that is material, described from nothing or from `best`."""
     left = best.cost - found.expected_loss
     bound = any(
         x <= p.bounds()[0] + 1e-9 or x >= p.bounds()[1] - 1e-9
-        for a in best.actives for p, x in zip(a.effect.parameters, a.theta, strict=True)
+        for a in best.actives
+        for p, x in zip(a.effect.parameters, a.theta, strict=True)
         if not p.inverse and x != p.theta_neutral
     )
-    small = left < _MAX_EXCESS_PER_NOISE * found.expected_loss or left < _MAX_EXCESS_PER_NULL_EXCESS * found.null_excess_loss
+    small = (
+        left < _MAX_EXCESS_PER_NOISE * found.expected_loss
+        or left < _MAX_EXCESS_PER_NULL_EXCESS * found.null_excess_loss
+    )
     if small and not best.actives:
         return None
     nothing = found.levels[0][0]
     plain = fit_feature_expansion(likelihood, nothing, found.expected_loss, found.null_excess_loss)
     if not best.actives:
         # What no effect and no feature lessens is the stand-in's own error on another route.
-        return plain if plain.terms or left > _MIN_UNSTRUCTURED_EXCESS * found.expected_loss else None
+        return (
+            plain if plain.terms or left > _MIN_UNSTRUCTURED_EXCESS * found.expected_loss else None
+        )
     if prefers_feature_model(plain, best, found):
         return plain
     if small and not bound:
@@ -172,7 +189,9 @@ def _unmodelled_dynamics(likelihood: Likelihood, found: SelectionPath, best: Hyp
     return more
 
 
-def prefers_feature_model(plain: UnmodelledDynamics, best: Hypothesis, found: SelectionPath) -> bool:
+def prefers_feature_model(
+    plain: UnmodelledDynamics, best: Hypothesis, found: SelectionPath
+) -> bool:
     """
     Whether an expression of no more terms than there are effects does better than these.
 
@@ -225,14 +244,23 @@ def _effect(
         if not parameter.inverse:
             systematic = float(np.hypot(systematic, 0.1 * parameter.materiality_threshold))
         half = QUANTILE_90 * float(np.hypot(COLOURED_NOISE_INFLATION * one, systematic))
-        ends = sorted(parameter.value(max(x, 1e-12) if parameter.inverse else x)
-                      for x in (inner - half, inner + half))
+        ends = sorted(
+            parameter.value(max(x, 1e-12) if parameter.inverse else x)
+            for x in (inner - half, inner + half)
+        )
         parameters[parameter.name] = Interval(
             parameter.value(inner), ends[0], ends[1], parameter.unit
         )
     gate = active.activation
     return IdentifiedEffect(
-        active.effect, parameters, round(stands.confidence(), 3), stands.alternatives,
-        gate.kind, gate.intervals(likelihood.problem), stands.gain, stands.competitors,
-        gate.stretches, gate.onset_s,
+        active.effect,
+        parameters,
+        round(stands.confidence(), 3),
+        stands.alternatives,
+        gate.kind,
+        gate.intervals(likelihood.problem),
+        stands.gain,
+        stands.competitors,
+        gate.stretches,
+        gate.onset_s,
     )

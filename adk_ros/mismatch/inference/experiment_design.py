@@ -111,7 +111,11 @@ def manoeuvres() -> tuple[Manoeuvre, ...]:
 
 
 def most_discriminating_manoeuvre(
-    base: FloatArray, actives: Sequence[ActiveEffect], which: int, rival: ActiveEffect, noise: FloatArray
+    base: FloatArray,
+    actives: Sequence[ActiveEffect],
+    which: int,
+    rival: ActiveEffect,
+    noise: FloatArray,
 ) -> Discriminability:
     """
     Return the manoeuvre that best tells effect `which` of a hypothesis from its rival.
@@ -170,15 +174,30 @@ def _run(p: FloatArray, manoeuvre: Manoeuvre, torque: FloatArray) -> FloatArray:
     n = torque.shape[0]
     at = STEP_S * np.arange(n, dtype=np.float64)
     torques, angles = (
-        cumulative_command(at, values, COMMAND_GRID_S, DURATION_S) for values in (torque, manoeuvre.steering_request)
+        cumulative_command(at, values, COMMAND_GRID_S, DURATION_S)
+        for values in (torque, manoeuvre.steering_request)
     )
     state = np.zeros(STATE_SIZE)
     state[S_V_X] = manoeuvre.speed
     state[[S_PLAY, S_STEER, S_STEER_MORE]] = p[INDEX["steer_gain"]] * manoeuvre.steering_request[0]
     out, none = np.empty((OUTPUTS, n)), np.empty(0, dtype=np.int64)
     integrate(
-        p, none, np.empty(0), none, np.ones((1, n)), torques, angles, COMMAND_GRID_S, 0.0, STEP_S,
-        np.empty(0), np.full((n, 3), np.nan), np.zeros(3), np.empty((0, 3)), state, out,
+        p,
+        none,
+        np.empty(0),
+        none,
+        np.ones((1, n)),
+        torques,
+        angles,
+        COMMAND_GRID_S,
+        0.0,
+        STEP_S,
+        np.empty(0),
+        np.full((n, 3), np.nan),
+        np.zeros(3),
+        np.empty((0, 3)),
+        state,
+        out,
         np.empty((0, 0)),
     )
     heard = out[list(_ROWS)]

@@ -91,11 +91,15 @@ def min_required_gain(before: Hypothesis, found: SelectionPath) -> float:
     """Return the gain that one effect more than in `before` must bring."""
     left = max(before.cost - found.expected_loss, 0.0)
     least = max(MIN_GAIN, MIN_GAIN_PER_SURROGATE_ERROR * found.surrogate_error_dof)
-    return max(least, MIN_GAIN_PER_EXCESS * left, MIN_GAIN_PER_NULL_EXCESS * found.null_excess_loss)
+    return max(
+        least, MIN_GAIN_PER_EXCESS * left, MIN_GAIN_PER_NULL_EXCESS * found.null_excess_loss
+    )
 
 
 def select_effects(
-    likelihood: Likelihood, lap: Lap | None, progress: Progress | None = None,
+    likelihood: Likelihood,
+    lap: Lap | None,
+    progress: Progress | None = None,
     most: int = MAX_EFFECTS,
 ) -> SelectionPath:
     """Look for the effects that a recording needs, `most` of them."""
@@ -116,7 +120,10 @@ def select_effects(
             level += _extend(likelihood, start, lap, found, single=size == 1)
         quick = _distinct(level)[:_MAX_REFITS]
         level = [
-            _refit_jointly(likelihood, h) if _is_competitive(h, quick[0], found.expected_loss) else h for h in quick
+            _refit_jointly(likelihood, h)
+            if _is_competitive(h, quick[0], found.expected_loss)
+            else h
+            for h in quick
         ]
         level = [h for h in level if all(a.is_material() for a in h.actives)]
         level = _distinct(level)
@@ -148,7 +155,11 @@ def _extend(
         if ALWAYS in effect.activations:
             screened = screen.screen_effect(effect)
             tried += [(x.gain, x.active) for x in (screened if single else screened[:1])]
-            onset = locate_change_point(screen, screened[0].active) if TIME in effect.activations else None
+            onset = (
+                locate_change_point(screen, screened[0].active)
+                if TIME in effect.activations
+                else None
+            )
             if onset is not None and onset[0] > ONSET_MIN_GAIN_RATIO * screened[0].gain:
                 timed.append(onset)
         if lap is not None and PLACE in effect.activations:
@@ -160,12 +171,19 @@ def _extend(
     out = []
     for _, active in _top_candidates(tried, least, _MAX_SINGLES_FITTED if single else _MAX_REFITS):
         out.append(
-            likelihood.fit([*start.actives, active], start.tolerances, _QUICK_ITERATIONS, known, 1e-4)
+            likelihood.fit(
+                [*start.actives, active], start.tolerances, _QUICK_ITERATIONS, known, 1e-4
+            )
         )
     for _, active in _top_candidates(timed, max(least, 0.5 * top), 2):
         out.append(
             likelihood.fit(
-                [*start.actives, active], start.tolerances, _QUICK_ITERATIONS, known, 1e-4, edges=True
+                [*start.actives, active],
+                start.tolerances,
+                _QUICK_ITERATIONS,
+                known,
+                1e-4,
+                edges=True,
             )
         )
     for _, active in _top_candidates(placed, max(least, 0.2 * top), 3):

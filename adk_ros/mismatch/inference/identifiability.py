@@ -57,7 +57,9 @@ class Identifiability:
 
     def confidence(self) -> float:
         """Return the share of belief, between 0 and 1, that the name is the right one."""
-        scale = 2.0 * (1.0 + INDISTINGUISHABLE_LOSS_SHARE * self.gain / INDISTINGUISHABLE_LOSS) * 3.0
+        scale = (
+            2.0 * (1.0 + INDISTINGUISHABLE_LOSS_SHARE * self.gain / INDISTINGUISHABLE_LOSS) * 3.0
+        )
         others = sum(float(np.exp(-max(r.loss_difference, 0.0) / scale)) for r in self.competitors)
         chance = float(np.exp(-max(self.gain, 0.0) / 20.0))
         return min(0.99, 1.0 / (1.0 + others + chance))
@@ -79,8 +81,9 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
         if effect.name in taken or scope not in effect.activations:
             continue
         first = screen.screen_effect(effect, active.activation)[0]
-        likely = effect.name in active.effect.confusables or effect.name in STRUCTURALLY_EQUIVALENT.get(
-            active.effect.name, ()
+        likely = (
+            effect.name in active.effect.confusables
+            or effect.name in STRUCTURALLY_EQUIVALENT.get(active.effect.name, ())
         )
         tried.append((first.gain * (4.0 if likely else 1.0), first.active))
     tried.sort(key=lambda x: -x[0])
@@ -94,7 +97,11 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
         name = start.effect.name
         same = name in STRUCTURALLY_EQUIVALENT.get(active.effect.name, ())
         rival = fitted.actives[-1]
-        near = (behind < margin or same) and rival.is_material() and not has_inactive_parameter(rival, active)
+        near = (
+            (behind < margin or same)
+            and rival.is_material()
+            and not has_inactive_parameter(rival, active)
+        )
         if has_inactive_parameter(rival, active):
             behind += margin
         rivals.append(CompetingEffect(active.effect.name, name, behind, rival, near))

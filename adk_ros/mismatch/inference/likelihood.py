@@ -26,8 +26,18 @@ from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.numerics.levenberg_marquardt import BoundedParameters, FitResult, minimise
 
 TOLERANCE_PARAMETERS = (
-    "mass", "yaw_inertia", "cg_to_front_axle", "cg_to_rear_axle", "cg_height", "stiffness_f",
-    "stiffness_r", "grip_f", "grip_r", "wheel_radius", "drag_area", "rolling",
+    "mass",
+    "yaw_inertia",
+    "cg_to_front_axle",
+    "cg_to_rear_axle",
+    "cg_height",
+    "stiffness_f",
+    "stiffness_r",
+    "grip_f",
+    "grip_r",
+    "wheel_radius",
+    "drag_area",
+    "rolling",
 )
 """Parameters in which one built car differs from the next."""
 SENSOR_OFFSETS: dict[str, tuple[float, float, float]] = {
@@ -143,15 +153,23 @@ class Likelihood:
     """Effects, features and equations that the recording's channels say nothing of."""
 
     @classmethod
-    def of(cls, course: ResidualProblem, stand_in: SurrogateModel, until_s: float = np.inf) -> Likelihood:
+    def of(
+        cls, course: ResidualProblem, stand_in: SurrogateModel, until_s: float = np.inf
+    ) -> Likelihood:
         """Return the likelihood of a recording; of its part before `until_s`."""
         weights = course.weights()
         outside = (course.bin_s < course.start_s + SETTLING_S) | (course.bin_s >= until_s)
         weights[:, outside | _stationary_bins(course)] = 0.0
         filters, shares = whitener(course, stand_in.residuals)
         return cls(
-            course, stand_in.parameters, weights, filters, stand_in.weak_directions,
-            stand_in.fixed_terms(course), shares, until_s,
+            course,
+            stand_in.parameters,
+            weights,
+            filters,
+            stand_in.weak_directions,
+            stand_in.fixed_terms(course),
+            shares,
+            until_s,
         )
 
     def expected_loss(self, e: FloatArray) -> float:
@@ -175,7 +193,9 @@ class Likelihood:
     def with_nuisances(self, tolerances: FloatArray) -> FloatArray:
         """Return the stand-in's vector with the nuisances: relative, absolute, in deviations."""
         k = len(TOLERANCE_PARAMETERS)
-        p = np.clip(self.parameters + tolerances[N_FIXED_NUISANCES:] @ self.weak_directions, LOW, HIGH)
+        p = np.clip(
+            self.parameters + tolerances[N_FIXED_NUISANCES:] @ self.weak_directions, LOW, HIGH
+        )
         p[_TOLERANCE_INDEX] *= 1.0 + tolerances[:k]
         p[_OFFSET_INDEX] += tolerances[k:N_FIXED_NUISANCES]
         return np.asarray(p)
@@ -203,8 +223,10 @@ class Likelihood:
                         amount.append(size)
                         gate.append(row)
         return p, ActiveTerms(
-            np.array(index, dtype=np.int64), np.array(amount, dtype=np.float64),
-            np.array(gate, dtype=np.int64), np.array(gates),
+            np.array(index, dtype=np.int64),
+            np.array(amount, dtype=np.float64),
+            np.array(gate, dtype=np.int64),
+            np.array(gates),
         )
 
     def residuals(self, tolerances: FloatArray, actives: Sequence[ActiveEffect]) -> FloatArray:
@@ -226,8 +248,12 @@ class Likelihood:
         return out
 
     def fit(
-        self, actives: Sequence[ActiveEffect], tolerances: FloatArray | None = None,
-        iterations: int = 8, known: FloatArray | None = None, settled: float = 1e-5,
+        self,
+        actives: Sequence[ActiveEffect],
+        tolerances: FloatArray | None = None,
+        iterations: int = 8,
+        known: FloatArray | None = None,
+        settled: float = 1e-5,
         edges: bool = False,
     ) -> Hypothesis:
         """
@@ -244,7 +270,10 @@ class Likelihood:
 
         found = minimise(residuals, unknowns, iterations, settled, known)
         return Hypothesis(
-            tuple(with_parameters(actives, found.x[k:], edges)), found.x[:k].copy(), found.cost, found
+            tuple(with_parameters(actives, found.x[k:], edges)),
+            found.x[:k].copy(),
+            found.cost,
+            found,
         )
 
     def _unknowns(
@@ -270,7 +299,11 @@ class Likelihood:
                 step.append(SEGMENT_END_STEP_M if active.activation.stretches else ONSET_STEP_S)
         loose = len(start) - k
         return BoundedParameters(
-            np.array(start), np.array(low), np.array(high), np.array(step), np.zeros(k + loose),
+            np.array(start),
+            np.array(low),
+            np.array(high),
+            np.array(step),
+            np.zeros(k + loose),
             np.concatenate([self.nuisance_deviations(), np.full(loose, np.inf)]),
         )
 
@@ -302,7 +335,8 @@ class Likelihood:
         """Return the prior standard deviations of the nuisances."""
         return np.concatenate(
             [
-                np.full(len(TOLERANCE_PARAMETERS), TOLERANCE_SIGMA), _OFFSETS[:, 0],
+                np.full(len(TOLERANCE_PARAMETERS), TOLERANCE_SIGMA),
+                _OFFSETS[:, 0],
                 np.ones(self.weak_directions.shape[0]),
             ]
         )

@@ -49,8 +49,13 @@ MAX_NORMALISED_LOSS = 2.0
 """Where this many times a perfect model's loss is left, no effect is named of a narrow scope."""
 
 PHASE_LAG_EFFECTS = (
-    "steering_delay", "steering_lag", "steering_backlash", "tyre_relaxation", "yaw_inertia",
-    "clock_offset", "odometry_filter",
+    "steering_delay",
+    "steering_lag",
+    "steering_backlash",
+    "tyre_relaxation",
+    "yaw_inertia",
+    "clock_offset",
+    "odometry_filter",
 )
 """Effects that show as a yaw rate that comes late."""
 
@@ -86,29 +91,37 @@ class ObservableEffects:
         """Return what is lacking, what follows from it, and what would make more possible."""
         out = []
         if not self.imu:
-            out.append(MissingChannel(
-                "an IMU",
-                "the recording has no IMU: odometry alone is judged, and what only an"
-                " accelerometer or a gyro tells (slopes, banks, faults of sensors) is not; record"
-                " sensor_msgs/msg/Imu",
-            ))
+            out.append(
+                MissingChannel(
+                    "an IMU",
+                    "the recording has no IMU: odometry alone is judged, and what only an"
+                    " accelerometer or a gyro tells (slopes, banks, faults of sensors) is not; record"
+                    " sensor_msgs/msg/Imu",
+                )
+            )
         if not self.torque:
-            out.append(MissingChannel(
-                "a torque command",
-                "the drive command is no torque (it is far too small to move the car, like a"
-                " pedal's position): nothing is claimed of forces along the car; record the wheel"
-                " torque in N m",
-            ))
+            out.append(
+                MissingChannel(
+                    "a torque command",
+                    "the drive command is no torque (it is far too small to move the car, like a"
+                    " pedal's position): nothing is claimed of forces along the car; record the wheel"
+                    " torque in N m",
+                )
+            )
         if self.yaw_filter_s > 0.0:
-            out.append(MissingChannel(
-                "an unfiltered yaw rate",
-                "the published yaw rate is the heading's change through a low-pass of about "
-                f"{self.yaw_filter_s:.2g} s: it was taken into account, and no delay, lag or yaw"
-                " inertia is read from it; record a gyro",
-            ))
+            out.append(
+                MissingChannel(
+                    "an unfiltered yaw rate",
+                    "the published yaw rate is the heading's change through a low-pass of about "
+                    f"{self.yaw_filter_s:.2g} s: it was taken into account, and no delay, lag or yaw"
+                    " inertia is read from it; record a gyro",
+                )
+            )
         return out
 
-    def withhold_if_underexplained(self, verdict: Decision, likelihood: Likelihood, found: SelectionPath) -> Decision:
+    def withhold_if_underexplained(
+        self, verdict: Decision, likelihood: Likelihood, found: SelectionPath
+    ) -> Decision:
         """
         Return a verdict that names no effects where much is left that they do not explain.
 
@@ -117,7 +130,9 @@ class ObservableEffects:
         left = verdict.hypothesis.cost / max(found.expected_loss, 1.0)
         if self.is_complete or left < MAX_NORMALISED_LOSS:
             return verdict
-        rest = fit_feature_expansion(likelihood, found.levels[0][0], found.expected_loss, found.null_excess_loss)
+        rest = fit_feature_expansion(
+            likelihood, found.levels[0][0], found.expected_loss, found.null_excess_loss
+        )
         said = UnexplainedResidual(
             rest.equations, round(rest.share, 3), rest.text(), rest.expression(), rest.terms
         )
@@ -143,7 +158,9 @@ class ObservableEffects:
         return replace(likelihood, weights=weights, unobservable=self.unobservable)
 
 
-def observable_effects(recording: SensorLog, mass: float, wheel_radius: float, imu: bool = True) -> ObservableEffects:
+def observable_effects(
+    recording: SensorLog, mass: float, wheel_radius: float, imu: bool = True
+) -> ObservableEffects:
     """
     Return what a recording's channels can carry, for a car of about this mass.
 
@@ -221,7 +238,13 @@ def yaw_filter(e: SensorLog) -> float:
     left = []
     for tau in YAW_FILTER_GRID_S:
         passed = savitzky_golay(_low_pass(heading, float(tau)))
-        left.append(float(np.median(np.abs(turns - (passed[_COMPARISON_STEPS:] - passed[:-_COMPARISON_STEPS])[use]))))
+        left.append(
+            float(
+                np.median(
+                    np.abs(turns - (passed[_COMPARISON_STEPS:] - passed[:-_COMPARISON_STEPS])[use])
+                )
+            )
+        )
     best = int(np.argmin(left))
     if YAW_FILTER_GRID_S[best] < MIN_YAW_FILTER_S or left[best] > _MAX_FILTER_MISFIT * left[0]:
         return 0.0

@@ -71,9 +71,7 @@ class LinearisedProblem:
 
     def column(self, active: ActiveEffect) -> FloatArray:
         """Return what adding `active` changes in the residuals (m,), Huber-weighted."""
-        changed = self.likelihood.residuals(
-            self.at.tolerances, [*self.at.actives, active]
-        )
+        changed = self.likelihood.residuals(self.at.tolerances, [*self.at.actives, active])
         return np.asarray((changed - self.e) * self.root)
 
     def screen_effect(self, effect: Effect, gate: Activation = ALWAYS_ACTIVE) -> list[Candidate]:

@@ -148,12 +148,16 @@ def refine_segments(
     A place that begins gradually, as a slope does, is one of the `GRADUAL` edges' width.
     """
     wide = [
-        replace(a, activation=replace(a.activation, edge=_MERGE_DISTANCE_M)) if a.activation.kind == PLACE else a
+        replace(a, activation=replace(a.activation, edge=_MERGE_DISTANCE_M))
+        if a.activation.kind == PLACE
+        else a
         for a in start.actives
     ]
     coarse = likelihood.fit(wide, start.tolerances, iterations, known, edges=True)
     sharp = [
-        replace(a, activation=replace(_merged(a.activation), edge=TRANSITION_LENGTH_M)) if a.activation.kind == PLACE else a
+        replace(a, activation=replace(_merged(a.activation), edge=TRANSITION_LENGTH_M))
+        if a.activation.kind == PLACE
+        else a
         for a in coarse.actives
     ]
     best = likelihood.fit(sharp, coarse.tolerances, iterations, known, edges=True)

@@ -59,7 +59,10 @@ def is_underfit(course: ResidualProblem, stand_in: SurrogateModel) -> bool:
 
 
 def augment_surrogate(
-    course: ResidualProblem, plain: SurrogateModel, start: FloatArray, body_known: bool = True,
+    course: ResidualProblem,
+    plain: SurrogateModel,
+    start: FloatArray,
+    body_known: bool = True,
     progress: Callable[[float, float], None] | None = None,
 ) -> SurrogateModel:
     """
@@ -81,7 +84,9 @@ def augment_surrogate(
             tried = stage(course, now, start, body_known)
             if misfit(course, tried) < least:
                 best, least = tried, _MAX_KEPT_MISFIT * misfit(course, tried)
-                named = stage is _with_effects and least < _DOMINANT_EFFECT_MISFIT * misfit(course, now)
+                named = stage is _with_effects and least < _DOMINANT_EFFECT_MISFIT * misfit(
+                    course, now
+                )
         if best is now:
             break
         now = best
@@ -94,16 +99,24 @@ def misfit(course: ResidualProblem, stand_in: SurrogateModel) -> float:
     return huber_loss(weighted) / weighted.size
 
 
-def _with_slopes(course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool) -> SurrogateModel:
+def _with_slopes(
+    course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool
+) -> SurrogateModel:
     return _with_road(course, now, start, body_known, ("grade", "bank"))
 
 
-def _with_grip(course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool) -> SurrogateModel:
+def _with_grip(
+    course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool
+) -> SurrogateModel:
     return _with_road(course, now, start, body_known, ("grade", "bank", "friction"))
 
 
 def _with_road(
-    course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool, names: tuple[str, ...]
+    course: ResidualProblem,
+    now: SurrogateModel,
+    start: FloatArray,
+    body_known: bool,
+    names: tuple[str, ...],
 ) -> SurrogateModel:
     """Return the stand-in with curves along the road, its parameters fitted anew beside them."""
     road = zero_profile(course, names)
@@ -114,7 +127,9 @@ def _with_road(
         road = fit_road_profile(course, p, road, weights, besides, _ROUNDS if turn else 1)
         if turn == 0:
             left = course.residuals(p, road.terms(course).merged_with(besides))[:, SETTLING_BINS:]
-            if misfit(course, replace(now, residuals=left)) > _MAX_ROAD_MISFIT * misfit(course, now):
+            if misfit(course, replace(now, residuals=left)) > _MAX_ROAD_MISFIT * misfit(
+                course, now
+            ):
                 return now
         again = _refit(course, replace(now, parameters=p, road=road), start, body_known)
         p = again.parameters
@@ -126,7 +141,9 @@ def _with_road(
     return replace(again, augmentation_notes=(*before, said))
 
 
-def _with_effects(course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool) -> SurrogateModel:
+def _with_effects(
+    course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool
+) -> SurrogateModel:
     """Return the stand-in with one more effect of the catalogue, acting throughout."""
     likelihood = _simulation_likelihood(course, now, body_known)
     best = select_effects(likelihood, None, most=1).best()
@@ -151,10 +168,15 @@ def _with_effects(course: ResidualProblem, now: SurrogateModel, start: FloatArra
     mean[where] = held[where]
     own = {name: both for name, both in open_.items() if min(both) > 0.0}
     again = _refit(course, replace(now, parameters=held), mean, body_known, own)
-    return replace(again, augmentation_notes=(*now.augmentation_notes, f"effects of its own: {', '.join(has)}"))
+    return replace(
+        again,
+        augmentation_notes=(*now.augmentation_notes, f"effects of its own: {', '.join(has)}"),
+    )
 
 
-def _with_features(course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool) -> SurrogateModel:
+def _with_features(
+    course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool
+) -> SurrogateModel:
     """Return the stand-in with features of the drive in its equations."""
     likelihood = _simulation_likelihood(course, now, body_known)
     nothing = likelihood.fit([])
@@ -164,17 +186,24 @@ def _with_features(course: ResidualProblem, now: SurrogateModel, start: FloatArr
     if not rest.terms:
         return now
     tolerances = rest.hypothesis.tolerances
-    with_pieces = replace(now, parameters=likelihood.with_nuisances(tolerances), feature_terms=rest.terms)
+    with_pieces = replace(
+        now, parameters=likelihood.with_nuisances(tolerances), feature_terms=rest.terms
+    )
     again = _refit(course, with_pieces, start, body_known)
     parts = [
         f"{piece.coefficient:+.3g} {FEATURES[piece.feature].expression} in d({piece.equation})/dt"
         f" [{EQUATION_UNITS[piece.equation]}]"
         for piece in rest.terms
     ]
-    return replace(again, augmentation_notes=(*now.augmentation_notes, f"a smooth correction: {', '.join(parts)}"))
+    return replace(
+        again,
+        augmentation_notes=(*now.augmentation_notes, f"a smooth correction: {', '.join(parts)}"),
+    )
 
 
-def _simulation_likelihood(course: ResidualProblem, now: SurrogateModel, body_known: bool) -> Likelihood:
+def _simulation_likelihood(
+    course: ResidualProblem, now: SurrogateModel, body_known: bool
+) -> Likelihood:
     """
     Return the likelihood of the simulation itself, whose model owes it no error.
 
@@ -189,15 +218,28 @@ def _simulation_likelihood(course: ResidualProblem, now: SurrogateModel, body_kn
 
 
 def _refit(
-    course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool,
+    course: ResidualProblem,
+    now: SurrogateModel,
+    start: FloatArray,
+    body_known: bool,
     own: Mapping[str, tuple[float, float]] | None = None,
 ) -> SurrogateModel:
     """Return the stand-in with the family's parameters fitted anew, and `own`; the rest kept."""
     fitted_anew = {**fitted_entries(body_known), **_BIASES, **(own or {})}
     again = fit_surrogate(
-        course, start, now.parameters, fitted_anew, OBSERVER_GAIN_FACTORS[-1:], now.fixed_terms(course)
+        course,
+        start,
+        now.parameters,
+        fitted_anew,
+        OBSERVER_GAIN_FACTORS[-1:],
+        now.fixed_terms(course),
     )
-    return replace(again, road=now.road, feature_terms=now.feature_terms, augmentation_notes=now.augmentation_notes)
+    return replace(
+        again,
+        road=now.road,
+        feature_terms=now.feature_terms,
+        augmentation_notes=now.augmentation_notes,
+    )
 
 
 _STAGES: tuple[Stage, ...] = (_with_slopes, _with_effects, _with_features, _with_grip)

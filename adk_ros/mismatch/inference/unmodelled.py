@@ -29,7 +29,8 @@ from adk_ros.mismatch.surrogate.feature_terms import (
 from adk_ros.numerics.arrays import FloatArray
 
 EQUATION_TEXTS = {
-    "v_x": "longitudinal acceleration", "v_y": "lateral acceleration",
+    "v_x": "longitudinal acceleration",
+    "v_y": "lateral acceleration",
     "yaw_rate": "yaw acceleration",
 }
 EQUATION_UNITS = {"v_x": "m/s^2", "v_y": "m/s^2", "yaw_rate": "rad/s^2"}
@@ -77,7 +78,8 @@ class UnmodelledDynamics:
         for equation in self.equations:
             terms = [
                 f"{p.coefficient:+.4g} {FEATURES[p.feature].expression}"
-                for p in self.terms if p.equation == equation
+                for p in self.terms
+                if p.equation == equation
             ]
             parts.append(f"d({equation})/dt += {' '.join(terms)} [{EQUATION_UNITS[equation]}]")
         return "; ".join(parts)
@@ -87,7 +89,13 @@ def feature_as_effect(equation: str, feature: str, weight: FloatArray) -> Effect
     """Return a feature in an equation as if it were an effect."""
     step = _DIFFERENCE_STEPS[equation]
     parameter = EffectParameter(
-        "coefficient", EQUATION_UNITS[equation], -20.0, 20.0, step, 0.0, {EQUATION_PARAMETERS[equation]: 1.0}
+        "coefficient",
+        EQUATION_UNITS[equation],
+        -20.0,
+        20.0,
+        step,
+        0.0,
+        {EQUATION_PARAMETERS[equation]: 1.0},
     )
     return Effect(f"{MARK}{equation}:{feature}", (parameter,), (equation,), feature, "")
 
@@ -106,12 +114,17 @@ def fit_feature_expansion(
     known = likelihood.nuisance_jacobian(start)
     now = start
     left = max(start.cost - noise, 0.0)
-    least = max(_MIN_GAIN + MIN_GAIN_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof(), _MIN_GAIN_PER_EXCESS * left)
+    least = max(
+        _MIN_GAIN + MIN_GAIN_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof(),
+        _MIN_GAIN_PER_EXCESS * left,
+    )
     gains: list[float] = []
     for _ in range(_MAX_FEATURES):
         screen = LinearisedProblem(likelihood, now, known)
         tried: list[tuple[float, ActiveEffect]] = []
-        for equation in (name for name in EQUATION_PARAMETERS if name not in likelihood.unobservable):
+        for equation in (
+            name for name in EQUATION_PARAMETERS if name not in likelihood.unobservable
+        ):
             for j, name in enumerate(names):
                 gate = Activation(weight=np.ascontiguousarray(table[:, j] / scale[j]))
                 effect = feature_as_effect(equation, name, table[:, j])
@@ -136,7 +149,10 @@ def fit_feature_expansion(
 
 
 def _best_of(
-    likelihood: Likelihood, now: Hypothesis, tried: list[tuple[float, ActiveEffect]], known: FloatArray,
+    likelihood: Likelihood,
+    now: Hypothesis,
+    tried: list[tuple[float, ActiveEffect]],
+    known: FloatArray,
     least: float,
 ) -> Hypothesis | None:
     """
@@ -150,16 +166,19 @@ def _best_of(
     tried.sort(key=lambda x: -x[0])
     fitted = [
         likelihood.fit([*now.actives, active], now.tolerances, 20, known, 1e-6)
-        for gain, active in tried[:_MAX_FITTED] if gain > max(least, 0.5 * tried[0][0])
+        for gain, active in tried[:_MAX_FITTED]
+        if gain > max(least, 0.5 * tried[0][0])
     ]
     top = max((now.cost - h.cost for h in fitted), default=0.0)
     if top < least:
         return None
-    ahead = sorted((h for h in fitted if now.cost - h.cost > _REFIT_GAIN_SHARE * top), key=lambda h: h.cost)
-    settled = [
-        likelihood.fit(h.actives, h.tolerances, 4, None, 1e-5) for h in ahead[:_MAX_REFITS]
-    ]
-    return most_parsimonious(settled, _TIE_LOSS + _TIE_LOSS_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof())
+    ahead = sorted(
+        (h for h in fitted if now.cost - h.cost > _REFIT_GAIN_SHARE * top), key=lambda h: h.cost
+    )
+    settled = [likelihood.fit(h.actives, h.tolerances, 4, None, 1e-5) for h in ahead[:_MAX_REFITS]]
+    return most_parsimonious(
+        settled, _TIE_LOSS + _TIE_LOSS_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof()
+    )
 
 
 def most_parsimonious(fitted: list[Hypothesis], margin: float) -> Hypothesis:

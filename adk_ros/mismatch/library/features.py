@@ -41,14 +41,18 @@ FEATURES: dict[str, Feature] = {
     "yaw_rate_cubed": Feature("yaw rate cubed", "r^3", "rad^3/s^3", lambda s: s["yaw_rate"] ** 3),
     "yaw_rate_size": Feature("yaw rate's size", "|r|", "rad/s", lambda s: np.abs(s["yaw_rate"])),
     "yaw_rate_per_speed": Feature(
-        "relative wheel-speed difference (path curvature)", "r / v_x", "1/m",
-        lambda s: s["yaw_rate"] / np.maximum(s["v_x"], 1.0)
+        "relative wheel-speed difference (path curvature)",
+        "r / v_x",
+        "1/m",
+        lambda s: s["yaw_rate"] / np.maximum(s["v_x"], 1.0),
     ),
     "yaw_rate_speed": Feature(
         "lateral acceleration", "r v_x", "m/s^2", lambda s: s["yaw_rate"] * s["v_x"]
     ),
     "yaw_rate_speed_squared": Feature(
-        "yaw rate times speed squared", "r v_x^2", "m^2/s^3",
+        "yaw rate times speed squared",
+        "r v_x^2",
+        "m^2/s^3",
         lambda s: s["yaw_rate"] * s["v_x"] ** 2,
     ),
     "lateral_squared": Feature(
@@ -62,8 +66,9 @@ FEATURES: dict[str, Feature] = {
     ),
     "torque": Feature("torque", "T", "N m", lambda s: s["torque"]),
     "torque_size": Feature("torque's size", "|T|", "N m", lambda s: np.abs(s["torque"])),
-    "torque_squared": Feature("torque squared", "T |T|", "N^2 m^2",
-                              lambda s: s["torque"] * np.abs(s["torque"])),
+    "torque_squared": Feature(
+        "torque squared", "T |T|", "N^2 m^2", lambda s: s["torque"] * np.abs(s["torque"])
+    ),
     "torque_speed": Feature("power", "T v_x", "N m^2/s", lambda s: s["torque"] * s["v_x"]),
     "torque_yaw_rate": Feature(
         "torque times yaw rate", "T r", "N m rad/s", lambda s: s["torque"] * s["yaw_rate"]
@@ -72,20 +77,21 @@ FEATURES: dict[str, Feature] = {
         "torque times steering angle", "T delta", "N m rad", lambda s: s["torque"] * s["delta"]
     ),
     "torque_lateral": Feature(
-        "torque times lateral acceleration", "T a_y", "N m^2/s^2",
+        "torque times lateral acceleration",
+        "T a_y",
+        "N m^2/s^2",
         lambda s: s["torque"] * s["a_y"],
     ),
     "delta": Feature("steering angle", "delta", "rad", lambda s: s["delta"]),
-    "delta_size": Feature(
-        "steering angle's size", "|delta|", "rad", lambda s: np.abs(s["delta"])
-    ),
-    "delta_cubed": Feature("steering angle cubed", "delta^3", "rad^3",
-                           lambda s: s["delta"] ** 3),
+    "delta_size": Feature("steering angle's size", "|delta|", "rad", lambda s: np.abs(s["delta"])),
+    "delta_cubed": Feature("steering angle cubed", "delta^3", "rad^3", lambda s: s["delta"] ** 3),
     "delta_speed": Feature(
         "steering angle times speed", "delta v_x", "rad m/s", lambda s: s["delta"] * s["v_x"]
     ),
     "delta_speed_squared": Feature(
-        "steering angle times speed squared", "delta v_x^2", "rad m^2/s^2",
+        "steering angle times speed squared",
+        "delta v_x^2",
+        "rad m^2/s^2",
         lambda s: s["delta"] * s["v_x"] ** 2,
     ),
     "lateral_speed_speed": Feature(

@@ -70,9 +70,7 @@ def _signs(e: SensorLog) -> None:
     v_x, v_y, rate = (
         savitzky_golay(np.interp(at, e.odometry_s, e.odometry[:, i])) for i in range(3)
     )
-    a_x, a_y, gyro = (
-        savitzky_golay(np.interp(at, e.imu_s, e.imu[:, i]), 51) for i in range(3)
-    )
+    a_x, a_y, gyro = (savitzky_golay(np.interp(at, e.imu_s, e.imu[:, i]), 51) for i in range(3))
     delta = np.interp(at, e.command_s, e.command[:, 1])
     torque = np.interp(at, e.command_s, e.command[:, 0])
     felt_y = v_x * turning + np.gradient(v_y, at)
@@ -114,8 +112,10 @@ def _signs(e: SensorLog) -> None:
 
 def _varies(e: SensorLog) -> None:
     for name, values in (
-        ("odometry's v_y", e.odometry[:, 1]), ("odometry's yaw rate", e.odometry[:, 2]),
-        ("the IMU's a_x", e.imu[:, 0]), ("the IMU's a_y", e.imu[:, 1]),
+        ("odometry's v_y", e.odometry[:, 1]),
+        ("odometry's yaw rate", e.odometry[:, 2]),
+        ("the IMU's a_x", e.imu[:, 0]),
+        ("the IMU's a_y", e.imu[:, 1]),
         ("the commanded torque", e.command[:, 0]),
         ("the commanded steering angle", e.command[:, 1]),
     ):

@@ -99,6 +99,14 @@ def read_sensor_log(
         raise DataError(f"bag {path}: {topics.imu} reports no accelerations")
     duration = max(odometry_s[-1], command_s[-1], *imu_s[-1:])
     return SensorLog(
-        Path(path).name, float(duration), imu_s, imu_values, odometry_s, velocities, pose,
-        command_s, commands, start_ns,
+        Path(path).name,
+        float(duration),
+        imu_s,
+        imu_values,
+        odometry_s,
+        velocities,
+        pose,
+        command_s,
+        commands,
+        start_ns,
     )

@@ -59,7 +59,14 @@ class SensorLog:
         first = max(int(np.searchsorted(self.command_s, begin_s, side="right")) - 1, 0)
         last = int(np.searchsorted(self.command_s, end_s))
         return SensorLog(
-            self.name, end_s - begin_s, self.imu_s[imu], self.imu[imu], self.odometry_s[odometry],
-            self.odometry[odometry], self.pose[odometry], self.command_s[first:last],
-            self.command[first:last], self.start_ns,
+            self.name,
+            end_s - begin_s,
+            self.imu_s[imu],
+            self.imu[imu],
+            self.odometry_s[odometry],
+            self.odometry[odometry],
+            self.pose[odometry],
+            self.command_s[first:last],
+            self.command[first:last],
+            self.start_ns,
         )

@@ -49,7 +49,11 @@ def trend_figure(
     """Draw the residual against the variable; for a place, the effect's size along the lap too."""
     sized = None if found is None else profile_figure(findings, found)
     figure, axes = plt.subplots(
-        1 if sized is None else 2, 1, sharex=True, squeeze=False, constrained_layout=True,
+        1 if sized is None else 2,
+        1,
+        sharex=True,
+        squeeze=False,
+        constrained_layout=True,
         figsize=(7.6, 3.6 if sized is None else 5.4),
         height_ratios=[1.0] if sized is None else [1.5, 1.0],
     )
@@ -60,10 +64,15 @@ def trend_figure(
     ):
         axis.fill_between(item.at, sides[0], sides[1], color=colour, alpha=0.13, linewidth=0.0)
         axis.plot(
-            item.at, values, color=colour, marker=marker, linewidth=1.2,
+            item.at,
+            values,
+            color=colour,
+            marker=marker,
+            linewidth=1.2,
             markersize=5.0 if item.at.size <= BINS else 3.5,
             linestyle="-" if what == "before" else "--",
-            markerfacecolor=colour if what == "before" else "white", label=what,
+            markerfacecolor=colour if what == "before" else "white",
+            label=what,
         )
     axis.axhline(0.0, color="black", linewidth=0.7)
     unit = UNITS[CHANNELS.index(item.channel)].replace("^", "")
@@ -83,18 +92,30 @@ def trend_figure(
 def _size(axis: Axes, sized: SpatialProfile, found: IdentifiedEffect, lap: float) -> None:
     """Draw the effect's size along the lap: free in each bin, and as it was fitted."""
     parameter = found.effect.parameters[0]
-    axis.step(sized.at, sized.size + parameter.neutral, where="mid", color="0.45", linewidth=1.0,
-              label="free in each bin, a first look")
+    axis.step(
+        sized.at,
+        sized.size + parameter.neutral,
+        where="mid",
+        color="0.45",
+        linewidth=1.0,
+        label="free in each bin, a first look",
+    )
     along = np.linspace(0.0, lap, 1000)
     acts = np.zeros(along.shape, dtype=bool)
     for begin, end in found.segments:
         acts |= (along - begin) % lap <= end - begin
     value = found.parameters[parameter.name].value
-    axis.plot(along, np.where(acts, value, parameter.neutral), color="black", linewidth=1.6,
-              label="as fitted")
+    axis.plot(
+        along,
+        np.where(acts, value, parameter.neutral),
+        color="black",
+        linewidth=1.6,
+        label="as fitted",
+    )
     unit = "" if parameter.unit == "-" else f" ({parameter.unit.replace('^', '')})"
-    axis.set_ylabel(f"{title(found.effect.name)},\n{parameter.name.replace('_', ' ')}{unit}",
-                    fontsize=9)
+    axis.set_ylabel(
+        f"{title(found.effect.name)},\n{parameter.name.replace('_', ' ')}{unit}", fontsize=9
+    )
     axis.legend(fontsize=8)
 
 
@@ -103,8 +124,16 @@ def _shade(axis: Axes, found: IdentifiedEffect, lap: float) -> None:
         for shift in (-lap, 0.0, lap):
             low, high = max(begin + shift, 0.0), min(end + shift, lap)
             if high > low:
-                axis.axvspan(low, high, facecolor="0.88", edgecolor="0.5", hatch="///",
-                             alpha=0.6, linewidth=0.0, zorder=0)
+                axis.axvspan(
+                    low,
+                    high,
+                    facecolor="0.88",
+                    edgecolor="0.5",
+                    hatch="///",
+                    alpha=0.6,
+                    linewidth=0.0,
+                    zorder=0,
+                )
     axis.set_xlim(0.0, lap)
 
 
@@ -120,7 +149,11 @@ def errors_figure(findings: MismatchResult, path: Path) -> None:
             axis.set_yticks([])
             continue
         bars = axis.barh(
-            [0, 1], values, color=("0.35", "0.85"), edgecolor="black", hatch=("", "////"),
+            [0, 1],
+            values,
+            color=("0.35", "0.85"),
+            edgecolor="black",
+            hatch=("", "////"),
             height=0.65,
         )
         axis.bar_label(bars, pair_text(*values), padding=3, fontsize=9)
@@ -139,8 +172,7 @@ def unexplained_figure(before: FloatArray, after: FloatArray, path: Path) -> Non
     first, second = np.maximum(before, _LEAST), np.maximum(after, _LEAST)
     axis.hlines(rows, np.minimum(first, second), np.maximum(first, second), color="0.6", zorder=1)
     axis.plot(first, rows, "o", color=BEFORE, markersize=8, label="before")
-    axis.plot(second, rows, "s", color=AFTER, markersize=8, markerfacecolor="white",
-              label="after")
+    axis.plot(second, rows, "s", color=AFTER, markersize=8, markerfacecolor="white", label="after")
     axis.axvline(1.0, color="black", linewidth=1.0, linestyle=":", label="noise")
     axis.set_xscale("log")
     low, high = min(0.7, 0.8 * float(second.min())), max(3.0, 1.4 * float(first.max()))

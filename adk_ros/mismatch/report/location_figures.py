@@ -59,7 +59,9 @@ def _scale(series: ResidualSeries) -> LogNorm:
     return LogNorm(1.0, float(np.clip(top, 3.0, _MOST)))
 
 
-def line_of(series: ResidualSeries, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def line_of(
+    series: ResidualSeries, values: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (x, y, value) of the way driven; where laps repeat, their mean along the lap."""
     if series.distance is None:
         return series.x, series.y, values
@@ -75,8 +77,9 @@ def line_of(series: ResidualSeries, values: FloatArray) -> tuple[FloatArray, Flo
     return mean(series.x), mean(series.y), mean(values)
 
 
-def inside(distance: FloatArray, stretches: tuple[tuple[float, float], ...], lap: float
-           ) -> BoolArray:
+def inside(
+    distance: FloatArray, stretches: tuple[tuple[float, float], ...], lap: float
+) -> BoolArray:
     """Return which distances along the lap lie in a stretch, one over the lap's end too."""
     within = np.zeros(distance.shape[0], dtype=np.bool_)
     for begin, end in stretches:
@@ -97,8 +100,12 @@ def map_figure(findings: MismatchResult, path: Path) -> None:
     axis.plot(x, y, color="0.4", linewidth=7.0, solid_capstyle="round", zorder=2.5)
     points = np.column_stack([x, y])[:, None, :]
     lines = LineCollection(
-        list(np.concatenate([points[:-1], points[1:]], axis=1)), cmap=COLOURS,
-        norm=norm, linewidth=5.0, capstyle="round", zorder=3,
+        list(np.concatenate([points[:-1], points[1:]], axis=1)),
+        cmap=COLOURS,
+        norm=norm,
+        linewidth=5.0,
+        capstyle="round",
+        zorder=3,
     )
     lines.set_array(0.5 * (value[:-1] + value[1:]))
     axis.add_collection(lines)
@@ -145,9 +152,14 @@ def _mark(axis: Axes, findings: MismatchResult, found: IdentifiedEffect, hatch: 
         label = f"where {title(found.effect.name)} acts" if i == 0 else None
         dashed = hatch != _HATCHES[0]
         axis.plot(
-            x, y, color="0.72" if not dashed else "0.45", linewidth=17.0 if not dashed else 11.0,
-            linestyle="-" if not dashed else (0, (1.0, 0.6)), solid_capstyle="butt",
-            zorder=1 if not dashed else 2, label=label,
+            x,
+            y,
+            color="0.72" if not dashed else "0.45",
+            linewidth=17.0 if not dashed else 11.0,
+            linestyle="-" if not dashed else (0, (1.0, 0.6)),
+            solid_capstyle="butt",
+            zorder=1 if not dashed else 2,
+            label=label,
         )
 
 
@@ -156,7 +168,11 @@ def timeline_figure(findings: MismatchResult, path: Path) -> None:
     series = findings.series
     rows = len(findings.effects)
     figure, axes = plt.subplots(
-        2 + (rows > 0), 1, sharex=True, constrained_layout=True, squeeze=False,
+        2 + (rows > 0),
+        1,
+        sharex=True,
+        constrained_layout=True,
+        squeeze=False,
         figsize=(10.0, 4.4 + 0.33 * rows),
         height_ratios=[0.33 * rows, 1.9, 1.9] if rows else [1.9, 1.9],
     )
@@ -169,8 +185,12 @@ def timeline_figure(findings: MismatchResult, path: Path) -> None:
         panels, (series.before, series.after), ("before", "after"), strict=True
     ):
         picture = axis.imshow(
-            np.clip(residual_to_noise(residuals, series.noise), norm.vmin, None), aspect="auto",
-            cmap=COLOURS, norm=norm, interpolation="nearest", extent=(*span, 5.5, -0.5),
+            np.clip(residual_to_noise(residuals, series.noise), norm.vmin, None),
+            aspect="auto",
+            cmap=COLOURS,
+            norm=norm,
+            interpolation="nearest",
+            extent=(*span, 5.5, -0.5),
         )
         axis.set_yticks(range(6), [CHANNEL_WORDS[name] for name in CHANNELS], fontsize=8)
         axis.set_title(what, fontsize=10, loc="left")
@@ -188,8 +208,12 @@ def _bars(axis: Axes, findings: MismatchResult) -> None:
     for i, found in enumerate(findings.effects):
         spans = [(begin, end - begin) for begin, end in found.time_intervals_s]
         axis.broken_barh(
-            spans, (i - 0.35, 0.7), facecolor="0.8", edgecolor="black",
-            hatch=_HATCHES[i % len(_HATCHES)], linewidth=0.8,
+            spans,
+            (i - 0.35, 0.7),
+            facecolor="0.8",
+            edgecolor="black",
+            hatch=_HATCHES[i % len(_HATCHES)],
+            linewidth=0.8,
         )
         names.append(title(found.effect.name))
     axis.set_yticks(range(len(names)), names, fontsize=8)

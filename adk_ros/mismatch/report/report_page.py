@@ -48,7 +48,10 @@ PAGE = "report.html"
 _MOST_PIECES = 8
 
 FIGURES = (
-    "map.png", "timeline.png", "errors.png", "remains.png",
+    "map.png",
+    "timeline.png",
+    "errors.png",
+    "remains.png",
     *(f"evidence_{name}.png" for name in EFFECTS),
     *(f"remainder_{i}.png" for i in range(1, _MOST_PIECES + 1)),
 )
@@ -68,39 +71,58 @@ def write_page(findings: MismatchResult, out: Path) -> Path:
     series = findings.series
     before, after = rms(series.before, SETTLING_BINS), rms(series.after, SETTLING_BINS)
     where = [
-        _figure(out, "map.png", "Map of the track, dark where simulation and recording differ",
-                partial(map_figure, findings)),
-        _figure(out, "timeline.png", "Residuals by channel along time, before and after, and "
-                "when each effect acts", partial(timeline_figure, findings)),
+        _figure(
+            out,
+            "map.png",
+            "Map of the track, dark where simulation and recording differ",
+            partial(map_figure, findings),
+        ),
+        _figure(
+            out,
+            "timeline.png",
+            "Residuals by channel along time, before and after, and when each effect acts",
+            partial(timeline_figure, findings),
+        ),
     ]
     errors = _figure(
-        out, "errors.png", f"Errors {findings.horizon_s:g} s ahead on held-out data, before and "
-        "after", partial(errors_figure, findings),
+        out,
+        "errors.png",
+        f"Errors {findings.horizon_s:g} s ahead on held-out data, before and after",
+        partial(errors_figure, findings),
     )
     remains = _figure(
-        out, "remains.png", "Residual over noise by channel, before and after",
+        out,
+        "remains.png",
+        "Residual over noise by channel, before and after",
         partial(unexplained_figure, before / series.noise, after / series.noise),
     )
     environment = Environment(
-        loader=PackageLoader("adk_ros.mismatch.report"), autoescape=True,
+        loader=PackageLoader("adk_ros.mismatch.report"),
+        autoescape=True,
         undefined=StrictUndefined,
     )
     rest = findings.unexplained
     pieces = () if rest is None else rest.terms
     page = environment.get_template("report.html.j2").render(
-        findings=findings, sentence=sentence(findings),
+        findings=findings,
+        sentence=sentence(findings),
         missed=underfit_channels(findings) if findings.verdict == NONE else "",
         effects=effect_rows(findings),
         tolerance=100.0 * TOLERANCE_BOUND,
-        where=where, evidence=_evidence(findings, out), errors=errors, remains=remains,
+        where=where,
+        evidence=_evidence(findings, out),
+        errors=errors,
+        remains=remains,
         rivals=[
             (title(found.effect.name), competitor_rows(found), found.gain, found.alternatives)
             for found in findings.effects
         ],
-        losses=loss_rows(findings), error_rows=error_rows(findings),
+        losses=loss_rows(findings),
+        error_rows=error_rows(findings),
         remains_rows=unexplained_rows(before, after, series.noise),
         unexplained=None if rest is None else unexplained_text(rest),
-        groups=group_rows(findings), stand_in=surrogate_rows(findings),
+        groups=group_rows(findings),
+        stand_in=surrogate_rows(findings),
         not_judged=listed([title(name) for name in findings.not_judged]),
         drivers=listed([FEATURES[piece.feature].text for piece in pieces]) or "nothing known",
         needs=[(title(found.effect.name), found.effect.manoeuvre) for found in findings.effects],
@@ -121,19 +143,33 @@ def _evidence(findings: MismatchResult, out: Path) -> list[tuple[str, str, Figur
     parts = []
     for found in findings.effects:
         item = effect_residual_trend(findings.series, found)
-        parts.append((
-            title(found.effect.name), f"{found.effect.text}. {_said(item)}",
-            _figure(out, f"evidence_{found.effect.name}.png", _alt(item),
-                    partial(trend_figure, findings, item, found)),
-        ))
+        parts.append(
+            (
+                title(found.effect.name),
+                f"{found.effect.text}. {_said(item)}",
+                _figure(
+                    out,
+                    f"evidence_{found.effect.name}.png",
+                    _alt(item),
+                    partial(trend_figure, findings, item, found),
+                ),
+            )
+        )
     pieces = findings.unexplained.terms if findings.unexplained is not None else ()
     for i, piece in enumerate(pieces[:_MOST_PIECES], 1):
         item = feature_residual_trend(findings.series, piece)
-        parts.append((
-            f"unexplained: {EQUATION_WORDS[piece.equation]}", _said(item),
-            _figure(out, f"remainder_{i}.png", _alt(item),
-                    partial(trend_figure, findings, item, None)),
-        ))
+        parts.append(
+            (
+                f"unexplained: {EQUATION_WORDS[piece.equation]}",
+                _said(item),
+                _figure(
+                    out,
+                    f"remainder_{i}.png",
+                    _alt(item),
+                    partial(trend_figure, findings, item, None),
+                ),
+            )
+        )
     return parts
 
 

@@ -30,12 +30,16 @@ def effect_rows(findings: MismatchResult) -> Rows:
     for found in findings.effects:
         for i, (name, x) in enumerate(found.parameters.items()):
             said = quantity(found.effect.name, name, x.unit)
-            rows.append([
-                title(found.effect.name) if i == 0 else "", said.label, interval_text(x, said),
-                _alternative_text(name, x.value, x.unit),
-                (activation_text(found) or found.effect.where) if i == 0 else "",
-                f"{100.0 * found.confidence:.0f} %" if i == 0 else "",
-            ])
+            rows.append(
+                [
+                    title(found.effect.name) if i == 0 else "",
+                    said.label,
+                    interval_text(x, said),
+                    _alternative_text(name, x.value, x.unit),
+                    (activation_text(found) or found.effect.where) if i == 0 else "",
+                    f"{100.0 * found.confidence:.0f} %" if i == 0 else "",
+                ]
+            )
     return rows
 
 
@@ -62,10 +66,15 @@ def competitor_rows(found: IdentifiedEffect) -> Rows:
             value = said.factor * rival.fitted.values()[parameter.name]
             values.append(f"{said.label} {value:.3g} {said.unit}".rstrip())
         share = 1.0 - rival.loss_difference / found.gain if found.gain > 0.0 else 0.0
-        rows.append([
-            title(rival.name), listed(values), f"{100.0 * min(max(share, 0.0), 1.0):.3g} %",
-            f"{rival.loss_difference:,.0f}", _rejection_reason(rival, share),
-        ])
+        rows.append(
+            [
+                title(rival.name),
+                listed(values),
+                f"{100.0 * min(max(share, 0.0), 1.0):.3g} %",
+                f"{rival.loss_difference:,.0f}",
+                _rejection_reason(rival, share),
+            ]
+        )
     return rows
 
 
@@ -96,14 +105,19 @@ def loss_rows(findings: MismatchResult) -> Rows:
             so = "taken, with a formula for what is left"
         if len(names) > taken:
             so = "not taken: " + (
-                "what is left fits a formula better" if findings.unexplained is not None
+                "what is left fits a formula better"
+                if findings.unexplained is not None
                 else "gains too little"
             )
         ratio = loss / findings.expected_loss if findings.expected_loss > 0.0 else math.nan
-        rows.append([
-            listed([title(each) for each in names]) or "nothing but build tolerance",
-            f"{ratio:.3f}", gain, so,
-        ])
+        rows.append(
+            [
+                listed([title(each) for each in names]) or "nothing but build tolerance",
+                f"{ratio:.3f}",
+                gain,
+                so,
+            ]
+        )
         before = loss
     return rows
 
@@ -126,10 +140,15 @@ def unexplained_rows(before: FloatArray, after: FloatArray, noise: FloatArray) -
     rows = []
     for i, name in enumerate(CHANNELS):
         unit = UNITS[i].replace("^", "")
-        rows.append([
-            f"{CHANNEL_WORDS[name]} ({unit})", f"{before[i]:.3g}", f"{after[i]:.3g}",
-            f"{noise[i]:.3g}", f"{after[i] / max(noise[i], 1e-12):.2f}",
-        ])
+        rows.append(
+            [
+                f"{CHANNEL_WORDS[name]} ({unit})",
+                f"{before[i]:.3g}",
+                f"{after[i]:.3g}",
+                f"{noise[i]:.3g}",
+                f"{after[i] / max(noise[i], 1e-12):.2f}",
+            ]
+        )
     return rows
 
 
@@ -138,7 +157,8 @@ def surrogate_rows(findings: MismatchResult) -> Rows:
     return [
         [
             f"{CHANNEL_WORDS[name]} ({UNITS[i].replace('^', '')})",
-            f"{findings.surrogate_error[name]:.2g}", f"{findings.series.noise[i]:.2g}",
+            f"{findings.surrogate_error[name]:.2g}",
+            f"{findings.series.noise[i]:.2g}",
         ]
         for i, name in enumerate(CHANNELS)
     ]
@@ -167,8 +187,11 @@ def group_rows(findings: MismatchResult) -> Rows:
         # What is usually driven for an effect is of no use where nothing driven tells it here.
         known = CHANNEL_TEXTS if driven and not any(driven) else _MANOEUVRES
         tells = [f"{title(name)}: {known[name]}" for name in group if known.get(name)]
-        rows.append([
-            listed([title(name) for name in group], "or"), "; ".join(shown) or "-",
-            "; ".join(tells) or "-",
-        ])
+        rows.append(
+            [
+                listed([title(name) for name in group], "or"),
+                "; ".join(shown) or "-",
+                "; ".join(tells) or "-",
+            ]
+        )
     return rows

@@ -75,29 +75,51 @@ VARIABLES: dict[str, Variable] = {
 }
 
 EXPLAINS: dict[str, tuple[str, ...]] = {
-    "aero_drag": ("speed_squared",), "headwind": ("speed",), "rolling_resistance": ("speed",),
-    "crosswind": ("speed",), "aero_downforce": ("lateral_fast",), "low_friction": ("lateral",),
-    "front_tyre_stiffness": ("angle", "lateral"), "rear_tyre_stiffness": ("lateral",),
-    "tyre_relaxation": ("angle_rate", "lateral_rate"), "load_sensitivity": ("lateral",),
-    "payload": ("torque", "yaw_acceleration"), "cg_shift": ("lateral",),
-    "yaw_inertia": ("yaw_acceleration", "angle_rate"), "rotating_inertia": ("torque",),
-    "steering_offset": ("speed",), "steering_ratio": ("angle", "lateral"),
-    "steering_delay": ("angle_rate",), "steering_lag": ("angle_rate",),
-    "steering_backlash": ("angle_rate",), "compliance_steer": ("lateral",),
-    "rear_wheel_steer": ("angle", "lateral"), "drive_torque_gain": ("torque",),
-    "brake_torque_gain": ("torque",), "drive_torque_delay": ("torque_rate",),
-    "drive_torque_lag": ("torque_rate",), "torque_offset": ("torque",),
-    "power_limit": ("power",), "wheel_radius": ("torque",), "brake_drag_one_side": ("speed",),
-    "clock_offset": ("torque_rate", "angle_rate"), "imu_bias": ("time",), "imu_tilt": ("time",),
-    "imu_lever_arm": ("yaw_acceleration", "yaw_rate"), "gyro_scale": ("yaw_rate",),
-    "imu_delay": ("lateral_rate", "torque_rate"), "odometry_scale": ("speed",),
+    "aero_drag": ("speed_squared",),
+    "headwind": ("speed",),
+    "rolling_resistance": ("speed",),
+    "crosswind": ("speed",),
+    "aero_downforce": ("lateral_fast",),
+    "low_friction": ("lateral",),
+    "front_tyre_stiffness": ("angle", "lateral"),
+    "rear_tyre_stiffness": ("lateral",),
+    "tyre_relaxation": ("angle_rate", "lateral_rate"),
+    "load_sensitivity": ("lateral",),
+    "payload": ("torque", "yaw_acceleration"),
+    "cg_shift": ("lateral",),
+    "yaw_inertia": ("yaw_acceleration", "angle_rate"),
+    "rotating_inertia": ("torque",),
+    "steering_offset": ("speed",),
+    "steering_ratio": ("angle", "lateral"),
+    "steering_delay": ("angle_rate",),
+    "steering_lag": ("angle_rate",),
+    "steering_backlash": ("angle_rate",),
+    "compliance_steer": ("lateral",),
+    "rear_wheel_steer": ("angle", "lateral"),
+    "drive_torque_gain": ("torque",),
+    "brake_torque_gain": ("torque",),
+    "drive_torque_delay": ("torque_rate",),
+    "drive_torque_lag": ("torque_rate",),
+    "torque_offset": ("torque",),
+    "power_limit": ("power",),
+    "wheel_radius": ("torque",),
+    "brake_drag_one_side": ("speed",),
+    "clock_offset": ("torque_rate", "angle_rate"),
+    "imu_bias": ("time",),
+    "imu_tilt": ("time",),
+    "imu_lever_arm": ("yaw_acceleration", "yaw_rate"),
+    "gyro_scale": ("yaw_rate",),
+    "imu_delay": ("lateral_rate", "torque_rate"),
+    "odometry_scale": ("speed",),
     "odometry_filter": ("yaw_acceleration",),
 }
 """Effect -> variables that explain it, of which the best is shown; missing: of all."""
 
 _OF_EQUATION = {
-    "v_x": ("imu_a_x", "v_x"), "v_y": ("imu_a_y", "v_y"),
-    "yaw_rate": ("imu_yaw_rate", "yaw_rate"), "imu": ("imu_a_x", "imu_a_y", "imu_yaw_rate"),
+    "v_x": ("imu_a_x", "v_x"),
+    "v_y": ("imu_a_y", "v_y"),
+    "yaw_rate": ("imu_yaw_rate", "yaw_rate"),
+    "imu": ("imu_a_x", "imu_a_y", "imu_yaw_rate"),
     "odometry": ("v_x", "v_y", "yaw_rate"),
 }
 _SAME_SCALE = 1e-9
@@ -120,7 +142,12 @@ class Trend:
 
 
 def trend(
-    series: ResidualSeries, channel: str, label: str, u: FloatArray, use: BoolArray, bins: int = BINS,
+    series: ResidualSeries,
+    channel: str,
+    label: str,
+    u: FloatArray,
+    use: BoolArray,
+    bins: int = BINS,
     without: str = "",
 ) -> Trend:
     """
@@ -140,26 +167,40 @@ def trend(
         return np.array([values[part].mean() for part in parts])
 
     def sides(values: FloatArray) -> FloatArray:
-        return np.asarray(np.array([np.percentile(values[part], SPREAD_PERCENTILES) for part in parts]).T)
+        return np.asarray(
+            np.array([np.percentile(values[part], SPREAD_PERCENTILES) for part in parts]).T
+        )
 
     noise = max(float(series.noise[row]), _SAME_SCALE)
     mean_before, mean_after = means(before), means(after)
     weight = float(np.sum(counts * (mean_before**2 - mean_after**2))) / noise**2
     return Trend(
-        channel, label, means(u[use]), mean_before, mean_after, sides(before), sides(after),
-        noise, weight,
+        channel,
+        label,
+        means(u[use]),
+        mean_before,
+        mean_after,
+        sides(before),
+        sides(after),
+        noise,
+        weight,
     )
 
 
 def best_trend(
-    series: ResidualSeries, variables: Sequence[tuple[str, FloatArray]], equations: Sequence[str],
-    use: BoolArray, bins: int = BINS, without: str = "",
+    series: ResidualSeries,
+    variables: Sequence[tuple[str, FloatArray]],
+    equations: Sequence[str],
+    use: BoolArray,
+    bins: int = BINS,
+    without: str = "",
 ) -> Trend:
     """Return the trend with the most weight over the equations' channels and the variables."""
     channels = [c for equation in equations for c in _OF_EQUATION.get(equation, ())] or CHANNELS
     found = [
         trend(series, channel, label, u, use, bins, without)
-        for channel in channels for label, u in variables
+        for channel in channels
+        for label, u in variables
     ]
     return max(found, key=lambda item: item.weight)
 
@@ -185,9 +226,7 @@ def effect_residual_trend(series: ResidualSeries, found: IdentifiedEffect) -> Tr
         use = active_bins(series, [[-np.inf, np.inf]])
     names = EXPLAINS.get(found.effect.name, tuple(VARIABLES))
     variables = [(VARIABLES[name].label, VARIABLES[name].of(series)) for name in names]
-    return best_trend(
-        series, variables, found.effect.equations, use, without=found.effect.name
-    )
+    return best_trend(series, variables, found.effect.equations, use, without=found.effect.name)
 
 
 def feature_residual_trend(series: ResidualSeries, piece: FeatureTerm) -> Trend:

@@ -38,26 +38,32 @@ def as_dict(findings: MismatchResult) -> dict[str, Any]:
     """Return the answer as the contract has it."""
     effects = []
     for effect in findings.effects:
-        effects.append({
-            "name": effect.effect.name,
-            "confidence": effect.confidence,
-            "alternatives": effect.alternatives,
-            "parameters": {
-                name: {
-                    "value": _number(x.value), "low": _number(x.low), "high": _number(x.high),
-                    "unit": x.unit,
-                }
-                for name, x in effect.parameters.items()
-            },
-            "where": {
-                "kind": effect.kind, "time_intervals_s": effect.time_intervals_s,
-                "text": where_text(effect),
-            },
-            "equations": list(effect.effect.equations),
-            "rivals": [
-                {"name": rival.name, "behind": _number(rival.loss_difference)} for rival in effect.competitors
-            ],
-        })
+        effects.append(
+            {
+                "name": effect.effect.name,
+                "confidence": effect.confidence,
+                "alternatives": effect.alternatives,
+                "parameters": {
+                    name: {
+                        "value": _number(x.value),
+                        "low": _number(x.low),
+                        "high": _number(x.high),
+                        "unit": x.unit,
+                    }
+                    for name, x in effect.parameters.items()
+                },
+                "where": {
+                    "kind": effect.kind,
+                    "time_intervals_s": effect.time_intervals_s,
+                    "text": where_text(effect),
+                },
+                "equations": list(effect.effect.equations),
+                "rivals": [
+                    {"name": rival.name, "behind": _number(rival.loss_difference)}
+                    for rival in effect.competitors
+                ],
+            }
+        )
     answer: dict[str, Any] = {
         "schema": SCHEMA,
         "verdict": findings.verdict,
@@ -87,7 +93,9 @@ def as_dict(findings: MismatchResult) -> dict[str, Any]:
     if findings.unexplained is not None:
         rest = findings.unexplained
         answer["unexplained"] = {
-            "equations": rest.equations, "share": rest.share, "text": rest.text,
+            "equations": rest.equations,
+            "share": rest.share,
+            "text": rest.text,
             "expression": rest.expression,
         }
     return answer
@@ -102,7 +110,8 @@ def write_report(findings: MismatchResult, out: Path) -> None:
     with staged_folder(out, (RESULT_FILE, PAGE), FIGURES) as staged:
         texts = {
             RESULT_FILE: json.dumps(as_dict(findings), indent=2) + "\n",
-            SIMULATION_FILE: findings.simulation_yaml, CORRECTED_FILE: findings.corrected_yaml,
+            SIMULATION_FILE: findings.simulation_yaml,
+            CORRECTED_FILE: findings.corrected_yaml,
             HELD_OUT_FILE: findings.held_out_yaml or findings.corrected_yaml,
         }
         for name, text in texts.items():

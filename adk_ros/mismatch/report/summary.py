@@ -163,10 +163,12 @@ def unexplained_text(rest: UnexplainedResidual) -> str:
     goes: dict[str, list[str]] = {}
     for piece in rest.terms:
         goes.setdefault(piece.equation, []).append(FEATURES[piece.feature].text)
-    return listed([
-        f"a {EQUATION_WORDS[equation]} that goes with {listed(features)}"
-        for equation, features in goes.items()
-    ])
+    return listed(
+        [
+            f"a {EQUATION_WORDS[equation]} that goes with {listed(features)}"
+            for equation, features in goes.items()
+        ]
+    )
 
 
 def _ties(effects: list[IdentifiedEffect]) -> str:
@@ -181,16 +183,20 @@ def _ties(effects: list[IdentifiedEffect]) -> str:
 def _lacks(findings: MismatchResult) -> str:
     if not findings.missing_channels:
         return ""
-    return f" The recording is judged without {listed([x.what for x in findings.missing_channels])}."
+    return (
+        f" The recording is judged without {listed([x.what for x in findings.missing_channels])}."
+    )
 
 
 def underfit_channels(findings: MismatchResult) -> str:
     """Return in which channels the stand-in misses the simulation, and by how much; or nothing."""
-    return listed([
-        f"{CHANNEL_WORDS[name]} ({findings.surrogate_error[name]:.2g} {unit.replace('^', '')})"
-        for name, unit, noise in zip(CHANNELS, UNITS, findings.series.noise, strict=True)
-        if findings.surrogate_error[name] > MAX_ERROR_TO_NOISE * noise
-    ])
+    return listed(
+        [
+            f"{CHANNEL_WORDS[name]} ({findings.surrogate_error[name]:.2g} {unit.replace('^', '')})"
+            for name, unit, noise in zip(CHANNELS, UNITS, findings.series.noise, strict=True)
+            if findings.surrogate_error[name] > MAX_ERROR_TO_NOISE * noise
+        ]
+    )
 
 
 def sentence(findings: MismatchResult) -> str:

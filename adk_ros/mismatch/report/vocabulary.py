@@ -55,91 +55,138 @@ CHANNEL_TEXTS = {
 """What tells effects that no drive tells apart."""
 
 _ROAD_AND_AIR = {
-    "aero_drag": EffectVocabulary("air drag", "air drag", "less air drag than",
-                       {"cda": Quantity("CdA", "m2")}),
+    "aero_drag": EffectVocabulary(
+        "air drag", "air drag", "less air drag than", {"cda": Quantity("CdA", "m2")}
+    ),
     "rolling_resistance": EffectVocabulary(
-        "rolling resistance", "rolling resistance", "less rolling resistance than",
+        "rolling resistance",
+        "rolling resistance",
+        "less rolling resistance than",
         {"crr": Quantity("coefficient", "of the wheel load")},
     ),
     "headwind": EffectVocabulary(
-        "wind along the road", "a tailwind", "a headwind",
+        "wind along the road",
+        "a tailwind",
+        "a headwind",
         {"wind_x": Quantity("air moving along the road at", "m/s")},
     ),
     "crosswind": EffectVocabulary(
-        "crosswind", "a crosswind from the right", "a crosswind from the left",
+        "crosswind",
+        "a crosswind from the right",
+        "a crosswind from the left",
         {"wind_y": Quantity("air moving to the left at", "m/s")},
     ),
     "aero_downforce": EffectVocabulary(
-        "downforce", "aerodynamic downforce", "less downforce than",
+        "downforce",
+        "aerodynamic downforce",
+        "less downforce than",
         {"cla": Quantity("ClA", "m2")},
     ),
-    "road_grade": EffectVocabulary("slope of the road", "an uphill slope", "a downhill slope",
-                        {"grade": Quantity("climb", "rad")}),
-    "road_bank": EffectVocabulary("bank of the road", "a banked road", "a banked road",
-                       {"bank": Quantity("left side up by", "rad")}),
-    "low_friction": EffectVocabulary("grip of the road", "more grip than", "less grip than",
-                          {"mu_scale": Quantity("friction", "of the simulation's")}),
+    "road_grade": EffectVocabulary(
+        "slope of the road",
+        "an uphill slope",
+        "a downhill slope",
+        {"grade": Quantity("climb", "rad")},
+    ),
+    "road_bank": EffectVocabulary(
+        "bank of the road",
+        "a banked road",
+        "a banked road",
+        {"bank": Quantity("left side up by", "rad")},
+    ),
+    "low_friction": EffectVocabulary(
+        "grip of the road",
+        "more grip than",
+        "less grip than",
+        {"mu_scale": Quantity("friction", "of the simulation's")},
+    ),
 }
 
 _TYRES_AND_BODY = {
     "front_tyre_stiffness": EffectVocabulary(
-        "stiffness of the front tyres", "stiffer front tyres than", "softer front tyres than",
+        "stiffness of the front tyres",
+        "stiffer front tyres than",
+        "softer front tyres than",
         _scaled("slip stiffness"),
     ),
     "rear_tyre_stiffness": EffectVocabulary(
-        "stiffness of the rear tyres", "stiffer rear tyres than", "softer rear tyres than",
+        "stiffness of the rear tyres",
+        "stiffer rear tyres than",
+        "softer rear tyres than",
         _scaled("slip stiffness"),
     ),
     "tyre_relaxation": EffectVocabulary(
-        "relaxation of the tyres", "tyres whose slip builds up late",
-        "tyres whose slip builds up sooner than", {"length": Quantity("relaxation length", "m")},
+        "relaxation of the tyres",
+        "tyres whose slip builds up late",
+        "tyres whose slip builds up sooner than",
+        {"length": Quantity("relaxation length", "m")},
     ),
     "load_sensitivity": EffectVocabulary(
-        "load sensitivity of the tyres", "grip that falls with wheel load",
+        "load sensitivity of the tyres",
+        "grip that falls with wheel load",
         "grip that falls less with wheel load than",
         {"slope": Quantity("loss of friction per relative load", "")},
     ),
-    "payload": EffectVocabulary("payload", "a payload", "less mass than", {"mass": Quantity("mass", "kg")}),
-    "cg_shift": EffectVocabulary(
-        "place of the centre of gravity", "a centre of gravity further forward than",
-        "a centre of gravity further back than", {"shift": Quantity("forward", "m")},
+    "payload": EffectVocabulary(
+        "payload", "a payload", "less mass than", {"mass": Quantity("mass", "kg")}
     ),
-    "yaw_inertia": EffectVocabulary("yaw inertia", "more yaw inertia than", "less yaw inertia than",
-                         _scaled("inertia")),
+    "cg_shift": EffectVocabulary(
+        "place of the centre of gravity",
+        "a centre of gravity further forward than",
+        "a centre of gravity further back than",
+        {"shift": Quantity("forward", "m")},
+    ),
+    "yaw_inertia": EffectVocabulary(
+        "yaw inertia", "more yaw inertia than", "less yaw inertia than", _scaled("inertia")
+    ),
     "rotating_inertia": EffectVocabulary(
-        "inertia of what rotates", "rotating inertia in the drive", "less rotating inertia than",
+        "inertia of what rotates",
+        "rotating inertia in the drive",
+        "less rotating inertia than",
         {"inertia": Quantity("inertia at the wheels", "kg m2")},
     ),
 }
 
 _STEERING = {
     "steering_offset": EffectVocabulary(
-        "steering offset", "wheels that stand to the left of the command",
-        "wheels that stand to the right of the command", {"offset": Quantity("angle", "rad")},
+        "steering offset",
+        "wheels that stand to the left of the command",
+        "wheels that stand to the right of the command",
+        {"offset": Quantity("angle", "rad")},
     ),
     "steering_ratio": EffectVocabulary(
-        "steering ratio", "a more direct steering than", "a less direct steering than",
+        "steering ratio",
+        "a more direct steering than",
+        "a less direct steering than",
         _scaled("angle at the wheels"),
     ),
     "steering_delay": EffectVocabulary(
-        "dead time of the steering", "a dead time in the steering",
-        "a steering that acts sooner than", {"delay": Quantity("delay", "s")},
+        "dead time of the steering",
+        "a dead time in the steering",
+        "a steering that acts sooner than",
+        {"delay": Quantity("delay", "s")},
     ),
     "steering_lag": EffectVocabulary(
-        "lag of the steering", "a steering that lags (first order)",
-        "a steering that lags less than", {"tau": Quantity("time constant", "s")},
+        "lag of the steering",
+        "a steering that lags (first order)",
+        "a steering that lags less than",
+        {"tau": Quantity("time constant", "s")},
     ),
     "steering_backlash": EffectVocabulary(
-        "play in the steering", "play in the steering", "less play in the steering than",
+        "play in the steering",
+        "play in the steering",
+        "less play in the steering than",
         {"half_gap": Quantity("half the gap", "rad")},
     ),
     "compliance_steer": EffectVocabulary(
-        "steering that gives way", "a steering that gives way under side force",
+        "steering that gives way",
+        "a steering that gives way under side force",
         "wheels that side force turns into the bend",
         {"rad_per_mps2": Quantity("angle per lateral acceleration", "rad s2/m")},
     ),
     "rear_wheel_steer": EffectVocabulary(
-        "rear-wheel steering", "rear wheels that turn with the front ones",
+        "rear-wheel steering",
+        "rear wheels that turn with the front ones",
         "rear wheels that turn against the front ones",
         {"ratio": Quantity("ratio to the front", "")},
     ),
@@ -147,32 +194,47 @@ _STEERING = {
 
 _DRIVE = {
     "drive_torque_gain": EffectVocabulary(
-        "gain of the wheel torque", "more torque at the wheels than",
-        "less torque at the wheels than", {"scale": Quantity("share of the command", "")},
+        "gain of the wheel torque",
+        "more torque at the wheels than",
+        "less torque at the wheels than",
+        {"scale": Quantity("share of the command", "")},
     ),
     "brake_torque_gain": EffectVocabulary(
-        "gain of the brakes", "stronger brakes than", "weaker brakes than",
+        "gain of the brakes",
+        "stronger brakes than",
+        "weaker brakes than",
         {"scale": Quantity("share of the command", "")},
     ),
     "drive_torque_delay": EffectVocabulary(
-        "dead time of the drive", "a dead time in the drive", "a drive that acts sooner than",
+        "dead time of the drive",
+        "a dead time in the drive",
+        "a drive that acts sooner than",
         {"delay": Quantity("delay", "s")},
     ),
     "drive_torque_lag": EffectVocabulary(
-        "lag of the drive", "a drive that lags (first order)", "a drive that lags less than",
+        "lag of the drive",
+        "a drive that lags (first order)",
+        "a drive that lags less than",
         {"tau": Quantity("time constant", "s")},
     ),
     "torque_offset": EffectVocabulary(
-        "torque offset", "a constant torque on top of the command",
-        "a constant torque against the command", {"offset": Quantity("torque", "N m")},
+        "torque offset",
+        "a constant torque on top of the command",
+        "a constant torque against the command",
+        {"offset": Quantity("torque", "N m")},
     ),
-    "power_limit": EffectVocabulary("power limit", "a limit of the drive's power",
-                         "a limit of the drive's power",
-                         {"power": Quantity("power", "kW", 1e-3)}),
-    "wheel_radius": EffectVocabulary("wheel radius", "larger wheels than", "smaller wheels than",
-                          _scaled("radius")),
+    "power_limit": EffectVocabulary(
+        "power limit",
+        "a limit of the drive's power",
+        "a limit of the drive's power",
+        {"power": Quantity("power", "kW", 1e-3)},
+    ),
+    "wheel_radius": EffectVocabulary(
+        "wheel radius", "larger wheels than", "smaller wheels than", _scaled("radius")
+    ),
     "brake_drag_one_side": EffectVocabulary(
-        "brake that drags on one side", "brakes that drag on the left",
+        "brake that drags on one side",
+        "brakes that drag on the left",
         "brakes that drag on the right",
         {"torque_per_wheel": Quantity("torque at each wheel", "N m")},
     ),
@@ -180,54 +242,82 @@ _DRIVE = {
 
 _SENSORS = {
     "clock_offset": EffectVocabulary(
-        "clock of the commands", "commands that act later than their stamps say",
-        "commands that act sooner than their stamps say", {"offset": Quantity("delay", "s")},
+        "clock of the commands",
+        "commands that act later than their stamps say",
+        "commands that act sooner than their stamps say",
+        {"offset": Quantity("delay", "s")},
     ),
     "imu_bias": EffectVocabulary(
-        "constant errors of the IMU", "constant errors of the IMU", "constant errors of the IMU",
+        "constant errors of the IMU",
+        "constant errors of the IMU",
+        "constant errors of the IMU",
         {
-            "ax": Quantity("a_x", "m/s2"), "ay": Quantity("a_y", "m/s2"),
+            "ax": Quantity("a_x", "m/s2"),
+            "ay": Quantity("a_y", "m/s2"),
             "gyro": Quantity("yaw rate", "rad/s"),
         },
     ),
     "imu_tilt": EffectVocabulary(
-        "IMU mounted askew", "an IMU mounted askew", "an IMU mounted askew",
+        "IMU mounted askew",
+        "an IMU mounted askew",
+        "an IMU mounted askew",
         {"roll": Quantity("roll", "rad"), "pitch": Quantity("pitch", "rad")},
     ),
     "imu_lever_arm": EffectVocabulary(
-        "IMU away from the centre of gravity", "an IMU away from the centre of gravity",
+        "IMU away from the centre of gravity",
+        "an IMU away from the centre of gravity",
         "an IMU away from the centre of gravity",
         {"x": Quantity("forward", "m"), "y": Quantity("to the left", "m")},
     ),
-    "imu_delay": EffectVocabulary("delay of the IMU", "an IMU that is late", "an IMU that is early",
-                       {"delay": Quantity("delay", "s")}),
+    "imu_delay": EffectVocabulary(
+        "delay of the IMU",
+        "an IMU that is late",
+        "an IMU that is early",
+        {"delay": Quantity("delay", "s")},
+    ),
     "odometry_scale": EffectVocabulary(
-        "scale of the odometry's speed", "an odometry that reads too fast",
-        "an odometry that reads too slow", {"scale": Quantity("reading", "of the speed")},
+        "scale of the odometry's speed",
+        "an odometry that reads too fast",
+        "an odometry that reads too slow",
+        {"scale": Quantity("reading", "of the speed")},
     ),
     "gyro_scale": EffectVocabulary(
-        "scale of the gyro", "a gyro that reads too much", "a gyro that reads too little",
+        "scale of the gyro",
+        "a gyro that reads too much",
+        "a gyro that reads too little",
         {"scale": Quantity("reading", "of the yaw rate")},
     ),
     "odometry_filter": EffectVocabulary(
-        "filter of the odometry's yaw rate", "an odometry whose yaw rate is low-passed",
+        "filter of the odometry's yaw rate",
+        "an odometry whose yaw rate is low-passed",
         "an odometry whose yaw rate is less low-passed than",
         {"tau": Quantity("time constant", "s")},
     ),
 }
 
 EFFECT_VOCABULARY: dict[str, EffectVocabulary] = {
-    **_ROAD_AND_AIR, **_TYRES_AND_BODY, **_STEERING, **_DRIVE, **_SENSORS,
+    **_ROAD_AND_AIR,
+    **_TYRES_AND_BODY,
+    **_STEERING,
+    **_DRIVE,
+    **_SENSORS,
 }
 
 CHANNELS = {
-    "imu_a_x": "a_x, IMU", "imu_a_y": "a_y, IMU", "imu_yaw_rate": "yaw rate, IMU",
-    "v_x": "v_x, odometry", "v_y": "v_y, odometry", "yaw_rate": "yaw rate, odometry",
+    "imu_a_x": "a_x, IMU",
+    "imu_a_y": "a_y, IMU",
+    "imu_yaw_rate": "yaw rate, IMU",
+    "v_x": "v_x, odometry",
+    "v_y": "v_y, odometry",
+    "yaw_rate": "yaw rate, odometry",
 }
 """The residuals' channels."""
 
-STATES = {"v_x": ("speed", "m/s"), "v_y": ("lateral velocity", "m/s"),
-          "yaw_rate": ("yaw rate", "rad/s")}
+STATES = {
+    "v_x": ("speed", "m/s"),
+    "v_y": ("lateral velocity", "m/s"),
+    "yaw_rate": ("yaw rate", "rad/s"),
+}
 """What is predicted, with its unit."""
 
 

@@ -68,9 +68,7 @@ class Activation:
         if self.onset_s is not None:
             weight = _smooth_step((course.middle_s - self.onset_s) / (0.25 * TRANSITION_TIME_S))
         if self.stretches and self.distance is not None:
-            weight = weight * inside_segments(
-                self.distance, self.stretches, self.lap, self.edge
-            )
+            weight = weight * inside_segments(self.distance, self.stretches, self.lap, self.edge)
         return weight
 
     def intervals(self, course: ResidualProblem) -> list[list[float]]:
@@ -94,7 +92,9 @@ def _smooth_step(x: FloatArray) -> FloatArray:
 
 
 def inside_segments(
-    distance: FloatArray, stretches: tuple[tuple[float, float], ...], lap: float,
+    distance: FloatArray,
+    stretches: tuple[tuple[float, float], ...],
+    lap: float,
     edge: float = TRANSITION_LENGTH_M,
 ) -> FloatArray:
     """Return the weight (n,) at `distance` along the lap: one in the stretches, smooth edges."""

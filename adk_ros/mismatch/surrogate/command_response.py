@@ -85,8 +85,14 @@ def zoh_mean(total: FloatArray, spacing: float, begin: float, step: float) -> fl
 
 @relaxed_kernel
 def actuate(
-    p: FloatArray, state: FloatArray, torques: FloatArray, angles: FloatArray, spacing: float,
-    time: float, step: float, v_x: float,
+    p: FloatArray,
+    state: FloatArray,
+    torques: FloatArray,
+    angles: FloatArray,
+    spacing: float,
+    time: float,
+    step: float,
+    v_x: float,
 ) -> tuple[float, float]:
     """
     Return the (torque, road-wheel angle) that act over the step from `time` on; advances lags.

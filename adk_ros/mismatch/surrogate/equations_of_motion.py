@@ -67,8 +67,13 @@ _ODOMETRY_LAG = INDEX["odometry_lag"]
 
 @relaxed_kernel
 def _set_parameters(
-    base: FloatArray, index: IntArray, amount: FloatArray, gate: IntArray, gates: FloatArray,
-    k: int, p: FloatArray,
+    base: FloatArray,
+    index: IntArray,
+    amount: FloatArray,
+    gate: IntArray,
+    gates: FloatArray,
+    k: int,
+    p: FloatArray,
 ) -> None:
     p[:] = base
     for j in range(index.shape[0]):
@@ -126,9 +131,7 @@ def integrate(
             states[0, 0], states[0, 1], states[0, 2] = v_x0, v_y, yaw_rate
             states[0, 3], states[0, 4] = state[S_X], state[S_Y]
             states[0, 5] = state[S_HEADING]
-        torque, delta = actuate(
-            p, state, torques, angles, spacing, start + k * step, step, v_x0
-        )
+        torque, delta = actuate(p, state, torques, angles, spacing, start + k * step, step, v_x0)
         roll_rate = p[_ROLL_GRADIENT] * state[S_ROLL_RATE]
         # Where the slope changes a car on springs is pressed down, or lifted.
         heave = v_x0 * state[S_SLOPE_RATE] if p[_PITCH_GRADIENT] > _MIN_BODY_GRADIENT else 0.0
@@ -151,8 +154,19 @@ def integrate(
         if follows:
             v_x1 = 0.5 * (followed[k] + followed[k + 1]) / p[_ODOMETRY_GAIN]
         a_x, a_y, w = body_forces(
-            p, v_x1, v_y1, yaw_rate1, delta, torque, load_x, load_y, roll_rate, heave, slips,
-            half, slip_to,
+            p,
+            v_x1,
+            v_y1,
+            yaw_rate1,
+            delta,
+            torque,
+            load_x,
+            load_y,
+            roll_rate,
+            heave,
+            slips,
+            half,
+            slip_to,
         )
         if more:
             a_x += extra[k, 0]
@@ -202,16 +216,28 @@ def integrate(
             state[S_ROLL], state[S_ROLL_RATE], a_y, p[_ROLL_FREQUENCY], p[_ROLL_DAMPING], step
         )
         state[S_PITCH], state[S_PITCH_RATE] = second_order_lag(
-            state[S_PITCH], state[S_PITCH_RATE], a_x, p[_PITCH_FREQUENCY], p[_PITCH_DAMPING],
+            state[S_PITCH],
+            state[S_PITCH_RATE],
+            a_x,
+            p[_PITCH_FREQUENCY],
+            p[_PITCH_DAMPING],
             step,
         )
         state[S_BANK], state[S_BANK_RATE] = second_order_lag(
-            state[S_BANK], state[S_BANK_RATE], p[_BANK], p[_ROLL_FREQUENCY], p[_ROLL_DAMPING],
+            state[S_BANK],
+            state[S_BANK_RATE],
+            p[_BANK],
+            p[_ROLL_FREQUENCY],
+            p[_ROLL_DAMPING],
             step,
         )
         state[S_SLOPE], state[S_SLOPE_RATE] = second_order_lag(
-            state[S_SLOPE], state[S_SLOPE_RATE], p[_GRADE], p[_PITCH_FREQUENCY],
-            p[_PITCH_DAMPING], step,
+            state[S_SLOPE],
+            state[S_SLOPE_RATE],
+            p[_GRADE],
+            p[_PITCH_FREQUENCY],
+            p[_PITCH_DAMPING],
+            step,
         )
         keep = math.exp(-x)
         for i in range(4):

@@ -38,14 +38,19 @@ def feature_signals(course: ResidualProblem, out: FloatArray) -> Signals:
     at = course.start_s - course.command_from_s + STEP_S * np.arange(course.steps + 1)
     grid = COMMAND_GRID_S * np.arange(course.torques.shape[0])
     return {
-        "v_x": course.smooth[:, 0], "v_y": out[V_Y], "yaw_rate": out[YAW_RATE], "a_x": out[A_X],
+        "v_x": course.smooth[:, 0],
+        "v_y": out[V_Y],
+        "yaw_rate": out[YAW_RATE],
+        "a_x": out[A_X],
         "a_y": out[A_Y],
         "torque": np.diff(np.interp(at, grid, course.torques)) / STEP_S,
         "delta": np.diff(np.interp(at, grid, course.angles)) / STEP_S,
     }
 
 
-def active_terms_of(pieces: Sequence[FeatureTerm], course: ResidualProblem, out: FloatArray) -> ActiveTerms:
+def active_terms_of(
+    pieces: Sequence[FeatureTerm], course: ResidualProblem, out: FloatArray
+) -> ActiveTerms:
     """Return what pieces add along a course, their features those of a run's output."""
     if not pieces:
         return course.no_terms()
@@ -54,5 +59,6 @@ def active_terms_of(pieces: Sequence[FeatureTerm], course: ResidualProblem, out:
     return ActiveTerms(
         np.array([INDEX[EQUATION_PARAMETERS[piece.equation]] for piece in pieces], dtype=np.int64),
         np.array([piece.coefficient for piece in pieces]),
-        np.arange(1, len(pieces) + 1), np.vstack([np.ones(course.steps), *rows]),
+        np.arange(1, len(pieces) + 1),
+        np.vstack([np.ones(course.steps), *rows]),
     )

@@ -57,8 +57,14 @@ FITTED_PARAMETERS: dict[str, tuple[float, float]] = {
     "torque_lag": (0.05, 0.002),
 }
 _BODY_MOTION_PARAMETERS = (
-    "roll_gradient", "roll_frequency", "roll_damping", "roll_arm", "pitch_gradient",
-    "pitch_frequency", "pitch_damping", "load_springs",
+    "roll_gradient",
+    "roll_frequency",
+    "roll_damping",
+    "roll_arm",
+    "pitch_gradient",
+    "pitch_frequency",
+    "pitch_damping",
+    "load_springs",
 )
 """
 The body on its springs. A simulator without springs leaves all of these open, and nothing comes
@@ -72,12 +78,17 @@ _MASS_AND_LENGTH_PARAMETERS: dict[str, tuple[float, float]] = {
     "cg_height": (0.06, 0.01),
 }
 _FIT_BOUNDS: dict[str, tuple[float, float]] = {
-    "shape_f": (1.05, 1.9), "shape_r": (1.05, 1.9),
-    "curvature_f": (-5.0, 0.95), "curvature_r": (-5.0, 0.95),
+    "shape_f": (1.05, 1.9),
+    "shape_r": (1.05, 1.9),
+    "curvature_f": (-5.0, 0.95),
+    "curvature_r": (-5.0, 0.95),
 }
 """Bounds of the fit within those of the entries: what is left open may go beyond, smoothly."""
 _INITIAL_VALUES = {
-    "relaxation_length": 0.2, "drag_area": 0.3, "load_lag": 0.05, "roll_gradient": 0.002,
+    "relaxation_length": 0.2,
+    "drag_area": 0.3,
+    "load_lag": 0.05,
+    "roll_gradient": 0.002,
     "pitch_gradient": 0.002,
 }
 OBSERVER_GAIN_FACTORS = (10.0, 2.0, 0.5)
@@ -124,11 +135,16 @@ class SurrogateModel:
         terms = course.no_terms() if self.road is None else self.road.terms(course)
         if not self.feature_terms:
             return terms
-        return terms.merged_with(active_terms_of(self.feature_terms, course, course.run(self.parameters, terms)))
+        return terms.merged_with(
+            active_terms_of(self.feature_terms, course, course.run(self.parameters, terms))
+        )
 
 
 def identify_surrogate(
-    course: ResidualProblem, start: FloatArray, progress: Progress | None = None, body_known: bool = True
+    course: ResidualProblem,
+    start: FloatArray,
+    progress: Progress | None = None,
+    body_known: bool = True,
 ) -> SurrogateModel:
     """
     Identify the stand-in on the simulation's course, from a nominal vehicle's parameters.
@@ -147,8 +163,12 @@ def fitted_entries(body_known: bool) -> dict[str, tuple[float, float]]:
 
 
 def fit_surrogate(
-    course: ResidualProblem, mean: FloatArray, guess: FloatArray, fitted: Mapping[str, tuple[float, float]],
-    rounds: tuple[float, ...] = OBSERVER_GAIN_FACTORS, given: ActiveTerms | None = None,
+    course: ResidualProblem,
+    mean: FloatArray,
+    guess: FloatArray,
+    fitted: Mapping[str, tuple[float, float]],
+    rounds: tuple[float, ...] = OBSERVER_GAIN_FACTORS,
+    given: ActiveTerms | None = None,
     progress: Progress | None = None,
 ) -> SurrogateModel:
     """
@@ -186,8 +206,13 @@ def simulation_weights(course: ResidualProblem) -> FloatArray:
 
 
 def fit_with_annealed_observer(
-    course: ResidualProblem, vector: FloatArray, where: IntArray, unknowns: BoundedParameters, weights: FloatArray,
-    progress: Progress | None = None, rounds: tuple[float, ...] = OBSERVER_GAIN_FACTORS,
+    course: ResidualProblem,
+    vector: FloatArray,
+    where: IntArray,
+    unknowns: BoundedParameters,
+    weights: FloatArray,
+    progress: Progress | None = None,
+    rounds: tuple[float, ...] = OBSERVER_GAIN_FACTORS,
     given: ActiveTerms | None = None,
 ) -> FitResult:
     """
@@ -210,7 +235,9 @@ def fit_with_annealed_observer(
     return fit
 
 
-def _weakly_identified_directions(normal: FloatArray, spread: FloatArray, where: IntArray) -> FloatArray:
+def _weakly_identified_directions(
+    normal: FloatArray, spread: FloatArray, where: IntArray
+) -> FloatArray:
     """Return the ill-determined directions of a fit, from its normal matrix."""
     values, vectors = np.linalg.eigh(normal * np.outer(spread, spread))
     deviation = _PRIOR_INFLATION / np.sqrt(np.maximum(values, 1.0))

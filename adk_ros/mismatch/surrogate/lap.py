@@ -72,7 +72,11 @@ def find_lap(course: ResidualProblem) -> Lap | None:
     for begin in range(0, n // 2, max(n // 8, 1)):
         away = np.hypot(pose[:, 0] - pose[begin, 0], pose[:, 1] - pose[begin, 1])
         turned = np.abs(np.sin(0.5 * (pose[:, 2] - pose[begin, 2])))
-        back = (away < MAX_CLOSURE_DISTANCE_M) & (turned < 0.3) & (driven - driven[begin] > _MIN_LAP_M)
+        back = (
+            (away < MAX_CLOSURE_DISTANCE_M)
+            & (turned < 0.3)
+            & (driven - driven[begin] > _MIN_LAP_M)
+        )
         if not back.any():
             continue
         first = int(np.argmax(back))

@@ -45,8 +45,15 @@ OBSERVER_GAINS = np.array([2.0, 2.0, 6.0])
 COMMAND_GRID_S = 0.0025
 """s, of the commands' integrals."""
 _SENSORS = (
-    "bias_a_x", "bias_a_y", "bias_gyro", "arm_x", "arm_y", "imu_delay", "gyro_gain",
-    "odometry_gain", "odometry_lag",
+    "bias_a_x",
+    "bias_a_y",
+    "bias_gyro",
+    "arm_x",
+    "arm_y",
+    "imu_delay",
+    "gyro_gain",
+    "odometry_gain",
+    "odometry_lag",
 )
 _SENSOR_INDEX = np.array([INDEX[name] for name in _SENSORS])
 
@@ -68,8 +75,11 @@ class ActiveTerms:
         """Return both, the others' gates after these."""
         first = self.activations.shape[0] - 1
         return ActiveTerms(
-            np.concatenate([self.index, more.index]), np.concatenate([self.amount, more.amount]),
-            np.concatenate([self.activation, np.where(more.activation > 0, more.activation + first, 0)]),
+            np.concatenate([self.index, more.index]),
+            np.concatenate([self.amount, more.amount]),
+            np.concatenate(
+                [self.activation, np.where(more.activation > 0, more.activation + first, 0)]
+            ),
             np.vstack([self.activations, more.activations[1:]]),
         )
 
@@ -122,7 +132,10 @@ class ResidualProblem:
         return ActiveTerms(none, np.zeros(0), none, np.ones((1, self.steps)))
 
     def run(
-        self, parameters: FloatArray, terms: ActiveTerms | None = None, gain: float = 1.0,
+        self,
+        parameters: FloatArray,
+        terms: ActiveTerms | None = None,
+        gain: float = 1.0,
         extra: FloatArray | None = None,
     ) -> FloatArray:
         """Run the stand-in; return (OUTPUTS, n). `gain` is a factor on `GAINS`."""
@@ -134,14 +147,31 @@ class ResidualProblem:
         gains = np.minimum(OBSERVER_GAINS * gain * STEP_S, 0.5)
         none = np.empty((0, 3))
         integrate(
-            parameters, terms.index, terms.amount, terms.activation, terms.activations, self.torques,
-            self.angles, COMMAND_GRID_S, self.start_s - self.command_from_s, STEP_S, self.prescribed_v_x,
-            self.smooth, gains, none if extra is None else extra, state, out, np.empty((0, 6)),
+            parameters,
+            terms.index,
+            terms.amount,
+            terms.activation,
+            terms.activations,
+            self.torques,
+            self.angles,
+            COMMAND_GRID_S,
+            self.start_s - self.command_from_s,
+            STEP_S,
+            self.prescribed_v_x,
+            self.smooth,
+            gains,
+            none if extra is None else extra,
+            state,
+            out,
+            np.empty((0, 6)),
         )
         return out
 
     def residuals(
-        self, parameters: FloatArray, terms: ActiveTerms | None = None, out: FloatArray | None = None,
+        self,
+        parameters: FloatArray,
+        terms: ActiveTerms | None = None,
+        out: FloatArray | None = None,
         gain: float = 1.0,
     ) -> FloatArray:
         """Return (6, bins): mean of measured minus simulated in each bin, zero where none is."""
@@ -154,8 +184,17 @@ class ResidualProblem:
         total = np.zeros((6, self.bins))
         e = self.evidence
         _collect(
-            out, sensors, self.start_s, STEP_S, e.imu_s, e.imu, self.imu_bin, e.odometry_s,
-            e.odometry, self.odometry_bin, total,
+            out,
+            sensors,
+            self.start_s,
+            STEP_S,
+            e.imu_s,
+            e.imu,
+            self.imu_bin,
+            e.odometry_s,
+            e.odometry,
+            self.odometry_bin,
+            total,
         )
         return total / np.maximum(self.counts, 1.0)
 
@@ -171,9 +210,17 @@ class ResidualProblem:
 
 @relaxed_kernel
 def _collect(
-    out: FloatArray, sensors: FloatArray, start: float, step: float, imu_s: FloatArray,
-    imu: FloatArray, imu_bin: IntArray, odometry_s: FloatArray, odometry: FloatArray,
-    odometry_bin: IntArray, total: FloatArray,
+    out: FloatArray,
+    sensors: FloatArray,
+    start: float,
+    step: float,
+    imu_s: FloatArray,
+    imu: FloatArray,
+    imu_bin: IntArray,
+    odometry_s: FloatArray,
+    odometry: FloatArray,
+    odometry_bin: IntArray,
+    total: FloatArray,
 ) -> None:
     """Add measured minus simulated of each sample to its bin of `total` (6, bins)."""
     n = out.shape[1]
@@ -217,7 +264,9 @@ def _collect(
         total[5, b] += odometry[i, 2] - r
 
 
-def cumulative_command(at_s: FloatArray, values: FloatArray, spacing: float, end_s: float) -> FloatArray:
+def cumulative_command(
+    at_s: FloatArray, values: FloatArray, spacing: float, end_s: float
+) -> FloatArray:
     """Integral of a held signal from its first stamp on, every `spacing` seconds."""
     grid = np.arange(0.0, end_s - at_s[0] + 2.0 * spacing, spacing)
     knots = np.concatenate([at_s - at_s[0], [grid[-1] + spacing]])
@@ -236,7 +285,9 @@ def _smoothed(evidence: SensorLog, at_s: FloatArray) -> FloatArray:
     return np.ascontiguousarray(np.column_stack(columns))
 
 
-def prepare_residual_problem(evidence: SensorLog, sigma: FloatArray | None = None) -> ResidualProblem:
+def prepare_residual_problem(
+    evidence: SensorLog, sigma: FloatArray | None = None
+) -> ResidualProblem:
     """Return the course of a drive; `sigma` (6,) replaces the noise found in the evidence."""
     begin = max([*evidence.imu_s[:1], evidence.odometry_s[0]])
     end = min([*evidence.imu_s[-1:], evidence.odometry_s[-1]])
@@ -263,12 +314,25 @@ def prepare_residual_problem(evidence: SensorLog, sigma: FloatArray | None = Non
     way = _travelled_distances(middle, smooth, pose)
     place_noise = np.fmax(white_noise(evidence.pose[:, :2]), 0.005).max()
     return ResidualProblem(
-        evidence=evidence, start_s=float(start), middle_s=middle,
-        torques=cumulative_command(evidence.command_s, evidence.command[:, 0], COMMAND_GRID_S, end + 1.0),
-        angles=cumulative_command(evidence.command_s, evidence.command[:, 1], COMMAND_GRID_S, end + 1.0),
-        command_from_s=float(evidence.command_s[0]), prescribed_v_x=followed, smooth=smooth,
-        pose=pose, bins=bins, imu_bin=imu_bin, odometry_bin=odometry_bin, counts=counts,
-        sigma=evidence.noise() if sigma is None else sigma, distances=way,
+        evidence=evidence,
+        start_s=float(start),
+        middle_s=middle,
+        torques=cumulative_command(
+            evidence.command_s, evidence.command[:, 0], COMMAND_GRID_S, end + 1.0
+        ),
+        angles=cumulative_command(
+            evidence.command_s, evidence.command[:, 1], COMMAND_GRID_S, end + 1.0
+        ),
+        command_from_s=float(evidence.command_s[0]),
+        prescribed_v_x=followed,
+        smooth=smooth,
+        pose=pose,
+        bins=bins,
+        imu_bin=imu_bin,
+        odometry_bin=odometry_bin,
+        counts=counts,
+        sigma=evidence.noise() if sigma is None else sigma,
+        distances=way,
         distance_sigma=float(np.sqrt(2.0) * place_noise + 0.005),
     )
 

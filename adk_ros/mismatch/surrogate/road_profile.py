@@ -97,10 +97,17 @@ def basis(places: FloatArray, spacing: float) -> tuple[IntArray, FloatArray]:
     x = np.where(on, places, 0.0) / spacing
     first = np.floor(x).astype(np.int64)
     t = x - first
-    weights = np.array([
-        (1.0 - t) ** 3, 3.0 * t**3 - 6.0 * t**2 + 4.0,
-        -3.0 * t**3 + 3.0 * t**2 + 3.0 * t + 1.0, t**3,
-    ]) / 6.0
+    weights = (
+        np.array(
+            [
+                (1.0 - t) ** 3,
+                3.0 * t**3 - 6.0 * t**2 + 4.0,
+                -3.0 * t**3 + 3.0 * t**2 + 3.0 * t + 1.0,
+                t**3,
+            ]
+        )
+        / 6.0
+    )
     return first, np.asarray(weights * on)
 
 

@@ -41,7 +41,11 @@ _CHUNK = 250
 
 
 def fit_road_profile(
-    course: ResidualProblem, parameters: FloatArray, start: RoadProfile, weights: FloatArray, besides: ActiveTerms,
+    course: ResidualProblem,
+    parameters: FloatArray,
+    start: RoadProfile,
+    weights: FloatArray,
+    besides: ActiveTerms,
     rounds: int,
 ) -> RoadProfile:
     """
@@ -92,7 +96,11 @@ def graph_colouring(felt: BoolArray) -> IntArray:
 
 
 def _moved(
-    course: ResidualProblem, parameters: FloatArray, road: RoadProfile, residuals: FloatArray, besides: ActiveTerms,
+    course: ResidualProblem,
+    parameters: FloatArray,
+    road: RoadProfile,
+    residuals: FloatArray,
+    besides: ActiveTerms,
     colours: IntArray,
 ) -> FloatArray:
     """Return what moving all knots of a colour changes, (entries, colours, 6, bins)."""
@@ -117,9 +125,15 @@ def _stepped(
     for begin in range(0, weighted.shape[1], _CHUNK):
         part = slice(begin, begin + _CHUNK)
         there = np.flatnonzero(felt[:, part].any(axis=1))
-        columns = np.concatenate([
-            moved[e, colours[there], :, part] * felt[there, None, part] for e in range(entries)
-        ]) * root[:, part]
+        columns = (
+            np.concatenate(
+                [
+                    moved[e, colours[there], :, part] * felt[there, None, part]
+                    for e in range(entries)
+                ]
+            )
+            * root[:, part]
+        )
         columns = columns.reshape(columns.shape[0], -1)
         where = np.concatenate([e * knots + there for e in range(entries)])
         normal[np.ix_(where, where)] += columns @ columns.T

@@ -159,9 +159,17 @@ def body_forces(
         resisting = p[_ROLLING] * load
         t_x = driven - resisting
         used = min(abs(t_x - 0.25 * inertial) / peak, 1.0)
-        left = math.sqrt(max(1.0 - p[_COMBINED] * used * used, MIN_LATERAL_UTILISATION * MIN_LATERAL_UTILISATION))
-        t_y = peak * left * normalised_lateral_force(
-            b * slip, shape, p[_E_F] if is_front else p[_E_R], p[_BRUSH]
+        left = math.sqrt(
+            max(
+                1.0 - p[_COMBINED] * used * used, MIN_LATERAL_UTILISATION * MIN_LATERAL_UTILISATION
+            )
+        )
+        t_y = (
+            peak
+            * left
+            * normalised_lateral_force(
+                b * slip, shape, p[_E_F] if is_front else p[_E_R], p[_BRUSH]
+            )
         )
         # A locked or spinning wheel gives no more than the road takes.
         most = peak

@@ -107,9 +107,7 @@ class RecursiveLeastSquares:
 
     def update(self, phi: FloatArray, y: FloatArray) -> None:
         """Learn one pair by the recursion of `rls_update`."""
-        finite = rls_update(
-            phi, y, self.theta, self._covariance, self._forgetting, self._gain
-        )
+        finite = rls_update(phi, y, self.theta, self._covariance, self._forgetting, self._gain)
         if not finite:
             self.failures += 1
             self.reset()
@@ -198,8 +196,19 @@ class WindowedRidge:
         """Slide the window by one pair and solve."""
         window = self._phis.shape[0]
         solved = windowed_update(
-            phi, y, self._theta0, self.theta, self._phis, self._ys, self._gram, self._cross,
-            self._ridge, self._count % window, self._count >= window, self._work, self._right,
+            phi,
+            y,
+            self._theta0,
+            self.theta,
+            self._phis,
+            self._ys,
+            self._gram,
+            self._cross,
+            self._ridge,
+            self._count % window,
+            self._count >= window,
+            self._work,
+            self._right,
         )
         self._count += 1
         if not solved:

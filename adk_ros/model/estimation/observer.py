@@ -21,8 +21,20 @@ _AUTOCORRELATION_GAIN, _AUTOCORRELATION_LOW, _AUTOCORRELATION_HIGH = 0.03, 0.3, 
 
 @strict_kernel
 def observer_update(  # type: ignore[no-untyped-def]
-    state, predicted, correction, command, x_mean, x_scale, u_mean, u_scale,
-    measured, x_past, u_past, u_now, row, whiteness
+    state,
+    predicted,
+    correction,
+    command,
+    x_mean,
+    x_scale,
+    u_mean,
+    u_scale,
+    measured,
+    x_past,
+    u_past,
+    u_now,
+    row,
+    whiteness,
 ):
     """
     Scale a state (3,) and command (2,), shift both pasts, fill the encoder's input row.
@@ -47,9 +59,18 @@ def observer_update(  # type: ignore[no-untyped-def]
                 last = whiteness[0, c]
                 whiteness[0, c] = innovation
                 whiteness[1, c] += _AUTOCORRELATION_GAIN * (innovation * last - whiteness[1, c])
-                whiteness[2, c] += _AUTOCORRELATION_GAIN * (innovation * innovation - whiteness[2, c])
+                whiteness[2, c] += _AUTOCORRELATION_GAIN * (
+                    innovation * innovation - whiteness[2, c]
+                )
                 alike = whiteness[1, c] / (whiteness[2, c] + 1e-30)
-                gain += (1.0 - gain) * min(max((alike - _AUTOCORRELATION_LOW) / (_AUTOCORRELATION_HIGH - _AUTOCORRELATION_LOW), 0.0), 1.0)
+                gain += (1.0 - gain) * min(
+                    max(
+                        (alike - _AUTOCORRELATION_LOW)
+                        / (_AUTOCORRELATION_HIGH - _AUTOCORRELATION_LOW),
+                        0.0,
+                    ),
+                    1.0,
+                )
             x_past[0, c] = expected + gain * innovation
     for c in range(2):
         u_now[c] = (command[c] - u_mean[c]) / u_scale[c]

@@ -32,8 +32,16 @@ from adk_ros.model.lifting.encoder_kernels import perceptron
 
 Float32Array = NDArray[np.float32]
 EncoderArrays = tuple[
-    Float32Array, Float32Array, Float32Array, Float32Array, Float32Array, Float32Array,
-    Float32Array, NDArray[np.int64], Float32Array, Float32Array,
+    Float32Array,
+    Float32Array,
+    Float32Array,
+    Float32Array,
+    Float32Array,
+    Float32Array,
+    Float32Array,
+    NDArray[np.int64],
+    Float32Array,
+    Float32Array,
 ]
 _WARM_UP_CALLS = 30
 _COMPILED_TOLERANCE = 1e-4
@@ -66,8 +74,16 @@ class CompiledEncoder:
     def arrays(self) -> EncoderArrays:
         """The arrays in the order that the kernels take them."""
         return (
-            self.w1, self.b1, self.w2, self.b2, self.w3, self.b3, self.skip, self.columns,
-            self.input_bound, self.directions,
+            self.w1,
+            self.b1,
+            self.w2,
+            self.b2,
+            self.w3,
+            self.b3,
+            self.skip,
+            self.columns,
+            self.input_bound,
+            self.directions,
         )
 
 
@@ -172,9 +188,18 @@ class Lifting:
         twin = CompiledEncoder(**arrays)
         hidden, squares = twin.w1.shape[-1], twin.directions.shape[-1]
         chosen = twin.columns.shape
-        shapes = [(n_in, hidden), (hidden,), (hidden, hidden), (hidden,),
-                  (hidden + squares, n_features), (n_features,), (n_in, n_features), chosen,
-                  (n_in,), (*chosen, squares)]
+        shapes = [
+            (n_in, hidden),
+            (hidden,),
+            (hidden, hidden),
+            (hidden,),
+            (hidden + squares, n_features),
+            (n_features,),
+            (n_in, n_features),
+            chosen,
+            (n_in,),
+            (*chosen, squares),
+        ]
         if [a.shape for a in twin.arrays()] != shapes:
             return None
         probes = np.random.default_rng(0).normal(0.0, 1.5, (16, n_in)).astype(np.float32)

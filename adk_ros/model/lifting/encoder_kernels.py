@@ -28,8 +28,10 @@ def add_product(out, matrix, vector):  # type: ignore[no-untyped-def]
         v0, v1, v2, v3 = vector[i], vector[i + 1], vector[i + 2], vector[i + 3]
         for j in range(m):
             out[j] += (
-                matrix[i, j] * v0 + matrix[i + 1, j] * v1
-                + matrix[i + 2, j] * v2 + matrix[i + 3, j] * v3
+                matrix[i, j] * v0
+                + matrix[i + 1, j] * v1
+                + matrix[i + 2, j] * v2
+                + matrix[i + 3, j] * v3
             )
         i += 4
     while i < n:

@@ -55,8 +55,27 @@ def fold_output_layer(  # type: ignore[no-untyped-def]
 
 @inlined_kernel
 def rollout_step(  # type: ignore[no-untyped-def]
-    row, x, push, u0, u1, n_x, step_scale, residual, correction, w1, b1, w2, b2,
-    columns, reach, directions, head, short, rest, first, second
+    row,
+    x,
+    push,
+    u0,
+    u1,
+    n_x,
+    step_scale,
+    residual,
+    correction,
+    w1,
+    b1,
+    w2,
+    b2,
+    columns,
+    reach,
+    directions,
+    head,
+    short,
+    rest,
+    first,
+    second,
 ):
     """
     One step: `row` (n,), scaled state `x` (3,) and disturbances `push` (2, 3) are moved on.
@@ -94,8 +113,26 @@ def rollout_step(  # type: ignore[no-untyped-def]
 
 @fused_kernel
 def rollout_lifting(  # type: ignore[no-untyped-def]
-    x_past, u_past, theta, step_scale, residual, affine, u_ahead,
-    disturbance, correction, w1, b1, w2, b2, w3, b3, skip, columns, reach, directions, out
+    x_past,
+    u_past,
+    theta,
+    step_scale,
+    residual,
+    affine,
+    u_ahead,
+    disturbance,
+    correction,
+    w1,
+    b1,
+    w2,
+    b2,
+    w3,
+    b3,
+    skip,
+    columns,
+    reach,
+    directions,
+    out,
 ):
     """
     Predict len(out) steps, lifting anew at each: out (h, 3) scaled.
@@ -117,8 +154,27 @@ def rollout_lifting(  # type: ignore[no-untyped-def]
     for step in range(out.shape[0]):
         u0, u1 = u_ahead[min(step, last), 0], u_ahead[min(step, last), 1]
         rollout_step(
-            row, x, push, u0, u1, n_x, step_scale, residual, correction, w1, b1, w2, b2,
-            columns, reach, directions, head, short, rest, first, second,
+            row,
+            x,
+            push,
+            u0,
+            u1,
+            n_x,
+            step_scale,
+            residual,
+            correction,
+            w1,
+            b1,
+            w2,
+            b2,
+            columns,
+            reach,
+            directions,
+            head,
+            short,
+            rest,
+            first,
+            second,
         )
         out[step] = x
 

@@ -97,20 +97,50 @@ class RolloutMonitor:
         self._age[:] = -1
 
     def update(
-        self, measured: FloatArray, u: FloatArray, usable: bool, n_x: int, step_scale: FloatArray,
-        residual: bool, correction: FloatArray,
+        self,
+        measured: FloatArray,
+        u: FloatArray,
+        usable: bool,
+        n_x: int,
+        step_scale: FloatArray,
+        residual: bool,
+        correction: FloatArray,
     ) -> None:
         """Go on by the tick that has passed under command `u` (2,), to `measured` (3,), scaled."""
         update_rollouts(
-            measured, u, usable, n_x, step_scale, residual, correction, *self._twin[:4],
-            *self._twin[7:], self._row, self._x, self._base, self._push, self._head, self._short,
-            self._rest, self._age, self._scratch, self._sums, self.shrinkage,
-            self._initial_disturbance, self._issued_forecast, self.error_regression.moments, self.error_regression.weights,
+            measured,
+            u,
+            usable,
+            n_x,
+            step_scale,
+            residual,
+            correction,
+            *self._twin[:4],
+            *self._twin[7:],
+            self._row,
+            self._x,
+            self._base,
+            self._push,
+            self._head,
+            self._short,
+            self._rest,
+            self._age,
+            self._scratch,
+            self._sums,
+            self.shrinkage,
+            self._initial_disturbance,
+            self._issued_forecast,
+            self.error_regression.moments,
+            self.error_regression.weights,
             *self._arrays,
         )
 
     def start(
-        self, x_past: FloatArray, u_past: FloatArray, theta: FloatArray, affine: bool,
+        self,
+        x_past: FloatArray,
+        u_past: FloatArray,
+        theta: FloatArray,
+        affine: bool,
         disturbance: FloatArray,
     ) -> None:
         """Begin a trial here, if one is due."""
@@ -120,18 +150,54 @@ class RolloutMonitor:
         lane = (self._ticks // ROLLOUT_STRIDE) % self._lanes
         w3, b3, skip = self._twin[4:7]
         start_rollout(
-            x_past, u_past, theta, affine, disturbance, w3, b3, skip, self._row[lane],
-            self._x[lane], self._base[lane], self._push[lane], self._head[lane],
-            self._short[lane], self._rest[lane], lane, self._initial_disturbance, self._issued_forecast[lane],
-            self.shrinkage, self.covariance, self.error_regression.weights,
+            x_past,
+            u_past,
+            theta,
+            affine,
+            disturbance,
+            w3,
+            b3,
+            skip,
+            self._row[lane],
+            self._x[lane],
+            self._base[lane],
+            self._push[lane],
+            self._head[lane],
+            self._short[lane],
+            self._rest[lane],
+            lane,
+            self._initial_disturbance,
+            self._issued_forecast[lane],
+            self.shrinkage,
+            self.covariance,
+            self.error_regression.weights,
         )
         self._age[lane] = 0
 
 
 @fused_kernel
 def start_rollout(  # type: ignore[no-untyped-def]
-    x_past, u_past, theta, affine, disturbance, w3, b3, skip, row, x, base, push, head, short,
-    rest, lane, gone, promised, trust, covariance, weights
+    x_past,
+    u_past,
+    theta,
+    affine,
+    disturbance,
+    w3,
+    b3,
+    skip,
+    row,
+    x,
+    base,
+    push,
+    head,
+    short,
+    rest,
+    lane,
+    gone,
+    promised,
+    trust,
+    covariance,
+    weights,
 ):
     """Fill one lane with the state, the disturbances, the model and the promises of now."""
     pack_encoder_input(x_past, u_past, row)
@@ -149,9 +215,39 @@ def start_rollout(  # type: ignore[no-untyped-def]
 
 @fused_kernel
 def update_rollouts(  # type: ignore[no-untyped-def]
-    measured, u, usable, n_x, step_scale, residual, correction, w1, b1, w2, b2,
-    columns, reach, directions, row, x, base, push, head, short, rest, age, scratch,
-    sums, trust, gone, promised, moments, weights, count, covariance, factor, calibrated
+    measured,
+    u,
+    usable,
+    n_x,
+    step_scale,
+    residual,
+    correction,
+    w1,
+    b1,
+    w2,
+    b2,
+    columns,
+    reach,
+    directions,
+    row,
+    x,
+    base,
+    push,
+    head,
+    short,
+    rest,
+    age,
+    scratch,
+    sums,
+    trust,
+    gone,
+    promised,
+    moments,
+    weights,
+    count,
+    covariance,
+    factor,
+    calibrated,
 ):
     """
     Advance every lane by a step and, if the measurement is `usable`, account for it.
@@ -165,9 +261,27 @@ def update_rollouts(  # type: ignore[no-untyped-def]
         if age[lane] < 0:
             continue
         rollout_step(
-            row[lane], x[lane], push[lane], u[0], u[1], n_x, step_scale, residual, correction,
-            w1, b1, w2, b2, columns, reach, directions, head[lane], short[lane], rest[lane],
-            scratch[0], scratch[1],
+            row[lane],
+            x[lane],
+            push[lane],
+            u[0],
+            u[1],
+            n_x,
+            step_scale,
+            residual,
+            correction,
+            w1,
+            b1,
+            w2,
+            b2,
+            columns,
+            reach,
+            directions,
+            head[lane],
+            short[lane],
+            rest[lane],
+            scratch[0],
+            scratch[1],
         )
         h = age[lane]
         age[lane] = h + 1 if h + 1 < steps else -1

@@ -227,9 +227,7 @@ def build_route(
 def _apply_patch(table: FloatArray, s: FloatArray, place: RoadPatch) -> None:
     inside = np.minimum(s - place.start, place.end - s)
     share = np.clip(inside / max(place.blend, 1e-3), 0.0, 1.0)
-    for column, value in (
-        (ROAD_MU, place.mu), (ROAD_GRADE, place.grade), (ROAD_BANK, place.bank)
-    ):
+    for column, value in ((ROAD_MU, place.mu), (ROAD_GRADE, place.grade), (ROAD_BANK, place.bank)):
         if value is not None:
             table[:, column] += share * (value - table[:, column])
     if place.speed_max is not None:

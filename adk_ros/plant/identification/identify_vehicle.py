@@ -75,8 +75,13 @@ def _grip(axle: str) -> dict[str, float]:
 DEFAULT_PARAMETERS = (
     VehicleParameter("mass", {"mass": 1.0}, 0.1, 0.5),
     VehicleParameter("yaw inertia", {"yaw_inertia": 1.0}, 0.2, 1.2),
-    VehicleParameter("centre of gravity", {"cg_to_front_axle": 1.0, "cg_to_rear_axle": -1.0},
-              0.1, 0.5, shift=True),
+    VehicleParameter(
+        "centre of gravity",
+        {"cg_to_front_axle": 1.0, "cg_to_rear_axle": -1.0},
+        0.1,
+        0.5,
+        shift=True,
+    ),
     VehicleParameter("height of the centre of gravity", {"cg_height": 1.0}, 0.15, 0.6),
     VehicleParameter("roll share front", {"roll_share_front": 1.0}, 0.1, 0.4, shift=True),
     VehicleParameter("load lag", {"load_lag": 1.0}, 0.05, 0.3, shift=True),
@@ -86,10 +91,16 @@ DEFAULT_PARAMETERS = (
     VehicleParameter("stiffness rear", {"b_y_r": 1.0}, 0.2, 1.0),
     VehicleParameter("shape front", {"c_y_f": 1.0, "b_y_f": -1.0}, 0.1, 0.3),
     VehicleParameter("shape rear", {"c_y_r": 1.0, "b_y_r": -1.0}, 0.1, 0.3),
-    VehicleParameter("relaxation length", {"relaxation_length_f": 1.0, "relaxation_length_r": 1.0},
-              0.4, 1.5),
-    VehicleParameter("load sensitivity", {"load_sensitivity_f": 1.0, "load_sensitivity_r": 1.0},
-              0.05, 0.2, shift=True),
+    VehicleParameter(
+        "relaxation length", {"relaxation_length_f": 1.0, "relaxation_length_r": 1.0}, 0.4, 1.5
+    ),
+    VehicleParameter(
+        "load sensitivity",
+        {"load_sensitivity_f": 1.0, "load_sensitivity_r": 1.0},
+        0.05,
+        0.2,
+        shift=True,
+    ),
     VehicleParameter("drag", {"cda": 1.0}, 0.2, 1.0),
     VehicleParameter("rolling resistance", {"crr": 1.0}, 0.005, 0.05, shift=True),
     VehicleParameter("steering lag", {"steer_lag": 1.0}, 0.03, 0.3, shift=True),
@@ -217,7 +228,9 @@ def _fast_enough_rows(record: Record, rows: IntArray) -> IntArray:
 class _Solver:
     """Levenberg-Marquardt in the parameters' own units, with bounds."""
 
-    def __init__(self, given: Constants, parameters: tuple[VehicleParameter, ...], mu: float) -> None:
+    def __init__(
+        self, given: Constants, parameters: tuple[VehicleParameter, ...], mu: float
+    ) -> None:
         self._given = given
         self._parameters = parameters
         self._mu = mu

@@ -102,7 +102,9 @@ def excitation_signals(
     switches = np.cumsum(rng.random(n) < period_s / 1.5)
     levels = rng.choice([-1.0, 0.0, 1.0], size=n + 1)
     out[:, 0] = excitation.torque_step * levels[switches]
-    out[:, 0] += excitation.torque * coloured_noise(rng, n, period_s, excitation.torque_bandwidth_hz)
+    out[:, 0] += excitation.torque * coloured_noise(
+        rng, n, period_s, excitation.torque_bandwidth_hz
+    )
     out[:, 1] = excitation.steer * coloured_noise(rng, n, period_s, excitation.steer_bandwidth_hz)
     phases = rng.uniform(0.0, 2.0 * math.pi, 2)
     wander = 0.6 * np.sin(2.0 * math.pi * t / 37.0 + phases[0])

@@ -83,8 +83,17 @@ def _continue_drive(
                 while k < last and command_step[k + 1] <= step:
                     k += 1
                 step_on_route(
-                    fourteen, c, b, table, spacing, s, wind_at(wind, step, _TICK), state,
-                    commands[k], road, work,
+                    fourteen,
+                    c,
+                    b,
+                    table,
+                    spacing,
+                    s,
+                    wind_at(wind, step, _TICK),
+                    state,
+                    commands[k],
+                    road,
+                    work,
                 )
                 step += 1
             out[n, j, 0] = state[V_X]
@@ -92,7 +101,9 @@ def _continue_drive(
             out[n, j, 2] = state[YAW_RATE]
 
 
-def oracle_rollout(drive: SimulatedDrive, rows: IntArray, x0: FloatArray, ahead: int) -> FloatArray:
+def oracle_rollout(
+    drive: SimulatedDrive, rows: IntArray, x0: FloatArray, ahead: int
+) -> FloatArray:
     """
     Drive on from grid rows of `drive`, started with measured velocities; either plant.
 

@@ -87,9 +87,7 @@ class Scenario(FileModel):
     def planned_route(self) -> Route:
         """Return the route with its speed plan; raises `UsageError` if it does not close."""
         try:
-            route = build_route(
-                self.route, self.places, self.mu, self.heights, self.undulations
-            )
+            route = build_route(self.route, self.places, self.mu, self.heights, self.undulations)
             return plan_speed(route, self.speed)
         except ValueError as error:
             raise UsageError(f"scenario {self.name}: route: {error}") from None

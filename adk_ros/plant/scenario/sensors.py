@@ -156,7 +156,10 @@ def send(
 def imu_stream(rng: np.random.Generator, imu: Imu, at: IntArray, truth: FloatArray) -> Stream:
     """Return the IMU's stream; `truth` (m, 3) a_x, a_y, yaw rate at the stamps."""
     return send(
-        rng, imu, at, truth,
+        rng,
+        imu,
+        at,
+        truth,
         [imu.accel_noise] * 2 + [imu.gyro_noise],
         [imu.bias_a_x, imu.bias_a_y, imu.bias_yaw_rate],
         [imu.accel_resolution] * 2 + [imu.gyro_resolution],
@@ -169,10 +172,15 @@ def odometry_stream(
     """Return odometry's stream; `truth` (m, 6) v_x, v_y, yaw rate, x, y, heading."""
     o = odometry
     return send(
-        rng, o, at, truth,
+        rng,
+        o,
+        at,
+        truth,
         [o.velocity_noise] * 2 + [o.yaw_rate_noise] + [o.position_noise] * 2 + [o.heading_noise],
         [o.bias_v_x, o.bias_v_y, o.bias_yaw_rate, 0.0, 0.0, 0.0],
-        [o.velocity_resolution] * 2 + [o.gyro_resolution] + [o.position_resolution] * 2
+        [o.velocity_resolution] * 2
+        + [o.gyro_resolution]
+        + [o.position_resolution] * 2
         + [o.gyro_resolution],
     )
 
@@ -182,7 +190,10 @@ def command_stream(
 ) -> Stream:
     """Return the commands' stream; `truth` (m, 2) torque, delta."""
     return send(
-        rng, command, at, truth,
+        rng,
+        command,
+        at,
+        truth,
         [command.torque_noise, command.delta_noise],
         [command.bias_torque, command.bias_delta],
         [command.torque_resolution, command.delta_resolution],

@@ -92,8 +92,15 @@ def _drive(
         if n == 0 or (n >= phase and (n - phase) % every == 0):
             k = 0 if n == 0 else (n - phase) // every + 1
             torque, delta, integral = driver_command(
-                c, table, spacing, (s, across, road_heading), (state[V_X], state[V_Y]),
-                state[HEADING], added[k], hidden[1], every * STEP,
+                c,
+                table,
+                spacing,
+                (s, across, road_heading),
+                (state[V_X], state[V_Y]),
+                state[HEADING],
+                added[k],
+                hidden[1],
+                every * STEP,
             )
             hidden[1] = integral
             if angles.shape[0] > 0:
@@ -154,9 +161,23 @@ def simulate(
     chunk = round(_CHUNK_S / STEP)
     for first in range(0, steps + 1, chunk):
         _drive(
-            fourteen, constants, body, route.table, route.spacing, setting.wind, setting.added,
-            setting.angles, setting.every, setting.phase, first, min(chunk, steps + 1 - first),
-            state, hidden, truth, states, commands,
+            fourteen,
+            constants,
+            body,
+            route.table,
+            route.spacing,
+            setting.wind,
+            setting.added,
+            setting.angles,
+            setting.every,
+            setting.phase,
+            first,
+            min(chunk, steps + 1 - first),
+            state,
+            hidden,
+            truth,
+            states,
+            commands,
         )
         if progress is not None:
             progress(min(first + chunk, steps) * STEP, setting.seconds)

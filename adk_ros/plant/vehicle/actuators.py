@@ -27,7 +27,9 @@ def within(value: float, limit: float) -> float:
 
 
 @strict_kernel
-def asked_of_wheels(c: Constants, b: SprungMass, torque: float) -> tuple[float, float, float, float]:
+def asked_of_wheels(
+    c: Constants, b: SprungMass, torque: float
+) -> tuple[float, float, float, float]:
     """
     Return (motor front, motor rear, brake front, brake rear) of one wheel each, N m.
 

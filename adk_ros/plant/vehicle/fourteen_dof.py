@@ -159,7 +159,9 @@ def derivative(
         rolling = max(abs(along), SLIP_SPEED_MIN)
         kappa = (state[OMEGA + i] * c.wheel_radius - along) / rolling
         tan_alpha = -across / rolling
-        grip_x, grip_y = combined_slip_utilisation(tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha)
+        grip_x, grip_y = combined_slip_utilisation(
+            tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha
+        )
         rate_x = relaxation_rate(contact, tyre.relaxation_length_x, step)
         rate_y = relaxation_rate(contact, tyre.relaxation_length, step)
         out[F_X_UTIL + i] = rate_x * (grip_x - state[F_X_UTIL + i])
@@ -196,8 +198,12 @@ def derivative(
     a_x, a_y = f_x / c.mass, f_y / c.mass
     out[V_X] = a_x + g_x + r * v_y - q * v_z
     out[V_Y] = a_y + g_y - r * v_x + p * v_z
-    m_x -= q * r * (b.sprung_inertia_zz - b.sprung_inertia_yy - b.unsprung_m_zz) - p * q * (b.sprung_inertia_xz + b.unsprung_m_xz)
-    m_y -= r * p * (b.sprung_inertia_xx - b.sprung_inertia_zz + b.unsprung_m_zz) + b.sprung_inertia_xz * (p * p - r * r)
+    m_x -= q * r * (b.sprung_inertia_zz - b.sprung_inertia_yy - b.unsprung_m_zz) - p * q * (
+        b.sprung_inertia_xz + b.unsprung_m_xz
+    )
+    m_y -= r * p * (
+        b.sprung_inertia_xx - b.sprung_inertia_zz + b.unsprung_m_zz
+    ) + b.sprung_inertia_xz * (p * p - r * r)
     m_y += (q * q + r * r) * b.unsprung_m_xz
     m_z -= p * q * (b.sprung_inertia_yy - b.sprung_inertia_xx + b.unsprung_m_xx - b.unsprung_m_yy)
     m_z -= q * r * (b.sprung_inertia_xz + b.unsprung_m_xz)

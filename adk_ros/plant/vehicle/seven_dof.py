@@ -111,7 +111,9 @@ def derivative(
         rolling = max(abs(hub.along), SLIP_SPEED_MIN)
         kappa = (state[OMEGA + i] * c.wheel_radius - hub.along) / rolling
         tan_alpha = -hub.across / rolling
-        n_x, n_y = combined_slip_utilisation(tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha)
+        n_x, n_y = combined_slip_utilisation(
+            tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha
+        )
         rate_x = relaxation_rate(contact, tyre.relaxation_length_x, step)
         rate_y = relaxation_rate(contact, tyre.relaxation_length, step)
         out[F_X_UTIL + i] = rate_x * (n_x - state[F_X_UTIL + i])

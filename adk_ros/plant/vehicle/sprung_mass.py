@@ -122,7 +122,10 @@ def resolve(vehicle: VehicleWithChassis) -> SprungMass:
     wheelbase = v.cg_to_front_axle + v.cg_to_rear_axle
     half = 0.5 * v.track_width
     usual = _UNSPRUNG_SHARE * v.mass
-    unsprung = [_or_default(k.unsprung_mass_front, usual), _or_default(k.unsprung_mass_rear, usual)]
+    unsprung = [
+        _or_default(k.unsprung_mass_front, usual),
+        _or_default(k.unsprung_mass_rear, usual),
+    ]
     sprung = v.mass - 2.0 * sum(unsprung)
     if sprung < 0.2 * v.mass:
         raise ValueError("chassis: the unsprung masses leave less than a fifth of the mass sprung")
@@ -178,9 +181,7 @@ def resolve(vehicle: VehicleWithChassis) -> SprungMass:
     ]
     tyre = [
         _or_default(given, force / _STATIC_TYRE_DEFLECTION_M)
-        for given, force in zip(
-            (k.tyre_stiffness_front, k.tyre_stiffness_rear), load, strict=True
-        )
+        for given, force in zip((k.tyre_stiffness_front, k.tyre_stiffness_rear), load, strict=True)
     ]
     tyre_damping = [
         _or_default(given, 2.0 * _TYRE_DAMPING * math.sqrt(rate * mass))
@@ -220,7 +221,9 @@ def _or_default(value: float | None, otherwise: float) -> float:
     return otherwise if value is None else value
 
 
-def vertical_modes(vehicle: VehicleWithChassis, body: SprungMass, stopped: bool = False) -> NDArray[np.complex128]:
+def vertical_modes(
+    vehicle: VehicleWithChassis, body: SprungMass, stopped: bool = False
+) -> NDArray[np.complex128]:
     """
     Return the eigenvalues (14,) of heave, roll, pitch and the four wheels' height, 1/s.
 

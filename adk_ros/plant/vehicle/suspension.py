@@ -39,12 +39,26 @@ def corner(b: SprungMass, front: bool) -> Corner:
     """Return the parameters of a front or a rear wheel."""
     if front:
         return Corner(
-            b.unsprung_f, b.static_f, b.load_f, b.spring_f, b.damper_f, b.bar_f,
-            b.tyre_stiffness_f, b.tyre_damping_f, b.roll_centre_f,
+            b.unsprung_f,
+            b.static_f,
+            b.load_f,
+            b.spring_f,
+            b.damper_f,
+            b.bar_f,
+            b.tyre_stiffness_f,
+            b.tyre_damping_f,
+            b.roll_centre_f,
         )
     return Corner(
-        b.unsprung_r, b.static_r, b.load_r, b.spring_r, b.damper_r, b.bar_r,
-        b.tyre_stiffness_r, b.tyre_damping_r, b.roll_centre_r,
+        b.unsprung_r,
+        b.static_r,
+        b.load_r,
+        b.spring_r,
+        b.damper_r,
+        b.bar_r,
+        b.tyre_stiffness_r,
+        b.tyre_damping_r,
+        b.roll_centre_r,
     )
 
 

@@ -57,12 +57,30 @@ def axle_tyre(c: Constants, front: bool) -> AxleTyre:
     """Return the front or the rear axle's tyre."""
     if front:
         return AxleTyre(
-            c.mu_f, c.b_x_f, c.c_x_f, c.e_x_f, c.b_y_f, c.c_y_f, c.e_y_f, c.nominal_load_f,
-            c.load_sensitivity_f, c.relaxation_length_f, c.relaxation_length_x_f,
+            c.mu_f,
+            c.b_x_f,
+            c.c_x_f,
+            c.e_x_f,
+            c.b_y_f,
+            c.c_y_f,
+            c.e_y_f,
+            c.nominal_load_f,
+            c.load_sensitivity_f,
+            c.relaxation_length_f,
+            c.relaxation_length_x_f,
         )
     return AxleTyre(
-        c.mu_r, c.b_x_r, c.c_x_r, c.e_x_r, c.b_y_r, c.c_y_r, c.e_y_r, c.nominal_load_r,
-        c.load_sensitivity_r, c.relaxation_length_r, c.relaxation_length_x_r,
+        c.mu_r,
+        c.b_x_r,
+        c.c_x_r,
+        c.e_x_r,
+        c.b_y_r,
+        c.c_y_r,
+        c.e_y_r,
+        c.nominal_load_r,
+        c.load_sensitivity_r,
+        c.relaxation_length_r,
+        c.relaxation_length_x_r,
     )
 
 

@@ -114,6 +114,4 @@ def road_normal_weight(
     mass: float, grade: float, bank: float, v_x: float, yaw_rate: float
 ) -> float:
     """Return the force normal to the road, N: m (g cos cos - v_x r sin(bank)), left side up +."""
-    return mass * (
-        GRAVITY * math.cos(grade) * math.cos(bank) - v_x * yaw_rate * math.sin(bank)
-    )
+    return mass * (GRAVITY * math.cos(grade) * math.cos(bank) - v_x * yaw_rate * math.sin(bank))

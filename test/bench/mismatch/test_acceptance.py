@@ -1,0 +1,214 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The bars over many cases, the tables, and a bench that is interrupted or goes on."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from adk_ros.bench.mismatch import mismatch_bench
+from adk_ros.bench.mismatch.acceptance import FAIL, NONE, PASS, Criterion, evaluate_criteria
+from adk_ros.bench.mismatch.case_matrix import UNLISTED_IN, case_plans
+from adk_ros.bench.mismatch.case_score import CaseResult
+from adk_ros.bench.mismatch.injectors import UNLISTED
+from adk_ros.bench.mismatch.mismatch_bench import CaseJob, MismatchBench, jobs_of
+from adk_ros.bench.mismatch.result_tables import write_tables
+from adk_ros.bench.mismatch.subprocesses import SubprocessEnded, Subprocesses
+from adk_ros.errors import UsageError
+from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS
+
+
+def good(kind: str = "single", **changes: object) -> CaseResult:
+    """A case that is right in all."""
+    plain = CaseResult(
+        "a",
+        kind,
+        1.0,
+        1.0,
+        "aero_drag",
+        "aero_drag",
+        {"aero_drag.cda": 0.01},
+        {"aero_drag.cda": True},
+        {},
+        {"v_x": 0.95},
+        30.0,
+        29.0,
+        400.0,
+    )
+    return replace(plain, **changes)
+
+
+def bars(*scores: CaseResult) -> dict[str, Criterion]:
+    return {bar.name: bar for bar in evaluate_criteria(scores)}
+
+
+def test_a_bar_without_a_case_says_so() -> None:
+    for bar in evaluate_criteria([]):
+        assert bar.verdict == NONE
+        assert str(bar).startswith(f"NONE {bar.name} no case ran (")
+    found = bars(good())
+    assert found["false-alarms"].verdict == NONE
+    assert found["singles-strength-0.3"].verdict == NONE
+    assert found["where-iou"].verdict == NONE
+    assert found["interval-coverage"].verdict == NONE
+
+
+@pytest.mark.parametrize(
+    ("name", "passing", "failing"),
+    [
+        ("singles-strength-1", good(), good(right=0.0)),
+        ("singles-strength-0.3", good(strength=0.3), good(strength=0.3, right=0.5)),
+        ("pairs-set-f1", good("pair", f1=0.93, right=0.0), good("pair", f1=0.9)),
+        ("triples-set-f1", good("triple", f1=0.8), good("triple", f1=0.7)),
+        ("unlisted-unknown", good("unknown", described=True), good("unknown", right=0.0)),
+        ("false-alarms", good("none"), good("none", right=0.0)),
+        (
+            "other-family-simulators",
+            good(plant="fourteen_dof"),
+            good(plant="fourteen_dof", right=0.0),
+        ),
+        ("parameter-error", good(), good(errors={"a.b": 0.031})),
+        (
+            "interval-coverage",
+            good(covered={str(i): i > 3 for i in range(40)}),
+            good(covered={str(i): True for i in range(40)}),
+        ),
+        ("where-iou", good(iou={"a": 0.9}), good(iou={"a": 0.89})),
+        ("held-out-error-removed", good(), good(removed={"v_x": 0.89})),
+        ("seconds-a-case", good(), good(seconds=61.0)),
+        ("memory-a-case", good(), good(memory_mib=2049.0)),
+    ],
+)
+def test_each_bar_passes_and_fails(name: str, passing: CaseResult, failing: CaseResult) -> None:
+    assert bars(passing)[name].verdict == PASS
+    assert bars(failing)[name].verdict == FAIL
+
+
+def test_a_bar_is_one_line_with_its_figure() -> None:
+    both = bars(good(), good(right=0.5))
+    assert str(both["singles-strength-1"]) == (
+        "FAIL singles-strength-1 0.750 of 2 cases (at least 0.95)"
+    )
+    assert both["false-alarms"].figure == "no case ran"
+
+
+def test_weak_and_clean_cases_do_not_speak_for_another_family() -> None:
+    other = {"plant": "fourteen_dof"}
+    found = bars(good("none", **other), good(strength=0.3, right=0.0, **other))
+    assert found["other-family-simulators"].verdict == NONE
+
+
+def test_what_a_sensor_makes_up_is_not_asked_to_be_corrected() -> None:
+    found = bars(good(removed={"v_x": 0.0}, correctable=False))
+    assert found["held-out-error-removed"].verdict == NONE
+
+
+def test_tables_hold_all_cases(tmp_path: Path) -> None:
+    scores = [good(case="first"), good(case="second", said="a|b")]
+    write_tables(scores, evaluate_criteria(scores), tmp_path)
+    content = json.loads((tmp_path / "cases.json").read_text())
+    assert [case["case"] for case in content["cases"]] == ["first", "second"]
+    table = (tmp_path / "cases.md").read_text().splitlines()
+    assert len(table) == 4
+    assert "a\\|b" in table[3]
+    lines = (tmp_path / "bars.txt").read_text().splitlines()
+    assert len(lines) == len(content["bars"])
+    assert lines[0].startswith("PASS singles-strength-1 1.000 of 2 cases")
+
+
+def test_our_own_cases_know_their_group() -> None:
+    every = list(case_plans())
+    assert len({plan.name for plan in every}) == len(every)
+    assert {plan.strength for plan in every} == {1.0, 0.3}
+    weak = next(plan for plan in every if plan.name == "aero_drag_0.3")
+    label = weak.labelled({"effects": []})
+    assert (label["strength"], label["plant"]) == (0.3, weak.plant)
+    for equations, features in UNLISTED_IN.values():
+        assert set(equations) <= set(EQUATION_PARAMETERS)
+        assert set(features) <= set(FEATURES)
+    odd = next(plan for plan in every if plan.secret.unlisted)
+    (effect,) = odd.labelled({"effects": [{"name": "unknown", "params": {}}]})["effects"]
+    assert effect["equations"]
+    assert set(UNLISTED) <= set(UNLISTED_IN)
+
+
+class Fake:
+    """Stands for running the tool: right, but for the cases that it is told to stop at."""
+
+    def __init__(self, stop_at: str = "") -> None:
+        self.stop_at = stop_at
+        self.ran: list[str] = []
+
+    def __call__(self, case: Path, out: Path, children: Subprocesses) -> CaseResult:
+        self.ran.append(case.name)
+        if case.name == self.stop_at:
+            raise KeyboardInterrupt
+        out.mkdir()
+        (out / "mismatch.json").write_text("{}")
+        return good(case=case.name)
+
+
+def jobs(tmp_path: Path) -> list[CaseJob]:
+    for name in ("a", "b", "c"):
+        case = tmp_path / "cases" / name
+        case.mkdir(parents=True, exist_ok=True)
+        (case / "label.json").write_text('{"effects": []}')
+    return jobs_of(tmp_path / "cases")
+
+
+def test_an_interrupted_bench_leaves_whole_reports_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, todo = tmp_path / "out", jobs(tmp_path)
+    monkeypatch.setattr(mismatch_bench, "run_case", Fake("b"))
+    with pytest.raises(KeyboardInterrupt):
+        MismatchBench(out).run(todo)
+    assert {p.name for p in out.iterdir()} <= {"a", "c"}
+    assert (out / "a" / "score.json").is_file()
+    again = Fake()
+    monkeypatch.setattr(mismatch_bench, "run_case", again)
+    scores = MismatchBench(out, 2, resume=True).run(todo)
+    assert [s.case for s in scores] == ["a", "b", "c"]
+    assert "a" not in again.ran
+    assert {p.name for p in out.iterdir()} == {"a", "b", "c"}
+
+
+def test_a_changed_case_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out, todo = tmp_path / "out", jobs(tmp_path)
+    monkeypatch.setattr(mismatch_bench, "run_case", Fake())
+    MismatchBench(out).run(todo)
+    (tmp_path / "cases" / "b" / "label.json").write_text('{"effects": [ ]}')
+    again = Fake()
+    monkeypatch.setattr(mismatch_bench, "run_case", again)
+    MismatchBench(out, resume=True).run(jobs_of(tmp_path / "cases"))
+    assert again.ran == ["b"]
+
+
+def test_nothing_is_left_where_nothing_was_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mismatch_bench, "run_case", Fake("a"))
+    with pytest.raises(KeyboardInterrupt):
+        MismatchBench(tmp_path / "out").run(jobs(tmp_path)[:1])
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_of_something_else_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "out" / "b").mkdir(parents=True)
+    with pytest.raises(UsageError, match="no report of this command"):
+        MismatchBench(tmp_path / "out").run(jobs(tmp_path))
+
+
+def test_ended_processes_do_not_begin() -> None:
+    children = Subprocesses()
+    said = children.adk(["--version"])
+    assert said.status == 0
+    assert said.cpu_s > 0.0
+    children.end()
+    with pytest.raises(SubprocessEnded):
+        children.adk(["--version"])

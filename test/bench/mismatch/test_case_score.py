@@ -1,0 +1,111 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How an answer is scored against a label."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from adk_ros.bench.mismatch.case_score import overlap, score_case
+
+
+def label(*effects: str, kind: str = "always", **params: float) -> dict[str, Any]:
+    return {
+        "effects": [
+            {"name": name, "params": params, "kind": kind, "time_intervals_s": [[0.0, 100.0]]}
+            for name in effects
+        ]
+    }
+
+
+def answer(verdict: str, *effects: str, **alternatives: list[str]) -> dict[str, Any]:
+    return {
+        "verdict": verdict,
+        "effects": [
+            {
+                "name": name,
+                "alternatives": alternatives.get(name, []),
+                "parameters": {"cda": {"value": 1.1, "low": 0.9, "high": 1.2, "unit": "m^2"}},
+                "where": {"kind": "always", "time_intervals_s": [[0.0, 50.0]]},
+            }
+            for name in effects
+        ],
+    }
+
+
+@pytest.mark.parametrize(
+    ("truth", "said", "right", "f1"),
+    [
+        (label(), answer("none"), 1.0, 1.0),
+        (label(), answer("explained", "aero_drag"), 0.0, 0.0),
+        (label("aero_drag"), answer("explained", "aero_drag"), 1.0, 1.0),
+        (label("aero_drag"), answer("none"), 0.0, 0.0),
+        (label("aero_drag"), answer("explained", "headwind", headwind=["aero_drag"]), 0.5, 0.5),
+        (label("aero_drag"), answer("explained", "aero_drag", "payload"), 0.0, 2.0 / 3.0),
+        (label("aero_drag", "payload"), answer("explained", "payload"), 0.0, 2.0 / 3.0),
+        (label("unknown"), answer("unknown"), 1.0, 1.0),
+        (label("unknown"), answer("explained", "aero_drag"), 0.0, 0.0),
+    ],
+)
+def test_names(truth: dict[str, Any], said: dict[str, Any], right: float, f1: float) -> None:
+    result = score_case("x", truth, said)
+    assert (result.right, result.f1) == pytest.approx((right, f1))
+
+
+def test_parameters_and_times() -> None:
+    result = score_case(
+        "x", label("aero_drag", kind="place", cda=1.0), answer("explained", "aero_drag")
+    )
+    assert result.errors["aero_drag.cda"] == pytest.approx(0.1)
+    assert result.covered["aero_drag.cda"]
+    assert result.iou["aero_drag"] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_overlap_of_nothing_with_nothing_is_whole() -> None:
+    assert overlap([], [], 10.0) == 1.0
+    assert overlap([[1.0, 2.0]], [[1.5, 3.0]], 10.0) == pytest.approx(0.25, abs=0.01)
+
+
+LOCKED = {
+    "effects": [
+        {
+            "name": "unknown",
+            "params": {},
+            "kind": "always",
+            "time_intervals_s": [[0.0, 100.0]],
+            "equations": ["yaw_rate"],
+            "driven_by": ["yaw_rate_per_speed", "yaw_rate"],
+        }
+    ]
+}
+
+
+@pytest.mark.parametrize(
+    ("equations", "text", "right"),
+    [
+        (["yaw_rate"], "yaw acceleration against yaw rate (wheel-speed difference)", True),
+        (
+            ["yaw_rate", "v_y"],
+            "yaw acceleration against torque; yaw acceleration against relative wheel-speed "
+            "difference (path curvature)",
+            True,
+        ),
+        (["yaw_rate"], "yaw acceleration against torque", False),
+        (["v_y"], "lateral acceleration against yaw rate (wheel-speed difference)", False),
+        ([], "", False),
+    ],
+)
+def test_what_is_unlisted_has_to_be_described(
+    equations: list[str], text: str, right: bool
+) -> None:
+    said = answer("unknown") | {"unexplained": {"equations": equations, "text": text}}
+    result = score_case("x", LOCKED, said)
+    assert result.described is right
+    assert result.right == float(right)
+
+
+def test_strength_and_plant_are_the_labels() -> None:
+    result = score_case("x", label("gyro_scale") | {"strength": 0.3, "plant": "p"}, answer("none"))
+    assert (result.strength, result.plant, result.correctable) == (0.3, "p", False)

@@ -1,0 +1,252 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The peers: what is asked of another Python and what it answers, with a stand-in for them."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import runpy
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from adk_ros.bench.paper import baseline_libraries
+from adk_ros.bench.paper.baseline_libraries import Peers, find_python, stretches
+from adk_ros.errors import DataError, UsageError
+from adk_ros.signals.channels import TICK_NS, Flag, Record
+
+ROOT = Path(__file__).resolve().parents[3]
+
+# Predicts that x stays, after what a fit has told it to add; says what it was given.
+STAND_IN = """
+import sys
+import numpy as np
+
+shift = 0.0
+for line in sys.stdin:
+    source, target = line.rstrip("\\n").split("\\t")
+    with np.load(source) as job:
+        if "peers" in job:
+            shift = float(job["x"].shape[0])
+            answer = {}
+            for name in job["peers"].tolist():
+                answer[name + "_settings"] = f"{len(set(job['episode'].tolist()))} episodes"
+                answer[name + "_check"] = CHECK
+        else:
+            x = job["x"][job["rows"]][:, None, :]
+            answer = {"predicted": np.repeat(x, int(job["ahead"]), axis=1) + shift}
+    np.savez(target, **answer)
+    print("done", flush=True)
+"""
+
+
+def script(folder: Path, text: str = STAND_IN, check: float = 1e-9) -> Path:
+    path = folder / "stand_in.py"
+    path.write_text(textwrap.dedent(text).replace("= CHECK", f"= {check!r}"))
+    return path
+
+
+def record(n: int = 300, seed: int = 0) -> Record:
+    random = np.random.default_rng(seed)
+    x = 15.0 + random.normal(size=(n, 3)).cumsum(axis=0) * 0.01
+    zeros = np.zeros(n, dtype=np.int64)
+    stamps = np.arange(n, dtype=np.int64) * TICK_NS
+    u = random.normal(size=(n, 2))
+    return Record(stamps, x, u, np.zeros((n, 2)), zeros, x.copy(), zeros.copy())
+
+
+def fitted(folder: Path, text: str = STAND_IN, check: float = 1e-9, **options: Any) -> Peers:
+    return Peers([record()], sys.executable, worker=script(folder, text, check), **options)
+
+
+def test_job_and_answer(tmp_path: Path) -> None:
+    with fitted(tmp_path) as both:
+        assert [p.name for p in both.predictors] == ["pykoop", "pykoopman"]
+        assert {p.settings for p in both.predictors} == {"1 episodes"}
+        test = record(seed=1)
+        rows = np.array([10, 50, 51])
+        for peer in both.predictors:
+            predicted = peer.predict(test, rows, 4)
+            assert predicted.shape == (3, 4, 3)
+            expected = np.repeat(test.x[rows][:, None], 4, axis=1) + 300.0
+            np.testing.assert_array_equal(predicted, expected)
+            assert peer.predict(test, rows[:0], 4).shape == (0, 4, 3)
+    with pytest.raises(UsageError, match="closed"):
+        both.predictors[0].predict(test, rows, 4)
+
+
+def test_only_good_stretches_are_learned_from() -> None:
+    drive = record(200)
+    flags, episode, x, u = (v.copy() for v in (drive.flags, drive.episode, drive.x, drive.u))
+    flags[40:45] = int(Flag.FROZEN)
+    x[70] = np.nan
+    u[80] = np.inf
+    episode[150:] = 1
+    damaged = dataclasses.replace(drive, flags=flags, episode=episode, x=x, u=u)
+    found_x, found_u, number = stretches([damaged, drive])
+    # 71 to 79 is too short.
+    lengths = [40, 25, 69, 50, 200]
+    assert np.unique(number, return_counts=True)[1].tolist() == lengths
+    assert np.isfinite(found_x).all()
+    assert np.isfinite(found_u).all()
+    np.testing.assert_array_equal(found_x[-200:], drive.x)
+    np.testing.assert_array_equal(found_x[40:65], drive.x[45:70])
+    with pytest.raises(DataError, match="nothing to learn from"):
+        stretches([drive.rows(slice(0, 10))])
+
+
+def test_an_environment_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(baseline_libraries.VARIABLE, raising=False)
+    monkeypatch.setattr(baseline_libraries, "_BESIDE", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=r"no \.venv-peers: run `make peers`") as caught:
+        Peers([record()])
+    assert "\n" not in str(caught.value)
+    monkeypatch.setenv(baseline_libraries.VARIABLE, str(tmp_path / "none"))
+    with pytest.raises(UsageError, match="none is no executable"):
+        find_python()
+    with pytest.raises(UsageError, match="is no executable"):
+        find_python(tmp_path)
+    monkeypatch.setenv(baseline_libraries.VARIABLE, sys.executable)
+    assert find_python() == Path(sys.executable)
+    monkeypatch.delenv(baseline_libraries.VARIABLE)
+    made = tmp_path / ".venv-peers" / "bin" / "python"
+    made.parent.mkdir(parents=True)
+    made.symlink_to(sys.executable)
+    assert find_python() == made
+
+
+def test_an_environment_without_the_peers(tmp_path: Path) -> None:
+    """The real worker, under a Python that has neither."""
+    pattern = r"does not work \(ModuleNotFoundError: No module named 'no_such_peer'\): run `make"
+    text = baseline_libraries.WORKER.read_text().replace('"pykoop"', '"no_such_peer"')
+    with pytest.raises(UsageError, match=pattern):
+        Peers([record()], sys.executable, worker=script(tmp_path, text), names=["no_such_peer"])
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "said"),
+    [
+        ("raise SystemExit('broken for a reason')", UsageError, "broken for a reason.*make peers"),
+        ("input(); print('failed ValueError: bad data', flush=True)", DataError, "bad data"),
+        ("input(); print('done', flush=True); input()", DataError, "peers failed"),
+    ],
+)
+def test_a_worker_that_fails(tmp_path: Path, text: str, error: type[Exception], said: str) -> None:
+    with pytest.raises(error, match=said):
+        fitted(tmp_path, text)
+
+
+def test_a_worker_that_hangs_is_stopped(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"more than 0.5 s"):
+        fitted(tmp_path, "import time; time.sleep(60)", timeout_s=0.5)
+
+
+@pytest.mark.parametrize("check", [1e-3, float("nan")])
+def test_batches_that_are_not_the_librarys_own_are_refused(tmp_path: Path, check: float) -> None:
+    text = STAND_IN.replace("CHECK", f"float('{check}')")
+    with pytest.raises(DataError, match="would not be its own"):
+        fitted(tmp_path, text)
+
+
+def test_an_answer_of_another_shape_is_refused(tmp_path: Path) -> None:
+    text = STAND_IN.replace('int(job["ahead"])', "2")
+    with fitted(tmp_path, text) as both, pytest.raises(DataError, match=r"shape \(1, 2, 3\)"):
+        both.predictors[0].predict(record(), np.array([5]), 4)
+
+
+class Linear:
+    """A peer of one setting that matters, to run the worker's own code with."""
+
+    labels = ("ridge",)
+    tried: list[float]
+
+    def __init__(self) -> None:
+        self.tried = []
+
+    @staticmethod
+    def candidates() -> Iterator[tuple[float]]:
+        return iter([(1e3,), (0.0,), (1.0,)])
+
+    def fit(self, episodes: list[tuple[Any, Any]], setting: tuple[float]) -> None:
+        self.tried.append(setting[0])
+        self.lengths = [len(x) for x, _ in episodes]
+        phi = np.concatenate([np.hstack([x[:-1], u[:-1]]) for x, u in episodes])
+        y = np.concatenate([x[1:] for x, _ in episodes])
+        self.matrix = np.linalg.solve(phi.T @ phi + setting[0] * np.eye(5), phi.T @ y)
+
+    def predict(self, x: Any, u: Any) -> Any:
+        state, out = x[:, -1], []
+        for step in range(2, u.shape[1]):
+            state = np.hstack([state, u[:, step]]) @ self.matrix
+            out.append(state)
+        return np.stack(out, axis=1)
+
+    def own(self, x: Any, u: Any) -> Any:
+        return self.predict(x[None], u[None])[0]
+
+
+def linear_drive(n: int, seed: int) -> Record:
+    drive = record(n, seed)
+    a = np.diag([0.99, 0.9, 0.8])
+    b = np.random.default_rng(9).normal(size=(3, 2))
+    x = np.zeros((n, 3))
+    for k in range(n - 1):
+        x[k + 1] = a @ x[k] + b @ drive.u[k]
+    return dataclasses.replace(drive, x=x, x_ref=x)
+
+
+def test_the_worker_chooses_on_the_last_part_and_predicts(tmp_path: Path) -> None:
+    worker = runpy.run_path(str(baseline_libraries.WORKER), run_name="worker")
+    worker["PEERS"]["linear"] = Linear
+    x, u, episode = stretches([linear_drive(600, 1), linear_drive(500, 2)])
+    known: dict[str, Any] = {}
+    job = {"peers": np.array(["linear"]), "x": x, "u": u, "episode": episode}
+    answer = worker["fit"](job, known)
+    assert answer["linear_settings"] == "ridge 0.0"
+    assert answer["linear_check"] < 1e-12
+    assert known["linear"].tried == [1e3, 0.0, 1.0, 0.0]
+    assert known["linear"].lengths == [600, 500]
+    test = linear_drive(300, 3)
+    later = (np.arange(300) >= 100).astype(np.int64)
+    rows = np.array([0, 1, 2, 50, 99, 100, 101, 102, 200])
+    asked = {
+        "peer": np.array("linear"),
+        "x": test.x,
+        "u": test.u,
+        "episode": later,
+        "rows": rows,
+        "ahead": np.array(40),
+    }
+    predicted = worker["predict"](asked, known)["predicted"]
+    lacks_past = np.isin(rows, [0, 1, 100, 101])
+    assert np.isnan(predicted[lacks_past]).all()
+    truth = test.x[rows[:, None] + np.arange(1, 41)]
+    np.testing.assert_allclose(predicted[~lacks_past], truth[~lacks_past], atol=1e-8)
+
+
+def test_the_worker_asks_for_nothing_but_numpy_and_the_peers() -> None:
+    text = baseline_libraries.WORKER.read_text()
+    names = {
+        line.split()[1].split(".")[0]
+        for line in re.findall(r"^(?:import|from) .*$", text, re.MULTILINE)
+    }
+    assert names - set(sys.stdlib_module_names) == {"numpy"}
+
+
+def test_make_peers_installs_wheels_of_pinned_versions() -> None:
+    lines = (ROOT / "requirements" / "peers.txt").read_text().splitlines()
+    pins = [line for line in lines if line and not line.startswith("#")]
+    assert all(re.fullmatch(r"[a-z0-9-]+==[0-9.]+", line) for line in pins), pins
+    names = {line.split("==")[0] for line in pins}
+    assert {"pykoop", "pykoopman", "numpy", "scikit-learn"} <= names
+    assert not names & {"torch", "lightning"}
+    makefile = (ROOT / "Makefile").read_text()
+    assert re.search(r"^peers:.*## \S", makefile, re.MULTILINE)
+    assert "--no-deps --only-binary :all: -r requirements/peers.txt" in makefile

@@ -1,0 +1,175 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Least squares without lifting, on linear systems that are known; the contract of predictors."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from adk_ros.bench.paper.linear_models import LeastSquares, pairs
+from adk_ros.bench.paper.predictor_protocol import BenchPredictor
+from adk_ros.bench.paper.seven_dof_predictor import SevenDof
+from adk_ros.errors import DataError
+from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
+from adk_ros.signals.channels import TICK_NS, Flag, Record
+
+A = np.array([[0.99, 0.01, 0.0], [0.005, 0.9, -0.2], [0.0, 0.03, 0.85]])
+B = np.array([[2e-4, 0.1], [0.0, 1.5], [1e-5, 3.0]])
+C = np.array([0.15, 0.0, 0.01])
+
+
+def record(
+    n: int = 400, a: FloatArray = A, b: FloatArray = B, seed: int = 0, noise: float = 0.0
+) -> Record:
+    """A drive of x_(k+1) = a x_k + b u_k + C, some 15 m/s fast."""
+    random = np.random.default_rng(seed)
+    u = random.normal(0.0, [300.0, 0.03], (n, 2)).cumsum(axis=0) * 0.1
+    u -= u.mean(axis=0)
+    x = np.empty((n, 3))
+    x[0] = 15.0, 0.1, 0.1
+    for k in range(n - 1):
+        x[k + 1] = a @ x[k] + b @ u[k] + C
+    x += noise * random.normal(size=x.shape)
+    zeros = np.zeros(n, dtype=np.int64)
+    stamps = np.arange(n, dtype=np.int64) * TICK_NS
+    return Record(stamps, x, u, np.zeros((n, 2)), zeros, x.copy(), zeros.copy(), "linear")
+
+
+def truth(drive: Record, rows: np.ndarray, ahead: int) -> FloatArray:
+    return drive.x_ref[rows[:, None] + np.arange(1, ahead + 1)]
+
+
+def test_a_linear_system_is_found_exactly() -> None:
+    drive = record()
+    fitted = LeastSquares.fit([drive])
+    a, b, c = fitted.matrices()
+    np.testing.assert_allclose(a, A, atol=1e-9)
+    np.testing.assert_allclose(b, B, atol=1e-9)
+    np.testing.assert_allclose(c, C, atol=1e-7)
+    rows = np.arange(5, 300, 7)
+    predicted = fitted.predict(drive, rows, 80)
+    np.testing.assert_allclose(predicted, truth(drive, rows, 80), atol=1e-8)
+
+
+def test_what_may_not_be_learned_is_left_out() -> None:
+    drive = record()
+    wrong = drive.x.copy()
+    wrong[50:60] += 3.0
+    wrong[70] = np.nan
+    flags = drive.flags.copy()
+    flags[50:60] = int(Flag.FROZEN)
+    episode = (np.arange(len(drive)) >= 200).astype(np.int64)
+    wrong[200:] = record(seed=1).x[200:]
+    u = drive.u.copy()
+    u[200:] = record(seed=1).u[200:]
+    damaged = dataclasses.replace(drive, x=wrong, u=u, flags=flags, episode=episode)
+    kept = pairs(damaged)
+    assert kept.sum() == len(drive) - 1 - 11 - 2 - 1
+    assert not kept[[49, 59, 69, 70, 199]].any()
+    a, b, _ = LeastSquares.fit([damaged]).matrices()
+    np.testing.assert_allclose(a, A, atol=1e-9)
+    np.testing.assert_allclose(b, B, atol=1e-9)
+
+
+def test_too_little_is_refused() -> None:
+    with pytest.raises(DataError, match=r"ten pairs .* give longer drives"):
+        LeastSquares.fit([record().rows(slice(0, 8))])
+    with pytest.raises(DataError, match="have 0"):
+        LeastSquares.fit([])
+
+
+def test_adapting_finds_a_system_that_has_changed() -> None:
+    changed = A + np.array([[0.0, 0.0, 0.0], [0.0, -0.1, 0.05], [0.0, 0.0, -0.1]])
+    train, drive = record(), record(n=1500, a=changed, seed=2)
+    settings = OnlineSettings(window=400, ridge=1e-3)
+    offline, online = LeastSquares.fit([train]), LeastSquares.fit([train], settings)
+    assert (offline.name, online.name) == ("least squares", "adapted least squares")
+    rows = np.arange(1000, 1400, 10)
+    errors = [
+        np.abs(p.predict(drive, rows, 40) - truth(drive, rows, 40)).max(axis=(0, 1))
+        for p in (offline, online)
+    ]
+    assert (errors[1] < 1e-3 * errors[0]).all(), errors
+
+
+def test_adapting_is_the_windowed_problem_solved_anew() -> None:
+    train, drive = record(), record(n=700, seed=3, noise=0.05)
+    settings = OnlineSettings(window=150, ridge=2.0)
+    fitted = LeastSquares.fit([train], settings)
+    row, s = 600, fitted.scaling
+    k = np.arange(row - 150, row)
+    phi = np.hstack([s.scale_x(drive.x[k]), s.scale_u(drive.u[k]), np.ones((150, 1))])
+    y = (drive.x[k + 1] - drive.x[k]) / (s.x_scale * s.step_scale)
+    theta = np.linalg.solve(phi.T @ phi + 2.0 * np.eye(6), phi.T @ y + 2.0 * fitted.theta.T).T
+    now = np.concatenate([s.scale_x(drive.x[row]), s.scale_u(drive.u[row]), [1.0]])
+    expected = drive.x[row] + s.x_scale * s.step_scale * (theta @ now)
+    # Which rows are asked for besides changes nothing.
+    for rows in ([row], [3, 200, row], range(100, row + 1)):
+        found = fitted.predict(drive, np.array(rows), 1)[-1, 0]
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def predictors() -> list[BenchPredictor]:
+    train = record()
+    car = load_vehicle("imdv")
+    return [LeastSquares.fit([train]), LeastSquares.fit([train], OnlineSettings()), SevenDof(car)]
+
+
+@pytest.mark.parametrize("predictor", predictors(), ids=lambda p: p.name)
+def test_the_contract(predictor: BenchPredictor) -> None:
+    """Shapes, no rows at all, and nothing known of what comes but the commands."""
+    drive = record(seed=5, noise=0.02)
+    rows = np.arange(20, 200, 9)
+    predicted = predictor.predict(drive, rows, 30)
+    assert predicted.shape == (rows.size, 30, 3)
+    assert np.isfinite(predicted).all()
+    assert predictor.predict(drive, rows[:0], 30).shape == (0, 30, 3)
+    np.testing.assert_allclose(predictor.predict(drive, rows, 1), predicted[:, :1], atol=1e-12)
+    last = int(rows[-1])
+    x, a, u = drive.x.copy(), drive.a.copy(), drive.u.copy()
+    x[last + 1 :] = 7.0
+    a[last + 1 :] = 7.0
+    u[last + 30 :] = 7.0
+    unknown = np.full_like(drive.x_ref, np.nan)
+    other = dataclasses.replace(drive, x=x, a=a, u=u, x_ref=unknown)
+    np.testing.assert_array_equal(predictor.predict(other, rows, 30), predicted)
+    # The command of the row itself acts on the step after it, and the last one not at all early.
+    u = drive.u.copy()
+    u[last + 10] += [400.0, 0.05]
+    moved = predictor.predict(dataclasses.replace(drive, u=u), rows[-1:], 30)[0]
+    before = predictor.predict(drive, rows[-1:], 30)[0]
+    np.testing.assert_array_equal(moved[:10], before[:10])
+    assert np.abs(moved[10] - before[10]).max() > 1e-4
+
+
+@pytest.mark.parametrize("predictor", predictors(), ids=lambda p: p.name)
+def test_unknown_samples_spoil_their_own_starts_alone(predictor: BenchPredictor) -> None:
+    drive = record(seed=6)
+    x = drive.x.copy()
+    x[40] = np.nan
+    u = drive.u.copy()
+    u[:10] = np.nan
+    predicted = predictor.predict(
+        dataclasses.replace(drive, x=x, u=u), np.array([20, 40, 100]), 20
+    )
+    assert np.isfinite(predicted[[0, 2]]).all()
+    assert np.isnan(predicted[1]).any()
+
+
+def test_the_vehicle_model_starts_its_actuators_afresh_at_a_break() -> None:
+    drive = record(seed=7)
+    u = np.zeros_like(drive.u)
+    u[:50] = [2000.0, 0.1]
+    whole = dataclasses.replace(drive, u=u)
+    episode = (np.arange(len(drive)) >= 50).astype(np.int64)
+    broken = dataclasses.replace(whole, episode=episode)
+    model = SevenDof(load_vehicle("imdv"))
+    rows = np.array([50])
+    alone = model.predict(broken.rows(slice(50, None)), np.array([0]), 10)
+    np.testing.assert_array_equal(model.predict(broken, rows, 10), alone)
+    assert np.abs(model.predict(whole, rows, 10) - alone).max() > 1e-3

@@ -1,0 +1,318 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The run of the paper's tables: predictors under one contract, jobs, and all of it on little."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.model import make_model, paper_model
+from helpers.train import bag, drive, lines, record, refused
+
+from adk_ros.bench.paper import av21, cases, training_jobs
+from adk_ros.bench.paper import paper_bench as runs
+from adk_ros.bench.paper.cases import CLEAN, NOISY, Durations
+from adk_ros.bench.paper.paper_page import write_report
+from adk_ros.bench.paper.predictors import (
+    ADK_ROS,
+    MF_TUNED,
+    NAIVE,
+    ORACLE,
+    ORDER,
+    PYKOOP,
+    PYKOOPMAN,
+    KoopmanPredictor,
+    OraclePredictor,
+    run,
+)
+from adk_ros.bench.paper.seven_dof_predictor import SevenDof
+from adk_ros.bench.paper.training_jobs import BenchPlan, Outcome, TrainingJob
+from adk_ros.cli.main import main
+from adk_ros.errors import DataError, UsageError
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.predictor import Predictor
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.signals.channels import Record
+from adk_ros.train.train_settings import TrainSettings
+
+TINY = BenchPlan(
+    quick=True, seeds=2, tests=("nominal", "slalom"), paper_epochs=1, paper_batch=256, stride=40,
+    durations=Durations(train=60.0, test=8.0), peers=False,
+    train=TrainSettings(
+        steps=20, batch=32, hidden=8, features=4, history=2, short_steps=4, long_steps=6,
+        validate_every=10, device="cpu",
+    ),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("make", [make_model, paper_model])
+def test_one_pass_gives_what_the_predictor_gives(make: Callable[[], KoopmanModel]) -> None:
+    heard = cases.noisy(record().rows(slice(0, 400)), 1)
+    rows, starts = cases.rows_of(heard, 50)
+    koopman = KoopmanPredictor("any", make())
+    passed = koopman.run(heard, rows, starts)
+    predictor = Predictor(koopman.model, horizon_steps=0)
+    from adk_ros.model.evaluation import sample_at
+
+    for row in range(int(starts[2]) + 1):
+        prediction = predictor.step(sample_at(heard, row))
+        if row in rows:
+            assert prediction is not None
+            np.testing.assert_array_equal(passed.one[row - rows[0]], prediction.x)
+    row = int(starts[2])
+    ahead = predictor.rollout(heard.u[row : row + 80])
+    np.testing.assert_array_equal(passed.ahead[2], ahead)
+    np.testing.assert_array_equal(koopman.predict(heard, starts, 10), passed.ahead[:, :10])
+    if len(koopman.model.horizon_covariance):
+        assert passed.variance is not None
+        table = predictor.horizon_covariance
+        np.testing.assert_allclose(passed.variance[2, 4], np.diagonal(table[79]))
+    else:
+        assert passed.variance is None
+
+
+def test_nothing_of_the_future_but_commands_enters() -> None:
+    heard = record().rows(slice(0, 400))
+    rows, starts = cases.rows_of(heard, 50)
+    k = int(starts[3])
+    x = heard.x.copy()
+    x[k + 1 :] += 5.0
+    other = replace(heard, x=x, x_ref=x + 1.0)
+    koopman = KoopmanPredictor("any", make_model())
+    one, two = (koopman.run(item, rows, starts) for item in (heard, other))
+    before = rows <= k
+    np.testing.assert_array_equal(one.one[before], two.one[before])
+    np.testing.assert_array_equal(one.ahead[:4], two.ahead[:4])
+    assert (one.ahead[4] != two.ahead[4]).any()
+
+
+def test_the_floor_of_a_clean_test_is_zero() -> None:
+    driven = drive("town", 30.0)
+    truth = driven.truth().rows(slice(400, None))
+    rows, starts = cases.rows_of(truth, 100)
+    passed = run(OraclePredictor(driven, 400), truth, rows, starts)
+    np.testing.assert_allclose(passed.one, truth.x[rows + 1], atol=1e-12)
+    assert np.abs(passed.ahead[:, 79] - truth.x[starts + 80]).max() < 1e-9
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[runs.Result, Path, Path]:
+    """All of it, but for the identification of the physics model, which has tests of its own."""
+    folder = tmp_path_factory.mktemp("scratch")
+    out = tmp_path_factory.mktemp("report")
+    (out / "tables").mkdir()
+    (out / "tables" / "table_9_clean.md").write_text("of an earlier report")
+
+    def tuned(vehicle: object, records: object, mu: float, name: str) -> SevenDof:
+        from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
+
+        return SevenDof(load_vehicle("imdv"), mu, name)
+
+    told: list[tuple[float, float, str]] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SevenDof, "tuned", staticmethod(tuned))
+        result = runs.run_paper(TINY, folder, 0, lambda *item: told.append(item))
+    assert told
+    assert all(0.0 <= share <= total for share, total, _ in told)
+    return result, folder, out
+
+
+def test_everybody_is_scored_on_every_test(done: tuple[runs.Result, Path, Path]) -> None:
+    board = done[0].board
+    expected = [name for name in ORDER if name not in (PYKOOP, PYKOOPMAN)]
+    assert board.names() == expected
+    for variant in (CLEAN, NOISY):
+        for test in TINY.tests:
+            counts = {
+                tuple(board.seeds(variant, test, name)[0].count.tolist()) for name in expected
+            }
+            assert len(counts) == 1
+            assert len(board.seeds(variant, test, ADK_ROS)) == 2
+            assert (board.rmse(variant, test, ORACLE)[4] < 0.2).all()
+    assert (board.rmse(CLEAN, "slalom", ORACLE) < 1e-9).all()
+    assert np.isfinite(board.coverage()).all()
+    seeds = board.seeds(CLEAN, "nominal", ADK_ROS)
+    assert (seeds[0].rmse != seeds[1].rmse).any()
+    noisy = board.rmse(NOISY, "nominal", NAIVE[0])[0]
+    np.testing.assert_array_less(board.rmse(CLEAN, "nominal", NAIVE[0])[0], noisy)
+
+
+def test_the_report_stands_by_itself(done: tuple[runs.Result, Path, Path]) -> None:
+    result, folder, out = done
+    report = write_report(result, TINY, folder, out)
+    page = report.page.read_text()
+    assert page.count("<img") == page.count("data:image/png;base64,") == 4
+    assert "http" not in page.split("<body>")[1]
+    for word in ("Table 4, clean", "Table 8, noisy", "slalom, noisy: RMSE", "geometric-mean",
+                 "holds", "they were not asked for", "trial run"):  # fmt: skip
+        assert word in page, word
+    for test in ("mountain", "winter"):
+        assert f"horizon_{test}" not in page
+    names = sorted(path.name for path in (out / "figures").iterdir())
+    assert names == ["figure_4.png", "figure_5.png", "figure_9.png", "summary.png"]
+    assert not (out / "tables" / "table_9_clean.md").exists()
+    assert (out / "tables" / "table_8_noisy.csv").is_file()
+    assert (out / "bars.txt").read_text().splitlines() == [str(bar) for bar in report.bars]
+    verdicts = {claim.verdict for claim in report.claims}
+    assert "not measured" in verdicts
+    assert verdicts <= {"holds", "holds in part", "does not hold", "not measured"}
+    assert report.times.rows[-1][0] == "all, one after the other"
+
+
+def test_failing_peers_do_not_end_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(train: list[Record], scratch: Path) -> None:
+        raise DataError("the peers failed: LinAlgError")
+
+    def nothing(
+        job: TrainingJob, plan: BenchPlan, folder: Path, tell: Callable[[float], None]
+    ) -> Outcome:
+        return Outcome(job)
+
+    monkeypatch.setattr(training_jobs, "Peers", broken)
+    monkeypatch.setattr(runs, "find_python", lambda: Path("python"))
+    for kind in ("default", "aldk", "dk", "tuned", "floor"):
+        monkeypatch.setitem(runs.KINDS, kind, nothing)
+    notes: list[str] = []
+    plan = replace(TINY, peers=True, tests=("nominal",))
+    result = runs.run_paper(plan, tmp_path, 0, None, notes.append)
+    assert result.without == "the peers failed: LinAlgError"
+    assert notes == ["without pykoop and pykoopman: the peers failed: LinAlgError"]
+    assert result.board.has(NAIVE[0])
+    assert not result.board.has(PYKOOP)
+
+
+def test_without_their_environment_the_peers_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = replace(TINY, peers=True)
+    assert [job for job in runs.planned(plan, True) if job.kind == "peers"]
+    assert not [job for job in runs.planned(plan, False) if job.kind == "peers"]
+    assert sum(job.kind == "default" for job in runs.planned(plan, True)) == 4
+
+
+def test_processes_do_the_same(done: tuple[runs.Result, Path, Path], tmp_path: Path) -> None:
+    drives = [TrainingJob("simulate", about=test) for test in TINY.tests]
+    with runs._Pool(TINY, tmp_path, 2) as pool:
+        pool.run(drives, "simulating", None, None)
+        (outcome,) = pool.run([TrainingJob("naive", NOISY)], "predicting", None, None)
+    for test, name, item in outcome.scores:
+        expected = done[0].board.rmse(NOISY, test, name)
+        np.testing.assert_array_equal(item.rmse, expected)
+
+
+def test_a_failure_in_a_process_is_told_at_once(tmp_path: Path) -> None:
+    started = time.monotonic()
+    with (
+        pytest.raises(UsageError, match="no_such"),
+        runs._Pool(TINY, tmp_path, 1) as pool,
+    ):
+        pool.run([TrainingJob("simulate", about="no_such")], "simulating", None, None)
+    assert time.monotonic() - started < 60.0
+
+
+def test_recordings_are_found_and_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = bag("town", 30.0), bag("handling", 30.0, imu=False)
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    for path in (first, second):
+        (folder / path.name).symlink_to(path, target_is_directory=True)
+    with pytest.raises(DataError, match="holds no recording"):
+        av21.find_recordings(tmp_path / "nothing")
+    found = tuple(folder / path.name for path in (first, second))
+
+    def untrained(
+        outcome: Outcome, records: list[Record], plan: BenchPlan, folder: Path,
+        tell: Callable[[float], None],
+    ) -> KoopmanPredictor:  # fmt: skip
+        assert sum(item.duration_s for item in records) == pytest.approx(18.0, abs=0.5)
+        return KoopmanPredictor(ADK_ROS, make_model())
+
+    monkeypatch.setattr(av21, "train_default", untrained)
+    plan = replace(TINY, recordings=found)
+    outcomes = [
+        av21.recording_job(
+            TrainingJob("recording", "recorded", 0, path.name), plan, tmp_path, print
+        )
+        for path in found
+    ]
+    recorded = av21.RecordingScores.of(outcomes)
+    assert len(recorded.pairs(own=True)) == len(recorded.pairs(own=False)) == 2
+    for table in recorded.ratios.values():
+        assert table.shape == (5, 3)
+        assert np.isfinite(table).all()
+
+
+def test_real_recordings_are_scored_as_arithmetic_says() -> None:
+    class Right:
+        """Knows the measurement, and adds a tenth of persistence's error."""
+
+        def predict(self, item: Record, rows: IntArray, ahead: int) -> FloatArray:
+            future = item.x_ref[rows[:, None] + np.arange(1, ahead + 1)]
+            return np.asarray(future + 0.1 * (item.x[rows][:, None] - future))
+
+    found = av21.against_naive(Right(), record())  # type: ignore[arg-type]
+    ratio = found[ADK_ROS].rmse / found["persistence"].rmse
+    np.testing.assert_allclose(ratio, 0.1, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--test", "monaco"], "test 'monaco' is unknown: choose from nominal"),
+        (["--test", "slalom"], "the test 'nominal' is part of every run"),
+        (["--seeds", "0"], "--seeds is 0: choose 1 to 100"),
+        (["--jobs", "0"], "--jobs is 0: choose 1 to 64"),
+        (["--epochs", "0"], "--epochs is 0: choose 1 to 1000000"),
+        (["--steps", "0"], "steps is 0"),
+        (["--recordings", "no/such"], "--recordings no/such is no folder"),
+        (["--out", "setup.py"], "setup.py is no folder"),
+    ],
+)
+def test_wrong_requests_are_refused(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    assert said in refused(capsys, ["bench", "paper", *arguments], 2)
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_the_verb_prints_a_line_a_bar(
+    done: tuple[runs.Result, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str], as_json: bool,
+) -> None:  # fmt: skip
+    result, folder, _ = done
+    plans: list[BenchPlan] = []
+
+    def ready(plan: BenchPlan, place: Path, *rest: object) -> runs.Result:
+        plans.append(plan)
+        for path in folder.glob("*.np[yz]"):
+            (place / path.name).write_bytes(path.read_bytes())
+        return result
+
+    monkeypatch.setattr(runs, "run_paper", ready)
+    given = ["bench", "paper", "--quick", "--no-peers", "--out", str(tmp_path / "out")]
+    given += ["--test", "nominal", "--test", "slalom", "--seeds", "2"]
+    assert main([*given, "--json"] if as_json else given) == 0
+    said = capsys.readouterr()
+    assert plans[0].quick
+    assert plans[0].paper_epochs < BenchPlan().paper_epochs
+    assert plans[0].train.steps < TrainSettings().steps
+    assert (tmp_path / "out" / "report.html").is_file()
+    if as_json:
+        answer = json.loads(said.out)
+        assert answer["bars"][0]["name"] == "geometric-mean"
+        assert {claim["verdict"] for claim in answer["claims"]}
+        return
+    printed = lines(said.out)
+    assert all(line.split()[0] in ("PASS", "FAIL", "INFO") for line in printed)
+    assert "FAIL ahead-of-pykoop not measured: they were not asked for (--no-peers)" in printed
+    assert "FAIL av21 not measured: give --recordings DIR" in printed
+    assert any("default clean seed 1" in line for line in lines(said.err))
+
+
+def test_tuned_is_under_the_tables_name() -> None:
+    assert MF_TUNED in ORDER
+    assert set(NAIVE) < set(ORDER)

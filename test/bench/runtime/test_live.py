@@ -1,0 +1,63 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The live measurement: its arithmetic, and a short one of the real node."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.node import readings, write_model
+
+from adk_ros.bench.runtime.live import bench_live, latencies
+from adk_ros.errors import DataError
+from adk_ros.signals.align import Aligner
+from adk_ros.signals.channels import TICK_NS
+
+
+def test_latency_runs_from_the_input_that_completes_a_tick() -> None:
+    sent = list(readings(3.0))
+    values = np.full((len(sent), 3), np.nan)
+    for row, reading in enumerate(sent):
+        values[row, : len(reading.values)] = reading.values
+    published_ns = np.arange(len(sent)) * 1_000_000
+    aligner = Aligner()
+    completing = {
+        sample.stamp_ns: int(published_ns[row])
+        for row, reading in enumerate(sent)
+        for sample in aligner.push(reading)
+    }
+    ticks = sorted(completing)
+    arrived = {tick + TICK_NS: completing[tick] + 2_500_000 for tick in ticks}
+    del arrived[ticks[60] + TICK_NS]
+    found, missed = latencies(
+        np.array([int(reading.source) for reading in sent]),
+        np.array([reading.stamp_ns for reading in sent]),
+        values, published_ns, arrived, ticks[40],
+    )  # fmt: skip
+    assert missed == 1
+    assert len(found) == len(ticks) - 41
+    np.testing.assert_allclose(found, 2.5)
+
+
+def test_a_short_measurement(tmp_path: Path) -> None:
+    told: list[float] = []
+    model = write_model(tmp_path / "model")
+    result = bench_live(model, 3.0, progress=lambda done_s, _whole_s: told.append(done_s))
+    assert json.loads(json.dumps(result)) == result
+    latency = result["latency_ms"]
+    # Bounds that a busy machine keeps as well; how fast it really is, the measurement tells.
+    assert 0.0 < latency["p50"] <= latency["p99"] <= latency["max"]
+    assert latency["p50"] < 25.0
+    assert result["ticks"] == pytest.approx(120, abs=3)
+    assert result["ticks_missed"] == 0
+    assert 0.0 < result["cpu_percent"] < 60.0
+    assert result["node"]["internal_errors"] == 0
+    assert set(result["targets_met"]) == {"p99_ms", "ticks_missed", "cpu_percent"}
+    assert told == sorted(told)
+    assert len(told) > 10
+
+
+def test_a_node_that_does_not_start(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="is not a folder"):
+        bench_live(tmp_path / "none", 1.0)

@@ -1,0 +1,221 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk mismatch and adk bench concealed on bags, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from helpers.mismatch import case
+from helpers.mismatch_report import drag
+
+from adk_ros.bench.mismatch.case_files import write_case, write_evidence
+from adk_ros.cli.main import main
+from adk_ros.mismatch.deployment.surrogate_file import surrogate_yaml
+from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
+from adk_ros.mismatch.recording.from_bag import read_sensor_log
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("cases") / "drag"
+    write_case(case("aero_drag", cda=1.0), path)
+    return path
+
+
+def refused(capsys: pytest.CaptureFixture[str], code: int, *arguments: str) -> str:
+    assert main([*arguments]) == code
+    said = capsys.readouterr()
+    assert said.out == ""
+    lines = [line for line in said.err.splitlines() if not line.startswith("warning")]
+    assert len(lines) == 1
+    assert lines[0].startswith("adk: ")
+    return lines[0]
+
+
+def test_a_bag_is_read_as_it_was_written(folder: Path) -> None:
+    written, read = case("aero_drag", cda=1.0).recording, read_sensor_log(folder / "recording")
+    np.testing.assert_allclose(read.imu, written.imu, atol=1e-12)
+    np.testing.assert_allclose(read.odometry, written.odometry, atol=1e-12)
+    np.testing.assert_allclose(read.pose[:, :2], written.pose[:, :2], atol=1e-12)
+    turned = read.pose[:, 2] - written.pose[:, 2]
+    np.testing.assert_allclose(turned, turned[0], atol=1e-9)
+    np.testing.assert_allclose(read.command, written.command, atol=1e-12)
+    np.testing.assert_allclose(read.odometry_s, written.odometry_s, atol=1e-6)
+
+
+def test_the_bench_runs_and_scores_a_case(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["bench", "concealed", "--cases", str(folder.parent), "--json"]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    result = json.loads(capsys.readouterr().out)
+    (one,) = result["cases"]
+    assert one["failure"] == ""
+    assert one["right"] == 1.0
+    assert one["errors"]["aero_drag.cda"] < 0.05
+    assert one["removed"]["v_x"] > 0.7
+    (first, *_) = result["bars"]
+    assert (first["name"], first["verdict"]) == ("singles-strength-1", "PASS")
+    assert (tmp_path / "out" / "bars.txt").is_file()
+    report = tmp_path / "out" / "drag"
+    assert {p.name for p in report.iterdir()} >= {
+        "mismatch.json",
+        "simulation.yaml",
+        "corrected.yaml",
+        "held_out.yaml",
+    }
+
+
+def test_rollout_by_a_stand_in(folder: Path, tmp_path: Path) -> None:
+    model, out = tmp_path / "model.yaml", tmp_path / "r.csv"
+    model.write_text(surrogate_yaml(default_parameters()))
+    bag = str(folder / "heldout")
+    arguments = ["rollout", "--model", str(model), "--bag", bag, "--out", str(out)]
+    assert main([*arguments, "--horizon", "1", "--stride", "0.5"]) == 0
+    table = np.genfromtxt(out, delimiter=",", names=True)
+    starts = np.unique(table["start_s"])
+    np.testing.assert_allclose(starts, 2.0 + 0.5 * np.arange(starts.size), atol=1e-6)
+    assert table.size == 40 * starts.size
+    assert np.isfinite(table["v_x"]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"parameters": {"mess": 1.0}}, "parameter 'mess' is unknown"),
+        ({"parameters": {"mass": -1.0}}, "mass must be"),
+        ({"terms": [{"effect": "gravity", "parameters": {}}]}, "is not in the catalogue"),
+        ({"terms": [{"effect": "aero_drag", "parameters": {}}]}, "takes cda"),
+        ({"correction": [{"equation": "v_x", "feature": "luck", "coefficient": 1.0}]}, "luck"),
+        ({"schema": 2}, "schema"),
+        ({"more": 1}, "no such parameter"),
+    ],
+)
+def test_a_bad_model_is_refused(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict, said: str
+) -> None:
+    content = {"kind": "stand_in", "schema": 1, "parameters": {"mass": 1500.0}} | change
+    model = tmp_path / "model.yaml"
+    model.write_text(yaml.safe_dump(content))
+    arguments = ["rollout", "--model", str(model), "--bag", str(folder / "heldout")]
+    line = refused(capsys, 2, *arguments, "--out", str(tmp_path / "r.csv"))
+    assert said in line
+
+
+def test_what_is_too_short_is_refused_and_leaves_nothing(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_evidence(case().recording.between(0.0, 10.0), tmp_path / "short")
+    line = refused(
+        capsys,
+        3,
+        "mismatch",
+        "--simulation",
+        str(folder / "simulation"),
+        "--recording",
+        str(tmp_path / "short"),
+        "--out",
+        str(tmp_path / "report"),
+    )
+    assert "at least 30 s" in line
+    assert not list(tmp_path.glob("report*"))
+
+
+def test_a_folder_without_cases_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "no case" in refused(capsys, 2, "bench", "concealed", "--cases", str(tmp_path))
+
+
+def test_a_corrected_model_keeps_its_numbers() -> None:
+    p = default_parameters()
+    p[INDEX["mass"]] = 1234.56789
+    assert "mass: 1234.5679" in surrogate_yaml(p)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_leaves_no_half_report(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    number: signal.Signals,
+) -> None:
+    def half_a_page(findings: object, out: Path) -> None:
+        (out / "map.png").write_bytes(b"half")
+        signal.raise_signal(number)
+
+    monkeypatch.setattr("adk_ros.mismatch.analysis.investigate", lambda *_: drag())
+    arguments = ["mismatch", "--simulation", str(folder / "simulation")]
+    arguments += ["--recording", str(folder / "recording"), "--out", str(tmp_path / "out")]
+    assert main(arguments) == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    monkeypatch.setattr("adk_ros.mismatch.report.result_files.write_page", half_a_page)
+    assert main(arguments) == 128 + number
+    assert {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir()} == before
+    assert main([*arguments[:-1], str(tmp_path / "new")]) == 128 + number
+    assert {path.name for path in tmp_path.iterdir()} == {"out"}
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "one of the three"),
+        (["--own", "--real", "x"], "one of the three"),
+        (["--own", "--jobs", "0"], "choose 1 to 64"),
+        (["--own", "--resume"], "name it"),
+        (["--real", "x"], "needs --vehicle"),
+    ],
+)
+def test_what_the_bench_refuses(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    assert said in refused(capsys, 2, "bench", "concealed", *arguments)
+
+
+def test_the_same_bag_twice_is_refused(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = str(folder / "recording")
+    line = refused(
+        capsys,
+        2,
+        "mismatch",
+        "--simulation",
+        bag,
+        "--recording",
+        f"{bag}/../recording",
+        "--out",
+        str(tmp_path / "out"),
+    )
+    assert "are the same bag" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_without_an_imu_is_refused_unless_told(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole = case().recording
+    bag = tmp_path / "odometry"
+    write_evidence(replace(whole, imu_s=np.empty(0), imu=np.empty((0, 3))), bag)
+    monkeypatch.setattr("adk_ros.mismatch.analysis.investigate", lambda *_: drag())
+    arguments = ["mismatch", "--simulation", str(folder / "simulation"), "--recording", str(bag)]
+    arguments += ["--out", str(tmp_path / "out")]
+    line = refused(capsys, 3, *arguments)
+    assert "no IMU" in line
+    assert "--without-imu" in line
+    assert not (tmp_path / "out").exists()
+    assert main([*arguments, "--without-imu"]) == 0
+    assert (tmp_path / "out" / "mismatch.json").is_file()
+    capsys.readouterr()

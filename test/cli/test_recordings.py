@@ -1,0 +1,254 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reading drives from bags: what is odd about one reaches the person, whatever the verb."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.train import bag, changed_streams, drive, kept, lines, record, small
+
+from adk_ros.bags import Bag, BagWriter, message
+from adk_ros.bags.recording import RecordingOptions, read_recording
+from adk_ros.cli.main import main
+from adk_ros.errors import DataError
+from adk_ros.plant.scenario.sensors import Stream
+from adk_ros.signals.channels import Source
+from adk_ros.signals.decode import SensorConfig
+
+SECONDS = 20.0
+
+
+def rewritten(path: Path, change: Callable[[str, int, Any], Any]) -> Path:
+    """The 20 s drive with `change` applied to each message; None drops it."""
+    with Bag(bag("town", SECONDS)) as opened, BagWriter(path) as writer:
+        for topic in opened.topics:
+            writer.add_topic(topic.name, topic.msgtype)
+        for number, (topic, log_ns, msg) in enumerate(opened.messages()):
+            changed = change(topic, number, msg)
+            if changed is not None:
+                writer.write(topic, changed, log_ns)
+    return path
+
+
+def in_g(topic: str, _: int, msg: Any) -> Any:
+    if topic == "/imu/data":
+        for axis in "xyz":
+            value = getattr(msg.linear_acceleration, axis) / 9.80665
+            setattr(msg.linear_acceleration, axis, value)
+    return msg
+
+
+def in_degrees(topic: str, _: int, msg: Any) -> Any:
+    if topic == "/imu/data":
+        msg.angular_velocity.z = math.degrees(msg.angular_velocity.z)
+    return msg
+
+
+def some_broken(topic: str, number: int, msg: Any) -> Any:
+    if topic == "/odometry" and number % 50 == 0:
+        msg.twist.twist.linear.x = math.nan
+    if topic == "/vehicle/command" and number % 100 == 0:
+        msg.name = ["drive", "rudder"]
+    return msg
+
+
+def twice(topic: str, number: int, msg: Any) -> Any:
+    return msg
+
+
+FAULTS = {
+    in_g: ["it looks like g, the topic must carry m/s^2"],
+    in_degrees: ["it looks like deg/s, the topic must carry rad/s"],
+    some_broken: ["odometry messages refused: velocity is not finite or absurd",
+                  "command messages refused: joint 'steer' is missing"],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=FAULTS, ids=lambda change: change.__name__)
+def faulty(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, list[str]]:
+    path = tmp_path_factory.mktemp("faulty") / "drive_with_faults"
+    return rewritten(path, request.param), FAULTS[request.param]
+
+
+def test_warnings_name_the_drive_and_what_to_do(faulty: tuple[Path, list[str]]) -> None:
+    path, wanted = faulty
+    warnings = read_recording(path).warnings
+    for text in wanted:
+        (found,) = [line for line in warnings if text in line]
+        assert found.startswith("drive_with_faults: ")
+    assert len(warnings) == len(wanted)
+
+
+@pytest.mark.parametrize("verb", ["train", "replay", "rollout", "vehicle"])
+def test_warnings_reach_the_person(
+    capsys, tmp_path: Path, faulty: tuple[Path, list[str]], verb: str
+) -> None:
+    path, wanted = faulty
+    arguments = {
+        "train": ["train", path, "--out", tmp_path / "m", "--steps", "10", "--no-report"],
+        "replay": ["replay", path, "--model", small().path],
+        "rollout": ["rollout", "--model", small().path, "--bag", path, "--out", tmp_path / "r"],
+        "vehicle": ["rollout", "--model", "imdv", "--bag", path, "--out", tmp_path / "r"],
+    }[verb]
+    # 20 s are too short to train on, which is another matter: the warnings come before.
+    assert main([str(item) for item in arguments]) == (3 if verb == "train" else 0)
+    said = [line for line in lines(capsys.readouterr().err) if line.startswith("warning: ")]
+    for text in wanted:
+        assert any(text in line for line in said), said
+
+
+def test_a_sound_drive_is_read_without_a_word() -> None:
+    read = read_recording(bag("town", SECONDS))
+    assert read.warnings == []
+    of = record("town", SECONDS)
+    for name in ("stamp_ns", "x", "u", "a", "flags", "x_ref", "episode"):
+        np.testing.assert_array_equal(getattr(read.record, name), getattr(of, name))
+    assert read.record.name == bag("town", SECONDS).name
+    with Bag(bag("town", SECONDS)) as opened:
+        assert read.start_ns == opened.start_ns
+    commands = drive("town", SECONDS).streams[Source.COMMAND]
+    assert sorted(item.stamp_ns for item in read.commands) == commands.stamp_ns.tolist()
+    assert {item.source for item in read.commands} == {Source.COMMAND}
+
+
+def test_duplicates_and_late_messages_are_counted(tmp_path: Path) -> None:
+    def change(source: Source, stream: Stream) -> Stream:
+        if source is not Source.ODOMETRY:
+            return stream
+        rows = np.sort(np.concatenate([np.arange(len(stream.stamp_ns)), [100, 200, 300]]))
+        doubled = kept(stream, rows)
+        log_ns = doubled.log_ns.copy()
+        log_ns[500] += 45_000_000
+        return Stream(doubled.stamp_ns, log_ns, doubled.values)
+
+    path = changed_streams(drive("town", SECONDS), tmp_path / "b", change)
+    warnings = read_recording(path).warnings
+    assert "b: 3 times duplicate" in warnings
+    assert any("out of order" in text for text in warnings)
+
+
+def test_several_bags_keep_their_warnings_apart(capsys, tmp_path: Path) -> None:
+    broken = rewritten(tmp_path / "broken", some_broken)
+    arguments = ["train", str(bag("handling", 60.0)), str(broken), "--out", str(tmp_path / "m")]
+    assert main([*arguments, "--steps", "10", "--no-report"]) == 0
+    said = lines(capsys.readouterr().err)
+    starts = [line.split(":")[0] for line in said[:2]]
+    assert starts == [str(bag("handling", 60.0)), str(broken)]
+    warnings = [line for line in said if line.startswith("warning: ")]
+    assert len(warnings) == 2
+    assert all(line.startswith("warning: broken: ") for line in warnings)
+
+
+def test_the_imu_can_be_left_out() -> None:
+    read = read_recording(bag("town", SECONDS), RecordingOptions(use_imu=False))
+    assert read.topics.imu is None
+    assert np.isnan(read.record.a).all()
+    of = record("town", SECONDS, imu=False)
+    np.testing.assert_array_equal(read.record.x, of.x)
+
+
+def test_topics_are_chosen_by_name(tmp_path: Path) -> None:
+    """Two of a kind: naming one is needed, and enough."""
+    with Bag(bag("town", SECONDS)) as opened, BagWriter(tmp_path / "b") as writer:
+        for topic in opened.topics:
+            writer.add_topic(topic.name, topic.msgtype)
+        writer.add_topic("/other/odometry", "nav_msgs/msg/Odometry")
+        for topic, log_ns, msg in opened.messages():
+            writer.write(topic, msg, log_ns)
+            if topic == "/odometry":
+                writer.write("/other/odometry", msg, log_ns)
+    with pytest.raises(DataError, match="--odometry"):
+        read_recording(tmp_path / "b")
+    read = read_recording(tmp_path / "b", RecordingOptions(odometry="/other/odometry"))
+    assert read.topics.odometry == "/other/odometry"
+    np.testing.assert_array_equal(read.record.x, record("town", SECONDS).x)
+
+
+def test_the_reference_point_is_heeded() -> None:
+    """From under the rear axle to the centre of gravity: v_y + x * yaw_rate."""
+    options = RecordingOptions(use_imu=False, sensors=SensorConfig(reference_point=(1.4, 0.0)))
+    moved = read_recording(bag("town", SECONDS), options).record
+    plain = read_recording(bag("town", SECONDS), RecordingOptions(use_imu=False)).record
+    shift = moved.x_ref - plain.x_ref
+    np.testing.assert_allclose(shift[:, 1], 1.4 * plain.x_ref[:, 2], atol=1e-9)
+    np.testing.assert_allclose(shift[:, [0, 2]], 0.0, atol=1e-12)
+
+
+def test_a_parameter_file_describes_the_sensors(capsys, tmp_path: Path) -> None:
+    """One file for the node and the offline verbs."""
+
+    def to_column(topic: str, _: int, msg: Any) -> Any:
+        if topic == "/vehicle/command":
+            return message(
+                "sensor_msgs/msg/JointState",
+                header={"stamp": msg.header.stamp.sec * 10**9 + msg.header.stamp.nanosec},
+                name=["drive", "column"],
+                position=[0.0, 16.0 * float(msg.position[1])],
+                effort=[float(msg.effort[0]), 0.0],
+            )
+        return msg
+
+    path = rewritten(tmp_path / "b", to_column)
+    file = tmp_path / "predictor.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters:\n    steer_joint: column\n    steering_ratio: 16\n"
+        "    drive_joints: [drive]\n"
+    )
+    out, plain = tmp_path / "r.csv", tmp_path / "plain.csv"
+    arguments = ["rollout", "--model", "imdv", "--out"]
+    assert main([*arguments, str(out), "--bag", str(path), "--params", str(file)]) == 0
+    assert main([*arguments, str(plain), "--bag", str(bag("town", SECONDS))]) == 0
+    np.testing.assert_allclose(
+        np.loadtxt(out, delimiter=",", skiprows=1), np.loadtxt(plain, delimiter=",", skiprows=1),
+        atol=1e-6,
+    )  # fmt: skip
+    capsys.readouterr()
+    for content, said in (
+        ("steer_joint: [", "is not YAML"),
+        ("a: 1", "holds no 'ros__parameters'"),
+        ("x:\n  ros__parameters:\n    steering_ratio: much\n", "parameter 'steering_ratio'"),
+        ("x:\n  ros__parameters:\n    steering_ratio: 0\n", "steering_ratio is 0"),
+    ):
+        file.write_text(content)
+        assert main([*arguments, str(out), "--bag", str(path), "--params", str(file)]) == 2
+        (line,) = lines(capsys.readouterr().err)
+        assert said in line
+
+
+def test_a_v_y_that_is_not_measured_is_told(capsys, tmp_path: Path) -> None:
+    """Many stacks publish a planar twist whose v_y is nothing but zero."""
+    with Bag(bag("town", 20.0)) as source, BagWriter(tmp_path / "zero") as writer:
+        for topic in source.topics:
+            writer.add_topic(topic.name, topic.msgtype)
+        for topic, log_ns, msg in source.messages():
+            if topic == "/odometry":
+                msg.twist.twist.linear.y = 0.0
+            writer.write(topic, msg, log_ns)
+    drive = read_recording(tmp_path / "zero")
+    (told,) = [text for text in drive.warnings if "v_y" in text]
+    assert "odometry's v_y is 0 throughout: it is not measured" in told
+    assert not [text for text in read_recording(bag("town", 20.0)).warnings if "v_y" in text]
+
+
+def test_a_misspelt_parameter_is_told(capsys, tmp_path: Path) -> None:
+    file = tmp_path / "p.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    referense_point: [1.0, 0.0]\n")
+    out = str(tmp_path / "r.csv")
+    arguments = ["rollout", "--model", "imdv", "--bag", str(bag("town", 20.0)), "--out", out]
+    assert main([*arguments, "--params", str(file)]) == 0
+    assert "'referense_point' is unknown and ignored: did you mean 'reference_point'?" in (
+        " ".join(capsys.readouterr().err.split())
+    )
+
+
+def test_the_version(capsys) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("adk_ros 0.1")

@@ -1,0 +1,148 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a recording without an IMU, a torque or an unfiltered yaw rate is asked, and what not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.mismatch import case
+
+from adk_ros.errors import DataError
+from adk_ros.mismatch.analysis import identify_mismatch
+from adk_ros.mismatch.inference.likelihood import MIN_SPEED, Likelihood
+from adk_ros.mismatch.inference.observability import (
+    PHASE_LAG_EFFECTS,
+    ObservableEffects,
+    longest_moving_segment,
+    observable_effects,
+    with_pseudo_imu,
+    yaw_filter,
+)
+from adk_ros.mismatch.inference.result import EXPLAINED
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.report.summary import sentence
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
+
+MASS, RADIUS = 2000.0, 0.325
+
+
+def without_imu(e: SensorLog) -> SensorLog:
+    return replace(e, imu_s=np.empty(0), imu=np.empty((0, 3)))
+
+
+def with_pedal(e: SensorLog) -> SensorLog:
+    command = e.command.copy()
+    command[:, 0] /= np.abs(command[:, 0]).max()
+    return replace(e, command=command)
+
+
+def filtered(e: SensorLog, tau: float) -> SensorLog:
+    odometry = e.odometry.copy()
+    for k in range(1, e.odometry_s.size):
+        keep = np.exp(-(e.odometry_s[k] - e.odometry_s[k - 1]) / tau)
+        odometry[k, 2] = e.odometry[k, 2] + (odometry[k - 1, 2] - e.odometry[k, 2]) * keep
+    return replace(e, odometry=odometry)
+
+
+def test_a_whole_recording_lacks_nothing() -> None:
+    scope = observable_effects(case().recording, MASS, RADIUS)
+    assert scope.is_complete
+    assert not scope.unobservable
+    assert not scope.missing_channels()
+
+
+@pytest.mark.parametrize("tau", [0.2, 0.4])
+def test_a_filter_of_the_yaw_rate_is_seen(tau: float) -> None:
+    assert yaw_filter(filtered(case().recording, tau)) == pytest.approx(tau, abs=0.06)
+
+
+def test_a_plain_yaw_rate_is_not_taken_for_a_filtered_one() -> None:
+    for evidence in (case().recording, case().simulation, case("aero_drag", cda=1.0).recording):
+        assert yaw_filter(evidence) == 0.0
+
+
+def test_a_pedal_is_no_torque() -> None:
+    assert observable_effects(case().recording, MASS, RADIUS).torque
+    assert not observable_effects(with_pedal(case().recording), MASS, RADIUS).torque
+    straight = with_pedal(case().recording)
+    straight = replace(straight, command=straight.command * np.array([1.0, 0.0]))
+    with pytest.raises(DataError, match="record the wheel torque in N m"):
+        observable_effects(straight, MASS, RADIUS)
+
+
+def test_what_is_not_asked_for() -> None:
+    blind = ObservableEffects(imu=False, torque=False, yaw_filter_s=0.4)
+    assert {
+        "imu_bias",
+        "gyro_scale",
+        "odometry_scale",
+        "road_bank",
+        "aero_drag",
+    } <= blind.unobservable
+    assert {"drive_torque_gain", "torque_squared", "v_x", *PHASE_LAG_EFFECTS} <= blind.unobservable
+    assert {"steering_ratio", "front_tyre_stiffness"}.isdisjoint(blind.unobservable)
+    assert blind.unobservable <= {*EFFECTS, *FEATURES, "v_x"}
+    assert len(blind.missing_channels()) == 3
+    assert "aero_drag" not in ObservableEffects(imu=False).unobservable
+
+
+def test_the_likelihood_is_silent_on_it() -> None:
+    course = prepare_residual_problem(with_pseudo_imu(without_imu(case().recording)))
+    plain = SurrogateModel(
+        case().nominal.parameters(), np.zeros(6), np.zeros((6, 100)), np.empty((0, len(INDEX)))
+    )
+    scope = ObservableEffects(imu=False, torque=False, yaw_filter_s=0.4)
+    found = scope.masked(Likelihood.of(course, scope.with_yaw_filter(plain)))
+    assert not found.weights[:4].any()
+    assert found.weights[4:].any()
+    assert found.unobservable == scope.unobservable
+    assert found.parameters[INDEX["odometry_lag"]] == 0.4
+    assert plain.parameters[INDEX["odometry_lag"]] == 0.0
+
+
+def test_an_imu_is_made_up_where_there_is_none() -> None:
+    whole = case().recording
+    assert with_pseudo_imu(whole) is whole
+    made = with_pseudo_imu(without_imu(whole))
+    measured = np.interp(made.imu_s, whole.imu_s, whole.imu[:, 1])
+    assert np.corrcoef(made.imu[:, 1], measured)[0, 1] > 0.95
+
+
+def test_the_longest_drive_is_judged() -> None:
+    e = case().recording
+    odometry = e.odometry.copy()
+    odometry[(e.odometry_s > 20.0) & (e.odometry_s < 25.0), 0] = 0.0
+    part = longest_moving_segment(replace(e, odometry=odometry))
+    assert part.odometry_s[0] == pytest.approx(25.0, abs=0.1)
+    assert part.odometry_s[-1] == pytest.approx(e.odometry_s[-1], abs=0.05)
+    assert part.odometry[:, 0].min() > MIN_SPEED
+    still = replace(e, odometry=0.0 * e.odometry)
+    assert longest_moving_segment(still) is still
+
+
+def test_drag_is_found_without_an_imu_and_what_lacks_is_said() -> None:
+    drag = case("aero_drag", cda=1.0)
+    found = identify_mismatch(drag.simulation, without_imu(drag.recording), drag.nominal)
+    assert found.verdict == EXPLAINED
+    (one,) = found.effects
+    assert "aero_drag" in (one.effect.name, *one.alternatives)
+    assert "imu_bias" in found.not_judged
+    assert sentence(found).endswith("The recording is judged without an IMU.")
+
+
+def test_nothing_of_forces_along_the_car_is_claimed_of_a_pedal() -> None:
+    drag = case("aero_drag", cda=1.0)
+    found = identify_mismatch(
+        drag.simulation, with_pedal(without_imu(drag.recording)), drag.nominal
+    )
+    assert all("v_x" not in one.effect.equations for one in found.effects)
+    assert np.isnan(found.before["v_x"])
+    assert np.isfinite(found.before["yaw_rate"])
+    assert not found.series.before[3].any()

@@ -1,0 +1,276 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Curves along the simulator's road, and what else is learned of a simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import yaml
+from helpers.mismatch import CAR, case, steady
+
+from adk_ros.bench.mismatch.case_generator import InjectedMismatch, make_case
+from adk_ros.bench.mismatch.case_matrix import UNLISTED_IN
+from adk_ros.bench.mismatch.injectors import UNLISTED
+from adk_ros.errors import UsageError
+from adk_ros.files.yaml_file import validate
+from adk_ros.mismatch import analysis as way
+from adk_ros.mismatch.analysis import identify_mismatch
+from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, horizon_rmse, start_times_of
+from adk_ros.mismatch.deployment.scenario_drive import position_dependent_terms
+from adk_ros.mismatch.deployment.simulator_input import sensor_log_of
+from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile, surrogate_yaml
+from adk_ros.mismatch.inference.result import MismatchResult
+from adk_ros.mismatch.inference.surrogate_extension import augment_surrogate, is_underfit, misfit
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.recording.nominal_vehicle import nominal_vehicle_of
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.report.summary import sentence
+from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
+from adk_ros.mismatch.surrogate.identification import SurrogateModel, identify_surrogate
+from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
+from adk_ros.mismatch.surrogate.road_profile import (
+    KNOT_SPACING_M,
+    RoadProfile,
+    basis,
+    zero_profile,
+)
+from adk_ros.mismatch.surrogate.road_profile_fit import graph_colouring
+from adk_ros.plant.environment.elevation import Height, Undulation
+from adk_ros.plant.environment.road import ROAD_GRADE, ROAD_HEADING, ROAD_X, ROAD_Y, lookup
+from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
+from adk_ros.plant.scenario.simulate import simulate
+from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
+
+DRAG = 0.8
+
+
+@cache
+def hilly() -> Scenario:
+    """The handling course, on hills."""
+    base = load_scenario("handling")
+    hills = {
+        "name": "hills",
+        "duration_s": 130.0,
+        "heights": [
+            Height(at=at, height=height).model_dump()
+            for at, height in ((0, 0.0), (500, 12.0), (1100, -5.0), (1700, 9.0), (2300, 2.0))
+        ],
+        "undulations": [
+            Undulation(start=650.0, end=950.0, amplitude=0.3, wavelength=70.0).model_dump()
+        ],
+    }
+    return validate("hills", base.model_dump() | hills, Scenario)
+
+
+@cache
+def driven(seed: int, more_drag: float = 0.0) -> tuple[SensorLog, Vehicle]:
+    """What sensors say of a drive on the hills, and the car, `more_drag` m^2 added."""
+    scenario = hilly()
+    if more_drag:
+        cda = scenario.car().cda + more_drag
+        scenario = validate(
+            "hills", scenario.model_dump() | {"vehicle_changes": {"cda": cda}}, Scenario
+        )
+    drive = simulate(scenario, seed)
+    return sensor_log_of(drive), drive.vehicle
+
+
+@cache
+def on_hills() -> tuple[ResidualProblem, SurrogateModel, SurrogateModel]:
+    """The course, the stand-in without what was learned, and with it."""
+    evidence, car = driven(1)
+    course = prepare_residual_problem(evidence)
+    start = nominal_vehicle_of(car).parameters()
+    plain = identify_surrogate(course, start)
+    return course, plain, augment_surrogate(course, plain, start)
+
+
+@cache
+def drag_on_hills() -> MismatchResult:
+    simulation, car = driven(1)
+    return identify_mismatch(simulation, driven(2, DRAG)[0], nominal_vehicle_of(car))
+
+
+def test_the_splines_weights_sum_to_one_on_the_road_and_to_none_off_it() -> None:
+    first, weights = basis(np.array([0.0, 3.7, 25.0, np.nan]), KNOT_SPACING_M)
+    assert weights.sum(axis=0) == pytest.approx([1.0, 1.0, 1.0, 0.0])
+    assert list(first[:3]) == [0, 0, 2]
+
+
+def test_a_curve_of_like_knots_is_constant_along_the_road() -> None:
+    road = zero_profile(prepare_residual_problem(case().simulation), ("grade",))
+    level = replace(road, coefficients=np.full_like(road.coefficients, 0.03))
+    assert level.at(road.line[:, 0])[0] == pytest.approx(0.03)
+    assert level.size == pytest.approx([0.03])
+
+
+def test_the_same_place_is_found_again_on_the_next_lap_alone() -> None:
+    evidence = steady(speed=20.0, seconds=60.0)
+    angle = 2.0 * np.pi * evidence.odometry_s / 25.0
+    circle = np.column_stack([80.0 * np.sin(angle), 80.0 * (1.0 - np.cos(angle)), angle])
+    road = zero_profile(prepare_residual_problem(replace(evidence, pose=circle)), ("grade",))
+    # One lap and no more is on the map.
+    assert road.line[-1, 0] == pytest.approx(2.0 * np.pi * 80.0, rel=0.03)
+    pose = np.array([[80.0, 80.0, 0.5 * np.pi], [80.0, 80.0, 2.5 * np.pi]])
+    first, again = road.places(pose)
+    assert first == pytest.approx(0.5 * np.pi * 80.0, abs=2.0)
+    assert again == pytest.approx(first, abs=0.01)
+    # The other way round, and beside the road, is elsewhere.
+    assert np.isnan(road.places(np.array([[80.0, 80.0, -0.5 * np.pi], [60.0, 80.0, 1.6]]))).all()
+    assert road.covered_share(prepare_residual_problem(steady(speed=20.0))) < 0.1
+
+
+def test_knots_of_one_colour_are_never_felt_together() -> None:
+    rng = np.random.default_rng(3)
+    felt = np.zeros((40, 200), dtype=bool)
+    for row in felt:
+        for begin in rng.integers(0, 180, 2):
+            row[begin : begin + 12] = True
+    colours = graph_colouring(felt)
+    for colour in range(colours.max() + 1):
+        assert felt[colours == colour].sum(axis=0).max() <= 1
+    assert colours.max() < 20
+
+
+def test_the_slopes_of_a_simulated_road_are_learned() -> None:
+    course, plain, stand_in = on_hills()
+    assert is_underfit(course, plain)
+    assert stand_in.road is not None
+    # Longitudinal: the slope is what v_x lacked.
+    assert stand_in.error[3] < 0.2 * plain.error[3]
+    route = hilly().planned_route()
+    # As far as the drive comes.
+    at = np.linspace(100.0, 1900.0, 60)
+    row = np.array([lookup(route.table, route.spacing, s, ROAD_GRADE) for s in at])
+    x, y, heading = (
+        np.array([lookup(route.table, route.spacing, s, column) for s in at])
+        for column in (ROAD_X, ROAD_Y, ROAD_HEADING)
+    )
+    place = stand_in.road.places(np.column_stack([x, y, heading]))
+    assert np.isfinite(place).mean() > 0.9
+    on = np.isfinite(place)
+    found = stand_in.road.at(place)[list(stand_in.road.entries).index("grade")]
+    # But for a constant, which a simulated accelerometer's bias is as well.
+    off = (found - row)[on]
+    assert np.std(off) < 0.15 * np.std(row)
+    assert "a road that climbs" in stand_in.augmentation_notes[0]
+
+
+def test_a_simulation_that_is_met_is_left_as_it_is() -> None:
+    c = case()
+    course = prepare_residual_problem(c.simulation)
+    start = c.nominal.parameters()
+    plain = identify_surrogate(course, start)
+    assert not is_underfit(course, plain)
+    assert augment_surrogate(course, plain, start) is plain
+
+
+def test_what_a_recording_on_hills_has_more_is_named() -> None:
+    findings = drag_on_hills()
+    assert [e.effect.name for e in findings.effects] == ["aero_drag"]
+    cda = findings.effects[0].parameters["cda"]
+    assert cda.value == pytest.approx(DRAG, rel=0.1)
+    assert any("a road that climbs" in note for note in findings.notes)
+    assert findings.after["v_x"] < 0.5 * findings.before["v_x"]
+    assert "air drag" in sentence(findings)
+
+
+def test_the_models_of_a_hilly_simulation_know_its_road() -> None:
+    findings = drag_on_hills()
+    model = SurrogateFile.model_validate(yaml.safe_load(findings.simulation_yaml))
+    road = model.road()
+    assert road is not None
+    evidence = driven(1)[0]
+    level = model.model_copy(update={"own": type(model.own)()})
+    with_road, without = (horizon_rmse(m, evidence, 1.0, 2.0) for m in (model, level))
+    assert with_road[0] < 0.3 * without[0]
+    # And nothing of the future is used: cut off after the start, the prediction is the same.
+    starts = start_times_of(evidence, 40, 5.0, 20.0)[:2]
+    whole = OpenLoopPredictor(model, evidence).predict(starts, 40)
+    cut = replace(
+        evidence,
+        odometry_s=evidence.odometry_s[evidence.odometry_s <= starts[-1] + 1e-9],
+        odometry=evidence.odometry[evidence.odometry_s <= starts[-1] + 1e-9],
+        pose=evidence.pose[evidence.odometry_s <= starts[-1] + 1e-9],
+    )
+    assert OpenLoopPredictor(model, cut).predict(starts, 40) == pytest.approx(whole)
+
+
+def test_a_recording_on_another_road_is_judged_without_the_curves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, plain, whole = on_hills()
+    monkeypatch.setattr(way, "identify_surrogate", lambda *_: plain)
+    monkeypatch.setattr(way, "augment_surrogate", lambda *_: whole)
+    evidence, car = driven(1)
+
+    def tell(done: float, total: float, text: str) -> None:
+        assert 0.0 <= done <= total
+        assert text
+
+    stand_in, notes = way.surrogate_of(evidence, evidence, nominal_vehicle_of(car), tell)
+    assert stand_in is whole
+    assert "a road that climbs (RMS" in notes[0]
+    moved = replace(evidence, pose=evidence.pose + np.array([900.0, 0.0, 0.0]))
+    stand_in, notes = way.surrogate_of(evidence, moved, nominal_vehicle_of(car), tell)
+    assert stand_in is plain
+    assert "drives another" in notes[0]
+
+
+def test_what_no_effect_explains_of_a_simulator_is_learned_as_a_feature() -> None:
+    secret = InjectedMismatch(unlisted={"scrub": UNLISTED["scrub"]})
+    c = make_case("scrub", secret, 5, seconds=(60.0, 90.0, 30.0), noise=0.02)
+    course, start = prepare_residual_problem(c.recording), c.nominal.parameters()
+    plain = identify_surrogate(course, start)
+    assert is_underfit(course, plain)
+    whole = augment_surrogate(course, plain, start)
+    assert whole.feature_terms
+    assert whole.feature_terms[0].equation == "v_x"
+    assert whole.feature_terms[0].feature in UNLISTED_IN["scrub"][1]
+    assert misfit(course, whole) < 0.05 * misfit(course, plain)
+    # On a drive that it was not learned on, it is there as well.
+    model = SurrogateFile.model_validate(
+        yaml.safe_load(surrogate_yaml(whole.parameters, simulator=whole))
+    )
+    without = model.model_copy(update={"own": type(model.own)()})
+    errors = [horizon_rmse(m, c.heldout, 1.0, 2.0) for m in (model, without)]
+    assert errors[0][0] < 0.5 * errors[1][0]
+
+
+def test_a_simulators_own_effect_is_learned_and_no_finding() -> None:
+    secret = InjectedMismatch({"steering_backlash": {"half_gap": 0.0025}})
+    c = make_case("play", secret, 6, seconds=(60.0, 90.0, 30.0), noise=0.02)
+    course, start = prepare_residual_problem(c.recording), c.nominal.parameters()
+    plain = identify_surrogate(course, start)
+    whole = augment_surrogate(course, plain, start)
+    assert "steering_backlash" in whole.augmentation_notes[0]
+    assert whole.parameters[INDEX["steer_half_gap"]] == pytest.approx(0.0025, rel=0.2)
+
+
+def test_a_file_keeps_what_the_simulator_has_of_its_own() -> None:
+    line = np.column_stack([np.arange(5.0) * 10.0, np.arange(5.0) * 10.0, np.zeros((5, 2))])
+    road = RoadProfile(line, ("grade",), np.linspace(0.0, 0.04, 9)[None])
+    simulator = SurrogateModel(
+        CAR.parameters(),
+        np.zeros(6),
+        np.zeros((6, 100)),
+        np.empty((0, CAR.parameters().size)),
+        road,
+        (FeatureTerm("v_x", "speed_squared", -0.001, 0.0),),
+    )
+    content = yaml.safe_load(surrogate_yaml(simulator.parameters, simulator=simulator))
+    model = SurrogateFile.model_validate(content)
+    again = model.simulator()
+    assert again.road is not None
+    assert again.road.coefficients == pytest.approx(road.coefficients)
+    assert again.feature_terms == simulator.feature_terms
+    assert model.coefficients()[1][0, 0] == -0.001
+    # A scenario has a road of its own.
+    assert position_dependent_terms(model) == ["the grade of its own road"]
+    content["own"]["road"]["curves"]["grade"] = [0.0, 0.1]
+    with pytest.raises(UsageError, match="four knots"):
+        validate("model", content, SurrogateFile)

@@ -1,0 +1,424 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The model on disk: there and back, whole or not at all, and every reason to refuse it."""
+
+import hashlib
+import io
+import json
+import math
+import os
+import pickle
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pytest
+import torch
+from helpers.model import make_model, paper_model, plain_program, program, slalom, slow
+
+from adk_ros.errors import UsageError
+from adk_ros.model import artefact
+from adk_ros.model.artefact import ARRAYS, ENCODER, MANIFEST
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.lifting.encoder import Lifting, input_size
+from adk_ros.model.predictor import Predictor
+
+FACTS = {"data": [{"name": "town", "seconds": 60.0}], "seed": 3}
+Change = Callable[[Path], object]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("models") / "model"
+    artefact.save(folder, program(), make_model(), FACTS)
+    return folder
+
+
+@pytest.fixture
+def folder(written: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(written, tmp_path / "model"))
+
+
+def predictions(model: KoopmanModel) -> list[np.ndarray]:
+    predictor = Predictor(model, horizon_steps=20)
+    made = [predictor.step(item) for item in slalom(80)]
+    return [array for p in made if p is not None for array in (p.horizon, p.covariance)]
+
+
+def paper() -> tuple[bytes, KoopmanModel]:
+    return program(history=0), paper_model()
+
+
+def without_twin() -> tuple[bytes, KoopmanModel]:
+    content = plain_program(input_size(2))
+    return content, make_model(lifting=Lifting(content, input_size(2), 4))
+
+
+@pytest.mark.parametrize(
+    "made",
+    [lambda: (program(), make_model()), paper, without_twin,
+     lambda: (program(history=0), make_model(history=0, residual=False))],
+    ids=["default", "paper", "without twin", "not residual"],
+)  # fmt: skip
+def test_there_and_back(made: Callable[[], tuple[bytes, KoopmanModel]], tmp_path: Path) -> None:
+    content, model = made()
+    artefact.save(tmp_path / "model", content, model, FACTS)
+    loaded = artefact.load(tmp_path / "model")
+    for one, other in zip(predictions(model), predictions(loaded.model), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert loaded.path == tmp_path / "model"
+    assert loaded.manifest["training"] == FACTS
+    assert loaded.manifest == artefact.read_manifest(tmp_path / "model")
+    assert loaded.model.online == model.online
+    for name in ("history", "residual", "affine", "relift", "uses_imu", "n_z"):
+        assert getattr(loaded.model, name) == getattr(model, name)
+
+
+def test_what_is_in_the_folder(written: Path) -> None:
+    assert sorted(p.name for p in written.iterdir()) == [ARRAYS, ENCODER, MANIFEST]
+    assert written.stat().st_mode & 0o777 == 0o755
+    manifest = json.loads((written / MANIFEST).read_text())
+    assert manifest["format"] == "adk_ros.model"
+    assert manifest["dt_s"] == 0.025
+    assert manifest["channels"]["state"] == {"v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s"}
+    assert manifest["channels"]["input"] == {"torque": "N m", "delta": "rad"}
+    for name in (ENCODER, ARRAYS):
+        content = (written / name).read_bytes()
+        assert manifest["sha256"][name] == hashlib.sha256(content).hexdigest()
+
+
+def test_no_python_pickle_is_loaded(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any, **__: Any) -> NoReturn:
+        raise AssertionError("a pickle was loaded")
+
+    class Refusing:
+        def __init__(self, *_: Any, **__: Any) -> None:
+            refuse()
+
+    for owner, name in (
+        (pickle, "load"), (pickle, "loads"), (pickle, "_load"), (pickle, "_loads"),
+        (pickle, "_Unpickler"), (pickle, "Unpickler"), (torch, "load"),
+    ):  # fmt: skip
+        monkeypatch.setattr(owner, name, Refusing if name.endswith("Unpickler") else refuse)
+    artefact.load(written)
+
+
+def edit(**fields: Any) -> Change:
+    """Write other fields into the manifest; None takes one away."""
+
+    def change(folder: Path) -> None:
+        manifest = json.loads((folder / MANIFEST).read_text()) | fields
+        kept = {key: value for key, value in manifest.items() if value is not None}
+        (folder / MANIFEST).write_text(json.dumps(kept))
+
+    return change
+
+
+def online(**fields: Any) -> Change:
+    def change(folder: Path) -> None:
+        manifest = json.loads((folder / MANIFEST).read_text())
+        edit(online=manifest["online"] | fields)(folder)
+
+    return change
+
+
+def replaced(name: str, content: bytes) -> Change:
+    """Write another file, and its hash into the manifest: what the hash cannot tell."""
+
+    def change(folder: Path) -> None:
+        (folder / name).write_bytes(content)
+        hashes = json.loads((folder / MANIFEST).read_text())["sha256"]
+        edit(sha256=hashes | {name: hashlib.sha256(content).hexdigest()})(folder)
+
+    return change
+
+
+def with_arrays(**arrays: Any) -> Change:
+    def change(folder: Path) -> None:
+        with np.load(folder / ARRAYS) as stored:
+            kept = dict(stored) | arrays
+        buffer = io.BytesIO()
+        given = {key: value for key, value in kept.items() if value is not None}
+        np.savez(buffer, **given)
+        replaced(ARRAYS, buffer.getvalue())(folder)
+
+    return change
+
+
+def entries(content: bytes) -> bytes:
+    """A zip of the right names with the same content each."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name in artefact._ARRAYS:
+            archive.writestr(name + ".npy", content)
+    return buffer.getvalue()
+
+
+def npy(array: Any) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array, allow_pickle=True)
+    return buffer.getvalue()
+
+
+def header(text: str) -> bytes:
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode()
+
+
+def cut(name: str, keep: float) -> Change:
+    def change(folder: Path) -> None:
+        content = (folder / name).read_bytes()
+        (folder / name).write_bytes(content[: int(keep * len(content))])
+
+    return change
+
+
+def flipped(name: str) -> Change:
+    def change(folder: Path) -> None:
+        content = bytearray((folder / name).read_bytes())
+        content[len(content) // 2] ^= 1
+        (folder / name).write_bytes(bytes(content))
+
+    return change
+
+
+def manifest_is(content: bytes) -> Change:
+    return lambda folder: (folder / MANIFEST).write_bytes(content)
+
+
+HASH = "does not have the hash in manifest.json: it is truncated, altered"
+JSON, ONLINE, RANGE = "is not readable as JSON", "of 'online' is not of type", "is out of range"
+READABLE, FINITE = "arrays.npz is not readable", "holds values that are not finite"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda f: (f / MANIFEST).unlink(), "holds no manifest.json: it is not a model folder"),
+        (manifest_is(b""), JSON),
+        (manifest_is(b'{"format": "adk_ros.model", '), JSON),
+        (manifest_is(b"\xff\xfe\x00\x80"), JSON),
+        (manifest_is(b"[" * 100_000), JSON),
+        (manifest_is(b"null"), "does not describe an adk_ros.model"),
+        (manifest_is(b"[]"), "does not describe an adk_ros.model"),
+        (manifest_is(b"{}"), "does not describe an adk_ros.model"),
+        (edit(format="webapp"), "does not describe an adk_ros.model"),
+        (edit(version=2), "version is 2, this program runs 3: train the model anew"),
+        (edit(version=None), "version is null"),
+        (edit(dt_s=0.02), r"dt_s is 0.02, this program runs 0.025"),
+        (edit(dt_s=math.nan), "dt_s is NaN"),
+        (edit(reference_point="rear_axle"), 'reference_point is "rear_axle", this program runs'),
+        (edit(channels={"state": {}}), "channels is "),
+        (edit(history="2"), "'history' is missing or not of type int"),
+        (edit(history=2.0), "'history' is missing or not of type int"),
+        (edit(history=True), "'history' is missing or not of type int"),
+        (edit(history=-1), RANGE),
+        (edit(history=41), RANGE),
+        (edit(lifted_size=3), RANGE),
+        (edit(lifted_size=10**9), RANGE),
+        (edit(residual=1), "'residual' is missing or not of type bool"),
+        (edit(affine=None), "'affine' is missing or not of type bool"),
+        (edit(relift=False), "without 'relift' a model is neither residual nor affine"),
+        (edit(uses_imu="yes"), "'uses_imu' is missing"),
+        (edit(training=None), "'training' is missing"),
+        (edit(online=None), "'online' is missing"),
+        (edit(online={"method": "windowed"}), "'online' must hold just forgetting, initial_"),
+        (online(extra=1), "'online' must hold just forgetting, initial_covariance, method, ridge"),
+        (online(method=["windowed"]), ONLINE),
+        (online(window="400"), ONLINE),
+        (online(window=400.5), ONLINE),
+        (online(window=True), ONLINE),
+        (online(ridge=None), ONLINE),
+        (online(ridge="1"), ONLINE),
+        (online(method="magic"), "online method 'magic' is unknown"),
+        (online(window=10**30), "choose 2 to 100000"),
+        (online(ridge=math.nan), "ridge is nan"),
+        (edit(sha256={}), HASH),
+        (edit(sha256=["a"]), "'sha256' is missing or not of type dict"),
+        (lambda f: (f / ENCODER).unlink(), "encoder.pt cannot be read"),
+        (lambda f: (f / ARRAYS).unlink(), "arrays.npz cannot be read"),
+        (cut(ENCODER, 0.5), HASH),
+        (cut(ENCODER, 0.0), HASH),
+        (cut(ARRAYS, 0.99), HASH),
+        (flipped(ENCODER), HASH),
+        (flipped(ARRAYS), HASH),
+        (edit(history=3), "the encoder does not take 20 inputs"),
+        (edit(lifted_size=8), "theta0 has shape"),
+        (edit(affine=False), r"theta0 has shape \(7, 10\), the manifest asks for \(7, 9\)"),
+        (replaced(ENCODER, b"nothing"), "no readable TorchScript program"),
+        (replaced(ENCODER, program(features=5)), "its manifest promises"),
+        (replaced(ENCODER, program(history=3)), "the encoder does not take 15 inputs"),
+        (replaced(ARRAYS, b""), READABLE),
+        (replaced(ARRAYS, b"PK\x03\x04" + bytes(50)), READABLE),
+        (replaced(ARRAYS, npy(np.zeros(3))), READABLE),
+        (replaced(ARRAYS, npy(np.array([{}], dtype=object))), READABLE),
+        (replaced(ARRAYS, pickle.dumps({"theta0": 1})), READABLE),
+        (replaced(ARRAYS, entries(b"")), READABLE),
+        (replaced(ARRAYS, entries(header("{'descr': ((((("))), READABLE),
+        (replaced(ARRAYS, entries(header(
+            "{'descr': '<f8', 'fortran_order': False, 'shape': (10000000000000,)}"
+        ))), READABLE),
+        (with_arrays(theta0=np.array([[None]], dtype=object)), READABLE),
+        (with_arrays(x_mean=np.array(["a", "b", "c"])), READABLE),
+        (with_arrays(theta0=None), READABLE),
+        (with_arrays(theta0=np.zeros((7, 9))), "theta0 has shape"),
+        (with_arrays(theta0=np.zeros(70)), "theta0 has shape"),
+        (with_arrays(x_mean=np.zeros(2)), "x_mean has shape"),
+        (with_arrays(u_scale=np.ones((2, 1))), "u_scale has shape"),
+        (with_arrays(slow_gain=np.zeros(())), "slow_gain has shape"),
+        (with_arrays(horizon_covariance=np.zeros((80, 3))), "horizon_covariance has shape"),
+        (with_arrays(held_covariance=np.zeros((3, 3))), "held_covariance has shape"),
+        (with_arrays(held_covariance=np.zeros((79, 3, 3))), "held_covariance has shape"),
+        (with_arrays(held_covariance=None), READABLE),
+        (with_arrays(theta0=np.full((7, 10), np.nan)), f"theta0 {FINITE}"),
+        (with_arrays(x_scale=np.array([1.0, np.inf, 1.0])), f"x_scale {FINITE}"),
+        (with_arrays(x_scale=np.array([1.0, 0.0, 1.0])), "a scale that is not positive"),
+        (with_arrays(step_scale=np.array([1.0, -1.0, 1.0])), "a scale that is not positive"),
+        (with_arrays(horizon_covariance=np.full((2, 3, 3), np.inf)), f"covariance {FINITE}"),
+        (with_arrays(held_covariance=np.full((80, 3, 3), np.inf)), f"covariance {FINITE}"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(folder: Path, change: Change, words: str) -> None:
+    artefact.load(folder)
+    change(folder)
+    with pytest.raises(UsageError, match=words) as refused:
+        artefact.load(folder)
+    assert len(str(refused.value).splitlines()) == 1
+    assert refused.value.exit_code == 2
+
+
+@pytest.mark.parametrize("name", [ENCODER, ARRAYS, MANIFEST])
+def test_a_folder_in_the_place_of_a_file(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    (folder / name).mkdir()
+    with pytest.raises(UsageError, match=name):
+        artefact.load(folder)
+
+
+@pytest.mark.parametrize("where", ["nowhere", "file", "file/below"])
+def test_no_folder(tmp_path: Path, where: str) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(UsageError, match="is not a folder: give the folder that 'adk train'"):
+        artefact.load(tmp_path / where)
+
+
+def test_whole_numbers_written_by_hand_serve(folder: Path) -> None:
+    online(ridge=5, initial_covariance=1)(folder)
+    assert artefact.load(folder).model.online.ridge == 5.0
+
+
+def test_a_model_may_be_written_over(folder: Path) -> None:
+    (folder / "report.html").write_text("of the training before")
+    other = make_model(observer_gains=slow(0.3))
+    artefact.save(folder, program(), other, {"seed": 4})
+    loaded = artefact.load(folder)
+    assert loaded.manifest["training"] == {"seed": 4}
+    assert loaded.model.observer_gains.slow_gain.tolist() == [0.3] * 3
+    assert (folder / "report.html").exists()
+    assert [p.name for p in folder.parent.iterdir()] == ["model"]
+
+
+@pytest.mark.parametrize("inside", [None, "notes.txt", "a web app's", "unreadable"])
+def test_what_is_no_model_is_not_written_over(tmp_path: Path, inside: str | None) -> None:
+    target = tmp_path / "precious"
+    target.mkdir()
+    if inside == "a web app's":
+        (target / MANIFEST).write_text('{"name": "app", "version": 3}')
+    elif inside == "unreadable":
+        (target / MANIFEST).write_text("{")
+    elif inside:
+        (target / inside).write_text("precious")
+    before = {p.name: p.read_text() for p in target.iterdir()}
+    for attempt in (lambda: artefact.check_target(target),
+                    lambda: artefact.save(target, program(), make_model(), {})):  # fmt: skip
+        with pytest.raises(UsageError, match="exists and is no model: choose another --out"):
+            attempt()
+    assert {p.name: p.read_text() for p in target.iterdir()} == before
+    assert [p.name for p in tmp_path.iterdir()] == ["precious"]
+
+
+def test_places_where_no_folder_can_be_made(tmp_path: Path) -> None:
+    """Found out before a training of minutes, not after it."""
+    (tmp_path / "file").write_text("x")
+    for place in ("file/model", "file/a/b", "n" * 300):
+        with pytest.raises(UsageError, match="cannot be written"):
+            artefact.check_target(tmp_path / place)
+    with pytest.raises(UsageError, match="exists and is no model"):
+        artefact.check_target(tmp_path / "file")
+    artefact.check_target(tmp_path / "new" / "deep" / "model")
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_folders_above_are_made(tmp_path: Path) -> None:
+    artefact.save(tmp_path / "a" / "b" / "model", program(), make_model(), {})
+    artefact.load(tmp_path / "a" / "b" / "model")
+
+
+def fail_after(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the machine die at the `count`-th step of writing."""
+    done = [0]
+
+    def counted(function: Any) -> Any:
+        def step(*args: Any, **kwargs: Any) -> Any:
+            done[0] += 1
+            if done[0] > count:
+                raise KeyboardInterrupt
+            return function(*args, **kwargs)
+
+        return step
+
+    for owner, name in (
+        (Path, "write_bytes"), (Path, "chmod"), (os, "replace"), (os, "rename")
+    ):  # fmt: skip
+        monkeypatch.setattr(owner, name, counted(getattr(owner, name)))
+
+
+@pytest.mark.parametrize("count", range(6))
+def test_interrupted_while_writing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    """The folder is there as a whole, or not at all, and nothing else is left behind."""
+    with monkeypatch.context() as patch:
+        fail_after(count, patch)
+        try:
+            artefact.save(tmp_path / "model", program(), make_model(), {})
+        except KeyboardInterrupt:
+            assert list(tmp_path.iterdir()) == []
+        else:
+            assert count == 5
+            artefact.load(tmp_path / "model")
+
+
+@pytest.mark.parametrize("count", range(9))
+def test_interrupted_while_writing_over(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    """Then it is the old one, or the new one, or refused for a hash: never a mixture."""
+    other = make_model(history=0, observer_gains=slow(0.3))
+    with monkeypatch.context() as patch:
+        fail_after(count, patch)
+        try:
+            artefact.save(folder, program(history=0), other, {"seed": 4})
+        except KeyboardInterrupt:
+            assert count < 7
+    assert [p.name for p in folder.parent.iterdir()] == ["model"]
+    if count in (5, 6):
+        with pytest.raises(UsageError, match=HASH):
+            artefact.load(folder)
+        # The way out: the training is written again.
+        artefact.save(folder, program(history=0), other, {"seed": 4})
+    history = artefact.load(folder).model.history
+    assert history == (0 if count > 4 else 2)
+
+
+def test_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: Any) -> NoReturn:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        with pytest.raises(UsageError, match="cannot be written: No space left on device"):
+            artefact.save(tmp_path / "model", program(), make_model(), {})
+    assert list(tmp_path.iterdir()) == []

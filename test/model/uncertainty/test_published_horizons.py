@@ -1,0 +1,164 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Horizons as they were published, and what they say of the next one's errors."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers.model import Array, inputs, make_model, paper_model, sample
+
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.prediction import Prediction
+from adk_ros.model.predictor import Predictor
+from adk_ros.model.uncertainty.conformal import FORGETTING, GAIN, ROLLOUT_STRIDE
+from adk_ros.numerics.constants import QUANTILE_90
+from adk_ros.signals.channels import Flag
+
+HELD = np.arange(1.0, 81.0)[:, None, None] * np.array(
+    [[0.02, 0.001, 0.0], [0.001, 0.006, 0.0], [0.0, 0.0, 0.002]]
+)
+UNLEARNABLE = int(Flag.ODOMETRY_STALE)
+
+
+def model(**changes: object) -> KoopmanModel:
+    return make_model(**{"held_input_covariance": HELD} | changes)
+
+
+def states(n: int, seed: int = 2) -> Array:
+    random = np.random.default_rng(seed)
+    walk = np.cumsum(random.standard_t(3, (n, 3)) * [0.02, 0.006, 0.004], axis=0)
+    return np.asarray(np.array([15.0, 0.0, 0.05]) + walk)
+
+
+def drive(car: Predictor, n: int, flags: dict[int, int] | None = None) -> list[Prediction | None]:
+    x, u = states(n), inputs(n)
+    return [car.step(sample(k, x[k], u[k], (flags or {}).get(k, 0))) for k in range(n)]
+
+
+def recomputed(made: list[Prediction | None], flags: dict[int, int], steps: int) -> Array:
+    """The covariance after all of `made`, from the predictions alone, in plain numpy."""
+    x = states(len(made))
+    start = HELD[np.minimum(np.arange(steps), 79)]
+    covariance, factor, count = start.copy(), np.zeros((steps, 3)), np.full(steps, 5.0)
+    kept: list[tuple[int, Array, Array]] = []
+    number = 0
+    for k, prediction in enumerate(made):
+        if prediction is None:
+            continue
+        for first, horizon, variance in kept:
+            h = k - first - 1
+            if h >= steps or flags.get(k, 0):
+                continue
+            error = x[k] - horizon[h]
+            missed = np.abs(error) > QUANTILE_90 * np.sqrt(variance[h])
+            factor[h] = np.clip(factor[h] + GAIN * (missed - 0.1), -math.log(4), math.log(4))
+            count[h] = FORGETTING * count[h] + 1.0
+            covariance[h] += (np.outer(error, error) - covariance[h]) / count[h]
+        if not flags.get(k, 0) & int(Flag.COASTING):
+            number += 1
+            if number % ROLLOUT_STRIDE == 0:
+                s = np.exp(factor)
+                variance = np.diagonal(covariance, axis1=1, axis2=2) * s**2
+                kept.append((k, prediction.horizon, variance.copy()))
+    return np.asarray(covariance * np.exp(factor)[:, :, None] * np.exp(factor)[:, None, :])
+
+
+@pytest.mark.parametrize("steps", [1, 40, 80, 123, 400])
+def test_statistics_are_those_of_what_was_published(steps: int) -> None:
+    flags = dict.fromkeys(range(300, 310), UNLEARNABLE)
+    flags |= dict.fromkeys(range(500, 520), int(Flag.COASTING))
+    car = Predictor(model(), horizon_steps=steps)
+    made = drive(car, 900, flags)
+    wanted = recomputed(made, flags, steps)
+    np.testing.assert_allclose(car.held_input_covariance, wanted, rtol=1e-7, atol=1e-14)
+    last = made[-1]
+    assert last is not None
+    np.testing.assert_array_equal(last.horizon_covariance, car.held_input_covariance)
+    before = np.diagonal(HELD[np.minimum(np.arange(steps), 79)], axis1=1, axis2=2)
+    assert np.mean(np.diagonal(wanted, axis1=1, axis2=2) != before) == 1.0
+
+
+@pytest.mark.parametrize("steps", [0, 1, 40, 80, 400])
+def test_it_begins_with_the_models_the_last_row_held(steps: int) -> None:
+    car = Predictor(model(), horizon_steps=steps)
+    rows = np.minimum(np.arange(steps), 79)
+    np.testing.assert_array_equal(car.held_input_covariance, HELD[rows].reshape(steps, 3, 3))
+    for prediction in drive(car, 60):
+        if prediction is not None:
+            assert prediction.horizon_covariance.shape == (steps, 3, 3)
+
+
+def test_without_a_table_of_its_own_another_serves() -> None:
+    known = make_model()
+    np.testing.assert_array_equal(Predictor(known).held_input_covariance, known.horizon_covariance)
+    bare = paper_model()
+    car = Predictor(bare, horizon_steps=20)
+    usual = np.square(bare.scaling.x_scale * bare.scaling.step_scale)
+    np.testing.assert_allclose(car.held_input_covariance[19], 20.0 * np.diag(usual))
+    # Rolled out in the lifted space there are no trials, but what is published can be compared.
+    drive(car, 300)
+    assert car.rollout_monitor is None
+    assert (np.diagonal(car.held_input_covariance[19]) != 20.0 * usual).all()
+
+
+def test_what_is_published_is_a_covariance() -> None:
+    for prediction in drive(Predictor(model()), 900):
+        if prediction is not None:
+            table = prediction.horizon_covariance
+            assert np.isfinite(table).all()
+            np.testing.assert_array_equal(table, table.transpose(0, 2, 1))
+            least, most = np.linalg.eigvalsh(table)[:, [0, -1]].T
+            assert (least >= -1e-12 * most).all()
+
+
+def test_while_coasting_the_horizon_began_earlier() -> None:
+    flags = dict.fromkeys(range(500, 503), int(Flag.COASTING))
+    car = Predictor(model())
+    made = drive(car, 503, flags)
+    first, last = made[499], made[502]
+    assert first is not None
+    assert last is not None
+    rows = np.minimum(np.arange(80) + 3, 79)
+    np.testing.assert_array_equal(last.horizon_covariance, first.horizon_covariance[rows])
+
+
+def test_no_state_ends_the_comparisons_and_a_reset_forgets() -> None:
+    car = Predictor(model(), max_coast_steps=5)
+    flags = dict.fromkeys(range(400, 500), int(Flag.COASTING))
+    made = drive(car, 504, flags)
+    assert made[450] is None
+    before = made[399]
+    after = made[-1]
+    assert before is not None
+    assert after is not None
+    # Nothing published before the gap was compared behind it.
+    np.testing.assert_array_equal(after.horizon_covariance, before.horizon_covariance)
+    car.reset()
+    np.testing.assert_array_equal(car.held_input_covariance, HELD)
+    drive(car, 300)
+    assert (car.held_input_covariance != HELD).any()
+    car.step(sample(2000, [15.0, 0.0, 0.0], [0.0, 0.0]))
+    np.testing.assert_array_equal(car.held_input_covariance, HELD)
+
+
+def test_what_is_handed_out_is_a_copy() -> None:
+    car = Predictor(model())
+    made = drive(car, 100)[-1]
+    assert made is not None
+    made.horizon_covariance[:] = math.nan
+    car.held_input_covariance[:] = math.nan
+    assert np.isfinite(car.held_input_covariance).all()
+
+
+def test_nine_of_ten_published_intervals_hold() -> None:
+    """Of a car that takes steps with heavy tails, which no model could know."""
+    made, x = drive(Predictor(model()), 8000), states(8000)
+    for h in (0, 9, 39, 79):
+        held = [
+            np.abs(x[k + 1 + h] - p.horizon[h])
+            <= QUANTILE_90 * np.sqrt(np.diagonal(p.horizon_covariance[h]))
+            for k, p in enumerate(made[: -1 - h])
+            if p is not None
+        ]
+        assert (np.abs(np.mean(held, axis=0) - 0.9) < 0.025).all(), h

