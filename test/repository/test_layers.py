@@ -1,18 +1,15 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Who may import whom, read from the sources.
+Imports, read from the sources: they run downhill, and no cycle exists between files or folders.
 
-`signals` <- `model` <- `train`, `ros`; `signals` <- `plant`; nothing imports `ros` or `cli`.
-
-The core (`signals`, `model`, `plant`, `train`) knows no ROS, never logs, never reads a clock and
-never exits: whatever it is told comes in with the data, whatever it has to say comes back as a
-value or as an exception.
+The core knows no ROS, never logs, prints, reads a clock or exits: what it needs comes in with the
+data, what it has to say comes back as a value or as an exception.
 """
 
 import ast
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,39 +17,39 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# Layer -> what it may import from the package, itself apart. A layer is a folder or a module of
-# the package's first level.
-MAY_IMPORT = {
-    "errors": set(),
-    "compiled": set(),
-    "finite": set(),
-    "report_folder": {"errors"},
-    "signals": {"errors"},
-    "plant": {"errors", "compiled", "signals"},
-    "model": {"errors", "compiled", "signals"},
-    "train": {"errors", "signals", "model"},
-    "bags": {"errors", "signals"},
-    "drives": {"errors", "signals", "bags"},
-    "replay": {"errors", "signals", "model", "bags", "drives"},
-    "mismatch": {"errors", "compiled", "report_folder", "signals", "plant", "bags"},
-    "rollouts": {"errors", "signals", "model", "plant", "bags", "drives", "mismatch"},
-    "bag_export": {"errors", "signals", "plant", "bags"},
-    "ros": {"errors", "signals", "model", "bags", "drives"},
-}
-# The top of the house: nobody below imports it. The demonstration prints as the verbs do.
-TOP = {"bench", "demo", "cli"}
-MAY_IMPORT |= {"bench": {*MAY_IMPORT}, "demo": {*MAY_IMPORT, "cli"}, "cli": {*MAY_IMPORT, *TOP}}
-CORE = {"errors", "compiled", "signals", "model", "plant", "train", "mismatch"}
+# From low to high: a module may import from lower entries and from its own folder alone. An entry
+# is a folder or a module, relative to its parent; "" is the parent's own modules.
+ORDER: dict[str, tuple[str, ...]] = {
+    "": (
+        "errors", "numerics", "files", "shutdown", "signals", "plant", "model", "train", "bags",
+        "mismatch", "offline", "ros", "api", "bench", "cli", "",
+    ),
+    "plant": ("environment", "vehicle", "identification", "scenario", ""),
+    "model": ("lifting", "estimation", "adaptation", "uncertainty", ""),
+    "mismatch": (
+        "library", "recording", "surrogate", "inference", "deployment", "report", "",
+    ),
+    "bench": ("runtime", "paper", "mismatch", ""),
+}  # fmt: skip
+CORE = {"errors", "numerics", "signals", "model", "plant", "train", "mismatch"}
+BENCH_VERBS = "cli/bench"
+"""Beginning of the only product files that may import from the benchmarks."""
 
 ROS_MODULES = {"rclpy", "rosgraph_msgs", "builtin_interfaces", "rcl_interfaces", "std_srvs"}
 ROS_MODULES |= {"ament_index_python", "rosidl_runtime_py", "launch", "launch_ros"}
-TORCH_FILES = {"model/lifting.py", "model/artefact.py"}
+TORCH_FILES = {"model/lifting/encoder.py", "model/artefact.py"}
 TERMINAL = {"typer", "rich", "click"}
-PAPER = {"matplotlib", "jinja2"}
+TABLES = {"pandas"}
+PAGES = {"matplotlib", "jinja2"}
+PAGE_LAYERS = {"files", "train", "api", "bench", "cli"}
 PICKLES = {"pickle", "cPickle", "dill", "joblib", "shelve", "marshal", "cloudpickle"}
 
-# What the signals and the plant are made of; the rest is chosen more freely.
-LEAN = {"signals": {"numpy"}, "plant": {"numpy", "numba", "yaml", "pydantic"}}
+# Third-party modules that the lowest layers are made of; the rest is chosen more freely.
+LEAN = {
+    "numerics": {"numpy", "numba"},
+    "signals": {"numpy"},
+    "plant": {"numpy", "numba", "yaml", "pydantic"},
+}
 
 EXITS = {"sys.exit", "os._exit", "os.abort", "exit", "quit"}
 OUTPUT = {"print", "input", "sys.stdout", "sys.stderr", "warnings.warn"}
@@ -75,11 +72,8 @@ class Module(NamedTuple):
 def parse(path: Path, package: Path) -> Module:
     relative = path.relative_to(package)
     parts = relative.with_suffix("").parts
-    layer = parts[0]
-    # demo.py, demo_report.py, demo/...: one layer, like bench.
-    for family in ("demo", "bench"):
-        layer = family if layer.startswith(family) else layer
     name = ".".join(("adk_ros", *(part for part in parts if part != "__init__")))
+    layer = "" if parts == ("__init__",) else parts[0]
     return Module(relative.as_posix(), name, layer, ast.parse(path.read_text(), str(path)))
 
 
@@ -88,6 +82,7 @@ def modules_of(package: Path) -> list[Module]:
 
 
 MODULES = modules_of(ROOT / "adk_ros")
+KNOWN = {module.name: module for module in MODULES}
 
 
 def imports(module: Module) -> Iterator[str]:
@@ -122,21 +117,79 @@ def is_ros(name: str) -> bool:
     return top in ROS_MODULES or top.endswith("_msgs")
 
 
-def internal_faults(module: Module) -> list[str]:
-    allowed = MAY_IMPORT.get(module.layer)
-    if allowed is None:
-        return [f"{module.path}: the layer table has no {module.layer}"]
+def resolved(name: str, known: Mapping[str, Module]) -> str:
+    """The module that a dotted name, perhaps of something inside it, belongs to; "" if none."""
+    while name and name not in known:
+        name = name.rpartition(".")[0]
+    return name
+
+
+def internal_imports(module: Module, known: Mapping[str, Module]) -> set[str]:
+    """The package's modules that `module` imports, itself apart."""
+    names = {
+        # What is not there yet counts by its name: a fault must not hide behind a typing error.
+        resolved(name, known) if resolved(name, known) not in {"", "adk_ros"} else name
+        for name in imports(module)
+        if name == "adk_ros" or name.startswith("adk_ros.")
+    }
+    return names - {module.name}
+
+
+def rank(path: tuple[str, ...], parent: str) -> tuple[str, int]:
+    """The entry of `ORDER[parent]` that a module below it belongs to, and its place there."""
+    order = ORDER[parent]
+    entry = path[0] if path and path[0] in order else ""
+    if not parent and entry == "" and path:
+        raise KeyError(path[0])
+    return entry, order.index(entry)
+
+
+def internal_faults(module: Module, known: Mapping[str, Module]) -> list[str]:
+    """Imports that run uphill, at any level of the tree."""
+    own = tuple(module.name.split(".")[1:])
     faults = []
-    for name in imports(module):
-        parts = name.split(".")
-        if parts[0] != "adk_ros" or len(parts) < 2:
-            continue
-        target = parts[1]
-        for family in ("demo", "bench"):
-            target = family if target.startswith(family) else target
-        if target != module.layer and target not in allowed:
-            faults.append(f"{module.path} imports {name}: {module.layer} may not use {target}")
+    for name in sorted(internal_imports(module, known)):
+        target, here, parent = tuple(name.split(".")[1:]), own, ""
+        try:
+            while parent in ORDER:
+                (above, at), (below, to) = rank(here, parent), rank(target, parent)
+                if above != below or not above:
+                    if to > at:
+                        faults.append(f"{module.path} imports {name}: {above} may not use {below}")
+                    break
+                here, target, parent = here[1:], target[1:], f"{parent}.{above}".strip(".")
+        except KeyError as error:
+            faults.append(f"{module.path}: the order of layers has no {error}")
+        if (
+            name.startswith("adk_ros.bench")
+            and module.layer != "bench"
+            and not (module.path.startswith(BENCH_VERBS))
+        ):
+            faults.append(f"{module.path} imports {name}: the product may not use bench")
     return faults
+
+
+def cycle(graph: Mapping[str, set[str]]) -> set[str]:
+    """The nodes of a graph that are left when all that lead nowhere are taken away in turn."""
+    left = {node: set(below) - {node} for node, below in graph.items()}
+    while free := [node for node, below in left.items() if not below & set(left)]:
+        for node in free:
+            del left[node]
+    return set(left)
+
+
+def folder_of(name: str, known: Mapping[str, Module]) -> str:
+    return name if known[name].path.endswith("__init__.py") else name.rpartition(".")[0]
+
+
+def graphs(known: Mapping[str, Module]) -> tuple[dict[str, set[str]], dict[str, set[str]]]:
+    """Import graphs of the files, and of the folders that they lie in."""
+    files = {n: {i for i in internal_imports(m, known) if i in known} for n, m in known.items()}
+    folders: dict[str, set[str]] = {}
+    for name, below in files.items():
+        here = folders.setdefault(folder_of(name, known), set())
+        here |= {folder_of(other, known) for other in below}
+    return files, folders
 
 
 def external_faults(module: Module) -> list[str]:
@@ -153,10 +206,11 @@ def external_faults(module: Module) -> list[str]:
                 # What `adk train` hands a run's scalars to.
                 and not (module.layer == "cli" and name.startswith("torch.utils.tensorboard"))
             )
-            or (top in TERMINAL and module.layer not in TOP)
+            or (top in TERMINAL and module.layer not in {"bench", "cli"})
+            or (top in TABLES and module.layer not in {"api", "cli"})
             or (
-                top in PAPER
-                and module.layer not in TOP | {"train"}
+                top in PAGES
+                and module.layer not in PAGE_LAYERS
                 and not module.path.startswith("mismatch/report/")
             )
             or top in PICKLES
@@ -214,17 +268,26 @@ def unpickling_faults(module: Module) -> list[str]:
     return faults
 
 
-def test_there_is_something_to_read() -> None:
+def test_the_sources_are_found() -> None:
     layers = {module.layer for module in MODULES}
-    assert {"signals", "model", "train", "plant", "ros", "cli", "bags"} <= layers
+    assert {*ORDER[""]} - {"api"} <= layers
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.path)
-def test_layers(module: Module) -> None:
-    if module.path == "__init__.py":
-        assert not [name for name in imports(module) if name.startswith("adk_ros")]
-        return
-    assert internal_faults(module) + external_faults(module) == []
+def test_imports_run_downhill(module: Module) -> None:
+    assert internal_faults(module, KNOWN) + external_faults(module) == []
+
+
+def test_no_import_cycle_between_files_or_folders() -> None:
+    files, folders = graphs(KNOWN)
+    assert len(files) == len(MODULES)
+    assert cycle(files) == set()
+    assert cycle(folders) == set()
+
+
+def test_cycles_are_seen() -> None:
+    assert cycle({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}, "e": set()}) >= {"a", "b", "c"}
+    assert cycle({"a": {"b"}, "b": {"c"}, "c": set()}) == set()
 
 
 @pytest.mark.parametrize(
@@ -239,17 +302,6 @@ def test_nothing_is_unpickled(module: Module) -> None:
     assert unpickling_faults(module) == []
 
 
-def test_no_cycles_between_layers() -> None:
-    """The table itself must be free of them, else it would allow what it is to prevent."""
-    remaining = {layer: set(below) - {layer} for layer, below in MAY_IMPORT.items()}
-    remaining["demo"] -= {"cli"}
-    while remaining:
-        free = {layer for layer, below in remaining.items() if not below & set(remaining)}
-        assert free, f"cycle among {sorted(remaining)}"
-        for layer in free:
-            del remaining[layer]
-
-
 @pytest.mark.parametrize(
     ("path", "source", "fault"),
     [
@@ -258,7 +310,7 @@ def test_no_cycles_between_layers() -> None:
         ("plant/bad.py", "import adk_ros.ros.node", "may not use ros"),
         ("model/bad.py", "def f():\n    import adk_ros.cli.main", "may not use cli"),
         ("train/bad.py", "from adk_ros import bags", "may not use bags"),
-        ("novelty.py", "import math", "layer table"),
+        ("novelty.py", "import adk_ros.errors", "order of layers"),
         ("cli/bad.py", "import rclpy", "imports rclpy"),
         ("cli/bad.py", "from sensor_msgs.msg import Imu", "imports sensor_msgs"),
         ("ros/bad.py", "from rosbags.rosbag2 import Reader", "imports rosbags"),
@@ -269,6 +321,16 @@ def test_no_cycles_between_layers() -> None:
         ("model/bad.py", "import matplotlib.pyplot", "imports matplotlib"),
         ("mismatch/bad.py", "import matplotlib.pyplot", "imports matplotlib"),
         ("bench/bad.py", "from adk_ros.cli import main", "may not use cli"),
+        ("cli/train.py", "from adk_ros.bench.paper import cases", "may not use bench"),
+        ("bags/bad.py", "import adk_ros", "may not use"),
+        ("mismatch/library/bad.py", "import adk_ros.mismatch.inference", "may not use inference"),
+        (
+            "mismatch/surrogate/bad.py",
+            "from adk_ros.mismatch import analysis",
+            "surrogate may not",
+        ),
+        ("api/bad.py", "from torch import nn", "imports torch"),
+        ("offline/bad.py", "import pandas", "imports pandas"),
         ("cli/bad.py", "import pickle", "imports pickle"),
         ("signals/bad.py", "import scipy.signal", "imports scipy"),
         ("model/bad.py", "import logging", "imports logging"),
@@ -286,10 +348,10 @@ def test_no_cycles_between_layers() -> None:
 def test_faults_are_seen(tmp_path: Path, path: str, source: str, fault: str) -> None:
     """The reader of the sources, on sources that break each rule."""
     file = tmp_path / path
-    file.parent.mkdir(exist_ok=True)
+    file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(source)
     module = parse(file, tmp_path)
-    found = internal_faults(module) + external_faults(module) + unpickling_faults(module)
+    found = internal_faults(module, KNOWN) + external_faults(module) + unpickling_faults(module)
     if module.layer in CORE:
         found += conduct_faults(module)
     assert any(fault in line for line in found), found
