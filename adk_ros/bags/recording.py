@@ -1,12 +1,18 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as a drive: topics found, messages decoded and aligned. Used by every offline verb."""
+"""
+Read a bag: choose its topics, decode their messages, align the readings to a record.
+
+Replay, training and mismatch analysis share `selected_messages` and `RecordingReader`, so that
+all of them use the same topics and refuse the same messages.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,26 +24,37 @@ from adk_ros.signals.plausibility import Plausibility
 from adk_ros.signals.record import build_record
 
 Progress = Callable[[int, int], None]
+"""Called with (messages done, messages in all)."""
+
+_PROGRESS_INTERVAL = 2000
+"""Messages between two calls of a `Progress`: about ten per second when reading a bag."""
+
+_MIN_SAMPLES_CONSTANT = 400
+"""Samples (10 s) below which a constant channel is not reported."""
+
+_MIN_SPEED_RANGE = 1.0
+"""m/s; a smaller range of v_x counts as standing, where constant channels are normal."""
 
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """How to read a drive: topic names (None: found by type) and the vehicle's sensors."""
+    """Topic names (None: chosen by message type) and the sensor configuration of the vehicle."""
 
     imu: str | None = None
     odometry: str | None = None
     command: str | None = None
     use_imu: bool = True
     sensors: SensorConfig = field(default_factory=SensorConfig)
+    steering: str | None = None
 
 
 @dataclass
 class Recording:
     """
-    A bag's record, and what a person should know of how it was read.
+    A bag's record, with the warnings that arose while it was read.
 
-    `start_ns`: log time of the bag's first message. `commands`: the readings themselves, which a
-    record only tells at its ticks.
+    `start_ns`: log time of the bag's first message. `commands`: the command readings at their
+    own rate; the record holds only the command in force at each tick.
     """
 
     record: Record
@@ -49,41 +66,84 @@ class Recording:
 
 def choose_topics(bag: Bag, options: RecordingOptions) -> Topics:
     """
-    Find the topics of `bag`, or check those that the options name.
+    Return the topics of `bag` to read: those named in `options`, else chosen by message type.
 
     :raises UsageError, DataError: as `bags.find_topics`.
     """
-    topics = find_topics(
-        bag, options.imu, options.odometry, options.command, options.sensors.command_type
+    return find_topics(
+        bag,
+        options.imu if options.use_imu else "",
+        options.odometry,
+        options.command,
+        options.sensors.command_type,
+        options.steering,
     )
-    if not options.use_imu:
-        topics = Topics(None, topics.odometry, topics.command, topics.steering)
-    return topics
 
 
-def sources(topics: Topics) -> dict[str, Source]:
-    """Topic name -> stream."""
-    found = {topics.odometry: Source.ODOMETRY, topics.command: Source.COMMAND}
+def stream_sources(topics: Topics) -> dict[str, Source]:
+    """Return the stream of each topic, by topic name."""
+    source_of = {topics.odometry: Source.ODOMETRY, topics.command: Source.COMMAND}
     if topics.imu is not None:
-        found[topics.imu] = Source.IMU
+        source_of[topics.imu] = Source.IMU
     if topics.steering is not None:
-        found[topics.steering] = Source.STEERING
-    return found
+        source_of[topics.steering] = Source.STEERING
+    return source_of
 
 
-def readings(
-    bag: Bag, topics: Topics, decoder: Decoder, progress: Progress | None = None
-) -> Iterator[Reading]:
-    """Yield the bag's readings in log order; what cannot be used is counted by the decoder."""
-    source_of = sources(topics)
+def selected_messages(
+    bag: Bag, topics: Topics, progress: Progress | None = None
+) -> Iterator[tuple[Source, int, Any]]:
+    """Yield (stream, log time in ns, message) of the chosen topics, in log order."""
+    source_of = stream_sources(topics)
     total = sum(info.count for info in bag.topics if info.name in source_of)
-    for done, (topic, _, msg) in enumerate(bag.messages(source_of), start=1):
-        if progress is not None and (done % 2000 == 0 or done == total):
+    for done, (topic, log_ns, msg) in enumerate(bag.messages(source_of), start=1):
+        if progress is not None and (done % _PROGRESS_INTERVAL == 0 or done == total):
             progress(done, total)
-        try:
-            yield decoder.decode(source_of[topic], msg)
-        except RefusedMessage:
-            continue
+        yield source_of[topic], log_ns, msg
+
+
+class RecordingReader:
+    """
+    One pass over the decoded readings of an open bag.
+
+    `topics` are the chosen topics. Messages that the decoder refuses are skipped and counted;
+    `refusals()` and `warnings()` are complete once the pass is.
+
+    :raises UsageError, DataError: as `choose_topics`.
+    """
+
+    def __init__(
+        self, bag: Bag, options: RecordingOptions, progress: Progress | None = None
+    ) -> None:
+        self.topics = choose_topics(bag, options)
+        self._bag = bag
+        self._decoder = Decoder(options.sensors)
+        self._progress = progress
+
+    def readings_with_messages(self) -> Iterator[tuple[Reading, Any]]:
+        """Yield each usable reading with the message it was decoded from, in log order."""
+        for source, _, msg in selected_messages(self._bag, self.topics, self._progress):
+            try:
+                reading = self._decoder.decode(source, msg)
+            except RefusedMessage:
+                continue
+            yield reading, msg
+
+    def readings(self) -> Iterator[Reading]:
+        """Yield each usable reading, in log order."""
+        return (reading for reading, _ in self.readings_with_messages())
+
+    def refusals(self, source: Source | None = None) -> list[str]:
+        """Return one line per reason for which messages (of `source`) were refused."""
+        return [
+            f"{count} {refused.name.lower()} messages refused: {reason}"
+            for (refused, reason), count in sorted(self._decoder.refused.items())
+            if source is None or refused is source
+        ]
+
+    def warnings(self) -> list[str]:
+        """Return the bag's warnings, then the refusals prefixed with the bag's name."""
+        return self._bag.warnings + [f"{self._bag.path.name}: {x}" for x in self.refusals()]
 
 
 def read_recording(
@@ -94,53 +154,43 @@ def read_recording(
 
     :raises UsageError, DataError: the bag cannot be read, lacks a topic, or yields no sample.
     """
-    options = options or RecordingOptions()
-    decoder = Decoder(options.sensors)
     plausibility = Plausibility()
+    name = Path(path).name
     with Bag(path) as bag:
-        topics = choose_topics(bag, options)
+        reader = RecordingReader(bag, options or RecordingOptions(), progress)
         counts: dict[str, int] = {}
         commands: list[Reading] = []
-        stream = plausibility.watch(readings(bag, topics, decoder, progress))
+        stream = plausibility.watch(_collecting_commands(reader.readings(), commands))
         try:
-            record = build_record(
-                _keeping(stream, commands), Path(path).name, counts, plausibility.add
-            )
+            record = build_record(stream, name, counts, plausibility.add)
         except DataError as error:
-            refused = "; ".join(_refusals(decoder))
+            refused = "; ".join(reader.refusals())
             raise DataError(f"{error}{f' ({refused})' if refused else ''}") from None
-        warnings = list(bag.warnings)
+        warnings = reader.warnings()
         start_ns = bag.start_ns
-    warnings += [f"{record.name}: {text}" for text in _refusals(decoder)]
-    warnings += [f"{record.name}: {count} times {what}" for what, count in counts.items()]
-    warnings += [f"{record.name}: {text}" for text in plausibility.warnings()]
-    warnings += [f"{record.name}: {text}" for text in _never_measured(record)]
-    return Recording(record, topics, warnings, start_ns, commands)
+    details = [f"{count} times {event}" for event, count in counts.items()]
+    details += plausibility.warnings() + _constant_channels(record)
+    warnings += [f"{name}: {text}" for text in details]
+    return Recording(record, reader.topics, warnings, start_ns, commands)
 
 
-def _keeping(stream: Iterable[Reading], commands: list[Reading]) -> Iterator[Reading]:
-    for reading in stream:
+def _collecting_commands(
+    readings: Iterable[Reading], commands: list[Reading]
+) -> Iterator[Reading]:
+    for reading in readings:
         if reading.source is Source.COMMAND:
             commands.append(reading)
         yield reading
 
 
-def _never_measured(record: Record) -> list[str]:
-    """A channel that is the same number throughout, though the car moves."""
+def _constant_channels(record: Record) -> list[str]:
+    """Return a warning for each odometry channel that stays constant while v_x changes."""
     x = record.x_ref[np.isfinite(record.x_ref).all(axis=1)]
-    if len(x) < 400 or np.ptp(x[:, 0]) < 1.0:
+    if len(x) < _MIN_SAMPLES_CONSTANT or np.ptp(x[:, 0]) < _MIN_SPEED_RANGE:
         return []
-    # The reference point's shift puts yaw rate into v_y: what counts is what odometry said.
     return [
-        f"odometry's {name} is {x[0, i]:g} throughout: it is not measured, and what is learned "
-        "of it means nothing"
+        f"odometry's {name} is {x[0, i]:g} throughout: it is not measured, and predictions of it "
+        "are meaningless"
         for i, name in ((1, "v_y"), (2, "yaw rate"))
         if np.ptp(x[:, i]) == 0.0
-    ]
-
-
-def _refusals(decoder: Decoder) -> list[str]:
-    return [
-        f"{count} {source.name.lower()} messages refused: {reason}"
-        for (source, reason), count in sorted(decoder.refused.items())
     ]

@@ -80,11 +80,13 @@ def mismatch(
             f"{simulation} says the vehicle already: give --vehicle with a simulator's bag alone"
         )
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
-    sensors = drive_options(imu, odometry, command, False, params).sensors
+    options = drive_options(imu, odometry, command, False, params)
     with console.progress(f"reading {recording.name}") as bar:
         # Beside a simulator's own IMU a missing one is rather a topic that was forgotten.
         needed = of_file is None and not without_imu
-        recorded = read_sensor_log(recording, imu, odometry, command, sensors, bar, needed)
+        recorded = read_sensor_log(recording, options, bar, needed)
+    for text in recorded.warnings:
+        console.warn(text)
     simulated: SensorLog | SurrogateModel
     if isinstance(of_file, Vehicle):
         nominal = nominal_vehicle_of(of_file)
@@ -93,7 +95,9 @@ def mismatch(
         simulated = of_file
     else:
         with console.progress(f"reading {simulation.name}") as bar:
-            simulated = read_sensor_log(simulation, imu, odometry, command, sensors, bar)
+            simulated = read_sensor_log(simulation, options, bar)
+        for text in simulated.warnings:
+            console.warn(text)
     with console.progress("comparing") as bar:
         findings = identify_mismatch(simulated, recorded, nominal, bar)
     try:

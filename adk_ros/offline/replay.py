@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bags import Bag, BagWriter, message
-from adk_ros.bags.recording import RecordingOptions, choose_topics, sources
+from adk_ros.bags.recording import RecordingOptions, choose_topics, selected_messages
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
@@ -36,12 +36,8 @@ def predictions(
     progress: Progress | None = None,
 ) -> Iterator[tuple[int, Prediction]]:
     """Yield (log time in ns of the message that completed the tick, prediction), in order."""
-    source_of = sources(choose_topics(bag, options))
-    total = sum(info.count for info in bag.topics if info.name in source_of)
-    for done, (topic, log_ns, msg) in enumerate(bag.messages(source_of), start=1):
-        if progress is not None and (done % 1000 == 0 or done == total):
-            progress(done, total)
-        for prediction in pipeline.take(source_of[topic], msg):
+    for source, log_ns, msg in selected_messages(bag, choose_topics(bag, options), progress):
+        for prediction in pipeline.take(source, msg):
             yield log_ns, prediction
 
 

@@ -114,18 +114,10 @@ def rollout_surrogate(
     :raises UsageError: the file or the bag cannot be read.
     :raises DataError: the bag lacks a stream, or there is no start.
     """
-    stand_in = load_surrogate(model)
-    evidence = read_sensor_log(
-        bag,
-        options.imu if options.use_imu else "",
-        options.odometry,
-        options.command,
-        options.sensors,
-        progress,
-        needs_imu=False,
-    )
-    starts = start_times_of(evidence, steps, stride_s, FIRST_START_S)
-    return starts, OpenLoopPredictor(stand_in.content, evidence).predict(starts, steps)
+    surrogate = load_surrogate(model)
+    recording = read_sensor_log(bag, options, progress, needs_imu=False)
+    starts = start_times_of(recording, steps, stride_s, FIRST_START_S)
+    return starts, OpenLoopPredictor(surrogate.content, recording).predict(starts, steps)
 
 
 def start_rows(record: Record, since_s: FloatArray, steps: int, stride_s: float) -> IntArray:

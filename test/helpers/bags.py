@@ -64,8 +64,8 @@ def drive(count):
     return found
 
 
-def write(path, messages, storage="mcap", mode=CompressionMode.NONE, extra=None):
-    """Write a rosbag2 bag with rosbags itself; `extra` may add topics of its own."""
+def write(path, messages, storage="mcap", mode=CompressionMode.NONE, extra=None, store=JAZZY):
+    """Write a rosbag2 bag with rosbags itself; `extra(writer)` may add further topics."""
     plugin = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}[storage]
     writer = Writer(path, version=9, storage_plugin=plugin)
     writer.set_compression(mode, CompressionFormat.ZSTD)
@@ -74,8 +74,8 @@ def write(path, messages, storage="mcap", mode=CompressionMode.NONE, extra=None)
         for topic, log_ns, msg in messages:
             if topic not in connections:
                 kind = msg.__msgtype__
-                connections[topic] = writer.add_connection(topic, kind, typestore=JAZZY)
-            raw = JAZZY.serialize_cdr(msg, msg.__msgtype__)
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            raw = store.serialize_cdr(msg, msg.__msgtype__)
             writer.write(connections[topic], log_ns, raw)
         if extra is not None:
             extra(writer)

@@ -103,9 +103,9 @@ class ObservableEffects:
             out.append(
                 MissingChannel(
                     "a torque command",
-                    "the drive command is no torque (it is far too small to move the car, like a"
-                    " pedal's position): nothing is claimed of forces along the car; record the wheel"
-                    " torque in N m",
+                    "the drive command is no torque (it is a requested acceleration, or far too small"
+                    " to move the car, like a pedal's position): nothing is claimed of forces along"
+                    " the car; record the wheel torque in N m",
                 )
             )
         if self.yaw_filter_s > 0.0:
@@ -169,7 +169,8 @@ def observable_effects(
     Raises `DataError` where it has neither an IMU nor steering that it could be judged by.
     """
     e = recording
-    torque = _is_torque(e, mass, wheel_radius)
+    # A torque inferred from a requested acceleration is no evidence about longitudinal forces.
+    torque = not e.torque_is_inferred and _is_torque(e, mass, wheel_radius)
     if not torque and np.ptp(e.command[:, 1]) == 0.0:
         raise DataError(
             f"{e.name}: the drive command is no torque and the steering is constant: there is "

@@ -1,112 +1,129 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as evidence: its streams decoded at their own rates, none of them aligned."""
+"""Read a bag into a `SensorLog`: each stream decoded at its native rate, without alignment."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from adk_ros.bags import Bag, find_topics
+from adk_ros.bags import Bag
+from adk_ros.bags.recording import Progress, RecordingOptions, RecordingReader
 from adk_ros.errors import DataError
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STANDARD_SOURCES, Source
-from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
+from adk_ros.signals.commands import COMMAND_TYPES
 
-Progress = Callable[[int, int], None]
-
-
-def _pose(msg: Any) -> tuple[float, float, float]:
-    place, turn = msg.pose.pose.position, msg.pose.pose.orientation
-    heading = math.atan2(
-        2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2)
-    )
-    return float(place.x), float(place.y), heading
-
-
-def _ordered(stamps: list[int], rows: list[Any], start_ns: int) -> tuple[FloatArray, FloatArray]:
-    """Times in s and values, by stamp; of those with the same stamp the first."""
-    if not stamps:
-        return np.empty(0), np.empty((0, 3))
-    at, first = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
-    seconds = np.asarray((at - start_ns) * 1e-9, dtype=np.float64)
-    return seconds, np.array(rows, dtype=np.float64)[first]
+_MIN_MESSAGES = 10
+"""Usable messages that each required stream must have: enough to estimate its rate and noise."""
 
 
 def read_sensor_log(
     path: Path | str,
-    imu: str | None = None,
-    odometry: str | None = None,
-    command: str | None = None,
-    sensors: SensorConfig | None = None,
+    options: RecordingOptions | None = None,
     progress: Progress | None = None,
     needs_imu: bool = True,
 ) -> SensorLog:
     """
-    Read a bag.
+    Read a bag into a sensor log.
 
-    Topics are found by type unless named. Raises `UsageError` and `DataError` as the bag reader
-    does, and `DataError` where a stream has nothing that can be used, or where there is no IMU but
-    one is needed; without one its streams are empty.
+    Topics, decoding and refusals are those of `bags.recording.read_recording`. A measured
+    road-wheel angle replaces the commanded one, as in a record. Without an IMU its arrays are
+    empty.
+
+    :raises UsageError: the bag cannot be read, or a named topic does not fit.
+    :raises DataError: a required stream has too few usable messages, or there is no IMU although
+        `needs_imu`.
     """
-    decoder = Decoder(sensors or SensorConfig())
+    options = options or RecordingOptions()
+    stamps: dict[Source, list[int]] = {source: [] for source in Source}
+    rows: dict[Source, list[tuple[float, ...]]] = {source: [] for source in Source}
+    poses: list[tuple[float, float, float]] = []
     with Bag(path) as bag:
-        topics = find_topics(bag, imu, odometry, command)
-        if topics.imu is None and needs_imu:
+        reader = RecordingReader(bag, options, progress)
+        if reader.topics.imu is None and needs_imu:
             raise DataError(
-                f"bag {bag.path}: no IMU: forces cannot be told from gravity without its "
-                "accelerations; record sensor_msgs/msg/Imu as well, or have a recording judged by "
+                f"bag {bag.path}: no IMU: forces cannot be distinguished from gravity without "
+                "accelerations; record sensor_msgs/msg/Imu as well, or analyse the recording from "
                 "odometry alone with --without-imu"
             )
-        source_of = {topics.odometry: Source.ODOMETRY, topics.command: Source.COMMAND}
-        if topics.imu is not None:
-            source_of[topics.imu] = Source.IMU
-        total = sum(info.count for info in bag.topics if info.name in source_of)
-        stamps: dict[Source, list[int]] = {source: [] for source in STANDARD_SOURCES}
-        rows: dict[Source, list[Any]] = {source: [] for source in STANDARD_SOURCES}
-        poses: list[tuple[float, float, float]] = []
-        for done, (topic, _, msg) in enumerate(bag.messages(source_of), start=1):
-            if progress is not None and (done % 2000 == 0 or done == total):
-                progress(done, total)
-            source = source_of[topic]
-            try:
-                reading = decoder.decode(source, msg)
-            except RefusedMessage:
-                continue
-            stamps[source].append(reading.stamp_ns)
-            rows[source].append(reading.values)
-            if source is Source.ODOMETRY:
+        for reading, msg in reader.readings_with_messages():
+            stamps[reading.source].append(reading.stamp_ns)
+            rows[reading.source].append(reading.values)
+            if reading.source is Source.ODOMETRY:
                 poses.append(_pose(msg))
         start_ns = bag.start_ns
-    for source, found in stamps.items():
-        if len(found) < 10 and (source is not Source.IMU or needs_imu):
-            why = "; ".join(f"{n} times {text}" for (_, text), n in decoder.refused.items())
+        warnings = tuple(reader.warnings())
+    for source in STANDARD_SOURCES:
+        if len(stamps[source]) < _MIN_MESSAGES and (source is not Source.IMU or needs_imu):
+            reasons = "; ".join(reader.refusals(source))
             raise DataError(
-                f"bag {path}: {len(found)} usable {source.name.lower()} messages"
-                f"{f' ({why})' if why else ''}: record all of the drive"
+                f"bag {path}: {len(stamps[source])} usable {source.name.lower()} messages"
+                f"{f' ({reasons})' if reasons else ''}: at least {_MIN_MESSAGES} are needed; "
+                "record the topic for the whole recording"
             )
-    imu_s, imu_values = _ordered(stamps[Source.IMU], rows[Source.IMU], start_ns)
-    odometry_s, velocities = _ordered(stamps[Source.ODOMETRY], rows[Source.ODOMETRY], start_ns)
-    _, pose = _ordered(stamps[Source.ODOMETRY], poses, start_ns)
-    command_s, commands = _ordered(stamps[Source.COMMAND], rows[Source.COMMAND], start_ns)
+    imu_s, imu_values = _by_time(stamps[Source.IMU], rows[Source.IMU], start_ns)
+    odometry_s, velocities = _by_time(stamps[Source.ODOMETRY], rows[Source.ODOMETRY], start_ns)
+    _, pose = _by_time(stamps[Source.ODOMETRY], poses, start_ns)
+    command_s, commands = _with_measured_steering(
+        _by_time(stamps[Source.COMMAND], rows[Source.COMMAND], start_ns),
+        _by_time(stamps[Source.STEERING], rows[Source.STEERING], start_ns),
+    )
     pose[:, 2] = np.unwrap(pose[:, 2])
     if not np.isfinite(imu_values).all():
-        raise DataError(f"bag {path}: {topics.imu} reports no accelerations")
+        raise DataError(f"bag {path}: {reader.topics.imu} reports no accelerations")
     duration = max(odometry_s[-1], command_s[-1], *imu_s[-1:])
     return SensorLog(
-        Path(path).name,
-        float(duration),
-        imu_s,
-        imu_values,
-        odometry_s,
-        velocities,
-        pose,
-        command_s,
-        commands,
-        start_ns,
+        name=Path(path).name,
+        duration_s=float(duration),
+        imu_s=imu_s,
+        imu=imu_values,
+        odometry_s=odometry_s,
+        odometry=velocities,
+        pose=pose,
+        command_s=command_s,
+        command=commands,
+        start_ns=start_ns,
+        torque_is_inferred=COMMAND_TYPES[options.sensors.command_type].inferred_torque,
+        warnings=warnings,
     )
+
+
+def _pose(msg: Any) -> tuple[float, float, float]:
+    """Return x, y and heading of an odometry message."""
+    position, q = msg.pose.pose.position, msg.pose.pose.orientation
+    heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
+    return float(position.x), float(position.y), heading
+
+
+def _by_time(stamps: list[int], rows: list[Any], start_ns: int) -> tuple[FloatArray, FloatArray]:
+    """Return times in s from `start_ns` and values, sorted; of equal stamps the first is kept."""
+    if not stamps:
+        return np.empty(0), np.empty((0, 3))
+    unique, first = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
+    seconds = np.asarray((unique - start_ns) * 1e-9, dtype=np.float64)
+    return seconds, np.array(rows, dtype=np.float64)[first]
+
+
+def _with_measured_steering(
+    commands: tuple[FloatArray, FloatArray], steering: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Return the command stream with the measured road-wheel angle in place of the commanded one.
+
+    Both streams are zero-order holds, so the result has a row at each stamp of either from the
+    first command on. Before the first measurement the commanded angle stays (`signals.align`).
+    """
+    command_s, command = commands
+    steering_s, angle = steering
+    if not steering_s.size:
+        return commands
+    times = np.union1d(command_s, steering_s[steering_s >= command_s[0]])
+    merged = command[np.searchsorted(command_s, times, side="right") - 1]
+    latest = np.searchsorted(steering_s, times, side="right") - 1
+    merged[latest >= 0, 1] = angle[latest[latest >= 0], 0]
+    return times, merged

@@ -44,6 +44,10 @@ class SensorLog:
     command: FloatArray
     start_ns: int = 0
     """Log time of the bag's first message, ns: where the seconds are counted from."""
+    torque_is_inferred: bool = False
+    """Whether the torque is computed from a requested acceleration, not commanded."""
+    warnings: tuple[str, ...] = ()
+    """What the bag lost and which messages were refused, one line each."""
 
     def noise(self) -> FloatArray:
         """Return the noise of one sample by channel (6,), at least `FLOOR`."""
@@ -69,4 +73,6 @@ class SensorLog:
             self.command_s[first:last],
             self.command[first:last],
             self.start_ns,
+            self.torque_is_inferred,
+            self.warnings,
         )
