@@ -241,8 +241,8 @@ def _activation_dict(active: ActiveEffect, lap: Lap | None) -> dict[str, Any]:
     return {
         "kind": PLACE,
         "lap": round(lap.length, 3),
-        "stretches": [[round(a, 2), round(b, 2)] for a, b in gate.stretches],
-        "edge": gate.edge,
+        "stretches": [[round(a, 2), round(b, 2)] for a, b in gate.segments],
+        "edge": gate.transition_length,
         "line": [[round(float(x), 4) for x in row] for row in line],
     }
 
@@ -315,18 +315,18 @@ def _improvement(
     What was found is fitted anew to the part before it.
     """
     course = likelihood.problem
-    from_s = course.evidence.duration_s * (1.0 - HELD_OUT_SHARE)
+    from_s = course.log.duration_s * (1.0 - HELD_OUT_SHARE)
     part = scope.masked(Likelihood.of(course, scope.with_yaw_filter(stand_in), from_s))
     h = verdict.hypothesis
     early = part.fit(h.actives, h.tolerances, 3, None, 1e-4)
     before = horizon_rmse(
         _parsed(surrogate_yaml(stand_in.parameters, simulator=stand_in)),
-        course.evidence,
+        course.log,
         HORIZON_S,
         from_s,
     )
     model = _corrected_yaml(stand_in, verdict, early, lap)
-    after = horizon_rmse(_parsed(model), course.evidence, HORIZON_S, from_s)
+    after = horizon_rmse(_parsed(model), course.log, HORIZON_S, from_s)
     if not scope.torque:
         before[0] = after[0] = np.nan
     return _named(before), _named(after), model

@@ -161,7 +161,7 @@ def _calibrate(course: ResidualProblem, start: FloatArray, has_imu: bool) -> Sur
     spread = np.array([fitted[name][0] for name in names])
     step = np.array([fitted[name][1] for name in names])
     counted = course.weights() > 0.0
-    slow = np.interp(course.bin_s, course.middle_s, course.smooth[:, 0]) < _MOVING
+    slow = np.interp(course.bin_s, course.middle_s, course.smoothed_odometry[:, 0]) < _MOVING
     counted[:, slow | (course.bin_s < course.start_s + 1.0)] = False
     if not has_imu:
         counted[:3] = False

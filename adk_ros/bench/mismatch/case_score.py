@@ -119,7 +119,7 @@ def described(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
         for part in rest.get("text", "").split("; ")
         if part.startswith(begins)
     }
-    return not drivers or any(FEATURES[name].text in goes_with for name in drivers)
+    return not drivers or any(FEATURES[name].description in goes_with for name in drivers)
 
 
 def _neutral(effect: str, parameter: str) -> float:

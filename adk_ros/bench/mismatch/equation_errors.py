@@ -67,7 +67,7 @@ def equation_errors(recording: SensorLog, model: SurrogateFile) -> EquationError
     if model.correction:
         out = course.run(vector, terms, _HELD, _extra(model, course, out))
     own = np.column_stack([
-        _changes(out[row], course.smooth[:, i], min(OBSERVER_GAINS[i] * _HELD * STEP_S, 0.5))
+        _changes(out[row], course.smoothed_odometry[:, i], min(OBSERVER_GAINS[i] * _HELD * STEP_S, 0.5))
         for i, row in enumerate((V_X, V_Y, YAW_RATE))
     ])  # fmt: skip
     measured = np.column_stack(
@@ -125,7 +125,7 @@ def _setting(
         gate = Activation()
         if term.where.kind == PLACE and lap is not None:
             where = tuple((a, b) for a, b in term.where.stretches)
-            gate = Activation(stretches=where, lap=lap.length, distance=lap.distance)
+            gate = Activation(segments=where, lap_length=lap.length, distance=lap.distance)
         elif term.where.kind == TIME:
             gate = Activation(onset_s=term.where.onset_s)
         effect = EFFECTS[term.effect]
@@ -139,5 +139,5 @@ def _extra(model: SurrogateFile, course: ResidualProblem, out: FloatArray) -> Fl
     extra = np.zeros((course.steps, 3))
     for piece in model.correction:
         column = STATE_NAMES.index(piece.equation)
-        extra[:, column] += piece.coefficient * FEATURES[piece.feature].of(signals)
+        extra[:, column] += piece.coefficient * FEATURES[piece.feature].function(signals)
     return extra

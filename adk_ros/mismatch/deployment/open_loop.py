@@ -21,7 +21,7 @@ from adk_ros.mismatch.library.features import feature_matrix
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.activation import inside_segments
 from adk_ros.mismatch.surrogate.equations_of_motion import integrate
-from adk_ros.mismatch.surrogate.lap import on_line
+from adk_ros.mismatch.surrogate.lap import distance_on_lap
 from adk_ros.mismatch.surrogate.residuals import COMMAND_GRID_S, cumulative_command
 from adk_ros.mismatch.surrogate.state_index import (
     A_X,
@@ -107,7 +107,7 @@ class OpenLoopPredictor:
             gates[row] = np.nan_to_num(inside_segments(s, where, place.lap or 1.0, place.edge))
         if self.road is None:
             return gates
-        return np.vstack([gates, self.road.along(poses, _ROAD_STRIDE)])
+        return np.vstack([gates, self.road.values_along(poses, _ROAD_STRIDE)])
 
     def _run(
         self,
@@ -250,7 +250,7 @@ class OpenLoopPredictor:
         since = now - e.odometry_s[i]
         return [
             np.asarray(
-                on_line(line, place.lap or 1.0, e.pose[i], _MAX_DISTANCE_TO_LINE_M)
+                distance_on_lap(line, place.lap or 1.0, e.pose[i], _MAX_DISTANCE_TO_LINE_M)
                 + since * e.odometry[i, 0]
             )
             for place, line in zip(self.places, self.lines, strict=True)

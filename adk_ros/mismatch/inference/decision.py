@@ -115,7 +115,7 @@ def _significant(likelihood: Likelihood, h: Hypothesis, edges: bool) -> list[Act
                 active.effect.parameters, active.theta, deviation, strict=True
             )
         )
-        stretches = active.activation.stretches
+        stretches = active.activation.segments
         somewhere = not stretches or any(b - a > 2.0 * TRANSITION_LENGTH_M for a, b in stretches)
         if active.effect.name not in EFFECTS or (sure and somewhere):
             kept.append(active)
@@ -261,6 +261,6 @@ def _effect(
         gate.intervals(likelihood.problem),
         stands.gain,
         stands.competitors,
-        gate.stretches,
+        gate.segments,
         gate.onset_s,
     )

@@ -101,7 +101,7 @@ def fit_segments(
         gain -= PENALTY_PER_SEGMENT * len(where)
         if best is None or gain > best[0]:
             inner = float(np.clip(neutral + size * solved[0], low, high))
-            gate = Activation(stretches=where, lap=lap.length, distance=lap.distance)
+            gate = Activation(segments=where, lap_length=lap.length, distance=lap.distance)
             best = (gain, ActiveEffect(effect, (inner,), gate))
     return best, place_map
 
@@ -148,14 +148,16 @@ def refine_segments(
     A place that begins gradually, as a slope does, is one of the `GRADUAL` edges' width.
     """
     wide = [
-        replace(a, activation=replace(a.activation, edge=_MERGE_DISTANCE_M))
+        replace(a, activation=replace(a.activation, transition_length=_MERGE_DISTANCE_M))
         if a.activation.kind == PLACE
         else a
         for a in start.actives
     ]
     coarse = likelihood.fit(wide, start.tolerances, iterations, known, edges=True)
     sharp = [
-        replace(a, activation=replace(_merged(a.activation), edge=TRANSITION_LENGTH_M))
+        replace(
+            a, activation=replace(_merged(a.activation), transition_length=TRANSITION_LENGTH_M)
+        )
         if a.activation.kind == PLACE
         else a
         for a in coarse.actives
@@ -165,7 +167,7 @@ def refine_segments(
     if last.activation.kind != PLACE or last.effect.name not in GRADUAL_EDGE_WIDTHS:
         return best
     for edge in GRADUAL_EDGE_WIDTHS[last.effect.name]:
-        softer = replace(last, activation=replace(last.activation, edge=edge))
+        softer = replace(last, activation=replace(last.activation, transition_length=edge))
         tried = likelihood.fit(
             [*best.actives[:-1], softer], best.tolerances, iterations, known, edges=True
         )
@@ -177,7 +179,7 @@ def refine_segments(
 
 def _merged(gate: Activation) -> Activation:
     """Return the gate without stretches that have shrunk to nothing or run into the next."""
-    kept = [s for s in gate.stretches if s[1] - s[0] > 2.0 * TRANSITION_LENGTH_M]
+    kept = [s for s in gate.segments if s[1] - s[0] > 2.0 * TRANSITION_LENGTH_M]
     kept.sort()
     out: list[tuple[float, float]] = []
     for begin, end in kept:
@@ -185,4 +187,4 @@ def _merged(gate: Activation) -> Activation:
             out[-1] = (out[-1][0], max(end, out[-1][1]))
         else:
             out.append((begin, end))
-    return replace(gate, stretches=tuple(out) or gate.stretches[:1])
+    return replace(gate, segments=tuple(out) or gate.segments[:1])

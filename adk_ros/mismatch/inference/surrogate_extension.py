@@ -26,7 +26,7 @@ from adk_ros.mismatch.surrogate.identification import (
     SETTLING_BINS,
     SurrogateModel,
     fit_surrogate,
-    fitted_entries,
+    fitted_parameters,
     simulation_weights,
 )
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem
@@ -209,7 +209,7 @@ def _simulation_likelihood(
 
     All of the family's parameters are open in it: they have bent to imitate what is missing.
     """
-    family = fitted_entries(body_known)
+    family = fitted_parameters(body_known)
     unsure = np.zeros((len(family), SIZE))
     for row, (name, (spread, _)) in zip(unsure, family.items(), strict=True):
         row[INDEX[name]] = spread
@@ -225,7 +225,7 @@ def _refit(
     own: Mapping[str, tuple[float, float]] | None = None,
 ) -> SurrogateModel:
     """Return the stand-in with the family's parameters fitted anew, and `own`; the rest kept."""
-    fitted_anew = {**fitted_entries(body_known), **_BIASES, **(own or {})}
+    fitted_anew = {**fitted_parameters(body_known), **_BIASES, **(own or {})}
     again = fit_surrogate(
         course,
         start,

@@ -69,7 +69,8 @@ class UnmodelledDynamics:
         if not self.terms:
             return "a structured remainder that depends on none of the features looked at"
         return "; ".join(
-            f"{EQUATION_TEXTS[p.equation]} against {FEATURES[p.feature].text}" for p in self.terms
+            f"{EQUATION_TEXTS[p.equation]} against {FEATURES[p.feature].description}"
+            for p in self.terms
         )
 
     def expression(self) -> str:
@@ -190,7 +191,7 @@ def most_parsimonious(fitted: list[Hypothesis], margin: float) -> Hypothesis:
 
 def _complexity(active: ActiveEffect) -> int:
     """Return how many factors the feature of a pseudo effect has."""
-    expression = FEATURES[active.effect.text].expression
+    expression = FEATURES[active.effect.equation].expression
     return len(expression.split()) + expression.count("^")
 
 

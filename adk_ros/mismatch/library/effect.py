@@ -85,8 +85,8 @@ class Effect:
     name: str
     parameters: tuple[EffectParameter, ...]
     equations: tuple[str, ...]
-    text: str
-    needs: str
+    equation: str
+    excitation: str
     confusables: tuple[str, ...] = ()
     manoeuvre: str = ""
     activations: tuple[str, ...] = (ALWAYS, TIME)

@@ -23,10 +23,10 @@ Signals = Mapping[str, FloatArray]
 class Feature(NamedTuple):
     """A feature: what it is called, its expression, its unit, its function."""
 
-    text: str
+    description: str
     expression: str
     unit: str
-    of: Callable[[Signals], FloatArray]
+    function: Callable[[Signals], FloatArray]
 
 
 FEATURES: dict[str, Feature] = {
@@ -110,4 +110,4 @@ def feature_matrix(names: list[str], signals: Signals) -> FloatArray:
     """Return the named features (n, k) of a drive."""
     if not names:
         return np.empty((signals["v_x"].shape[0], 0))
-    return np.column_stack([FEATURES[name].of(signals) for name in names])
+    return np.column_stack([FEATURES[name].function(signals) for name in names])

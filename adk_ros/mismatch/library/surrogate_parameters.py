@@ -20,11 +20,11 @@ from adk_ros.numerics.arrays import FloatArray
 class SurrogateParameter(NamedTuple):
     """One entry of the parameter vector."""
 
-    usual: float
+    default: float
     low: float
     high: float
     unit: str
-    text: str
+    description: str
 
 
 SURROGATE_PARAMETERS: dict[str, SurrogateParameter] = {
@@ -161,4 +161,4 @@ HIGH: FloatArray = np.array([entry.high for entry in SURROGATE_PARAMETERS.values
 
 def default_parameters() -> FloatArray:
     """Return the vector (SIZE,) of a middling car on which nothing acts."""
-    return np.array([entry.usual for entry in SURROGATE_PARAMETERS.values()])
+    return np.array([entry.default for entry in SURROGATE_PARAMETERS.values()])

@@ -124,7 +124,8 @@ def write_page(findings: MismatchResult, out: Path) -> Path:
         groups=group_rows(findings),
         stand_in=surrogate_rows(findings),
         not_judged=listed([title(name) for name in findings.not_judged]),
-        drivers=listed([FEATURES[piece.feature].text for piece in pieces]) or "nothing known",
+        drivers=listed([FEATURES[piece.feature].description for piece in pieces])
+        or "nothing known",
         needs=[(title(found.effect.name), found.effect.manoeuvre) for found in findings.effects],
     )
     path = out / PAGE
@@ -146,7 +147,7 @@ def _evidence(findings: MismatchResult, out: Path) -> list[tuple[str, str, Figur
         parts.append(
             (
                 title(found.effect.name),
-                f"{found.effect.text}. {_said(item)}",
+                f"{found.effect.equation}. {_said(item)}",
                 _figure(
                     out,
                     f"evidence_{found.effect.name}.png",

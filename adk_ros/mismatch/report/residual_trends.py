@@ -232,11 +232,11 @@ def effect_residual_trend(series: ResidualSeries, found: IdentifiedEffect) -> Tr
 def feature_residual_trend(series: ResidualSeries, piece: FeatureTerm) -> Trend:
     """Return the evidence for one feature of an unexplained remainder."""
     feature = FEATURES[piece.feature]
-    u = feature.of(series.signals)
+    u = feature.function(series.signals)
     if float(np.ptp(u)) == 0.0:
         label, u = "time (s)", series.time_s
     else:
-        label = f"{feature.text}, {feature.expression} ({feature.unit.replace('^', '')})"
+        label = f"{feature.description}, {feature.expression} ({feature.unit.replace('^', '')})"
     use = active_bins(series, [[-np.inf, np.inf]])
     name = f"{piece.equation}:{piece.feature}"
     return best_trend(series, [(label, u)], [piece.equation], use, without=name)

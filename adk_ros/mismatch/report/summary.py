@@ -162,7 +162,7 @@ def unexplained_text(rest: UnexplainedResidual) -> str:
         return rest.text
     goes: dict[str, list[str]] = {}
     for piece in rest.terms:
-        goes.setdefault(piece.equation, []).append(FEATURES[piece.feature].text)
+        goes.setdefault(piece.equation, []).append(FEATURES[piece.feature].description)
     return listed(
         [
             f"a {EQUATION_WORDS[equation]} that goes with {listed(features)}"

@@ -31,50 +31,52 @@ class Activation:
     """
 
     onset_s: float | None = None
-    stretches: tuple[tuple[float, float], ...] = ()
-    lap: float = 0.0
+    segments: tuple[tuple[float, float], ...] = ()
+    lap_length: float = 0.0
     distance: FloatArray | None = None
-    edge: float = TRANSITION_LENGTH_M
+    transition_length: float = TRANSITION_LENGTH_M
     weight: FloatArray | None = None
     """(n,) a weight of its own, one a step: of a feature, not of a place or a time."""
 
     @property
     def always(self) -> bool:
         """Whether it acts throughout."""
-        return self.onset_s is None and not self.stretches and self.weight is None
+        return self.onset_s is None and not self.segments and self.weight is None
 
     @property
     def kind(self) -> str:
         """One of always, place, time."""
-        if self.stretches:
+        if self.segments:
             return "place"
         return "always" if self.onset_s is None else "time"
 
     def variables(self) -> list[float]:
         """Return what may be fitted of it: the onset, then all stretches' ends."""
         onset = [] if self.onset_s is None else [self.onset_s]
-        return [*onset, *(end for stretch in self.stretches for end in stretch)]
+        return [*onset, *(end for stretch in self.segments for end in stretch)]
 
     def with_variables(self, values: Sequence[float]) -> Activation:
         """Return the gate with its `variables` replaced."""
         rest = list(values)
         onset = None if self.onset_s is None else rest.pop(0)
         pairs = tuple((float(a), float(b)) for a, b in zip(rest[::2], rest[1::2], strict=True))
-        return replace(self, onset_s=onset, stretches=pairs)
+        return replace(self, onset_s=onset, segments=pairs)
 
     def series(self, course: ResidualProblem) -> FloatArray:
         """Return the weight at each step (n,)."""
         weight = np.ones(course.steps) if self.weight is None else self.weight
         if self.onset_s is not None:
             weight = _smooth_step((course.middle_s - self.onset_s) / (0.25 * TRANSITION_TIME_S))
-        if self.stretches and self.distance is not None:
-            weight = weight * inside_segments(self.distance, self.stretches, self.lap, self.edge)
+        if self.segments and self.distance is not None:
+            weight = weight * inside_segments(
+                self.distance, self.segments, self.lap_length, self.transition_length
+            )
         return weight
 
     def intervals(self, course: ResidualProblem) -> list[list[float]]:
         """Return the times [begin, end] in which it acts."""
         if self.kind == "always":
-            return [[0.0, round(course.evidence.duration_s, 2)]]
+            return [[0.0, round(course.log.duration_s, 2)]]
         on = np.concatenate([[False], self.series(course) > 0.5, [False]])
         edges = np.flatnonzero(np.diff(on.astype(np.int8)))
         ends = np.append(course.middle_s, course.middle_s[-1])
@@ -93,15 +95,15 @@ def _smooth_step(x: FloatArray) -> FloatArray:
 
 def inside_segments(
     distance: FloatArray,
-    stretches: tuple[tuple[float, float], ...],
-    lap: float,
-    edge: float = TRANSITION_LENGTH_M,
+    segments: tuple[tuple[float, float], ...],
+    lap_length: float,
+    transition_length: float = TRANSITION_LENGTH_M,
 ) -> FloatArray:
     """Return the weight (n,) at `distance` along the lap: one in the stretches, smooth edges."""
     weight = np.zeros(distance.shape[0])
-    for begin, end in stretches:
+    for begin, end in segments:
         middle, half = 0.5 * (begin + end), 0.5 * (end - begin)
         off = distance - middle
-        off = np.abs(off - lap * np.round(off / lap))
-        weight = np.maximum(weight, _smooth_step((half - off) / (0.25 * edge)))
+        off = np.abs(off - lap_length * np.round(off / lap_length))
+        weight = np.maximum(weight, _smooth_step((half - off) / (0.25 * transition_length)))
     return weight

@@ -35,10 +35,10 @@ class FeatureTerm:
 
 def feature_signals(course: ResidualProblem, out: FloatArray) -> Signals:
     """Return the drive's signals (n,) at the grid's steps, of a run's output."""
-    at = course.start_s - course.command_from_s + STEP_S * np.arange(course.steps + 1)
+    at = course.start_s - course.command_start_s + STEP_S * np.arange(course.steps + 1)
     grid = COMMAND_GRID_S * np.arange(course.torques.shape[0])
     return {
-        "v_x": course.smooth[:, 0],
+        "v_x": course.smoothed_odometry[:, 0],
         "v_y": out[V_Y],
         "yaw_rate": out[YAW_RATE],
         "a_x": out[A_X],
@@ -55,7 +55,7 @@ def active_terms_of(
     if not pieces:
         return course.no_terms()
     signals = feature_signals(course, out)
-    rows = [FEATURES[piece.feature].of(signals) for piece in pieces]
+    rows = [FEATURES[piece.feature].function(signals) for piece in pieces]
     return ActiveTerms(
         np.array([INDEX[EQUATION_PARAMETERS[piece.equation]] for piece in pieces], dtype=np.int64),
         np.array([piece.coefficient for piece in pieces]),

@@ -154,10 +154,10 @@ def identify_surrogate(
     guess = start.copy()
     for name, value in _INITIAL_VALUES.items():
         guess[INDEX[name]] = value
-    return fit_surrogate(course, start, guess, fitted_entries(body_known), progress=progress)
+    return fit_surrogate(course, start, guess, fitted_parameters(body_known), progress=progress)
 
 
-def fitted_entries(body_known: bool) -> dict[str, tuple[float, float]]:
+def fitted_parameters(body_known: bool) -> dict[str, tuple[float, float]]:
     """Return what is fitted to a simulation: usual spread and step of the differences."""
     return FITTED_PARAMETERS if body_known else FITTED_PARAMETERS | _MASS_AND_LENGTH_PARAMETERS
 

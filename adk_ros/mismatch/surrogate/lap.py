@@ -66,7 +66,7 @@ def find_lap(course: ResidualProblem) -> Lap | None:
     The lap ends where the car first comes within `NEAR` metres of where it began, heading the
     same way; failing that for its first position, later ones are tried.
     """
-    pose, speed = course.pose, course.smooth[:, 0]
+    pose, speed = course.pose, course.smoothed_odometry[:, 0]
     driven = np.concatenate([[0.0], np.cumsum(speed[:-1] * STEP_S)])
     n = pose.shape[0]
     for begin in range(0, n // 2, max(n // 8, 1)):
@@ -92,7 +92,7 @@ def find_lap(course: ResidualProblem) -> Lap | None:
     return None
 
 
-def on_line(line: FloatArray, length: float, pose: FloatArray, far: float) -> float:
+def distance_on_lap(line: FloatArray, length: float, pose: FloatArray, far: float) -> float:
     """
     Return where on a lap a pose (3,) is, m, or NaN where it is off it or drives the other way.
 

@@ -66,20 +66,18 @@ class ActiveTerms:
     Row 0 of the gates is one throughout.
     """
 
-    index: IntArray
-    amount: FloatArray
-    activation: IntArray
+    entries: IntArray
+    amounts: FloatArray
+    rows: IntArray
     activations: FloatArray
 
     def merged_with(self, more: ActiveTerms) -> ActiveTerms:
         """Return both, the others' gates after these."""
         first = self.activations.shape[0] - 1
         return ActiveTerms(
-            np.concatenate([self.index, more.index]),
-            np.concatenate([self.amount, more.amount]),
-            np.concatenate(
-                [self.activation, np.where(more.activation > 0, more.activation + first, 0)]
-            ),
+            np.concatenate([self.entries, more.entries]),
+            np.concatenate([self.amounts, more.amounts]),
+            np.concatenate([self.rows, np.where(more.rows > 0, more.rows + first, 0)]),
             np.vstack([self.activations, more.activations[1:]]),
         )
 
@@ -88,14 +86,14 @@ class ActiveTerms:
 class ResidualProblem:
     """A drive as the kernels take it; `middle_s` (n,) the middles of the grid's steps."""
 
-    evidence: SensorLog
+    log: SensorLog
     start_s: float
     middle_s: FloatArray
     torques: FloatArray
     angles: FloatArray
-    command_from_s: float
+    command_start_s: float
     prescribed_v_x: FloatArray
-    smooth: FloatArray
+    smoothed_odometry: FloatArray
     """(n, 3) v_x, v_y, yaw rate at the middles, smoothed."""
     pose: FloatArray
     """(n, 3) at the middles."""
@@ -141,24 +139,24 @@ class ResidualProblem:
         """Run the stand-in; return (OUTPUTS, n). `gain` is a factor on `GAINS`."""
         terms = terms or self.no_terms()
         state = np.zeros(STATE_SIZE)
-        state[[S_V_X, S_V_Y, S_YAW_RATE]] = self.smooth[0]
-        state[5] = state[6] = state[7] = self.evidence.command[0, 1]
+        state[[S_V_X, S_V_Y, S_YAW_RATE]] = self.smoothed_odometry[0]
+        state[5] = state[6] = state[7] = self.log.command[0, 1]
         out = np.empty((OUTPUTS, self.steps))
         gains = np.minimum(OBSERVER_GAINS * gain * STEP_S, 0.5)
         none = np.empty((0, 3))
         integrate(
             parameters,
-            terms.index,
-            terms.amount,
-            terms.activation,
+            terms.entries,
+            terms.amounts,
+            terms.rows,
             terms.activations,
             self.torques,
             self.angles,
             COMMAND_GRID_S,
-            self.start_s - self.command_from_s,
+            self.start_s - self.command_start_s,
             STEP_S,
             self.prescribed_v_x,
-            self.smooth,
+            self.smoothed_odometry,
             gains,
             none if extra is None else extra,
             state,
@@ -178,11 +176,11 @@ class ResidualProblem:
         terms = terms or self.no_terms()
         out = self.run(parameters, terms, gain) if out is None else out
         sensors = np.repeat(parameters[_SENSOR_INDEX][:, None], self.steps, axis=1)
-        for j, index in enumerate(terms.index):
+        for j, index in enumerate(terms.entries):
             for row in np.flatnonzero(np.equal(_SENSOR_INDEX, index)):
-                sensors[row] += terms.amount[j] * terms.activations[terms.activation[j]]
+                sensors[row] += terms.amounts[j] * terms.activations[terms.rows[j]]
         total = np.zeros((6, self.bins))
-        e = self.evidence
+        e = self.log
         _collect(
             out,
             sensors,
@@ -314,7 +312,7 @@ def prepare_residual_problem(
     way = _travelled_distances(middle, smooth, pose)
     place_noise = np.fmax(white_noise(evidence.pose[:, :2]), 0.005).max()
     return ResidualProblem(
-        evidence=evidence,
+        log=evidence,
         start_s=float(start),
         middle_s=middle,
         torques=cumulative_command(
@@ -323,9 +321,9 @@ def prepare_residual_problem(
         angles=cumulative_command(
             evidence.command_s, evidence.command[:, 1], COMMAND_GRID_S, end + 1.0
         ),
-        command_from_s=float(evidence.command_s[0]),
+        command_start_s=float(evidence.command_s[0]),
         prescribed_v_x=followed,
-        smooth=smooth,
+        smoothed_odometry=smooth,
         pose=pose,
         bins=bins,
         imu_bin=imu_bin,

@@ -55,11 +55,11 @@ class RoadProfile:
         """Where the entries are in the vector, (e,)."""
         return np.array([INDEX[name] for name in self.entries], dtype=np.int64)
 
-    def places(self, poses: FloatArray) -> FloatArray:
+    def distances(self, poses: FloatArray) -> FloatArray:
         """Return the distance (n,) along the line of poses (n, 3), NaN off it."""
         return _places(self.line, poses)
 
-    def at(self, places: FloatArray) -> FloatArray:
+    def values_at(self, places: FloatArray) -> FloatArray:
         """Return what is added (e, n) at distances along the line; zero for NaN."""
         first, weights = basis(places, self.spacing)
         out = np.zeros((self.coefficients.shape[0], places.shape[0]))
@@ -68,27 +68,27 @@ class RoadProfile:
             out += self.coefficients[:, np.clip(first + k, 0, last)] * weights[k]
         return out
 
-    def along(self, poses: FloatArray, every: int = 1) -> FloatArray:
+    def values_along(self, poses: FloatArray, every: int = 1) -> FloatArray:
         """Return what is added (e, n) at poses, looked up at one in `every` of them."""
         n = poses.shape[0]
         rows = np.unique(np.append(np.arange(0, n, every), n - 1))
-        found = self.at(self.places(poses[rows]))
+        found = self.values_at(self.distances(poses[rows]))
         return np.array([np.interp(np.arange(n), rows, row) for row in found]).reshape(-1, n)
 
     def terms(self, course: ResidualProblem) -> ActiveTerms:
         """Return what is added along a course."""
-        gates = np.vstack([np.ones(course.steps), self.along(course.pose, _LOOKUP_STRIDE)])
+        gates = np.vstack([np.ones(course.steps), self.values_along(course.pose, _LOOKUP_STRIDE)])
         count = len(self.entries)
         return ActiveTerms(self.index, np.ones(count), np.arange(1, count + 1), gates)
 
     def covered_share(self, course: ResidualProblem) -> float:
         """Return which share of a course lies on the line."""
-        return float(np.isfinite(self.places(course.pose[::_LOOKUP_STRIDE])).mean())
+        return float(np.isfinite(self.distances(course.pose[::_LOOKUP_STRIDE])).mean())
 
     @cached_property
     def size(self) -> FloatArray:
         """Root mean square (e,) of what is added, over the line."""
-        return np.asarray(np.sqrt(np.mean(self.at(self.line[:, 0]) ** 2, axis=1)))
+        return np.asarray(np.sqrt(np.mean(self.values_at(self.line[:, 0]) ** 2, axis=1)))
 
 
 def basis(places: FloatArray, spacing: float) -> tuple[IntArray, FloatArray]:
@@ -121,7 +121,9 @@ def zero_profile(course: ResidualProblem, entries: tuple[str, ...]) -> RoadProfi
 def _line(course: ResidualProblem) -> FloatArray:
     every = round(_ROW_S / STEP_S)
     pose = course.pose[::every]
-    driven = np.concatenate([[0.0], np.cumsum(np.abs(course.smooth[:-1, 0]) * STEP_S)])[::every]
+    driven = np.concatenate([[0.0], np.cumsum(np.abs(course.smoothed_odometry[:-1, 0]) * STEP_S)])[
+        ::every
+    ]
     line, begun = np.empty((pose.shape[0], 4)), np.empty(pose.shape[0])
     count, going_on = 0, False
     for i in range(pose.shape[0]):

@@ -66,7 +66,7 @@ def fit_road_profile(
 def _influence_bins(course: ResidualProblem, road: RoadProfile) -> BoolArray:
     """Return whether a knot is felt in a bin, (knots, bins)."""
     per_bin = round(BIN_S / STEP_S)
-    places = road.places(course.pose[::per_bin])[: course.bins]
+    places = road.distances(course.pose[::per_bin])[: course.bins]
     on = np.flatnonzero(np.isfinite(places))
     first, _ = basis(places, road.spacing)
     felt = np.zeros((road.coefficients.shape[1], course.bins), dtype=bool)

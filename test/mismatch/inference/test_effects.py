@@ -71,7 +71,7 @@ def test_all_names_are_there() -> None:
 
 @pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda e: e.name)
 def test_an_effect_is_whole(effect: Effect) -> None:
-    assert all((effect.text, effect.needs, effect.equations, effect.activations))
+    assert all((effect.equation, effect.excitation, effect.equations, effect.activations))
     assert all(name in EFFECTS for name in effect.confusables)
     for p in effect.parameters:
         low, high = p.bounds()
@@ -112,20 +112,20 @@ def test_a_gate_limits_an_effect_to_a_time(
 
 def test_intervals_of_a_place(course: ResidualProblem) -> None:
     distance = (course.middle_s * 22.0) % 220.0
-    gate = Activation(stretches=((44.0, 88.0),), lap=220.0, distance=distance)
+    gate = Activation(segments=((44.0, 88.0),), lap_length=220.0, distance=distance)
     assert gate.kind == "place"
     intervals = gate.intervals(course)
     assert len(intervals) == 4
     np.testing.assert_allclose(intervals[1], [12.0, 14.0], atol=0.02)
     # Across the lap's beginning.
-    gate = Activation(stretches=((198.0, 242.0),), lap=220.0, distance=distance)
+    gate = Activation(segments=((198.0, 242.0),), lap_length=220.0, distance=distance)
     np.testing.assert_allclose(gate.intervals(course)[1], [9.0, 11.0], atol=0.02)
 
 
 def test_its_variables_go_out_and_in() -> None:
-    gate = Activation(stretches=((1.0, 2.0), (5.0, 6.0)), lap=10.0, distance=np.zeros(1))
+    gate = Activation(segments=((1.0, 2.0), (5.0, 6.0)), lap_length=10.0, distance=np.zeros(1))
     assert gate.variables() == [1.0, 2.0, 5.0, 6.0]
-    assert gate.with_variables([1.5, 2.0, 5.0, 7.0]).stretches == ((1.5, 2.0), (5.0, 7.0))
+    assert gate.with_variables([1.5, 2.0, 5.0, 7.0]).segments == ((1.5, 2.0), (5.0, 7.0))
     assert Activation(onset_s=3.0).with_variables([4.0]).onset_s == 4.0
 
 
@@ -142,10 +142,8 @@ def test_stretches_that_pay() -> None:
 def test_a_bias_below_what_is_worth_a_name_is_tolerance(likelihood: Likelihood) -> None:
     none = np.zeros(N_FIXED_NUISANCES)
     course = likelihood.problem
-    imu = course.evidence.imu + np.array([0.012, 0.0, 0.0])
-    shifted = replace(
-        likelihood, problem=replace(course, evidence=replace(course.evidence, imu=imu))
-    )
+    imu = course.log.imu + np.array([0.012, 0.0, 0.0])
+    shifted = replace(likelihood, problem=replace(course, log=replace(course.log, imu=imu)))
     off = none.copy()
     off[len(TOLERANCE_PARAMETERS) + list(SENSOR_OFFSETS).index("bias_a_x")] = 0.012
     np.testing.assert_allclose(

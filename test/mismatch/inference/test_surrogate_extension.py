@@ -104,7 +104,7 @@ def test_the_splines_weights_sum_to_one_on_the_road_and_to_none_off_it() -> None
 def test_a_curve_of_like_knots_is_constant_along_the_road() -> None:
     road = zero_profile(prepare_residual_problem(case().simulation), ("grade",))
     level = replace(road, coefficients=np.full_like(road.coefficients, 0.03))
-    assert level.at(road.line[:, 0])[0] == pytest.approx(0.03)
+    assert level.values_at(road.line[:, 0])[0] == pytest.approx(0.03)
     assert level.size == pytest.approx([0.03])
 
 
@@ -116,11 +116,13 @@ def test_the_same_place_is_found_again_on_the_next_lap_alone() -> None:
     # One lap and no more is on the map.
     assert road.line[-1, 0] == pytest.approx(2.0 * np.pi * 80.0, rel=0.03)
     pose = np.array([[80.0, 80.0, 0.5 * np.pi], [80.0, 80.0, 2.5 * np.pi]])
-    first, again = road.places(pose)
+    first, again = road.distances(pose)
     assert first == pytest.approx(0.5 * np.pi * 80.0, abs=2.0)
     assert again == pytest.approx(first, abs=0.01)
     # The other way round, and beside the road, is elsewhere.
-    assert np.isnan(road.places(np.array([[80.0, 80.0, -0.5 * np.pi], [60.0, 80.0, 1.6]]))).all()
+    assert np.isnan(
+        road.distances(np.array([[80.0, 80.0, -0.5 * np.pi], [60.0, 80.0, 1.6]]))
+    ).all()
     assert road.covered_share(prepare_residual_problem(steady(speed=20.0))) < 0.1
 
 
@@ -150,10 +152,10 @@ def test_the_slopes_of_a_simulated_road_are_learned() -> None:
         np.array([lookup(route.table, route.spacing, s, column) for s in at])
         for column in (ROAD_X, ROAD_Y, ROAD_HEADING)
     )
-    place = stand_in.road.places(np.column_stack([x, y, heading]))
+    place = stand_in.road.distances(np.column_stack([x, y, heading]))
     assert np.isfinite(place).mean() > 0.9
     on = np.isfinite(place)
-    found = stand_in.road.at(place)[list(stand_in.road.entries).index("grade")]
+    found = stand_in.road.values_at(place)[list(stand_in.road.entries).index("grade")]
     # But for a constant, which a simulated accelerometer's bias is as well.
     off = (found - row)[on]
     assert np.std(off) < 0.15 * np.std(row)

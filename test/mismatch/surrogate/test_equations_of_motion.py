@@ -41,7 +41,7 @@ def run(course: ResidualProblem, p: FloatArray) -> FloatArray:
 
 def test_usual_values_lie_within_their_bounds() -> None:
     assert np.all((default_parameters() >= LOW) & (default_parameters() <= HIGH))
-    assert all(entry.unit and entry.text for entry in SURROGATE_PARAMETERS.values())
+    assert all(entry.unit and entry.description for entry in SURROGATE_PARAMETERS.values())
 
 
 def test_a_steady_circle_has_the_understeer_gradient() -> None:
@@ -151,7 +151,7 @@ def test_second_order_in_the_step() -> None:
 
 def test_the_grid_steps_are_ten_milliseconds_with_stamps_in_their_middles() -> None:
     course = prepare_residual_problem(steady(20.0))
-    assert course.middle_s[0] == pytest.approx(course.evidence.imu_s[0])
+    assert course.middle_s[0] == pytest.approx(course.log.imu_s[0])
     assert np.diff(course.middle_s) == pytest.approx(STEP_S)
 
 
