@@ -7,6 +7,8 @@ VENV ?= .venv
 PIP_ARGS ?=
 DEMO_ARGS ?=
 TEST_ARGS ?=
+# Two processes; tests of one file stay in one, since they share what is costly to make.
+TEST_WORKERS ?= -n 2 --dist loadfile
 BENCH_ARGS ?= latency
 
 # Other people's predictors, to compare with: pins that exclude those of adk_ros.
@@ -48,19 +50,24 @@ endef
 export CHECK
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test lint bench peers colcon clean distclean
+.PHONY: help install demo test test-slow test-all lint bench peers colcon clean distclean
 
 help: ## Say what can be made
 	@echo "make TARGET [PYTHON=python3.11] [PIP_ARGS=...]"
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 install: $(RUNTIME) ## Make .venv with the `adk` command and all that it needs
 
 demo: $(RUNTIME) ## Train, run the live node, play a bag to it, score it (DEMO_ARGS=...)
 	@$(BIN)/adk demo $(DEMO_ARGS)
 
-test: $(TESTING) ## Run all tests (TEST_ARGS="-k node -x")
-	@$(BIN)/python -m pytest $(TEST_ARGS)
+test: $(TESTING) ## Run the tests that take seconds, the live node's included (TEST_ARGS="-k node -x")
+	@$(BIN)/python -m pytest $(TEST_WORKERS) -m "not slow" $(TEST_ARGS)
+
+test-slow: $(TESTING) ## Run the tests that `make test` leaves out
+	@$(BIN)/python -m pytest $(TEST_WORKERS) -m slow $(TEST_ARGS)
+
+test-all: test test-slow ## Run all tests
 
 lint: $(TESTING) ## Check style and types
 	@$(BIN)/ruff check .

@@ -17,8 +17,11 @@ for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 os.environ["MPLBACKEND"] = "Agg"
 
-# A domain of its own for each run, this machine alone: neither another run nor a robot answers.
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+# A domain for each run and each of its workers, this machine only: neither another run nor a robot
+# answers. Domains above 101 meet the ports that Linux hands out.
+worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+run = os.getppid() if "PYTEST_XDIST_WORKER" in os.environ else os.getpid()
+os.environ["ROS_DOMAIN_ID"] = str(1 + (4 * run + int(worker)) % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.pop("ROS_STATIC_PEERS", None)
 # rclpy.init refuses to start without a place for its log.
