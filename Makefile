@@ -18,7 +18,7 @@ PEERS_PYTHON ?= python3.11
 BIN := $(VENV)/bin
 RUNTIME := $(VENV)/.runtime-installed
 TESTING := $(VENV)/.testing-installed
-PACKAGE := setup.py setup.cfg
+PACKAGE := setup.py setup.cfg pyproject.toml
 PIP_INSTALL = $(BIN)/python -m pip install --disable-pip-version-check $(PIP_ARGS)
 
 # The ROS wheels set this for the children of a Python that has found them already.
@@ -73,6 +73,10 @@ lint: $(TESTING) ## Check style and types
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
 
+docs: $(TESTING) ## Generate the reference pages and build the site in site/, warnings as errors
+	@$(BIN)/python scripts/generate_docs.py
+	@$(BIN)/python -m mkdocs build --strict
+
 bench: $(TESTING) ## Measure (BENCH_ARGS="live", "latency --json")
 	@$(BIN)/adk bench $(BENCH_ARGS)
 
@@ -87,7 +91,7 @@ colcon: $(TESTING) ## Build as a ROS workspace would, in a scratch folder, and s
 	"$$scratch/install/adk_ros/lib/adk_ros/predictor" --help
 
 clean: ## Remove what was built and cached, but for .venv
-	rm -rf build install log demo_out paper_out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build install log site demo_out paper_out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find adk_ros launch test -name __pycache__ -prune -exec rm -rf {} +
 
 distclean: clean ## Remove .venv as well
@@ -111,7 +115,7 @@ $(RUNTIME): $(RUNTIME_PINS) $(PACKAGE) | $(BIN)/pip
 	$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
 	@touch $@
 
-$(TESTING): requirements/test.txt $(RUNTIME)
+$(TESTING): requirements/test.txt requirements/docs.txt $(RUNTIME)
 	$(PIP_INSTALL) -r requirements/test.txt
 	@touch $@
 

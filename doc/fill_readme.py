@@ -24,7 +24,7 @@ from PIL import Image
 
 from adk_ros.bench.paper.criteria import brief
 from adk_ros.ros import diagnostics
-from adk_ros.ros.parameters import TABLE
+from adk_ros.ros.parameter_table import TABLE
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"

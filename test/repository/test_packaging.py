@@ -40,6 +40,7 @@ KEYS = {
     "python3-matplotlib": ("matplotlib", "matplotlib"),
     "python3-numba": ("numba", "numba"),
     "python3-numpy": ("numpy", "numpy"),
+    "python3-pandas": ("pandas", "pandas"),
     "python3-psutil": ("psutil", "psutil"),
     "python3-pydantic": ("pydantic", "pydantic"),
     "python3-rich": ("rich", "rich"),
@@ -65,7 +66,7 @@ WITHOUT_KEY = {"backports-zstd": "backports", "lz4": "lz4"}
 # Imported here and there, and brought along by what is required anyhow.
 COMES_WITH = {"click": "typer"}
 # Asked for by extras alone.
-OPTIONAL = {"padasip", "tensorboard"}
+OPTIONAL = {"padasip", "pytest-xdist", "tensorboard"}
 # Chosen by a parameter and imported only then.
 OPTIONAL_MESSAGES = {"ackermann_msgs", "autoware_control_msgs", "autoware_vehicle_msgs"}
 # Wheels that provide several ROS packages.
@@ -140,7 +141,7 @@ def versions(files: list[str], python: str) -> dict[str, str]:
 
 
 RUNTIME = ["python.txt", "ros.txt", "runtime.txt"]
-ALL_PINS = [*RUNTIME, "test.txt", "constraints.txt"]
+ALL_PINS = [*RUNTIME, "test.txt", "docs.txt", "constraints.txt"]
 
 
 def imported(folder: str) -> set[str]:
@@ -281,7 +282,7 @@ def test_pins_are_what_is_installed_and_cover_all_of_it() -> None:
     """All that an install brings is pinned, and it is what this run runs on."""
     python = f"{sys.version_info[0]}.{sys.version_info[1]}"
     chosen = versions(ALL_PINS, python)
-    direct = [pin for file in [*RUNTIME, "test.txt"] for pin in pins(file)]
+    direct = [pin for file in [*RUNTIME, "test.txt", "docs.txt"] for pin in pins(file)]
     roots = [pin for pin in direct if pin.marker is None or pin.marker.evaluate()]
     installed = dict(closure(roots))
     # "+cpu": the build, not the version.

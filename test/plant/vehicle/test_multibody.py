@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    path = ROOT / "doc" / "compare_multibody.py"
+    path = ROOT / "scripts" / "compare_multibody.py"
     spec = importlib.util.spec_from_file_location("compare_multibody", path)
     assert spec is not None
     assert spec.loader is not None

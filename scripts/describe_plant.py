@@ -3,7 +3,7 @@
 """
 Drive every packaged scenario and print what it is like; and what a vehicle's body does.
 
-    .venv/bin/python doc/describe_plant.py
+    .venv/bin/python scripts/describe_plant.py
 
 doc/plant.md has what it prints.
 """

@@ -3,7 +3,7 @@
 """
 Compare the fourteen-degree-of-freedom plant with CommonRoad's multi-body model, and print how far.
 
-    .venv/bin/python doc/compare_multibody.py
+    .venv/bin/python scripts/compare_multibody.py
 
 The other model has 29 states and comes with `commonroad-vehicle-models` (BSD licence; Althoff and
 Wuersching, "CommonRoad: Vehicle Models"). Its parameter set 2, a BMW 320i, becomes a vehicle of
