@@ -1,21 +1,21 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The two ways in which a run is refused, each with the exit code it ends with."""
+"""The two exception types of a refused request, with their exit codes."""
 
 
 class AdkError(Exception):
-    """A refusal that a person can act on: says what, where and what to do, in one line."""
+    """A refused request; the one-line message says what, where and what to do."""
 
     exit_code = 2
 
 
 class UsageError(AdkError):
-    """The request itself is wrong: an argument, a parameter, a path, a model that does not fit."""
+    """The request is wrong: an argument, a parameter, a path, an unsuitable model."""
 
     exit_code = 2
 
 
 class DataError(AdkError):
-    """The request is sound, but the data cannot serve it: a topic lacks, a bag is too short."""
+    """The request is valid, but the data is unusable: a topic is missing, a bag is too short."""
 
     exit_code = 3

@@ -1,9 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Being stopped half-way: SIGTERM and Ctrl-C unwind the run, so that nothing of it is left behind.
+Graceful shutdown of a process and its workers on SIGTERM and Ctrl-C.
 
-The parent ends its workers, they end what they have started, and folders go with who made them.
+Signals unwind the stack, so that temporary folders are removed and each process ends the workers
+that it started.
 """
 
 from __future__ import annotations
@@ -20,21 +21,22 @@ from multiprocessing.process import BaseProcess
 from types import FrameType
 
 GRACE_S = 10.0
-"""How long a worker may take to end what it has started."""
+"""s that a worker may take to end its own subprocesses before it is killed."""
 TERMINATED = 128 + signal.SIGTERM
+"""Exit code after SIGTERM, by shell convention."""
 
 
 class Terminated(BaseException):
-    """SIGTERM came; no mistake that anybody should handle as one."""
+    """SIGTERM was received. A BaseException, so that error handlers do not catch it."""
 
 
 @contextmanager
 def graceful_shutdown() -> Iterator[None]:
     """
-    Turn the first SIGTERM or SIGINT into `Terminated` or KeyboardInterrupt, and ignore the rest.
+    Turn the first SIGTERM or SIGINT into `Terminated` or KeyboardInterrupt; ignore later ones.
 
-    What is cleaned up on the way out must not be stopped by an impatient second one. What was in
-    force comes back after. Does nothing in a thread, where signals cannot be heard.
+    Later signals are ignored so that they do not interrupt the cleanup. The previous handlers are
+    restored on exit. Has no effect outside the main thread, which alone receives signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -55,12 +57,12 @@ def graceful_shutdown() -> Iterator[None]:
 
 
 def end_all(processes: Iterable[BaseProcess]) -> None:
-    """Ask processes to end, and make those that do not within `GRACE_S`."""
-    todo = list(processes)
-    for process in todo:
+    """Terminate processes, and kill those that do not end within `GRACE_S`."""
+    running = list(processes)
+    for process in running:
         process.terminate()
     deadline = time.monotonic() + GRACE_S
-    for process in todo:
+    for process in running:
         process.join(max(0.0, deadline - time.monotonic()))
         if process.is_alive():
             process.kill()
@@ -69,13 +71,13 @@ def end_all(processes: Iterable[BaseProcess]) -> None:
 
 def begin_worker() -> None:
     """
-    In a worker: SIGTERM unwinds what it is at, Ctrl-C is the parent's to answer.
+    Install the signal handling of a worker: SIGTERM unwinds its stack, Ctrl-C is ignored.
 
-    A parent that was killed says nothing, so its end is watched for.
+    The parent handles Ctrl-C. A thread ends the worker if the parent is killed.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _on_sigterm)
-    threading.Thread(target=_follow, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _on_sigterm(number: int, frame: FrameType | None) -> None:
@@ -83,7 +85,7 @@ def _on_sigterm(number: int, frame: FrameType | None) -> None:
     raise SystemExit(TERMINATED)
 
 
-def _follow() -> None:
+def _end_with_parent() -> None:
     parent = parent_process()
     if parent is None:
         return

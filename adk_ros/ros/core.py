@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the node does with a message, without the node: pipeline, safeguards and counters.
+Process messages and timer calls without ROS: pipeline, exception handling, counters.
 
-Whatever comes in, an exception ends here: it is counted and told, and the pipeline starts afresh.
-Whatever goes out is finite: the last line of defence stands right before the publisher.
+An exception in the pipeline is caught here: it is counted and reported, and the pipeline is
+reset. Predictions that are not finite are withheld right before the publisher.
 """
 
 from __future__ import annotations
@@ -24,70 +24,79 @@ from adk_ros.ros.counters import Counters
 from adk_ros.signals.channels import TICK_NS, Reading, Source
 
 _MAX_BACKLOG_NS = 3 * TICK_NS // 2
+"""ns that the newest stamp may lag the ROS clock before the clock completes samples: 1.5 samples,
+so that streams with a message per sample never need it."""
+
 _MAX_TRANSIT_NS = 10_000_000
-"""How long a message may be under way before the clock may go on without it."""
+"""ns between stamp and arrival that are granted to a message before the clock passes its stamp.
+
+Transport within one computer takes less than 1 ms; the rest covers the sensor's driver."""
+
+_RECENT_S = 1.0
+"""s since the last message within which a late timer call counts as a missed deadline; without
+input there is no deadline."""
 
 
 class Core:
     """
-    Feeds a pipeline, hands finite predictions to `publish` and counts.
+    Feed a pipeline, pass finite predictions to `publish`, and count.
 
     :param publish: called with each prediction, in order.
-    :param tell: called with an exception that was caught, the first time only.
-    :param clock: monotonic nanoseconds.
+    :param on_error: called with the first exception that is caught.
+    :param clock: returns monotonic time in nanoseconds.
     """
 
     def __init__(
         self,
         pipeline: Pipeline,
         publish: Callable[[Prediction], None],
-        tell: Callable[[Exception], None],
+        on_error: Callable[[Exception], None],
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.pipeline = pipeline
         self.counters = Counters()
         self._publish = publish
-        self._tell = tell
+        self._on_error = on_error
         self._clock = clock
-        self._heard_since = False
-        self._watched_ns: int | None = None
+        self._received_since_timer = False
+        self._last_timer_ns: int | None = None
 
     def on_message(self, source: Source, msg: Any) -> None:
-        """Take a message; publish what it completes."""
+        """Process a message; publish the predictions that it completes."""
         begin_ns = self._clock()
-        self.counters.heard_s[source] = begin_ns * 1e-9
-        self._heard_since = True
+        self.counters.last_received_s[source] = begin_ns * 1e-9
+        self._received_since_timer = True
         self._run(begin_ns, self.pipeline.take, source, msg)
 
     def on_timer(self, now_ns: int) -> None:
         """
-        To be called every 25 ms: lets slow streams go on by the clock, and notices a stall.
+        Complete samples by the clock if streams are slow, and count stalls; call every 25 ms.
 
-        `now_ns` is the ROS clock. It moves the grid only where the stamps lag behind it though
-        nothing has been heard since the last call, and that call was in time: after a stall the
-        messages that it held up come first.
+        `now_ns` is the ROS clock. It completes samples only if the stamps lag behind it, no
+        message arrived since the last call, and that call was on time: after a stall, the
+        messages that queued up are processed first.
         """
         begin_ns = self._clock()
-        since_ns = 0 if self._watched_ns is None else begin_ns - self._watched_ns
-        self._watched_ns = begin_ns
-        heard, self._heard_since = self._heard_since, False
-        if since_ns >= 2 * TICK_NS:
-            if heard or self._listening(begin_ns):
-                self.counters.missed_deadlines += since_ns // TICK_NS - 1
+        elapsed_ns = 0 if self._last_timer_ns is None else begin_ns - self._last_timer_ns
+        self._last_timer_ns = begin_ns
+        received, self._received_since_timer = self._received_since_timer, False
+        if elapsed_ns >= 2 * TICK_NS:
+            if received or self._has_input(begin_ns):
+                self.counters.missed_deadlines += elapsed_ns // TICK_NS - 1
             return
         newest_ns = self.pipeline.aligner.newest_ns
-        if heard or newest_ns is None or now_ns - newest_ns < _MAX_BACKLOG_NS:
+        if received or newest_ns is None or now_ns - newest_ns < _MAX_BACKLOG_NS:
             return
         self._run(begin_ns, self.pipeline.advance, now_ns - _MAX_TRANSIT_NS)
 
     def reset(self) -> None:
-        """Forget samples and adaptation."""
+        """Discard samples and adaptation."""
         self.counters.resets += 1
         self.pipeline.reset()
 
     @contextmanager
     def guarded(self) -> Iterator[None]:
-        """Count an exception and start afresh: no data must end the node, whatever it hits."""
+        """Count an exception and reset the pipeline: no data must end the node."""
         try:
             yield
         except Exception as error:
@@ -95,18 +104,19 @@ class Core:
             self.counters.last_error = f"{type(error).__name__}: {error}"
             self.pipeline.reset()
             if self.counters.internal_errors == 1:
-                self._tell(error)
+                self._on_error(error)
 
-    def _listening(self, now_ns: int) -> bool:
-        heard = [heard_s for heard_s in self.counters.heard_s if heard_s is not None]
-        return bool(heard) and now_ns * 1e-9 - max(heard) < 1.0
+    def _has_input(self, now_ns: int) -> bool:
+        """Return whether any message arrived within the last second."""
+        received = [time_s for time_s in self.counters.last_received_s if time_s is not None]
+        return bool(received) and now_ns * 1e-9 - max(received) < _RECENT_S
 
     def _run(self, begin_ns: int, work: Callable[..., list[Prediction]], *args: Any) -> None:
         pipeline, counters = self.pipeline, self.counters
         ticks = pipeline.ticks
         with self.guarded():
             for prediction in work(*args):
-                self._send(prediction)
+                self._publish_if_finite(prediction)
         if pipeline.ticks == ticks:
             return
         sample = pipeline.last_sample
@@ -116,9 +126,9 @@ class Core:
         counters.note_tick((end_ns - begin_ns) * 1e-3)
         if end_ns - begin_ns > TICK_NS:
             counters.missed_deadlines += 1
-            self._watched_ns = end_ns
+            self._last_timer_ns = end_ns
 
-    def _send(self, prediction: Prediction) -> None:
+    def _publish_if_finite(self, prediction: Prediction) -> None:
         finite = (
             np.isfinite(prediction.x).all()
             and np.isfinite(prediction.covariance).all()
@@ -135,19 +145,20 @@ class Core:
 
 def warm_up(model: KoopmanModel, settings: PipelineSettings) -> None:
     """
-    Drive a scratch pipeline for two seconds, so that the first real tick compiles nothing.
+    Run a temporary pipeline on 2 s of synthetic readings, so that all kernels are compiled.
 
-    Kernels are compiled, or read from their cache, on their first call: far beyond a tick.
+    Kernels are compiled, or read from their cache, on their first call, which takes far longer
+    than the 25 ms of a sample.
     """
     pipeline = Pipeline(model, settings)
     for step in range(400):
         stamp_ns = 1_000_000_000 + step * 5_000_000
-        swing = 0.1 * math.sin(0.05 * step)
-        readings = [Reading(Source.IMU, stamp_ns, (swing, 10.0 * swing, swing))]
+        sway = 0.1 * math.sin(0.05 * step)
+        readings = [Reading(Source.IMU, stamp_ns, (sway, 10.0 * sway, sway))]
         if step % 4 == 0:
-            readings.append(Reading(Source.ODOMETRY, stamp_ns, (10.0 + swing, 0.0, swing)))
+            readings.append(Reading(Source.ODOMETRY, stamp_ns, (10.0 + sway, 0.0, sway)))
         if step % 5 == 0:
-            readings.append(Reading(Source.COMMAND, stamp_ns, (100.0 * swing, 0.1 * swing)))
+            readings.append(Reading(Source.COMMAND, stamp_ns, (100.0 * sway, 0.1 * sway)))
         for reading in readings:
             pipeline.take_reading(reading)
     pipeline.predictor.online.condition_number()

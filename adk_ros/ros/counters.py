@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the node counts beside the pipeline's own counts, and all of it at one moment."""
+"""Counters of the node, and snapshots of them together with those of the pipeline."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from adk_ros.model.pipeline import Pipeline
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import Source
 
-_TIMES_KEPT = 2400
-"""Tick times kept for the percentiles: a minute's."""
+_MAX_TICK_TIMES = 2400
+"""Processing times kept for the percentiles: one minute at 40 Hz."""
 
 
 class Counters:
     """
-    Counts of the node; they only grow, diagnostics take the differences.
+    Counters of the node. They only grow; diagnostics report differences.
 
-    `flagged` counts ticks by their sample's flags, `heard_s` is the monotonic time at which each
-    source was heard last, `tick_us` the newest tick times, from message in to messages out.
+    `flagged` counts samples by their flags, `last_received_s` is the monotonic time of the last
+    message of each source (s, None: none yet), `tick_us` the latest processing times of a sample
+    in µs, from message in to messages out.
     """
 
     def __init__(self) -> None:
@@ -33,26 +34,26 @@ class Counters:
         self.published = 0
         self.resets = 0
         self.flagged: Counter[int] = Counter()
-        self.heard_s: list[float | None] = [None for _ in Source]
-        self.tick_us: deque[float] = deque(maxlen=_TIMES_KEPT)
+        self.last_received_s: list[float | None] = [None for _ in Source]
+        self.tick_us: deque[float] = deque(maxlen=_MAX_TICK_TIMES)
         self.tick_max_us = 0.0
         self.innovations = 0
         self.innovation_squares: FloatArray = np.zeros(3)
 
     def note_innovation(self, innovation: FloatArray) -> None:
-        """Add an innovation (3,), if there is one."""
+        """Add an innovation (3,); NaN, for a sample without prediction, is ignored."""
         if np.isfinite(innovation).all():
             self.innovations += 1
             self.innovation_squares += innovation * innovation
 
-    def note_tick(self, spent_us: float) -> None:
-        """Add the time that a tick took."""
-        self.tick_us.append(spent_us)
-        self.tick_max_us = max(self.tick_max_us, spent_us)
+    def note_tick(self, elapsed_us: float) -> None:
+        """Add the processing time of a sample, µs."""
+        self.tick_us.append(elapsed_us)
+        self.tick_max_us = max(self.tick_max_us, elapsed_us)
 
 
 class CounterSnapshot(NamedTuple):
-    """All counts at one moment, to subtract from those at a later one."""
+    """All counts at one time, to be subtracted from a later snapshot."""
 
     now_s: float
     ticks: int
@@ -71,7 +72,7 @@ class CounterSnapshot(NamedTuple):
 
 
 def snapshot(pipeline: Pipeline, counters: Counters, now_s: float) -> CounterSnapshot:
-    """Return the counts as they stand."""
+    """Return the present counts."""
     return CounterSnapshot(
         now_s=now_s,
         ticks=pipeline.ticks,

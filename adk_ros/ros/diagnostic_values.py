@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The key/value pairs of a diagnostics report: every count, rate and time, as text."""
+"""The key/value pairs of a diagnostics report: all counts, rates and times, as text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from adk_ros.model.pipeline import Pipeline
 from adk_ros.ros.counters import Counters, CounterSnapshot
 from adk_ros.signals.channels import STATE_NAMES, Flag, Source
 
-_ALIGNED = {
+_ALIGNER_KEYS = {
     "stray stamp": "stray_stamps",
     "clock jump": "clock_jumps",
     "duplicate": "duplicates",
@@ -23,21 +23,21 @@ _ALIGNED = {
 
 
 class Clocks(NamedTuple):
-    """Times of a report: `now_s` monotonic; `ros_ns` the ROS clock, 0 before sim time starts."""
+    """Times of a report: `now_s` monotonic; `ros_ns` ROS clock, 0 until simulation time starts."""
 
     now_s: float
     ros_ns: int = 0
     sim_time: bool = False
 
 
-def describe(
+def diagnostic_values(
     pipeline: Pipeline,
     counters: Counters,
     before: CounterSnapshot,
     now: CounterSnapshot,
     clocks: Clocks,
 ) -> list[tuple[str, str]]:
-    """Return the pairs: totals since the start, rates and rms values since `before`."""
+    """Return the pairs: totals since start-up, rates and RMS values since `before`."""
     values: dict[str, object] = {
         "status": pipeline.predictor.status.value,
         "ticks": now.ticks,
@@ -48,13 +48,13 @@ def describe(
         if source is Source.STEERING and not now.received[source]:
             continue
         name = source.name.lower()
-        heard_s = counters.heard_s[source]
+        received_s = counters.last_received_s[source]
         values[f"{name}.received"] = now.received[source]
         values[f"{name}.rate_hz"] = (now.received[source] - before.received[source]) / elapsed_s
-        values[f"{name}.age_s"] = math.nan if heard_s is None else clocks.now_s - heard_s
+        values[f"{name}.age_s"] = math.nan if received_s is None else clocks.now_s - received_s
     for (source, reason), count in sorted(now.refused.items()):
         values[f"{source.name.lower()}.refused: {reason}"] = count
-    for key, name in _ALIGNED.items():
+    for key, name in _ALIGNER_KEYS.items():
         values[name] = now.aligned[key]
     for flag in Flag:
         if flag:
@@ -73,8 +73,8 @@ def describe(
         "condition_number": pipeline.predictor.online.condition_number(),
     }
     values |= _tick_times(counters)
-    values |= _quality(pipeline, before, now)
-    return [(key, _shown(value)) for key, value in values.items()]
+    values |= _prediction_quality(pipeline, before, now)
+    return [(key, _as_text(value)) for key, value in values.items()]
 
 
 def _tick_times(counters: Counters) -> dict[str, float]:
@@ -83,19 +83,19 @@ def _tick_times(counters: Counters) -> dict[str, float]:
     return {"tick_p50_us": p50, "tick_p99_us": p99, "tick_max_us": counters.tick_max_us}
 
 
-def _quality(
+def _prediction_quality(
     pipeline: Pipeline, before: CounterSnapshot, now: CounterSnapshot
 ) -> dict[str, float]:
     count = now.innovations - before.innovations
     squares = (now.innovation_squares - before.innovation_squares).tolist()
-    pushes = pipeline.predictor.disturbance.tolist()
+    disturbances = pipeline.predictor.disturbance.tolist()
     quality = {}
     for name, square in zip(STATE_NAMES, squares, strict=True):
         quality[f"innovation_rms.{name}"] = math.sqrt(square / count) if count else math.nan
-    for name, push in zip(STATE_NAMES, pushes, strict=True):
-        quality[f"disturbance.{name}"] = push
+    for name, disturbance in zip(STATE_NAMES, disturbances, strict=True):
+        quality[f"disturbance.{name}"] = disturbance
     return quality
 
 
-def _shown(value: object) -> str:
+def _as_text(value: object) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -1,37 +1,38 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the pipeline and the node counted -> a level, a sentence and values. No ROS in here.
+Turn the counts of pipeline and node into a level, a message and values, without ROS.
 
-Every finding is about the time since the last report, so the level recovers with its cause. The
-message holds the findings of the worst level first; the values hold everything, always.
+Each finding covers the time since the previous report, so the level recovers as soon as the cause
+is gone. The message lists the findings, worst level first; the values hold all counts.
 
-| level | when | message |
+| level | condition | message |
 | --- | --- | --- |
-| OK | predictions are made | `predicting` |
-| OK | there never was an IMU and the model needs none | `no IMU: yaw rate from odometry` |
-| OK | too few samples yet | `warming up` |
-| OK | readings came out of order and were used in their place | `n readings out of order` |
-| OK | a stream's rate changed by half or more | `imu now comes at 100 Hz, before at 200 Hz` |
+| OK | predictions are published | `predicting` |
+| OK | never an IMU, and the model needs none | `no IMU: yaw rate from odometry` |
+| OK | too few samples so far | `warming up` |
+| OK | out-of-order readings, sorted in by stamp | `n readings out of order` |
+| OK | a message rate changed by half or more | `imu rate changed from 200 Hz to 100 Hz` |
 | OK | the reset service was called | `reset on request` |
-| WARN | nothing received yet, or not all of it for 5 s at most | `waiting for odometry, command` |
-| WARN | no IMU, though the model was trained with one | `no IMU: ...; the model ...` |
-| WARN | a stream fell silent while predictions go on | `command silent for 3.2 s: ...` |
-| WARN | no state was measured: predictions go on from themselves | `coasting for n ticks` |
-| WARN | a moving vehicle's sensor repeats itself | `IMU frozen`, `odometry frozen` |
-| WARN | messages cannot be used | `5 command refused: joint 'drive' is missing` |
-| WARN | stamps far off the others, not confirmed | `3 stray stamps ignored` |
-| WARN | the clock jumped, a bag looped | `clock jumped: all state was reset` |
-| WARN | readings came twice, or after their tick | `n duplicates`, `n readings too late` |
-| WARN | IMU in g or deg/s, axes flipped | what looks wrong and what the topic must carry |
-| WARN | a tick was done 25 ms late or more | `n deadlines missed` |
-| WARN | the online method had to start afresh | `online method set back n times` |
-| WARN | `use_sim_time` without a clock | `sim time has not started: no /clock` |
-| ERROR | streams fell silent, nothing is predicted | `no predictions: odometry silent for 2.0 s` |
-| ERROR | a needed stream is missing for over 5 s | `no predictions: odometry never received` |
-| ERROR | `use_imu` is required and there is none | `no IMU, but use_imu is 'required'` |
-| ERROR | a fault in this program was caught, state reset | `n internal errors, the last: ...` |
-| ERROR | a prediction was not finite and was withheld | `n predictions withheld` |
+| WARN | topics missing, for at most 5 s | `waiting for odometry, command` |
+| WARN | no IMU, but the model was trained with one | `no IMU: ...; the model ...` |
+| WARN | a topic stopped, predictions continue | `command timeout (3.2 s): ...` |
+| WARN | no odometry, predictions continue | `coasting for n samples: ...` |
+| WARN | a sensor repeats its values in motion | `IMU frozen: ...`, `odometry frozen: ...` |
+| WARN | messages are refused | `5 command messages refused: joint 'drive' is missing` |
+| WARN | implausible stamps, not confirmed later | `3 implausible time stamps ignored` |
+| WARN | time jumped, e.g. a looping bag | `clock jumped: all state was reset` |
+| WARN | readings are repeated, or too late | `n duplicates`, `n readings too late for ...` |
+| WARN | wrong unit or sign of the IMU | `... looks like deg/s, the topic must carry rad/s` |
+| WARN | a sample was processed 25 ms late or more | `n deadlines missed` |
+| WARN | the online estimator was reset | `online estimator reset n times` |
+| WARN | `use_sim_time` without a clock | `simulation time has not started: no /clock` |
+| ERROR | a required topic stopped | `no predictions: odometry timeout (2.0 s)` |
+| ERROR | a topic is missing for over 5 s | `no predictions: odometry never received` |
+| ERROR | stamps of a topic do not match | `odometry timestamps are in a different time base` |
+| ERROR | `use_imu` is `required`, no IMU | `no IMU, but use_imu is 'required'` |
+| ERROR | an exception was caught, state reset | `n internal errors, last: ...` |
+| ERROR | a prediction was not finite | `n predictions withheld: not finite` |
 """
 
 from __future__ import annotations
@@ -43,18 +44,31 @@ from typing import NamedTuple
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Status
 from adk_ros.ros.counters import Counters, snapshot
-from adk_ros.ros.diagnostic_values import Clocks, describe
+from adk_ros.ros.diagnostic_values import Clocks, diagnostic_values
 from adk_ros.signals.channels import Flag, Source
 
 _STARTUP_GRACE_S = 5.0
-_SILENT_AFTER_S = 1.0
-_SILENT_PERIODS = 5.0
-_CHANGED_RATE = 1.5
-_NEEDED = (Source.ODOMETRY, Source.COMMAND)
+"""s from the first message on any topic during which a missing topic is a warning, not an error.
+
+Covers DDS discovery, which takes up to 3 s, and drivers that start one after the other."""
+
+_TIMEOUT_S = 1.0
+"""s without a message after which a topic is reported: the default period of the reports."""
+
+_TIMEOUT_PERIODS = 5.0
+"""Message periods without a message after which a topic slower than 5 Hz is reported."""
+
+_RATE_CHANGE = 1.5
+"""Ratio of rates that counts as a change: below a halving, above the jitter of usual drivers."""
+
+_RATE_TRACKING = 0.3
+"""Share of a rate's deviation that each report takes over, so that slow drift is not reported."""
+
+_REQUIRED = (Source.ODOMETRY, Source.COMMAND)
 
 
 class Level(IntEnum):
-    """As in diagnostic_msgs/DiagnosticStatus."""
+    """Level of a diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -62,7 +76,7 @@ class Level(IntEnum):
 
 
 class DiagnosticReport(NamedTuple):
-    """Level, sentence and (key, value) pairs of one DiagnosticStatus."""
+    """Level, message and (key, value) pairs of one DiagnosticStatus."""
 
     level: Level
     message: str
@@ -71,10 +85,11 @@ class DiagnosticReport(NamedTuple):
 
 class Diagnostics:
     """
-    Watches one pipeline; `report` is called about once a second.
+    Diagnose one pipeline; call `report` about once a second.
 
-    :param facts: pairs to show as they are: model, hash, method, topics.
-    :param use_imu: as the parameter: auto, required or never.
+    :param facts: constant pairs that each report starts with: model, hash, method, topics.
+    :param use_imu: the parameter of that name: auto, required or never.
+    :param start_s: monotonic time, s, at which counting starts.
     """
 
     def __init__(
@@ -96,69 +111,70 @@ class Diagnostics:
         self._now = self._before
 
     def report(self, clocks: Clocks) -> DiagnosticReport:
-        """Return what happened since the last call."""
+        """Return the report on the time since the previous call."""
         self._before, self._now = self._now, snapshot(self._pipeline, self._counters, clocks.now_s)
         self._findings = []
-        self._look_at_predictions()
-        self._look_at_imu()
-        self._look_at_messages()
-        self._look_at_samples()
-        self._look_at_node()
+        self._check_predictions()
+        self._check_imu()
+        self._check_messages()
+        self._check_samples()
+        self._check_node()
         if clocks.sim_time and clocks.ros_ns == 0:
-            self._find(Level.WARN, "sim time has not started: no /clock")
+            self._add(Level.WARN, "simulation time has not started: no /clock")
         level = max((found[0] for found in self._findings), default=Level.OK)
-        # The worst comes first; sorting is stable, so the rest keeps its order.
+        # Worst level first; the sort is stable, so findings of one level keep their order.
         texts = [text for _, text in sorted(self._findings, key=lambda found: -found[0])]
         if level is Level.OK and self._now.published > self._before.published:
             texts.insert(0, "predicting")
-        values = describe(self._pipeline, self._counters, self._before, self._now, clocks)
+        values = diagnostic_values(self._pipeline, self._counters, self._before, self._now, clocks)
         return DiagnosticReport(level, "; ".join(texts) or "predicting", [*self._facts, *values])
 
-    def _find(self, level: Level, text: str) -> None:
+    def _add(self, level: Level, text: str) -> None:
         self._findings.append((level, text))
 
-    def _silence_s(self, source: Source) -> float:
-        """Seconds for which a source that was heard has been silent, 0 while it is alive."""
-        heard_s = self._counters.heard_s[source]
-        if heard_s is None:
+    def _timeout_s(self, source: Source) -> float:
+        """Return the seconds since the last message of a timed-out source, else 0."""
+        received_s = self._counters.last_received_s[source]
+        if received_s is None:
             return 0.0
         period_s = self._pipeline.aligner.streams[source].period_ns * 1e-9
-        silence_s = self._now.now_s - heard_s
-        return silence_s if silence_s > max(_SILENT_AFTER_S, _SILENT_PERIODS * period_s) else 0.0
+        age_s = self._now.now_s - received_s
+        return age_s if age_s > max(_TIMEOUT_S, _TIMEOUT_PERIODS * period_s) else 0.0
 
-    def _silences(self) -> list[str]:
+    def _timeouts(self) -> list[str]:
         return [
-            f"{source.name.lower()} silent for {silence_s:.1f} s"
-            for source in (Source.ODOMETRY, Source.COMMAND)
-            if (silence_s := self._silence_s(source))
+            f"{source.name.lower()} timeout ({age_s:.1f} s)"
+            for source in _REQUIRED
+            if (age_s := self._timeout_s(source))
         ]
 
-    def _look_at_predictions(self) -> None:
+    def _check_predictions(self) -> None:
         now, before = self._now, self._before
         if self._first_s is None and any(now.received.values()):
             self._first_s = now.now_s
-        silences = self._silences()
+        timeouts = self._timeouts()
         if now.published > before.published:
-            for text in silences:
-                held = ": the last one is held" if text.startswith("command") else ""
-                self._find(Level.WARN, text + held)
+            for text in timeouts:
+                consequence = ": last command is used" if text.startswith("command") else ""
+                self._add(Level.WARN, text + consequence)
             return
-        lacking = [self._missing_reason(source) for source in _NEEDED if not self._known(source)]
-        if silences:
-            self._find(Level.ERROR, "no predictions: " + ", ".join(silences))
-        elif lacking:
-            late = self._first_s is not None and now.now_s - self._first_s > _STARTUP_GRACE_S
-            if late:
-                self._find(Level.ERROR, "no predictions: " + ", ".join(lacking))
+        missing = [source for source in _REQUIRED if not self._has_readings(source)]
+        if timeouts:
+            self._add(Level.ERROR, "no predictions: " + ", ".join(timeouts))
+        elif missing:
+            starting = self._first_s is None or now.now_s - self._first_s <= _STARTUP_GRACE_S
+            if starting:
+                names = [source.name.lower() for source in missing]
+                self._add(Level.WARN, "waiting for " + ", ".join(names))
             else:
-                names = [s.name.lower() for s in _NEEDED if not self._known(s)]
-                self._find(Level.WARN, "waiting for " + ", ".join(names))
+                reasons = ", ".join(map(self._missing_reason, missing))
+                self._add(Level.ERROR, "no predictions: " + reasons)
         elif self._pipeline.predictor.status is Status.NO_STATE:
-            self._find(Level.ERROR, "no predictions: no usable state or command")
+            self._add(Level.ERROR, "no predictions: no usable state or command")
         else:
-            self._find(Level.OK, "warming up")
+            self._add(Level.OK, "warming up")
 
-    def _known(self, source: Source) -> bool:
+    def _has_readings(self, source: Source) -> bool:
         return bool(self._pipeline.aligner.streams[source])
 
     def _missing_reason(self, source: Source) -> str:
@@ -172,89 +188,87 @@ class Diagnostics:
         )
         if refused:
             return f"all {name} messages are refused"
-        return f"{name} has stamps of another time than the other streams"
+        return f"{name} timestamps are in a different time base"
 
-    def _look_at_imu(self) -> None:
+    def _check_imu(self) -> None:
         if self._use_imu == "never" or not self._pipeline.ticks:
             return
-        silence_s = self._silence_s(Source.IMU)
-        if silence_s:
+        timeout_s = self._timeout_s(Source.IMU)
+        if timeout_s:
             predicting = self._now.published > self._before.published
-            instead = ": yaw rate from odometry" if predicting else ""
-            self._find(Level.WARN, f"IMU silent for {silence_s:.1f} s{instead}")
-        elif not self._known(Source.IMU):
-            lack = self._missing_reason(Source.IMU)
-            text = f"no IMU: yaw rate from odometry ({lack})"
+            consequence = ": yaw rate from odometry" if predicting else ""
+            self._add(Level.WARN, f"IMU timeout ({timeout_s:.1f} s){consequence}")
+        elif not self._has_readings(Source.IMU):
+            reason = self._missing_reason(Source.IMU)
+            text = f"no IMU: yaw rate from odometry ({reason})"
             if self._use_imu == "required":
-                self._find(Level.ERROR, f"no IMU, but use_imu is 'required' ({lack})")
+                self._add(Level.ERROR, f"no IMU, but use_imu is 'required' ({reason})")
             elif self._pipeline.predictor.model.uses_imu:
-                self._find(Level.WARN, text + "; the model was trained with one")
+                self._add(Level.WARN, text + "; the model was trained with one")
             else:
-                self._find(Level.OK, text)
+                self._add(Level.OK, text)
 
-    def _look_at_messages(self) -> None:
+    def _check_messages(self) -> None:
         now, before = self._now, self._before
         for (source, reason), count in sorted((now.refused - before.refused).items()):
-            self._find(Level.WARN, f"{count} {source.name.lower()} refused: {reason}")
+            self._add(Level.WARN, f"{count} {source.name.lower()} messages refused: {reason}")
         aligned = now.aligned - before.aligned
         rows = (
             ("clock jump", Level.WARN, "clock jumped: all state was reset"),
-            ("stray stamp", Level.WARN, "{} stray stamps ignored"),
+            ("stray stamp", Level.WARN, "{} implausible time stamps ignored"),
             ("duplicate", Level.WARN, "{} duplicates"),
-            ("late", Level.WARN, "{} readings too late for their tick"),
+            ("late", Level.WARN, "{} readings too late for their sample"),
             ("out of order", Level.OK, "{} readings out of order"),
         )
         for key, level, text in rows:
             if aligned[key]:
-                self._find(level, text.format(aligned[key]))
+                self._add(level, text.format(aligned[key]))
         for source in Source:
-            self._watch_rate(source)
+            self._check_rate(source)
 
-    def _watch_rate(self, source: Source) -> None:
+    def _check_rate(self, source: Source) -> None:
         period_ns = self._pipeline.aligner.streams[source].period_ns
         if period_ns <= 0.0:
             return
         rate = 1e9 / period_ns
         old = self._rates.get(source, rate)
-        if not 1.0 / _CHANGED_RATE < rate / old < _CHANGED_RATE:
-            self._find(
-                Level.OK,
-                f"{source.name.lower()} now comes at {rate:.0f} Hz, before at {old:.0f} Hz",
-            )
+        if not 1.0 / _RATE_CHANGE < rate / old < _RATE_CHANGE:
+            name = source.name.lower()
+            self._add(Level.OK, f"{name} rate changed from {old:.0f} Hz to {rate:.0f} Hz")
             old = rate
-        # Slow drift is followed, so that only a change within some seconds is told.
-        self._rates[source] = old + 0.3 * (rate - old)
+        self._rates[source] = old + _RATE_TRACKING * (rate - old)
 
-    def _flag_ticks(self, *flags: Flag) -> int:
-        fresh = self._now.flagged - self._before.flagged
-        wanted = sum(flags)
-        return sum(count for bits, count in fresh.items() if bits & wanted == wanted)
+    def _count_flagged(self, *flags: Flag) -> int:
+        """Return the number of samples since the previous report that have all of `flags`."""
+        new = self._now.flagged - self._before.flagged
+        mask = sum(flags)
+        return sum(count for bits, count in new.items() if bits & mask == mask)
 
-    def _look_at_samples(self) -> None:
-        frozen = self._flag_ticks(Flag.FROZEN)
-        odometry_frozen = self._flag_ticks(Flag.FROZEN, Flag.COASTING)
+    def _check_samples(self) -> None:
+        frozen = self._count_flagged(Flag.FROZEN)
+        odometry_frozen = self._count_flagged(Flag.FROZEN, Flag.COASTING)
         if odometry_frozen:
-            self._find(Level.WARN, "odometry frozen: it repeats itself to the last bit")
+            self._add(Level.WARN, "odometry frozen: it repeats the same values")
         if frozen > odometry_frozen:
-            self._find(Level.WARN, "IMU frozen: it repeats itself to the last bit")
-        coasting = self._flag_ticks(Flag.COASTING)
+            self._add(Level.WARN, "IMU frozen: it repeats the same values")
+        coasting = self._count_flagged(Flag.COASTING)
         if coasting and self._now.published > self._before.published:
-            self._find(Level.WARN, f"coasting for {coasting} ticks: no fresh odometry")
+            self._add(Level.WARN, f"coasting for {coasting} samples: no recent odometry")
         for text in self._pipeline.plausibility.warnings():
-            self._find(Level.WARN, text)
+            self._add(Level.WARN, text)
 
-    def _look_at_node(self) -> None:
+    def _check_node(self) -> None:
         now, before = self._now, self._before
         if now.errors > before.errors:
             last = self._counters.last_error
-            self._find(Level.ERROR, f"{now.errors - before.errors} internal errors, last: {last}")
+            self._add(Level.ERROR, f"{now.errors - before.errors} internal errors, last: {last}")
         if now.withheld > before.withheld:
             count = now.withheld - before.withheld
-            self._find(Level.ERROR, f"{count} predictions withheld: not finite")
+            self._add(Level.ERROR, f"{count} predictions withheld: not finite")
         if now.missed > before.missed:
-            self._find(Level.WARN, f"{now.missed - before.missed} deadlines missed")
+            self._add(Level.WARN, f"{now.missed - before.missed} deadlines missed")
         if now.failures > before.failures:
             count = now.failures - before.failures
-            self._find(Level.WARN, f"online method set back {count} times")
+            self._add(Level.WARN, f"online estimator reset {count} times")
         if now.resets > before.resets:
-            self._find(Level.OK, "reset on request")
+            self._add(Level.OK, "reset on request")

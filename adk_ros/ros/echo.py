@@ -1,9 +1,9 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Listens to the predictions of a running node: prints them, or keeps them.
+Receive the predictions of a running node: print or collect them.
 
-People read km/h and deg/s, aligned; programs read JSON lines in SI units.
+Printed lines are in km/h and deg/s; JSON lines are in SI units.
 """
 
 from __future__ import annotations
@@ -29,12 +29,15 @@ from adk_ros.signals.channels import STATE_NAMES
 TOPIC_TYPE = "geometry_msgs/msg/TwistWithCovarianceStamped"
 TOPIC_NAME = "predicted_twist"
 _DEPTH = 2000
+"""Queue depth, messages: 50 s at 40 Hz, so that a slow consumer loses nothing."""
 _KMH = 3.6
 _DEG = 180.0 / math.pi
+_LINES_PER_HEADER = 25
+"""Lines after which the header is printed again: about a terminal page."""
 
 
 class ReceivedPrediction(NamedTuple):
-    """A prediction as it arrived: SI units, `covariance` (3, 3), `arrival_ns` monotonic."""
+    """A received prediction: SI units, `covariance` (3, 3), `arrival_ns` monotonic."""
 
     stamp_ns: int
     x: tuple[float, float, float]
@@ -44,19 +47,19 @@ class ReceivedPrediction(NamedTuple):
 
 @dataclass
 class PredictionLog:
-    """All predictions heard, in order of arrival: n rows."""
+    """Received predictions, in order of arrival."""
 
     topic: str
     received: list[ReceivedPrediction] = field(default_factory=list)
 
     @property
     def stamp_ns(self) -> IntArray:
-        """Times predicted for, (n,)."""
+        """Predicted times, (n,)."""
         return np.array([item.stamp_ns for item in self.received], dtype=np.int64)
 
     @property
     def arrival_ns(self) -> IntArray:
-        """Monotonic times of arrival, (n,)."""
+        """Monotonic arrival times, (n,)."""
         return np.array([item.arrival_ns for item in self.received], dtype=np.int64)
 
     @property
@@ -66,12 +69,12 @@ class PredictionLog:
 
     @property
     def covariance(self) -> FloatArray:
-        """Their covariances, (n, 3, 3)."""
+        """Covariances of the predictions, (n, 3, 3)."""
         return np.array([item.covariance for item in self.received]).reshape(-1, 3, 3)
 
 
 def decode(message: Any, arrival_ns: int) -> ReceivedPrediction:
-    """Return the content of a TwistWithCovarianceStamped."""
+    """Return the prediction in a TwistWithCovarianceStamped."""
     twist = message.twist.twist
     covariance = np.asarray(message.twist.covariance, dtype=np.float64).reshape(6, 6)
     return ReceivedPrediction(
@@ -95,16 +98,19 @@ def listen(
     on_node: Callable[[Any], None] | None = None,
 ) -> str:
     """
-    Call `on_prediction` with each prediction; return the topic's name.
+    Call `on_prediction` with each prediction; return the name of the topic.
 
-    :param topic: where to listen; by default the only predicted_twist there is.
-    :param count: end after so many. :param duration_s: end so long after the first one.
-    :param idle_s: end when none came for so long. :param until: end when this says so.
-    :param wait_s: wait so long for a topic that somebody publishes, and for the first prediction
-        no limit but `until` and signals.
-    :param on_ready: called with the topic's name once the subscription has its publisher.
-    :param on_node: called with the listening node at first, to subscribe to more than this.
-    :raises UsageError: no such topic, or several. :raises DataError: `idle_s` without any.
+    :param topic: topic to subscribe to; default: the only predicted_twist that is published.
+    :param count: number of predictions after which to end.
+    :param duration_s: time after the first prediction at which to end, s.
+    :param idle_s: time without a prediction after which to end, s.
+    :param wait_s: longest wait for a publisher, s; then only `until` or a signal ends the wait
+        for the first prediction.
+    :param until: end as soon as this returns True.
+    :param on_ready: called with the topic name once the subscription has a publisher.
+    :param on_node: called with the subscribing node first, to add further subscriptions.
+    :raises UsageError: no such topic, or several.
+    :raises DataError: no prediction within `idle_s`.
     """
     arrivals = _Arrivals(on_prediction)
     with Session("adk_echo") as session, stopping() as stopped:
@@ -114,7 +120,7 @@ def listen(
 
         if on_node is not None:
             on_node(session.node)
-        name = _find(session, topic, wait_s, ended)
+        name = _wait_for_publisher(session, topic, wait_s, ended)
         subscription = session.node.create_subscription(
             TwistWithCovarianceStamped, name, arrivals.take, _DEPTH
         )
@@ -125,7 +131,7 @@ def listen(
                 ready = True
                 on_ready(subscription.topic_name)
             session.spin(0.05)
-            if count is not None and arrivals.number >= count:
+            if count is not None and arrivals.count >= count:
                 break
             now_s = time.monotonic()
             first_s, last_s = arrivals.first_s, arrivals.last_s
@@ -139,24 +145,27 @@ def listen(
 
 
 class _Arrivals:
-    """Numbers what arrives."""
+    """Counts the predictions that arrive, with the times of the first and the last."""
 
     def __init__(self, on_prediction: Callable[[ReceivedPrediction], None]) -> None:
         self._on_prediction = on_prediction
-        self.number = 0
+        self.count = 0
         self.first_s = 0.0
         self.last_s = 0.0
 
     def take(self, message: Any) -> None:
-        """The subscription's callback."""
+        """Process a message; the callback of the subscription."""
         arrival_ns = time.monotonic_ns()
-        self.number += 1
+        self.count += 1
         self.last_s = arrival_ns * 1e-9
         self.first_s = self.first_s or self.last_s
         self._on_prediction(decode(message, arrival_ns))
 
 
-def _find(session: Session, topic: str | None, wait_s: float, ended: Callable[[], bool]) -> str:
+def _wait_for_publisher(
+    session: Session, topic: str | None, wait_s: float, ended: Callable[[], bool]
+) -> str:
+    """Return the name of the topic to subscribe to, once it has a publisher."""
     deadline_s = time.monotonic() + wait_s
     wanted = session.resolve(topic) if topic else None
     while True:
@@ -175,14 +184,14 @@ def _find(session: Session, topic: str | None, wait_s: float, ended: Callable[[]
         if wanted is None and len(found) == 1:
             return str(found[0])
         if wanted is None and found:
-            raise UsageError(f"several nodes predict: choose a topic: {', '.join(found)}")
+            raise UsageError(f"several nodes predict: choose one of the topics {', '.join(found)}")
         if ended():
             return wanted or TOPIC_NAME
         if time.monotonic() > deadline_s:
-            others = f"; there is {', '.join(found)}" if found else ""
+            others = f"; available: {', '.join(found)}" if found else ""
             raise UsageError(
-                f"nobody publishes {wanted or 'a topic ' + TOPIC_NAME}{others}: is the node "
-                "running, with the same ROS_DOMAIN_ID?"
+                f"no node publishes {wanted or 'a topic ' + TOPIC_NAME}{others}: check that the "
+                "predictor runs with the same ROS_DOMAIN_ID"
             )
         time.sleep(0.05)
 
@@ -198,7 +207,7 @@ def record(
     on_ready: Callable[[str], None] | None = None,
     on_node: Callable[[Any], None] | None = None,
 ) -> PredictionLog:
-    """Keep all predictions; parameters and errors as `listen`."""
+    """Return all received predictions; parameters and errors as in `listen`."""
     recording = PredictionLog(topic or "")
     recording.topic = listen(
         recording.received.append,
@@ -227,10 +236,11 @@ def echo(
     out: TextIO | None = None,
 ) -> PredictionLog:
     """
-    Print every `every`-th prediction as a line; return all that were heard.
+    Print every `every`-th prediction as a line; return all received predictions.
 
-    :param count: end after so many lines. :param as_json: JSON lines in SI units.
-    :param out: where to, by default the standard output; the others as `listen`.
+    :param count: number of lines after which to end.
+    :param as_json: print JSON lines in SI units.
+    :param out: stream to print to; default: standard output. Other parameters as in `listen`.
     :raises UsageError: `every` or `count` is not positive, and as `listen`.
     """
     if every < 1 or (count is not None and count < 1):
@@ -238,20 +248,20 @@ def echo(
     stream = out or sys.stdout
     recording = PredictionLog(topic or "")
 
-    def show(heard: ReceivedPrediction) -> None:
+    def show(prediction: ReceivedPrediction) -> None:
         number = len(recording.received)
-        recording.received.append(heard)
+        recording.received.append(prediction)
         if number % every:
             return
-        if not as_json and number % (25 * every) == 0:
+        if not as_json and number % (_LINES_PER_HEADER * every) == 0:
             print(header(), file=stream)
-        print(json_line(heard) if as_json else line(heard), file=stream, flush=True)
+        print(json_line(prediction) if as_json else line(prediction), file=stream, flush=True)
 
-    heard_in_all = None if count is None else (count - 1) * every + 1
+    messages = None if count is None else (count - 1) * every + 1
     recording.topic = listen(
         show,
         topic,
-        count=heard_in_all,
+        count=messages,
         duration_s=duration_s,
         idle_s=idle_s,
         wait_s=wait_s,
@@ -261,32 +271,34 @@ def echo(
 
 
 def header() -> str:
-    """Return the heading of the columns of `line`."""
+    """Return the column header for `line`."""
     names = ("v_x km/h", "v_y km/h", "yaw deg/s")
     return f"{'time predicted for':>20}" + "".join(f"  {name:>15}" for name in names)
 
 
-def line(heard: ReceivedPrediction) -> str:
-    """Return a prediction for a person: value and standard deviation of each channel."""
-    sigma = np.sqrt(np.diag(heard.covariance)).tolist()
+def line(prediction: ReceivedPrediction) -> str:
+    """Return a prediction as text: value ± standard deviation of each channel."""
+    sigma = np.sqrt(np.diag(prediction.covariance)).tolist()
     units = (_KMH, _KMH, _DEG)
-    cells = [f"{x * u:8.2f} ±{s * u:5.2f}" for x, s, u in zip(heard.x, sigma, units, strict=True)]
+    columns = [
+        f"{x * u:8.2f} ±{s * u:5.2f}" for x, s, u in zip(prediction.x, sigma, units, strict=True)
+    ]
     return (
-        f"{heard.stamp_ns // 1_000_000_000:>16}.{heard.stamp_ns // 1_000_000 % 1000:03d}"
-        + "".join(f"  {cell}" for cell in cells)
+        f"{prediction.stamp_ns // 1_000_000_000:>16}.{prediction.stamp_ns // 1_000_000 % 1000:03d}"
+        + "".join(f"  {column}" for column in columns)
     )
 
 
-def json_line(heard: ReceivedPrediction) -> str:
-    """Return a prediction as one line of JSON, SI units."""
-    content: dict[str, Any] = {"stamp_ns": heard.stamp_ns}
-    content |= dict(zip(STATE_NAMES, heard.x, strict=True))
-    content["covariance"] = heard.covariance.tolist()
+def json_line(prediction: ReceivedPrediction) -> str:
+    """Return a prediction as one JSON line, SI units."""
+    content: dict[str, Any] = {"stamp_ns": prediction.stamp_ns}
+    content |= dict(zip(STATE_NAMES, prediction.x, strict=True))
+    content["covariance"] = prediction.covariance.tolist()
     return json.dumps(content)
 
 
 def watch_diagnostics(node: Any, shown: dict[str, str]) -> None:
-    """Keep the newest diagnostics of a predictor in `shown`, with `level` and `message`."""
+    """Write the latest diagnostics of a predictor to `shown`, with `level` and `message`."""
 
     def take(array: Any) -> None:
         for status in array.status:

@@ -1,12 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Prediction -> the bytes that go out: a twist, a trajectory and the covariances along it.
+Serialise predictions: a twist, a trajectory and the covariances along the horizon.
 
-A horizon of 80 points costs rclpy half a millisecond to serialise, though from one tick to the
-next only numbers change. So each message is serialised once, by rclpy, with marks in place of its
-first numbers; where the marks come to lie tells where the numbers go, and a tick then writes
-numbers into a copy. Nothing is assumed of the layout but what the marks show.
+rclpy takes half a millisecond to serialise a horizon of 80 points, although from one sample to
+the next only numbers change. So each message is serialised once, by rclpy, with marker values in
+place of its first numbers. The positions of the markers in the bytes show where the numbers
+belong, and each sample then writes its numbers into a copy.
 """
 
 from __future__ import annotations
@@ -26,41 +26,44 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS
 
 NOT_ESTIMATED = 1e6
-"""Variance on the axes that are not estimated (v_z, roll and pitch rate)."""
+"""Variance of the axes that are not estimated (v_z, roll rate, pitch rate), SI units squared.
+
+Large enough for a filter to ignore them, as in robot_localization."""
 AXES = (0, 1, 5)
-"""Rows and columns of the 6 x 6 covariance that v_x, v_y and yaw rate have."""
+"""Rows and columns of v_x, v_y and yaw rate in the 6 x 6 covariance of a twist."""
 JOINT_NAME = "vehicle"
 DIAGNOSTIC_NAME = ": prediction"
-"""What the name of the DiagnosticStatus ends with, behind the node's."""
+"""End of the DiagnosticStatus name, after the name of the node."""
 
 _STAMP_AT = 4
-"""Both messages begin with a header, and that with its stamp, behind four bytes of CDR."""
+"""Byte offset of the stamp: messages begin with a header, after the 4-byte CDR header."""
 _STAMP = struct.Struct("<iI")
-_MARK = 1.25e300
-_SECOND_MARK = 2.5e300
+_MARKER = 1.25e300
+"""Marker: a value that no other field of the messages holds."""
+_SECOND_MARKER = 2.5e300
 
 
 def split_stamp(stamp_ns: int) -> tuple[int, int]:
-    """Nanoseconds as (sec, nanosec), exactly: floats nowhere."""
+    """Return nanoseconds as (sec, nanosec), exactly."""
     return divmod(stamp_ns, 1_000_000_000)
 
 
 def join_stamp(stamp: Any) -> int:
-    """A builtin_interfaces/Time as nanoseconds."""
+    """Return a builtin_interfaces/Time as nanoseconds."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 class TwistBytes:
-    """CDR of a TwistWithCovarianceStamped at the time predicted for, in axes of `frame_id`."""
+    """CDR of a TwistWithCovarianceStamped, stamped with the predicted time, axes of `frame_id`."""
 
     def __init__(self, frame_id: str) -> None:
         message = TwistWithCovarianceStamped()
         message.header.frame_id = frame_id
-        message.twist.twist.linear.x = _MARK
-        message.twist.covariance[0] = _SECOND_MARK
+        message.twist.twist.linear.x = _MARKER
+        message.twist.covariance[0] = _SECOND_MARKER
         self._buffer = bytearray(serialize_message(message))
-        self._twist = _doubles(self._buffer, _find(self._buffer, _MARK), (6,))
-        covariance = _doubles(self._buffer, _find(self._buffer, _SECOND_MARK), (6, 6))
+        self._twist = _doubles(self._buffer, _find(self._buffer, _MARKER), (6,))
+        covariance = _doubles(self._buffer, _find(self._buffer, _SECOND_MARKER), (6, 6))
         covariance[:] = np.diag([NOT_ESTIMATED] * 6)
         self._twist[:] = 0.0
         self._estimated = np.ix_(AXES, AXES)
@@ -76,9 +79,9 @@ class TwistBytes:
 
 class HorizonBytes:
     """
-    CDR of a MultiDOFJointTrajectory of `steps` points, 25 ms apart, from the time of the origin.
+    CDR of a MultiDOFJointTrajectory of `steps` points, 25 ms apart, stamped with its origin.
 
-    Each point holds one Twist in `velocities`; `transforms` stay empty, for no pose is predicted.
+    Each point has one Twist in `velocities`; `transforms` is empty, since no pose is predicted.
     """
 
     def __init__(self, frame_id: str, steps: int) -> None:
@@ -93,11 +96,11 @@ class HorizonBytes:
                 )
             )
         first, last = message.points[0], message.points[-1]
-        first.velocities[0].linear.x = _MARK
-        last.velocities[0].linear.x = _SECOND_MARK if steps > 1 else _MARK
+        first.velocities[0].linear.x = _MARKER
+        last.velocities[0].linear.x = _SECOND_MARKER if steps > 1 else _MARKER
         self._buffer = bytearray(serialize_message(message))
-        start = _find(self._buffer, _MARK)
-        end = _find(self._buffer, _SECOND_MARK) if steps > 1 else start
+        start = _find(self._buffer, _MARKER)
+        end = _find(self._buffer, _SECOND_MARKER) if steps > 1 else start
         stride = (end - start) // max(steps - 1, 1)
         twists = _doubles(self._buffer, start, (steps, 6), (max(stride, 48), 8))
         twists[:] = 0.0
@@ -114,10 +117,10 @@ class HorizonBytes:
 
 class CovarianceBytes:
     """
-    CDR of a Float64MultiArray (steps, 3, 3): covariance of the horizon's errors by step, SI.
+    CDR of a Float64MultiArray (steps, 3, 3): error covariance of the horizon by step, SI units.
 
-    Row-major; rows and columns are v_x, v_y, yaw rate. It has no stamp: it goes out with each
-    horizon, right behind it.
+    Row-major; rows and columns are v_x, v_y, yaw rate. It has no stamp: it is published right
+    after each horizon.
     """
 
     def __init__(self, steps: int) -> None:
@@ -130,9 +133,9 @@ class CovarianceBytes:
                 for (label, size), stride in zip(sizes.items(), strides, strict=True)
             ]
         )
-        message.data = [_MARK, *[0.0] * (9 * steps - 1)]
+        message.data = [_MARKER, *[0.0] * (9 * steps - 1)]
         self._buffer = bytearray(serialize_message(message))
-        self._data = _doubles(self._buffer, _find(self._buffer, _MARK), (steps, 3, 3))
+        self._data = _doubles(self._buffer, _find(self._buffer, _MARKER), (steps, 3, 3))
 
     def fill(self, covariance: FloatArray) -> bytes:
         """Return the message for `covariance` (steps, 3, 3)."""
@@ -140,9 +143,9 @@ class CovarianceBytes:
         return bytes(self._buffer)
 
 
-def _find(buffer: bytearray, mark: float) -> int:
-    position = buffer.find(struct.pack("<d", mark))
-    assert position > 0, "rclpy serialises little-endian CDR on every platform that it runs on"
+def _find(buffer: bytearray, marker: float) -> int:
+    position = buffer.find(struct.pack("<d", marker))
+    assert position > 0, "rclpy serialises little-endian CDR on all supported platforms"
     return position
 
 

@@ -3,9 +3,9 @@
 """
 The executable `predictor`: starts the node, spins it, ends it on a signal.
 
-Exit code 0 after SIGINT or SIGTERM, 2 where a parameter or the model is refused, with the reason
-in one line on the standard error. The heavy imports come after the signal handlers, so that a
-signal during start-up ends it as cleanly.
+Exit code 0 after SIGINT or SIGTERM; 2 if a parameter or the model is refused, with a one-line
+reason on standard error. Heavy imports follow the signal handlers, so that a signal during
+start-up also ends the process cleanly.
 """
 
 from __future__ import annotations
@@ -17,21 +17,22 @@ from types import FrameType
 from adk_ros.errors import AdkError, UsageError
 
 _SPIN_S = 0.1
+"""s after which the spin loop checks for a signal: below the 1 s that a stop may take."""
 _USAGE = """\
 usage: predictor --ros-args -p model:=FOLDER [-p NAME:=VALUE ...] [-r imu:=/TOPIC ...]
 
-Predicts v_x, v_y and yaw rate from the topics imu, odometry and command; publishes
-~/predicted_twist, ~/predicted_horizon and /diagnostics, and offers the service ~/reset.
+Predicts v_x, v_y and yaw rate from the topics imu, odometry and command. Publishes
+~/predicted_twist, ~/predicted_horizon and /diagnostics; provides the service ~/reset.
 Example: predictor --ros-args -p model:=model -r imu:=/imu/data -r command:=/vehicle/command
 
-Parameters, with their defaults:"""
+Parameters and their defaults:"""
 
 
 class Stop:
     """
-    Remembers that a signal asked for the end; a second one changes nothing.
+    Records that SIGINT or SIGTERM came; a second signal has no effect.
 
-    While `starting`, the signal raises SystemExit(0) where it strikes: no loop is there to end.
+    While `starting`, the first signal raises SystemExit(0), since no loop checks for it yet.
     """
 
     def __init__(self) -> None:
@@ -41,8 +42,8 @@ class Stop:
             signal.signal(number, self._on_signal)
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        again, self.requested = self.requested, True
-        if self.starting and not again:
+        repeated, self.requested = self.requested, True
+        if self.starting and not repeated:
             raise SystemExit(0)
 
 
@@ -63,22 +64,22 @@ def _run(argv: list[str], stop: Stop) -> int:
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args, try_shutdown
 
-    # Whatever rclpy raises here is about the arguments; its classes differ between versions.
+    # Any exception here is about the arguments; the classes differ between versions of rclpy.
     try:
-        strange = remove_ros_args(argv)[1:]
-        # Signals are ours: rclpy's handlers shut the context down under a running callback.
+        unknown = remove_ros_args(argv)[1:]
+        # The handlers of rclpy would shut the context down during a callback.
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         raise UsageError(f"ROS refuses the arguments: {_first_line(error)}") from None
     try:
-        if strange and strange[0] in ("-h", "--help"):
-            from adk_ros.ros.parameters import help_text
+        if unknown and unknown[0] in ("-h", "--help"):
+            from adk_ros.ros.parameter_table import help_text
 
             print(f"{_USAGE}\n{help_text()}")
             return 0
-        if strange:
+        if unknown:
             raise UsageError(
-                f"argument '{strange[0]}' is not understood: parameters are given as "
+                f"argument '{unknown[0]}' is not understood: give parameters as "
                 "--ros-args -p NAME:=VALUE, topics as -r imu:=/TOPIC"
             )
         _spin(stop)
@@ -104,7 +105,7 @@ def _spin(stop: Stop) -> None:
     freeze_garbage_collector()
     stop.starting = False
     try:
-        # spin() of the events executor does not return on a signal, spin_once with a timeout does.
+        # spin() of the events executor does not return on a signal; spin_once with a timeout does.
         while ok() and not stop.requested:
             executor.spin_once(_SPIN_S)
     finally:

@@ -1,9 +1,9 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Gives out timed items at their time, by an absolute schedule: lateness does not add up.
+Release timed items at absolute times, so that delays do not accumulate.
 
-The items come from a generator that may be slow at times (a chunk of a bag to inflate), so a
+The items come from a generator that may be slow at times (decompressing a chunk of a bag), so a
 thread reads them ahead into a bounded queue.
 """
 
@@ -16,32 +16,34 @@ from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Generic, Protocol, TypeVar
 
-_QUEUED = 20_000
-_LONGEST_SLEEP_S = 0.1
+_QUEUE_SIZE = 20_000
+"""Items read ahead: about 20 s of a bag with 1000 messages per second."""
+_MAX_SLEEP_S = 0.1
+"""s after which a waiting loop checks whether it is to stop."""
 
 
 class Timed(Protocol):
-    """Anything with a time in nanoseconds from the schedule's begin."""
+    """An item with a time in nanoseconds since the start of the schedule."""
 
     @property
     def offset_ns(self) -> int:
-        """Nanoseconds from the begin, at rate 1."""
+        """Nanoseconds since the start, at rate 1."""
 
 
 Item = TypeVar("Item", bound=Timed)
 
 
 class ReadAhead(Generic[Item]):
-    """A context manager: iterates over `items`, which a thread reads ahead."""
+    """Context manager that iterates over `items`, which a thread reads ahead."""
 
     def __init__(self, items: Iterator[Item]) -> None:
         self._items = items
-        self._queue: queue.Queue[Item | Exception | None] = queue.Queue(_QUEUED)
+        self._queue: queue.Queue[Item | Exception | None] = queue.Queue(_QUEUE_SIZE)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._read, name="read ahead", daemon=True)
 
     def _read(self) -> None:
-        # What goes wrong here is raised where the items are taken.
+        # An exception is passed on and raised in the consumer's thread.
         try:
             for item in self._items:
                 if not self._put(item):
@@ -53,7 +55,7 @@ class ReadAhead(Generic[Item]):
     def _put(self, item: Item | Exception | None) -> bool:
         while not self._ended.is_set():
             try:
-                self._queue.put(item, timeout=_LONGEST_SLEEP_S)
+                self._queue.put(item, timeout=_MAX_SLEEP_S)
             except queue.Full:
                 continue
             return True
@@ -86,14 +88,14 @@ def paced(
     items: Iterator[Item], begin_ns: int, rate: float, stopped: Callable[[], bool]
 ) -> Iterator[tuple[Item, int]]:
     """
-    Yield each of `items` at begin_ns + offset_ns / rate of the monotonic clock, until `stopped`.
+    Yield each item at begin_ns + offset_ns / rate of the monotonic clock, until `stopped`.
 
-    With each comes by how many nanoseconds it is late. `items` are sorted by time.
+    Yields (item, delay in ns). `items` must be sorted by time.
     """
     for item in items:
         due_ns = begin_ns + round(item.offset_ns / rate)
-        while (left_ns := due_ns - time.monotonic_ns()) > 0 and not stopped():
-            time.sleep(min(left_ns * 1e-9, _LONGEST_SLEEP_S))
+        while (remaining_ns := due_ns - time.monotonic_ns()) > 0 and not stopped():
+            time.sleep(min(remaining_ns * 1e-9, _MAX_SLEEP_S))
         if stopped():
             return
-        yield item, max(-left_ns, 0)
+        yield item, max(-remaining_ns, 0)

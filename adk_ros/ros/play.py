@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Plays a bag over ROS in real time, byte for byte, with /clock.
+Play a bag on ROS topics in real time, with unchanged message bytes, and publish /clock.
 
-Each message goes out at an absolute time, begin + (log time - first log time) / rate. A bag that
-loops begins again one clock tick after its end; its stamps, and /clock, then jump back.
+Each message is published at an absolute time: start + (log time - first log time) / rate. A bag
+that loops starts again one clock period after its end; its stamps and /clock then jump back.
 """
 
 from __future__ import annotations
@@ -28,23 +28,27 @@ from adk_ros.ros.restamp import Restamper
 from adk_ros.ros.session import Session, message_class, stopping
 
 _CLOCK_NS = 10_000_000
-"""/clock comes at 100 Hz of wall time."""
+"""ns of wall time between two messages on /clock: 100 Hz, as `ros2 bag play --clock 100`."""
 _DEPTH = 1000
+"""Queue depth of the publishers, messages: 1 s of a bag with 1000 messages per second."""
 _SETTLE_S = 0.5
-"""After the endpoints have matched, messages are still lost for a moment."""
-_STRAGGLERS_S = 4.0
-"""Discovery of one more endpoint of a process that is known already takes up to 3 s."""
+"""s to wait after discovery: right after the endpoints match, messages are still lost."""
+_DISCOVERY_S = 4.0
+"""s to wait for the other subscribers once one is found: DDS discovery takes up to 3 s."""
 _LEAD_NS = 50_000_000
+"""ns between the end of the preparation and the first message."""
 _PROGRESS_NS = 100_000_000
-_LATENESS_KEPT = 200_000
+"""ns of wall time between two progress calls."""
+_MAX_DELAYS = 200_000
+"""Latest delays kept for the percentiles: about 10 min of a usual bag."""
 
 
 @dataclass(frozen=True)
 class PlayStats:
     """
-    What was played: `lateness_*_ms` is how long after their due time messages were handed over.
+    Statistics of playing: `lateness_*_ms` is the delay of the messages after their due time.
 
-    `played_s` is bag time. `unheard` are topics of the sensors that nobody listened to.
+    `played_s` is bag time. `unheard` are the sensor topics without a subscriber.
     """
 
     messages: int
@@ -58,12 +62,12 @@ class PlayStats:
     interrupted: bool
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values, for a program to read."""
+        """Return the statistics as plain values."""
         return asdict(self)
 
 
 class _Item(NamedTuple):
-    """A message, or without a topic a tick of /clock; `offset_ns` from the begin of all loops."""
+    """A message; without topic, a message on /clock. `offset_ns` since the start of loop 1."""
 
     offset_ns: int
     loop: int
@@ -89,15 +93,18 @@ def play(
     """
     Play a bag until its end or a signal.
 
-    :param rate: times real time. :param loop: begin again at the end, until a signal.
-    :param remap: topic in the bag -> name to publish it as.
-    :param stamps: "original", or "now": header stamps as if it happened now (rate 1 alone).
-    :param topics: those to play; by default all whose message types are installed.
-    :param start_s: begin so far into the bag. :param duration_s: play so much of it.
-    :param wait_for_subscribers_s: wait so long for somebody to listen to the sensors' topics,
-        and go on, with a notice, if nobody does; 0: do not wait.
-    :param progress: called about ten times a second with (seconds played, seconds of a loop).
-    :param notice: called with a line for a person.
+    :param rate: playing speed relative to real time.
+    :param clock: publish /clock.
+    :param loop: start again at the end, until a signal.
+    :param remap: topic in the bag -> topic to publish it on.
+    :param stamps: "original", or "now": shift header stamps to the present (rate 1 only).
+    :param topics: topics to play; default: all whose message types are installed.
+    :param start_s: offset into the bag at which to start, s.
+    :param duration_s: length of the part to play, s.
+    :param wait_for_subscribers_s: longest wait for subscribers of the sensor topics, s; then play
+        without them, after a notice. 0: do not wait.
+    :param progress: called about ten times per second with (seconds played, seconds per loop).
+    :param notice: called with a line to show to the user.
     :raises UsageError: an option does not fit the bag. :raises DataError: nothing to play.
     """
     if not 0.01 <= rate <= 100.0:
@@ -105,12 +112,12 @@ def play(
     if stamps not in ("original", "now"):
         raise UsageError(f"--stamps {stamps} is unknown: choose original or now")
     if stamps == "now" and rate != 1.0:
-        raise UsageError("--stamps now needs --rate 1: stamps must go as fast as the clock")
-    tell = notice or (lambda line: None)
+        raise UsageError("--stamps now needs --rate 1: stamps must advance with the clock")
+    notify = notice or (lambda line: None)
     with Bag(bag_path) as bag:
-        from_ns, length_ns = _part(bag, start_s, duration_s)
+        from_ns, length_ns = _selected_part(bag, start_s, duration_s)
         with Session("adk_play") as session, stopping() as stopped:
-            player = _Player(bag, session, topics, remap or {}, tell)
+            player = _Player(bag, session, topics, remap or {}, notify)
             items = player.items(from_ns, length_ns, round(_CLOCK_NS * rate) if clock else 0, loop)
             with ReadAhead(items) as ahead:
                 player.wait(wait_for_subscribers_s, stopped)
@@ -122,25 +129,25 @@ def play(
                         progress(player.played_ns * 1e-9, length_ns * 1e-9)
             stats = player.stats(stopped())
         for line in bag.warnings:
-            tell(line)
+            notify(line)
         return stats
 
 
-def _part(bag: Bag, start_s: float, duration_s: float | None) -> tuple[int, int]:
-    """Return the part to play: from when, and for how long, in ns of log time."""
+def _selected_part(bag: Bag, start_s: float, duration_s: float | None) -> tuple[int, int]:
+    """Return start (log time) and length of the part to play, in ns."""
     whole_ns = bag.end_ns - bag.start_ns
     if not 0.0 <= start_s <= whole_ns * 1e-9:
-        raise UsageError(f"--start {start_s:g} s lies outside the bag of {whole_ns * 1e-9:.1f} s")
+        raise UsageError(f"--start {start_s:g} s is outside the bag of {whole_ns * 1e-9:.1f} s")
     if duration_s is not None and not duration_s > 0.0:
-        raise UsageError(f"--duration {duration_s:g} s: choose more than 0")
+        raise UsageError(f"--duration {duration_s:g} s is out of range: choose more than 0")
     start_ns = round(start_s * 1e9)
-    left_ns = whole_ns - start_ns
-    length_ns = left_ns if duration_s is None else min(left_ns, round(duration_s * 1e9))
+    remaining_ns = whole_ns - start_ns
+    length_ns = remaining_ns if duration_s is None else min(remaining_ns, round(duration_s * 1e9))
     return bag.start_ns + start_ns, length_ns
 
 
 class _Player:
-    """Publishers for one bag, and what is counted while it plays."""
+    """Publishers for one bag, and the counts while it plays."""
 
     def __init__(
         self,
@@ -148,20 +155,20 @@ class _Player:
         session: Session,
         topics: Collection[str] | None,
         remap: Mapping[str, str],
-        tell: Callable[[str], None],
+        notify: Callable[[str], None],
     ) -> None:
         self.played_ns = 0
         self._bag = bag
         self._session = session
-        self._tell = tell
+        self._notify = notify
         self._publishers: dict[str, Any] = {}
         self._sensors: list[str] = []
         self._unheard: tuple[str, ...] = ()
         self._restamper = Restamper()
         self._counts: Counter[str] = Counter()
-        self._late_ns: deque[int] = deque(maxlen=_LATENESS_KEPT)
+        self._late_ns: deque[int] = deque(maxlen=_MAX_DELAYS)
         self._loops = 0
-        self._told_ns = 0
+        self._progress_ns = 0
         names = {info.name for info in bag.topics}
         for name in (*remap, *(topics or ())):
             if name not in names:
@@ -175,7 +182,7 @@ class _Player:
                     named=topics is not None,
                 )
         if not self._publishers:
-            raise DataError(f"bag {bag.path} has nothing to play; it has {bag.summary()}")
+            raise DataError(f"bag {bag.path} has no playable topic; it has {bag.summary()}")
         self._sensors = self._sensors or list(self._publishers)
         self._clock_out = session.node.create_publisher(Clock, "/clock", 10)
 
@@ -185,7 +192,7 @@ class _Player:
         except UsageError as error:
             if named:
                 raise
-            self._tell(f"{error}: not played")
+            self._notify(f"{error}; the topic is not played")
             return
         full_name = self._session.resolve(name)
         self._publishers[topic] = self._session.node.create_publisher(kind, full_name, _DEPTH)
@@ -195,46 +202,44 @@ class _Player:
 
     def wait(self, limit_s: float, stopped: Callable[[], bool]) -> None:
         """
-        Wait for somebody to listen to each of the sensors' topics.
+        Wait for a subscriber of each sensor topic, at most `limit_s`.
 
-        Once somebody listens to one of them, the others have a few seconds: who listens to some
-        may not want the rest.
+        Once one topic has a subscriber, the others are waited for only a few seconds: a node may
+        not need all of them.
         """
         if limit_s <= 0.0:
             return
         begin_s = time.monotonic()
         deadline_s = begin_s + limit_s
-        while (unheard := self._without_listener()) and not stopped():
+        while (unheard := self._without_subscriber()) and not stopped():
             now_s = time.monotonic()
             if now_s > deadline_s:
                 names = ", ".join(unheard)
                 waited_s = now_s - begin_s
-                self._tell(
-                    f"nobody listens to {names} after {waited_s:.1f} s: played all the same"
-                )
+                self._notify(f"no subscriber to {names} after {waited_s:.1f} s: playing anyway")
                 break
             if len(unheard) < len(self._sensors):
-                deadline_s = min(deadline_s, now_s + _STRAGGLERS_S)
+                deadline_s = min(deadline_s, now_s + _DISCOVERY_S)
             self._session.spin(0.05)
         self._unheard = unheard
         if not stopped():
             time.sleep(_SETTLE_S)
 
-    def _without_listener(self) -> tuple[str, ...]:
+    def _without_subscriber(self) -> tuple[str, ...]:
         sensors = [self._publishers[topic] for topic in self._sensors]
         return tuple(p.topic_name for p in sensors if not p.get_subscription_count())
 
     def items(self, from_ns: int, length_ns: int, clock_ns: int, loop: bool) -> Iterator[_Item]:
-        """Messages and, every `clock_ns` of bag time, ticks of /clock, in order; 0: no /clock."""
+        """Yield messages in order, and a /clock item every `clock_ns` of bag time (0: none)."""
         count = 0
         while True:
             begin_ns = count * (length_ns + _CLOCK_NS)
             messages = self._messages(from_ns, length_ns, begin_ns, count)
-            ticks = (
+            clock = (
                 _Item(begin_ns + offset_ns, count)
                 for offset_ns in range(0, length_ns + 1, clock_ns or length_ns + 1)
             )
-            yield from heapq.merge(ticks if clock_ns else (), messages, key=lambda x: x.offset_ns)
+            yield from heapq.merge(clock if clock_ns else (), messages, key=lambda x: x.offset_ns)
             count += 1
             if not loop:
                 return
@@ -249,7 +254,7 @@ class _Player:
                 yield _Item(begin_ns + log_ns - from_ns, count, topic, content)
 
     def send(self, item: _Item, late_ns: int, from_ns: int, length_ns: int, shift_ns: int) -> None:
-        """Publish an item; `shift_ns` moves stamps to the present, 0 leaves them."""
+        """Publish an item; `shift_ns` shifts stamps to the present, 0 keeps them."""
         begin_ns = item.loop * (length_ns + _CLOCK_NS)
         self._loops = item.loop
         self.played_ns = item.offset_ns - begin_ns
@@ -267,16 +272,16 @@ class _Player:
         self._late_ns.append(late_ns)
 
     def progress_due(self, rate: float) -> bool:
-        """Whether a tenth of a second has gone by since the last yes."""
-        due = abs(self.played_ns - self._told_ns) >= _PROGRESS_NS * rate
+        """Return whether 0.1 s has passed since the last time that this was True."""
+        due = abs(self.played_ns - self._progress_ns) >= _PROGRESS_NS * rate
         if due:
-            self._told_ns = self.played_ns
+            self._progress_ns = self.played_ns
         return due
 
     def stats(self, interrupted: bool) -> PlayStats:
-        """Sum up."""
+        """Return the statistics."""
         late_ms = np.array(self._late_ns or [0]) * 1e-6
-        p50, p99, worst = np.percentile(late_ms, (50, 99, 100)).tolist()
+        p50, p99, maximum = np.percentile(late_ms, (50, 99, 100)).tolist()
         return PlayStats(
             messages=sum(self._counts.values()),
             by_topic=dict(self._counts),
@@ -284,7 +289,7 @@ class _Player:
             played_s=self.played_ns * 1e-9,
             lateness_p50_ms=p50,
             lateness_p99_ms=p99,
-            lateness_max_ms=worst,
+            lateness_max_ms=maximum,
             unheard=self._unheard,
             interrupted=interrupted,
         )

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node `predictor`: topics, service, timers. What it does with a message is in `core`."""
+"""The node `predictor`: topics, service, timers. `ros.core` processes the messages."""
 
 from __future__ import annotations
 
@@ -27,48 +27,50 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Prediction
-from adk_ros.ros import parameters
 from adk_ros.ros.core import Core, warm_up
 from adk_ros.ros.diagnostic_values import Clocks
 from adk_ros.ros.diagnostics import Diagnostics, Level
 from adk_ros.ros.messages import DIAGNOSTIC_NAME, CovarianceBytes, HorizonBytes, TwistBytes
+from adk_ros.ros.parameter_table import differences_from_training, model_path, pipeline_settings
+from adk_ros.ros.parameters import declare_parameters, unknown_parameters
 from adk_ros.ros.session import message_class
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.commands import COMMAND_TYPES
 
 NODE_NAME = "predictor"
 INPUT_DEPTH = 200
-"""Messages: 0.2 s of an IMU at 1000 Hz."""
+"""Queue depth of the subscriptions, messages: 0.2 s of an IMU at 1000 Hz."""
 OUTPUT_DEPTH = 10
+"""Queue depth of the publishers, messages: the default of ROS 2."""
 
 
 class PredictorNode:
     """
-    Subscribes to imu, odometry and command; publishes predictions and diagnostics.
+    Subscribe to imu, odometry and command; publish predictions and diagnostics.
 
-    `node` is the ROS node, for an executor to spin.
+    `node` is the ROS node that an executor spins.
     :raises UsageError: a parameter does not fit, or the model is refused.
     """
 
     def __init__(self) -> None:
-        # rclpy is annotated in part: Any is what the rest of it is anyway.
-        make: Any = Node
-        self.node: Any = make(NODE_NAME)
+        # rclpy is only partly annotated.
+        create: Any = Node
+        self.node: Any = create(NODE_NAME)
         self._logger: Any = self.node.get_logger()
-        self.values = parameters.read(self.node)
-        for line in parameters.unknown(self.node):
-            self._logger.warning(line)
-        path = parameters.model_path(self.values)
-        self._logger.info(f"loading {path}; the first start compiles for some seconds")
+        self.values = declare_parameters(self.node)
+        for text in unknown_parameters(self.node):
+            self._logger.warning(text)
+        path = model_path(self.values)
+        self._logger.info(f"loading {path}; the first start compiles kernels (some seconds)")
         loaded = artefact.load(path)
-        settings = parameters.pipeline_settings(self.values, loaded.model.online)
+        settings = pipeline_settings(self.values, loaded.model.online)
         kind = COMMAND_TYPES[self.values["command_type"]]
-        needs = f"command_type '{self.values['command_type']}'"
-        classes = {Source.COMMAND: message_class(kind.msgtype, needs)}
+        needed_by = f"command_type '{self.values['command_type']}'"
+        classes = {Source.COMMAND: message_class(kind.msgtype, needed_by)}
         if kind.steering_msgtype is not None:
-            classes[Source.STEERING] = message_class(kind.steering_msgtype, needs)
-        for line in parameters.unlike_training(settings.sensors, loaded.manifest["training"]):
-            self._logger.warning(line)
+            classes[Source.STEERING] = message_class(kind.steering_msgtype, needed_by)
+        for text in differences_from_training(settings.sensors, loaded.manifest["training"]):
+            self._logger.warning(text)
         warm_up(loaded.model, settings)
 
         self.core = Core(Pipeline(loaded.model, settings), self._publish, self._log_internal_error)
@@ -82,9 +84,9 @@ class PredictorNode:
         self._sim_time = bool(self.node.get_parameter("use_sim_time").value)
         self._clock = self.node.get_clock()
         self.node.add_on_set_parameters_callback(self._on_set)
-        self._open_outputs()
-        self._inputs = self._open_inputs(classes)
-        self._facts = self._make_facts(loaded)
+        self._create_outputs()
+        self._inputs = self._create_inputs(classes)
+        self._facts = self._configuration(loaded)
         self.diagnostics = Diagnostics(
             self.core.pipeline,
             self.core.counters,
@@ -92,11 +94,11 @@ class PredictorNode:
             self.values["use_imu"],
             time.monotonic(),
         )
-        self._told_level = Level.OK
-        self._told_imu = False
+        self._logged_level = Level.OK
+        self._logged_imu = False
         self._logger.info(", ".join(f"{key} {value}" for key, value in self._facts.items()))
 
-    def _open_outputs(self) -> None:
+    def _create_outputs(self) -> None:
         node = self.node
         self._twist_out = node.create_publisher(
             TwistWithCovarianceStamped, "~/predicted_twist", OUTPUT_DEPTH
@@ -111,13 +113,13 @@ class PredictorNode:
             DiagnosticArray, "/diagnostics", OUTPUT_DEPTH
         )
         node.create_service(Trigger, "~/reset", self._on_reset)
-        # Both run on a clock that always runs: sim time may start late, stop, or never come.
+        # Both timers use steady time: simulation time may start late, stop, or never start.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(TICK_NS * 1e-9, self._on_watch, clock=steady)
+        node.create_timer(TICK_NS * 1e-9, self._on_timer, clock=steady)
         period_s = self.values["diagnostics_period_s"]
         node.create_timer(period_s, self._on_diagnostics, clock=steady)
 
-    def _open_inputs(self, classes: dict[Source, Any]) -> dict[Source, Any]:
+    def _create_inputs(self, classes: dict[Source, Any]) -> dict[Source, Any]:
         profile: Any = QoSProfile
         qos = profile(
             history=HistoryPolicy.KEEP_LAST,
@@ -134,7 +136,8 @@ class PredictorNode:
             for source, kind in kinds.items()
         }
 
-    def _make_facts(self, loaded: artefact.Artefact) -> dict[str, str]:
+    def _configuration(self, loaded: artefact.Artefact) -> dict[str, str]:
+        """Return the constant pairs of the diagnostics: model, method, topics."""
         facts = {
             "model": Path(loaded.path).name,
             "model_hash": str(loaded.manifest["sha256"][artefact.ARRAYS])[:12],
@@ -156,11 +159,11 @@ class PredictorNode:
     def _log_internal_error(self, error: Exception) -> None:
         self._logger.error(
             f"internal error, state was reset: {type(error).__name__}: {error} "
-            "(told once, counted in /diagnostics; the traceback is at log level debug)"
+            "(logged once, counted in /diagnostics; traceback at log level debug)"
         )
         self._logger.debug("".join(traceback.format_exception(error)))
 
-    def _on_watch(self) -> None:
+    def _on_timer(self) -> None:
         with self.core.guarded():
             self.core.on_timer(self._clock.now().nanoseconds)
 
@@ -168,7 +171,7 @@ class PredictorNode:
         with self.core.guarded():
             self.core.reset()
         response.success = True
-        response.message = "samples and adaptation are forgotten"
+        response.message = "samples and adaptation are reset"
         return response
 
     def _on_set(self, changed: list[Any]) -> Any:
@@ -182,7 +185,7 @@ class PredictorNode:
     def _on_diagnostics(self) -> None:
         with self.core.guarded():
             self._report()
-        # The collector is off (see `settle`): what little there is since then is collected here.
+        # The automatic collector is off, see `freeze_garbage_collector`.
         gc.collect()
 
     def _report(self) -> None:
@@ -202,28 +205,28 @@ class PredictorNode:
         self._log(level, text)
 
     def _log(self, level: Level, text: str) -> None:
-        """Tell a person when things get worse, once, and when they are well again."""
-        if not self._told_imu and self.core.counters.published:
-            self._told_imu = True
-            heard = self.core.pipeline.received[Source.IMU]
-            self._logger.info("predicting with an IMU" if heard else "predicting without an IMU")
+        """Log a message when the level rises and when it returns to OK."""
+        if not self._logged_imu and self.core.counters.published:
+            self._logged_imu = True
+            has_imu = self.core.pipeline.received[Source.IMU]
+            self._logger.info("predicting with an IMU" if has_imu else "predicting without an IMU")
         if level is Level.WARN and not self.core.counters.published:
             return
-        # A severity a line: rclpy refuses another one from the same line of code.
-        if level > self._told_level and level is Level.ERROR:
+        # One call per severity: rclpy refuses another severity from the same line of code.
+        if level > self._logged_level and level is Level.ERROR:
             self._logger.error(text)
-        elif level > self._told_level:
+        elif level > self._logged_level:
             self._logger.warning(text)
-        elif level < self._told_level and level is Level.OK:
+        elif level < self._logged_level and level is Level.OK:
             self._logger.info(text)
-        self._told_level = level
+        self._logged_level = level
 
 
 def freeze_garbage_collector() -> None:
     """
-    Take all that start-up made out of the collector's sight, and the collector off.
+    Exclude all objects that exist now from garbage collection, and disable the collector.
 
-    A full collection over torch and numba takes tens of milliseconds, in the midst of a tick.
+    A full collection over torch and numba takes tens of milliseconds, more than a sample.
     """
     gc.collect()
     gc.freeze()

@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A ROS context of one's own, for a program that only plays, listens or measures for a while.
+A separate ROS context for programs that play, listen or measure for a limited time.
 
-Such programs are also functions that a test or the demo calls, next to others: so nothing global
-is initialised, and signals end the loop instead of the process.
+Tests and the demo call such programs as functions, next to each other. So nothing global is
+initialised, and signals end the loop instead of the process.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from adk_ros.errors import UsageError
 
 
 class Session:
-    """A context manager: a node named `name` and its executor, gone at the end."""
+    """Context manager for a node named `name` and its executor."""
 
     def __init__(self, name: str) -> None:
         self._context: Any = Context()
@@ -35,8 +35,8 @@ class Session:
     def __enter__(self) -> Session:
         self._context.init()
         # Not annotated in every version of rclpy.
-        make: Any = Node
-        self.node: Any = make(self._name, context=self._context)
+        create: Any = Node
+        self.node: Any = create(self._name, context=self._context)
         self._executor = make_executor(self._context)
         self._executor.add_node(self.node)
         return self
@@ -45,17 +45,17 @@ class Session:
         """
         Return the full name of a topic.
 
-        :raises UsageError: it is no name that a topic may have.
+        :raises UsageError: it is not a valid topic name.
         """
         try:
             return str(self.node.resolve_topic_name(topic))
         except (NameValidationException, RuntimeError) as error:
-            # rcl adds where in its own source it noticed.
+            # rcl appends a position in its source code.
             reason = str(error).splitlines()[0].split(", at /")[0].rstrip(":")
             raise UsageError(f"topic '{topic}': {reason}") from None
 
     def spin(self, timeout_s: float) -> None:
-        """Handle what has come, waiting at most so long for the first of it."""
+        """Handle received messages; wait at most `timeout_s` for the first."""
         self._executor.spin_once(timeout_s)
 
     def __exit__(
@@ -72,10 +72,10 @@ class Session:
 
 def make_executor(context: Any = None) -> Any:
     """
-    Return an events executor, which keeps the order of arrival across topics and costs least.
+    Return an events executor: it keeps the order of arrival across topics and is fastest.
 
-    Where rclpy has none, or the standard error is no file (it wants to leave its last words
-    there), the single-threaded one does.
+    Returns a single-threaded executor if rclpy has no events executor, or if standard error is
+    not a file, which the events executor requires.
     """
     try:
         from rclpy.experimental.events_executor import EventsExecutor
@@ -87,39 +87,40 @@ def make_executor(context: Any = None) -> Any:
         return SingleThreadedExecutor(context=context)
 
 
-def message_class(msgtype: str, why: str) -> Any:
+def message_class(msgtype: str, needed_by: str) -> Any:
     """
     Import a message class by its ROS name, pkg/msg/Name.
 
-    :raises UsageError: its package is not installed; `why` says what needs it.
+    :raises UsageError: its package is not installed; the message begins with `needed_by`.
     """
     package, _, name = msgtype.partition("/msg/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError):
         raise UsageError(
-            f"{why} needs the message {msgtype}, but the ROS package {package} is not installed"
+            f"{needed_by} needs the message {msgtype}, but the ROS package {package} is not "
+            "installed"
         ) from None
 
 
 @contextlib.contextmanager
 def stopping() -> Iterator[Callable[[], bool]]:
     """
-    Yield a function that says whether SIGINT or SIGTERM came; what was in force comes back after.
+    Yield a function that returns whether SIGINT or SIGTERM came; restore the handlers afterwards.
 
-    Signals reach the main thread alone: in another one the function always says no.
+    Only the main thread receives signals: in other threads the function always returns False.
     """
-    came = threading.Event()
+    received = threading.Event()
 
     def note(_number: int, _frame: FrameType | None) -> None:
-        came.set()
+        received.set()
 
     if threading.current_thread() is not threading.main_thread():
-        yield came.is_set
+        yield received.is_set
         return
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield came.is_set
+        yield received.is_set
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

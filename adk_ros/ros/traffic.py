@@ -1,11 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Sensors of a car that is not there: IMU, odometry and commands at their rates, stamped now.
+Publish synthetic sensor messages: IMU, odometry and commands at their rates, stamped now.
 
-For measuring the node, not for judging its predictions: a gentle slalom at 54 km/h, with noise
-so that no sensor seems frozen. Each stream keeps its own absolute schedule, out of step with the
-others.
+For measuring the node, not its predictions: a gentle slalom at 54 km/h, with noise so that no
+sensor seems frozen. Each stream has its own absolute schedule, out of phase with the others.
 """
 
 from __future__ import annotations
@@ -30,15 +29,17 @@ from adk_ros.ros.session import Session, stopping
 from adk_ros.signals.channels import STANDARD_SOURCES, Reading, Source
 
 _SPEED = 15.0
-_SWAY = 0.5
-"""rad/s of the slalom's own rhythm."""
+"""m/s; mean speed."""
+_SLALOM_RATE = 0.5
+"""rad/s; angular frequency of the slalom."""
 _SETTLE_S = 0.5
+"""s to wait after discovery: right after the endpoints match, messages are still lost."""
 _QOS: Any = qos_profile_sensor_data
 KINDS: dict[Source, Any] = {Source.IMU: Imu, Source.ODOMETRY: Odometry, Source.COMMAND: JointState}
 
 
 class Rates(NamedTuple):
-    """Messages a second."""
+    """Message rates, Hz; 0 omits the stream."""
 
     imu_hz: float = 200.0
     odometry_hz: float = 50.0
@@ -46,22 +47,22 @@ class Rates(NamedTuple):
 
 
 class Sent(NamedTuple):
-    """A message that went out: what it says, and the monotonic time right before publishing."""
+    """A published message: its reading, and the monotonic time right before publishing."""
 
     reading: Reading
     published_ns: int
 
 
 class Due(NamedTuple):
-    """A message to send, so many nanoseconds after the begin."""
+    """A message to publish, `offset_ns` after the start."""
 
     offset_ns: int
     source: Source
 
 
 def motion(source: Source, time_s: float, noise: random.Random) -> tuple[float, ...]:
-    """Return the values of a reading of `source`, as `Reading` has them."""
-    yaw_rate = 0.2 * math.sin(_SWAY * time_s)
+    """Return the values of a `Reading` of `source` at `time_s`, with noise."""
+    yaw_rate = 0.2 * math.sin(_SLALOM_RATE * time_s)
     v_x = _SPEED + math.sin(0.3 * time_s)
     if source is Source.IMU:
         a_x = 0.3 * math.cos(0.3 * time_s)
@@ -74,29 +75,29 @@ def motion(source: Source, time_s: float, noise: random.Random) -> tuple[float, 
 
 
 def message(reading: Reading) -> Any:
-    """Return the ROS message that carries a reading."""
-    made = KINDS[reading.source]()
-    made.header.stamp.sec, made.header.stamp.nanosec = split_stamp(reading.stamp_ns)
+    """Return the ROS message for a reading."""
+    msg = KINDS[reading.source]()
+    msg.header.stamp.sec, msg.header.stamp.nanosec = split_stamp(reading.stamp_ns)
     if reading.source is Source.IMU:
-        made.linear_acceleration.x, made.linear_acceleration.y = reading.values[:2]
-        made.linear_acceleration.z = GRAVITY
-        made.angular_velocity.z = reading.values[2]
+        msg.linear_acceleration.x, msg.linear_acceleration.y = reading.values[:2]
+        msg.linear_acceleration.z = GRAVITY
+        msg.angular_velocity.z = reading.values[2]
     elif reading.source is Source.ODOMETRY:
-        twist = made.twist.twist
+        twist = msg.twist.twist
         twist.linear.x, twist.linear.y, twist.angular.z = reading.values
     else:
         torque, delta = reading.values
-        made.name = ["drive", "steer"]
-        made.effort = [torque, 0.0]
-        made.position = [0.0, delta]
-    return made
+        msg.name = ["drive", "steer"]
+        msg.effort = [torque, 0.0]
+        msg.position = [0.0, delta]
+    return msg
 
 
 def schedule(rates: Rates, duration_s: float) -> Iterator[Due]:
-    """Yield what is due when, in order of time; a rate of 0 leaves a stream out."""
+    """Yield the messages to publish, in order of time."""
 
     def ticks(source: Source, rate_hz: float) -> Iterator[Due]:
-        # A share of a period apart, so that no stream is in step with the grid or another.
+        # Phases differ, so that no stream is in phase with the 25 ms grid or another stream.
         first_ns = round((0.3 + 0.17 * source) * 1e9 / rate_hz)
         period_ns = round(1e9 / rate_hz)
         for offset_ns in range(first_ns, round(duration_s * 1e9), period_ns):
@@ -118,9 +119,9 @@ def publish_synthetic_sensors(
     """
     Publish imu, odometry and command for `duration_s`, or until a signal; return what was sent.
 
-    :param wait_s: wait so long for a node that listens to all three.
+    :param wait_s: longest wait for a node that subscribes to all three, s.
     :param on_start: called right before the first message.
-    :raises DataError: nobody listens.
+    :raises DataError: no node subscribes within `wait_s`.
     """
     noise = random.Random(0)
     sent: list[Sent] = []
@@ -132,14 +133,16 @@ def publish_synthetic_sensors(
         deadline_s = time.monotonic() + wait_s
         while not all(publisher.get_subscription_count() for publisher in publishers.values()):
             if time.monotonic() > deadline_s:
-                raise DataError(f"nobody listens to imu, odometry and command after {wait_s:g} s")
+                raise DataError(
+                    f"no node subscribes to imu, odometry and command after {wait_s:g} s"
+                )
             session.spin(0.05)
         time.sleep(_SETTLE_S)
         if on_start is not None:
             on_start()
         begin_ns = time.monotonic_ns()
-        dues = schedule(rates or Rates(), duration_s)
-        for due, _late_ns in paced(dues, begin_ns, 1.0, stopped):
+        due_messages = schedule(rates or Rates(), duration_s)
+        for due, _late_ns in paced(due_messages, begin_ns, 1.0, stopped):
             values = motion(due.source, due.offset_ns * 1e-9, noise)
             reading = Reading(due.source, time.time_ns(), values)
             content = serialize_message(message(reading))

@@ -1,3 +1,3 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Channels, decoding, alignment to the 25 ms grid, and scores."""
+"""Channels, message decoding, alignment to the 25 ms grid, records and scores."""

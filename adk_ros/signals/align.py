@@ -1,24 +1,24 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Readings of three or four streams that are not in step -> samples on the causal 25 ms grid.
+Align readings of three or four unsynchronised streams to samples on a causal 25 ms grid.
 
-The grid is header time: tick t_k = k * 25 ms. A sample at t_k holds what readings stamped at or
-before t_k say, so it depends on the set of those readings and not on the order in which they
-came; the live node and a replay of its bag therefore see the same samples. Tick t_k is given out
-as soon as
+The grid is in header time: tick t_k = k * 25 ms. The sample at t_k uses only readings stamped at
+or before t_k, so it depends on the set of those readings and not on their order of arrival. The
+live node and a replay of its bag therefore produce identical samples. The sample at t_k is
+emitted as soon as
 
-* some stream has a reading stamped at or after t_k (time has got there), and
-* no other stream is about to deliver a reading that belongs to it: one is waited for only if
-  0.8 of its period has gone by at t_k since its last reading, and never for longer than
-  `max_wait_s` of the other streams' time. A stream that lets itself be waited for in vain though
-  1.2 of its period have gone by is not waited for again until it is back.
+* some stream has a reading stamped at or after t_k, and
+* no other stream is due to deliver a reading for it. A stream is due if at t_k at least 0.8 of
+  its period has passed since its last reading. It is waited for no longer than `max_wait_s` of
+  the other streams' time. A stream that was waited for in vain although 1.2 of its period have
+  passed is not waited for again until it delivers.
 
-State at t_k: yaw rate from the gyro (else from odometry) by `Stream.line`; velocities from the
-last odometry reading, carried to t_k by the accelerometer,
+State at t_k: yaw rate from the gyro (else from odometry) by `SampledStream.extrapolate`;
+velocities from the last odometry reading, integrated to t_k with the accelerometer,
     dv_x = (a_x + r v_y) dt,  dv_y = (a_y - r v_x) dt,
-else by `Stream.line`. The command is the last one: commands are held until the next. A
-measured road-wheel angle, if there is such a stream, takes the place of the commanded one.
+else by `SampledStream.extrapolate`. Commands are held until the next one (zero-order hold). A
+measured road-wheel angle, if there is such a stream, replaces the commanded one.
 """
 
 from __future__ import annotations
@@ -32,8 +32,23 @@ from adk_ros.signals.clock import ClockGuard, StampVerdict
 from adk_ros.signals.stream import SampledStream, StreamSnapshot
 
 _PERIODS_UNTIL_STALE = 3.0
-_AWAITED_FROM, _OVERDUE_FROM = 0.8, 1.2
-# Plain integers: operations on flags themselves cost a microsecond each.
+"""Periods of a stream without a reading after which it is stale: two lost messages are not."""
+
+_DUE_AFTER, _OVERDUE_AFTER = 0.8, 1.2
+"""Shares of a stream's period since its last reading from which its next one is due, or overdue.
+
+Allows 20 % of jitter in the stamps."""
+
+_MIN_FROZEN_REPEATS = 5
+"""Repetitions below which a sensor is not frozen: quantised values may repeat by chance."""
+
+_MOVING_SPEED = 1.0
+"""m/s above which a sensor's values must change; a standing vehicle's sensors may repeat."""
+
+_MAX_CLOCK_LEAD_NS = 1_000_000_000
+"""ns by which the caller's clock may lead the stamps; beyond, it is another time base."""
+
+# Plain integers: operations on the flags themselves take a microsecond each.
 _NO_IMU, _IMU_STALE, _ODOMETRY_STALE = (
     int(Flag.NO_IMU),
     int(Flag.IMU_STALE),
@@ -47,15 +62,16 @@ _NAN3 = (math.nan, math.nan, math.nan)
 
 class Aligner:
     """
-    Folds readings into samples; the same object serves one message at a time and whole bags.
+    Converts readings, in order of arrival, to samples, both online and for whole bags.
 
-    `counts` tells what was not used and why: "duplicate", "stray stamp"; what was used, but not
-    when it should have been: "out of order", "late" (a tick it belongs to was out already); and
-    each "clock jump".
+    `counts` counts unused readings: "duplicate", "stray stamp"; readings that arrived too late or
+    in the wrong order: "out of order", "late" (after its sample was emitted); and "clock jump".
 
-    :param odometry_timeout_s: odometry older than this no longer yields a state (COASTING).
-    :param frozen_after_s: a moving vehicle's sensor that repeats itself for so long is frozen.
-    :param max_wait_s: see above.
+    :param odometry_timeout_s: age beyond which odometry yields no state (COASTING), s.
+    :param frozen_after_s: time after which a sensor that repeats the same value while the vehicle
+        moves is frozen, s; 0: never.
+    :param max_wait_s: longest wait for a stream that is due, s, see above.
+    :param jump_s: deviation of a stamp from the newest one that is implausible, s.
     """
 
     def __init__(
@@ -79,46 +95,46 @@ class Aligner:
 
     @property
     def newest_ns(self) -> int | None:
-        """Newest believed stamp of any stream."""
+        """Newest accepted stamp of any stream."""
         return self._guard.newest_ns
 
     def reset(self) -> None:
-        """Forget everything but the counts."""
+        """Discard all readings; keep the counts."""
         self._guard.reset()
         self._begin()
 
     def push(self, reading: Reading) -> list[Sample]:
-        """Take one reading; return the samples that have become complete, oldest first."""
+        """Process one reading; return the samples that it completes, oldest first."""
         if self._guard.follows(reading.stamp_ns):
-            # Nearly every reading, so this way is kept short.
+            # Fast path: nearly every reading.
             self._insert(reading)
             tick_ns, newest = self._tick_ns, self._guard.newest_ns
             if tick_ns is not None and newest is not None and newest < tick_ns:
                 return []
             return self._complete()
-        verdict, others = self._guard.check_stamp(reading)
+        verdict, released = self._guard.check_stamp(reading)
         if verdict is not StampVerdict.JUMP:
-            if others:
-                self.counts["stray stamp"] += len(others)
+            if released:
+                self.counts["stray stamp"] += len(released)
             if verdict is StampVerdict.HOLD:
                 return []
             self._insert(reading)
             return self._complete()
         self.counts["clock jump"] += 1
         self._begin()
-        for freed in others:
-            self._insert(freed)
+        for item in released:
+            self._insert(item)
         return self._complete()
 
     def advance(self, now_ns: int) -> list[Sample]:
         """
-        Let time pass without a reading, for streams too slow to show that a tick is due.
+        Complete samples by the clock, for streams too slow to complete them in time.
 
-        `now_ns` is the caller's clock less what messages may still be under way. It counts only
-        while it is within a second of the stamps: another clock says nothing about this grid.
+        `now_ns` is the caller's clock minus the transit time of messages. It is used only while
+        it leads the stamps by less than 1 s; otherwise it has another time base.
         """
         newest = self._guard.newest_ns
-        if newest is None or not 0 < now_ns - newest < 1_000_000_000:
+        if newest is None or not 0 < now_ns - newest < _MAX_CLOCK_LEAD_NS:
             return []
         return self._complete(now_ns)
 
@@ -146,59 +162,63 @@ class Aligner:
             first = max(odometry.stamps[0], command.stamps[0])
             self._tick_ns = -(-first // TICK_NS) * TICK_NS
         samples = []
-        while self._tick_ns <= reached and self._settled(self._tick_ns, reached):
+        while self._tick_ns <= reached and self._is_complete(self._tick_ns, reached):
             samples.append(self._sample(self._tick_ns))
             self._tick_ns += TICK_NS
             self._restarted = False
         return samples
 
-    def _settled(self, tick_ns: int, reached_ns: int) -> bool:
+    def _is_complete(self, tick_ns: int, reached_ns: int) -> bool:
         for stream in self.streams:
             stamps = stream.stamps
             if not stamps or not stream.awaited or stamps[-1] >= tick_ns:
                 continue
             age_ns = tick_ns - stamps[-1]
-            if age_ns < _AWAITED_FROM * stream.period_ns:
+            if age_ns < _DUE_AFTER * stream.period_ns:
                 continue
             if reached_ns - tick_ns < self._max_wait_ns:
                 return False
-            # Until then it may still be in time for the next tick.
-            stream.awaited = age_ns < _OVERDUE_FROM * stream.period_ns
+            # Until it is overdue, its reading may still be in time for the next tick.
+            stream.awaited = age_ns < _OVERDUE_AFTER * stream.period_ns
         return True
 
-    def _fresh(self, known: StreamSnapshot, tick_ns: int) -> bool:
+    def _is_fresh(self, known: StreamSnapshot, tick_ns: int) -> bool:
         allowed = max(_PERIODS_UNTIL_STALE * known.period_ns, 2.0 * TICK_NS)
         return tick_ns - known.stamp_ns <= allowed
 
-    def _frozen(self, known: StreamSnapshot) -> bool:
+    def _is_frozen(self, known: StreamSnapshot) -> bool:
         return (
             self._frozen_after_s > 0.0
-            and known.repeats >= 5
+            and known.repeats >= _MIN_FROZEN_REPEATS
             and known.unchanged_s() >= self._frozen_after_s
         )
 
     def _sample(self, tick_ns: int) -> Sample:
         imu, odometry, command, steering = self.streams
         flags = _RESTART if self._restarted else 0
-        moved = odometry.at_or_before(tick_ns)
-        held = command.at_or_before(tick_ns)
-        # The grid starts after the first of both, but a late insertion may precede nothing.
-        u = (held.values[0], held.values[1]) if held else _NAN2
-        if held is None or not self._fresh(held, tick_ns):
+        odometry_at = odometry.at_or_before(tick_ns)
+        command_at = command.at_or_before(tick_ns)
+        # None if the stream's readings up to this tick were dropped or arrived late.
+        u = (command_at.values[0], command_at.values[1]) if command_at else _NAN2
+        if command_at is None or not self._is_fresh(command_at, tick_ns):
             flags |= _COMMAND_STALE
-        steered = steering.at_or_before(tick_ns) if steering else None
-        if steered is not None:
-            u = (u[0], steered.values[0])
-            if not self._fresh(steered, tick_ns):
+        steering_at = steering.at_or_before(tick_ns) if steering else None
+        if steering_at is not None:
+            u = (u[0], steering_at.values[0])
+            if not self._is_fresh(steering_at, tick_ns):
                 flags |= _COMMAND_STALE
 
         a, gyro = _NAN2, None
-        sensed = imu.at_or_before(tick_ns) if imu else None
-        if sensed is None:
+        imu_at = imu.at_or_before(tick_ns) if imu else None
+        if imu_at is None:
             flags |= _NO_IMU
-        elif not self._fresh(sensed, tick_ns):
+        elif not self._is_fresh(imu_at, tick_ns):
             flags |= _IMU_STALE
-        elif self._frozen(sensed) and moved is not None and abs(moved.values[0]) > 1.0:
+        elif (
+            self._is_frozen(imu_at)
+            and odometry_at is not None
+            and abs(odometry_at.values[0]) > _MOVING_SPEED
+        ):
             flags |= _FROZEN
         else:
             gyro = imu.extrapolation_of(2, tick_ns)
@@ -206,15 +226,15 @@ class Aligner:
             assert mean is not None
             a = (mean[0], mean[1])
 
-        if moved is None:
+        if odometry_at is None:
             return Sample(tick_ns, _NAN3, u, a, flags | _ODOMETRY_STALE | _COASTING)
-        if not self._fresh(moved, tick_ns):
+        if not self._is_fresh(odometry_at, tick_ns):
             flags |= _ODOMETRY_STALE
-        if self._frozen(moved) and abs(moved.values[0]) > 1.0:
+        if self._is_frozen(odometry_at) and abs(odometry_at.values[0]) > _MOVING_SPEED:
             return Sample(tick_ns, _NAN3, u, a, flags | _FROZEN | _COASTING)
-        if tick_ns - moved.stamp_ns > self._timeout_ns:
+        if tick_ns - odometry_at.stamp_ns > self._timeout_ns:
             return Sample(tick_ns, _NAN3, u, a, flags | _COASTING)
-        x = self._state(tick_ns, moved, gyro, a)
+        x = self._state(tick_ns, odometry_at, gyro, a)
         if not math.isfinite(x[0] + x[1] + x[2]):
             return Sample(tick_ns, _NAN3, u, a, flags | _COASTING)
         return Sample(tick_ns, x, u, a, flags)
@@ -222,21 +242,21 @@ class Aligner:
     def _state(
         self,
         tick_ns: int,
-        moved: StreamSnapshot,
+        odometry_at: StreamSnapshot,
         gyro: float | None,
         a: tuple[float, float],
     ) -> tuple[float, float, float]:
         imu, odometry = self.streams[:2]
         if gyro is None or not math.isfinite(a[0]):
-            line = odometry.extrapolate(tick_ns)
-            assert line is not None
-            return line[0], line[1], line[2] if gyro is None else gyro
-        v_x, v_y, _rate = moved.values
-        elapsed_s = (tick_ns - moved.stamp_ns) * 1e-9
+            state = odometry.extrapolate(tick_ns)
+            assert state is not None
+            return state[0], state[1], state[2] if gyro is None else gyro
+        v_x, v_y, _rate = odometry_at.values
+        elapsed_s = (tick_ns - odometry_at.stamp_ns) * 1e-9
         if elapsed_s > 0.0:
-            mean = imu.mean(moved.stamp_ns, tick_ns)
+            mean = imu.mean(odometry_at.stamp_ns, tick_ns)
             assert mean is not None
-            # The turn's rate over the same time as the force: in a swerve the difference counts.
+            # Mean yaw rate over the same interval as the force, which matters in fast manoeuvres.
             v_x, v_y = (
                 v_x + (mean[0] + mean[2] * v_y) * elapsed_s,
                 v_y + (mean[1] - mean[2] * v_x) * elapsed_s,
@@ -245,7 +265,7 @@ class Aligner:
 
 
 def align_samples(readings: Iterable[Reading], aligner: Aligner | None = None) -> list[Sample]:
-    """Fold `readings` (in order of arrival) through one aligner."""
+    """Return the samples of `readings`, which are in order of arrival."""
     aligner = aligner or Aligner()
     samples: list[Sample] = []
     for reading in readings:

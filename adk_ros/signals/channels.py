@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The named channels of a vehicle and the three shapes they travel in.
+The named channels of a vehicle, and the three types that carry them.
 
-A `Reading` is what one message says, a `Sample` what is known on one tick of the 25 ms grid, a
-`Record` a whole drive of samples. SI units and radians throughout; REP-103 axes: x forward, y
-left, z up. Accelerations are specific force: what an accelerometer senses, gravity not removed.
+A `Reading` is the content of one message, a `Sample` the known values at one tick of the 25 ms
+grid, a `Record` all samples of a recording. SI units and radians; REP-103 axes: x forward, y
+left, z up. Accelerations are specific force: accelerometer readings, gravity not removed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 
 TICK_NS = 25_000_000
-"""Grid spacing in nanoseconds: the method's 25 ms."""
+"""Sample period, ns: 25 ms, the period of the published method."""
 
 STATE_NAMES = ("v_x", "v_y", "yaw_rate")
 STATE_UNITS = ("m/s", "m/s", "rad/s")
@@ -28,22 +28,22 @@ INPUT_UNITS = ("N m", "rad")
 
 
 class Source(IntEnum):
-    """Which stream a reading came from; the value indexes per-stream tables."""
+    """Stream of a reading; the value indexes per-stream tables."""
 
     IMU = 0
     ODOMETRY = 1
     COMMAND = 2
     STEERING = 3
-    """Measured road-wheel angle, where a command carries only the wished one (Autoware)."""
+    """Measured road-wheel angle, published next to the commanded one (Autoware)."""
 
 
 STANDARD_SOURCES = (Source.IMU, Source.ODOMETRY, Source.COMMAND)
-"""The streams of any drive; a measured steering angle is for commands that need one."""
+"""Streams of every recording; STEERING exists only for some command types."""
 
 
 class Reading(NamedTuple):
     """
-    One message's content at the vehicle's reference point.
+    Content of one message, at the vehicle's reference point.
 
     `values` by source: IMU (a_x, a_y, yaw_rate), ODOMETRY (v_x, v_y, yaw_rate), COMMAND (torque,
     delta), STEERING (delta,). A channel that the message does not report is NaN.
@@ -55,37 +55,37 @@ class Reading(NamedTuple):
 
 
 class Flag(IntFlag):
-    """Why a sample is not as good as it should be; zero is a sample that may be learned from."""
+    """Defects of a sample; a sample with `OK` may enter a fit."""
 
     OK = 0
     NO_IMU = 1
-    """All comes from odometry; not a fault where there never was an IMU."""
+    """State from odometry only; not a fault if the vehicle has no IMU."""
     IMU_STALE = 2
-    """An IMU that was there fell silent."""
+    """No IMU reading for longer than three of its periods."""
     ODOMETRY_STALE = 4
-    """No odometry for longer than it usually takes: velocities are dead-reckoned or missing."""
+    """No odometry for longer than three of its periods: dead-reckoned or missing velocities."""
     COMMAND_STALE = 8
-    """No command for longer than it usually takes: the last one is held."""
+    """No command for longer than three of its periods: the last one is held."""
     FROZEN = 16
-    """A sensor repeats one value to the last bit while the vehicle must be changing."""
+    """A sensor repeats bit-identical values although the vehicle moves."""
     COASTING = 32
-    """No usable state: the caller supplies one, or nothing is predicted."""
+    """No measured state: the caller substitutes a predicted state, or makes no prediction."""
     RESTART = 64
-    """First sample after a start or a jump of the clock: the past does not belong to it."""
+    """First sample after a start or a clock jump: earlier samples are not its past."""
 
 
 UNLEARNABLE = (
     Flag.IMU_STALE | Flag.ODOMETRY_STALE | Flag.COMMAND_STALE | Flag.FROZEN | Flag.COASTING
 )
-"""A sample with any of these must not enter a fit."""
+"""Flags that exclude a sample from every fit."""
 
 
 class Sample(NamedTuple):
     """
-    What is known at one tick, from readings stamped at or before it alone.
+    Known values at one tick, from readings stamped at or before it (causal).
 
-    `stamp_ns` is a multiple of 25 ms of header time. `x` = (v_x, v_y, yaw_rate), `u` = (torque,
-    delta) in force from this tick on, `a` = (a_x, a_y), NaN where there is no IMU.
+    `stamp_ns` is a multiple of 25 ms in header time. `x` = (v_x, v_y, yaw_rate), `u` = (torque,
+    delta) in force from this tick on, `a` = (a_x, a_y), NaN without an IMU.
     """
 
     stamp_ns: int
@@ -96,19 +96,19 @@ class Sample(NamedTuple):
 
     @property
     def learnable(self) -> bool:
-        """Whether this sample may enter a least-squares window."""
+        """Whether this sample may enter a fit."""
         return not int(self.flags) & int(UNLEARNABLE)
 
 
 @dataclass(frozen=True)
 class Record:
     """
-    A drive on the grid: `n` samples, one row a tick, in time order.
+    A recording as `n` samples, one row per tick, in time order.
 
     `x` (n, 3), `u` (n, 2), `a` (n, 2), `flags` (n,) as in `Sample`. `x_ref` (n, 3) is the
-    measurement at the tick with hindsight: interpolated between the readings on both sides of it,
-    NaN where a gap is too wide. Predictions are scored, and networks trained, against `x_ref`;
-    they start from `x`. `episode` (n,) numbers the stretches without a break in the grid.
+    non-causal (two-sided) reference measurement: interpolated between the readings on both sides
+    of the tick, NaN where the gap is too wide. Predictions start from `x`; they are scored, and
+    networks trained, against `x_ref`. `episode` (n,) numbers the segments without a gap.
     """
 
     stamp_ns: IntArray
@@ -125,16 +125,16 @@ class Record:
 
     @property
     def learnable(self) -> BoolArray:
-        """Rows that may enter a fit, shape (n,)."""
+        """Whether each row may enter a fit, shape (n,)."""
         return np.asarray((self.flags & int(UNLEARNABLE)) == 0)
 
     @property
     def duration_s(self) -> float:
-        """Seconds of samples, breaks not counted."""
+        """Total duration of the samples, gaps excluded, s."""
         return len(self) * TICK_NS * 1e-9
 
     def rows(self, keep: slice | BoolArray | IntArray) -> Record:
-        """Return the chosen rows as a record of their own (episodes keep their numbers)."""
+        """Return the chosen rows as a new record; episodes keep their numbers."""
         return Record(
             self.stamp_ns[keep],
             self.x[keep],

@@ -1,12 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Is a stamp to be believed? Tells a stray stamp from a clock that really jumped.
+Distinguish single implausible time stamps from jumps of the clock.
 
-A reading far from the newest accepted one (ahead by more than `jump_s`, or behind it by as much)
-is not believed at once: it is held back. If the next readings agree with it, the clock has
-jumped (a bag that loops, a simulation that restarts, a long silence), and everything known so far
-belongs to another time. If the next reading agrees with the old time, the held ones were stray.
+A reading whose stamp deviates from the newest accepted one by more than `jump_s`, in either
+direction, is withheld. If the next readings agree with it, the clock has jumped (a looping bag, a
+restarted simulation, a long gap), and all earlier readings belong to another time. If the next
+reading agrees with the previous time, the withheld readings had wrong stamps.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from enum import Enum
 from adk_ros.signals.channels import Reading
 
 _CONFIRMATIONS = 3
+"""Consistent readings that confirm a jump: two wrong stamps in a row occur in practice."""
 
 
 class StampVerdict(Enum):
-    """What is to be done with a reading."""
+    """Treatment of a reading."""
 
     ACCEPT = "accept"
     HOLD = "hold"
@@ -27,22 +28,22 @@ class StampVerdict(Enum):
 
 
 class ClockGuard:
-    """Judges one reading after the other; `held` are those that wait for confirmation."""
+    """Checks the stamps of readings one by one; `pending` readings wait for confirmation."""
 
     def __init__(self, jump_s: float = 1.0) -> None:
         self._jump_ns = round(jump_s * 1e9)
         self.newest_ns: int | None = None
-        """Newest believed stamp, or None before the first."""
-        self.held: list[Reading] = []
+        """Newest accepted stamp, None before the first."""
+        self.pending: list[Reading] = []
 
     def follows(self, stamp_ns: int) -> bool:
         """
-        Accept a stamp that needs no judgement: near the newest one, with nothing held.
+        Accept a stamp close to the newest one if no reading is pending.
 
-        Return whether it was accepted; if not, nothing has changed and `judge` is to decide.
+        Return whether it was accepted. If not, nothing has changed: call `check_stamp`.
         """
         newest_ns = self.newest_ns
-        if newest_ns is None or self.held or abs(stamp_ns - newest_ns) > self._jump_ns:
+        if newest_ns is None or self.pending or abs(stamp_ns - newest_ns) > self._jump_ns:
             return False
         if stamp_ns > newest_ns:
             self.newest_ns = stamp_ns
@@ -50,27 +51,27 @@ class ClockGuard:
 
     def check_stamp(self, reading: Reading) -> tuple[StampVerdict, list[Reading]]:
         """
-        Return the verdict and the readings it frees.
+        Return the treatment of a reading, and the pending readings that it resolves.
 
-        ACCEPT frees nothing (`held` readings were stray and are returned to be counted), HOLD
-        frees nothing, JUMP returns all held readings in order of arrival: they start a new time.
+        With ACCEPT and HOLD, the returned readings had wrong stamps and are to be counted. With
+        JUMP, they are all pending readings in order of arrival, the first of the new time.
         """
         if self.newest_ns is None or abs(reading.stamp_ns - self.newest_ns) <= self._jump_ns:
-            stray, self.held = self.held, []
+            stray, self.pending = self.pending, []
             if self.newest_ns is None or reading.stamp_ns > self.newest_ns:
                 self.newest_ns = reading.stamp_ns
             return StampVerdict.ACCEPT, stray
-        if self.held and abs(reading.stamp_ns - self.held[-1].stamp_ns) > self._jump_ns:
-            stray, self.held = self.held, [reading]
+        if self.pending and abs(reading.stamp_ns - self.pending[-1].stamp_ns) > self._jump_ns:
+            stray, self.pending = self.pending, [reading]
             return StampVerdict.HOLD, stray
-        self.held.append(reading)
-        if len(self.held) < _CONFIRMATIONS:
+        self.pending.append(reading)
+        if len(self.pending) < _CONFIRMATIONS:
             return StampVerdict.HOLD, []
-        freed, self.held = self.held, []
-        self.newest_ns = max(item.stamp_ns for item in freed)
-        return StampVerdict.JUMP, freed
+        confirmed, self.pending = self.pending, []
+        self.newest_ns = max(item.stamp_ns for item in confirmed)
+        return StampVerdict.JUMP, confirmed
 
     def reset(self) -> None:
-        """Believe the next stamp, whatever it is."""
+        """Accept the next stamp unconditionally."""
         self.newest_ns = None
-        self.held = []
+        self.pending = []

@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What each kind of command message says of wheel torque and road-wheel angle.
+Command messages: net wheel torque and road-wheel angle by message type.
 
-A kind is a row of `COMMAND_TYPES`: its ROS type and a function message -> (torque, delta). To add
-one, write the function and the row; the node, the replay and the trainer then know it.
+Each type is a row of `COMMAND_TYPES`: its ROS type and a function message -> (torque, delta). To
+support another type, write the function and the row; node, replay and training then use it.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 MAX_DRIVE = 1e6
-"""N m; a larger net wheel torque is a fault of the message."""
+"""N·m; a larger net wheel torque is a faulty message. Ten times that of a loaded truck."""
 MAX_DELTA = math.pi / 2
-"""rad at the road wheel."""
+"""rad; a larger road-wheel angle is a faulty message, such as an unscaled hand-wheel angle."""
 
 
 class RefusedMessage(Exception):
-    """A message cannot be used; the text is the reason, the same for the same fault."""
+    """A message cannot be used. The text is the reason, equal for equal faults."""
 
 
 class CommandConfig(Protocol):
-    """What of the sensors' configuration the decoders below need, see `decode.SensorConfig`."""
+    """The part of `decode.SensorConfig` that the functions below need."""
 
     @property
     def drive_joints(self) -> tuple[str, ...]:
-        """Joints whose efforts add up to the wheel torque."""
+        """Joints whose efforts add up to the net wheel torque."""
 
     @property
     def steer_joint(self) -> str:
@@ -37,26 +37,26 @@ class CommandConfig(Protocol):
 
     @property
     def steering_ratio(self) -> float:
-        """Its angle over the road wheel's."""
+        """Angle of the steer joint divided by the road-wheel angle."""
 
     @property
     def mass(self) -> float:
-        """Of the vehicle, kg."""
+        """Vehicle mass, kg."""
 
     @property
     def wheel_radius(self) -> float:
-        """In m."""
+        """Wheel radius, m."""
 
 
 @dataclass(frozen=True)
 class CommandType:
     """
-    One kind of command message.
+    One type of command message.
 
-    `inferred_torque` marks a torque computed from a wanted acceleration (mass times acceleration
-    times wheel radius): good enough as an input to a learned model, no evidence of drive physics.
-    `steering_msgtype`: type of the message that reports the measured road-wheel angle, where the
-    command itself carries only the wished one.
+    `inferred_torque` marks a torque computed from a requested acceleration (mass * acceleration *
+    wheel radius): suitable as the input of a learned model, but no evidence about longitudinal
+    forces. `steering_msgtype`: type of the message with the measured road-wheel angle, if the
+    command itself carries only the requested one.
     """
 
     msgtype: str
@@ -67,10 +67,11 @@ class CommandType:
 
 def _checked(torque: float, delta: float) -> tuple[float, float]:
     if not abs(torque) <= MAX_DRIVE:
-        raise RefusedMessage("drive torque is not finite or absurd")
+        raise RefusedMessage(f"drive torque is not finite or above {MAX_DRIVE:g} N·m")
     if not abs(delta) <= MAX_DELTA:
         raise RefusedMessage(
-            "steering angle is not finite or beyond a quarter turn of the road wheel"
+            "steering angle is not finite or beyond 90 deg at the road wheel: if it is a "
+            "hand-wheel angle, set steering_ratio"
         )
     return torque, delta
 
@@ -109,7 +110,7 @@ def steering_report(msg: Any) -> float:
     """
     Return the measured road-wheel angle (rad) of an Autoware SteeringReport.
 
-    :raises Refused: it is not finite or absurd.
+    :raises RefusedMessage: it is not finite or beyond `MAX_DELTA`.
     """
     return _checked(0.0, float(msg.steering_tire_angle))[1]
 

@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-ROS message -> `Reading` at the vehicle's reference point.
+Decode ROS messages to `Reading` at the vehicle's reference point.
 
-Duck-typed on purpose: a message from rclpy and one that rosbags deserialised have the same
-attributes, so the live node, the replay and the trainer decode with the same lines.
+Duck-typed on purpose: messages of rclpy and messages deserialised by rosbags have the same
+attributes, so the live node, replay and training use the same decoder.
 """
 
 from __future__ import annotations
@@ -21,11 +21,13 @@ from adk_ros.signals.commands import COMMAND_TYPES, RefusedMessage, steering_rep
 from adk_ros.signals.frames import LeverArm, rotation, shift_velocity
 
 MAX_SPEED = 150.0
-"""m/s; faster than any road vehicle: such a value is a fault of the message."""
+"""m/s; a larger velocity is a faulty message: above the top speed of road and race cars."""
 MAX_YAW_RATE = 20.0
-"""rad/s; above it is not a vehicle (a gyro in deg/s stays below and is warned of elsewhere)."""
+"""rad/s; a larger yaw rate is a faulty message: three turns per second."""
 MAX_FORCE = 500.0
-"""m/s^2 of specific force."""
+"""m/s²; a larger specific force is a faulty message: beyond the range of automotive IMUs."""
+_MAX_GYRO_RATE = MAX_YAW_RATE * 57.3
+"""rad/s for the gyro: a gyro in deg/s is accepted, so that `plausibility` can name the fault."""
 
 __all__ = ["Decoder", "RefusedMessage", "SensorConfig"]
 
@@ -33,13 +35,15 @@ __all__ = ["Decoder", "RefusedMessage", "SensorConfig"]
 @dataclass(frozen=True)
 class SensorConfig:
     """
-    How this vehicle's messages are to be read.
+    How to read the messages of a vehicle.
 
     Lengths in m, angles in rad. `reference_point` is the centre of gravity (x, y) in odometry's
     child frame (`base_link`), `imu_position` the IMU (x, y) in the same frame, `imu_rotation` its
-    roll, pitch, yaw. `steering_ratio` is hand-wheel angle over road-wheel angle: 1 where the
-    steer joint is the road wheel. `mass` (kg) and `wheel_radius` (m) are needed by commands
-    that carry an acceleration instead of a torque.
+    roll, pitch, yaw. `steering_ratio` is the angle of the steer joint divided by the road-wheel
+    angle: 1 if the joint is the road wheel. `mass` (kg) and `wheel_radius` (m) are required if
+    the command is an acceleration instead of a torque.
+
+    :raises UsageError: a value is not usable, or values contradict each other.
     """
 
     command_type: str = "joint_state"
@@ -67,9 +71,9 @@ class SensorConfig:
             self.wheel_radius,
         )
         if not all(math.isfinite(value) for value in numbers):
-            raise UsageError("sensor configuration holds a value that is not finite")
+            raise UsageError("the sensor configuration has a value that is not finite")
         if not self.drive_joints:
-            raise UsageError("drive_joints is empty: name the joints whose efforts drive the car")
+            raise UsageError("drive_joints is empty: name the joints that drive the vehicle")
         if len(set(self.drive_joints)) < len(self.drive_joints):
             raise UsageError("drive_joints names a joint twice: its effort would count double")
         if self.steering_ratio == 0.0:
@@ -84,10 +88,10 @@ class SensorConfig:
 
 class Decoder:
     """
-    Decodes messages of the streams; counts what it refuses, by stream and reason.
+    Decodes the messages of all streams; counts refused messages by stream and reason.
 
-    `refused` maps (source, reason) to how often. An instance keeps the gyro's last value for the
-    IMU's lever arm, so each stream of messages needs its own.
+    `refused` maps (source, reason) to the number of messages. The lever-arm compensation of the
+    IMU keeps the previous gyro value, so each sequence of messages needs its own instance.
     """
 
     def __init__(self, config: SensorConfig | None = None) -> None:
@@ -102,22 +106,22 @@ class Decoder:
         )
         position, reference = self.config.imu_position, self.config.reference_point
         self._arm = LeverArm(position[0] - reference[0], position[1] - reference[1])
-        # Asked once: these are on the way of every message.
-        self._off_centre, self._shifted = position != reference, any(reference)
-        self._turned = any(self.config.imu_rotation)
+        # Evaluated once, since every message needs them.
+        self._has_lever_arm, self._is_shifted = position != reference, any(reference)
+        self._is_rotated = any(self.config.imu_rotation)
         self._rotation = rotation(*self.config.imu_rotation)
 
     def decode(self, source: Source, msg: Any) -> Reading:
         """
         Return the reading in `msg`.
 
-        :raises Refused: it cannot be used; the reason is counted in `refused` as well.
+        :raises RefusedMessage: it cannot be used; the reason is also counted in `refused`.
         """
         try:
             try:
                 stamp = msg.header.stamp
             except AttributeError:
-                # Autoware's have no header.
+                # Autoware messages have no header.
                 stamp = msg.stamp
             stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
             if stamp_ns <= 0:
@@ -133,25 +137,25 @@ class Decoder:
         return Reading(source, stamp_ns, values)
 
     def reset(self) -> None:
-        """Forget the past of the signals, after a jump of the clock."""
+        """Discard the previous gyro value, after a clock jump."""
         self._arm.reset()
 
     def _imu(self, stamp_ns: int, msg: Any) -> tuple[float, float, float]:
         force, rate = msg.linear_acceleration, msg.angular_velocity
         a_x, a_y, yaw_rate = float(force.x), float(force.y), float(rate.z)
-        if self._turned:
+        if self._is_rotated:
             a_x, a_y, _ = (self._rotation @ (a_x, a_y, float(force.z))).tolist()
             yaw_rate = float(self._rotation[2] @ (float(rate.x), float(rate.y), yaw_rate))
-        # REP-145: a first covariance element of -1 says that the field is not reported.
+        # REP-145: a first covariance element of -1 marks a field that is not reported.
         if msg.angular_velocity_covariance[0] == -1.0:
             raise RefusedMessage("the IMU reports no angular velocity")
-        if not abs(yaw_rate) <= MAX_YAW_RATE * 57.3:
-            raise RefusedMessage("yaw rate is not finite or absurd")
+        if not abs(yaw_rate) <= _MAX_GYRO_RATE:
+            raise RefusedMessage(f"yaw rate is not finite or above {_MAX_GYRO_RATE:g} rad/s")
         if msg.linear_acceleration_covariance[0] == -1.0:
             return math.nan, math.nan, yaw_rate
         if not (abs(a_x) <= MAX_FORCE and abs(a_y) <= MAX_FORCE):
-            raise RefusedMessage("acceleration is not finite or absurd")
-        if self._off_centre:
+            raise RefusedMessage(f"acceleration is not finite or above {MAX_FORCE:g} m/s²")
+        if self._has_lever_arm:
             a_x, a_y = self._arm.compensate(stamp_ns, a_x, a_y, yaw_rate)
         return a_x, a_y, yaw_rate
 
@@ -159,9 +163,9 @@ class Decoder:
         twist = msg.twist.twist
         v_x, v_y, yaw_rate = float(twist.linear.x), float(twist.linear.y), float(twist.angular.z)
         if not (abs(v_x) <= MAX_SPEED and abs(v_y) <= MAX_SPEED):
-            raise RefusedMessage("velocity is not finite or absurd")
+            raise RefusedMessage(f"velocity is not finite or above {MAX_SPEED:g} m/s")
         if not abs(yaw_rate) <= MAX_YAW_RATE:
-            raise RefusedMessage("yaw rate is not finite or absurd")
-        if self._shifted:
+            raise RefusedMessage(f"yaw rate is not finite or above {MAX_YAW_RATE:g} rad/s")
+        if self._is_shifted:
             v_x, v_y = shift_velocity(v_x, v_y, yaw_rate, *self.config.reference_point)
         return v_x, v_y, yaw_rate

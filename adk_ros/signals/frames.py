@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-From where a sensor sits to the vehicle's reference point, and from hand wheel to road wheel.
+Transform velocities and specific forces from a sensor's position to the reference point.
 
-Axes are REP-103 (x forward, y left, z up), frames REP-105. The plane rigid-body relations used are
-v_P = v_O + w x r and a_P = a_O + dw/dt x r - w^2 r for a point P at r from O.
+Axes are REP-103 (x forward, y left, z up), frames REP-105. Planar rigid-body relations for a
+point P at r from O: v_P = v_O + w x r and a_P = a_O + dw/dt x r - w^2 r.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ import numpy as np
 from adk_ros.numerics.arrays import FloatArray
 
 _RATE_FILTER_S = 0.05
+"""s; time constant of the low-pass on the angular acceleration: two samples of the grid."""
 _MAX_GAP_S = 0.2
+"""s between two gyro values above which no angular acceleration is computed: an IMU below 5 Hz."""
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> FloatArray:
@@ -36,16 +38,16 @@ def rotation(roll: float, pitch: float, yaw: float) -> FloatArray:
 def shift_velocity(
     v_x: float, v_y: float, yaw_rate: float, x: float, y: float
 ) -> tuple[float, float]:
-    """Velocity (m/s) of the point at (x, y) metres from where (v_x, v_y) is known."""
+    """Return the velocity (m/s) of the point at (x, y) m from the point with (v_x, v_y)."""
     return v_x - yaw_rate * y, v_y + yaw_rate * x
 
 
 class LeverArm:
     """
-    Moves specific force from an IMU at (x, y) metres off the reference point to the point itself.
+    Transforms specific force from an IMU at (x, y) m from the reference point to that point.
 
-    a_ref = a_imu - dw/dt x r + w^2 r. The angular acceleration is the gyro's difference quotient
-    behind a first-order filter of 50 ms: it is the only part that needs the past.
+    a_ref = a_imu - dw/dt x r + w^2 r. The angular acceleration is the difference quotient of the
+    gyro, passed through a first-order low-pass of 50 ms; only this part has memory.
     """
 
     def __init__(self, x: float, y: float) -> None:
@@ -63,13 +65,13 @@ class LeverArm:
             return a_x, a_y
         elapsed_s = math.inf if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
         if abs(elapsed_s) > _MAX_GAP_S:
-            # The first, or of another time: a stray stamp must not outlive itself.
+            # The first value, or one with an implausible stamp: its effect must not persist.
             self._yaw_acceleration = 0.0
             self._stamp_ns, self._yaw_rate = stamp_ns, yaw_rate
         elif elapsed_s > 0.0:
             raw = (yaw_rate - self._yaw_rate) / elapsed_s
-            share = elapsed_s / (elapsed_s + _RATE_FILTER_S)
-            self._yaw_acceleration += share * (raw - self._yaw_acceleration)
+            gain = elapsed_s / (elapsed_s + _RATE_FILTER_S)
+            self._yaw_acceleration += gain * (raw - self._yaw_acceleration)
             self._stamp_ns, self._yaw_rate = stamp_ns, yaw_rate
         squared = yaw_rate * yaw_rate
         return (
@@ -78,6 +80,6 @@ class LeverArm:
         )
 
     def reset(self) -> None:
-        """Forget the gyro's past, after a jump of the clock."""
+        """Discard the previous gyro value, after a clock jump."""
         self._stamp_ns = None
         self._yaw_acceleration = 0.0

@@ -1,12 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Do the streams agree with each other? Finds units and signs given by mistake.
+Consistency checks between streams: find wrong units and signs.
 
-Two relations hold for any car on any road, whatever its model: the gyro shows the odometry's yaw
-rate, and in a bend the lateral specific force is about v_x times yaw rate. The slope of each,
-by exponentially forgotten least squares, should be 1. Degrees make it 57.3, g instead of m/s^2
-0.102, a flipped axis negative.
+Two relations hold for any car on any road: the gyro measures the odometry's yaw rate, and in a
+bend the lateral specific force is about v_x times yaw rate. The slope of each, by least squares
+with exponential forgetting, should be 1. A gyro in deg/s gives 57.3, an accelerometer in g
+0.102, a flipped axis a negative slope.
 """
 
 from __future__ import annotations
@@ -18,14 +18,27 @@ from adk_ros.numerics.constants import GRAVITY
 from adk_ros.signals.channels import Flag, Reading, Sample, Source
 
 _FORGETTING = 0.9995
-_ENOUGH_YAW = 0.5
-_ENOUGH_FORCE = 200.0
+"""Forgetting factor per sample: a memory of 2000 samples, 50 s."""
+_MIN_YAW_INFORMATION = 0.5
+"""(rad/s)²; weighted sum of squared yaw rates that a warning requires: 50 times 0.1 rad/s."""
+_MIN_FORCE_INFORMATION = 200.0
+"""(m/s²)²; weighted sum of squared v_x times yaw rate that a warning requires: 50 times 2 m/s²."""
+_MIN_CORRELATION = 0.8
+"""Correlation that a warning requires: below, noise or other effects dominate."""
+_DEGREES_SLOPE = 20.0
+"""Slope above which the gyro is reported in deg/s: between 1 and 57.3."""
+_FLIPPED_SLOPE = -0.3
+"""Slope below which an axis is reported as flipped: between 0 and -1."""
+_G_SLOPE_RANGE = (0.05, 0.2)
+"""Slopes for which the accelerometer is reported in g: a factor of two around 0.102."""
+_MIN_SPEED = 3.0
+"""m/s above which the lateral force is compared: below, side slip dominates it."""
 _ODOMETRY = Source.ODOMETRY
 _UNRELIABLE = int(Flag.NO_IMU | Flag.IMU_STALE | Flag.COASTING | Flag.FROZEN)
 
 
 class _Slope:
-    """Slope of y on x through the origin, and how well they go together."""
+    """Regression of y on x through the origin: slope and correlation."""
 
     def __init__(self) -> None:
         self.xx = self.xy = self.yy = 0.0
@@ -45,24 +58,24 @@ class _Slope:
 
 
 class Plausibility:
-    """Collects samples; `warnings()` says what looks like a mistake, in words for a person."""
+    """Collects samples; `warnings()` describes inconsistent units and signs."""
 
     def __init__(self) -> None:
         self.reset()
 
     def see(self, reading: Reading) -> None:
-        """Take note of a reading on its way to the aligner."""
+        """Record the yaw rate of an odometry reading that goes to the aligner."""
         if reading.source is _ODOMETRY:
             self._odometry_yaw_rate = reading.values[2]
 
     def watch(self, readings: Iterable[Reading]) -> Iterator[Reading]:
-        """Pass readings on, having seen them."""
+        """Yield the readings unchanged after `see` has recorded them."""
         for reading in readings:
             self.see(reading)
             yield reading
 
     def add(self, sample: Sample) -> None:
-        """Compare a sample with the yaw rate that odometry reported last."""
+        """Compare a sample with the latest yaw rate from odometry."""
         odometry_yaw_rate = self._odometry_yaw_rate
         if sample.flags & _UNRELIABLE:
             return
@@ -71,31 +84,31 @@ class Plausibility:
             return
         if math.isfinite(gyro):
             self._yaw.add(odometry_yaw_rate, gyro)
-        if math.isfinite(a_y) and abs(v_x) > 3.0:
+        if math.isfinite(a_y) and abs(v_x) > _MIN_SPEED:
             self._force.add(v_x * odometry_yaw_rate, a_y)
 
     def warnings(self) -> list[str]:
-        """What looks wrong, one line each; empty while there is too little to tell."""
+        """Return one line per inconsistency; empty until there is enough data."""
         found = []
         yaw, force = self._yaw, self._force
-        if yaw.xx > _ENOUGH_YAW and abs(yaw.correlation) > 0.8:
-            if yaw.value > 20.0:
+        if yaw.xx > _MIN_YAW_INFORMATION and abs(yaw.correlation) > _MIN_CORRELATION:
+            if yaw.value > _DEGREES_SLOPE:
                 found.append(
                     f"the IMU's yaw rate is {yaw.value:.0f} times odometry's: it looks like "
                     "deg/s, the topic must carry rad/s"
                 )
-            elif yaw.value < -0.3:
+            elif yaw.value < _FLIPPED_SLOPE:
                 found.append(
                     "the IMU's yaw rate has the opposite sign of odometry's: check imu_rotation "
                     "(z must point up)"
                 )
-        if force.xx > _ENOUGH_FORCE and abs(force.correlation) > 0.8:
-            if 0.05 < force.value < 0.2:
+        if force.xx > _MIN_FORCE_INFORMATION and abs(force.correlation) > _MIN_CORRELATION:
+            if _G_SLOPE_RANGE[0] < force.value < _G_SLOPE_RANGE[1]:
                 found.append(
                     f"the IMU's lateral acceleration is {force.value:.3f} of v_x times yaw rate: "
-                    f"it looks like g, the topic must carry m/s^2 (1 g = {GRAVITY})"
+                    f"it looks like g, the topic must carry m/s² (1 g = {GRAVITY} m/s²)"
                 )
-            elif force.value < -0.3:
+            elif force.value < _FLIPPED_SLOPE:
                 found.append(
                     "the IMU's lateral acceleration points out of the bend: check imu_rotation "
                     "(y must point left)"
@@ -103,7 +116,7 @@ class Plausibility:
         return found
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Discard all data."""
         self._yaw = _Slope()
         self._force = _Slope()
         self._odometry_yaw_rate = math.nan

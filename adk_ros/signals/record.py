@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A whole drive: the aligner's samples in arrays, beside the measurement with hindsight.
+Build a `Record`: the aligner's samples as arrays, and a non-causal reference measurement.
 
-The samples are a fold of the very `Aligner.push` that runs on the vehicle. What only hindsight
-knows, the measurement interpolated between the readings on both sides of a tick, is kept apart
-as `x_ref`: it is what predictions are scored against, and nothing that a prediction starts from.
+The samples come from the same `Aligner.push` that runs on the vehicle. The non-causal (two-sided)
+reference measurement `x_ref` uses the readings on both sides of a tick. It is kept separate:
+predictions are scored against it but never start from it.
 """
 
 from __future__ import annotations
@@ -21,11 +21,19 @@ from adk_ros.signals.channels import TICK_NS, Flag, Reading, Record, Sample, Sou
 
 _HALF_TICK_NS = TICK_NS // 2
 _MAX_GAP_NS = 150_000_000
+"""ns; gaps up to this length, or `_MAX_GAP_PERIODS`, are interpolated: six samples."""
 _MAX_GAP_PERIODS = 2.5
+"""Periods of a slow stream up to which gaps are interpolated: one lost message is."""
+_MIN_FILL = 0.8
+"""Share of the expected readings within a tick that a line fit requires."""
+_MIN_SPREAD_S = TICK_NS * 1e-9 / 8.0
+"""s; standard deviation of the readings' times that a line fit requires.
+
+Evenly spaced readings have 0.29 ticks, readings that bunch up at one instant 0."""
 
 
-class _Keeping(Aligner):
-    """An aligner that remembers which readings it believed, by epoch between clock jumps."""
+class _RecordingAligner(Aligner):
+    """An aligner that stores its accepted readings, by epoch between clock jumps."""
 
     def __init__(self) -> None:
         self.epochs: list[list[Reading]] = []
@@ -47,29 +55,30 @@ def build_record(
     watch: Callable[[Sample], None] | None = None,
 ) -> Record:
     """
-    Align a drive's readings (in order of arrival) and return it as a record.
+    Return the record of a recording's readings, which are in order of arrival.
 
-    :param aligner_counts: if given, receives the aligner's counts of what was not used.
-    :param watch: called with each sample as it comes about.
-    :raises DataError: no tick came about: a stream is missing or too short.
+    :param name: name of the recording, for messages.
+    :param aligner_counts: if given, receives the counts of the aligner.
+    :param watch: called with each sample.
+    :raises DataError: no sample: a stream is missing, or the recording is too short.
     """
-    aligner = _Keeping()
+    aligner = _RecordingAligner()
     samples: list[Sample] = []
     epoch_of: list[int] = []
     for reading in readings:
-        fresh = aligner.push(reading)
-        samples.extend(fresh)
+        new = aligner.push(reading)
+        samples.extend(new)
         if watch is not None:
-            for sample in fresh:
+            for sample in new:
                 watch(sample)
-        epoch_of.extend([len(aligner.epochs) - 1] * len(fresh))
+        epoch_of.extend([len(aligner.epochs) - 1] * len(new))
     if aligner_counts is not None:
         aligner_counts.update(aligner.counts)
     if not samples:
         present = {reading.source for epoch in aligner.epochs for reading in epoch}
         missing = [s.name.lower() for s in (Source.ODOMETRY, Source.COMMAND) if s not in present]
-        what = f"has no usable {' and no '.join(missing)} messages" if missing else "is too short"
-        raise DataError(f"{name or 'the drive'} {what}: no 25 ms sample could be formed")
+        fault = f"has no usable {' and no '.join(missing)} messages" if missing else "is too short"
+        raise DataError(f"{name or 'the recording'} {fault}: no 25 ms sample could be formed")
     return _assemble(samples, np.array(epoch_of), aligner.epochs, name)
 
 
@@ -100,19 +109,19 @@ def _assemble(
 
 def reference(stamp_ns: IntArray, readings: list[Reading]) -> FloatArray:
     """
-    Return (n, 3): v_x, v_y, yaw rate measured at `stamp_ns` (n,), with hindsight.
+    Return the non-causal reference measurement (n, 3) of v_x, v_y, yaw rate at `stamp_ns` (n,).
 
-    A stream at twice the grid's rate or more is smoothed by a line fitted to the half ticks
-    around an instant, a slower one interpolated linearly; NaN where readings are too far apart.
-    Yaw rate is the gyro's where there is one.
+    A stream of at least 80 Hz is smoothed by a line fitted to the readings within half a tick of
+    the instant; a slower one is interpolated linearly. NaN where readings are too far apart. Yaw
+    rate is the gyro's if available.
     """
     odometry = _columns(readings, Source.ODOMETRY)
     imu = _columns(readings, Source.IMU)
     result = np.full((stamp_ns.shape[0], 3), np.nan)
     if odometry is not None:
-        result[:] = _centred(stamp_ns, *odometry)
+        result[:] = _smoothed(stamp_ns, *odometry)
     if imu is not None:
-        gyro = _centred(stamp_ns, imu[0], imu[1][:, 2:3])[:, 0]
+        gyro = _smoothed(stamp_ns, imu[0], imu[1][:, 2:3])[:, 0]
         result[:, 2] = np.where(np.isfinite(gyro), gyro, result[:, 2])
     return result
 
@@ -120,7 +129,7 @@ def reference(stamp_ns: IntArray, readings: list[Reading]) -> FloatArray:
 def _columns(readings: list[Reading], source: Source) -> tuple[IntArray, FloatArray] | None:
     chosen = [r for r in readings if r.source is source]
     stamps = np.array([r.stamp_ns for r in chosen], dtype=np.int64)
-    # Of duplicates the first, as the aligner does.
+    # Of duplicates the first is kept, as in the aligner.
     unique, index = np.unique(stamps, return_index=True)
     if unique.shape[0] < 2:
         return None
@@ -128,15 +137,15 @@ def _columns(readings: list[Reading], source: Source) -> tuple[IntArray, FloatAr
     return unique, values[index]
 
 
-def _centred(at_ns: IntArray, stamps: IntArray, values: FloatArray) -> FloatArray:
+def _smoothed(at_ns: IntArray, stamps: IntArray, values: FloatArray) -> FloatArray:
     period = float(np.median(np.diff(stamps)))
     linear = _interpolated(at_ns, stamps, values, max(_MAX_GAP_NS, _MAX_GAP_PERIODS * period))
     if period > TICK_NS / 2:
         return linear
     first = np.searchsorted(stamps, at_ns - _HALF_TICK_NS, side="right")
     count = np.searchsorted(stamps, at_ns + _HALF_TICK_NS, side="right") - first
-    # The line's value at the instant, not the mean: that would be off by where the readings'
-    # middle happens to lie, up to half their period, times the signal's slope.
+    # The value of the line at the instant, not the mean: the mean is biased by the slope times the
+    # offset of the readings' centre, which is up to half their period.
     sum_t, sum_tt = np.zeros((2, at_ns.shape[0]))
     sum_y, sum_ty = np.zeros((2, at_ns.shape[0], values.shape[1]))
     for k in range(int(count.max(initial=0))):
@@ -153,11 +162,11 @@ def _centred(at_ns: IntArray, stamps: IntArray, values: FloatArray) -> FloatArra
         spread = sum_tt - count * mean_t**2
         slope = (sum_ty - mean_t[:, None] * sum_y) / spread[:, None]
         fitted = sum_y / count[:, None] - slope * mean_t[:, None]
-    # Readings bunched together tell no slope.
-    full: BoolArray = (count >= max(2, int(0.8 * TICK_NS / period))) & (
-        spread > count * (TICK_NS * 1e-9 / 8.0) ** 2
+    # Readings that bunch up at one instant determine no slope.
+    fittable: BoolArray = (count >= max(2, int(_MIN_FILL * TICK_NS / period))) & (
+        spread > count * _MIN_SPREAD_S**2
     )
-    return np.where(full[:, None], fitted, linear)
+    return np.where(fittable[:, None], fitted, linear)
 
 
 def _interpolated(
@@ -166,8 +175,8 @@ def _interpolated(
     right = np.clip(np.searchsorted(stamps, at_ns, side="left"), 1, stamps.shape[0] - 1)
     left = right - 1
     gap = (stamps[right] - stamps[left]).astype(np.float64)
-    share = (at_ns - stamps[left]) / gap
-    result = values[left] + share[:, None] * (values[right] - values[left])
-    outside = (share < 0.0) | (share > 1.0) | (gap > max_gap_ns)
+    fraction = (at_ns - stamps[left]) / gap
+    result = values[left] + fraction[:, None] * (values[right] - values[left])
+    outside = (fraction < 0.0) | (fraction > 1.0) | (gap > max_gap_ns)
     result[outside] = np.nan
     return result

@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How good is a prediction: errors by horizon, and what anyone could have predicted without a model.
+Prediction errors by horizon, and model-free baselines.
 
-All predictors start from the same causal samples `x` and are scored against the same measurement
-with hindsight `x_ref`. An error one step ahead is an innovation: the prediction was made before
-the sample was known.
+All predictors start from the same causal samples `x` and are scored against the same non-causal
+reference measurement `x_ref`. A one-step error is an innovation: the prediction was made before
+the sample was used.
 """
 
 from __future__ import annotations
@@ -21,11 +21,15 @@ from adk_ros.signals.channels import TICK_NS, Record
 
 TICK_S = TICK_NS * 1e-9
 HORIZON_STEPS = (1, 10, 20, 40, 80)
-"""One step, and 0.25, 0.5, 1 and 2 s."""
+"""Scored horizons, steps of 25 ms: 25 ms, 0.25, 0.5, 1 and 2 s."""
 DIVERGED = 1e3
-"""A prediction further off than this (m/s or rad/s) has diverged and counts as just this far."""
+"""m/s or rad/s; larger errors count as diverged, and as exactly this error in the RMSE."""
 REPORT_SCALE = np.array([3.6, 3.6, 180.0 / math.pi])
-"""From m/s, m/s, rad/s to the km/h, km/h, deg/s of reports."""
+"""Factors from m/s, m/s, rad/s to the km/h, km/h, deg/s of reports."""
+DISPLAY_NAMES = {"straight line": "constant acceleration"}
+"""Names in printed tables of the predictors whose name in JSON files differs."""
+MAD_TO_SIGMA = 0.6745
+"""Median of the absolute value of a standard normal variable."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,7 @@ class ErrorTable:
     """
     Errors of one predictor: `rmse` and `worst` (steps, 3) in SI units, over `count` starts.
 
-    `diverged` counts the starts whose prediction was not finite or further off than `DIVERGED`.
+    `diverged` counts the starts with a prediction that is not finite or off by over `DIVERGED`.
     """
 
     steps: tuple[int, ...]
@@ -45,10 +49,10 @@ class ErrorTable:
 
 def scorable_rows(record: Record, history: int, ahead: int, stride: int = 1) -> IntArray:
     """
-    Rows from which all predictors can be scored.
+    Return the rows from which all predictors can be scored.
 
-    `history` samples before and `ahead` after must lie in the same episode, the row itself and its
-    history be learnable, and the measurements ahead known.
+    The `history` samples before and the `ahead` samples after a row are in the same episode, the
+    row and its history are learnable, and the later measurements are known.
     """
     n = len(record)
     good = record.learnable & np.isfinite(record.x).all(axis=1)
@@ -66,28 +70,31 @@ def scorable_rows(record: Record, history: int, ahead: int, stride: int = 1) -> 
 
 
 def persistence(record: Record, rows: IntArray, ahead: int) -> FloatArray:
-    """The state stays: x_(k+j) = x_k. Shape (n, ahead, 3)."""
+    """Return the baseline of no change, x_(k+j) = x_k, shape (n, ahead, 3)."""
     return np.repeat(record.x[rows][:, None, :], ahead, axis=1)
 
 
 def linear_extrapolation(record: Record, rows: IntArray, ahead: int) -> FloatArray:
-    """The last change goes on: x_(k+j) = x_k + j (x_k - x_(k-1)). Shape (n, ahead, 3)."""
+    """Return the baseline of constant acceleration, shape (n, ahead, 3).
+
+    x_(k+j) = x_k + j (x_k - x_(k-1)).
+    """
     slope = record.x[rows] - record.x[rows - 1]
     return record.x[rows][:, None, :] + np.arange(1, ahead + 1)[None, :, None] * slope[:, None, :]
 
 
 def imu_integration(record: Record, rows: IntArray, ahead: int) -> FloatArray:
     """
-    The specific force stays: dv_x = (a_x + r v_y) dt, dv_y = (a_y - r v_x) dt, r held.
+    Return the baseline of constant specific force and yaw rate r, shape (n, ahead, 3).
 
-    Shape (n, ahead, 3). The pair is linear with constant coefficients, so each step is its exact
-    solution (a turn by -r dt), not an Euler step. NaN where there is no IMU.
+    dv_x = (a_x + r v_y) dt, dv_y = (a_y - r v_x) dt. The system is linear with constant
+    coefficients, so each step is its exact solution (a rotation by -r dt). NaN without an IMU.
     """
     v_x, v_y, rate = (record.x[rows, i].copy() for i in range(3))
     a_x, a_y = record.a[rows, 0], record.a[rows, 1]
     angle = rate * TICK_S
     cos, sin = np.cos(angle), np.sin(angle)
-    # Integrals of cos and sin over the step; their limits where the vehicle does not turn.
+    # Integrals of cos and sin over the step, with their limits for zero yaw rate.
     safe = np.where(np.abs(angle) < 1e-9, 1.0, angle)
     into = np.where(np.abs(angle) < 1e-9, 1.0, np.sin(safe) / safe) * TICK_S
     across = np.where(np.abs(angle) < 1e-9, 0.0, (1.0 - np.cos(safe)) / safe) * TICK_S
@@ -102,7 +109,7 @@ def imu_integration(record: Record, rows: IntArray, ahead: int) -> FloatArray:
 
 
 def naive_predictions(record: Record, rows: IntArray, ahead: int) -> dict[str, FloatArray]:
-    """All predictors without a model that this record allows, by name."""
+    """Return the predictions of each model-free baseline that the record allows, by name."""
     result = {
         "persistence": persistence(record, rows, ahead),
         "straight line": linear_extrapolation(record, rows, ahead),
@@ -118,25 +125,28 @@ def score(
     predicted: FloatArray,
     steps: tuple[int, ...] = HORIZON_STEPS,
 ) -> ErrorTable:
-    """Score `predicted` (n, ahead, 3), made at `rows` (n,), against the measurement."""
+    """Return the errors of `predicted` (n, ahead, 3), made at `rows` (n,), against `x_ref`."""
     index = np.array(steps)
     error = predicted[:, index - 1, :] - record.x_ref[rows[:, None] + index[None, :]]
-    lost = ~np.isfinite(error) | (np.abs(error) > DIVERGED)
-    error = np.where(lost, DIVERGED, error)
+    diverged = ~np.isfinite(error) | (np.abs(error) > DIVERGED)
+    error = np.where(diverged, DIVERGED, error)
     return ErrorTable(
         steps=steps,
         rmse=np.sqrt(np.mean(error**2, axis=0)),
         worst=np.abs(error).max(axis=0),
         count=int(rows.shape[0]),
-        diverged=int(lost.any(axis=(1, 2)).sum()),
+        diverged=int(diverged.any(axis=(1, 2)).sum()),
     )
 
 
 def pool(scores: Sequence[ErrorTable]) -> ErrorTable:
-    """One score over all starts of several, of the same steps; empty ones are left out."""
+    """Return one table over all starts of several tables with equal steps; empty ones are skipped.
+
+    :raises ValueError: all tables are empty.
+    """
     used = [item for item in scores if item.count]
     if not used:
-        raise ValueError("nothing was scored")
+        raise ValueError("no table has a scored start")
     weights = np.array([item.count for item in used], dtype=np.float64)
     squares = np.array([item.rmse**2 for item in used])
     return ErrorTable(
@@ -150,28 +160,28 @@ def pool(scores: Sequence[ErrorTable]) -> ErrorTable:
 
 def noise_floor(record: Record) -> FloatArray:
     """
-    Deviation (3,) of the white noise in `x_ref`, SI.
+    Return the standard deviation (3,) of the white noise in `x_ref`, SI units.
 
-    A predictor cannot come closer to a noisy measurement than this.
+    It is a lower bound of the RMSE of every predictor against a noisy measurement.
     """
     return white_noise(record.x_ref)
 
 
 def white_noise(values: FloatArray) -> FloatArray:
     """
-    Deviation (k,) of the white noise on evenly sampled signals (n, k); NaN if too few.
+    Return the standard deviation (k,) of the white noise in evenly sampled signals (n, k).
 
-    From third differences, in which a smooth signal is gone and white noise is sqrt(20) times as
-    large; rows that are not finite are left out.
+    Estimated from third differences, which suppress smooth signals and amplify white noise by
+    sqrt(20). Rows that are not finite are skipped; NaN if fewer than ten remain.
     """
     third = np.diff(values, n=3, axis=0)
     third = third[np.isfinite(third).all(axis=1)]
     if third.shape[0] < 10:
         return np.full(values.shape[1], np.nan)
-    # The median, so that a few real jerks do not pass for noise.
-    return np.asarray(np.median(np.abs(third), axis=0) / 0.6745 / math.sqrt(20.0))
+    # The median is robust against a few real jerks.
+    return np.asarray(np.median(np.abs(third), axis=0) / MAD_TO_SIGMA / math.sqrt(20.0))
 
 
 def best_naive(scores: Mapping[str, ErrorTable]) -> FloatArray:
-    """Smallest RMSE of any of the given scores, cell by cell, shape (steps, 3)."""
+    """Return the smallest RMSE of the given tables for each (step, channel), shape (steps, 3)."""
     return np.asarray(np.min([item.rmse for item in scores.values()], axis=0))

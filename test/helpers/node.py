@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the node's tests share: a model, a bag, a rig without ROS, and the node as a process."""
+"""Helpers for node tests: a model, a bag, a rig without ROS topics, the node as a process."""
 
 import io
 import os
@@ -43,19 +43,19 @@ START_NS = 1_760_000_000_012_345_678
 
 
 class Perceptron(torch.nn.Module):
-    """An encoder of the form that has a compiled twin, with random weights."""
+    """An encoder whose architecture has a compiled counterpart, with random weights."""
 
     def __init__(self, n_in: int, hidden: int, n_out: int) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(0)
 
-        def some(*shape: int) -> torch.nn.Parameter:
+        def random_parameter(*shape: int) -> torch.nn.Parameter:
             return torch.nn.Parameter(torch.randn(*shape, generator=generator) * 0.2)
 
-        self.w1, self.b1 = some(n_in, hidden), some(hidden)
-        self.w2, self.b2 = some(hidden, hidden), some(hidden)
-        self.w3, self.b3 = some(hidden, n_out), some(n_out)
-        self.skip = some(n_in, n_out)
+        self.w1, self.b1 = random_parameter(n_in, hidden), random_parameter(hidden)
+        self.w2, self.b2 = random_parameter(hidden, hidden), random_parameter(hidden)
+        self.w3, self.b3 = random_parameter(hidden, n_out), random_parameter(n_out)
+        self.skip = random_parameter(n_in, n_out)
 
     def forward(self, row: torch.Tensor) -> torch.Tensor:
         first = torch.tanh(torch.addmm(self.b1, row, self.w1))
@@ -64,7 +64,7 @@ class Perceptron(torch.nn.Module):
 
 
 def write_model(folder: Path, uses_imu: bool = True) -> Path:
-    """Write a model that predicts little of use, but is stable and complete."""
+    """Write a model with random weights that is stable and complete."""
     history, n_features = 4, 6
     n_in = input_size(history)
     buffer = io.BytesIO()
@@ -93,7 +93,7 @@ def write_model(folder: Path, uses_imu: bool = True) -> Path:
 def readings(
     duration_s: float, rates: Rates | None = None, start_ns: int = START_NS, seed: int = 0
 ) -> Iterator[Reading]:
-    """Yield what the sensors of a slalom say, in order of time."""
+    """Yield the readings of a slalom, in order of time."""
     noise = random.Random(seed)
     for due in schedule(rates or Rates(), duration_s):
         time_s = due.offset_ns * 1e-9
@@ -101,7 +101,7 @@ def readings(
 
 
 def write_bag(path: Path, duration_s: float = 10.0, rates: Rates | None = None) -> Path:
-    """Write what `readings` yields, logged 2 ms after each stamp."""
+    """Write the readings of a slalom as a bag, logged 2 ms after each stamp."""
     kinds = {
         "/imu/data": "sensor_msgs/msg/Imu",
         "/odometry": "nav_msgs/msg/Odometry",
@@ -129,18 +129,18 @@ def write_bag(path: Path, duration_s: float = 10.0, rates: Rates | None = None) 
                     "effort": [values[0], 0.0],
                     "position": [0.0, values[1]],
                 }
-            made = bag_message(kinds[topic], header=header, **fields)
-            writer.write(topic, made, reading.stamp_ns + 2_000_000)
+            msg = bag_message(kinds[topic], header=header, **fields)
+            writer.write(topic, msg, reading.stamp_ns + 2_000_000)
     return path
 
 
 Change = Callable[[Source, Any], Any]
-"""Gets a message that is due; returns it, another, a list of messages, or None."""
+"""Maps a message to itself, another message, a list of messages, or None (lost)."""
 
 
 @dataclass
 class Rig:
-    """Core and diagnostics driven in simulated time: seconds of driving in milliseconds."""
+    """Node core and diagnostics in simulated time: seconds of driving take milliseconds."""
 
     model: KoopmanModel
     settings: PipelineSettings = field(default_factory=PipelineSettings)
@@ -151,11 +151,11 @@ class Rig:
         self.mono_ns = 50_000_000_000
         self.stamp_offset_ns = START_NS - self.mono_ns
         self.published: list[Prediction] = []
-        self.told: list[Exception] = []
+        self.errors: list[Exception] = []
         self.reports: list[DiagnosticReport] = []
         self.pipeline = Pipeline(self.model, self.settings)
         self.core = Core(
-            self.pipeline, self.published.append, self.told.append, lambda: self.mono_ns
+            self.pipeline, self.published.append, self.errors.append, lambda: self.mono_ns
         )
         self.diagnostics = Diagnostics(
             self.pipeline,
@@ -174,9 +174,9 @@ class Rig:
     def drive(
         self, duration_s: float, change: Change | None = None, watch: bool = True
     ) -> list[DiagnosticReport]:
-        """Drive for so long; return the reports made on the way, one a second."""
+        """Drive for `duration_s`; return the reports, one per second."""
         begin_ns = self.mono_ns
-        made = len(self.reports)
+        earlier = len(self.reports)
         events: list[tuple[int, int, Source | None]] = [
             (due.offset_ns, 0, due.source) for due in schedule(self.rates, duration_s)
         ]
@@ -194,19 +194,19 @@ class Rig:
                 assert source is not None
                 self._deliver(source, change)
         self.mono_ns = begin_ns + end_ns
-        return self.reports[made:]
+        return self.reports[earlier:]
 
     def _deliver(self, source: Source, change: Change | None) -> None:
         time_s = (self.mono_ns - 50_000_000_000) * 1e-9
         reading = Reading(source, self.stamp_ns, motion(source, time_s, self.noise))
-        made = message(reading)
-        changed = made if change is None else change(source, made)
+        original = message(reading)
+        changed = original if change is None else change(source, original)
         for msg in changed if isinstance(changed, list) else [changed]:
             if msg is not None:
                 self.core.on_message(source, msg)
 
     def report(self) -> DiagnosticReport:
-        """Make a report now."""
+        """Append a report and return it."""
         wanted, running = self.sim_time
         ros_ns = self.stamp_ns if running else 0
         self.reports.append(self.diagnostics.report(Clocks(self.mono_ns * 1e-9, ros_ns, wanted)))
@@ -222,7 +222,7 @@ class Rig:
 
 
 def run_python(code: str, *arguments: str) -> subprocess.Popen[str]:
-    """Start Python code in a process of its own."""
+    """Start Python code in a separate process."""
     return subprocess.Popen(
         [sys.executable, "-c", code, *arguments],
         stdout=subprocess.PIPE,
@@ -232,7 +232,7 @@ def run_python(code: str, *arguments: str) -> subprocess.Popen[str]:
 
 
 class NodeProcess:
-    """The node's executable, started with parameters."""
+    """The node's executable, started with the given parameters."""
 
     def __init__(self, *arguments: str, **parameters: Any) -> None:
         given = [f"-p{name}:={value}" for name, value in parameters.items()]
@@ -245,7 +245,7 @@ class NodeProcess:
         )
 
     def end(self, number: int = signal.SIGINT) -> tuple[int, float]:
-        """Send a signal; return the exit code and the seconds it took."""
+        """Send a signal; return the exit code and the seconds until the end."""
         begin_s = time.monotonic()
         self.process.send_signal(number)
         code = self.process.wait(10.0)
@@ -254,7 +254,7 @@ class NodeProcess:
 
 @contextmanager
 def running_node(*arguments: str, **parameters: Any) -> Iterator[NodeProcess]:
-    """A node that is gone at the end, whatever happens."""
+    """Run a node process; it is killed at the end in any case."""
     node = NodeProcess(*arguments, **parameters)
     try:
         yield node
@@ -265,5 +265,5 @@ def running_node(*arguments: str, **parameters: Any) -> Iterator[NodeProcess]:
 
 
 def environment() -> dict[str, str]:
-    """The environment of child processes, as the tests' own."""
+    """Return the environment for child processes."""
     return dict(os.environ)

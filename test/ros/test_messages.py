@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The bytes that go out are the messages that rclpy would have made."""
+"""The serialised bytes equal the messages that rclpy serialises."""
 
 import math
 
@@ -40,17 +40,17 @@ def prediction(steps: int = 80, stamp_ns: int = 1_760_000_000_123_456_789) -> Pr
 
 @pytest.mark.parametrize("frame_id", ["base_link", "", "a", "car/base_link", "ümläut"])
 def test_twist(frame_id: str) -> None:
-    made = TwistBytes(frame_id)
+    buffer = TwistBytes(frame_id)
     for steps in (3, 4):
-        wanted = prediction(steps)
-        message = deserialize_message(made.fill(wanted), TwistWithCovarianceStamped)
+        expected = prediction(steps)
+        message = deserialize_message(buffer.fill(expected), TwistWithCovarianceStamped)
         assert message.header.frame_id == frame_id
-        assert join_stamp(message.header.stamp) == wanted.stamp_ns
+        assert join_stamp(message.header.stamp) == expected.stamp_ns
         twist = message.twist.twist
-        assert (twist.linear.x, twist.linear.y, twist.angular.z) == tuple(wanted.x)
+        assert (twist.linear.x, twist.linear.y, twist.angular.z) == tuple(expected.x)
         assert (twist.linear.z, twist.angular.x, twist.angular.y) == (0.0, 0.0, 0.0)
         flat = message.twist.covariance
-        c = wanted.covariance
+        c = expected.covariance
         assert (flat[0], flat[7], flat[35]) == (c[0, 0], c[1, 1], c[2, 2])
         assert (flat[1], flat[6]) == (c[0, 1], c[1, 0])
         assert (flat[5], flat[30]) == (c[0, 2], c[2, 0])
@@ -63,17 +63,17 @@ def test_twist(frame_id: str) -> None:
 @pytest.mark.parametrize("frame_id", ["base_link", "", "abc", "abcd", "abcde"])
 @pytest.mark.parametrize("steps", [1, 2, 3, 80, 400])
 def test_horizon(frame_id: str, steps: int) -> None:
-    made = HorizonBytes(frame_id, steps)
+    buffer = HorizonBytes(frame_id, steps)
     for stamp_ns in (1_760_000_000_000_000_001, 25_000_000):
-        wanted = prediction(steps, stamp_ns)
-        content = made.fill(wanted.origin_ns, wanted.horizon)
+        expected = prediction(steps, stamp_ns)
+        content = buffer.fill(expected.origin_ns, expected.horizon)
         message = deserialize_message(content, MultiDOFJointTrajectory)
         assert message.header.frame_id == frame_id
-        assert join_stamp(message.header.stamp) == wanted.origin_ns
+        assert join_stamp(message.header.stamp) == expected.origin_ns
         assert message.joint_names == ["vehicle"]
         assert len(message.points) == steps
         for number, (point, row) in enumerate(
-            zip(message.points, wanted.horizon, strict=True), start=1
+            zip(message.points, expected.horizon, strict=True), start=1
         ):
             assert len(point.transforms) == len(point.accelerations) == 0
             assert join_stamp(point.time_from_start) == number * 25_000_000
@@ -84,25 +84,25 @@ def test_horizon(frame_id: str, steps: int) -> None:
 
 @pytest.mark.parametrize("steps", [1, 2, 40, 80, 400])
 def test_horizon_covariance(steps: int) -> None:
-    made = CovarianceBytes(steps)
+    buffer = CovarianceBytes(steps)
     for seed in (0, 1):
-        wanted = np.random.default_rng(seed).normal(size=(steps, 3, 3))
-        content = made.fill(wanted)
+        expected = np.random.default_rng(seed).normal(size=(steps, 3, 3))
+        content = buffer.fill(expected)
         message = Float64MultiArray()
         sizes = {"step": (steps, 9 * steps), "row": (3, 9), "column": (3, 3)}
         message.layout.dim = [
             MultiArrayDimension(label=label, size=size, stride=stride)
             for label, (size, stride) in sizes.items()
         ]
-        message.data = wanted.ravel().tolist()
+        message.data = expected.ravel().tolist()
         read = deserialize_message(content, Float64MultiArray)
-        # Byte by byte they may differ where rclpy leaves gaps for the alignment.
+        # The bytes may differ in rclpy's alignment gaps.
         assert read == message
         assert len(content) == len(serialize_message(message))
-        np.testing.assert_array_equal(np.reshape(read.data, (steps, 3, 3)), wanted)
-        # As std_msgs/MultiArrayLayout has it: strides of the rows are those of the dims behind.
+        np.testing.assert_array_equal(np.reshape(read.data, (steps, 3, 3)), expected)
+        # std_msgs/MultiArrayLayout: the stride of an index is that of the following dimensions.
         flat, (_, row, column) = read.data, (dim.stride for dim in read.layout.dim)
-        assert flat[row * (steps - 1) + column * 1 + 2] == wanted[steps - 1, 1, 2]
+        assert flat[row * (steps - 1) + column * 1 + 2] == expected[steps - 1, 1, 2]
 
 
 @pytest.mark.parametrize("stamp_ns", [0, 1, 999_999_999, 10**9, 1_760_000_000_999_999_999])
@@ -112,19 +112,19 @@ def test_stamps_are_exact(stamp_ns: int) -> None:
     assert sec * 10**9 + nanosec == stamp_ns
 
 
-def test_lines_for_people_and_programs() -> None:
-    heard = ReceivedPrediction(
+def test_printed_and_json_lines() -> None:
+    received = ReceivedPrediction(
         stamp_ns=1_760_000_000_025_000_000,
         x=(10.0, -0.5, math.radians(20.0)),
         covariance=np.diag([0.01, 0.04, math.radians(2.0) ** 2]),
         arrival_ns=0,
     )
-    shown = line(heard)
+    shown = line(received)
     assert shown.split() == [
         "1760000000.025", "36.00", "±", "0.36", "-1.80", "±", "0.72", "20.00", "±", "2.00",
     ]  # fmt: skip
     assert len(header()) == len(shown)
-    assert json_line(heard) == (
+    assert json_line(received) == (
         '{"stamp_ns": 1760000000025000000, "v_x": 10.0, "v_y": -0.5, '
         f'"yaw_rate": {math.radians(20.0)}, "covariance": [[0.01, 0.0, 0.0], [0.0, 0.04, 0.0], '
         f"[0.0, 0.0, {math.radians(2.0) ** 2}]]}}"

@@ -1,10 +1,9 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Every fault of the data that the node knows: what it answers, what its diagnostics say, and that
-both are well again when the fault is over.
+Data faults: the node's predictions, its diagnostics, and the recovery after the fault.
 
-The rig drives the node's core in simulated time with real ROS messages; only topics are missing.
+The rig runs the core of the node in simulated time on real ROS messages, without topics.
 """
 
 import copy
@@ -45,8 +44,8 @@ def value(report: DiagnosticReport, key: str) -> float:
     return float(dict(report.values)[key])
 
 
-def is_well(rig: Rig, after_s: float = 3.0) -> None:
-    """After the fault the level recovers, and the grid is predicted without a gap."""
+def assert_recovered(rig: Rig, after_s: float = 3.0) -> None:
+    """After the fault the level returns to OK, and every sample is predicted."""
     rig.drive(after_s)
     published = len(rig.published)
     report = rig.drive(1.0)[-1]
@@ -56,8 +55,8 @@ def is_well(rig: Rig, after_s: float = 3.0) -> None:
     assert rig.all_finite()
 
 
-def spoil(source: Source, field: str, number: float, every: int = 1) -> Callable[..., Any]:
-    """Return a change that writes `number` to a field of each `every`-th message."""
+def corrupted(source: Source, field: str, number: float, every: int = 1) -> Callable[..., Any]:
+    """Return a change that sets a field of every `every`-th message to `number`."""
     seen = [0]
 
     def change(given: Source, msg: Any) -> Any:
@@ -81,41 +80,51 @@ def spoil(source: Source, field: str, number: float, every: int = 1) -> Callable
 @pytest.mark.parametrize(
     ("source", "field", "reason"),
     [
-        (Source.IMU, "angular_velocity.z", "imu refused: yaw rate is not finite"),
-        (Source.IMU, "linear_acceleration.y", "imu refused: acceleration is not finite"),
-        (Source.ODOMETRY, "twist.twist.linear.x", "odometry refused: velocity is not finite"),
-        (Source.ODOMETRY, "twist.twist.angular.z", "odometry refused: yaw rate is not finite"),
-        (Source.COMMAND, "effort.0", "command refused: drive torque is not finite"),
-        (Source.COMMAND, "position.1", "command refused: steering angle is not finite"),
+        (Source.IMU, "angular_velocity.z", "imu messages refused: yaw rate is not finite"),
+        (Source.IMU, "linear_acceleration.y", "imu messages refused: acceleration is not finite"),
+        (
+            Source.ODOMETRY,
+            "twist.twist.linear.x",
+            "odometry messages refused: velocity is not finite",
+        ),
+        (
+            Source.ODOMETRY,
+            "twist.twist.angular.z",
+            "odometry messages refused: yaw rate is not finite",
+        ),
+        (Source.COMMAND, "effort.0", "command messages refused: drive torque is not finite"),
+        (Source.COMMAND, "position.1", "command messages refused: steering angle is not finite"),
     ],
 )
 def test_not_finite(rig: Rig, source: Source, field: str, reason: str, number: float) -> None:
     published = len(rig.published)
-    report = rig.drive(2.0, spoil(source, field, number, every=3))[-1]
+    report = rig.drive(2.0, corrupted(source, field, number, every=3))[-1]
     assert report.level is Level.WARN
     assert reason in report.message
     assert len(rig.published) - published >= 78
-    assert any(key.startswith(reason.replace(" refused", ".refused")) for key, _ in report.values)
-    is_well(rig)
+    assert any(
+        key.startswith(reason.replace(" messages refused", ".refused")) for key, _ in report.values
+    )
+    assert_recovered(rig)
 
 
-def test_nothing_but_nan(rig: Rig) -> None:
-    report = rig.drive(4.0, spoil(Source.ODOMETRY, "twist.twist.linear.x", math.nan))[-1]
+def test_all_odometry_is_nan(rig: Rig) -> None:
+    report = rig.drive(4.0, corrupted(Source.ODOMETRY, "twist.twist.linear.x", math.nan))[-1]
     assert report.level is Level.ERROR
     assert "no predictions" in report.message
-    assert "odometry refused: velocity is not finite" in report.message
-    is_well(rig)
+    assert "odometry messages refused: velocity is not finite" in report.message
+    assert_recovered(rig)
 
 
 @pytest.mark.parametrize("hours", [1, -1, 24 * 365 * 10])
 @pytest.mark.parametrize("source", STANDARD_SOURCES)
-def test_message_from_another_time(rig: Rig, source: Source, hours: int) -> None:
-    """A single one is ignored; the grid does not move."""
-    done: list[bool] = []
+def test_single_implausible_stamp(rig: Rig, source: Source, hours: int) -> None:
+    """A single wrong stamp is ignored; the samples do not shift."""
+    changed: list[bool] = []
 
     def change(given: Source, msg: Any) -> Any:
-        if given is source and not done:
-            done.append(True)
+        if given is source and not changed:
+            changed.append(True)
             stamp_ns = join_stamp(msg.header.stamp) + hours * 3_600_000_000_000
             msg.header.stamp.sec, msg.header.stamp.nanosec = split_stamp(stamp_ns)
         return msg
@@ -123,14 +132,14 @@ def test_message_from_another_time(rig: Rig, source: Source, hours: int) -> None
     published = len(rig.published)
     report = rig.drive(1.0, change)[-1]
     assert report.level is Level.WARN
-    assert "1 stray stamps ignored" in report.message
+    assert "1 implausible time stamps ignored" in report.message
     assert value(report, "stray_stamps") == 1
     assert value(report, "clock_jumps") == 0
     assert 39 <= len(rig.published) - published <= 41
-    is_well(rig, 1.0)
+    assert_recovered(rig, 1.0)
 
 
-def test_no_stamp_at_all(rig: Rig) -> None:
+def test_missing_stamp(rig: Rig) -> None:
     def change(given: Source, msg: Any) -> Any:
         if given is Source.COMMAND:
             msg.header.stamp.sec = msg.header.stamp.nanosec = 0
@@ -138,12 +147,12 @@ def test_no_stamp_at_all(rig: Rig) -> None:
 
     report = rig.drive(1.0, change)[-1]
     assert report.level is Level.WARN
-    assert "command refused: no time stamp" in report.message
-    is_well(rig)
+    assert "command messages refused: no time stamp" in report.message
+    assert_recovered(rig)
 
 
 def test_duplicates(model: KoopmanModel) -> None:
-    """Each message twice changes no prediction."""
+    """Duplicate messages change no prediction."""
     once, twice = Rig(model), Rig(model)
     once.drive(4.0)
     report = twice.drive(4.0, lambda _source, msg: [msg, copy.deepcopy(msg)])[-1]
@@ -154,20 +163,20 @@ def test_duplicates(model: KoopmanModel) -> None:
     for a, b in zip(once.published, twice.published, strict=True):
         assert a.stamp_ns == b.stamp_ns
         np.testing.assert_array_equal(a.horizon, b.horizon)
-    is_well(twice, 1.0)
+    assert_recovered(twice, 1.0)
 
 
 def swapped(source: Source) -> Callable[[Source, Any], Any]:
-    """Return a change that lets each pair of messages of `source` come in the wrong order."""
-    kept: list[Any] = []
+    """Return a change that swaps each pair of messages of `source`."""
+    waiting: list[Any] = []
 
     def change(given: Source, msg: Any) -> Any:
         if given is not source:
             return msg
-        if not kept:
-            kept.append(msg)
+        if not waiting:
+            waiting.append(msg)
             return None
-        return [msg, kept.pop()]
+        return [msg, waiting.pop()]
 
     return change
 
@@ -176,29 +185,29 @@ def test_out_of_order(rig: Rig) -> None:
     report = rig.drive(3.0, swapped(Source.IMU))[-1]
     assert "readings out of order" in report.message
     assert value(report, "out_of_order") >= 290
-    is_well(rig, 1.0)
+    assert_recovered(rig, 1.0)
 
 
 def test_too_late(rig: Rig) -> None:
-    """Odometry 0.3 s behind the others: used for what comes, not for what is gone."""
-    held: list[Any] = []
+    """Odometry 0.3 s late: used for later samples, not for those already published."""
+    delayed: list[Any] = []
 
     def change(given: Source, msg: Any) -> Any:
         if given is not Source.ODOMETRY:
             return msg
-        held.append(msg)
-        return held.pop(0) if len(held) > 15 else None
+        delayed.append(msg)
+        return delayed.pop(0) if len(delayed) > 15 else None
 
     report = rig.drive(4.0, change)[-1]
     assert report.level is Level.WARN
-    assert "readings too late for their tick" in report.message
+    assert "readings too late for their sample" in report.message
     assert value(report, "late") > 50
-    is_well(rig)
+    assert_recovered(rig)
 
 
 @pytest.mark.parametrize("jump_s", [-10.0, -2.0, 5.0, 3600.0])
 def test_clock_jumps(rig: Rig, jump_s: float) -> None:
-    """A bag loops, or time is set: the state starts afresh, and predictions go on."""
+    """A bag loops, or the time is set: the state is reset, and predictions continue."""
     online = rig.pipeline.predictor.online
     rig.stamp_offset_ns += round(jump_s * 1e9)
     restarts = rig.pipeline.restarts
@@ -209,45 +218,45 @@ def test_clock_jumps(rig: Rig, jump_s: float) -> None:
     assert value(report, "clock_jumps") == 1
     assert rig.pipeline.restarts == restarts + 1
     assert abs((rig.published[-1].stamp_ns - before_ns) * 1e-9 - jump_s - 1.0) < 0.1
-    # What was learned before the jump is gone: the window holds no more than came since.
+    # The window contains only samples since the jump.
     assert getattr(online, "_count") <= 40  # noqa: B009
-    is_well(rig, 1.0)
+    assert_recovered(rig, 1.0)
 
 
 def without(*sources: Source) -> Callable[[Source, Any], Any]:
     return lambda given, msg: None if given in sources else msg
 
 
-def test_odometry_silent(rig: Rig) -> None:
+def test_odometry_timeout(rig: Rig) -> None:
     reports = rig.drive(5.0, without(Source.ODOMETRY))
     assert reports[0].level is Level.WARN
     assert "coasting for" in reports[0].message
     assert reports[-1].level is Level.ERROR
-    assert "no predictions: odometry silent for" in reports[-1].message
+    assert "no predictions: odometry timeout (" in reports[-1].message
     assert value(reports[-1], "ticks_odometry_stale") > 150
-    is_well(rig)
+    assert_recovered(rig)
 
 
-def test_command_silent(rig: Rig) -> None:
+def test_command_timeout(rig: Rig) -> None:
     published = len(rig.published)
     report = rig.drive(5.0, without(Source.COMMAND))[-1]
     assert report.level is Level.WARN
-    assert "command silent for" in report.message
-    assert "the last one is held" in report.message
+    assert "command timeout (" in report.message
+    assert "last command is used" in report.message
     assert value(report, "ticks_command_stale") > 150
     assert len(rig.published) - published > 195
-    is_well(rig)
+    assert_recovered(rig)
 
 
-def test_imu_silent(rig: Rig) -> None:
+def test_imu_timeout(rig: Rig) -> None:
     published = len(rig.published)
     report = rig.drive(5.0, without(Source.IMU))[-1]
     assert report.level is Level.WARN
-    assert "IMU silent for" in report.message
+    assert "IMU timeout (" in report.message
     assert "yaw rate from odometry" in report.message
     assert value(report, "ticks_imu_stale") > 150
     assert len(rig.published) - published > 190
-    is_well(rig)
+    assert_recovered(rig)
 
 
 @pytest.mark.parametrize(
@@ -259,39 +268,41 @@ def test_imu_silent(rig: Rig) -> None:
         STANDARD_SOURCES,
     ],
 )
-def test_several_silent(rig: Rig, sources: tuple[Source, ...]) -> None:
+def test_several_timeouts(rig: Rig, sources: tuple[Source, ...]) -> None:
     report = rig.drive(8.0, without(*sources))[-1]
     assert report.level is (Level.ERROR if Source.ODOMETRY in sources else Level.WARN)
     for source in sources:
-        assert f"{source.name.lower()} silent for" in report.message.lower()
-    is_well(rig)
+        assert f"{source.name.lower()} timeout (" in report.message.lower()
+    assert_recovered(rig)
 
 
 @pytest.mark.parametrize(
-    ("missing", "said"),
+    ("missing", "message"),
     [
         ((Source.ODOMETRY,), "odometry never received"),
         ((Source.COMMAND,), "command never received"),
         ((Source.ODOMETRY, Source.COMMAND), "odometry never received, command never received"),
     ],
 )
-def test_never_there(model: KoopmanModel, missing: tuple[Source, ...], said: str) -> None:
+def test_missing_from_the_start(
+    model: KoopmanModel, missing: tuple[Source, ...], message: str
+) -> None:
     rig = Rig(model)
     reports = rig.drive(20.0, without(*missing))
     assert reports[0].level is Level.WARN
     assert reports[0].message.startswith("waiting for")
     assert reports[-1].level is Level.ERROR
-    assert "no predictions: " + said in reports[-1].message
+    assert "no predictions: " + message in reports[-1].message
     assert not rig.published
-    is_well(rig)
+    assert_recovered(rig)
 
 
-def test_nothing_ever(model: KoopmanModel) -> None:
+def test_no_messages_at_all(model: KoopmanModel) -> None:
     rig = Rig(model)
     report = rig.drive(60.0, without(*STANDARD_SOURCES))[-1]
     assert report.level is Level.WARN
     assert report.message == "waiting for odometry, command"
-    is_well(rig)
+    assert_recovered(rig)
 
 
 @pytest.mark.parametrize("trained_with_imu", [True, False])
@@ -317,7 +328,7 @@ def test_imu_required(model: KoopmanModel) -> None:
 
 
 def frozen(source: Source) -> Callable[[Source, Any], Any]:
-    """Return a change that lets `source` repeat its first message with new stamps."""
+    """Return a change by which `source` repeats its first message with new stamps."""
     first: list[Any] = []
 
     def change(given: Source, msg: Any) -> Any:
@@ -336,18 +347,18 @@ def test_frozen_odometry(rig: Rig) -> None:
     assert any("odometry frozen" in report.message for report in reports)
     assert reports[-1].level is Level.ERROR
     assert value(reports[-1], "ticks_frozen") > 100
-    is_well(rig)
+    assert_recovered(rig)
 
 
 def test_frozen_imu(rig: Rig) -> None:
     report = rig.drive(4.0, frozen(Source.IMU))[-1]
     assert report.level is Level.WARN
     assert "IMU frozen" in report.message
-    is_well(rig)
+    assert_recovered(rig)
 
 
 @pytest.mark.parametrize(
-    ("spoiled", "reason"),
+    ("fields", "reason"),
     [
         ({"name": ["drive", "wheel"]}, "joint 'steer' is missing"),
         ({"name": ["motor", "steer"]}, "joint 'drive' is missing"),
@@ -356,17 +367,17 @@ def test_frozen_imu(rig: Rig) -> None:
         ({"position": [0.0]}, "joint 'steer' has no position"),
     ],
 )
-def test_missing_joint(rig: Rig, spoiled: dict[str, Any], reason: str) -> None:
+def test_missing_joint(rig: Rig, fields: dict[str, Any], reason: str) -> None:
     def change(given: Source, msg: Any) -> Any:
         if given is Source.COMMAND:
-            for name, content in spoiled.items():
+            for name, content in fields.items():
                 setattr(msg, name, content)
         return msg
 
     report = rig.drive(3.0, change)[-1]
     assert report.level is Level.WARN
-    assert f"command refused: {reason}" in report.message
-    is_well(rig)
+    assert f"command messages refused: {reason}" in report.message
+    assert_recovered(rig)
 
 
 def test_missing_joint_from_the_start(model: KoopmanModel) -> None:
@@ -384,7 +395,7 @@ def test_missing_joint_from_the_start(model: KoopmanModel) -> None:
 
 
 def test_streams_of_different_clocks(model: KoopmanModel) -> None:
-    """Odometry in time since boot beside sensors in Unix time: told as that."""
+    """Odometry in time since boot, other sensors in Unix time: reported as such."""
     rig = Rig(model)
 
     def change(given: Source, msg: Any) -> Any:
@@ -395,8 +406,8 @@ def test_streams_of_different_clocks(model: KoopmanModel) -> None:
 
     report = rig.drive(8.0, change)[-1]
     assert report.level is Level.ERROR
-    assert "odometry has stamps of another time than the other streams" in report.message
-    assert "stray stamps ignored" in report.message
+    assert "odometry timestamps are in a different time base" in report.message
+    assert "implausible time stamps ignored" in report.message
 
 
 def test_imu_in_g(model: KoopmanModel) -> None:
@@ -430,18 +441,18 @@ def test_imu_in_degrees(model: KoopmanModel) -> None:
 
 
 @pytest.mark.parametrize(
-    ("after", "said"),
+    ("after", "message"),
     [
-        (Rates(imu_hz=100.0), "imu now comes at 100 Hz, before at 200 Hz"),
-        (Rates(odometry_hz=10.0), "odometry now comes at"),
-        (Rates(imu_hz=1000.0), "imu now comes at"),
+        (Rates(imu_hz=100.0), "imu rate changed from 200 Hz to 100 Hz"),
+        (Rates(odometry_hz=10.0), "odometry rate changed from"),
+        (Rates(imu_hz=1000.0), "imu rate changed from"),
     ],
 )
-def test_rate_changes(rig: Rig, after: Rates, said: str) -> None:
+def test_rate_changes(rig: Rig, after: Rates, message: str) -> None:
     published = len(rig.published)
     rig.rates = after
     reports = rig.drive(10.0)
-    assert any(said in report.message for report in reports)
+    assert any(message in report.message for report in reports)
     assert all(report.level is Level.OK for report in reports)
     assert len(rig.published) - published >= 397
     rates = [value(reports[-1], f"{source.name.lower()}.rate_hz") for source in STANDARD_SOURCES]
@@ -449,19 +460,19 @@ def test_rate_changes(rig: Rig, after: Rates, said: str) -> None:
 
 
 def test_sim_time_starts_late(model: KoopmanModel) -> None:
-    """Predictions hang on stamps alone; that the clock is missing is said."""
+    """Predictions depend on stamps only; the missing clock is reported."""
     rig = Rig(model)
     rig.sim_time = (True, False)
     report = rig.drive(3.0)[-1]
     assert report.level is Level.WARN
-    assert "sim time has not started: no /clock" in report.message
+    assert "simulation time has not started: no /clock" in report.message
     assert rig.published
     rig.sim_time = (True, True)
-    is_well(rig, 1.0)
+    assert_recovered(rig, 1.0)
 
 
 def test_internal_error(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fault in the program resets the state, is told once and counted each time."""
+    """An exception resets the state, is logged once and counted each time."""
     step = rig.pipeline.predictor.step
     calls = [0]
 
@@ -475,33 +486,33 @@ def test_internal_error(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     report = rig.drive(1.0)[-1]
     assert report.level is Level.ERROR
     assert "2 internal errors, last: ZeroDivisionError: for the test" in report.message
-    assert [type(error) for error in rig.told] == [ZeroDivisionError]
-    is_well(rig, 1.0)
+    assert [type(error) for error in rig.errors] == [ZeroDivisionError]
+    assert_recovered(rig, 1.0)
 
 
 def test_a_publisher_that_fails_does_not_end_the_node(rig: Rig) -> None:
     def fail(_prediction: Any) -> None:
         raise RuntimeError("context is not valid")
 
-    rig.core._publish, kept = fail, rig.core._publish
+    rig.core._publish, original = fail, rig.core._publish
     assert rig.drive(1.0)[-1].level is Level.ERROR
-    rig.core._publish = kept
-    is_well(rig, 1.0)
+    rig.core._publish = original
+    assert_recovered(rig, 1.0)
 
 
 @pytest.mark.parametrize("name", ["x", "covariance", "horizon"])
 @pytest.mark.parametrize("number", [math.nan, math.inf])
-def test_not_finite_is_withheld(
+def test_predictions_that_are_not_finite_are_withheld(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, name: str, number: float
 ) -> None:
-    """The last line of defence, with a predictor that does what it must not."""
+    """A predictor that returns NaN or infinity."""
     step = rig.pipeline.predictor.step
 
     def broken(sample: Any) -> Any:
         prediction = step(sample)
-        spoiled = np.array(getattr(prediction, name))
-        spoiled.flat[-1] = number
-        return prediction._replace(**{name: spoiled})
+        values = np.array(getattr(prediction, name))
+        values.flat[-1] = number
+        return prediction._replace(**{name: values})
 
     published = len(rig.published)
     monkeypatch.setattr(rig.pipeline.predictor, "step", broken)
@@ -511,17 +522,17 @@ def test_not_finite_is_withheld(
     assert "predictions withheld: not finite" in report.message
     assert value(report, "predictions_withheld") >= 39
     monkeypatch.undo()
-    is_well(rig, 1.0)
+    assert_recovered(rig, 1.0)
 
 
-def test_online_method_that_fails(model: KoopmanModel) -> None:
+def test_online_estimator_reset(model: KoopmanModel) -> None:
     rig = Rig(model)
     rig.drive(2.0)
     rig.pipeline.predictor.online.failures += 3
     report = rig.drive(1.0)[-1]
     assert report.level is Level.WARN
-    assert "online method set back 3 times" in report.message
-    is_well(rig, 1.0)
+    assert "online estimator reset 3 times" in report.message
+    assert_recovered(rig, 1.0)
 
 
 def test_slow_tick_is_a_missed_deadline(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -539,23 +550,23 @@ def test_slow_tick_is_a_missed_deadline(rig: Rig, monkeypatch: pytest.MonkeyPatc
     assert report.level is Level.WARN
     assert "2 deadlines missed" in report.message
     assert value(report, "tick_max_us") == pytest.approx(30_000.0)
-    is_well(rig, 1.0)
+    assert_recovered(rig, 1.0)
 
 
-def test_stall_is_counted_and_does_not_move_the_grid(rig: Rig) -> None:
-    """After a stall the clock is ahead of the messages that wait: these come first."""
+def test_stall_is_counted_and_completes_no_sample(rig: Rig) -> None:
+    """After a stall the clock is ahead of the queued messages, which are processed first."""
     ticks, missed = rig.pipeline.ticks, rig.core.counters.missed_deadlines
     rig.mono_ns += 110_000_000
     rig.core.on_timer(rig.stamp_ns)
     assert rig.pipeline.ticks == ticks
     assert rig.core.counters.missed_deadlines == missed + 3
-    # Idle from here on: the clock may complete ticks, after a call that was in time.
+    # No input from here on: after a call on time, the clock completes samples.
     rig.mono_ns += TICK_NS
     rig.core.on_timer(rig.stamp_ns)
     assert rig.pipeline.ticks > ticks
 
 
-def test_waiting_without_sensors_misses_no_deadline(model: KoopmanModel) -> None:
+def test_no_deadline_is_missed_without_input(model: KoopmanModel) -> None:
     rig = Rig(model)
     for _ in range(5):
         rig.mono_ns += 10 * TICK_NS
@@ -564,10 +575,10 @@ def test_waiting_without_sensors_misses_no_deadline(model: KoopmanModel) -> None
 
 
 @pytest.mark.parametrize("rates", [Rates(0.0, 10.0, 5.0), Rates(50.0, 10.0, 5.0)])
-def test_slow_streams_go_on_by_the_clock(
+def test_slow_streams_are_completed_by_the_clock(
     model: KoopmanModel, rates: Rates, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Between readings 100 ms apart samples still come every 25 ms, the same as by data alone."""
+    """Readings 100 ms apart: samples every 25 ms, equal to those without the clock."""
     samples: list[dict[int, Any]] = []
     delays_ns = []
     for watch in (True, False):
@@ -589,7 +600,7 @@ def test_slow_streams_go_on_by_the_clock(
     by_clock, by_data = samples
     assert max(delays_ns[40:]) <= 100_000_000
     assert np.median(delays_ns[40:]) < 70_000_000
-    # Before the second command its period is not known, and the clock shows it as stale sooner.
+    # Before the second command its period is unknown, and the clock marks it stale earlier.
     known = sorted(by_data)[40:]
     assert len(known) > 340
     for stamp_ns in known:
@@ -602,7 +613,7 @@ def test_reset_on_request(rig: Rig) -> None:
     assert report.level is Level.OK
     assert "reset on request" in report.message
     assert value(report, "resets_on_request") == 1
-    is_well(rig, 1.0)
+    assert_recovered(rig, 1.0)
 
 
 def test_values_of_a_healthy_report(rig: Rig) -> None:

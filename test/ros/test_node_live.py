@@ -1,10 +1,9 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The real node in its own process, over Fast DDS: what it publishes, and how it starts and ends.
+The real node in a separate process over DDS: its publications, its start and its end.
 
-What it publishes must equal what the pipeline yields for the same bag, message by message: that is
-all a replay does.
+The node must publish exactly what the pipeline yields for the same bag, as `adk replay` does.
 """
 
 import json
@@ -43,9 +42,9 @@ from adk_ros.errors import UsageError
 from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Prediction
-from adk_ros.ros import parameters
 from adk_ros.ros.echo import PredictionLog, echo, record, watch_diagnostics
 from adk_ros.ros.messages import join_stamp
+from adk_ros.ros.parameter_table import TABLE
 from adk_ros.ros.session import Session
 from adk_ros.ros.traffic import Rates, message
 from adk_ros.signals.channels import STANDARD_SOURCES, Reading, Source
@@ -58,7 +57,7 @@ stats = play(sys.argv[1], remap={REMAP!r}, wait_for_subscribers_s=30.0, **option
 print(json.dumps(stats.to_json()))
 """
 SKIPPED_NS = 100_000_000
-"""The node's grid may begin so much later: nobody knows which message it heard first."""
+"""ns; the node may start this much later, since the first message that it receives varies."""
 
 
 @pytest.fixture(scope="module")
@@ -123,8 +122,8 @@ def finish(player: subprocess.Popen[str]) -> dict[str, Any]:
     return stats
 
 
-def fold(model: Path, bags: list[Path], until_s: float | None = None) -> list[Prediction]:
-    """What the pipeline yields for bags, one after the other, as `adk replay` folds them."""
+def replay_bags(model: Path, bags: list[Path], until_s: float | None = None) -> list[Prediction]:
+    """Return the pipeline's predictions for bags, one after the other."""
     pipeline = Pipeline(artefact.load(model).model)
     predictions = []
     for path in bags:
@@ -136,17 +135,17 @@ def fold(model: Path, bags: list[Path], until_s: float | None = None) -> list[Pr
 
 
 def compare(expected: list[Prediction], recording: PredictionLog) -> None:
-    """Same ticks but for the first 100 ms, values within 1e-9."""
+    """Require the same samples except in the first 100 ms, and values within 1e-9."""
     first_ns = expected[0].stamp_ns
-    wanted = [item for item in expected if item.stamp_ns > first_ns + SKIPPED_NS]
-    heard = [item for item in recording.received if item.stamp_ns > first_ns + SKIPPED_NS]
-    assert [item.stamp_ns for item in heard] == [item.stamp_ns for item in wanted]
-    assert len(wanted) > 100
+    required = [item for item in expected if item.stamp_ns > first_ns + SKIPPED_NS]
+    received = [item for item in recording.received if item.stamp_ns > first_ns + SKIPPED_NS]
+    assert [item.stamp_ns for item in received] == [item.stamp_ns for item in required]
+    assert len(required) > 100
     np.testing.assert_allclose(
-        [item.x for item in heard], [item.x for item in wanted], rtol=0.0, atol=1e-9
+        [item.x for item in received], [item.x for item in required], rtol=0.0, atol=1e-9
     )
     np.testing.assert_allclose(
-        [item.covariance for item in heard], [item.covariance for item in wanted],
+        [item.covariance for item in received], [item.covariance for item in required],
         rtol=0.0, atol=1e-9,
     )  # fmt: skip
 
@@ -158,7 +157,7 @@ def test_live_equals_replay(model: Path, bag: Path) -> None:
         code, spent_s = node.end(signal.SIGTERM)
     assert (code, stats["unheard"]) == (0, [])
     assert spent_s < 1.0
-    expected = fold(model, [bag])
+    expected = replay_bags(model, [bag])
     assert len(expected) == len(listener.recording.received) > 390
     compare(expected, listener.recording)
     for prediction in expected[4:]:
@@ -169,7 +168,7 @@ def test_live_equals_replay(model: Path, bag: Path) -> None:
             for twist in point.velocities
         ]
         np.testing.assert_allclose(rows, prediction.horizon, rtol=0.0, atol=1e-9)
-    # They have no stamp, but come in order, and the last ones are of the last ticks.
+    # Covariances have no stamp, but arrive in order, and the last belong to the last samples.
     tables = [np.reshape(message.data, (80, 3, 3)) for message in listener.covariances]
     assert len(expected) - 4 <= len(tables) <= len(expected)
     for table, prediction in zip(tables[::-1], expected[::-1], strict=False):
@@ -181,18 +180,18 @@ def test_live_equals_replay(model: Path, bag: Path) -> None:
 
 
 def test_live_without_imu_by_sim_time(model: Path, tmp_path: Path) -> None:
-    """No IMU at all, and time from the player's /clock."""
+    """No IMU, and time from the player's /clock."""
     bag = write_bag(tmp_path / "bag", 6.0, Rates(imu_hz=0.0))
     with running_node(model=model, use_sim_time="true") as node, Listener() as listener:
         finish(play(bag))
         time.sleep(1.2)
         assert node.end(signal.SIGINT)[0] == 0
-    compare(fold(model, [bag]), listener.recording)
+    compare(replay_bags(model, [bag]), listener.recording)
     assert "stamps_behind_clock_s" in listener.shown
 
 
-def test_a_bag_that_loops(model: Path, bag: Path) -> None:
-    """The clock jumps back: the state starts afresh, and the second round equals a replay too."""
+def test_looping_bag(model: Path, bag: Path) -> None:
+    """The clock jumps back: the state is reset, and the second loop equals a replay as well."""
     part_s = 4.0
     with running_node(model=model) as node, Listener() as listener:
         player = play(bag, loop=True, duration_s=part_s)
@@ -200,22 +199,22 @@ def test_a_bag_that_loops(model: Path, bag: Path) -> None:
         messages: set[str] = set()
         while time.monotonic() < deadline_s and "clock_jumps" not in messages:
             time.sleep(0.2)
-            # With the third jump the predictions after the second one are all there.
+            # At the third jump all predictions after the second one have arrived.
             if int(listener.shown.get("clock_jumps", "0")) >= 3:
                 messages.add("clock_jumps")
             if "clock jumped" in listener.shown.get("message", ""):
-                messages.add("told")
+                messages.add("reported")
         player.send_signal(signal.SIGINT)
         stats = finish(player)
-        # While data comes in, a first signal and a second one right behind it.
+        # Two signals in a row while data arrives.
         node.process.send_signal(signal.SIGINT)
         code, spent_s = node.end(signal.SIGINT)
-    assert messages == {"clock_jumps", "told"}
+    assert messages == {"clock_jumps", "reported"}
     assert stats["interrupted"]
     assert stats["loops"] >= 2
     assert (code, spent_s < 1.0) == (0, True)
-    once = fold(model, [bag], part_s)
-    twice = fold(model, [bag, bag], part_s)
+    once = replay_bags(model, [bag], part_s)
+    twice = replay_bags(model, [bag, bag], part_s)
     stamps = listener.recording.stamp_ns
     rounds = np.flatnonzero(np.diff(stamps) < 0) + 1
     assert len(rounds) >= 2
@@ -283,13 +282,13 @@ def wait_for(session: Session, condition: Callable[[], bool], limit_s: float = 2
         session.spin(0.05)
 
 
-def test_faults_over_real_topics_and_sim_time_that_starts_late(model: Path) -> None:
-    """A node without a clock gets rubbish, then sound data: it lives, and says all of it."""
-    said: list[tuple[int, str]] = []
+def test_faults_and_late_simulation_time_over_real_topics(model: Path) -> None:
+    """A node without a clock receives NaN, then valid data: it recovers and reports both."""
+    reported: list[tuple[int, str]] = []
     with running_node(model=model, use_sim_time="true") as node, Session("sensors") as session:
 
         def note(array: Any) -> None:
-            said.extend((status.level[0], status.message) for status in array.status)
+            reported.extend((status.level[0], status.message) for status in array.status)
 
         session.node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
         publishers = {
@@ -302,7 +301,7 @@ def test_faults_over_real_topics_and_sim_time_that_starts_late(model: Path) -> N
             lambda: all(p.get_subscription_count() for p in [*publishers.values(), clock]), 60.0,
         )  # fmt: skip
 
-        def run(seconds: float, spoil: bool, with_clock: bool) -> None:
+        def run(seconds: float, corrupt: bool, with_clock: bool) -> None:
             begin_ns = time.monotonic_ns()
             for step in range(round(seconds * 40)):
                 while time.monotonic_ns() < begin_ns + step * 25_000_000:
@@ -311,7 +310,7 @@ def test_faults_over_real_topics_and_sim_time_that_starts_late(model: Path) -> N
                 wobble = 0.01 * (step % 7)
                 rows = {
                     Source.IMU: (wobble, wobble, wobble),
-                    Source.ODOMETRY: (float("nan") if spoil else 10.0 + wobble, 0.0, wobble),
+                    Source.ODOMETRY: (float("nan") if corrupt else 10.0 + wobble, 0.0, wobble),
                     Source.COMMAND: (100.0 + wobble, wobble),
                 }
                 if with_clock:
@@ -322,22 +321,22 @@ def test_faults_over_real_topics_and_sim_time_that_starts_late(model: Path) -> N
                     publishers[source].publish(message(Reading(source, stamp_ns, values)))
 
         origin_ns = time.monotonic_ns()
-        run(2.5, spoil=True, with_clock=False)
-        assert "sim time has not started: no /clock" in said[-1][1]
-        assert "odometry refused: velocity is not finite or absurd" in said[-1][1]
-        run(4.0, spoil=False, with_clock=True)
-        wait_for(session, lambda: said[-1][0] == 2)
+        run(2.5, corrupt=True, with_clock=False)
+        assert "simulation time has not started: no /clock" in reported[-1][1]
+        assert "odometry messages refused: velocity is not finite or above" in reported[-1][1]
+        run(4.0, corrupt=False, with_clock=True)
+        wait_for(session, lambda: reported[-1][0] == 2)
         code, spent_s = node.end()
-    levels = [level for level, _ in said]
+    levels = [level for level, _ in reported]
     assert levels[0] == 1
-    assert 0 in levels, said
-    # And when all went silent at last:
-    assert said[-1][1].startswith("no predictions: odometry silent for")
+    assert 0 in levels, reported
+    # After the last message:
+    assert reported[-1][1].startswith("no predictions: odometry timeout (")
     assert (code, spent_s < 1.0) == (0, True)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_start_too(model: Path, number: int) -> None:
+def test_signal_during_start_up(model: Path, number: int) -> None:
     for delay_s in (0.7, 1.4):
         node = NodeProcess(model=model)
         time.sleep(delay_s)
@@ -353,7 +352,7 @@ def truncated(folder: Path) -> None:
     (folder / "encoder.pt").write_bytes(content[: len(content) // 2])
 
 
-def of_another_version(folder: Path) -> None:
+def with_another_version(folder: Path) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
     manifest["version"] = 99
     (folder / "manifest.json").write_text(json.dumps(manifest))
@@ -364,7 +363,7 @@ def without_manifest(folder: Path) -> None:
 
 
 def refused(*arguments: str) -> str:
-    """Start the node, which must refuse; return its one line."""
+    """Start the node, which must refuse its arguments; return its one-line message."""
     done = subprocess.run(
         [sys.executable, "-m", "adk_ros.ros.node", *arguments],
         capture_output=True, text=True, timeout=60.0, check=False,
@@ -377,23 +376,23 @@ def refused(*arguments: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "message"),
     [
         (truncated, "does not have the hash"),
-        (of_another_version, "version is 99"),
+        (with_another_version, "version is 99"),
         (without_manifest, "it is not a model folder"),
     ],
 )
-def test_a_model_that_does_not_serve_is_refused(
-    tmp_path: Path, damage: Callable[[Path], None], said: str
+def test_unusable_model_is_refused(
+    tmp_path: Path, damage: Callable[[Path], None], message: str
 ) -> None:
     folder = write_model(tmp_path / "model")
     damage(folder)
-    assert said in refused("--ros-args", "-p", f"model:={folder}")
+    assert message in refused("--ros-args", "-p", f"model:={folder}")
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (["--ros-args", "-p", "model:=/nowhere"], "model /nowhere is not a folder"),
         (["--ros-args"], "parameter 'model' is not given"),
@@ -405,8 +404,8 @@ def test_a_model_that_does_not_serve_is_refused(
         (["bag.mcap"], "argument 'bag.mcap' is not understood"),
     ],
 )
-def test_wrong_arguments_are_refused(given: list[str], said: str) -> None:
-    assert said in refused(*given)
+def test_wrong_arguments_are_refused(given: list[str], message: str) -> None:
+    assert message in refused(*given)
 
 
 def test_help_names_every_parameter() -> None:
@@ -415,23 +414,23 @@ def test_help_names_every_parameter() -> None:
         capture_output=True, text=True, timeout=60.0, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert all(f"\n  {spec.name} " in done.stdout for spec in parameters.TABLE)
+    assert all(f"\n  {spec.name} " in done.stdout for spec in TABLE)
     assert "Example: predictor --ros-args" in done.stdout
     assert max(map(len, done.stdout.splitlines())) < 100
 
 
-def test_a_command_type_that_is_not_installed(model: Path) -> None:
-    said = refused(
+def test_command_type_that_is_not_installed(model: Path) -> None:
+    text = refused(
         "--ros-args", "-p", f"model:={model}", "-p", "command_type:=ackermann",
         "-p", "mass:=1500.0", "-p", "wheel_radius:=0.3",
     )  # fmt: skip
-    assert "ackermann_msgs is not installed" in said
+    assert "ackermann_msgs is not installed" in text
 
 
-def test_nobody_predicts() -> None:
-    with pytest.raises(UsageError, match="nobody publishes a topic predicted_twist"):
+def test_no_predictor_running() -> None:
+    with pytest.raises(UsageError, match="no node publishes a topic predicted_twist"):
         record(wait_s=0.5)
-    with pytest.raises(UsageError, match="nobody publishes /elsewhere"):
+    with pytest.raises(UsageError, match="no node publishes /elsewhere"):
         record("elsewhere", wait_s=0.5)
     with pytest.raises(UsageError, match="topic 'a b'"):
         record("a b", wait_s=0.5)

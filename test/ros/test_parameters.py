@@ -1,7 +1,9 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters: the table, the sample YAML, and what is said to a value that does not fit."""
+"""Parameters: the table, the sample YAML, and the refusal of values that do not fit."""
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,17 +17,43 @@ from rclpy.parameter import Parameter
 from adk_ros.errors import UsageError
 from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.pipeline import PipelineSettings
-from adk_ros.ros import parameters
+from adk_ros.ros.parameter_table import (
+    TABLE,
+    defaults,
+    differences_from_training,
+    model_path,
+    pipeline_settings,
+    read_parameter_file,
+    sensor_config,
+)
+from adk_ros.ros.parameters import declare_parameters, descriptor, unknown_parameters
 from adk_ros.signals.decode import SensorConfig
 
 YAML = Path(__file__).resolve().parents[2] / "config" / "predictor.yaml"
 
-Read = Callable[..., Any]
+WITHOUT_ROS = """
+import sys
+
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in ("rclpy", "rcl_interfaces", "sensor_msgs", "std_msgs"):
+            raise ImportError(f"{name} is blocked")
+
+
+sys.meta_path.insert(0, Blocked())
+from pathlib import Path
+
+from adk_ros.api.parameter_file import read_sensor_config
+
+sensors, _ = read_sensor_config(Path(sys.argv[1]))
+print(sensors.steer_joint, sensors.steering_ratio, sensors.imu_position, "rclpy" in sys.modules)
+"""
 
 
 @pytest.fixture
 def node_with() -> Iterator[Callable[..., Any]]:
-    """Make a node that was given parameters on its command line."""
+    """Return a function that makes a node with parameters given on its command line."""
     context: Any = Context()
     context.init()
     nodes = []
@@ -45,38 +73,37 @@ def node_with() -> Iterator[Callable[..., Any]]:
     context.try_shutdown()
 
 
-def test_yaml_holds_the_defaults() -> None:
+def test_sample_yaml_has_the_default_values() -> None:
     content = yaml.safe_load(YAML.read_text())
     assert list(content) == ["/**"]
     given = content["/**"]["ros__parameters"]
-    table = {spec.name: spec.default for spec in parameters.TABLE}
+    table = defaults()
     assert given == table
     for name, value in given.items():
         assert type(value) is type(table[name]), name
 
 
 def test_every_parameter_is_described() -> None:
-    for spec in parameters.TABLE:
-        described = spec.descriptor()
+    for spec in TABLE:
+        described = descriptor(spec)
         assert described.description.endswith(".")
         assert described.read_only is not spec.live
-    assert [spec.name for spec in parameters.TABLE if spec.live] == ["publish_horizon"]
+    assert [spec.name for spec in TABLE if spec.live] == ["publish_horizon"]
 
 
 def test_defaults_are_those_of_the_pipeline(node_with: Callable[..., Any]) -> None:
-    values = parameters.read(node_with("model:=somewhere"))
-    own = OnlineSettings(window=123, ridge=5.0)
-    assert parameters.pipeline_settings(values, own) == PipelineSettings(online=own)
-    assert parameters.sensor_config(values) == SensorConfig()
+    values = declare_parameters(node_with("model:=somewhere"))
+    model_settings = OnlineSettings(window=123, ridge=5.0)
+    assert pipeline_settings(values, model_settings) == PipelineSettings(online=model_settings)
+    assert sensor_config(values) == SensorConfig()
 
 
-def test_the_yaml_loads(node_with: Callable[..., Any]) -> None:
-    values = parameters.read(node_with("model:=somewhere", file=YAML))
-    table = {spec.name: spec.default for spec in parameters.TABLE}
-    assert values == table | {"model": "somewhere"}
+def test_node_loads_the_sample_yaml(node_with: Callable[..., Any]) -> None:
+    values = declare_parameters(node_with("model:=somewhere", file=YAML))
+    assert values == defaults() | {"model": "somewhere"}
 
 
-def test_values_arrive(node_with: Callable[..., Any]) -> None:
+def test_given_values_are_used(node_with: Callable[..., Any]) -> None:
     node = node_with(
         "model:=~/m", "method:=rls", "window:=50", "ridge:=20", "horizon_s:=1", "use_imu:=never",
         "reference_point:=[1, 0]", "imu_position:=[0.5, -0.25]", "imu_rotation:=[0.0, 0.0, 3.14]",
@@ -84,8 +111,8 @@ def test_values_arrive(node_with: Callable[..., Any]) -> None:
         "odometry_timeout_s:=1", "frozen_after_s:=0", "max_wait_s:=0.1", "max_coast_s:=2",
         "forgetting:=0.9",
     )  # fmt: skip
-    values = parameters.read(node)
-    settings = parameters.pipeline_settings(values, OnlineSettings())
+    values = declare_parameters(node)
+    settings = pipeline_settings(values, OnlineSettings())
     assert settings == PipelineSettings(
         sensors=SensorConfig(
             drive_joints=("left", "right"), steer_joint="wheel", steering_ratio=16.0,
@@ -95,15 +122,15 @@ def test_values_arrive(node_with: Callable[..., Any]) -> None:
         horizon_steps=40, odometry_timeout_s=1.0, frozen_after_s=0.0, max_wait_s=0.1,
         max_coast_s=2.0,
     )  # fmt: skip
-    assert parameters.model_path(values) == Path.home() / "m"
-    # Declared as what they are, though 20 was given.
+    assert model_path(values) == Path.home() / "m"
+    # Declared as a real parameter although 20 was given.
     assert node.get_parameter("ridge").type_ == Parameter.Type.DOUBLE
     assert node.get_parameter("ridge").value == 20.0
     assert list(node.get_parameter("reference_point").value) == [1.0, 0.0]
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         ("ridge:=abc", "parameter 'ridge' is 'abc': give a number from 0 to 1e+12"),
         ("ridge:=-1", "parameter 'ridge' is -1: give a number from 0"),
@@ -115,33 +142,39 @@ def test_values_arrive(node_with: Callable[..., Any]) -> None:
         ("method:=best", "parameter 'method' is 'best': give one of '', 'constant', 'rls'"),
         ("method:=5", "parameter 'method' is 5: give one of"),
         ("publish_horizon:=1", "parameter 'publish_horizon' is 1: give true or false"),
-        ("use_imu:=yes", "parameter 'use_imu' is True: give one of 'auto', 'required', 'never'"),
-        ("drive_joints:=[]", "parameter 'drive_joints' is nothing: give a list of one name"),
-        ("drive_joints:=[1, 2]", "parameter 'drive_joints' is [1, 2]: give a list of one name"),
+        ("use_imu:=yes", "is True: give one of 'auto', 'required', 'never'"),
+        (
+            "drive_joints:=[]",
+            "is empty: give a list of at least one name",
+        ),
+        (
+            "drive_joints:=[1, 2]",
+            "is [1, 2]: give a list of at least one name",
+        ),
         ("imu_position:=[1.0]", "parameter 'imu_position' is [1.0]: give a list of 2 numbers"),
         ("imu_position:=3.0", "parameter 'imu_position' is 3.0: give a list of 2 numbers"),
         ("imu_position:=[1.0, 99.0]", "[1.0, 99.0]: give a list of 2 numbers from -50 to 50"),
-        ("frame_id:=7", "parameter 'frame_id' is 7: give a text"),
+        ("frame_id:=7", "parameter 'frame_id' is 7: give a string"),
         ("horizon_s:=11", "parameter 'horizon_s' is 11: give a number from 0 to 10"),
         ("command_type:=twist", "'joint_state', 'ackermann', 'autoware_control'"),
     ],
 )
-def test_what_does_not_fit_is_refused(
-    node_with: Callable[..., Any], given: str, said: str
+def test_unsuitable_values_are_refused(
+    node_with: Callable[..., Any], given: str, message: str
 ) -> None:
     with pytest.raises(UsageError) as refused:
-        parameters.read(node_with("model:=m", given))
-    assert said in str(refused.value)
+        declare_parameters(node_with("model:=m", given))
+    assert message in str(refused.value)
     assert "\n" not in str(refused.value)
 
 
 def test_the_model_is_required(node_with: Callable[..., Any]) -> None:
     with pytest.raises(UsageError, match="parameter 'model' is not given"):
-        parameters.read(node_with())
+        declare_parameters(node_with())
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         ("steering_ratio:=0.0", "steering_ratio is 0"),
         ("command_type:=ackermann", "set mass and wheel_radius"),
@@ -150,29 +183,55 @@ def test_the_model_is_required(node_with: Callable[..., Any]) -> None:
         ("forgetting:=0.1", "forgetting is 0.1"),
     ],
 )
-def test_what_contradicts_itself_is_refused(
-    node_with: Callable[..., Any], given: str, said: str
+def test_contradictory_values_are_refused(
+    node_with: Callable[..., Any], given: str, message: str
 ) -> None:
-    values = parameters.read(node_with("model:=m", given))
-    with pytest.raises(UsageError, match=said):
-        parameters.pipeline_settings(values, OnlineSettings())
+    values = declare_parameters(node_with("model:=m", given))
+    with pytest.raises(UsageError, match=message):
+        pipeline_settings(values, OnlineSettings())
 
 
-def test_a_name_given_wrongly_is_told(node_with: Callable[..., Any]) -> None:
+def test_unknown_names_are_reported(node_with: Callable[..., Any]) -> None:
     node = node_with("model:=m", "windw:=50", "whatever:=1", "use_sim_time:=true")
-    parameters.read(node)
-    assert parameters.unknown(node) == [
+    declare_parameters(node)
+    assert unknown_parameters(node) == [
         "parameter 'windw' is unknown and ignored: did you mean 'window'?",
         "parameter 'whatever' is unknown and ignored",
     ]
 
 
-def test_structural_parameters_are_fixed(node_with: Callable[..., Any]) -> None:
+def test_only_live_parameters_can_be_changed(node_with: Callable[..., Any]) -> None:
     node = node_with("model:=m")
-    parameters.read(node)
+    declare_parameters(node)
     fixed, live = node.set_parameters(
         [Parameter("window", value=10), Parameter("publish_horizon", value=False)]
     )
     assert not fixed.successful
     assert live.successful
     assert node.get_parameter("publish_horizon").value is False
+
+
+def test_parameter_file_is_read_without_ros(tmp_path: Path) -> None:
+    """`--params` of the offline verbs works where rclpy is not installed."""
+    file = tmp_path / "car.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters:\n    steer_joint: column\n    steering_ratio: 16\n"
+        "    imu_position: [1, 0.5]\n    use_sim_time: true\n    windw: 50\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_ROS, str(file)],
+        capture_output=True, text=True, timeout=120.0, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("\n")[0] == "column 16.0 (1.0, 0.5) False"
+    (warning,) = read_parameter_file(file)[1]
+    assert warning == (f"{file}: parameter 'windw' is unknown and ignored: did you mean 'window'?")
+
+
+def test_differences_from_training_are_reported() -> None:
+    trained = {"sensors": {"steer_joint": "steer", "imu_position": [0.5, 0.0]}}
+    lines = differences_from_training(SensorConfig(imu_position=(1.0, 0.0)), trained)
+    assert lines == [
+        "parameter 'imu_position' is [1.0, 0.0], but the model was trained with [0.5, 0.0]"
+    ]
+    assert differences_from_training(SensorConfig(), {}) == []

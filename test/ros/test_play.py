@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Playing a bag: what is published, when, and what is said to wrong options."""
+"""Playing a bag: published messages, their times, and the refusal of wrong options."""
 
 import threading
 import time
@@ -37,8 +37,8 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_bag(tmp_path_factory.mktemp("bag") / "bag", 2.0)
 
 
-class Came(NamedTuple):
-    """A message as it came over a topic."""
+class Received(NamedTuple):
+    """A message as received on a topic."""
 
     topic: str
     content: bytes
@@ -46,9 +46,9 @@ class Came(NamedTuple):
 
 
 @contextmanager
-def listening(*topics: str) -> Iterator[list[Came]]:
-    """Subscribe, in a thread, to the raw bytes of topics; the list grows until the end."""
-    came: list[Came] = []
+def listening(*topics: str) -> Iterator[list[Received]]:
+    """Collect the raw messages of topics in a thread."""
+    received: list[Received] = []
     ended, ready = threading.Event(), threading.Event()
 
     def listen() -> None:
@@ -56,7 +56,7 @@ def listening(*topics: str) -> Iterator[list[Came]]:
             for topic in topics:
 
                 def take(content: bytes, topic: str = topic) -> None:
-                    came.append(Came(topic, bytes(content), time.monotonic_ns()))
+                    received.append(Received(topic, bytes(content), time.monotonic_ns()))
 
                 kind = TYPES.get(topic, JointState)
                 session.node.create_subscription(kind, topic, take, 1000, raw=True)
@@ -68,16 +68,16 @@ def listening(*topics: str) -> Iterator[list[Came]]:
     thread.start()
     ready.wait(10.0)
     try:
-        yield came
+        yield received
     finally:
         ended.set()
         thread.join()
 
 
 def test_byte_for_byte_and_in_time(bag: Path) -> None:
-    told: list[tuple[float, float]] = []
-    with listening(*TYPES) as came:
-        stats = play(bag, progress=lambda *done: told.append(done))
+    progress: list[tuple[float, float]] = []
+    with listening(*TYPES) as received:
+        stats = play(bag, progress=lambda *done: progress.append(done))
         time.sleep(0.5)
     with Bag(bag) as opened:
         written = list(opened.raw())
@@ -87,26 +87,26 @@ def test_byte_for_byte_and_in_time(bag: Path) -> None:
     assert stats.unheard == ()
     for topic in stats.by_topic:
         sent = [content for name, _kind, _ns, content in written if name == topic]
-        assert [item.content for item in came if item.topic == topic] == sent
-    # Arrivals follow the log times: no drift, and little jitter even on a busy machine.
+        assert [item.content for item in received if item.topic == topic] == sent
+    # Arrival times follow the log times: no drift, and little jitter even on a busy machine.
     log_ns = np.array([ns for name, _kind, ns, _content in written if name == "/odometry"])
-    arrival_ns = np.array([item.arrival_ns for item in came if item.topic == "/odometry"])
+    arrival_ns = np.array([item.arrival_ns for item in received if item.topic == "/odometry"])
     lag_s = (arrival_ns - log_ns - (arrival_ns[0] - log_ns[0])) * 1e-9
     assert abs(np.median(lag_s)) < 0.05
     clocks = [
         join_stamp(deserialize_message(x.content, Clock).clock)
-        for x in came
+        for x in received
         if x.topic == "/clock"
     ]
     assert len(clocks) >= 195
     assert np.all(np.diff(clocks) == 10_000_000)
     assert clocks[0] == written[0][2]
-    assert len(told) >= 10
-    assert all(0.0 <= done <= whole for done, whole in told)
+    assert len(progress) >= 10
+    assert all(0.0 <= done <= whole for done, whole in progress)
 
 
-def test_rate_part_topics_remap_and_no_clock(bag: Path) -> None:
-    with listening("/clock", "/elsewhere/command", "/odometry") as came:
+def test_rate_part_topics_and_remapping_without_clock(bag: Path) -> None:
+    with listening("/clock", "/elsewhere/command", "/odometry") as received:
         begin_s = time.monotonic()
         stats = play(
             bag,
@@ -117,43 +117,47 @@ def test_rate_part_topics_remap_and_no_clock(bag: Path) -> None:
             start_s=0.5,
             duration_s=1.0,
         )
-        spent_s = time.monotonic() - begin_s
+        elapsed_s = time.monotonic() - begin_s
         time.sleep(0.3)
-    assert {item.topic for item in came} == {"/elsewhere/command"}
-    assert len(came) == stats.messages == 40
-    stamps = [join_stamp(deserialize_message(x.content, JointState).header.stamp) for x in came]
+    assert {item.topic for item in received} == {"/elsewhere/command"}
+    assert len(received) == stats.messages == 40
+    stamps = [
+        join_stamp(deserialize_message(x.content, JointState).header.stamp) for x in received
+    ]
     assert min(stamps) >= START_NS + 500_000_000
     assert max(stamps) <= START_NS + 1_520_000_000
-    assert spent_s < 6.0
+    assert elapsed_s < 6.0
 
 
-def test_stamps_of_now(bag: Path) -> None:
-    with listening("/clock", "/odometry") as came:
+def test_stamps_shifted_to_the_present(bag: Path) -> None:
+    with listening("/clock", "/odometry") as received:
         begin_ns = time.time_ns()
         play(bag, stamps="now", duration_s=0.5, topics=["/odometry"])
         end_ns = time.time_ns()
         time.sleep(0.3)
     with Bag(bag) as opened:
         originals = [content for *_, content in opened.raw(["/odometry"])]
-    moved = [item.content for item in came if item.topic == "/odometry"]
-    stamps = [join_stamp(deserialize_message(content, Odometry).header.stamp) for content in moved]
+    shifted = [item.content for item in received if item.topic == "/odometry"]
+    stamps = [
+        join_stamp(deserialize_message(content, Odometry).header.stamp) for content in shifted
+    ]
     assert begin_ns < stamps[0] < stamps[-1] < end_ns
     assert np.all(np.diff(stamps) == 20_000_000)
-    assert [content[12:] for content in moved] == [x[12:] for x in originals[: len(moved)]]
+    assert [content[12:] for content in shifted] == [x[12:] for x in originals[: len(shifted)]]
     clocks = [
         join_stamp(deserialize_message(x.content, Clock).clock)
-        for x in came
+        for x in received
         if x.topic == "/clock"
     ]
     assert begin_ns < clocks[0] < clocks[-1] < end_ns + 100_000_000
 
 
-def test_nobody_listens(bag: Path) -> None:
-    told: list[str] = []
-    stats = play(bag, duration_s=0.1, wait_for_subscribers_s=0.2, notice=told.append)
+def test_no_subscriber(bag: Path) -> None:
+    notices: list[str] = []
+    stats = play(bag, duration_s=0.1, wait_for_subscribers_s=0.2, notice=notices.append)
     assert stats.unheard == ("/imu/data", "/odometry", "/vehicle/command")
-    assert told == [
-        "nobody listens to /imu/data, /odometry, /vehicle/command after 0.2 s: played all the same"
+    assert notices == [
+        "no subscriber to /imu/data, /odometry, /vehicle/command after 0.2 s: playing anyway"
     ]
     with listening("/odometry"):
         begin_s = time.monotonic()
@@ -164,7 +168,7 @@ def test_nobody_listens(bag: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"rate": 0.0}, "--rate 0 is out of range"),
         ({"rate": float("nan")}, "--rate nan is out of range"),
@@ -173,19 +177,19 @@ def test_nobody_listens(bag: Path) -> None:
         ({"topics": ["/nope"]}, "has no topic /nope"),
         ({"remap": {"/nope": "imu"}}, "has no topic /nope"),
         ({"remap": {"/odometry": "not a name"}}, "not a name"),
-        ({"start_s": 100.0}, "--start 100 s lies outside"),
+        ({"start_s": 100.0}, "--start 100 s is outside"),
         ({"duration_s": 0.0}, "--duration 0 s"),
     ],
 )
-def test_wrong_options(bag: Path, options: dict[str, Any], said: str) -> None:
+def test_wrong_options(bag: Path, options: dict[str, Any], message: str) -> None:
     with pytest.raises(UsageError) as refused:
         play(bag, **options)
-    assert said in str(refused.value)
+    assert message in str(refused.value)
     assert "\n" not in str(refused.value)
 
 
 def test_ros1_bag(tmp_path: Path) -> None:
-    """Its messages come out as ROS 2's."""
+    """ROS 1 messages are published as ROS 2 messages."""
     store = get_typestore(Stores.ROS1_NOETIC)
     types = store.types
     with Writer(tmp_path / "old.bag") as writer:
@@ -193,35 +197,35 @@ def test_ros1_bag(tmp_path: Path) -> None:
         for number in range(20):
             vector = types["geometry_msgs/msg/Vector3"]
             point = types["geometry_msgs/msg/Point"](0.0, 0.0, 0.0)
-            turned = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-            pose = types["geometry_msgs/msg/Pose"](point, turned)
+            identity = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+            pose = types["geometry_msgs/msg/Pose"](point, identity)
             linear, angular = vector(number, 0.0, 0.0), vector(0.0, 0.0, 0.1)
             twist = types["geometry_msgs/msg/Twist"](linear, angular)
             stamp = types["builtin_interfaces/msg/Time"](100, number * 10_000_000)
-            made = types["nav_msgs/msg/Odometry"](
+            odometry = types["nav_msgs/msg/Odometry"](
                 types["std_msgs/msg/Header"](number, stamp, "odom"), "base_link",
                 types["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
                 types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)),
             )  # fmt: skip
-            content = store.serialize_ros1(made, "nav_msgs/msg/Odometry")
+            content = store.serialize_ros1(odometry, "nav_msgs/msg/Odometry")
             writer.write(connection, 100 * 10**9 + number * 10_000_000, content)
-    with listening("/odometry") as came:
+    with listening("/odometry") as received:
         stats = play(tmp_path / "old.bag")
         time.sleep(0.3)
-    assert stats.messages == len(came) == 20
-    heard = [deserialize_message(item.content, Odometry) for item in came]
-    assert [item.twist.twist.linear.x for item in heard] == list(range(20))
-    assert [join_stamp(item.header.stamp) for item in heard] == [
+    assert stats.messages == len(received) == 20
+    messages = [deserialize_message(item.content, Odometry) for item in received]
+    assert [item.twist.twist.linear.x for item in messages] == list(range(20))
+    assert [join_stamp(item.header.stamp) for item in messages] == [
         100 * 10**9 + number * 10_000_000 for number in range(20)
     ]
 
 
-def test_no_bag(tmp_path: Path) -> None:
+def test_absent_bag(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="does not exist"):
         play(tmp_path / "none")
 
 
-def test_restamp_leaves_what_has_no_stamp() -> None:
+def test_only_stamped_messages_are_shifted() -> None:
     restamper = Restamper()
     for kind in (Imu, Clock, String, PointStamped):
         restamper.add(kind.__name__, kind)
@@ -229,16 +233,16 @@ def test_restamp_leaves_what_has_no_stamp() -> None:
     assert restamper.shift("String", text, 10**9) == text
     point = PointStamped()
     point.header.stamp.sec, point.header.stamp.nanosec = 5, 999_999_999
-    moved = restamper.shift("PointStamped", serialize_message(point), 2)
-    stamp = deserialize_message(moved, PointStamped).header.stamp
+    shifted = restamper.shift("PointStamped", serialize_message(point), 2)
+    stamp = deserialize_message(shifted, PointStamped).header.stamp
     assert (stamp.sec, stamp.nanosec) == (6, 1)
     big_endian = b"\0\0\0\0" + (7).to_bytes(4, "big") + (8).to_bytes(4, "big") + b"rest"
-    moved = restamper.shift("Imu", big_endian, 3_000_000_001)
-    assert moved == b"\0\0\0\0" + (10).to_bytes(4, "big") + (9).to_bytes(4, "big") + b"rest"
+    shifted = restamper.shift("Imu", big_endian, 3_000_000_001)
+    assert shifted == b"\0\0\0\0" + (10).to_bytes(4, "big") + (9).to_bytes(4, "big") + b"rest"
 
 
 class Item(NamedTuple):
-    """Something due."""
+    """An item with a due time."""
 
     offset_ns: int
 
@@ -248,18 +252,18 @@ def never() -> bool:
 
 
 def test_paced_is_absolute() -> None:
-    """A hold-up in between does not move what comes after it."""
+    """A delay does not shift later items."""
     items = [Item(n * 10_000_000) for n in range(20)]
     begin_ns = time.monotonic_ns()
-    late = []
-    for item, late_ns in paced(iter(items), begin_ns, 1.0, never):
+    delays = []
+    for item, delay_ns in paced(iter(items), begin_ns, 1.0, never):
         assert time.monotonic_ns() >= begin_ns + item.offset_ns
-        late.append(late_ns)
+        delays.append(delay_ns)
         if item.offset_ns == 50_000_000:
             time.sleep(0.045)
     assert time.monotonic_ns() - begin_ns < 400_000_000
-    assert max(late) >= 25_000_000
-    assert late[-1] < 20_000_000
+    assert max(delays) >= 25_000_000
+    assert delays[-1] < 20_000_000
 
 
 def test_paced_stops_between_items() -> None:
@@ -280,7 +284,7 @@ def failing(fail: Callable[[], None]) -> Iterator[Item]:
     yield Item(1)
 
 
-def test_read_ahead_hands_errors_over() -> None:
+def test_read_ahead_passes_errors_on() -> None:
     def fail() -> None:
         raise UsageError("the bag is damaged")
 
@@ -290,7 +294,7 @@ def test_read_ahead_hands_errors_over() -> None:
         assert [item.offset_ns for item in ahead] == [0, 1]
 
 
-def test_read_ahead_ends_before_its_items_do() -> None:
+def test_read_ahead_can_end_early() -> None:
     endless = (Item(n) for n in iter(int, 1))
     with ReadAhead(endless) as ahead:
         assert next(iter(ahead)).offset_ns == 0
