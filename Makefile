@@ -10,6 +10,7 @@ TEST_ARGS ?=
 # Two processes; tests of one file stay in one, since they share what is costly to make.
 TEST_WORKERS ?= -n 2 --dist loadfile
 BENCH_ARGS ?= latency
+IDENTITY_ARGS ?= HEAD~1
 
 # Other people's predictors, to compare with: pins that exclude those of adk_ros.
 PEERS := .venv-peers
@@ -50,7 +51,7 @@ endef
 export CHECK
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow test-all lint bench peers colcon clean distclean
+.PHONY: help install demo test test-slow test-all lint docs bench peers colcon clean distclean
 
 help: ## Say what can be made
 	@echo "make TARGET [PYTHON=python3.11] [PIP_ARGS=...]"
@@ -76,6 +77,9 @@ lint: $(TESTING) ## Check style and types
 docs: $(TESTING) ## Generate the reference pages and build the site in site/, warnings as errors
 	@$(BIN)/python scripts/generate_docs.py
 	@$(BIN)/python -m mkdocs build --strict
+
+identity: $(RUNTIME) ## Compare results with an earlier revision (IDENTITY_ARGS="8313453 --cases DIR")
+	@$(BIN)/python scripts/check_identity.py $(IDENTITY_ARGS)
 
 bench: $(TESTING) ## Measure (BENCH_ARGS="live", "latency --json")
 	@$(BIN)/adk bench $(BENCH_ARGS)
