@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Findings made by hand, so that each kind of answer can be written without a search."""
+"""Results made by hand, so that a report of each verdict can be written without an analysis."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ NOISE = np.array([0.02, 0.02, 1e-3, 0.01, 0.01, 1e-3])
 
 def series(missing: str = "") -> ResidualSeries:
     """
-    Two laps of an oval; `missing` is what the residuals before show.
+    Two laps of an oval; `missing` is the effect in the residuals before correction.
 
     One of "" (nothing), "drag" (a_x against v_x^2), "bank" (v_y at 100 to 200 m of each lap),
-    "late" (yaw rate against the angle's change from 60 s on), "odd" (yaw rate against r / v_x).
+    "late" (yaw rate against the steering rate from 60 s on), "odd" (yaw rate against r / v_x).
     """
     time_s = np.arange(0.5 * BIN_S, SECONDS, BIN_S)
     rng = np.random.default_rng(3)
@@ -77,9 +77,9 @@ def series(missing: str = "") -> ResidualSeries:
     )
 
 
-def findings(missing: str = "", effects: tuple[IdentifiedEffect, ...] = ()) -> MismatchResult:
-    """Findings of a verdict none or explained, around `series`."""
-    names = [found.effect.name for found in effects]
+def result_of(missing: str = "", effects: tuple[IdentifiedEffect, ...] = ()) -> MismatchResult:
+    """Return a result with the verdict none or explained, for `series`."""
+    names = [effect.effect.name for effect in effects]
     return MismatchResult(
         verdict=EXPLAINED if effects else NONE,
         effects=list(effects),
@@ -103,17 +103,17 @@ def findings(missing: str = "", effects: tuple[IdentifiedEffect, ...] = ()) -> M
     )
 
 
-def found(
+def identified(
     name: str = "aero_drag",
     value: float = 0.92,
     low: float = 0.88,
     high: float = 0.97,
     **changes: object,
 ) -> IdentifiedEffect:
-    """An effect with the same interval for each parameter; `changes` replace its fields."""
+    """Return an effect with the same interval for each parameter; `changes` replace fields."""
     effect = EFFECTS[name]
-    rival = next(other for other in EFFECTS.values() if other.name != name)
-    plain = IdentifiedEffect(
+    competitor = next(other for other in EFFECTS.values() if other.name != name)
+    default = IdentifiedEffect(
         effect,
         {p.name: Interval(value, low, high, p.unit) for p in effect.parameters},
         0.97,
@@ -124,32 +124,32 @@ def found(
         (
             CompetingEffect(
                 name,
-                rival.name,
+                competitor.name,
                 9000.0,
-                ActiveEffect(rival, (1.0,) * len(rival.parameters)),
+                ActiveEffect(competitor, (1.0,) * len(competitor.parameters)),
                 False,
             ),
         ),
     )
-    return replace(plain, **changes)
+    return replace(default, **changes)
 
 
 def drag() -> MismatchResult:
-    """Air drag, the drive unable to tell it from a headwind."""
+    """Return air drag, not distinguishable from longitudinal wind."""
     fitted = ActiveEffect(EFFECTS["headwind"], (-4.0,))
     tied = CompetingEffect("aero_drag", "headwind", 3.0, fitted, True)
     lost = CompetingEffect(
         "aero_drag", "payload", 20000.0, ActiveEffect(EFFECTS["payload"], (150.0,)), False
     )
-    return findings("drag", (found(alternatives=["headwind"], competitors=(tied, lost)),))
+    return result_of("drag", (identified(alternatives=["headwind"], competitors=(tied, lost)),))
 
 
 def bank() -> MismatchResult:
-    """A banked road over one stretch of the lap."""
-    base = findings(
+    """Return a road bank on one segment of the lap."""
+    base = result_of(
         "bank",
         (
-            found(
+            identified(
                 "road_bank",
                 0.102,
                 0.1,
@@ -167,11 +167,11 @@ def bank() -> MismatchResult:
 
 
 def late() -> MismatchResult:
-    """A delay of the steering that begins in the middle."""
-    return findings(
+    """Return a steering delay that begins in the middle of the recording."""
+    return result_of(
         "late",
         (
-            found(
+            identified(
                 "steering_delay",
                 0.062,
                 0.058,
@@ -185,9 +185,9 @@ def late() -> MismatchResult:
 
 
 def odd(*effects: IdentifiedEffect) -> MismatchResult:
-    """A remainder that no effect explains, beside `effects`."""
+    """Return a residual that no effect explains, in addition to `effects`."""
     text = "yaw acceleration against relative wheel-speed difference"
-    rest = UnexplainedResidual(
+    unexplained = UnexplainedResidual(
         ["yaw_rate"],
         0.41,
         text,
@@ -195,8 +195,8 @@ def odd(*effects: IdentifiedEffect) -> MismatchResult:
         (FeatureTerm("yaw_rate", "yaw_rate_per_speed", -6.1, 900.0),),
     )
     return replace(
-        findings("odd", effects),
+        result_of("odd", effects),
         verdict=UNKNOWN,
-        unexplained=rest,
+        unexplained=unexplained,
         after={"v_x": 0.14, "v_y": 0.016, "yaw_rate": 0.001},
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The evidence as figures: residuals against what explains them, and errors before and after."""
+"""Figures of the evidence: residual trends, and errors before and after the correction."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
+from adk_ros.files.pages.figure_style import AFTER, BEFORE, GREY
 from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult
 from adk_ros.mismatch.inference.segments import SpatialProfile
 from adk_ros.mismatch.library.effect import PLACE
@@ -21,44 +22,41 @@ from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
 from adk_ros.mismatch.report.location_figures import DPI
 from adk_ros.mismatch.report.residual_trends import BINS, Trend
 from adk_ros.mismatch.report.summary import pair_text
-from adk_ros.mismatch.report.vocabulary import CHANNELS as CHANNEL_WORDS
-from adk_ros.mismatch.report.vocabulary import STATES, title
+from adk_ros.mismatch.report.vocabulary import CHANNEL_TITLES, STATES, quantity, unit_text
 from adk_ros.numerics.arrays import FloatArray
 
-BEFORE, AFTER = "#8c2d04", "#2171b5"
-"""Dark and light enough to be told apart in grey; their markers differ as well."""
-_LEAST = 0.05
-"""Residual over noise below which a figure's axis does not go."""
+_MIN_RATIO = 0.05
+"""Lower end of the axis of residual over noise."""
 
 
 def rms(residuals: FloatArray, settled: int) -> FloatArray:
-    """Return the root mean square by channel (6,) of residuals (6, b) after the settling."""
+    """Return the RMS of each channel (6,) of residuals (6, b) after settling."""
     return np.asarray(np.sqrt(np.mean(residuals[:, settled:] ** 2, axis=1)))
 
 
-def profile_figure(findings: MismatchResult, found: IdentifiedEffect) -> SpatialProfile | None:
-    """Return the free estimate of an effect's size along the lap, if there is one."""
-    if found.kind != PLACE:
+def profile_figure(result: MismatchResult, identified: IdentifiedEffect) -> SpatialProfile | None:
+    """Return the unconstrained size of a local effect along the lap, if there is one."""
+    if identified.kind != PLACE:
         return None
-    return next((m for m in findings.profiles if m.effect == found.effect.name), None)
+    return next((m for m in result.profiles if m.effect == identified.effect.name), None)
 
 
 def trend_figure(
-    findings: MismatchResult, item: Trend, found: IdentifiedEffect | None, path: Path
+    result: MismatchResult, item: Trend, identified: IdentifiedEffect | None, path: Path
 ) -> None:
-    """Draw the residual against the variable; for a place, the effect's size along the lap too."""
-    sized = None if found is None else profile_figure(findings, found)
+    """Draw the residual against the variable; for a local effect, its size along the lap too."""
+    profile = None if identified is None else profile_figure(result, identified)
     figure, axes = plt.subplots(
-        1 if sized is None else 2,
+        1 if profile is None else 2,
         1,
         sharex=True,
         squeeze=False,
         constrained_layout=True,
-        figsize=(7.6, 3.6 if sized is None else 5.4),
-        height_ratios=[1.0] if sized is None else [1.5, 1.0],
+        figsize=(7.6, 3.6 if profile is None else 5.4),
+        height_ratios=[1.0] if profile is None else [1.5, 1.0],
     )
     axis = axes[0, 0]
-    for values, sides, colour, marker, what in (
+    for values, sides, colour, marker, label in (
         (item.before, item.before_sides, BEFORE, "o", "before"),
         (item.after, item.after_sides, AFTER, "s", "after"),
     ):
@@ -70,57 +68,60 @@ def trend_figure(
             marker=marker,
             linewidth=1.2,
             markersize=5.0 if item.at.size <= BINS else 3.5,
-            linestyle="-" if what == "before" else "--",
-            markerfacecolor=colour if what == "before" else "white",
-            label=what,
+            linestyle="-" if label == "before" else "--",
+            markerfacecolor=colour if label == "before" else "white",
+            label=label,
         )
     axis.axhline(0.0, color="black", linewidth=0.7)
-    unit = UNITS[CHANNELS.index(item.channel)].replace("^", "")
-    axis.set_ylabel(f"residual of {CHANNEL_WORDS[item.channel]} ({unit})", fontsize=9)
+    unit = unit_text(UNITS[CHANNELS.index(item.channel)])
+    axis.set_ylabel(f"residual of {CHANNEL_TITLES[item.channel]} ({unit})", fontsize=9)
     axis.legend(fontsize=9)
-    if sized is not None and found is not None:
-        _size(axes[1, 0], sized, found, findings.lap_m or float(sized.at.max()))
+    if profile is not None and identified is not None:
+        _size(axes[1, 0], profile, identified, result.lap_m or float(profile.at.max()))
     for each in axes[:, 0]:
         each.grid(alpha=0.3)
-        if found is not None and found.kind == PLACE and findings.lap_m is not None:
-            _shade(each, found, findings.lap_m)
+        if identified is not None and identified.kind == PLACE and result.lap_m is not None:
+            _shade(each, identified, result.lap_m)
     axes[-1, 0].set_xlabel(item.label)
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
 
 
-def _size(axis: Axes, sized: SpatialProfile, found: IdentifiedEffect, lap: float) -> None:
-    """Draw the effect's size along the lap: free in each bin, and as it was fitted."""
-    parameter = found.effect.parameters[0]
+def _size(axis: Axes, profile: SpatialProfile, identified: IdentifiedEffect, lap: float) -> None:
+    """Draw the size of a local effect along the lap: unconstrained in each bin, and as fitted."""
+    parameter = identified.effect.parameters[0]
+    written = quantity(identified.effect.name, parameter.name, parameter.unit)
+
+    def shown(values: FloatArray) -> list[float]:
+        return [written.convert(float(value)) for value in values]
+
     axis.step(
-        sized.at,
-        sized.size + parameter.neutral,
+        profile.at,
+        shown(profile.size + parameter.neutral),
         where="mid",
-        color="0.45",
+        color=GREY,
         linewidth=1.0,
-        label="free in each bin, a first look",
+        label="unconstrained first estimate (other effects not yet removed)",
     )
     along = np.linspace(0.0, lap, 1000)
-    acts = np.zeros(along.shape, dtype=bool)
-    for begin, end in found.segments:
-        acts |= (along - begin) % lap <= end - begin
-    value = found.parameters[parameter.name].value
+    active = np.zeros(along.shape, dtype=bool)
+    for begin, end in identified.segments:
+        active |= (along - begin) % lap <= end - begin
+    value = identified.parameters[parameter.name].value
     axis.plot(
         along,
-        np.where(acts, value, parameter.neutral),
+        shown(np.where(active, value, parameter.neutral)),
         color="black",
         linewidth=1.6,
         label="as fitted",
     )
-    unit = "" if parameter.unit == "-" else f" ({parameter.unit.replace('^', '')})"
-    axis.set_ylabel(
-        f"{title(found.effect.name)},\n{parameter.name.replace('_', ' ')}{unit}", fontsize=9
-    )
+    unit = f" ({written.unit})" if written.unit else ""
+    axis.set_ylabel(f"{written.label}{unit}".replace(", ", ",\n"), fontsize=9)
     axis.legend(fontsize=8)
 
 
-def _shade(axis: Axes, found: IdentifiedEffect, lap: float) -> None:
-    for begin, end in found.segments:
+def _shade(axis: Axes, identified: IdentifiedEffect, lap: float) -> None:
+    for begin, end in identified.segments:
         for shift in (-lap, 0.0, lap):
             low, high = max(begin + shift, 0.0), min(end + shift, lap)
             if high > low:
@@ -137,21 +138,21 @@ def _shade(axis: Axes, found: IdentifiedEffect, lap: float) -> None:
     axis.set_xlim(0.0, lap)
 
 
-def errors_figure(findings: MismatchResult, path: Path) -> None:
-    """Draw the held-out errors ahead, before and after, one panel a state."""
+def errors_figure(result: MismatchResult, path: Path) -> None:
+    """Draw the errors on held-out data before and after, one panel per state."""
     figure, axes = plt.subplots(1, 3, figsize=(9.0, 2.4), constrained_layout=True)
-    for axis, (name, (what, unit)) in zip(axes, STATES.items(), strict=True):
-        values = (findings.before[name], findings.after[name])
-        axis.set_xlabel(f"{what} ({unit})")
+    for axis, (name, (state, unit)) in zip(axes, STATES.items(), strict=True):
+        values = (result.before[name], result.after[name])
+        axis.set_xlabel(f"RMS error of {state} ({unit})")
         if not np.isfinite(values).all():
-            axis.text(0.5, 0.5, "not judged", ha="center", va="center", fontsize=9)
+            axis.text(0.5, 0.5, "not evaluated", ha="center", va="center", fontsize=9)
             axis.set_xticks([])
             axis.set_yticks([])
             continue
         bars = axis.barh(
             [0, 1],
             values,
-            color=("0.35", "0.85"),
+            color=(BEFORE, AFTER),
             edgecolor="black",
             hatch=("", "////"),
             height=0.65,
@@ -166,10 +167,10 @@ def errors_figure(findings: MismatchResult, path: Path) -> None:
 
 
 def unexplained_figure(before: FloatArray, after: FloatArray, path: Path) -> None:
-    """Draw residual over noise (6,) by channel, before and after; one is the noise."""
+    """Draw the residual over noise (6,) of each channel, before and after the correction."""
     figure, axis = plt.subplots(figsize=(7.6, 2.9), constrained_layout=True)
     rows = np.arange(6)
-    first, second = np.maximum(before, _LEAST), np.maximum(after, _LEAST)
+    first, second = np.maximum(before, _MIN_RATIO), np.maximum(after, _MIN_RATIO)
     axis.hlines(rows, np.minimum(first, second), np.maximum(first, second), color="0.6", zorder=1)
     axis.plot(first, rows, "o", color=BEFORE, markersize=8, label="before")
     axis.plot(second, rows, "s", color=AFTER, markersize=8, markerfacecolor="white", label="after")
@@ -180,9 +181,9 @@ def unexplained_figure(before: FloatArray, after: FloatArray, path: Path) -> Non
     marks = [x for x in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500) if low <= x <= high]
     axis.set_xticks(marks, [f"{x:g}" for x in marks])
     axis.minorticks_off()
-    axis.set_yticks(rows, [CHANNEL_WORDS[name] for name in CHANNELS], fontsize=9)
+    axis.set_yticks(rows, [CHANNEL_TITLES[name] for name in CHANNELS], fontsize=9)
     axis.invert_yaxis()
-    axis.set_xlabel("RMS residual in 40 ms / noise")
+    axis.set_xlabel("RMS residual of 40 ms bins / noise")
     axis.grid(alpha=0.3, axis="x")
     axis.legend(fontsize=9)
     figure.savefig(path, dpi=DPI)

@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where simulation and recording differ: the track and the time line, coloured by the residual.
+Figures of where and when simulation and recording differ: map and timeline.
 
-The colour is the root mean square over channels and one second of residual over noise; dark is
-much, so that a print in black and white says the same.
+The colour is the RMS residual over noise, over one second and (on the map) over the channels.
+Darker is larger, so that a print in grey can be read as well.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult, ResidualSeries
 from adk_ros.mismatch.library.effect import PLACE
 from adk_ros.mismatch.recording.sensor_log import CHANNELS
-from adk_ros.mismatch.report.vocabulary import CHANNELS as CHANNEL_WORDS
-from adk_ros.mismatch.report.vocabulary import title
+from adk_ros.mismatch.report.vocabulary import CHANNEL_TITLES, title
 from adk_ros.mismatch.surrogate.residuals import BIN_S
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 
@@ -35,13 +34,14 @@ COLOURS = LinearSegmentedColormap.from_list(
 )
 _SECOND = round(1.0 / BIN_S)
 _LAP_STEP = 4.0
-"""m, of the lap's mean line."""
-_MOST = 100.0
+"""m, spacing of the lap's mean line."""
+_MAX_RATIO = 100.0
+"""Residual over noise above which the colour no longer changes."""
 _HATCHES = ("////", "\\\\\\\\", "....", "xxxx")
 
 
 def residual_to_noise(residuals: FloatArray, noise: FloatArray) -> FloatArray:
-    """Return residuals (6, b) over the noise, their root mean square over a second (6, b)."""
+    """Return the moving RMS over one second of residuals (6, b) over noise (6,), (6, b)."""
     square = (residuals / np.maximum(noise, 1e-9)[:, None]) ** 2
     kernel = np.ones(_SECOND)
     count = np.convolve(np.ones(square.shape[1]), kernel, mode="same")
@@ -50,19 +50,19 @@ def residual_to_noise(residuals: FloatArray, noise: FloatArray) -> FloatArray:
 
 
 def combined_residual(residuals: FloatArray, noise: FloatArray) -> FloatArray:
-    """Return one figure a bin (b,): the root mean square of `over_noise` over the channels."""
+    """Return the RMS of `residual_to_noise` over the channels, (b,)."""
     return np.asarray(np.sqrt(np.mean(residual_to_noise(residuals, noise) ** 2, axis=0)))
 
 
 def _scale(series: ResidualSeries) -> LogNorm:
     top = float(np.percentile(residual_to_noise(series.before, series.noise), 99.0))
-    return LogNorm(1.0, float(np.clip(top, 3.0, _MOST)))
+    return LogNorm(1.0, float(np.clip(top, 3.0, _MAX_RATIO)))
 
 
 def line_of(
     series: ResidualSeries, values: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (x, y, value) of the way driven; where laps repeat, their mean along the lap."""
+    """Return (x, y, value) along the route; the mean over all laps if there are laps."""
     if series.distance is None:
         return series.x, series.y, values
     cell = np.floor(series.distance / _LAP_STEP).astype(np.int64)
@@ -78,24 +78,24 @@ def line_of(
 
 
 def inside(
-    distance: FloatArray, stretches: tuple[tuple[float, float], ...], lap: float
+    distance: FloatArray, segments: tuple[tuple[float, float], ...], lap: float
 ) -> BoolArray:
-    """Return which distances along the lap lie in a stretch, one over the lap's end too."""
+    """Return which distances along the lap lie in a segment; one may cross the lap's end."""
     within = np.zeros(distance.shape[0], dtype=np.bool_)
-    for begin, end in stretches:
+    for begin, end in segments:
         within |= (distance - begin) % lap <= end - begin
     return within
 
 
-def map_figure(findings: MismatchResult, path: Path) -> None:
-    """Draw the track, coloured by the residual before correction, and places of effects."""
-    series = findings.series
+def map_figure(result: MismatchResult, path: Path) -> None:
+    """Draw the route, coloured by the residual before correction, and segments of effects."""
+    series = result.series
     size = combined_residual(series.before, series.noise)
     x, y, value = line_of(series, size)
     figure, axis = plt.subplots(figsize=(7.6, 5.2), constrained_layout=True)
-    placed = [found for found in findings.effects if found.kind == PLACE]
-    for found, hatch in zip(placed, _HATCHES, strict=False):
-        _mark(axis, findings, found, hatch)
+    placed = [identified for identified in result.effects if identified.kind == PLACE]
+    for identified, hatch in zip(placed, _HATCHES, strict=False):
+        _mark(axis, result, identified, hatch)
     norm = _scale(series)
     axis.plot(x, y, color="0.4", linewidth=7.0, solid_capstyle="round", zorder=2.5)
     points = np.column_stack([x, y])[:, None, :]
@@ -120,7 +120,7 @@ def map_figure(findings: MismatchResult, path: Path) -> None:
     if placed:
         axis.legend(loc="best", fontsize=9)
     bar = figure.colorbar(lines, ax=axis, shrink=0.8, extend="both")
-    bar.set_label("residual before / noise")
+    bar.set_label("RMS residual before correction / noise")
     bar.ax.set_yticks(*_ticks(norm))
     bar.ax.minorticks_off()
     figure.savefig(path, dpi=DPI)
@@ -132,24 +132,24 @@ def _ticks(norm: LogNorm) -> tuple[list[float], list[str]]:
     return at, [f"{x:g}" for x in at]
 
 
-def _mark(axis: Axes, findings: MismatchResult, found: IdentifiedEffect, hatch: str) -> None:
-    """Underlay the stretches at which an effect acts."""
-    series = findings.series
-    lap = findings.lap_m
+def _mark(axis: Axes, result: MismatchResult, identified: IdentifiedEffect, hatch: str) -> None:
+    """Draw the segments where an effect is active underneath the route."""
+    series = result.series
+    lap = result.lap_m
     if series.distance is None or lap is None:
         return
     along = np.arange(0.0, lap, _LAP_STEP)
     order = np.argsort(series.distance, kind="stable")
-    for i, (begin, end) in enumerate(found.segments):
+    for i, (begin, end) in enumerate(identified.segments):
         there = np.flatnonzero(inside(along, ((begin, end),), lap))
         if not there.size:
             continue
-        # From its beginning on, over the lap's end if need be.
+        # Ordered from the begin of the segment, which may cross the end of the lap.
         at = np.sort((along[there] - begin) % lap)
         cells = (at + begin) % lap
         x = np.interp(cells, series.distance[order], series.x[order], period=lap)
         y = np.interp(cells, series.distance[order], series.y[order], period=lap)
-        label = f"where {title(found.effect.name)} acts" if i == 0 else None
+        label = f"{title(identified.effect.name)} active" if i == 0 else None
         dashed = hatch != _HATCHES[0]
         axis.plot(
             x,
@@ -163,10 +163,10 @@ def _mark(axis: Axes, findings: MismatchResult, found: IdentifiedEffect, hatch: 
         )
 
 
-def timeline_figure(findings: MismatchResult, path: Path) -> None:
-    """Draw the residuals by channel along time, before and after, and when effects act."""
-    series = findings.series
-    rows = len(findings.effects)
+def timeline_figure(result: MismatchResult, path: Path) -> None:
+    """Draw the residuals of each channel over time, before and after, and active effects."""
+    series = result.series
+    rows = len(result.effects)
     figure, axes = plt.subplots(
         2 + (rows > 0),
         1,
@@ -178,11 +178,14 @@ def timeline_figure(findings: MismatchResult, path: Path) -> None:
     )
     panels = list(axes[:, 0])
     if rows:
-        _bars(panels.pop(0), findings)
+        _active_intervals(panels.pop(0), result)
     norm = _scale(series)
     span = (float(series.time_s[0]), float(series.time_s[-1]))
-    for axis, residuals, what in zip(
-        panels, (series.before, series.after), ("before", "after"), strict=True
+    for axis, residuals, heading in zip(
+        panels,
+        (series.before, series.after),
+        ("before correction", "after correction"),
+        strict=True,
     ):
         picture = axis.imshow(
             np.clip(residual_to_noise(residuals, series.noise), norm.vmin, None),
@@ -192,9 +195,9 @@ def timeline_figure(findings: MismatchResult, path: Path) -> None:
             interpolation="nearest",
             extent=(*span, 5.5, -0.5),
         )
-        axis.set_yticks(range(6), [CHANNEL_WORDS[name] for name in CHANNELS], fontsize=8)
-        axis.set_title(what, fontsize=10, loc="left")
-    panels[-1].set_xlabel("time since the recording's first message (s)")
+        axis.set_yticks(range(6), [CHANNEL_TITLES[name] for name in CHANNELS], fontsize=8)
+        axis.set_title(heading, fontsize=10, loc="left")
+    panels[-1].set_xlabel("time since the first message of the recording (s)")
     bar = figure.colorbar(picture, ax=panels, extend="both")
     bar.set_label("residual / noise, RMS over 1 s")
     bar.ax.set_yticks(*_ticks(norm))
@@ -203,10 +206,10 @@ def timeline_figure(findings: MismatchResult, path: Path) -> None:
     plt.close(figure)
 
 
-def _bars(axis: Axes, findings: MismatchResult) -> None:
+def _active_intervals(axis: Axes, result: MismatchResult) -> None:
     names = []
-    for i, found in enumerate(findings.effects):
-        spans = [(begin, end - begin) for begin, end in found.time_intervals_s]
+    for i, identified in enumerate(result.effects):
+        spans = [(begin, end - begin) for begin, end in identified.time_intervals_s]
         axis.broken_barh(
             spans,
             (i - 0.35, 0.7),
@@ -215,7 +218,7 @@ def _bars(axis: Axes, findings: MismatchResult) -> None:
             hatch=_HATCHES[i % len(_HATCHES)],
             linewidth=0.8,
         )
-        names.append(title(found.effect.name))
+        names.append(title(identified.effect.name))
     axis.set_yticks(range(len(names)), names, fontsize=8)
     axis.set_ylim(len(names) - 0.5, -0.5)
-    axis.set_title("acts when", fontsize=10, loc="left")
+    axis.set_title("effects active", fontsize=10, loc="left")

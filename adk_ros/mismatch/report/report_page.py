@@ -1,21 +1,19 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The person's answer as a page that stands by itself, its figures as PNG beside it."""
+"""The mismatch report as a self-contained HTML page, with its figures as PNG files next to it."""
 
 from __future__ import annotations
 
-import base64
-import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
+from adk_ros.files.pages.page import Figure, embed, render_page
+from adk_ros.files.pages.provenance import Provenance
+from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.inference.likelihood import TOLERANCE_BOUND
 from adk_ros.mismatch.inference.result import NONE, MismatchResult
-from adk_ros.mismatch.inference.unmodelled import EQUATION_TEXTS as EQUATION_WORDS
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.report.evidence_figures import (
@@ -40,12 +38,16 @@ from adk_ros.mismatch.report.residual_trends import (
     effect_residual_trend,
     feature_residual_trend,
 )
-from adk_ros.mismatch.report.summary import sentence, underfit_channels, unexplained_text
-from adk_ros.mismatch.report.vocabulary import CHANNELS as CHANNEL_WORDS
-from adk_ros.mismatch.report.vocabulary import listed, title
+from adk_ros.mismatch.report.summary import (
+    sentence,
+    underfit_channels,
+    unexplained_text,
+    verdict_text,
+)
+from adk_ros.mismatch.report.vocabulary import CHANNEL_TITLES, listed, title, unit_text
 
 PAGE = "report.html"
-_MOST_PIECES = 8
+_MAX_TERM_FIGURES = 8
 
 FIGURES = (
     "map.png",
@@ -53,121 +55,124 @@ FIGURES = (
     "errors.png",
     "remains.png",
     *(f"evidence_{name}.png" for name in EFFECTS),
-    *(f"remainder_{i}.png" for i in range(1, _MOST_PIECES + 1)),
+    *(f"remainder_{i}.png" for i in range(1, _MAX_TERM_FIGURES + 1)),
 )
-"""All figures that a report may have: those of an earlier one are not about this one."""
+"""All figures that a report may have; a new report removes those of an earlier one."""
 
 
-class Figure(NamedTuple):
-    """A figure on the page: its file's name, its words, its bytes in base64."""
+class Evidence(NamedTuple):
+    """The evidence for an effect or a feature term: heading, text, figure."""
 
-    name: str
-    alt: str
-    picture: str
+    heading: str
+    text: str
+    figure: Figure
 
 
-def write_page(findings: MismatchResult, out: Path) -> Path:
-    """Write `report.html` and its figures into the folder `out`; return the page."""
-    series = findings.series
+def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | None = None) -> Path:
+    """Write `report.html` and its figures into the folder `out`; return the page's path."""
+    series = result.series
     before, after = rms(series.before, SETTLING_BINS), rms(series.after, SETTLING_BINS)
-    where = [
+    location = [
         _figure(
-            out,
-            "map.png",
-            "Map of the track, dark where simulation and recording differ",
-            partial(map_figure, findings),
+            out / "map.png",
+            "Map of the route; darker where simulation and recording differ more",
+            partial(map_figure, result),
         ),
         _figure(
-            out,
-            "timeline.png",
-            "Residuals by channel along time, before and after, and when each effect acts",
-            partial(timeline_figure, findings),
+            out / "timeline.png",
+            "Residuals of each channel over time, before and after correction, and the times "
+            "when each effect is active",
+            partial(timeline_figure, result),
         ),
     ]
     errors = _figure(
-        out,
-        "errors.png",
-        f"Errors {findings.horizon_s:g} s ahead on held-out data, before and after",
-        partial(errors_figure, findings),
+        out / "errors.png",
+        f"Errors {result.horizon_s:g} s ahead on held-out data, before and after correction",
+        partial(errors_figure, result),
     )
-    remains = _figure(
-        out,
-        "remains.png",
-        "Residual over noise by channel, before and after",
+    residuals = _figure(
+        out / "remains.png",
+        "RMS residual over noise of each channel, before and after correction",
         partial(unexplained_figure, before / series.noise, after / series.noise),
     )
-    environment = Environment(
-        loader=PackageLoader("adk_ros.mismatch.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-    )
-    rest = findings.unexplained
-    pieces = () if rest is None else rest.terms
-    page = environment.get_template("report.html.j2").render(
-        findings=findings,
-        sentence=sentence(findings),
-        missed=underfit_channels(findings) if findings.verdict == NONE else "",
-        effects=effect_rows(findings),
+    unexplained = result.unexplained
+    terms = () if unexplained is None else unexplained.terms
+    effect_header, effects = effect_rows(result)
+    text = render_page(
+        "adk_ros.mismatch.report",
+        "report.html.j2",
+        provenance,
+        result=result,
+        name=page_title(provenance),
+        verdict=verdict_text(result),
+        sentence=sentence(result),
+        underfit=underfit_channels(result) if result.verdict == NONE else "",
+        effect_header=effect_header,
+        effects=effects,
         tolerance=100.0 * TOLERANCE_BOUND,
-        where=where,
-        evidence=_evidence(findings, out),
+        location=location,
+        evidence=_evidence(result, out),
         errors=errors,
-        remains=remains,
-        rivals=[
-            (title(found.effect.name), competitor_rows(found), found.gain, found.alternatives)
-            for found in findings.effects
+        residuals=residuals,
+        alternatives=[
+            (title(one.effect.name), competitor_rows(one), one.gain) for one in result.effects
         ],
-        losses=loss_rows(findings),
-        error_rows=error_rows(findings),
-        remains_rows=unexplained_rows(before, after, series.noise),
-        unexplained=None if rest is None else unexplained_text(rest),
-        groups=group_rows(findings),
-        stand_in=surrogate_rows(findings),
-        not_judged=listed([title(name) for name in findings.not_judged]),
-        drivers=listed([FEATURES[piece.feature].description for piece in pieces])
-        or "nothing known",
-        needs=[(title(found.effect.name), found.effect.manoeuvre) for found in findings.effects],
+        losses=loss_rows(result),
+        error_rows=error_rows(result),
+        residual_rows=unexplained_rows(before, after, series.noise),
+        unexplained=None if unexplained is None else unexplained_text(unexplained),
+        expression="" if unexplained is None else unit_text(unexplained.expression),
+        groups=group_rows(result),
+        surrogate=surrogate_rows(result),
+        not_judged=listed([title(name) for name in result.not_judged]),
+        drivers=listed([FEATURES[term.feature].description for term in terms]),
+        manoeuvres=[(title(one.effect.name), one.effect.manoeuvre) for one in result.effects],
     )
     path = out / PAGE
-    path.write_text(re.sub(r"\n{3,}", "\n\n", page), encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
     return path
 
 
-def _figure(out: Path, name: str, alt: str, draw: Callable[[Path], None]) -> Figure:
-    path = out / name
+def page_title(provenance: Provenance | None) -> str:
+    """Return the page's title, with the names of the inputs where they are known."""
+    if provenance is None:
+        return "Simulation vs recording"
+    names = [provenance.source_name(role) or role for role in ("simulation", "recording")]
+    return f"Simulation vs recording: {names[0]} vs {names[1]}"
+
+
+def _figure(path: Path, alt: str, draw: Callable[[Path], None]) -> Figure:
     draw(path)
-    return Figure(name, alt, base64.b64encode(path.read_bytes()).decode())
+    return embed(path, alt)
 
 
-def _evidence(findings: MismatchResult, out: Path) -> list[tuple[str, str, Figure]]:
-    """Draw a figure an effect and one a feature of the remainder: (title, words, figure)."""
+def _evidence(result: MismatchResult, out: Path) -> list[Evidence]:
+    """Draw one figure per effect and one per feature term of the unexplained residual."""
     parts = []
-    for found in findings.effects:
-        item = effect_residual_trend(findings.series, found)
+    for identified in result.effects:
+        item = effect_residual_trend(result.series, identified)
         parts.append(
-            (
-                title(found.effect.name),
-                f"{found.effect.equation}. {_said(item)}",
+            Evidence(
+                title(identified.effect.name),
+                f"Equation: {unit_text(identified.effect.equation)}. {_trend_text(item)}",
                 _figure(
-                    out,
-                    f"evidence_{found.effect.name}.png",
+                    out / f"evidence_{identified.effect.name}.png",
                     _alt(item),
-                    partial(trend_figure, findings, item, found),
+                    partial(trend_figure, result, item, identified),
                 ),
             )
         )
-    pieces = findings.unexplained.terms if findings.unexplained is not None else ()
-    for i, piece in enumerate(pieces[:_MOST_PIECES], 1):
-        item = feature_residual_trend(findings.series, piece)
+    terms = result.unexplained.terms if result.unexplained is not None else ()
+    for i, term in enumerate(terms[:_MAX_TERM_FIGURES], 1):
+        item = feature_residual_trend(result.series, term)
         parts.append(
-            (
-                f"unexplained: {EQUATION_WORDS[piece.equation]}",
-                _said(item),
+            Evidence(
+                f"Unexplained {EQUATION_TEXTS[term.equation]}",
+                _trend_text(item),
                 _figure(
-                    out,
-                    f"remainder_{i}.png",
+                    out / f"remainder_{i}.png",
                     _alt(item),
-                    partial(trend_figure, findings, item, None),
+                    partial(trend_figure, result, item, None),
                 ),
             )
         )
@@ -175,14 +180,15 @@ def _evidence(findings: MismatchResult, out: Path) -> list[tuple[str, str, Figur
 
 
 def _alt(item: Trend) -> str:
-    return f"Residual of {CHANNEL_WORDS[item.channel]} against {item.label}, before and after"
+    channel = CHANNEL_TITLES[item.channel]
+    return f"Mean residual of {channel} over {item.label}, before and after correction"
 
 
-def _said(item: Trend) -> str:
-    """Return what the figure shows, in numbers."""
-    largest = abs(item.before).max() / item.noise
-    left = abs(item.after).max() / item.noise
+def _trend_text(item: Trend) -> str:
+    """Return the peak of the binned means in numbers."""
+    before = abs(item.before).max() / item.noise
+    after = abs(item.after).max() / item.noise
     return (
-        f"The residual of {CHANNEL_WORDS[item.channel]} against {item.label}: its mean goes up to "
-        f"{largest:.2g} times the noise of a 40 ms bin before, and to {left:.2g} times after."
+        f"Channel: {CHANNEL_TITLES[item.channel]}, over {item.label}. Peak of the mean residual: "
+        f"{before:.2g} times the noise of a 40 ms bin before correction, {after:.2g} times after."
     )

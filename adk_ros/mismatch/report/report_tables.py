@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the page says in rows: effects, rivals, what each effect gains, errors, what remains."""
+"""Rows of the page's tables: effects, alternatives, hypotheses, errors, residuals."""
 
 from __future__ import annotations
 
@@ -12,186 +12,190 @@ from adk_ros.mismatch.inference.result import NONE, IdentifiedEffect, MismatchRe
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
 from adk_ros.mismatch.report.summary import activation_text, interval_text, pair_text
-from adk_ros.mismatch.report.vocabulary import CHANNEL_TEXTS, STATES, listed, quantity, title
-from adk_ros.mismatch.report.vocabulary import CHANNELS as CHANNEL_WORDS
+from adk_ros.mismatch.report.vocabulary import (
+    CHANNEL_TITLES,
+    DIRECT_MEASUREMENTS,
+    STATES,
+    listed,
+    quantity,
+    title,
+    unit_text,
+)
 from adk_ros.numerics.arrays import FloatArray
 
 Rows = list[list[str]]
 
 _MANOEUVRES = {name: effect.manoeuvre for name, effect in EFFECTS.items()}
-_CLEAR = 200.0
-"""Loss difference from which a rival is no question."""
-_OTHERWISE = {"rad": (180.0 / math.pi, "deg"), "rad/s": (180.0 / math.pi, "deg/s")}
+_CLEAR_LOSS_DIFFERENCE = 200.0
+"""Loss difference from which a competing effect fits clearly worse; for the wording only."""
 
 
-def effect_rows(findings: MismatchResult) -> Rows:
-    """Return effect, parameter, value with interval, in other units, where, confidence."""
+def effect_rows(result: MismatchResult) -> tuple[list[str], Rows]:
+    """Return header and rows: effect, parameter, size, other units if any, where, confidence."""
     rows = []
-    for found in findings.effects:
-        for i, (name, x) in enumerate(found.parameters.items()):
-            said = quantity(found.effect.name, name, x.unit)
+    for identified in result.effects:
+        for i, (name, x) in enumerate(identified.parameters.items()):
+            written = quantity(identified.effect.name, name, x.unit)
+            where = activation_text(identified) or unit_text(identified.effect.where)
             rows.append(
                 [
-                    title(found.effect.name) if i == 0 else "",
-                    said.label,
-                    interval_text(x, said),
-                    _alternative_text(name, x.value, x.unit),
-                    (activation_text(found) or found.effect.where) if i == 0 else "",
-                    f"{100.0 * found.confidence:.0f} %" if i == 0 else "",
+                    title(identified.effect.name) if i == 0 else "",
+                    written.label,
+                    interval_text(x, written),
+                    written.other_units(x.value),
+                    where if i == 0 else "",
+                    f"{identified.confidence:.2f}" if i == 0 else "",
                 ]
             )
-    return rows
+    header = [
+        "effect",
+        "parameter",
+        "size relative to the simulation (90 % interval)",
+        "in other units",
+        "where",
+        "confidence score",
+    ]
+    if not any(row[3] for row in rows):
+        header, rows = [*header[:3], *header[4:]], [[*row[:3], *row[4:]] for row in rows]
+    return header, rows
 
 
-def _alternative_text(name: str, value: float, unit: str) -> str:
-    if name in {"grade", "bank"}:
-        return f"{100.0 * math.tan(value):.1f} %"
-    factor, other = _OTHERWISE.get(unit, (0.0, ""))
-    if other:
-        return f"{value * factor:.3g} {other}"
-    if name in {"scale", "mu_scale"}:
-        return f"{100.0 * (value - 1.0):+.1f} %"
-    return ""
-
-
-def competitor_rows(found: IdentifiedEffect) -> Rows:
-    """Return rival, its fitted values, its share of what the effect explains, and the verdict."""
+def competitor_rows(identified: IdentifiedEffect) -> Rows:
+    """Return alternative, its fitted size, its share of the gain, loss difference, decision."""
     rows = []
-    for rival in found.competitors:
+    for competitor in identified.competitors:
         values = []
-        if not rival.fitted.is_material():
-            values.append("next to nothing of it")
-        for parameter in rival.fitted.effect.parameters if not values else ():
-            said = quantity(rival.name, parameter.name, parameter.unit)
-            value = said.factor * rival.fitted.values()[parameter.name]
-            values.append(f"{said.label} {value:.3g} {said.unit}".rstrip())
-        share = 1.0 - rival.loss_difference / found.gain if found.gain > 0.0 else 0.0
+        if not competitor.fitted.is_material():
+            values.append("negligible")
+        for parameter in competitor.fitted.effect.parameters if not values else ():
+            written = quantity(competitor.name, parameter.name, parameter.unit)
+            value = written.convert(competitor.fitted.values()[parameter.name])
+            values.append(f"{written.label} {value:.3g} {written.unit}".rstrip())
+        gain = identified.gain
+        share = 1.0 - competitor.loss_difference / gain if gain > 0.0 else 0.0
         rows.append(
             [
-                title(rival.name),
+                title(competitor.name),
                 listed(values),
                 f"{100.0 * min(max(share, 0.0), 1.0):.3g} %",
-                f"{rival.loss_difference:,.0f}",
-                _rejection_reason(rival, share),
+                f"{competitor.loss_difference:,.0f}",
+                _decision(competitor, share),
             ]
         )
     return rows
 
 
-def _rejection_reason(rival: CompetingEffect, share: float) -> str:
-    if rival.alternative:
-        return "fits as well: cannot be told apart on this drive"
-    if rival.loss_difference < INDISTINGUISHABLE_LOSS:
-        return "fits as well, but only with a value within build tolerance"
+def _decision(competitor: CompetingEffect, share: float) -> str:
+    if competitor.alternative:
+        return "not distinguishable in this recording"
+    if competitor.loss_difference < INDISTINGUISHABLE_LOSS:
+        return "rejected: equal fit, but only with a size within build tolerance"
     if share < 0.1:
-        return "explains next to nothing"
+        return "rejected: explains almost nothing"
     if share < 0.9:
-        return "explains a part only"
-    if rival.loss_difference < _CLEAR:
-        return "fits nearly as well; the difference is more than chance"
-    return "fits much, but what it leaves is far more than noise"
+        return "rejected: explains only a part"
+    if competitor.loss_difference < _CLEAR_LOSS_DIFFERENCE:
+        return "rejected: slightly but significantly worse fit"
+    return "rejected: partial fit, residual well above noise"
 
 
-def loss_rows(findings: MismatchResult) -> Rows:
-    """Return hypothesis, loss over a perfect model's, gain on the one above, and the verdict."""
+def loss_rows(result: MismatchResult) -> Rows:
+    """Return hypothesis, loss per residual, gain over the row above, decision."""
     rows = []
-    taken = len(findings.effects)
-    before: float | None = None
-    for name, loss in findings.losses:
+    selected = len(result.effects)
+    previous: float | None = None
+    for name, loss in result.losses:
         names = [] if name == NONE else name.split("+")
-        gain = "" if before is None else f"{before - loss:,.0f}"
-        so = "taken" if len(names) == taken else ""
-        if so and findings.unexplained is not None:
-            so = "taken, with a formula for what is left"
-        if len(names) > taken:
-            so = "not taken: " + (
-                "what is left fits a formula better"
-                if findings.unexplained is not None
-                else "gains too little"
+        gain = "" if previous is None else f"{previous - loss:,.0f}"
+        decision = "selected" if len(names) == selected else ""
+        if decision and result.unexplained is not None:
+            decision = "selected, with a formula for the remaining residual"
+        if len(names) > selected:
+            decision = "rejected: " + (
+                "a formula fits the remaining residual better"
+                if result.unexplained is not None
+                else "gain too small"
             )
-        ratio = loss / findings.expected_loss if findings.expected_loss > 0.0 else math.nan
+        ratio = loss / result.expected_loss if result.expected_loss > 0.0 else math.nan
         rows.append(
             [
-                listed([title(each) for each in names]) or "nothing but build tolerance",
+                listed([title(each) for each in names]) or "no effect, build tolerance only",
                 f"{ratio:.3f}",
                 gain,
-                so,
+                decision,
             ]
         )
-        before = loss
+        previous = loss
     return rows
 
 
-def error_rows(findings: MismatchResult) -> Rows:
-    """Return state, held-out error before, after, and the share that is gone."""
+def error_rows(result: MismatchResult) -> Rows:
+    """Return state, held-out error before and after, reduction."""
     rows = []
-    for name, (what, unit) in STATES.items():
-        before, after = findings.before[name], findings.after[name]
+    for name, (state, unit) in STATES.items():
+        before, after = result.before[name], result.after[name]
         if not math.isfinite(before):
-            rows.append([f"{what} ({unit})", "not judged", "", ""])
+            rows.append([f"{state} ({unit})", "not evaluated", "", ""])
             continue
-        gone = 100.0 * (1.0 - after / before) if before > 0.0 else 0.0
-        rows.append([f"{what} ({unit})", *pair_text(before, after), f"{gone:.0f} %"])
+        reduction = round(100.0 * (1.0 - after / before)) if before > 0.0 else 0
+        rows.append([f"{state} ({unit})", *pair_text(before, after), f"{reduction} %"])
     return rows
 
 
 def unexplained_rows(before: FloatArray, after: FloatArray, noise: FloatArray) -> Rows:
-    """Return channel, RMS residual (6,) before and after, noise, and the ratio that is left."""
-    rows = []
-    for i, name in enumerate(CHANNELS):
-        unit = UNITS[i].replace("^", "")
-        rows.append(
-            [
-                f"{CHANNEL_WORDS[name]} ({unit})",
-                f"{before[i]:.3g}",
-                f"{after[i]:.3g}",
-                f"{noise[i]:.3g}",
-                f"{after[i] / max(noise[i], 1e-12):.2f}",
-            ]
-        )
-    return rows
-
-
-def surrogate_rows(findings: MismatchResult) -> Rows:
-    """Return channel, the stand-in's RMS error on the simulation, and the recording's noise."""
+    """Return channel, RMS residual (6,) before and after, noise, residual after over noise."""
     return [
         [
-            f"{CHANNEL_WORDS[name]} ({UNITS[i].replace('^', '')})",
-            f"{findings.surrogate_error[name]:.2g}",
-            f"{findings.series.noise[i]:.2g}",
+            f"{CHANNEL_TITLES[name]} ({unit_text(UNITS[i])})",
+            f"{before[i]:.3g}",
+            f"{after[i]:.3g}",
+            f"{noise[i]:.3g}",
+            f"{after[i] / max(noise[i], 1e-12):.2f}",
+        ]
+        for i, name in enumerate(CHANNELS)
+    ]
+
+
+def surrogate_rows(result: MismatchResult) -> Rows:
+    """Return channel, RMS error of the surrogate on the simulation, noise of the recording."""
+    return [
+        [
+            f"{CHANNEL_TITLES[name]} ({unit_text(UNITS[i])})",
+            f"{result.surrogate_error[name]:.2g}",
+            f"{result.series.noise[i]:.2g}",
         ]
         for i, name in enumerate(CHANNELS)
     ]
 
 
 def discriminability_text(item: Discriminability) -> str:
-    """Return what simulating manoeuvres has shown of a pair."""
+    """Return which simulated manoeuvre distinguishes two effects, or that none does."""
     other = title(item.other)
     if item.distinguishes:
         return (
-            f"from {other}: {item.manoeuvre} (simulated with either, the two differ by "
-            f"{item.loss:,.0f} in loss, where {DISCRIMINATION_LOSS:g} tells them apart)"
+            f"from {other}: {item.manoeuvre} (simulated loss difference {item.loss:,.0f}; "
+            f"{DISCRIMINATION_LOSS:g} is enough)"
         )
     return (
-        f"from {other}: none of {item.tried} simulated manoeuvres; the best, {item.manoeuvre}, "
-        f"differs by {item.loss:,.0f} in loss, and {DISCRIMINATION_LOSS:g} would be needed"
+        f"from {other}: none of {item.tried} simulated manoeuvres; the best is {item.manoeuvre} "
+        f"(loss difference {item.loss:,.0f}; {DISCRIMINATION_LOSS:g} is needed)"
     )
 
 
-def group_rows(findings: MismatchResult) -> Rows:
-    """Return effects that the drive cannot tell apart, and what would tell each."""
+def group_rows(result: MismatchResult) -> Rows:
+    """Return indistinguishable effects, distinguishing manoeuvre, other ways to distinguish."""
     rows = []
-    for group in findings.groups:
-        shown = [discriminability_text(x) for x in findings.discriminability if x.of == group[0]]
-        driven = [x.distinguishes for x in findings.discriminability if x.of == group[0]]
-        # What is usually driven for an effect is of no use where nothing driven tells it here.
-        known = CHANNEL_TEXTS if driven and not any(driven) else _MANOEUVRES
-        tells = [f"{title(name)}: {known[name]}" for name in group if known.get(name)]
+    for group in result.groups:
+        simulated = [x for x in result.discriminability if x.of == group[0]]
+        # The usual manoeuvres are of no use if no simulated manoeuvre distinguishes the effects.
+        undecided = simulated and not any(x.distinguishes for x in simulated)
+        ways = DIRECT_MEASUREMENTS if undecided else _MANOEUVRES
+        others = [f"{title(name)}: {ways[name]}" for name in group if ways.get(name)]
         rows.append(
             [
                 listed([title(name) for name in group], "or"),
-                "; ".join(shown) or "-",
-                "; ".join(tells) or "-",
+                "; ".join(discriminability_text(x) for x in simulated) or "-",
+                "; ".join(others) or "-",
             ]
         )
     return rows

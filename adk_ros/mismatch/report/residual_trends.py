@@ -1,12 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Which channel shows an effect best, and against what: the evidence a person can look at.
+Select the residual channel and the variable that show an effect most clearly.
 
-For a variable u of the drive cut into bins of equal count, and a channel with residual e and noise
-s, the figure's weight is the sum over bins of n (mean(e before)^2 - mean(e after)^2) / s^2: what
-correction takes out of the binned means, in units of the noise. The channel with the most is
-shown; so is the variable, where the table names none.
+A variable u of the recording is cut into bins of equal count. For a channel with residual e and
+noise s, the score of a figure is the sum over bins of n (mean(e_before)² - mean(e_after)²) / s²:
+the reduction of the binned means by the correction, in units of the noise. The figure shows the
+channel with the highest score, and the variable with the highest score of those in `EXPLAINS`.
 """
 
 from __future__ import annotations
@@ -21,16 +21,19 @@ from adk_ros.mismatch.inference.result import IdentifiedEffect, ResidualSeries
 from adk_ros.mismatch.library.effect import PLACE
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.recording.sensor_log import CHANNELS
+from adk_ros.mismatch.report.vocabulary import unit_text
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.mismatch.surrogate.residuals import BIN_S
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 
 BINS = 20
+"""Bins of equal count along a variable."""
 PLACE_BINS = 60
+"""Bins of equal count along the lap."""
 SETTLING_BINS = 25
-"""Bins at the beginning that are not shown: the simulation has yet to settle."""
+"""40 ms bins at the beginning that are not shown: the simulation is settling."""
 SPREAD_PERCENTILES = (16.0, 84.0)
-"""Percentiles of a bin's residuals between which its spread is drawn."""
+"""Percentiles of the residuals in a bin between which their spread is drawn."""
 
 
 def _rate(values: FloatArray) -> FloatArray:
@@ -38,7 +41,7 @@ def _rate(values: FloatArray) -> FloatArray:
 
 
 class Variable(NamedTuple):
-    """A variable of the drive: what an axis says, and its values of a series."""
+    """A variable to draw residuals against: axis label, and its values for a series."""
 
     label: str
     of: Callable[[ResidualSeries], FloatArray]
@@ -47,30 +50,30 @@ class Variable(NamedTuple):
 VARIABLES: dict[str, Variable] = {
     "time": Variable("time (s)", lambda s: s.time_s),
     "speed": Variable("speed (m/s)", lambda s: s.signals["v_x"]),
-    "speed_squared": Variable("speed squared (m2/s2)", lambda s: s.signals["v_x"] ** 2),
-    "torque": Variable("commanded wheel torque (N m)", lambda s: s.signals["torque"]),
+    "speed_squared": Variable("speed squared (m²/s²)", lambda s: s.signals["v_x"] ** 2),
+    "torque": Variable("commanded wheel torque (N·m)", lambda s: s.signals["torque"]),
     "power": Variable(
-        "commanded wheel torque times speed (N m2/s)",
+        "commanded wheel torque times speed (N·m²/s)",
         lambda s: s.signals["torque"] * s.signals["v_x"],
     ),
     "torque_rate": Variable(
-        "change of the commanded torque (N m/s)", lambda s: _rate(s.signals["torque"])
+        "rate of the commanded wheel torque (N·m/s)", lambda s: _rate(s.signals["torque"])
     ),
-    "angle": Variable("commanded wheel angle (rad)", lambda s: s.signals["delta"]),
+    "angle": Variable("commanded road-wheel angle (rad)", lambda s: s.signals["delta"]),
     "angle_rate": Variable(
-        "change of the commanded wheel angle (rad/s)", lambda s: _rate(s.signals["delta"])
+        "rate of the commanded road-wheel angle (rad/s)", lambda s: _rate(s.signals["delta"])
     ),
-    "lateral": Variable("lateral acceleration (m/s2)", lambda s: s.signals["a_y"]),
+    "lateral": Variable("lateral acceleration (m/s²)", lambda s: s.signals["a_y"]),
     "lateral_fast": Variable(
-        "lateral acceleration times speed squared (m3/s4)",
+        "lateral acceleration times speed squared (m³/s⁴)",
         lambda s: s.signals["a_y"] * s.signals["v_x"] ** 2,
     ),
     "lateral_rate": Variable(
-        "change of the lateral acceleration (m/s3)", lambda s: _rate(s.signals["a_y"])
+        "rate of the lateral acceleration (m/s³)", lambda s: _rate(s.signals["a_y"])
     ),
     "yaw_rate": Variable("yaw rate (rad/s)", lambda s: s.signals["yaw_rate"]),
     "yaw_acceleration": Variable(
-        "yaw acceleration (rad/s2)", lambda s: _rate(s.signals["yaw_rate"])
+        "yaw acceleration (rad/s²)", lambda s: _rate(s.signals["yaw_rate"])
     ),
 }
 
@@ -113,7 +116,7 @@ EXPLAINS: dict[str, tuple[str, ...]] = {
     "odometry_scale": ("speed",),
     "odometry_filter": ("yaw_acceleration",),
 }
-"""Effect -> variables that explain it, of which the best is shown; missing: of all."""
+"""Effect -> candidate variables to draw it against; an effect that is missing here: all."""
 
 _OF_EQUATION = {
     "v_x": ("imu_a_x", "v_x"),
@@ -127,7 +130,12 @@ _SAME_SCALE = 1e-9
 
 @dataclass(frozen=True)
 class Trend:
-    """A residual in bins (k,) of a variable: means before and after, and the spread of both."""
+    """
+    A residual in k bins of a variable, before and after the correction.
+
+    `at`, `before`, `after`: (k,) bin means of the variable and of the residuals; `before_sides`,
+    `after_sides`: (2, k) the percentiles `SPREAD_PERCENTILES`; `noise` of a 40 ms bin.
+    """
 
     channel: str
     label: str
@@ -135,10 +143,9 @@ class Trend:
     before: FloatArray
     after: FloatArray
     before_sides: FloatArray
-    """(2, k): the percentiles `SIDES`."""
     after_sides: FloatArray
     noise: float
-    weight: float
+    score: float
 
 
 def trend(
@@ -151,14 +158,14 @@ def trend(
     without: str = "",
 ) -> Trend:
     """
-    Cut the bins in `use` by a variable u (b,) into bins of equal count.
+    Average the residual of a channel in bins of the variable u (b,), over the bins in `use` (b,).
 
-    "Before" is the simulation less all that was found; if more than one thing was, less `without`
-    alone.
+    "Before" is the corrected model without the effect named `without` if several effects are
+    identified, and the uncorrected surrogate otherwise.
     """
     row = CHANNELS.index(channel)
-    lacking = series.without.get(without, series.before)
-    before, after = lacking[row][use], series.after[row][use]
+    uncorrected = series.without.get(without, series.before)
+    before, after = uncorrected[row][use], series.after[row][use]
     order = np.argsort(u[use], kind="stable")
     parts = [part for part in np.array_split(order, bins) if part.size]
     counts = np.array([part.size for part in parts], dtype=np.float64)
@@ -173,7 +180,7 @@ def trend(
 
     noise = max(float(series.noise[row]), _SAME_SCALE)
     mean_before, mean_after = means(before), means(after)
-    weight = float(np.sum(counts * (mean_before**2 - mean_after**2))) / noise**2
+    score = float(np.sum(counts * (mean_before**2 - mean_after**2))) / noise**2
     return Trend(
         channel,
         label,
@@ -183,7 +190,7 @@ def trend(
         sides(before),
         sides(after),
         noise,
-        weight,
+        score,
     )
 
 
@@ -195,18 +202,18 @@ def best_trend(
     bins: int = BINS,
     without: str = "",
 ) -> Trend:
-    """Return the trend with the most weight over the equations' channels and the variables."""
+    """Return the trend with the highest score over channels of `equations` and variables."""
     channels = [c for equation in equations for c in _OF_EQUATION.get(equation, ())] or CHANNELS
-    found = [
+    trends = [
         trend(series, channel, label, u, use, bins, without)
         for channel in channels
         for label, u in variables
     ]
-    return max(found, key=lambda item: item.weight)
+    return max(trends, key=lambda item: item.score)
 
 
 def active_bins(series: ResidualSeries, intervals: Sequence[Sequence[float]]) -> BoolArray:
-    """Return which bins (b,) lie in one of the intervals and after the settling."""
+    """Return which 40 ms bins (b,) lie in one of the intervals and after settling."""
     inside = np.zeros(series.time_s.shape[0], dtype=np.bool_)
     for begin, end in intervals:
         inside |= (series.time_s >= begin) & (series.time_s <= end)
@@ -214,29 +221,33 @@ def active_bins(series: ResidualSeries, intervals: Sequence[Sequence[float]]) ->
     return inside
 
 
-def effect_residual_trend(series: ResidualSeries, found: IdentifiedEffect) -> Trend:
-    """Return the evidence for an effect, over where it acts; along the lap if tied to a place."""
-    if found.kind == PLACE and series.distance is not None:
+def effect_residual_trend(series: ResidualSeries, identified: IdentifiedEffect) -> Trend:
+    """Return the trend of an effect where it is active; along the lap if it is local."""
+    if identified.kind == PLACE and series.distance is not None:
         use = active_bins(series, [[-np.inf, np.inf]])
         along = [("distance along the lap (m)", series.distance)]
-        name = found.effect.name
-        return best_trend(series, along, found.effect.equations, use, PLACE_BINS, name)
-    use = active_bins(series, found.time_intervals_s)
+        name = identified.effect.name
+        return best_trend(series, along, identified.effect.equations, use, PLACE_BINS, name)
+    use = active_bins(series, identified.time_intervals_s)
     if np.count_nonzero(use) < 2 * BINS:
         use = active_bins(series, [[-np.inf, np.inf]])
-    names = EXPLAINS.get(found.effect.name, tuple(VARIABLES))
+    names = EXPLAINS.get(identified.effect.name, tuple(VARIABLES))
     variables = [(VARIABLES[name].label, VARIABLES[name].of(series)) for name in names]
-    return best_trend(series, variables, found.effect.equations, use, without=found.effect.name)
+    return best_trend(
+        series, variables, identified.effect.equations, use, without=identified.effect.name
+    )
 
 
-def feature_residual_trend(series: ResidualSeries, piece: FeatureTerm) -> Trend:
-    """Return the evidence for one feature of an unexplained remainder."""
-    feature = FEATURES[piece.feature]
+def feature_residual_trend(series: ResidualSeries, term: FeatureTerm) -> Trend:
+    """Return the trend of one feature term of the unexplained residual."""
+    feature = FEATURES[term.feature]
     u = feature.function(series.signals)
     if float(np.ptp(u)) == 0.0:
         label, u = "time (s)", series.time_s
     else:
-        label = f"{feature.description}, {feature.expression} ({feature.unit.replace('^', '')})"
+        label = (
+            f"{feature.description}, {unit_text(feature.expression)} ({unit_text(feature.unit)})"
+        )
     use = active_bins(series, [[-np.inf, np.inf]])
-    name = f"{piece.equation}:{piece.feature}"
-    return best_trend(series, [(label, u)], [piece.equation], use, without=name)
+    name = f"{term.equation}:{term.feature}"
+    return best_trend(series, [(label, u)], [term.equation], use, without=name)

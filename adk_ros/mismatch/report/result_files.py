@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The machine's answer, `mismatch.json`, and the folder that holds it with all the rest."""
+"""Write the result folder: `mismatch.json`, models, page and figures."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from adk_ros.files.output_folder import staged_folder
+from adk_ros.files.pages.provenance import Provenance
 from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult
 from adk_ros.mismatch.library.effect import PLACE, TIME
 from adk_ros.mismatch.report.report_page import FIGURES, PAGE, write_page
 from adk_ros.mismatch.report.summary import segment_texts, sentence, underfit_channels
+from adk_ros.mismatch.report.vocabulary import unit_text
 
 SCHEMA = 1
 RESULT_FILE, SIMULATION_FILE, CORRECTED_FILE = "mismatch.json", "simulation.yaml", "corrected.yaml"
 HELD_OUT_FILE = "held_out.yaml"
-"""The corrected model that the held-out errors are of: fitted to the recording's first part."""
+"""Corrected model fitted to the first part only; the held-out errors are computed with it."""
 
 
 def _number(value: float) -> float | None:
@@ -26,18 +28,18 @@ def _number(value: float) -> float | None:
 
 
 def where_text(effect: IdentifiedEffect) -> str:
-    """Return where an effect acts, in words."""
+    """Return where or when an effect is active, as text."""
     if effect.kind == PLACE:
-        return f"at a place: {', '.join(segment_texts(effect))} along the lap, every lap"
+        return f"local: {', '.join(segment_texts(effect))} along the lap, every lap"
     if effect.kind == TIME:
         return f"from {effect.onset_s or 0.0:.1f} s on"
-    return effect.effect.where
+    return unit_text(effect.effect.where)
 
 
-def as_dict(findings: MismatchResult) -> dict[str, Any]:
-    """Return the answer as the contract has it."""
+def as_dict(result: MismatchResult) -> dict[str, Any]:
+    """Return the content of `mismatch.json`; its schema is a public contract."""
     effects = []
-    for effect in findings.effects:
+    for effect in result.effects:
         effects.append(
             {
                 "name": effect.effect.name,
@@ -59,61 +61,63 @@ def as_dict(findings: MismatchResult) -> dict[str, Any]:
                 },
                 "equations": list(effect.effect.equations),
                 "rivals": [
-                    {"name": rival.name, "behind": _number(rival.loss_difference)}
-                    for rival in effect.competitors
+                    {"name": competitor.name, "behind": _number(competitor.loss_difference)}
+                    for competitor in effect.competitors
                 ],
             }
         )
     answer: dict[str, Any] = {
         "schema": SCHEMA,
-        "verdict": findings.verdict,
+        "verdict": result.verdict,
         "effects": effects,
         "fit": {
-            "horizon_s": findings.horizon_s,
+            "horizon_s": result.horizon_s,
             "held_out": True,
-            "before": {name: _number(x) for name, x in findings.before.items()},
-            "after": {name: _number(x) for name, x in findings.after.items()},
+            "before": {name: _number(x) for name, x in result.before.items()},
+            "after": {name: _number(x) for name, x in result.after.items()},
         },
-        "identifiability": {"groups": findings.groups, "suggest": findings.suggestion},
-        "sentence": sentence(findings),
-        "notes": list(findings.notes),
-        "stand_in_error": {name: _number(x) for name, x in findings.surrogate_error.items()},
+        "identifiability": {"groups": result.groups, "suggest": result.suggestion},
+        "sentence": sentence(result),
+        "notes": list(result.notes),
+        "stand_in_error": {name: _number(x) for name, x in result.surrogate_error.items()},
     }
-    missed = underfit_channels(findings)
-    if missed:
+    underfit = underfit_channels(result)
+    if underfit:
         answer["caveat"] = (
-            f"the stand-in misses the simulation's own recording in {missed}: what is smaller "
-            "than that cannot be seen"
+            f"the surrogate model does not fit the simulation in {underfit}; smaller differences "
+            "cannot be found"
         )
-    if findings.missing_channels:
+    if result.missing_channels:
         answer["scope"] = {
-            "lacking": [lack.text for lack in findings.missing_channels],
-            "not_judged": findings.not_judged,
+            "lacking": [lack.text for lack in result.missing_channels],
+            "not_judged": result.not_judged,
         }
-    if findings.unexplained is not None:
-        rest = findings.unexplained
+    if result.unexplained is not None:
+        unexplained = result.unexplained
         answer["unexplained"] = {
-            "equations": rest.equations,
-            "share": rest.share,
-            "text": rest.text,
-            "expression": rest.expression,
+            "equations": unexplained.equations,
+            "share": unexplained.share,
+            "text": unexplained.text,
+            "expression": unexplained.expression,
         }
     return answer
 
 
-def write_report(findings: MismatchResult, out: Path) -> None:
+def write_report(
+    result: MismatchResult, out: Path, *, provenance: Provenance | None = None
+) -> None:
     """
-    Write the answer, its page with figures and both models into the folder `out`: all or none.
+    Write result, page, figures and models into the folder `out`: all of them or none.
 
-    Raises `UsageError` where it cannot be written.
+    :raises UsageError: `out` cannot be written.
     """
     with staged_folder(out, (RESULT_FILE, PAGE), FIGURES) as staged:
         texts = {
-            RESULT_FILE: json.dumps(as_dict(findings), indent=2) + "\n",
-            SIMULATION_FILE: findings.simulation_yaml,
-            CORRECTED_FILE: findings.corrected_yaml,
-            HELD_OUT_FILE: findings.held_out_yaml or findings.corrected_yaml,
+            RESULT_FILE: json.dumps(as_dict(result), indent=2) + "\n",
+            SIMULATION_FILE: result.simulation_yaml,
+            CORRECTED_FILE: result.corrected_yaml,
+            HELD_OUT_FILE: result.held_out_yaml or result.corrected_yaml,
         }
         for name, text in texts.items():
             (staged / name).write_text(text, encoding="utf-8")
-        write_page(findings, staged)
+        write_page(result, staged, provenance=provenance)

@@ -1,11 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The answer in a sentence or two: the same on the terminal and on top of the page."""
+"""The result in a few sentences: the same on the terminal, in the JSON file and on the page."""
 
 from __future__ import annotations
 
 import math
 
+from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.inference.result import (
     EXPLAINED,
     NONE,
@@ -15,12 +16,11 @@ from adk_ros.mismatch.inference.result import (
     MismatchResult,
     UnexplainedResidual,
 )
-from adk_ros.mismatch.inference.unmodelled import EQUATION_TEXTS as EQUATION_WORDS
-from adk_ros.mismatch.library.effect import PLACE, TIME
+from adk_ros.mismatch.library.effect import PLACE, TIME, Effect
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
-from adk_ros.mismatch.report.vocabulary import CHANNELS as CHANNEL_WORDS
 from adk_ros.mismatch.report.vocabulary import (
+    CHANNEL_TITLES,
     EFFECT_VOCABULARY,
     STATES,
     THAN,
@@ -28,16 +28,18 @@ from adk_ros.mismatch.report.vocabulary import (
     listed,
     quantity,
     title,
+    unit_text,
 )
 
 MAX_ERROR_TO_NOISE = 2.0
-"""The stand-in misses a simulation that it is off by so many times a bin's noise."""
+"""Surrogate error over noise of a 40 ms bin above which the surrogate does not fit."""
 MAX_IMPROVED_RATIO = 0.98
-"""An error this many times smaller than before, or less, has fallen."""
+"""Error after over error before up to which a correction counts as an improvement."""
+_COUNTS = {2: "two", 3: "three", 4: "four"}
 
 
 def number(value: float, width: float) -> str:
-    """Return a value with as many digits as an interval of this width leaves it."""
+    """Return a value with the digits that an interval of this width justifies."""
     if not (math.isfinite(width) and width > 0.0):
         return f"{value:.3g}"
     decimals = -math.floor(math.log10(0.5 * width))
@@ -45,102 +47,141 @@ def number(value: float, width: float) -> str:
     return f"{rounded:.{max(decimals, 0)}f}"
 
 
-def interval_text(x: Interval, said: Quantity) -> str:
-    """Return "0.92 m2 (0.88 to 0.97)"."""
-    value, low, high = (said.factor * each for each in (x.value, x.low, x.high))
-    # An end that is out of sight has no digits to give the others.
-    wide = high - low if abs(high) < 100.0 * abs(value) else abs(value) * 0.1
-    unit = f" {said.unit}" if said.unit else ""
+def size_and_interval(x: Interval, written: Quantity, sign: float = 1.0) -> tuple[str, str]:
+    """Return ("0.92 m²", "0.88 to 0.97"), all multiplied by `sign`."""
+    value, low, high = (sign * written.convert(each) for each in (x.value, x.low, x.high))
+    low, high = min(low, high), max(low, high)
+    # An unbounded end has no digits to give the other numbers.
+    width = high - low if abs(high) < 100.0 * abs(value) else abs(value) * 0.1
+    size = number(value, width) + (f" {written.unit}" if written.unit else "")
     if abs(high) >= 100.0 * max(abs(value), 1e-12) and high > 1e3:
-        return f"{number(value, wide)}{unit} (at least {number(low, wide)})"
-    return f"{number(value, wide)}{unit} ({number(low, wide)} to {number(high, wide)})"
+        return size, f"at least {number(low, width)}"
+    return size, f"{number(low, width)} to {number(high, width)}"
 
 
-def parameters_text(found: IdentifiedEffect) -> str:
-    """Return the effect's parameters with their 90 % intervals."""
+def interval_text(x: Interval, written: Quantity) -> str:
+    """Return "0.92 m² (0.88 to 0.97)"."""
+    size, interval = size_and_interval(x, written)
+    return f"{size} ({interval})"
+
+
+def parameters_text(identified: IdentifiedEffect) -> str:
+    """Return all parameters of an effect with their 90 % intervals."""
     parts = []
-    for name, x in found.parameters.items():
-        said = quantity(found.effect.name, name, x.unit)
-        parts.append(f"{said.label} {interval_text(x, said)}")
+    for name, x in identified.parameters.items():
+        written = quantity(identified.effect.name, name, x.unit)
+        parts.append(f"{written.label} {interval_text(x, written)}")
     return listed(parts)
 
 
-def phrase(found: IdentifiedEffect) -> str:
-    """Return what the recording has; ends in "than" if it compares with the simulation."""
-    words = EFFECT_VOCABULARY.get(found.effect.name)
-    if words is None:
-        return title(found.effect.name)
-    first = next(iter(found.effect.parameters))
-    x = found.parameters.get(first.name)
-    below = x is not None and x.value < first.neutral
-    return words.opposite if below else words.phrase
+def phrase(effect: Effect, first_value: float) -> str:
+    """Return the phrase of an effect whose first parameter has this value."""
+    vocabulary = EFFECT_VOCABULARY.get(effect.name)
+    if vocabulary is None:
+        return title(effect.name)
+    below = first_value < effect.parameters[0].neutral
+    return vocabulary.opposite if below else vocabulary.phrase
 
 
-def segment_texts(found: IdentifiedEffect) -> list[str]:
-    """Return "306 to 617 m" for each stretch, within the lap; "1700 m over the start to 60 m"."""
-    lap = found.lap_m
+def effect_text(identified: IdentifiedEffect, reference: bool = False) -> str:
+    """
+    Return an effect with size, 90 % interval, place or onset, and indistinguishable alternatives.
+
+    With `reference` it says what the size is relative to, which in a list the introduction says.
+    """
+    effect = identified.effect
+    first = next(iter(identified.parameters.values()))
+    text, opposite = phrase(effect, first.value), first.value < effect.parameters[0].neutral
+    than = text.endswith(THAN)
+    suffix = "" if effect.sensor or not reference else " relative to the simulation"
+    suffix = " the simulation" if than and reference else suffix
+    text = text if reference else text.removesuffix(THAN).rstrip(",")
+    if "{size}" in text:
+        written = quantity(effect.name, effect.parameters[0].name, first.unit)
+        size, interval = size_and_interval(first, written, -1.0 if opposite else 1.0)
+        if written.is_angle:
+            size += f" ({written.other_units(abs(first.value))})"
+        unit = f" {written.unit}" if written.unit else ""
+        text = f"{text.format(size=size)}{suffix} (90 %: {interval}{unit})"
+    else:
+        text = f"{text}{suffix}, {parameters_text(identified)}"
+    where = activation_text(identified)
+    text += f", {where}" if where else ""
+    if identified.alternatives:
+        others = listed([_alternative_text(identified, x) for x in identified.alternatives], "or")
+        text += f", or {others}: not distinguishable in this recording"
+    return text
+
+
+def _alternative_text(identified: IdentifiedEffect, name: str) -> str:
+    """Return an alternative with its fitted size, or its title if it was not fitted."""
+    fitted = next((x.fitted for x in identified.competitors if x.name == name), None)
+    if fitted is None:
+        return title(name)
+    values = list(fitted.values().values())
+    text = phrase(fitted.effect, values[0]).removesuffix(THAN).rstrip(",")
+    parameter = fitted.effect.parameters[0]
+    if "{size}" not in text:
+        return text
+    written = quantity(name, parameter.name, parameter.unit)
+    size = f"{abs(written.convert(values[0])):.2g}"
+    return text.format(size=f"{size} {written.unit}".rstrip())
+
+
+def segment_texts(identified: IdentifiedEffect) -> list[str]:
+    """Return "306 to 617 m" by segment; "1700 m over the start to 60 m" past the lap's end."""
+    lap = identified.lap_m
     parts = []
-    for begin, end in sorted((a % lap, b % lap) if lap else (a, b) for a, b in found.segments):
+    within = ((a % lap, b % lap) if lap else (a, b) for a, b in identified.segments)
+    for begin, end in sorted(within):
         over = " m over the start" if end < begin else ""
         parts.append(f"{begin:.0f}{over} to {end:.0f} m")
     return parts
 
 
-def activation_text(found: IdentifiedEffect) -> str:
-    """Return where it acts, or nothing where it acts throughout."""
-    if found.kind == PLACE:
-        parts = segment_texts(found)
+def activation_text(identified: IdentifiedEffect) -> str:
+    """Return where or from when an effect acts; nothing if it acts always and everywhere."""
+    if identified.kind == PLACE:
+        parts = segment_texts(identified)
         return f"at {listed(parts)} of every lap" if parts else "at a place"
-    if found.kind == TIME:
-        return f"from {found.onset_s or 0.0:.1f} s on"
+    if identified.kind == TIME:
+        return f"from {identified.onset_s or 0.0:.1f} s on"
     return ""
 
 
-def _values(found: IdentifiedEffect) -> str:
-    where = activation_text(found)
-    return parameters_text(found) + (f", {where}" if where else "")
-
-
 def effects_text(effects: list[IdentifiedEffect]) -> str:
-    """Return what the recording has, with values; without a stop at the end."""
+    """Return the identified effects, numbered if there are several; without a full stop."""
     if len(effects) == 1:
-        (one,) = effects
-        what = phrase(one)
-        lacks = " the simulation" if what.endswith(THAN) else " that the simulation lacks"
-        if one.effect.sensor:
-            lacks = " the simulation" if what.endswith(THAN) else ""
-        return f"{what}{lacks}: {_values(one)}"
-    parts = [f"{phrase(one).removesuffix(THAN)}, {_values(one)}" for one in effects]
-    return f"{_COUNTS.get(len(parts), str(len(parts)))} things that the simulation lacks: " + (
-        "; ".join(f"({i}) {part}" for i, part in enumerate(parts, 1))
-    )
+        return effect_text(effects[0], reference=True)
+    items = (f"({i}) {effect_text(one)}" for i, one in enumerate(effects, 1))
+    count = _COUNTS.get(len(effects), str(len(effects)))
+    return f"{count} differences from the simulation: {'; '.join(items)}"
 
 
-_COUNTS = {2: "two", 3: "three", 4: "four"}
-
-
-def worst_channel(findings: MismatchResult) -> str:
-    """Return the state whose error falls most, as a share."""
-    judged = [name for name, value in findings.before.items() if math.isfinite(value)]
+def most_improved_state(result: MismatchResult) -> str:
+    """Return the state whose error is reduced most, relative to its error before."""
+    evaluated = [name for name, value in result.before.items() if math.isfinite(value)]
     return max(
-        judged or list(findings.before),
-        key=lambda name: findings.before[name] / max(findings.after[name], 1e-9),
+        evaluated or list(result.before),
+        key=lambda name: result.before[name] / max(result.after[name], 1e-9),
     )
 
 
-def gain_text(findings: MismatchResult) -> str:
-    """Return by how much the corrected simulation is better, on held-out data."""
-    name = worst_channel(findings)
-    what, unit = STATES.get(name, (name, ""))
-    before, after = findings.before[name], findings.after[name]
-    error = f"the {findings.horizon_s:g} s {what} error"
+def improvement_text(result: MismatchResult) -> str:
+    """Return how much the correction reduces the error on held-out data; a sentence."""
+    name = most_improved_state(result)
+    state, unit = STATES.get(name, (name, ""))
+    before, after = result.before[name], result.after[name]
+    error = f"the {result.horizon_s:g} s {state} error"
     if after < MAX_IMPROVED_RATIO * before:
         first, second = pair_text(before, after)
-        return f"{error} falls from {first} to {second} {unit}"
-    stays = f"{error} stays at {before:.2g} {unit}"
-    if findings.verdict == EXPLAINED and all(found.effect.sensor for found in findings.effects):
-        return f"a sensor's fault is not corrected into the car, so {stays}"
-    return stays
+        return f"The correction reduces {error} from {first} to {second} {unit}."
+    if result.verdict == EXPLAINED and all(x.effect.sensor for x in result.effects):
+        return (
+            f"Sensor faults are not corrected in the vehicle model, so {error} stays at "
+            f"{before:.2g} {unit}."
+        )
+    return f"The correction does not reduce {error} ({before:.2g} {unit})."
 
 
 def pair_text(before: float, after: float) -> tuple[str, str]:
@@ -156,80 +197,74 @@ def pair_text(before: float, after: float) -> tuple[str, str]:
     return first, second
 
 
-def unexplained_text(rest: UnexplainedResidual) -> str:
-    """Return what an unexplained remainder is and what it goes with."""
-    if not rest.terms:
-        return rest.text
-    goes: dict[str, list[str]] = {}
-    for piece in rest.terms:
-        goes.setdefault(piece.equation, []).append(FEATURES[piece.feature].description)
+def unexplained_text(unexplained: UnexplainedResidual) -> str:
+    """Return which acceleration is unexplained and which signals it depends on."""
+    if not unexplained.terms:
+        return unit_text(unexplained.text)
+    features: dict[str, list[str]] = {}
+    for term in unexplained.terms:
+        features.setdefault(term.equation, []).append(FEATURES[term.feature].description)
     return listed(
         [
-            f"a {EQUATION_WORDS[equation]} that goes with {listed(features)}"
-            for equation, features in goes.items()
+            f"a {EQUATION_TEXTS[equation]} that depends on {listed(names)}"
+            for equation, names in features.items()
         ]
     )
 
 
-def _ties(effects: list[IdentifiedEffect]) -> str:
-    parts = []
-    for found in effects:
-        if found.alternatives:
-            names = listed([title(name) for name in found.alternatives], "or")
-            parts.append(f" This drive cannot tell {title(found.effect.name)} from {names}.")
-    return "".join(parts)
+def underfit_channels(result: MismatchResult) -> str:
+    """Return the channels in which the surrogate does not fit the simulation, with its error."""
+    return listed(
+        [
+            f"{CHANNEL_TITLES[name]} ({result.surrogate_error[name]:.2g} {unit_text(unit)})"
+            for name, unit, noise in zip(CHANNELS, UNITS, result.series.noise, strict=True)
+            if result.surrogate_error[name] > MAX_ERROR_TO_NOISE * noise
+        ]
+    )
 
 
-def _lacks(findings: MismatchResult) -> str:
-    if not findings.missing_channels:
-        return ""
+def verdict_text(result: MismatchResult) -> str:
+    """Return the verdict in a few words."""
+    titles = listed([title(x.effect.name) for x in result.effects])
+    count = len(result.effects)
+    effects = f"{count} effect{'s' if count > 1 else ''} identified: {titles}" if count else ""
+    if result.verdict == UNKNOWN:
+        return "Difference of unknown cause" + (f"; {effects}" if effects else "")
+    if effects:
+        return effects
+    return "Inconclusive" if underfit_channels(result) else "No significant mismatch"
+
+
+def sentence(result: MismatchResult) -> str:
+    """Return the result in one to four sentences, with missing channels at the end."""
+    missing = ""
+    if result.missing_channels:
+        missing = f" Analysed without {listed([x.what for x in result.missing_channels])}."
+    if result.verdict == NONE:
+        return _no_mismatch(result) + missing
+    improvement = improvement_text(result)
+    if result.verdict == UNKNOWN and result.unexplained is not None:
+        expression = unit_text(result.unexplained.expression)
+        formula = f": {expression}" if expression else ""
+        effects = f" It also shows {effects_text(result.effects)}." if result.effects else ""
+        return (
+            "The recording shows a difference that no known effect explains: "
+            f"{unexplained_text(result.unexplained)}{formula}. {improvement}{effects}{missing}"
+        )
+    return f"The recording shows {effects_text(result.effects)}. {improvement}{missing}"
+
+
+def _no_mismatch(result: MismatchResult) -> str:
+    name = "v_x" if math.isfinite(result.before["v_x"]) else "yaw_rate"
+    state, unit = STATES[name]
+    error = f"{result.horizon_s:g} s {state} error {result.before[name]:.2g} {unit}"
+    underfit = underfit_channels(result)
+    if underfit:
+        return (
+            f"Inconclusive: the surrogate model does not fit the simulation in {underfit}; "
+            f"smaller differences cannot be found ({error})."
+        )
     return (
-        f" The recording is judged without {listed([x.what for x in findings.missing_channels])}."
+        "No significant mismatch: the differences are within build tolerance and sensor noise "
+        f"({error})."
     )
-
-
-def underfit_channels(findings: MismatchResult) -> str:
-    """Return in which channels the stand-in misses the simulation, and by how much; or nothing."""
-    return listed(
-        [
-            f"{CHANNEL_WORDS[name]} ({findings.surrogate_error[name]:.2g} {unit.replace('^', '')})"
-            for name, unit, noise in zip(CHANNELS, UNITS, findings.series.noise, strict=True)
-            if findings.surrogate_error[name] > MAX_ERROR_TO_NOISE * noise
-        ]
-    )
-
-
-def sentence(findings: MismatchResult) -> str:
-    """
-    Return the answer in a sentence.
-
-    More say what the drive cannot tell apart, and what the recording is judged without.
-    """
-    lacks = _lacks(findings)
-    if findings.verdict == NONE:
-        judged = math.isfinite(findings.before["v_x"])
-        what, unit = STATES["v_x" if judged else "yaw_rate"]
-        error = findings.before["v_x" if judged else "yaw_rate"]
-        missed = underfit_channels(findings)
-        if missed:
-            return (
-                "Nothing is found, but little could be: the stand-in misses the simulation's own "
-                f"recording in {missed}, and what is smaller than that hides in it "
-                f"({findings.horizon_s:g} s {what} error {error:.2g} {unit}).{lacks}"
-            )
-        return (
-            "Nothing material is missing from the simulation: build tolerance and the sensors' "
-            f"noise explain what differs ({findings.horizon_s:g} s {what} error "
-            f"{error:.2g} {unit}).{lacks}"
-        )
-    gain = gain_text(findings)
-    ties = _ties(findings.effects) + lacks
-    if findings.verdict == UNKNOWN and findings.unexplained is not None:
-        rest = findings.unexplained
-        formula = f", as {rest.expression}" if rest.expression else ""
-        also = f" It also has {effects_text(findings.effects)}." if findings.effects else ""
-        return (
-            "The recording has something that the simulation lacks and no known effect explains: "
-            f"{unexplained_text(rest)}{formula}; with it, {gain}.{also}{ties}"
-        )
-    return f"The recording has {effects_text(findings.effects)}; {gain}.{ties}"

@@ -1,31 +1,63 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What effects and channels are called when a person reads, by the catalogue's names.
+Names of effects, parameters and channels in texts for people, by their names in the catalogue.
 
-A phrase that ends in "than" compares with the simulation ("softer front tyres than the
-simulation"); any other is something that the simulation lacks ("air drag that the simulation
-lacks").
+A phrase contains `{size}` if its effect has one parameter. A phrase that ends in "than" compares
+with the simulation ("0.92 m² more drag area (C_dA) than the simulation").
 """
 
 from __future__ import annotations
 
+import math
+import re
+from collections.abc import Callable
 from typing import NamedTuple
 
 THAN = " than"
 
 
+def _unchanged(value: float) -> float:
+    return value
+
+
+def _percent_change(ratio: float) -> float:
+    return 100.0 * (ratio - 1.0)
+
+
+def _percent_slope(angle: float) -> float:
+    return 100.0 * math.tan(angle)
+
+
+def _kilowatts(watts: float) -> float:
+    return 1e-3 * watts
+
+
 class Quantity(NamedTuple):
-    """How a parameter is said: its name, its unit, and `factor` from SI to that unit."""
+    """
+    How a parameter is written.
+
+    `convert` is an increasing function from the SI value to the number that is shown in `unit`.
+    """
 
     label: str
     unit: str
-    factor: float = 1.0
+    convert: Callable[[float], float] = _unchanged
+    is_angle: bool = False
+    is_ratio: bool = False
+
+    def other_units(self, value: float) -> str:
+        """Return the SI value in other units: an angle in degrees, a change as a ratio; or ""."""
+        if self.is_angle:
+            return f"{math.degrees(value):.2g}°"
+        if self.is_ratio:
+            return f"{value:.3g} times the simulation's"
+        return ""
 
 
 class EffectVocabulary(NamedTuple):
     """
-    How an effect is said: its title, a phrase, and its parameters.
+    How an effect is written: title, phrase, parameters.
 
     `phrase` is for a first parameter above its neutral value, `opposite` for one below.
     """
@@ -36,261 +68,281 @@ class EffectVocabulary(NamedTuple):
     quantities: dict[str, Quantity]
 
 
-def _scaled(label: str) -> dict[str, Quantity]:
-    return {"scale": Quantity(label, "of the simulation's")}
+def _change(label: str) -> Quantity:
+    return Quantity(label, "%", _percent_change, is_ratio=True)
 
 
-CHANNEL_TEXTS = {
-    "wheel_radius": "the way rolled in ten turns of the wheel",
-    "drive_torque_gain": "the wheels' torque on a dynamometer",
-    "rolling_resistance": "a coast-down with the drive uncoupled",
-    "torque_offset": "the wheels' torque on a dynamometer, at a command of none",
-    "payload": "the car on a scale",
-    "rotating_inertia": "the wheels spun up on a lift",
-    "steering_ratio": "the wheels' angle on turn plates",
-    "steering_offset": "the wheels' angle on turn plates, steering straight ahead",
-    "front_tyre_stiffness": "the tyres on a test bench",
-    "rear_tyre_stiffness": "the tyres on a test bench",
+def _angle(label: str) -> Quantity:
+    return Quantity(label, "rad", is_angle=True)
+
+
+def _slope(label: str) -> Quantity:
+    return Quantity(label, "%", _percent_slope, is_angle=True)
+
+
+DIRECT_MEASUREMENTS = {
+    "wheel_radius": "measure the distance travelled in ten wheel revolutions",
+    "drive_torque_gain": "measure the wheel torque on a dynamometer",
+    "rolling_resistance": "coast down with the drive disengaged",
+    "torque_offset": "measure the wheel torque on a dynamometer at zero command",
+    "payload": "weigh the car",
+    "rotating_inertia": "spin the wheels up on a lift",
+    "steering_ratio": "measure the road-wheel angle on turn plates",
+    "steering_offset": "measure the road-wheel angle on turn plates, steering straight ahead",
+    "front_tyre_stiffness": "measure the tyres on a test bench",
+    "rear_tyre_stiffness": "measure the tyres on a test bench",
 }
-"""What tells effects that no drive tells apart."""
+"""Effect -> measurement that identifies it where no manoeuvre does."""
 
 _ROAD_AND_AIR = {
     "aero_drag": EffectVocabulary(
-        "air drag", "air drag", "less air drag than", {"cda": Quantity("CdA", "m2")}
+        "air drag",
+        "{size} more drag area (C_dA) than",
+        "{size} less drag area (C_dA) than",
+        {"cda": Quantity("drag area C_dA", "m²")},
     ),
     "rolling_resistance": EffectVocabulary(
         "rolling resistance",
-        "rolling resistance",
-        "less rolling resistance than",
-        {"crr": Quantity("coefficient", "of the wheel load")},
+        "a rolling resistance coefficient that is {size} higher than",
+        "a rolling resistance coefficient that is {size} lower than",
+        {"crr": Quantity("coefficient", "")},
     ),
     "headwind": EffectVocabulary(
-        "wind along the road",
-        "a tailwind",
-        "a headwind",
-        {"wind_x": Quantity("air moving along the road at", "m/s")},
+        "longitudinal wind",
+        "a tailwind of {size}",
+        "a headwind of {size}",
+        {"wind_x": Quantity("wind speed, tailwind positive", "m/s")},
     ),
     "crosswind": EffectVocabulary(
         "crosswind",
-        "a crosswind from the right",
-        "a crosswind from the left",
-        {"wind_y": Quantity("air moving to the left at", "m/s")},
+        "a crosswind of {size} from the right",
+        "a crosswind of {size} from the left",
+        {"wind_y": Quantity("wind speed, to the left positive", "m/s")},
     ),
     "aero_downforce": EffectVocabulary(
-        "downforce",
         "aerodynamic downforce",
-        "less downforce than",
-        {"cla": Quantity("ClA", "m2")},
+        "{size} more downforce area (C_lA) than",
+        "{size} less downforce area (C_lA) than",
+        {"cla": Quantity("downforce area C_lA", "m²")},
     ),
     "road_grade": EffectVocabulary(
-        "slope of the road",
-        "an uphill slope",
-        "a downhill slope",
-        {"grade": Quantity("climb", "rad")},
+        "road grade",
+        "an uphill grade of {size}",
+        "a downhill grade of {size}",
+        {"grade": _slope("grade, uphill positive")},
     ),
     "road_bank": EffectVocabulary(
-        "bank of the road",
-        "a banked road",
-        "a banked road",
-        {"bank": Quantity("left side up by", "rad")},
+        "road bank (cross slope)",
+        "a road bank (cross slope) of {size}, left side higher,",
+        "a road bank (cross slope) of {size}, right side higher,",
+        {"bank": _slope("cross slope, left side higher positive")},
     ),
     "low_friction": EffectVocabulary(
-        "grip of the road",
-        "more grip than",
-        "less grip than",
-        {"mu_scale": Quantity("friction", "of the simulation's")},
+        "road friction",
+        "{size} higher road friction than",
+        "{size} lower road friction than",
+        {"mu_scale": _change("friction coefficient")},
     ),
 }
 
 _TYRES_AND_BODY = {
     "front_tyre_stiffness": EffectVocabulary(
-        "stiffness of the front tyres",
-        "stiffer front tyres than",
-        "softer front tyres than",
-        _scaled("slip stiffness"),
+        "front tyre stiffness",
+        "{size} stiffer front tyres than",
+        "{size} softer front tyres than",
+        {"scale": _change("cornering stiffness")},
     ),
     "rear_tyre_stiffness": EffectVocabulary(
-        "stiffness of the rear tyres",
-        "stiffer rear tyres than",
-        "softer rear tyres than",
-        _scaled("slip stiffness"),
+        "rear tyre stiffness",
+        "{size} stiffer rear tyres than",
+        "{size} softer rear tyres than",
+        {"scale": _change("cornering stiffness")},
     ),
     "tyre_relaxation": EffectVocabulary(
-        "relaxation of the tyres",
-        "tyres whose slip builds up late",
-        "tyres whose slip builds up sooner than",
+        "tyre relaxation length",
+        "a tyre relaxation length that is {size} longer than",
+        "a tyre relaxation length that is {size} shorter than",
         {"length": Quantity("relaxation length", "m")},
     ),
     "load_sensitivity": EffectVocabulary(
-        "load sensitivity of the tyres",
-        "grip that falls with wheel load",
-        "grip that falls less with wheel load than",
+        "tyre load sensitivity",
+        "a tyre load sensitivity that is {size} higher than",
+        "a tyre load sensitivity that is {size} lower than",
         {"slope": Quantity("loss of friction per relative load", "")},
     ),
     "payload": EffectVocabulary(
-        "payload", "a payload", "less mass than", {"mass": Quantity("mass", "kg")}
+        "payload",
+        "{size} more mass than",
+        "{size} less mass than",
+        {"mass": Quantity("mass", "kg")},
     ),
     "cg_shift": EffectVocabulary(
-        "place of the centre of gravity",
-        "a centre of gravity further forward than",
-        "a centre of gravity further back than",
-        {"shift": Quantity("forward", "m")},
+        "centre of gravity position",
+        "a centre of gravity {size} further forward than",
+        "a centre of gravity {size} further back than",
+        {"shift": Quantity("shift, forward positive", "m")},
     ),
     "yaw_inertia": EffectVocabulary(
-        "yaw inertia", "more yaw inertia than", "less yaw inertia than", _scaled("inertia")
+        "yaw inertia",
+        "{size} more yaw inertia than",
+        "{size} less yaw inertia than",
+        {"scale": _change("yaw inertia")},
     ),
     "rotating_inertia": EffectVocabulary(
-        "inertia of what rotates",
-        "rotating inertia in the drive",
-        "less rotating inertia than",
-        {"inertia": Quantity("inertia at the wheels", "kg m2")},
+        "rotating inertia",
+        "{size} more rotating inertia of wheels and driveline than",
+        "{size} less rotating inertia of wheels and driveline than",
+        {"inertia": Quantity("inertia at the wheels", "kg·m²")},
     ),
 }
 
 _STEERING = {
     "steering_offset": EffectVocabulary(
         "steering offset",
-        "wheels that stand to the left of the command",
-        "wheels that stand to the right of the command",
-        {"offset": Quantity("angle", "rad")},
+        "a steering offset of {size} to the left",
+        "a steering offset of {size} to the right",
+        {"offset": _angle("road-wheel angle, left positive")},
     ),
     "steering_ratio": EffectVocabulary(
         "steering ratio",
-        "a more direct steering than",
-        "a less direct steering than",
-        _scaled("angle at the wheels"),
+        "{size} more road-wheel angle per command than",
+        "{size} less road-wheel angle per command than",
+        {"scale": _change("road-wheel angle per command")},
     ),
     "steering_delay": EffectVocabulary(
-        "dead time of the steering",
-        "a dead time in the steering",
-        "a steering that acts sooner than",
+        "steering delay",
+        "{size} more steering delay than",
+        "{size} less steering delay than",
         {"delay": Quantity("delay", "s")},
     ),
     "steering_lag": EffectVocabulary(
-        "lag of the steering",
-        "a steering that lags (first order)",
-        "a steering that lags less than",
+        "steering lag",
+        "a steering lag (first-order time constant) that is {size} longer than",
+        "a steering lag (first-order time constant) that is {size} shorter than",
         {"tau": Quantity("time constant", "s")},
     ),
     "steering_backlash": EffectVocabulary(
-        "play in the steering",
-        "play in the steering",
-        "less play in the steering than",
-        {"half_gap": Quantity("half the gap", "rad")},
+        "steering backlash",
+        "±{size} more steering backlash than",
+        "±{size} less steering backlash than",
+        {"half_gap": _angle("half the backlash, at the road wheel")},
     ),
     "compliance_steer": EffectVocabulary(
-        "steering that gives way",
-        "a steering that gives way under side force",
-        "wheels that side force turns into the bend",
-        {"rad_per_mps2": Quantity("angle per lateral acceleration", "rad s2/m")},
+        "steering compliance",
+        "{size} more steering compliance than",
+        "a negative steering compliance of {size}",
+        {"rad_per_mps2": Quantity("angle per lateral acceleration", "rad·s²/m")},
     ),
     "rear_wheel_steer": EffectVocabulary(
         "rear-wheel steering",
-        "rear wheels that turn with the front ones",
-        "rear wheels that turn against the front ones",
-        {"ratio": Quantity("ratio to the front", "")},
+        "rear-wheel steering in phase with the front wheels, by {size} of their angle,",
+        "rear-wheel steering opposite to the front wheels, by {size} of their angle,",
+        {"ratio": Quantity("ratio to the front angle", "")},
     ),
 }
 
 _DRIVE = {
     "drive_torque_gain": EffectVocabulary(
-        "gain of the wheel torque",
-        "more torque at the wheels than",
-        "less torque at the wheels than",
-        {"scale": Quantity("share of the command", "")},
+        "wheel torque gain",
+        "{size} more wheel torque than",
+        "{size} less wheel torque than",
+        {"scale": _change("wheel torque per command")},
     ),
     "brake_torque_gain": EffectVocabulary(
-        "gain of the brakes",
-        "stronger brakes than",
-        "weaker brakes than",
-        {"scale": Quantity("share of the command", "")},
+        "brake torque gain",
+        "{size} more brake torque than",
+        "{size} less brake torque than",
+        {"scale": _change("brake torque per command")},
     ),
     "drive_torque_delay": EffectVocabulary(
-        "dead time of the drive",
-        "a dead time in the drive",
-        "a drive that acts sooner than",
+        "drive delay",
+        "{size} more drive delay than",
+        "{size} less drive delay than",
         {"delay": Quantity("delay", "s")},
     ),
     "drive_torque_lag": EffectVocabulary(
-        "lag of the drive",
-        "a drive that lags (first order)",
-        "a drive that lags less than",
+        "drive lag",
+        "a drive lag (first-order time constant) that is {size} longer than",
+        "a drive lag (first-order time constant) that is {size} shorter than",
         {"tau": Quantity("time constant", "s")},
     ),
     "torque_offset": EffectVocabulary(
         "torque offset",
-        "a constant torque on top of the command",
-        "a constant torque against the command",
-        {"offset": Quantity("torque", "N m")},
+        "a constant driving torque of {size} at the wheels, in addition to the command,",
+        "a constant braking torque of {size} at the wheels, in addition to the command,",
+        {"offset": Quantity("wheel torque, driving positive", "N·m")},
     ),
     "power_limit": EffectVocabulary(
         "power limit",
-        "a limit of the drive's power",
-        "a limit of the drive's power",
-        {"power": Quantity("power", "kW", 1e-3)},
+        "a drive power limit of {size}",
+        "a drive power limit of {size}",
+        {"power": Quantity("power limit", "kW", _kilowatts)},
     ),
     "wheel_radius": EffectVocabulary(
-        "wheel radius", "larger wheels than", "smaller wheels than", _scaled("radius")
+        "wheel radius",
+        "{size} larger wheels than",
+        "{size} smaller wheels than",
+        {"scale": _change("wheel radius")},
     ),
     "brake_drag_one_side": EffectVocabulary(
-        "brake that drags on one side",
-        "brakes that drag on the left",
-        "brakes that drag on the right",
-        {"torque_per_wheel": Quantity("torque at each wheel", "N m")},
+        "one-sided brake drag",
+        "brake drag of {size} per wheel on the left side",
+        "brake drag of {size} per wheel on the right side",
+        {"torque_per_wheel": Quantity("torque per wheel, left side positive", "N·m")},
     ),
 }
 
 _SENSORS = {
     "clock_offset": EffectVocabulary(
-        "clock of the commands",
-        "commands that act later than their stamps say",
-        "commands that act sooner than their stamps say",
+        "command clock offset",
+        "commands that act {size} later than their time stamps",
+        "commands that act {size} earlier than their time stamps",
         {"offset": Quantity("delay", "s")},
     ),
     "imu_bias": EffectVocabulary(
-        "constant errors of the IMU",
-        "constant errors of the IMU",
-        "constant errors of the IMU",
+        "IMU bias",
+        "IMU bias",
+        "IMU bias",
         {
-            "ax": Quantity("a_x", "m/s2"),
-            "ay": Quantity("a_y", "m/s2"),
+            "ax": Quantity("longitudinal", "m/s²"),
+            "ay": Quantity("lateral", "m/s²"),
             "gyro": Quantity("yaw rate", "rad/s"),
         },
     ),
     "imu_tilt": EffectVocabulary(
-        "IMU mounted askew",
-        "an IMU mounted askew",
-        "an IMU mounted askew",
-        {"roll": Quantity("roll", "rad"), "pitch": Quantity("pitch", "rad")},
+        "tilted IMU",
+        "a tilted IMU",
+        "a tilted IMU",
+        {"roll": _angle("roll"), "pitch": _angle("pitch")},
     ),
     "imu_lever_arm": EffectVocabulary(
-        "IMU away from the centre of gravity",
+        "IMU lever arm",
         "an IMU away from the centre of gravity",
         "an IMU away from the centre of gravity",
         {"x": Quantity("forward", "m"), "y": Quantity("to the left", "m")},
     ),
     "imu_delay": EffectVocabulary(
-        "delay of the IMU",
-        "an IMU that is late",
-        "an IMU that is early",
+        "IMU delay",
+        "IMU readings that are {size} late",
+        "IMU readings that are {size} early",
         {"delay": Quantity("delay", "s")},
     ),
     "odometry_scale": EffectVocabulary(
-        "scale of the odometry's speed",
-        "an odometry that reads too fast",
-        "an odometry that reads too slow",
-        {"scale": Quantity("reading", "of the speed")},
+        "odometry speed scale",
+        "an odometry speed that reads {size} too high",
+        "an odometry speed that reads {size} too low",
+        {"scale": Quantity("error of the reading", "%", _percent_change)},
     ),
     "gyro_scale": EffectVocabulary(
-        "scale of the gyro",
-        "a gyro that reads too much",
-        "a gyro that reads too little",
-        {"scale": Quantity("reading", "of the yaw rate")},
+        "gyro scale",
+        "an IMU yaw rate that reads {size} too high",
+        "an IMU yaw rate that reads {size} too low",
+        {"scale": Quantity("error of the reading", "%", _percent_change)},
     ),
     "odometry_filter": EffectVocabulary(
-        "filter of the odometry's yaw rate",
-        "an odometry whose yaw rate is low-passed",
-        "an odometry whose yaw rate is less low-passed than",
+        "odometry yaw-rate filter",
+        "an odometry yaw-rate filter with a time constant that is {size} longer than",
+        "an odometry yaw-rate filter with a time constant that is {size} shorter than",
         {"tau": Quantity("time constant", "s")},
     ),
 }
@@ -303,35 +355,47 @@ EFFECT_VOCABULARY: dict[str, EffectVocabulary] = {
     **_SENSORS,
 }
 
-CHANNELS = {
-    "imu_a_x": "a_x, IMU",
-    "imu_a_y": "a_y, IMU",
+CHANNEL_TITLES = {
+    "imu_a_x": "longitudinal acceleration, IMU",
+    "imu_a_y": "lateral acceleration, IMU",
     "imu_yaw_rate": "yaw rate, IMU",
-    "v_x": "v_x, odometry",
-    "v_y": "v_y, odometry",
+    "v_x": "speed, odometry",
+    "v_y": "lateral velocity, odometry",
     "yaw_rate": "yaw rate, odometry",
 }
-"""The residuals' channels."""
+"""Names of the residual channels."""
 
 STATES = {
     "v_x": ("speed", "m/s"),
     "v_y": ("lateral velocity", "m/s"),
     "yaw_rate": ("yaw rate", "rad/s"),
 }
-"""What is predicted, with its unit."""
+"""Name and unit of each predicted state."""
+
+_PRODUCTS = {"N m": "N·m", "kg m": "kg·m", "rad s": "rad·s"}
+_SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹"
 
 
 def title(name: str) -> str:
-    """Return what an effect is called; a name that has no words is taken apart."""
+    """Return the title of an effect; for a name without vocabulary, the name in words."""
     return EFFECT_VOCABULARY[name].title if name in EFFECT_VOCABULARY else name.replace("_", " ")
 
 
+def unit_text(unit: str) -> str:
+    """Return a unit or formula as it is typeset: "m/s^2" as "m/s²"; "-" as nothing."""
+    if unit == "-":
+        return ""
+    for plain, typeset in _PRODUCTS.items():
+        unit = unit.replace(plain, typeset)
+    return re.sub(r"\^(\d)", lambda found: _SUPERSCRIPTS[int(found[1])], unit)
+
+
 def quantity(effect: str, parameter: str, unit: str) -> Quantity:
-    """Return how a parameter is said; `unit` is the catalogue's, for what has no words."""
-    words = EFFECT_VOCABULARY.get(effect)
-    if words is not None and parameter in words.quantities:
-        return words.quantities[parameter]
-    return Quantity(parameter.replace("_", " "), "" if unit == "-" else unit.replace("^", ""))
+    """Return how a parameter is written; `unit` is for a parameter without vocabulary."""
+    vocabulary = EFFECT_VOCABULARY.get(effect)
+    if vocabulary is not None and parameter in vocabulary.quantities:
+        return vocabulary.quantities[parameter]
+    return Quantity(parameter.replace("_", " "), unit_text(unit))
 
 
 def listed(items: list[str], last: str = "and") -> str:

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The answer of the mismatch tool in words: read aloud, with values, intervals and units."""
+"""Texts of a mismatch result: sizes relative to the simulation, intervals, units, verdict."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.mismatch_report import bank, drag, findings, found, late, odd
+from helpers.mismatch_report import bank, drag, identified, late, odd, result_of
 
+from adk_ros.mismatch.inference.identifiability import CompetingEffect
+from adk_ros.mismatch.inference.likelihood import ActiveEffect
 from adk_ros.mismatch.inference.result import Interval, MissingChannel
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect import PLACE
@@ -22,118 +24,192 @@ from adk_ros.mismatch.report.summary import (
     number,
     pair_text,
     sentence,
+    verdict_text,
 )
-from adk_ros.mismatch.report.vocabulary import EFFECT_VOCABULARY, Quantity, listed, quantity, title
+from adk_ros.mismatch.report.vocabulary import (
+    EFFECT_VOCABULARY,
+    Quantity,
+    listed,
+    quantity,
+    title,
+    unit_text,
+)
+
+POWER = EFFECT_VOCABULARY["power_limit"].quantities["power"]
 
 
-def test_every_effect_of_the_catalogue_has_words() -> None:
+def test_every_effect_of_the_catalogue_has_a_vocabulary() -> None:
     assert set(EFFECT_VOCABULARY) == set(EFFECTS)
     for name, effect in EFFECTS.items():
-        assert set(EFFECT_VOCABULARY[name].quantities) == {p.name for p in effect.parameters}
+        vocabulary = EFFECT_VOCABULARY[name]
+        assert set(vocabulary.quantities) == {p.name for p in effect.parameters}
         assert "_" not in title(name)
+        for text in (vocabulary.phrase, vocabulary.opposite):
+            assert ("{size}" in text) == (len(effect.parameters) == 1), name
 
 
-def test_an_effect_without_words_is_said_all_the_same() -> None:
+def test_every_effect_can_be_written() -> None:
+    for name, effect in EFFECTS.items():
+        for value in (0.5, 1.5):
+            one = identified(name, value, value - 0.1, value + 0.1)
+            said = sentence(result_of("", (one,)))
+            assert "{" not in said
+            assert "^" not in said
+            assert "--" not in said
+            assert not effect.sensor or "simulation" not in said.split(". ")[0] or "than" in said
+
+
+def test_an_effect_without_vocabulary_has_its_name_as_title() -> None:
     assert title("magnus_force") == "magnus force"
-    assert quantity("magnus_force", "spin_ratio", "m^2") == Quantity("spin ratio", "m2")
+    assert quantity("magnus_force", "spin_ratio", "m^2") == Quantity("spin ratio", "m²")
 
 
-def test_drag_is_said_as_one_would_say_it() -> None:
-    assert sentence(drag()).startswith(
-        "The recording has air drag that the simulation lacks: CdA 0.92 m2 (0.88 to 0.97); "
-        "the 1 s speed error falls from 0.145 to 0.012 m/s."
+@pytest.mark.parametrize(
+    ("unit", "text"),
+    [
+        ("m/s^2", "m/s²"), ("kg m^2", "kg·m²"), ("N m", "N·m"), ("rad s^2/m", "rad·s²/m"),
+        ("m^3/s^6", "m³/s⁶"), ("-", ""), ("grows with V^2", "grows with V²"),
+    ],
+)  # fmt: skip
+def test_units_are_typeset(unit: str, text: str) -> None:
+    assert unit_text(unit) == text
+
+
+def test_an_effect_states_its_size_relative_to_the_simulation_and_its_alternative() -> None:
+    assert sentence(drag()) == (
+        "The recording shows 0.92 m² more drag area (C_dA) than the simulation (90 %: 0.88 to "
+        "0.97 m²), or a headwind of 4 m/s: not distinguishable in this recording. The correction "
+        "reduces the 1 s speed error from 0.145 to 0.012 m/s."
     )
 
 
-def test_what_the_drive_cannot_tell_is_said() -> None:
-    assert sentence(drag()).endswith("This drive cannot tell air drag from wind along the road.")
+def test_in_a_list_the_alternative_stands_in_its_item() -> None:
+    ratio = ActiveEffect(EFFECTS["wheel_radius"], (1.17,))
+    tie = CompetingEffect("drive_torque_gain", "wheel_radius", 1.0, ratio, True)
+    torque = identified(
+        "drive_torque_gain", 0.86, 0.85, 0.87, alternatives=["wheel_radius"], competitors=(tie,)
+    )
+    assert (
+        "two differences from the simulation: (1) 14 % less wheel torque (90 %: 13 to 15 %), "
+        "or 17 % larger wheels: not distinguishable in this recording; (2) 0.92 m² more drag area "
+        "(C_dA) (90 %: 0.88 to 0.97 m²). The correction"
+    ) in sentence(result_of("", (torque, identified())))
 
 
-def test_nothing_is_said_plainly() -> None:
-    said = sentence(findings())
-    assert said.startswith("Nothing material is missing from the simulation")
+def test_no_mismatch_is_stated_with_the_error() -> None:
+    said = sentence(result_of())
+    assert said.startswith("No significant mismatch: ")
     assert "0.14 m/s" in said
+    assert verdict_text(result_of()) == "No significant mismatch"
 
 
-def test_nothing_is_not_said_plainly_where_the_simulation_was_not_met() -> None:
-    plain = findings()
-    off = replace(plain, surrogate_error=plain.surrogate_error | {"v_x": 0.1})
+def test_an_underfitting_surrogate_makes_the_result_inconclusive() -> None:
+    base = result_of()
+    off = replace(base, surrogate_error=base.surrogate_error | {"v_x": 0.1})
     said = sentence(off)
-    assert "Nothing material" not in said
-    assert "misses the simulation's own recording in v_x, odometry (0.1 m/s)," in said
+    assert "No significant mismatch" not in said
+    assert said.startswith("Inconclusive: ")
+    assert "does not fit the simulation in speed, odometry (0.1 m/s);" in said
+    assert verdict_text(off) == "Inconclusive"
 
 
-def test_a_place_and_an_onset_are_said() -> None:
-    assert "left side up by 0.102 rad (0.100 to 0.104), at 100 to 200 m of every lap;" in sentence(
-        bank()
+def test_place_and_onset_are_stated() -> None:
+    assert (
+        "a road bank (cross slope) of 10.2 % (5.8°), left side higher, relative to the simulation "
+        "(90 %: 10.0 to 10.4 %), at 100 to 200 m of every lap."
+    ) in sentence(bank())
+    assert (
+        "0.062 s more steering delay than the simulation (90 %: 0.058 to 0.066 s), from 60.0 s on."
+    ) in sentence(late())
+
+
+def test_a_negative_size_is_positive_in_the_opposite_direction() -> None:
+    grade = identified("road_grade", -0.057, -0.058, -0.055)
+    assert "a downhill grade of 5.7 % (3.3°) relative to the simulation (90 %: 5.5 to 5.8 %)" in (
+        sentence(result_of("", (grade,)))
     )
-    assert "delay 0.062 s (0.058 to 0.066), from 60.0 s on;" in sentence(late())
 
 
-def test_a_stretch_over_the_laps_end_stays_within_the_lap() -> None:
+def test_an_error_that_does_not_fall_is_stated() -> None:
+    worse = result_of("", (identified(),))
+    worse = replace(worse, after=dict(worse.before))
+    assert sentence(worse).endswith(
+        "The correction does not reduce the 1 s speed error (0.14 m/s)."
+    )
+
+
+def test_a_segment_across_the_start_stays_within_the_lap() -> None:
     one = replace(bank().effects[0], segments=((550.0, 640.0), (100.0, 200.0)), lap_m=600.0)
     said = "100 to 200 m and 550 m over the start to 40 m"
     assert activation_text(one) == f"at {said} of every lap"
-    assert where_text(one).startswith("at a place: 100 to 200 m, 550 m over the start to 40 m")
+    assert where_text(one).startswith("local: 100 to 200 m, 550 m over the start to 40 m")
     before = replace(one, segments=((-50.0, 40.0),))
     assert activation_text(before) == "at 550 m over the start to 40 m of every lap"
 
 
-def test_what_lacks_is_said_and_what_is_not_judged_is_no_number() -> None:
-    lacks = [MissingChannel("an IMU", "no IMU"), MissingChannel("a torque command", "a pedal")]
-    plain = findings()
-    narrow = replace(plain, missing_channels=lacks, before=plain.before | {"v_x": np.nan})
+def test_missing_channels_are_stated_and_not_evaluated() -> None:
+    missing = [MissingChannel("an IMU", "no IMU"), MissingChannel("a torque command", "a pedal")]
+    base = result_of()
+    narrow = replace(base, missing_channels=missing, before=base.before | {"v_x": np.nan})
     assert sentence(narrow).endswith(
-        "(1 s yaw rate error 0.005 rad/s). The recording is judged without an IMU and a torque "
-        "command."
+        "(1 s yaw rate error 0.005 rad/s). Analysed without an IMU and a torque command."
     )
-    told = odd()
+    unknown = odd()
     nothing = {"v_x": np.nan}
-    told = replace(
-        told, before=told.before | nothing, after=told.after | nothing, missing_channels=lacks
+    unknown = replace(
+        unknown,
+        before=unknown.before | nothing,
+        after=unknown.after | nothing,
+        missing_channels=missing,
     )
-    assert "the 1 s yaw rate error falls from 0.0050 to 0.0010 rad/s." in sentence(told)
-    assert error_rows(told)[0] == ["speed (m/s)", "not judged", "", ""]
-    assert as_dict(told)["fit"]["before"]["v_x"] is None
-    assert as_dict(told)["scope"]["lacking"] == ["no IMU", "a pedal"]
+    assert "reduces the 1 s yaw rate error from 0.0050 to 0.0010 rad/s." in sentence(unknown)
+    assert error_rows(unknown)[0] == ["speed (m/s)", "not evaluated", "", ""]
+    assert as_dict(unknown)["fit"]["before"]["v_x"] is None
+    assert as_dict(unknown)["scope"]["lacking"] == ["no IMU", "a pedal"]
 
 
 @pytest.mark.parametrize(
-    ("value", "said"),
+    ("value", "text"),
     [
-        (0.8, "softer front tyres than the simulation: slip stiffness 0.80 of the simulation's "),
-        (1.2, "stiffer front tyres than the simulation: slip stiffness 1.20 of the simulation's "),
+        (0.8, "20 % softer front tyres than the simulation (90 %: 16 to 24 %)"),
+        (1.2, "20 % stiffer front tyres than the simulation (90 %: 16 to 24 %)"),
     ],
 )
-def test_more_or_less_than_the_simulation(value: float, said: str) -> None:
-    one = found("front_tyre_stiffness", value, value - 0.04, value + 0.04)
-    assert said in sentence(findings("", (one,)))
+def test_more_or_less_than_the_simulation(value: float, text: str) -> None:
+    one = identified("front_tyre_stiffness", value, value - 0.04, value + 0.04)
+    assert text in sentence(result_of("", (one,)))
 
 
-def test_two_things_are_counted() -> None:
-    slow = found("steering_lag", 0.1, 0.09, 0.11)
-    soft = found("rear_tyre_stiffness", 0.8, 0.76, 0.84)
+def test_two_effects_are_counted_and_numbered() -> None:
+    slow = identified("steering_lag", 0.1, 0.09, 0.11)
+    soft = identified("rear_tyre_stiffness", 0.8, 0.76, 0.84)
+    result = result_of("", (slow, soft))
     assert (
-        "two things that the simulation lacks: (1) a steering that lags (first order), time "
-        "constant 0.10 s (0.09 to 0.11); (2) softer rear tyres, slip stiffness 0.80"
-    ) in sentence(findings("", (slow, soft)))
+        "two differences from the simulation: (1) a steering lag (first-order time constant) that "
+        "is 0.10 s longer (90 %: 0.09 to 0.11 s); (2) 20 % softer rear tyres (90 %: 16 to 24 %)"
+    ) in sentence(result)
+    assert verdict_text(result) == "2 effects identified: steering lag and rear tyre stiffness"
 
 
-def test_a_sensors_fault_is_no_physics_of_the_car() -> None:
-    plain = findings("", (found("imu_tilt", 0.02, 0.018, 0.022),))
-    said = sentence(replace(plain, after=plain.before))
-    assert "an IMU mounted askew: roll 0.020 rad" in said
-    assert "a sensor's fault is not corrected into the car" in said
+def test_a_sensor_fault_is_not_corrected_in_the_vehicle_model() -> None:
+    base = result_of("", (identified("imu_tilt", 0.02, 0.018, 0.022),))
+    said = sentence(replace(base, after=base.before))
+    assert "a tilted IMU, roll 0.020 rad (0.018 to 0.022) and pitch 0.020 rad" in said
+    assert "Sensor faults are not corrected in the vehicle model" in said
 
 
-def test_the_unknown_is_said_with_its_formula_and_what_is_known_beside_it() -> None:
-    said = sentence(odd(found()))
-    assert "no known effect explains: a yaw acceleration that goes with" in said
-    assert "as d(yaw_rate)/dt += -6.1 r / v_x [rad/s^2];" in said
-    assert "the 1 s yaw rate error falls from 0.0050 to 0.0010 rad/s." in said
+def test_an_unknown_cause_is_stated_with_formula_and_identified_effects() -> None:
+    said = sentence(odd(identified()))
+    assert "no known effect explains: a yaw acceleration that depends on" in said
+    assert ": d(yaw_rate)/dt += -6.1 r / v_x [rad/s²]." in said
+    assert "The correction reduces the 1 s yaw rate error from 0.0050 to 0.0010 rad/s." in said
     assert said.endswith(
-        "It also has air drag that the simulation lacks: CdA 0.92 m2 (0.88 to 0.97)."
+        "It also shows 0.92 m² more drag area (C_dA) than the simulation (90 %: 0.88 to 0.97 m²)."
     )
+    assert verdict_text(odd(identified())) == (
+        "Difference of unknown cause; 1 effect identified: air drag"
+    )
+    assert verdict_text(odd()) == "Difference of unknown cause"
     bare = odd()
     assert bare.unexplained is not None
     nothing = replace(bare, unexplained=replace(bare.unexplained, terms=(), expression=""))
@@ -146,12 +222,8 @@ def test_digits_follow_the_interval() -> None:
     assert number(1.136, 0.011) == "1.136"
     assert number(0.5, 0.0) == "0.5"
     assert number(0.5, np.inf) == "0.5"
-    assert interval_text(Interval(45e3, 44e3, 46e3, "W"), Quantity("power", "kW", 1e-3)) == (
-        "45 kW (44 to 46)"
-    )
-    assert interval_text(Interval(45e3, 40e3, 1e12, "W"), Quantity("power", "kW", 1e-3)) == (
-        "45 kW (at least 40)"
-    )
+    assert interval_text(Interval(45e3, 44e3, 46e3, "W"), POWER) == ("45 kW (44 to 46)")
+    assert interval_text(Interval(45e3, 40e3, 1e12, "W"), POWER) == ("45 kW (at least 40)")
     assert pair_text(0.145, 0.012) == ("0.145", "0.012")
     assert pair_text(2.0, 1e-5) == ("2.000", "1e-05")
     assert pair_text(0.5, 0.0) == ("0.5", "0")
@@ -159,7 +231,7 @@ def test_digits_follow_the_interval() -> None:
     assert listed(["a", "b", "c"], "or") == "a, b or c"
 
 
-def test_the_table_of_what_explains_knows_every_effect_that_is_not_only_at_a_place() -> None:
+def test_every_effect_that_is_not_only_local_has_variables() -> None:
     assert set(EXPLAINS) <= set(EFFECTS)
     for name in set(EFFECTS) - set(EXPLAINS):
         assert EFFECTS[name].activations == (PLACE,)
