@@ -39,6 +39,7 @@ def refused(capsys: pytest.CaptureFixture[str], code: int, *arguments: str) -> s
     return lines[0]
 
 
+@pytest.mark.slow
 def test_a_bag_is_read_as_it_was_written(folder: Path) -> None:
     written, read = case("aero_drag", cda=1.0).recording, read_sensor_log(folder / "recording")
     np.testing.assert_allclose(read.imu, written.imu, atol=1e-12)
@@ -50,6 +51,7 @@ def test_a_bag_is_read_as_it_was_written(folder: Path) -> None:
     np.testing.assert_allclose(read.odometry_s, written.odometry_s, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_bench_runs_and_scores_a_case(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -140,6 +142,7 @@ def test_a_corrected_model_keeps_its_numbers() -> None:
     assert "mass: 1234.5679" in surrogate_yaml(p)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interruption_leaves_no_half_report(
     folder: Path,
@@ -148,7 +151,7 @@ def test_an_interruption_leaves_no_half_report(
     monkeypatch: pytest.MonkeyPatch,
     number: signal.Signals,
 ) -> None:
-    def half_a_page(findings: object, out: Path) -> None:
+    def half_a_page(result: object, out: Path, *, provenance: object) -> None:
         (out / "map.png").write_bytes(b"half")
         signal.raise_signal(number)
 

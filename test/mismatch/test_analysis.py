@@ -34,7 +34,7 @@ def test_nothing_is_found_where_nothing_is() -> None:
     findings = identify_mismatch(c.simulation, c.recording, c.nominal)
     assert findings.verdict == "none"
     assert findings.effects == []
-    assert "Nothing material" in sentence(findings)
+    assert "No significant mismatch" in sentence(findings)
     answer = as_dict(findings)
     assert answer["verdict"] == "none"
     assert answer["effects"] == []
@@ -49,7 +49,7 @@ def test_drag_is_named_and_measured() -> None:
     assert value.value == pytest.approx(DRAG, rel=0.05)
     assert value.low < value.value < value.high
     assert findings.after["v_x"] < 0.3 * findings.before["v_x"]
-    assert "has air drag that the simulation lacks: CdA" in sentence(findings)
+    assert "m² more drag area (C_dA) than the simulation" in sentence(findings)
 
 
 def test_the_report_holds_the_answer_and_both_models(tmp_path: Path) -> None:

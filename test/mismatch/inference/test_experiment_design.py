@@ -85,7 +85,7 @@ def test_the_car_does_what_is_asked_of_it() -> None:
 
 def test_the_report_says_what_was_simulated() -> None:
     tells = Discriminability("aero_drag", "headwind", "coasting down", 900.0, 9)
-    assert "from wind along the road: coasting down" in discriminability_text(tells)
+    assert "from longitudinal wind: coasting down" in discriminability_text(tells)
     assert "none of 9 simulated manoeuvres" in discriminability_text(
         Discriminability("aero_drag", "headwind", "coasting down", 3.0, 9)
     )
