@@ -1,14 +1,14 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the verbs say: notes and progress on stderr, answers on stdout."""
+"""Terminal output of the verbs: notes and progress on stderr, results on stdout."""
 
 from __future__ import annotations
 
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 from rich import box
@@ -21,35 +21,39 @@ from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import REPORT_SCALE, ErrorTable, best_naive
 
 if TYPE_CHECKING:
-    from adk_ros.bags.recording import Recording
     from adk_ros.train.held_out import HeldOutScores
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 output = Console(highlight=False, soft_wrap=True)
 _REPORT_UNITS = ("km/h", "km/h", "deg/s")
-_QUIET_S = 1.0
-_LINE_EVERY_S = 10.0
+
+_MIN_SHOWN_S = 1.0
+"""Work that takes less time shows no progress."""
+
+_LINE_INTERVAL_S = 10.0
+"""Time between two progress lines if stderr is not a terminal."""
+
+_REFRESH_INTERVAL_S = 0.1
+"""Time between two updates of a progress bar."""
 
 _live: list[Progress] = []
-"""The bar that is shown, if one is: older versions of rich refuse two at a time."""
+"""The progress bar on the screen, if any: older versions of rich refuse a second one."""
 
 
 def note(text: str) -> None:
-    """Tell a person something, on stderr."""
+    """Print a line on stderr."""
     errors.print(text, markup=False)
 
 
 def warn(text: str) -> None:
-    """Tell a person of something amiss, on stderr."""
+    """Print a warning on stderr."""
     errors.print(f"warning: {text}", style="yellow", markup=False)
 
 
-def print_recording_warnings(drive: Recording, wants_imu: bool = False) -> None:
-    """Tell a person what is odd about a drive; `wants_imu`: the model was trained with one."""
-    for text in drive.warnings:
+def warn_all(texts: Iterable[str]) -> None:
+    """Print a warning for each text."""
+    for text in texts:
         warn(text)
-    if wants_imu and drive.topics.imu is None:
-        warn("the model was trained with an IMU and there is none: yaw rate comes from odometry")
 
 
 def print_json(value: Any) -> None:
@@ -60,10 +64,9 @@ def print_json(value: Any) -> None:
 @contextmanager
 def progress(what: str) -> Iterator[Callable[..., None]]:
     """
-    Yield `report(done, total, text="")`: a bar on a terminal, elsewhere a line now and then.
+    Yield `report(done, total, text="")`: a bar on a terminal, otherwise a line every 10 s.
 
-    Nothing is shown for what is over within a second, and one bar at a time: one that begins ends
-    the one before.
+    Work of less than a second shows nothing. Only one bar is visible: a new one replaces it.
     """
     started = time.monotonic()
     if errors.is_terminal:
@@ -85,13 +88,13 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
         def report(done: float, total: float, text: str = "") -> None:
             nonlocal shown, refreshed
             now = time.monotonic()
-            if not shown and now - started > _QUIET_S:
+            if not shown and now - started > _MIN_SHOWN_S:
                 while _live:
                     _live.pop().stop()
                 bar.start()
                 _live.append(bar)
                 shown = True
-            if bar in _live and (now - refreshed > 0.1 or done == total):
+            if bar in _live and (now - refreshed > _REFRESH_INTERVAL_S or done == total):
                 bar.update(task, completed=done, total=total, text=text)
                 bar.refresh()
                 refreshed = now
@@ -108,30 +111,52 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
     def line(done: float, total: float, text: str = "") -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last > _LINE_EVERY_S and total:
+        if now - last > _LINE_INTERVAL_S and total:
             note(f"{what}: {100.0 * done / total:.0f} %{'  ' + text if text else ''}")
             last = now
 
     yield line
 
 
+@contextmanager
+def stages() -> Iterator[Callable[[str, float, float, str], None]]:
+    """Yield a progress callback for the Python interface: `progress` for one stage at a time."""
+    with ExitStack() as shown:
+        current = ""
+        report: Callable[..., None] = lambda *_: None  # noqa: E731
+
+        def on_progress(stage: str, done: float, total: float, detail: str) -> None:
+            nonlocal current, report
+            if stage != current:
+                shown.close()
+                report = shown.enter_context(progress(stage))
+                current = stage
+            report(done, total, detail)
+
+        yield on_progress
+
+
 def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], title: str) -> Table:
-    """RMSE by channel and horizon, km/h and deg/s; `model_names`: commands known and held."""
+    """
+    Return RMSE by channel and horizon in km/h and deg/s as a table of at most 80 columns.
+
+    :param model_names: the model's scores with known future commands and with commands held
+        constant; all others are naive predictors.
+    """
     naive = [name for name in scores if name not in model_names]
     best = best_naive({name: scores[name] for name in naive})
-    # Narrow enough for 80 columns: headings are broken, units stand below the channels.
+    # Headings are broken into lines and units stand below the channels to fit 80 columns.
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=0)
     table.add_column("channel")
     table.add_column("horizon")
     for name in (*model_names, *naive):
         table.add_column(name.replace(" ", "\n"), justify="right")
-    # The node publishes what comes of held commands; known ones show what the model can do.
-    table.add_column("known\n/best", justify="right")
-    table.add_column("held\n/best", justify="right")
+    table.add_column("known\n/ best\nnaive", justify="right")
+    table.add_column("held\n/ best\nnaive", justify="right")
     first = scores[model_names[0]]
     for channel, (label, unit) in enumerate(zip(STATE_NAMES, _REPORT_UNITS, strict=True)):
         for row, step in enumerate(first.steps):
-            cells = [
+            errors_shown = [
                 f"{scores[name].rmse[row, channel] * REPORT_SCALE[channel]:.4g}"
                 for name in (*model_names, *naive)
             ]
@@ -143,8 +168,8 @@ def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], tit
             table.add_row(
                 name,
                 f"{step * TICK_NS * 1e-9:g} s",
-                *cells,
-                *(f"{r:.2f}" for r in ratios),
+                *errors_shown,
+                *(f"{ratio:.2f}" for ratio in ratios),
                 end_section=row == len(first.steps) - 1,
                 style=None if ratios[0] < 1.0 else "yellow",
             )
@@ -152,22 +177,27 @@ def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], tit
 
 
 def print_table(table: Table) -> None:
-    """Print a table on stdout, as wide as it needs to be where nobody looks."""
+    """Print a table on stdout, at its natural width if stdout is not a terminal."""
     console = output if output.is_terminal else Console(highlight=False, width=120)
     console.print(table)
 
 
 def flush() -> None:
-    """Hand on what was printed, so that notes on stderr come after it."""
+    """Flush stdout, so that later notes on stderr appear after it."""
     sys.stdout.flush()
 
 
-def show_test(test: HeldOutScores, title: str) -> None:
-    """Print a held-out table, and of each cell that a naive predictor wins the reason."""
+def print_scores(scores: HeldOutScores, title: str) -> None:
+    """Print the score table, how to read it, and why the model is not better where it is not."""
     from adk_ros.train.held_out import HELD_INPUTS, MODEL
 
-    starts = test.scores[MODEL].count
-    print_table(score_table(test.scores, (MODEL, HELD_INPUTS), f"{title} ({starts} starts)"))
+    starts = scores.scores[MODEL].count
+    print_table(score_table(scores.scores, (MODEL, HELD_INPUTS), f"{title} ({starts} starts)"))
+    output.print(
+        "known: future commands given; held: commands kept constant, as the live node does.\n"
+        "Ratios below 1 are better than every naive predictor.",
+        markup=False,
+    )
     flush()
-    for cell, why in test.lost.items():
-        note(f"not better than a naive predictor, commands known: {cell}: {why}")
+    for combination, reason in scores.lost.items():
+        note(f"not better than a naive predictor with known commands: {combination}: {reason}")

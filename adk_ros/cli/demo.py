@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""adk demo: the whole product in one go, on the bags that come with it."""
+"""adk demo: train, predict live, compare, score."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ import typer
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="folder for all that is made")] = Path("demo_out"),
+    out: Annotated[
+        Path, typer.Option(help="folder for all results; only an earlier demo is replaced")
+    ] = Path("demo_out"),
     train_bag: Annotated[Path, typer.Option(help="recording to train on")] = Path("bags/handling"),
     play_bag: Annotated[Path, typer.Option(help="recording to play live")] = Path("bags/town"),
     steps: Annotated[int, typer.Option(help="training steps")] = 1500,
 ) -> None:
     """
-    The whole product in one go: train, predict live, score, draw.
+    Run the complete demo: train, predict live, score (about 4 min).
 
-    The real node runs in a process of its own, and a recording is played to it in real time.
+    Starts the real ROS node in a process of its own and plays a recording to it in real time.
 
     Example: adk demo --out demo_out
     """

@@ -1,14 +1,15 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The first five minutes: train, predict live over real topics, compare, draw.
+The demo: train, predict live over real topics, compare with an offline replay, score.
 
-Three processes, as on a vehicle: the node, the player, and this one, which listens. All run on the
-loopback, in a ROS domain of their own, and are ended whatever happens.
+Three processes run as on a vehicle: the node, the player, and this one, which listens. They use
+the loopback interface and a ROS domain of their own, and are ended in any case.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -21,81 +22,95 @@ from pathlib import Path
 
 import numpy as np
 
+from adk_ros.api.output import remove_earlier_bag
+from adk_ros.api.replay import ReplayResult, replay
+from adk_ros.api.training import default_settings, train_model
 from adk_ros.bags import Bag, BagWriter
-from adk_ros.bags.recording import RecordingOptions, choose_topics, read_recording
+from adk_ros.bags.recording import RecordingOptions, choose_topics
 from adk_ros.cli import console
 from adk_ros.errors import DataError, UsageError
-from adk_ros.model import artefact
-from adk_ros.model.pipeline import Pipeline
-from adk_ros.offline.replay import TWIST_TOPIC, TWIST_TYPE, predictions, twist_message
-from adk_ros.train.held_out import TIE, HeldOutScores, TrainingDomain, score_held_out
-from adk_ros.train.network_fit import Step
+from adk_ros.files.output_folder import refuse_existing
+from adk_ros.offline.replay import TWIST_TOPIC, TWIST_TYPE, twist_message
+from adk_ros.train.held_out import TIE
 
-_END_S = 5.0
+MARKER = "demo.json"
+"""Identifies an earlier demo in a folder, which alone may be replaced."""
+
+RESULTS = ("model/report.html", "predicted", "score.csv", "prediction.png", "horizon.png")
+"""What the demo writes, and prints at the end."""
+
+_STOP_TIMEOUT_S = 5.0
+"""Time for a process to end after an interrupt, before it is killed."""
+
+_PLAYER_MARGIN_S = 60.0
+"""Longest time that playing may take beyond the duration of the bag."""
+
+_SETTLE_S = 1.0
+"""Time after the last message for the last predictions to arrive."""
+
+_SHOWN_EVERY = 80
+"""One of this many live predictions is printed: one every 2 s."""
 
 
 def run_demo(out: Path, train_bag: Path, play_bag: Path, steps: int) -> None:
     """
-    Do all of it, writing into `out`: model, predicted bag, score table, figures.
+    Run the demo and write model, predicted bag, score table and figures into `out`.
 
-    :raises UsageError, DataError: a bag is missing or unfit, or the live part failed.
+    :raises UsageError: a bag is missing, or `out` contains anything but an earlier demo.
+    :raises DataError: a bag is unusable, or the live part failed.
     """
     for bag in (train_bag, play_bag):
         if not bag.exists():
             raise UsageError(f"{bag} does not exist: run the demo from the repository's folder")
+    _claim_folder(out, train_bag, play_bag, steps)
     started = time.monotonic()
-    model = out / "model"
     console.note(f"1/4  training on {train_bag} ({steps} steps)")
-    _train(train_bag, model, steps)
+    with console.stages() as progress:
+        settings = default_settings(steps)
+        model = train_model(
+            train_bag, out / "model", settings=settings, force=True, progress=progress
+        )
     console.note(f"2/4  starting the predictor node, playing {play_bag} to it in real time")
-    live = _live(model, play_bag)
-    console.note("3/4  comparing what was published with an offline replay")
-    _compare(live, model, play_bag, out / "predicted")
-    console.note(f"4/4  scoring on {play_bag}, which the model has never seen")
-    test = _score(model, play_bag, out)
-    console.show_test(test, f"RMSE on {play_bag.name}, commands known")
-    known, held = (int((r[1:] < TIE).sum()) for r in (test.ratio, test.ratio_held))
-    console.note(
-        f"of {test.ratio[1:].size} cells from 0.25 to 2 s, {known} are better than the best naive "
-        f"predictor's given the commands, {held} with the commands held; "
-        f"done in {time.monotonic() - started:.0f} s"
-    )
-    for name in ("model/report.html", "predicted", "score.csv", "prediction.png", "horizon.png"):
+    live = _predict_live(model.path, play_bag)
+    console.note("3/4  checking that the live predictions equal an offline replay")
+    with console.stages() as progress:
+        replayed = replay(play_bag, model, progress=progress)
+    _compare(live, replayed, out / "predicted")
+    console.note(f"4/4  scoring on {play_bag}, which was not used for training")
+    _score(replayed, play_bag, out)
+    console.note(f"done in {time.monotonic() - started:.0f} s")
+    for name in RESULTS:
         console.note(f"  {out / name}")
 
 
-def _train(bag: Path, model: Path, steps: int) -> None:
-    from adk_ros.train.train_settings import TrainSettings
-    from adk_ros.train.training_report import write_report
-    from adk_ros.train.training_run import run_training
+def _claim_folder(out: Path, train_bag: Path, play_bag: Path, steps: int) -> None:
+    """
+    Create `out` and mark it as a demo's.
 
-    record = read_recording(bag).record
-    settings = TrainSettings(steps=steps, validate_every=max(1, steps // 10))
-    with console.progress("training") as bar, console.progress("tuning") as after:
-
-        def on_step(step: Step) -> None:
-            bar(step.step, step.steps, f"loss {step.loss:.4f}")
-
-        def on_note(what: str, done: int, total: int) -> None:
-            after(done, total, what)
-
-        run = run_training([record], model, settings, on_step=on_step, note=on_note)
-    write_report(run, model)
+    :raises UsageError: `out` contains anything but an earlier demo, or cannot be written.
+    """
+    refuse_existing(out, force=True, result_files=(MARKER,))
+    content = {"train_bag": str(train_bag), "play_bag": str(play_bag), "steps": steps}
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / MARKER).write_text(json.dumps(content | {"results": RESULTS}, indent=2) + "\n")
+    except OSError as error:
+        raise UsageError(f"{out} cannot be written: {error.strerror}") from None
 
 
 def _environment() -> dict[str, str]:
-    """Loopback alone, and a domain that a robot on the same machine is unlikely to use."""
-    own = {
+    """Restrict ROS to the loopback and a domain that a robot nearby is unlikely to use."""
+    restricted = {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID", str(1 + os.getpid() % 100)),
     }
-    os.environ.update(own)
+    os.environ.update(restricted)
     return dict(os.environ)
 
 
 @contextmanager
 def _process(arguments: list[str], environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
-    """Run a Python module beside us; interrupt it, and only it, at the end."""
+    """Run a Python module in a process of its own, and interrupt it at the end."""
     process = subprocess.Popen(
         [sys.executable, "-m", *arguments],
         env=environment,
@@ -110,20 +125,25 @@ def _process(arguments: list[str], environment: dict[str, str]) -> Iterator[subp
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
             try:
-                process.wait(_END_S)
+                process.wait(_STOP_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
 
 
-def _live(model: Path, bag: Path) -> dict[int, tuple[float, ...]]:
-    """Play `bag` to the live node; return what it published: stamp in ns -> state."""
+def _predict_live(model: Path, bag: Path) -> dict[int, tuple[float, ...]]:
+    """
+    Play `bag` to the live node and return its predictions.
+
+    :return: stamp in ns -> predicted state in SI units.
+    :raises DataError: the node or the player failed, or no prediction arrived.
+    """
     environment = _environment()
     from adk_ros.ros.echo import ReceivedPrediction, header, line, listen
 
     with Bag(bag) as opened:
         topics = choose_topics(opened, RecordingOptions())
-        seconds = opened.duration_s
+        duration_s = opened.duration_s
     remaps = {"odometry": topics.odometry, "command": topics.command}
     if topics.imu:
         remaps["imu"] = topics.imu
@@ -131,12 +151,12 @@ def _live(model: Path, bag: Path) -> dict[int, tuple[float, ...]]:
     for name, topic in remaps.items():
         node_arguments += ["-r", f"{name}:={topic}"]
     play_arguments = ["adk_ros.cli.main", "play", str(bag)]
-    heard: dict[int, tuple[float, ...]] = {}
+    received: dict[int, tuple[float, ...]] = {}
 
-    def hear(prediction: ReceivedPrediction) -> None:
-        if len(heard) % 80 == 0:
+    def on_prediction(prediction: ReceivedPrediction) -> None:
+        if len(received) % _SHOWN_EVERY == 0:
             console.output.print(line(prediction), markup=False)
-        heard[prediction.stamp_ns] = prediction.x
+        received[prediction.stamp_ns] = prediction.x
 
     with _process(node_arguments, environment) as node:
         player: list[subprocess.Popen[str]] = []
@@ -148,66 +168,79 @@ def _live(model: Path, bag: Path) -> dict[int, tuple[float, ...]]:
             def run() -> None:
                 with _process(play_arguments, environment) as process:
                     player.append(process)
-                    process.wait(seconds + 60.0)
-                time.sleep(1.0)
+                    process.wait(duration_s + _PLAYER_MARGIN_S)
+                time.sleep(_SETTLE_S)
                 ended.set()
 
             threading.Thread(target=run, daemon=True).start()
 
         listen(
-            hear,
+            on_prediction,
             TWIST_TOPIC,
             wait_s=60.0,
             on_ready=play,
             until=lambda: ended.is_set() or node.poll() is not None,
         )
         if node.poll() is not None:
-            said = node.stderr.read() if node.stderr else ""
-            raise DataError(f"the node ended on its own: {said.strip().splitlines()[-1:]}")
+            raise DataError(f"the node stopped: {_last_line(node)}")
         if player and player[0].returncode:
-            said = player[0].stderr.read() if player[0].stderr else ""
-            raise DataError(f"playing failed: {said.strip().splitlines()[-1:]}")
-    if not heard:
+            raise DataError(f"playing failed: {_last_line(player[0])}")
+    if not received:
         raise DataError("the node published no prediction: see 'adk play --help' for topics")
     if node.returncode != 0:
         raise DataError(f"the node did not end cleanly: exit code {node.returncode}")
-    return heard
+    return received
 
 
-def _compare(live: dict[int, tuple[float, ...]], model: Path, bag: Path, out: Path) -> None:
-    """Say how far live and replay differ, and write what was heard live as a bag."""
-    pipeline = Pipeline(artefact.load(model).model)
-    with Bag(bag) as opened:
-        replayed = [p for _, p in predictions(opened, pipeline, RecordingOptions())]
-    both = [p for p in replayed if p.stamp_ns in live]
+def _last_line(process: subprocess.Popen[str]) -> str:
+    """Return the last line that a process wrote on stderr."""
+    written = process.stderr.read() if process.stderr else ""
+    return next(reversed(written.strip().splitlines()), "no message")
+
+
+def _compare(live: dict[int, tuple[float, ...]], replayed: ReplayResult, out: Path) -> None:
+    """Print how much the live predictions differ from the replay; write them as a bag."""
+    predictions = replayed.predictions
+    both = [p for p in predictions if p.stamp_ns in live]
     differences = [float(np.abs(np.array(live[p.stamp_ns]) - p.x).max()) for p in both]
-    console.note(
-        f"     {len(live)} predictions heard, {len(both)} of {len(replayed)} of the replay's "
-        f"ticks; largest difference {max(differences, default=float('nan')):.1e}"
-    )
-    if out.exists():
-        for file in out.iterdir():
-            file.unlink()
-        out.rmdir()
+    largest = max(differences, default=float("nan"))
+    if len(both) == len(predictions) == len(live) and largest == 0.0:
+        console.note(f"     all {len(live)} live predictions are identical to the replay's")
+    else:
+        console.note(
+            f"     {len(live)} live predictions, of which {len(both)} are among the replay's "
+            f"{len(predictions)}; largest difference {largest:.1e}"
+        )
+    remove_earlier_bag(out)
     with BagWriter(out, "mcap", "zstd") as writer:
         writer.add_topic(TWIST_TOPIC, TWIST_TYPE)
         for p in both:
-            heard = p._replace(x=np.array(live[p.stamp_ns]))
-            writer.write(TWIST_TOPIC, twist_message(heard), p.origin_ns)
+            received = p._replace(x=np.array(live[p.stamp_ns]))
+            writer.write(TWIST_TOPIC, twist_message(received), p.origin_ns)
 
 
-def _score(model: Path, bag: Path, out: Path) -> HeldOutScores:
+def _score(replayed: ReplayResult, bag: Path, out: Path) -> None:
+    """
+    Print the score table and a summary; write table and figures.
+
+    :raises DataError: the bag has no stretch of 2 s without gaps.
+    """
     from adk_ros.train.report_figures import horizon_figure, prediction_figure
 
-    with console.progress("scoring") as bar:
-        loaded = artefact.load(model)
-        known = TrainingDomain.from_json(loaded.manifest["training"].get("range"))
-        test = score_held_out(
-            loaded.model, [(read_recording(bag).record, None)], known, progress=bar
-        )
-    if test is None:
-        raise DataError(f"{bag} has no stretch of 2 s without a gap: nothing to score")
-    prediction_figure(test, out / "prediction.png")
-    horizon_figure(test, out / "horizon.png")
-    test.write_csv(out / "score.csv")
-    return test
+    scores = replayed.held_out
+    if scores is None:
+        raise DataError(f"{bag} has no stretch of 2 s without gaps: nothing to score")
+    prediction_figure(scores, out / "prediction.png")
+    horizon_figure(scores, out / "horizon.png")
+    scores.write_csv(out / "score.csv")
+    console.print_scores(scores, f"RMSE on {bag.name}")
+    # The first row is one step ahead, which does not depend on future commands.
+    better, better_held = (
+        int((ratio[1:] < TIE).sum()) for ratio in (scores.ratio, scores.ratio_held)
+    )
+    total = scores.ratio[1:].size
+    console.note(
+        f"better than every naive predictor in {better} of {total} (channel, horizon) "
+        f"combinations from 0.25 to 2 s with future commands given, in {better_held} of {total} "
+        "with commands held constant"
+    )

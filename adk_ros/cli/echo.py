@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""adk echo: the predictions of a running node, a line each."""
+"""adk echo: the predictions of a running node, one per line."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from adk_ros.cli.options import JsonOption
 
 def echo(
     topic: Annotated[
-        str | None, typer.Option(help="default: the only predicted_twist there is")
+        str | None, typer.Option(help="topic to listen to (default: the only predicted_twist)")
     ] = None,
-    every: Annotated[int, typer.Option(help="print one in so many")] = 10,
-    count: Annotated[int | None, typer.Option(help="end after so many lines")] = None,
-    duration: Annotated[float | None, typer.Option(help="end after so many seconds")] = None,
+    every: Annotated[int, typer.Option(help="print every N-th prediction")] = 10,
+    count: Annotated[int | None, typer.Option(help="stop after N lines")] = None,
+    duration: Annotated[float | None, typer.Option(help="stop after this many seconds")] = None,
     wait: Annotated[float, typer.Option(help="seconds to wait for a predictor")] = 10.0,
     as_json: JsonOption = False,
 ) -> None:
     """
-    Print the predictions of a running node, a line each.
+    Print the predictions of a running node, one per line.
 
-    Speeds are in km/h, yaw rates in deg/s; with --json all is SI.
+    Speeds are in km/h and yaw rates in deg/s; with --json all values are in SI units.
 
     Example: adk echo --every 40
     """

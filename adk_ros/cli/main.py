@@ -1,9 +1,9 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The `adk` command: one verb a file, registered here.
+The `adk` command: one module per verb, registered here.
 
-Verbs import what they need when they run, so that help and completion answer at once.
+Verbs import what they need when they run, so that help and completion are fast.
 """
 
 from __future__ import annotations
@@ -18,11 +18,14 @@ from typing import Annotated, Any
 import typer
 
 from adk_ros.cli import bench, demo, echo, info, mismatch, play, replay, rollout, simulate, train
+from adk_ros.cli.command import COMPARE, DATA, MEASURE, PREDICT, VerbCommand, VerbGroup
 from adk_ros.errors import AdkError
 
 app = typer.Typer(
     name="adk",
-    help="Vehicle-state predictor: train from bags, predict live, replay, score.",
+    cls=VerbGroup,
+    help="Predict vehicle motion from rosbags, live or offline, and find what a simulation is "
+    "missing.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -30,8 +33,8 @@ app = typer.Typer(
 )
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         print(f"adk_ros {metadata.version('adk_ros')}")
         raise typer.Exit
 
@@ -40,32 +43,38 @@ def _print_version(wanted: bool) -> None:
 def _options(
     version: Annotated[
         bool,
-        typer.Option("--version", help="Say the version.", is_eager=True, callback=_print_version),
+        typer.Option(
+            "--version", help="Show the version.", is_eager=True, callback=_print_version
+        ),
     ] = False,
 ) -> None:
-    """Options of the command itself; the version has been dealt with by its callback."""
+    """Declare the options of `adk` itself; the callback of --version has already run."""
 
 
-VERBS: dict[str, Callable[..., Any]] = {
-    "train": train.train,
-    "replay": replay.replay,
-    "play": play.play,
-    "echo": echo.echo,
-    "rollout": rollout.rollout,
-    "info": info.info,
-    "simulate": simulate.simulate,
-    "mismatch": mismatch.mismatch,
-    "demo": demo.demo,
+VERBS: dict[str, tuple[str, Callable[..., Any]]] = {
+    "info": (DATA, info.info),
+    "simulate": (DATA, simulate.simulate),
+    "play": (DATA, play.play),
+    "train": (PREDICT, train.train),
+    "replay": (PREDICT, replay.replay),
+    "rollout": (PREDICT, rollout.rollout),
+    "echo": (PREDICT, echo.echo),
+    "demo": (PREDICT, demo.demo),
+    "mismatch": (COMPARE, mismatch.mismatch),
 }
+"""Verb -> (group in the help, function)."""
+
 _INTERRUPTED = 128 + signal.SIGINT
 
-for _name, _verb in VERBS.items():
-    app.command(_name)(_verb)
-app.add_typer(bench.app, name="bench")
+for _name, (_group, _verb) in VERBS.items():
+    app.command(_name, cls=VerbCommand, rich_help_panel=_group)(_verb)
+for _command in bench.app.registered_commands:
+    _command.cls = VerbCommand
+app.add_typer(bench.app, name="bench", rich_help_panel=MEASURE)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit code: 0, 2 for a wrong request, 3 for unfit data."""
+    """Run the command line; return the exit code: 0, 2 for wrong usage, 3 for unusable data."""
     try:
         result = app(args=arguments, prog_name="adk", standalone_mode=False)
         sys.stdout.flush()
@@ -81,22 +90,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except typer.Exit as stop:
         return stop.exit_code
     except BrokenPipeError:
-        # The reader has gone: what is still in the buffer must not raise again at exit.
+        # The reader closed the pipe: what is still buffered must not raise again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
-        # A path that cannot be written, a full disk: nothing that a traceback would explain.
+        # An unwritable path or a full disk: a traceback would explain nothing.
         where = f"{error.filename}: " if error.filename else ""
         print(f"adk: {where}{error.strerror or error}", file=sys.stderr)
         return 2
     except Exception as error:
         if hasattr(error, "format_message"):
-            return _refused(error)
+            return _print_usage_error(error)
         raise
 
 
-def _refused(error: Any) -> int:
-    """A mistake on the command line, as the parser reports it, in one line."""
+def _print_usage_error(error: Any) -> int:
+    """Print an error of the parser in one line; return the exit code."""
     text = error.format_message()
     if type(error).__name__ == "NoArgsIsHelpError":
         print(text, file=sys.stderr)
@@ -108,6 +117,8 @@ def _refused(error: Any) -> int:
 
 
 def _verb_main(name: str) -> Callable[[], int]:
+    """Return the entry point of a verb under its own name, for `ros2 run adk_ros VERB`."""
+
     def run() -> int:
         return main([name, *sys.argv[1:]])
 

@@ -1,30 +1,27 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""adk replay: a recorded drive through the predictor, scored, its predictions written as a bag."""
+"""adk replay: a recording through the predictor, scored, its predictions written as a bag."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from adk_ros.cli import console
 from adk_ros.cli.options import (
     BagArgument,
     CommandOption,
+    ForceOption,
     ImuOption,
     JsonOption,
     ModelOption,
     NoImuOption,
     OdometryOption,
     ParamsOption,
-    drive_options,
+    read_options,
 )
-from adk_ros.errors import UsageError
 
 
 def replay(
@@ -32,15 +29,23 @@ def replay(
     model: ModelOption,
     out: Annotated[Path | None, typer.Option(help="bag to write the predictions to")] = None,
     method: Annotated[
-        str | None, typer.Option(help="constant, rls, ffrls, swls or windowed [the model's own]")
+        str | None,
+        typer.Option(help="online method: constant, rls, ffrls, swls or windowed [the model's]"),
     ] = None,
     window: Annotated[
-        int | None, typer.Option(help="samples in the window of windowed and swls [the model's]")
+        int | None,
+        typer.Option(help="samples in the window of windowed and swls [the model's]"),
     ] = None,
     ridge: Annotated[
-        float | None, typer.Option(help="pull to the offline model, of windowed [the model's]")
+        float | None,
+        typer.Option(
+            help="weight of the offline model in method windowed, in equivalent samples "
+            "[the model's]"
+        ),
     ] = None,
-    horizon: Annotated[float, typer.Option(help="seconds of the horizon, 0 for none")] = 2.0,
+    horizon: Annotated[
+        float, typer.Option(help="length of the predicted horizon in s; 0: none")
+    ] = 2.0,
     with_horizon: Annotated[
         bool, typer.Option("--with-horizon", help="write the horizons as well (large)")
     ] = False,
@@ -49,73 +54,45 @@ def replay(
     command: CommandOption = None,
     no_imu: NoImuOption = False,
     params: ParamsOption = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """
-    Replay a recording: what the live node would have predicted.
+    Replay a recording offline and score the predictions.
 
-    The predictions are scored beside naive ones; --out writes them as a bag.
+    The predictions are those that the live node would have published. Naive predictors are scored
+    on the same data for comparison; --out writes the predictions as a bag. Takes about 10 s per
+    minute of recording.
 
     Example: adk replay bags/town --model models/handling --out predicted
     """
-    from adk_ros.bags.recording import read_recording
-    from adk_ros.model import artefact
-    from adk_ros.model.adaptation.online_methods import OnlineSettings
-    from adk_ros.model.pipeline import PipelineSettings
-    from adk_ros.offline.replay import replay as run
-    from adk_ros.train.held_out import TrainingDomain, score_held_out
+    from adk_ros.api.model import load_model
+    from adk_ros.api.replay import replay as run
 
-    loaded = artefact.load(model)
-    facts = loaded.manifest["training"]
-    options = drive_options(imu, odometry, command, no_imu, params, facts.get("sensors"))
-    online: OnlineSettings = loaded.model.online
-    online = replace(
-        online,
-        method=online.method if method is None else method,
-        window=online.window if window is None else window,
-        ridge=online.ridge if ridge is None else ridge,
-    )
-    if not 0.0 <= horizon <= 10.0:
-        raise UsageError(f"--horizon {horizon:g} is out of range: choose 0 to 10 s")
-    settings = PipelineSettings(
-        sensors=options.sensors, online=online, horizon_steps=round(horizon / 0.025)
-    )
-    with console.progress(f"replaying {bag.name}") as bar:
-        predictions, pipeline, _ = run(
-            bag, loaded.model, settings, options, out, with_horizon, bar
+    trained = load_model(model)
+    options = read_options(imu, odometry, command, no_imu, params, trained.sensors)
+    with console.stages() as progress:
+        result = run(
+            bag,
+            trained,
+            out=out,
+            method=method,
+            window=window,
+            ridge=ridge,
+            horizon_s=horizon,
+            with_horizon=with_horizon,
+            options=options,
+            force=force,
+            progress=progress,
         )
-    with console.progress(f"reading {bag.name}") as bar:
-        drive = read_recording(bag, options, bar)
-    console.print_recording_warnings(drive, loaded.model.uses_imu)
-    if drive.record.name in {data["name"] for data in facts.get("data", [])}:
-        console.warn(f"the model was trained on a bag named {drive.record.name}: this is no test")
-    with console.progress("scoring") as bar:
-        known = TrainingDomain.from_json(facts.get("range"))
-        test = score_held_out(loaded.model, [(drive.record, None)], known, online, progress=bar)
-    innovations = np.array([p.innovation for p in predictions]).reshape(-1, 3)
-    known = innovations[np.isfinite(innovations).all(axis=1)]
-    rms = np.sqrt(np.mean(known**2, axis=0)) if len(known) else np.full(3, math.nan)
+    console.warn_all(result.warnings)
     if as_json:
-        console.print_json(
-            {
-                "bag": str(bag),
-                "model": str(model),
-                "out": str(out) if out else None,
-                "method": online.method,
-                "ticks": pipeline.ticks,
-                "predictions": len(predictions),
-                "restarts": pipeline.restarts,
-                "innovation_rms": rms.tolist(),
-                "counts": dict(pipeline.aligner.counts),
-                "score": test.as_json() if test else None,
-            }
-        )
+        console.print_json(result.as_dict())
         return
-    if test is None:
-        console.warn("no stretch without a gap is as long as the horizon: nothing to score")
-    else:
-        console.show_test(test, f"RMSE on {drive.record.name}, method {online.method}")
+    if result.held_out is not None:
+        title = f"RMSE on {result.recording.name}, method {result.method}"
+        console.print_scores(result.held_out, title)
     console.note(
-        f"{len(predictions)} predictions on {pipeline.ticks} ticks of 25 ms"
-        + (f" in {out}" if out else " (nothing written: no --out)")
+        f"{len(result.predictions)} predictions on {result.ticks} samples, one every 25 ms"
+        + (f", in {out}" if out else " (not written: no --out)")
     )

@@ -1,0 +1,255 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`adk_ros.explain`: which physics a simulation lacks compared with a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from adk_ros.api.output import check_output
+from adk_ros.api.progress import Progress, in_stage
+from adk_ros.api.tables import UNITS, as_html
+from adk_ros.bags.recording import RecordingOptions
+from adk_ros.errors import UsageError
+from adk_ros.files.output_folder import check_output_folder
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from adk_ros.files.pages.provenance import Provenance
+    from adk_ros.mismatch.inference.result import MismatchResult
+    from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
+    from adk_ros.mismatch.recording.sensor_log import SensorLog
+    from adk_ros.mismatch.surrogate.identification import SurrogateModel
+
+RESULT_FILES = ("mismatch.json",)
+"""Identifies an earlier result in a folder."""
+
+
+@dataclass(frozen=True)
+class MismatchExplanation:
+    """
+    The differences between a simulation and a recording.
+
+    `result`: the full result with residuals, losses and models. `warnings`: what looks wrong in
+    the bags, one line each.
+    """
+
+    result: MismatchResult
+    warnings: list[str]
+    provenance: Provenance | None = None
+
+    @property
+    def verdict(self) -> str:
+        """`none` (nothing material is missing), `explained` or `unknown`."""
+        return self.result.verdict
+
+    @cached_property
+    def summary(self) -> str:
+        """The result in a sentence."""
+        text: str = self.as_dict()["sentence"]
+        return text
+
+    @property
+    def notes(self) -> list[str]:
+        """Assumptions and limits of this analysis, one line each."""
+        return [*self.result.notes, *(item.text for item in self.result.missing_channels)]
+
+    @cached_property
+    def effects(self) -> pd.DataFrame:
+        """
+        The identified effects, one row per parameter.
+
+        Index (effect, parameter). Columns: `value` with its 90 % interval `low` to `high`, in
+        `unit`, relative to the simulation; `confidence`, the posterior probability of the effect
+        against the alternatives tried; `where`, when or at which place it acts; `alternatives`,
+        effects that this recording cannot distinguish from it. Empty if nothing is missing.
+        """
+        columns = ["value", "low", "high", "unit", "confidence", "where", "alternatives"]
+        keys, rows = [], []
+        for effect in self.as_dict()["effects"]:
+            for name, interval in effect["parameters"].items():
+                keys.append((effect["name"], name))
+                rows.append(
+                    [
+                        *(interval[column] for column in columns[:4]),
+                        effect["confidence"],
+                        effect["where"]["text"],
+                        ", ".join(effect["alternatives"]),
+                    ]
+                )
+        index = pd.MultiIndex.from_tuples(keys, names=["effect", "parameter"])
+        return pd.DataFrame(rows, columns=columns, index=index)
+
+    @cached_property
+    def errors(self) -> pd.DataFrame:
+        """
+        RMSE of open-loop predictions over `result.horizon_s`, on data not used for fitting.
+
+        Index: channel. Columns: `simulation`, `corrected` (the simulation with the identified
+        effects) and `unit`. NaN where the recording does not allow a statement.
+        """
+        fit = self.as_dict()["fit"]
+        frame = pd.DataFrame({"simulation": fit["before"], "corrected": fit["after"]}, dtype=float)
+        frame.index.name = "channel"
+        frame["unit"] = [UNITS[str(channel)] for channel in frame.index]
+        return frame
+
+    @property
+    def figures(self) -> dict[str, Figure]:
+        """
+        Figures by name.
+
+        `residuals`: residuals over time in multiples of their noise, of the simulation and of the
+        corrected model. `errors`: the errors of `errors` as bars. The report has more.
+        """
+        from adk_ros.api.figures import improvement_figure, residual_figure
+        from adk_ros.mismatch.recording.sensor_log import CHANNELS
+
+        series = self.result.series
+        noise = series.noise[:, None]
+        return {
+            "residuals": residual_figure(
+                series.time_s,
+                series.before / noise,
+                series.after / noise,
+                tuple(CHANNELS),
+                "Residual / noise",
+            ),
+            "errors": improvement_figure(
+                self.errors, f"Error of predictions over {self.result.horizon_s:g} s"
+            ),
+        }
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the content of mismatch.json."""
+        from adk_ros.mismatch.report.result_files import as_dict
+
+        return as_dict(self.result)
+
+    def write(self, folder: Path | str, force: bool = False) -> None:
+        """
+        Write report.html with its figures, mismatch.json, simulation.yaml and corrected.yaml.
+
+        :param force: replace an earlier result in the folder.
+        :raises UsageError: the folder exists or cannot be written.
+        """
+        from adk_ros.mismatch.report.result_files import write_report
+
+        check_output(Path(folder), force, RESULT_FILES)
+        write_report(self.result, Path(folder))
+
+    def _repr_html_(self) -> str:
+        return as_html(self.summary, self.effects, self.errors)
+
+
+def explain(
+    simulation: Path | str,
+    recording: Path | str,
+    vehicle: Path | str | None = None,
+    out: Path | str | None = None,
+    *,
+    without_imu: bool = False,
+    options: RecordingOptions | None = None,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> MismatchExplanation:
+    """
+    Find which physics a simulation lacks compared with a recording. Takes 0.5 to 3 minutes.
+
+    :param simulation: bag of the simulator; or the YAML file of the simulated vehicle; or the
+        simulation.yaml of an earlier report.
+    :param recording: bag of the real car.
+    :param vehicle: nominal vehicle of the simulation, YAML or a packaged name; only with a bag of
+        the simulator. Default: mass estimated from the bag, wheel radius 0.325 m.
+    :param out: folder for the report; default: none, see `MismatchExplanation.write`.
+    :param without_imu: accept a recording without an IMU and use odometry only.
+    :param options: how to read both bags, see `recording_options`.
+    :param force: replace an earlier result in `out`.
+    :raises UsageError: an argument is invalid, or `out` exists.
+    :raises DataError: a recording is unusable.
+
+    Example::
+
+        result = adk_ros.explain("bags/handling", "real", vehicle="imdv")
+        print(result.summary)
+        result.effects
+    """
+    from adk_ros.api.provenance import RunTimer
+    from adk_ros.mismatch.analysis import identify_mismatch
+    from adk_ros.mismatch.recording.sensor_log import SensorLog
+
+    timer = RunTimer()
+    simulation, recording = Path(simulation), Path(recording)
+    if out is not None:
+        check_output(Path(out), force, RESULT_FILES, simulation, recording)
+        check_output_folder(Path(out))
+    if simulation.resolve() == recording.resolve():
+        raise UsageError(f"{recording}: simulation and recording are the same bag")
+    inputs = _read_inputs(
+        simulation, recording, vehicle, without_imu, options or RecordingOptions(), progress
+    )
+    simulated, recorded, nominal = inputs
+    warnings = list(recorded.warnings)
+    if isinstance(simulated, SensorLog):
+        warnings += simulated.warnings
+
+    def comparing(done: float, total: float, detail: str) -> None:
+        in_stage(progress, "comparing")(done, total, detail)
+
+    explanation = MismatchExplanation(
+        identify_mismatch(simulated, recorded, nominal, comparing), warnings
+    )
+    sources = [("simulation", simulation), ("recording", recording)]
+    if vehicle is not None and Path(vehicle).is_file():
+        sources.append(("vehicle", Path(vehicle)))
+    explanation = replace(explanation, provenance=timer.provenance(sources))
+    if out is not None:
+        explanation.write(out, force)
+    return explanation
+
+
+def _read_inputs(
+    simulation: Path,
+    recording: Path,
+    vehicle: Path | str | None,
+    without_imu: bool,
+    options: RecordingOptions,
+    progress: Progress | None,
+) -> tuple[SensorLog | SurrogateModel, SensorLog, NominalVehicle | None]:
+    """Return the simulation, the recording and the nominal vehicle."""
+    from adk_ros.mismatch.deployment.simulator_input import (
+        is_simulator_file,
+        load_simulator,
+        simulate_matched_drive,
+    )
+    from adk_ros.mismatch.recording.from_bag import read_sensor_log
+    from adk_ros.mismatch.recording.nominal_vehicle import (
+        load_nominal_vehicle,
+        nominal_vehicle_of,
+    )
+    from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
+
+    simulator = load_simulator(simulation) if is_simulator_file(simulation) else None
+    if simulator is not None and vehicle is not None:
+        raise UsageError(
+            f"{simulation} already describes the vehicle: use --vehicle only with a bag of the "
+            "simulator"
+        )
+    nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
+    # If the simulation is a bag with an IMU, a recording without one probably misses a topic.
+    needs_imu = simulator is None and not without_imu
+    report = in_stage(progress, f"reading {recording.name}")
+    recorded = read_sensor_log(recording, options, report, needs_imu)
+    if isinstance(simulator, Vehicle):
+        driven = simulate_matched_drive(simulator, recorded, simulation.name)
+        return driven, recorded, nominal_vehicle_of(simulator)
+    if simulator is not None:
+        return simulator, recorded, nominal
+    report = in_stage(progress, f"reading {simulation.name}")
+    return read_sensor_log(simulation, options, report), recorded, nominal

@@ -1,0 +1,48 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Output paths of the Python interface: what may be replaced, and what is never overwritten."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from adk_ros.errors import UsageError
+from adk_ros.files.output_folder import refuse_existing
+
+BAG_FILES = ("metadata.yaml",)
+"""Identifies an earlier bag in a folder."""
+
+_BAG_CONTENT = (".mcap", ".db3", ".zstd", ".yaml")
+
+
+def check_output(
+    out: Path, force: bool, result_files: tuple[str, ...] | None, *inputs: Path
+) -> None:
+    """
+    Refuse an output path before the work starts.
+
+    :param result_files: names that identify an earlier result, as in `refuse_existing`.
+    :param inputs: paths that the work reads; none of them may be overwritten.
+    :raises UsageError: `out` exists and may not be replaced, or is one of the inputs.
+    """
+    for path in inputs:
+        if out.exists() and path.exists() and out.resolve() == path.resolve():
+            raise UsageError(f"{out} is an input as well: choose another --out")
+    refuse_existing(out, force, result_files=result_files)
+
+
+def remove_earlier_bag(out: Path) -> None:
+    """
+    Remove the bag at `out`, so that a new one can be written there.
+
+    :raises UsageError: the folder contains anything that is not part of a bag.
+    """
+    if not out.exists():
+        return
+    files = list(out.iterdir())
+    other = [file.name for file in files if file.is_dir() or file.suffix not in _BAG_CONTENT]
+    if other:
+        raise UsageError(f"{out} holds more than a bag ({other[0]}): choose another --out")
+    for file in files:
+        file.unlink()
+    out.rmdir()

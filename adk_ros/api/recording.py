@@ -1,0 +1,215 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`adk_ros.read_recording`: a bag as a data frame on the 25 ms grid."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from adk_ros.api.progress import Progress, in_stage
+from adk_ros.api.tables import as_html, suffixed, with_units
+from adk_ros.bags import Topics
+from adk_ros.bags import recording as bag_reader
+from adk_ros.bags.recording import Recording, RecordingOptions
+from adk_ros.errors import UsageError
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import INPUT_NAMES, STATE_NAMES, TICK_NS, Record
+from adk_ros.signals.decode import SensorConfig
+
+
+@dataclass(frozen=True)
+class BagRecording:
+    """
+    A recording read from a bag.
+
+    `path`: the bag. `options`: the topics and sensor configuration it was read with. `content`:
+    what the reader returned, with the record as arrays.
+    """
+
+    path: Path
+    options: RecordingOptions
+    content: Recording
+
+    @property
+    def name(self) -> str:
+        """Name of the bag's folder or file."""
+        return self.content.record.name
+
+    @property
+    def record(self) -> Record:
+        """The samples as arrays."""
+        return self.content.record
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of the samples in s, without gaps."""
+        return self.content.record.duration_s
+
+    @property
+    def topics(self) -> Topics:
+        """Names of the topics that were read."""
+        return self.content.topics
+
+    @property
+    def warnings(self) -> list[str]:
+        """What looks wrong in the bag, one line each: refused messages, implausible units."""
+        return list(self.content.warnings)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Time of each sample (n,), s from the bag's first message."""
+        since_ns = self.content.record.stamp_ns - self.content.start_ns
+        return np.asarray(since_ns * 1e-9, dtype=np.float64)
+
+    @cached_property
+    def frame(self) -> pd.DataFrame:
+        """
+        The recording as a table: one row per sample of the 25 ms grid, SI units.
+
+        Index `time_s`: s from the bag's first message. Columns:
+
+        - `v_x`, `v_y`, `yaw_rate`: the state known at that time; the predictor starts from it.
+        - `a_x`, `a_y`: specific force, NaN without an IMU.
+        - `torque`, `delta`: wheel torque and road-wheel angle in force from that time on.
+        - `v_x_measured`, `v_y_measured`, `yaw_rate_measured`: the measurement interpolated between
+          the readings before and after that time, NaN in gaps; predictions are scored against it.
+        - `learnable`: whether the sample is free of faults. `episode`: number of the stretch
+          without gaps.
+
+        `frame.attrs["units"]` maps column names to units.
+        """
+        record = self.content.record
+        columns: dict[str, Any] = dict(zip(STATE_NAMES, record.x.T, strict=True))
+        columns |= dict(zip(("a_x", "a_y"), record.a.T, strict=True))
+        columns |= dict(zip(INPUT_NAMES, record.u.T, strict=True))
+        columns |= dict(zip(suffixed("measured"), record.x_ref.T, strict=True))
+        columns |= {"learnable": record.learnable, "episode": record.episode}
+        index = pd.Index(self.time_s, name="time_s")
+        return with_units(pd.DataFrame(columns, index=index), self.name)
+
+    def measured_at(self, time_s: FloatArray) -> FloatArray:
+        """
+        Return the measured state at the given times.
+
+        :param time_s: times of any shape (...), s from the bag's first message.
+        :return: (..., 3) in SI units, interpolated between samples; NaN in gaps and outside the
+            recording.
+        """
+        known = np.isfinite(self.record.x_ref).all(axis=1)
+        grid_s, values = self.time_s[known], self.record.x_ref[known]
+        measured = np.full((*time_s.shape, 3), np.nan)
+        if grid_s.size < 2:
+            return measured
+        after = np.clip(np.searchsorted(grid_s, time_s), 1, grid_s.size - 1)
+        gap_s = grid_s[after] - grid_s[after - 1]
+        tolerance_s = 1e-6
+        inside = (time_s >= grid_s[0] - tolerance_s) & (time_s <= grid_s[-1] + tolerance_s)
+        nearest_s = np.minimum(np.abs(time_s - grid_s[after]), np.abs(time_s - grid_s[after - 1]))
+        inside &= (gap_s < 1.5 * TICK_NS * 1e-9) | (nearest_s < tolerance_s)
+        for i in range(3):
+            measured[..., i] = np.where(inside, np.interp(time_s, grid_s, values[:, i]), np.nan)
+        return measured
+
+    def _repr_html_(self) -> str:
+        return as_html(f"Recording {self.name}: {self.duration_s:.1f} s", self.frame)
+
+
+def read_recording(
+    path: Path | str,
+    options: RecordingOptions | None = None,
+    progress: Progress | None = None,
+) -> BagRecording:
+    """
+    Read a bag: choose its topics, decode and align them to the 25 ms grid.
+
+    :param path: rosbag2 folder, .mcap, .db3 or ROS 1 .bag.
+    :param options: topics and sensor configuration; default: topics chosen by type, sensors in
+        the standard configuration. See `recording_options`.
+    :raises UsageError: the bag cannot be read, or a named topic does not exist.
+    :raises DataError: a topic is missing, or no sample is usable.
+
+    Example::
+
+        recording = adk_ros.read_recording("bags/town")
+        recording.frame[["v_x", "v_x_measured"]].plot()
+    """
+    options = options or RecordingOptions()
+    report = in_stage(progress, f"reading {Path(path).name}")
+    return BagRecording(Path(path), options, bag_reader.read_recording(path, options, report))
+
+
+def recording_options(
+    *,
+    imu: str | None = None,
+    odometry: str | None = None,
+    command: str | None = None,
+    use_imu: bool = True,
+    params: Path | str | None = None,
+    stored_sensors: dict[str, Any] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> RecordingOptions:
+    """
+    Return the options that say how to read a recording.
+
+    :param imu, odometry, command: topic names; default: the only topic of the right type.
+    :param use_imu: False ignores the IMU.
+    :param params: the node's parameter file, which describes the vehicle's sensors.
+    :param stored_sensors: sensor configuration to use without `params`, as in a model's manifest.
+    :param warn: called with a line for each unknown parameter; default: `warnings.warn`.
+    :raises UsageError: the parameter file or the stored configuration is invalid.
+    """
+    sensors = sensors_from_manifest(stored_sensors) if stored_sensors else SensorConfig()
+    if params is not None:
+        from adk_ros.ros.parameter_table import read_parameter_file, sensor_config
+
+        values, problems = read_parameter_file(Path(params))
+        sensors = sensor_config(values)
+        for text in problems:
+            if warn is None:
+                warnings.warn(text, stacklevel=2)
+            else:
+                warn(text)
+    return RecordingOptions(imu, odometry, command, use_imu, sensors)
+
+
+def sensors_from_manifest(stored: dict[str, Any]) -> SensorConfig:
+    """
+    Return the sensor configuration stored in a model's manifest.
+
+    :raises UsageError: it contains a key that this version does not know.
+    """
+    try:
+        values: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value
+            for key, value in stored.items()
+        }
+        return replace(SensorConfig(), **values)
+    except TypeError as error:
+        raise UsageError(
+            f"the model's manifest describes sensors that this version does not know: {error}"
+        ) from None
+
+
+def as_recording(
+    recording: BagRecording | Path | str,
+    options: RecordingOptions | None,
+    progress: Progress | None,
+) -> BagRecording:
+    """
+    Return `recording`, read from its bag if it is a path.
+
+    :raises UsageError: options are given for a recording that has already been read.
+    """
+    if not isinstance(recording, BagRecording):
+        return read_recording(recording, options, progress)
+    if options is not None:
+        raise UsageError("give options to read_recording, or give the bag's path here")
+    return recording
