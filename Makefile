@@ -76,7 +76,7 @@ lint: $(TESTING) ## Check style and types
 
 docs: $(TESTING) ## Generate the reference pages and build the site in site/, warnings as errors
 	@$(BIN)/python scripts/generate_docs.py
-	@$(BIN)/python -m mkdocs build --strict
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 identity: $(RUNTIME) ## Compare results with an earlier revision (IDENTITY_ARGS="8313453 --cases DIR")
 	@$(BIN)/python scripts/check_identity.py $(IDENTITY_ARGS)
