@@ -171,5 +171,5 @@ def energy(car: Car, state: FloatArray, planes: FloatArray = LEVEL) -> float:
 def offsets(drive: SimulatedDrive) -> np.ndarray:
     """Metres to the left of the route, a row a tick."""
     table, spacing = drive.route.table, drive.route.spacing
-    places = zip(drive.place, drive.pose, strict=True)
+    places = zip(drive.arc_length, drive.pose, strict=True)
     return np.array([locate(table, spacing, s, x, y)[1] for s, (x, y, _) in places])

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coloured noise: what drivers, motors and the wind add."""
+"""Coloured noise for driver excitation and wind gusts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from adk_ros.numerics.arrays import FloatArray
 def coloured_noise(
     rng: np.random.Generator, n: int, period_s: float, bandwidth_hz: float
 ) -> FloatArray:
-    """Unit-variance noise through two first-order low-passes, shape (n,)."""
+    """Return unit-variance white noise filtered by two first-order low-passes, (n,)."""
     keep = math.exp(-2.0 * math.pi * bandwidth_hz * period_s)
     white = rng.standard_normal(n)
     out = np.empty(n)

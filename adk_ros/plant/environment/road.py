@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A closed route as a table over its arc length, and where on it a car is.
+Closed route as a table over arc length, and projection of a position on it.
 
-A route is written as straights, bends and slaloms in the order they are driven. Curvature is
-continuous (bends have linear transitions). The straights' lengths are changed by the least sum of
-squares that closes the loop, so they need only be given roughly.
+A route is a sequence of straights, bends and slaloms. Curvature is continuous (bends have linear
+transitions). The lengths of the straights are adjusted with the least sum of squares that closes
+the loop, so approximate lengths suffice.
 """
 
 from __future__ import annotations
@@ -22,20 +22,22 @@ from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.plant.environment.elevation import Height, Undulation, profile_slope
 
 SPACING = 0.5
-"""Metres between the table's rows, about."""
+"""Approximate distance between the rows of the table, m."""
 
 ROAD_X, ROAD_Y, ROAD_HEADING, ROAD_CURVATURE = 0, 1, 2, 3
 ROAD_MU, ROAD_GRADE, ROAD_BANK, ROAD_SPEED = 4, 5, 6, 7
 ROAD_HEIGHT, ROAD_SLOPE, ROAD_CAMBER = 8, 9, 10
 ROAD_SIZE = 11
 """
-Columns of a route's table; ROAD_SPEED is the plan's, filled in by the driver.
+Columns of a route table; ROAD_SPEED is filled in by `plan_speed`.
 
-Grade and bank are angles, slope and camber their tangents; the height is the slope's integral.
+Grade and bank are angles, slope and camber their tangents; height is the integral of the slope.
 """
 
-_FINE = 0.05
-_SHORTEST = 5.0
+_TRACE_STEP = 0.05
+"""Step of the numerical integration of the path, m."""
+_MIN_STRAIGHT = 5.0
+"""Shortest straight after closing the loop, m."""
 
 
 class Bend(FileModel):
@@ -44,41 +46,41 @@ class Bend(FileModel):
     radius: float = Field(ge=6.0, le=1e5)
     angle_deg: float = Field(ge=-400.0, le=400.0)
     transition: float = Field(default=8.0, ge=0.0, le=1e3)
-    """m."""
+    """Length of the linear transition at either end, m."""
 
     @model_validator(mode="after")
-    def _room(self) -> Bend:
+    def _fits_transition(self) -> Bend:
         if abs(math.radians(self.angle_deg)) * self.radius < self.transition:
             raise ValueError("the bend is shorter than its transition")
         return self
 
     @property
     def length(self) -> float:
-        """Arc length in m, transitions included."""
+        """Arc length including transitions, m."""
         return abs(math.radians(self.angle_deg)) * self.radius + self.transition
 
 
 class Slalom(FileModel):
     """
-    Weaving about a straight: curvature amplitude (2 pi / wavelength)^2 cos, faded in and out.
+    Weaving about a straight line: curvature amplitude (2 pi / wavelength)^2 cos(...).
 
-    The fades take the first and the last wave; over the whole the heading does not change.
+    It fades in and out over the first and the last wave and does not change the heading in total.
     """
 
     amplitude: float = Field(gt=0.0, le=20.0)
-    """m to either side."""
+    """Lateral amplitude, m."""
     wavelength: float = Field(ge=10.0, le=1e3)
-    """m."""
+    """Wavelength, m."""
     waves: int = Field(ge=3, le=100)
 
     @property
     def length(self) -> float:
-        """Arc length in m."""
+        """Arc length, m."""
         return self.wavelength * self.waves
 
 
 class Segment(FileModel):
-    """One piece of a route: exactly one of `straight` (m), `bend`, `slalom`."""
+    """One segment of a route: exactly one of `straight` (m), `bend`, `slalom`."""
 
     straight: float | None = Field(default=None, gt=0.0, le=1e4)
     bend: Bend | None = None
@@ -92,7 +94,7 @@ class Segment(FileModel):
 
 
 class RoadPatch(FileModel):
-    """What is different between two distances from the start of the lap, in m."""
+    """Road properties that differ between two arc lengths of the lap, m."""
 
     start: float = Field(ge=0.0)
     end: float
@@ -101,7 +103,7 @@ class RoadPatch(FileModel):
     bank: float | None = Field(default=None, ge=-0.3, le=0.3)
     speed_max: float | None = Field(default=None, ge=3.0, le=80.0)
     blend: float = Field(default=5.0, ge=0.0, le=200.0)
-    """Metres over which it comes and goes, inside the place."""
+    """Length of the transition at either end, inside the patch, m."""
 
     @model_validator(mode="after")
     def _order(self) -> RoadPatch:
@@ -112,19 +114,19 @@ class RoadPatch(FileModel):
 
 @dataclass(frozen=True)
 class Route:
-    """A closed route: `table` (n + 1, ROAD_SIZE), the last row the first one lap later."""
+    """A closed route: `table` (n + 1, ROAD_SIZE), the last row is the first one lap later."""
 
     table: FloatArray
     spacing: float
 
     @property
     def length(self) -> float:
-        """One lap in m."""
+        """Length of a lap, m."""
         return self.spacing * float(self.table.shape[0] - 1)
 
 
 def _curvature(segment: Segment, s: FloatArray) -> FloatArray:
-    """Curvature in 1/m at distances `s` from the segment's start."""
+    """Return the curvature, 1/m, at distances `s` from the start of the segment."""
     if segment.bend is not None:
         bend = segment.bend
         sign = math.copysign(1.0 / bend.radius, bend.angle_deg)
@@ -147,18 +149,18 @@ def _length(segment: Segment) -> float:
 
 
 def _trace(segments: list[Segment], lengths: list[float]) -> tuple[FloatArray, FloatArray]:
-    """Return the fine path (n, 4) of x, y, heading, curvature, and each straight's heading."""
+    """Return the path (n, 5): s, x, y, heading, curvature; and the heading of each straight."""
     s, curvature = [np.zeros(1)], [np.zeros(1)]
     headings = []
     begin, heading = 0.0, 0.0
     for segment, length in zip(segments, lengths, strict=True):
-        local = np.linspace(0.0, length, max(2, math.ceil(length / _FINE) + 1))
-        bent = _curvature(segment, local)
+        local = np.linspace(0.0, length, max(2, math.ceil(length / _TRACE_STEP) + 1))
+        bend = _curvature(segment, local)
         if segment.straight is not None:
             headings.append(heading)
-        heading += float(np.sum(0.5 * (bent[1:] + bent[:-1]) * np.diff(local)))
+        heading += float(np.sum(0.5 * (bend[1:] + bend[:-1]) * np.diff(local)))
         s.append(begin + local[1:])
-        curvature.append(bent[1:])
+        curvature.append(bend[1:])
         begin += length
     along, kappa = np.concatenate(s), np.concatenate(curvature)
     step = np.diff(along)
@@ -177,29 +179,29 @@ def build_route(
     undulations: list[Undulation] | None = None,
 ) -> Route:
     """
-    Lay out a closed route; `mu` holds where no place says otherwise. The lap starts at (0, 0).
+    Build a closed route with friction `mu` outside of `places`. The lap starts at (0, 0).
 
-    The profile of `heights` and `undulations` comes on top of the places' grades.
+    The profile of `heights` and `undulations` is added to the grades of `places`.
 
-    Raises `ValueError` for a route that does not close: bends that do not turn by a whole number
-    of circles, straights that would have to shrink to less than 5 m; for a place or a height
-    beyond the lap.
+    :raises ValueError: the route does not close (the bends do not turn by a whole number of
+        circles, or a straight would become shorter than 5 m), or a patch or a height lies beyond
+        the lap.
     """
     turned = sum(segment.bend.angle_deg for segment in segments if segment.bend is not None)
     if turned == 0.0 or abs(turned / 360.0 - round(turned / 360.0)) > 1e-9:
-        raise ValueError(f"the bends must turn by whole circles in all, not by {turned:g} degrees")
+        raise ValueError(f"the bends must turn by whole circles in total, not by {turned:g} deg")
     lengths = [_length(segment) for segment in segments]
     straight = [i for i, segment in enumerate(segments) if segment.straight is not None]
     path, headings = _trace(segments, lengths)
     directions = np.array([np.cos(headings), np.sin(headings)])
     if len(straight) < 2 or np.linalg.matrix_rank(directions, tol=0.1) < 2:
-        raise ValueError("needs straights in two directions at least, or it cannot be closed")
+        raise ValueError("needs straights in at least two directions to close the loop")
     for _ in range(3):
         change = np.linalg.lstsq(directions, -path[-1, 1:3], rcond=None)[0]
         for i, extra in zip(straight, change, strict=True):
             lengths[i] += float(extra)
-        if min(lengths[i] for i in straight) < _SHORTEST:
-            raise ValueError("does not close: a straight would have to shrink to under 5 m")
+        if min(lengths[i] for i in straight) < _MIN_STRAIGHT:
+            raise ValueError("does not close: a straight would become shorter than 5 m")
         path, _ = _trace(segments, lengths)
     lap = float(path[-1, 0])
     rows = max(8, round(lap / SPACING))
@@ -209,40 +211,40 @@ def build_route(
         table[:, column] = np.interp(s, path[:, 0], path[:, column + 1])
     table[:, ROAD_MU] = mu
     table[:, ROAD_SPEED] = np.inf
-    for place in places:
-        if place.end > lap:
-            raise ValueError(f"a place ends at {place.end:g} m, but the lap has {lap:.0f} m")
-        _apply_patch(table, s, place)
+    for patch in places:
+        if patch.end > lap:
+            raise ValueError(f"a place ends at {patch.end:g} m, but the lap has {lap:.0f} m")
+        _apply_patch(table, s, patch)
     if heights or undulations:
         slope = profile_slope(heights or [], undulations or [], rows, lap)
         table[:, ROAD_GRADE] = np.arctan(np.tan(table[:, ROAD_GRADE]) + slope)
     table[-1, ROAD_CURVATURE:] = table[0, ROAD_CURVATURE:]
     table[:, ROAD_SLOPE] = np.tan(table[:, ROAD_GRADE])
     table[:, ROAD_CAMBER] = np.tan(table[:, ROAD_BANK])
-    climbs = 0.5 * (table[1:, ROAD_SLOPE] + table[:-1, ROAD_SLOPE]) * (lap / rows)
-    table[1:, ROAD_HEIGHT] = np.cumsum(climbs)
+    rises = 0.5 * (table[1:, ROAD_SLOPE] + table[:-1, ROAD_SLOPE]) * (lap / rows)
+    table[1:, ROAD_HEIGHT] = np.cumsum(rises)
     return Route(table, lap / rows)
 
 
-def _apply_patch(table: FloatArray, s: FloatArray, place: RoadPatch) -> None:
-    inside = np.minimum(s - place.start, place.end - s)
-    share = np.clip(inside / max(place.blend, 1e-3), 0.0, 1.0)
-    for column, value in ((ROAD_MU, place.mu), (ROAD_GRADE, place.grade), (ROAD_BANK, place.bank)):
+def _apply_patch(table: FloatArray, s: FloatArray, patch: RoadPatch) -> None:
+    inside = np.minimum(s - patch.start, patch.end - s)
+    share = np.clip(inside / max(patch.blend, 1e-3), 0.0, 1.0)
+    for column, value in ((ROAD_MU, patch.mu), (ROAD_GRADE, patch.grade), (ROAD_BANK, patch.bank)):
         if value is not None:
             table[:, column] += share * (value - table[:, column])
-    if place.speed_max is not None:
+    if patch.speed_max is not None:
         within = inside >= 0.0
-        table[within, ROAD_SPEED] = np.minimum(table[within, ROAD_SPEED], place.speed_max)
+        table[within, ROAD_SPEED] = np.minimum(table[within, ROAD_SPEED], patch.speed_max)
 
 
 @strict_kernel
 def lookup(table: FloatArray, spacing: float, s: float, column: int) -> float:
-    """Return a column at distance `s`, m, interpolated; laps wrap (not for ROAD_HEADING)."""
+    """Interpolate a column at arc length `s`, m; laps wrap (not valid for ROAD_HEADING)."""
     rows = table.shape[0] - 1
-    place = s / spacing
-    whole = math.floor(place)
+    position = s / spacing
+    whole = math.floor(position)
     i = int(whole) % rows
-    share = place - whole
+    share = position - whole
     value: float = (1.0 - share) * table[i, column] + share * table[i + 1, column]
     return value
 
@@ -252,17 +254,18 @@ def locate(
     table: FloatArray, spacing: float, s: float, x: float, y: float
 ) -> tuple[float, float, float]:
     """
-    Project (x, y) on the route near distance `s`; return (s, offset left in m, road heading).
+    Project (x, y) on the route near arc length `s`; return (s, lateral offset, road heading).
 
-    Two Newton steps of at most 5 m each; far from the route the answer is only near.
+    The offset is positive to the left, m. Two Newton steps of at most 5 m each; far from the route
+    the result is approximate.
     """
     rows = table.shape[0] - 1
     across, heading = 0.0, 0.0
     for _ in range(2):
-        place = s / spacing
-        whole = math.floor(place)
+        position = s / spacing
+        whole = math.floor(position)
         i = int(whole) % rows
-        share = place - whole
+        share = position - whole
         heading = (1.0 - share) * table[i, ROAD_HEADING] + share * table[i + 1, ROAD_HEADING]
         curvature = (1.0 - share) * table[i, ROAD_CURVATURE] + share * table[i + 1, ROAD_CURVATURE]
         dx = x - ((1.0 - share) * table[i, ROAD_X] + share * table[i + 1, ROAD_X])

@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The road under each wheel, as a plane: where it lies, how it leans, how it grips.
+Road surface under each wheel as a plane: position, normal and friction.
 
 The surface over the map is z(s, n) = height(s) + n tan(bank(s)), with s along the route and n to
-its left. Near a wheel it is taken for its tangent plane, normal . (x, y, z) = offset, which holds
-for one integration step: at 40 m/s the road's curvature moves the wheel by some micrometres in it.
+its left. At a wheel it is replaced by its tangent plane, normal . (x, y, z) = offset, for one
+integration step: at 40 m/s the error due to the road's curvature is a few micrometres.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from adk_ros.plant.environment.road import (
 )
 
 PLANE_MU, PLANE_X, PLANE_Y, PLANE_Z, PLANE_OFFSET = range(5)
-"""Columns of a plane: the road's friction, its unit normal upwards, its distance from the origin
-along the normal, m."""
+"""Columns of a plane: friction, upward unit normal, distance from the origin along the normal in
+m."""
 
 
 @strict_kernel
 def tangent_plane(
     table: FloatArray, spacing: float, s: float, x: float, y: float, plane: FloatArray
 ) -> None:
-    """Write the road's tangent plane at map point (x, y), near distance `s`, into `plane` (5,)."""
+    """Write the road's tangent plane at map point (x, y), near arc length `s`, to `plane` (5,)."""
     rows = table.shape[0] - 1
-    place = s / spacing
-    whole = math.floor(place)
+    position = s / spacing
+    whole = math.floor(position)
     i = int(whole) % rows
-    share = place - whole
+    share = position - whole
     near, far = table[i], table[i + 1]
     heading = (1.0 - share) * near[ROAD_HEADING] + share * far[ROAD_HEADING]
     cos, sin = math.cos(heading), math.sin(heading)
@@ -50,18 +50,18 @@ def tangent_plane(
     curvature = (1.0 - share) * near[ROAD_CURVATURE] + share * far[ROAD_CURVATURE]
     across = dy * cos - dx * sin
     stretch = max(1.0 - curvature * across, 0.2)
-    # One step of projection; it may lead into a neighbouring row, whose columns then count.
-    place += (dx * cos + dy * sin) / (stretch * spacing)
-    whole = math.floor(place)
+    # One projection step, which may lead to a neighbouring row.
+    position += (dx * cos + dy * sin) / (stretch * spacing)
+    whole = math.floor(position)
     i = int(whole) % rows
-    share = place - whole
+    share = position - whole
     near, far = table[i], table[i + 1]
     slope = (1.0 - share) * near[ROAD_SLOPE] + share * far[ROAD_SLOPE]
     camber = (1.0 - share) * near[ROAD_CAMBER] + share * far[ROAD_CAMBER]
-    # The exact integral of the slope between two rows, and so free of kinks.
-    climbed = near[ROAD_SLOPE] + 0.5 * share * (far[ROAD_SLOPE] - near[ROAD_SLOPE])
-    height = near[ROAD_HEIGHT] + spacing * share * climbed + across * camber
-    height += math.floor(place / rows) * (table[rows, ROAD_HEIGHT] - table[0, ROAD_HEIGHT])
+    # The exact integral of the linear slope between two rows: continuous with its derivative.
+    mean_slope = near[ROAD_SLOPE] + 0.5 * share * (far[ROAD_SLOPE] - near[ROAD_SLOPE])
+    height = near[ROAD_HEIGHT] + spacing * share * mean_slope + across * camber
+    height += math.floor(position / rows) * (table[rows, ROAD_HEIGHT] - table[0, ROAD_HEIGHT])
     along = (slope + across * (far[ROAD_CAMBER] - near[ROAD_CAMBER]) / spacing) / stretch
     rise_x = along * cos - camber * sin
     rise_y = along * sin + camber * cos
@@ -77,10 +77,10 @@ def even_planes(
     mu: float, grade: float = 0.0, bank: float = 0.0, heading: float = 0.0
 ) -> FloatArray:
     """
-    Return (4, 5): one plane through the origin for all wheels.
+    Return (4, 5): the same plane through the origin for all wheels.
 
-    It climbs by `grade` rad towards `heading` and rises by `bank` rad to the left of it; both are
-    held within 1 rad.
+    It rises by `grade` rad towards `heading` and by `bank` rad to the left of it; both are clamped
+    to 1 rad.
     """
     along, across = (math.tan(min(max(angle, -1.0), 1.0)) for angle in (grade, bank))
     rise_x = along * math.cos(heading) - across * math.sin(heading)

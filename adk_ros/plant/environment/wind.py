@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Air that moves over the map: a steady wind, and gusts that come with time."""
+"""Wind over the map: a steady component and gusts over time."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class Wind(FileModel):
     x: float = Field(default=0.0, ge=-60.0, le=60.0)
     y: float = Field(default=0.0, ge=-60.0, le=60.0)
     gust: float = Field(default=0.0, ge=0.0, le=30.0)
-    """Standard deviation of what comes on top in either direction, m/s."""
+    """Standard deviation of the gusts in either direction, m/s."""
     gust_bandwidth_hz: float = Field(default=0.25, gt=0.001, le=5.0)
 
 
 def wind_series(rng: np.random.Generator, wind: Wind, ticks: int) -> FloatArray:
-    """Return the wind (ticks + 1, 2), a row a tick of 25 ms; in between it is linear."""
+    """Return the wind (ticks + 1, 2), one row per tick of 25 ms, linear in between."""
     out = np.tile([wind.x, wind.y], (ticks + 1, 1))
     if wind.gust > 0.0:
         period_s = TICK_NS * 1e-9
@@ -37,7 +37,7 @@ def wind_series(rng: np.random.Generator, wind: Wind, ticks: int) -> FloatArray:
 
 @strict_kernel
 def wind_at(series: FloatArray, step: int, tick: int) -> tuple[float, float]:
-    """Return the wind at integration step `step`, of which there are `tick` a tick."""
+    """Return the wind at integration step `step`; a tick has `tick` steps."""
     last = series.shape[0] - 1
     row = min(step // tick, last)
     after = min(row + 1, last)

@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The floor of every prediction: the plant itself, started from measured (v_x, v_y, yaw rate).
+Oracle predictor: the plant itself, restarted from measured (v_x, v_y, yaw rate).
 
-It knows all else as it was: the full state, the road, the wind, the commands and when each began.
-What is left is what the measurement's own error makes of it.
+It knows everything else exactly: the remaining state, the road, the wind, the commands and their
+timing. Its error is due to the measurement error of the start alone.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _TICK = round(TICK_NS * 1e-9 / STEP)
 
 
 def _along(c: Constants, i: int, v: FloatArray, delta: FloatArray) -> FloatArray:
-    """Speed of wheel `i`'s hub in its rolling direction, (n,), in the car's plane."""
+    """Return the speed (n,) of the hub of wheel `i` in its rolling direction, body plane."""
     x = c.cg_to_front_axle if i < 2 else -c.cg_to_rear_axle
     y = 0.5 * c.track_width if i % 2 == 0 else -0.5 * c.track_width
     angle = delta if i < 2 else np.zeros_like(delta)
@@ -38,7 +38,7 @@ def _along(c: Constants, i: int, v: FloatArray, delta: FloatArray) -> FloatArray
 
 
 def _restarted(drive: SimulatedDrive, c: Constants, rows: IntArray, x0: FloatArray) -> FloatArray:
-    """States at `rows` with the measured velocities, wheel spins moved so that slips stay."""
+    """Return the states at `rows` with the measured velocities and unchanged wheel slips."""
     states = drive.states[rows]
     measured = np.where(np.isfinite(x0), x0, drive.x[rows])
     for i in range(4):
@@ -47,7 +47,7 @@ def _restarted(drive: SimulatedDrive, c: Constants, rows: IntArray, x0: FloatArr
         slip = states[:, OMEGA + i] * c.wheel_radius - before
         slip /= np.maximum(np.abs(before), SLIP_SPEED_MIN)
         spin = (after + slip * np.maximum(np.abs(after), SLIP_SPEED_MIN)) / c.wheel_radius
-        # The same velocity keeps its spin to the last bit.
+        # With an unchanged velocity the spin stays bit-identical.
         states[:, OMEGA + i] = np.where(after == before, states[:, OMEGA + i], spin)
     states[:, [V_X, V_Y, YAW_RATE]] = measured
     limit = SEVEN_LIMIT if drive.plant == "seven_dof" else FOURTEEN_LIMIT
@@ -105,16 +105,16 @@ def oracle_rollout(
     drive: SimulatedDrive, rows: IntArray, x0: FloatArray, ahead: int
 ) -> FloatArray:
     """
-    Drive on from grid rows of `drive`, started with measured velocities; either plant.
+    Continue the simulation from grid rows of `drive` with measured velocities; both plants.
 
-    `rows` (n,) of the grid; `x0` (n, 3) the measured (v_x, v_y, yaw rate), which replaces the true
-    one, the wheels' spins moved along so that they keep their slip; all else is as it was. The
-    commands are those that were given, from when they were; past the drive's end the last holds.
+    `rows` (n,): rows of the 25 ms grid; `x0` (n, 3): measured (v_x, v_y, yaw rate), used instead
+    of the true ones. Wheel spins change such that the slips stay; all other states are true.
+    Commands are the recorded ones with their timing; after the end of the drive the last holds.
 
-    Returns (n, ahead, 3), entry j the state j + 1 ticks later. With the truth for `x0` it is the
-    drive itself. A start with a NaN gives NaN. Costs some 0.1 ms per start and tick.
+    Returns (n, ahead, 3), entry j is the state j + 1 ticks later. With the truth as `x0` this is
+    the drive itself. A start with NaN gives NaN. Takes about 0.1 ms per start and tick.
 
-    Raises `ValueError` for rows outside of the drive and for shapes that do not fit.
+    :raises ValueError: rows outside of the drive, or shapes that do not match.
     """
     rows = np.ascontiguousarray(rows, dtype=np.int64)
     start = np.ascontiguousarray(x0, dtype=np.float64)
@@ -123,7 +123,7 @@ def oracle_rollout(
     if ahead < 0:
         raise ValueError(f"ahead must not be negative, got {ahead}")
     if rows.size and not 0 <= rows.min() <= rows.max() < len(drive.x):
-        raise ValueError(f"rows must be of the drive's grid, 0 to {len(drive.x) - 1}")
+        raise ValueError(f"rows must be in the grid of the drive, 0 to {len(drive.x) - 1}")
     out = np.empty((rows.shape[0], ahead, 3))
     if out.size == 0:
         return out
@@ -132,7 +132,7 @@ def oracle_rollout(
     body = resolve(drive.vehicle) if fourteen else NO_SPRUNG_MASS
     _continue_drive(
         fourteen, constants, body, drive.route.table, drive.route.spacing, drive.wind,
-        drive.commands, drive.command_step, rows, drive.place[rows],
+        drive.commands, drive.command_step, rows, drive.arc_length[rows],
         _restarted(drive, constants, rows, start), out,
     )  # fmt: skip
     out[~np.isfinite(start).all(axis=1)] = np.nan

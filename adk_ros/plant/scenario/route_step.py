@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One integration step of either plant on a route: the road looked up, then the car moved."""
+"""One integration step of either plant on a route: road lookup, then equations of motion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from adk_ros.plant.vehicle.sprung_mass import SprungMass
 from adk_ros.plant.vehicle.vehicle_parameters import Constants
 
 STATE_SIZES = {"seven_dof": seven_dof.STATE_SIZE, "fourteen_dof": fourteen_dof.STATE_SIZE}
-"""Entries of a plant's state; the first 15 and DELTA to HEADING are the same in both."""
+"""Number of state entries by plant; the first 15 and DELTA to HEADING agree in both."""
 
 _seven_step = seven_dof.rk4_step
 _fourteen_step = fourteen_dof.rk4_step
@@ -31,7 +31,7 @@ def planes_under(
     pose: tuple[float, float, float],
     planes: FloatArray,
 ) -> None:
-    """Write the road's planes under the four wheels of a car at `pose` (x, y, heading)."""
+    """Write the road planes under the four wheels of a vehicle at `pose` (x, y, heading)."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     for i in range(4):
         x = c.cg_to_front_axle if i < 2 else -c.cg_to_rear_axle
@@ -55,10 +55,10 @@ def step_on_route(
     work: FloatArray,
 ) -> tuple[float, float]:
     """
-    Advance `state` in place by one `STEP` at distance `s`; return (a_x, a_y) at its start.
+    Advance `state` in place by one `STEP` at arc length `s`; return (a_x, a_y) at its start.
 
-    `fourteen` tells which plant's state it is; `b` is `NO_BODY` for the other. `road` (4, 5) and
-    `work` (5, state size) are scratch.
+    `fourteen`: the fourteen-degree-of-freedom plant; otherwise the other one, with
+    `NO_SPRUNG_MASS` as `b`. `road` (4, 5) and `work` (5, state size) are scratch.
     """
     if fourteen:
         planes_under(c, table, spacing, s, (state[X], state[Y], state[HEADING]), road)

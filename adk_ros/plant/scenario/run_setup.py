@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is settled before a drive begins: how long, when commands are given, what is random."""
+"""Set-up of a simulation run: duration, command times, excitation, wind and random seeds."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ from adk_ros.signals.channels import TICK_NS
 @dataclass(frozen=True)
 class RunSetup:
     """
-    Command k is given at step `phase + (k - 1) every`, the first one at step 0.
+    Set-up of a run. Command k is given at step `phase + (k - 1) every`, the first at step 0.
 
-    `added` (count, 5) as `excitation_signals` gives it; `angles` (count,) steer instead of the
-    driver, unless empty; `wind` (ticks + 1, 2). `rngs`: excitation, IMU, odometry, command, wind.
+    `added` (count, 5): see `excitation_signals`; `angles` (count,): open-loop steering, empty if
+    the driver steers; `wind` (ticks + 1, 2); `rngs`: random generators of excitation, IMU,
+    odometry, command and wind.
     """
 
     seed: int
@@ -39,19 +40,19 @@ class RunSetup:
 
     @property
     def count(self) -> int:
-        """Commands in the drive."""
+        """Number of commands."""
         return int(self.added.shape[0])
 
     def command_steps(self) -> IntArray:
-        """Return the integration step (count,) that each command is stamped with."""
+        """Return the integration step (count,) of each command's stamp."""
         return np.asarray(self.phase + self.every * np.arange(-1, self.count - 1), dtype=np.int64)
 
 
 def set_up_run(scenario: Scenario, seed: int | None, duration_s: float | None) -> RunSetup:
     """
-    Return the setting of a drive; `seed` and `duration_s` replace the scenario's own.
+    Return the set-up of a run; `seed` and `duration_s` override those of the scenario.
 
-    Raises `UsageError` for either out of range.
+    :raises UsageError: either is out of range.
     """
     seed = scenario.seed if seed is None else seed
     if seed < 0:
@@ -60,7 +61,7 @@ def set_up_run(scenario: Scenario, seed: int | None, duration_s: float | None) -
     if not 0.1 < seconds <= 36000.0:
         raise UsageError(f"scenario {scenario.name}: duration must be 0.1 to 36000 s: {seconds}")
     command = scenario.sensors.command
-    # One stream of random numbers each, so that no sensor's settings disturb another's noise.
+    # Separate random generators: the settings of one sensor do not change the noise of another.
     rngs = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(5)]
     steps = round(seconds / STEP)
     every = round(1.0 / (command.rate_hz * STEP))

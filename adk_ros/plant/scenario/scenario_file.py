@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A scenario, a YAML file: which car drives which route how, how long, seen by which sensors.
+Scenario files (YAML): vehicle, route, driver, duration and sensors of a simulated drive.
 
-A file may name another as its `base`: it then only says what is different, mappings key by key,
-lists as a whole.
+A file may name another one as its `base` and then holds only the differences: mappings are merged
+key by key, lists are replaced.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ from adk_ros.plant.vehicle.sprung_mass import resolve
 from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle
 
 _BASES_MAX = 8
+"""Longest chain of `base` files; a longer one is taken for a cycle."""
 
 
 class Scenario(FileModel):
     """
-    Everything that a drive depends on but the package's version.
+    Everything that determines a simulated drive, besides the version of the package.
 
-    `vehicle` names a packaged vehicle or a file (relative to the scenario's own folder);
-    `vehicle_changes` replaces single parameters of it, as keys of a vehicle file.
+    `vehicle` names a packaged vehicle or a file (relative to the folder of the scenario);
+    `vehicle_changes` replaces single parameters of it, with the keys of a vehicle file.
     """
 
     name: str = "unnamed"
@@ -43,19 +44,19 @@ class Scenario(FileModel):
     duration_s: float = Field(gt=0.1, le=36000.0)
     seed: int = Field(default=0, ge=0)
     mu: float = Field(default=1.0, ge=0.05, le=1.5)
-    """Friction of the road, on which a tyre's `mu` is a factor."""
+    """Friction of the road, a factor on the tyres' `mu`."""
     start: float = Field(default=0.0, ge=0.0)
-    """Where on the lap the drive starts, m."""
+    """Arc length of the start on the lap, m."""
     start_speed: float | None = Field(default=None, ge=0.0, le=80.0)
-    """Speed there, m/s, from which the driver accelerates; else that of the speed plan."""
+    """Initial speed, m/s; default: that of the speed plan."""
     wind: Wind = Wind()
     route: list[Segment] = Field(min_length=2)
     places: list[RoadPatch] = Field(default_factory=list)
     heights: list[Height] = Field(default_factory=list)
-    """The road's profile: a smooth curve through these, closed over the lap."""
+    """Height profile: a smooth curve through these points, periodic over the lap."""
     undulations: list[Undulation] = Field(default_factory=list)
     steering: SweptSine | None = None
-    """Open-loop steering instead of the driver's, who then minds the speed alone."""
+    """Open-loop steering; the driver then controls only the speed."""
     speed: SpeedPlan = SpeedPlan()
     excitation: Excitation = Excitation()
     sensors: Sensors = Sensors()
@@ -69,9 +70,10 @@ class Scenario(FileModel):
 
     def car(self) -> Vehicle:
         """
-        Return the vehicle, changes applied; raises `UsageError` naming file and key.
+        Return the vehicle with the changes applied.
 
-        A change of a mapping, such as `front_tyre`, replaces the keys that it names.
+        A change of a mapping, such as `front_tyre`, replaces only the keys that it names.
+        :raises UsageError: an invalid vehicle; names file and key.
         """
         vehicle = load_vehicle(self.vehicle)
         if self.vehicle_changes:
@@ -85,7 +87,7 @@ class Scenario(FileModel):
         return vehicle
 
     def planned_route(self) -> Route:
-        """Return the route with its speed plan; raises `UsageError` if it does not close."""
+        """Return the route with its speed plan; raise `UsageError` if it does not close."""
         try:
             route = build_route(self.route, self.places, self.mu, self.heights, self.undulations)
             return plan_speed(route, self.speed)
@@ -94,12 +96,12 @@ class Scenario(FileModel):
 
 
 def scenarios() -> list[str]:
-    """Return the names of the scenarios that come with the package."""
+    """Return the names of the packaged scenarios."""
     return packaged("scenario")
 
 
-def _read_with_bases(source: str | Path, below: int = 0) -> tuple[str, dict[str, Any]]:
-    """Return a scenario's name for messages and its content, that of its bases filled in."""
+def _read_with_bases(source: str | Path, depth: int = 0) -> tuple[str, dict[str, Any]]:
+    """Return the name of a scenario for messages, and its content merged with its bases."""
     name, content = read(source, "scenario")
     folder = Path(source).parent
     vehicle = content.get("vehicle")
@@ -109,23 +111,22 @@ def _read_with_bases(source: str | Path, below: int = 0) -> tuple[str, dict[str,
     if base is None:
         return name, content
     if not isinstance(base, str):
-        raise UsageError(f"{name}: base: give one scenario's name or file")
-    if below >= _BASES_MAX:
-        raise UsageError(f"{name}: base: more than {_BASES_MAX} scenarios deep, or in a circle")
-    beside = folder / base
-    of_file = Path(source).is_file() and base.endswith((".yaml", ".yml"))
-    _, inherited = _read_with_bases(beside if of_file else base, below + 1)
+        raise UsageError(f"{name}: base: give the name or the file of one scenario")
+    if depth >= _BASES_MAX:
+        raise UsageError(f"{name}: base: a cycle, or more than {_BASES_MAX} levels")
+    is_file = Path(source).is_file() and base.endswith((".yaml", ".yml"))
+    _, inherited = _read_with_bases(folder / base if is_file else base, depth + 1)
     inherited.pop("name", None)
     return name, with_replacements(inherited, content)
 
 
 def load_scenario(source: str | Path) -> Scenario:
     """
-    Load a scenario from a YAML file, or by the name of one that comes with the package.
+    Load a scenario from a YAML file, or a packaged scenario by its name.
 
-    `base`, another scenario's name or file (relative to the scenario's own folder), holds where
-    the file says nothing. Its vehicle and route are made once, so that a bad file is refused here
-    and not in the middle. Raises `UsageError`, one line naming the file and the key.
+    `base`, the name or the file (relative to the folder of the scenario) of another scenario,
+    supplies all keys that the file lacks. Vehicle and route are built once to check them.
+    :raises UsageError: the content is invalid; one line that names the file and the key.
     """
     scenario = validate(*_read_with_bases(source), Scenario)
     if scenario.name == "unnamed":

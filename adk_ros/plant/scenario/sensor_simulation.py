@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What sensors make of a drive: its truth every millisecond, heard as streams of readings."""
+"""Sample the simulated truth into noisy, delayed sensor streams."""
 
 from __future__ import annotations
 
@@ -25,26 +25,27 @@ from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
 from adk_ros.signals.channels import TICK_NS, Reading, Record, Source
 
 START_NS = 1_760_000_000_000_000_000
-"""Stamp of the drive's start: a round time of day, and a multiple of the tick."""
+"""Stamp of the start of every drive, ns since 1970: a round number and a multiple of the tick."""
 TICK = round(TICK_NS * 1e-9 / STEP)
 """Integration steps in a tick."""
 TRUTH_SIZE = 9
 T_A_X, T_A_Y, T_YAW_RATE, T_V_X, T_V_Y, T_X, T_Y, T_HEADING, T_ARC_LENGTH = range(TRUTH_SIZE)
-"""Columns of a drive's truth."""
+"""Columns of the truth, one row per integration step."""
 
 
 @dataclass(frozen=True)
 class SimulatedDrive:
     """
-    A drive: the truth on the 25 ms grid, and what the sensors sent.
+    A simulated drive: the truth on the 25 ms grid and the sensor streams.
 
-    `stamp_ns` (n,), `x` (n, 3), `u` (n, 2) the command in force from the tick on, `a` (n, 2)
-    specific force, `pose` (n, 3) x, y, heading, `place` (n,) metres driven along the route,
-    `streams` by source. `readings` are all streams merged in order of arrival, `log_ns` (m,) when.
+    `stamp_ns` (n,); `x` (n, 3) v_x, v_y, yaw rate; `u` (n, 2) command in force from the tick on;
+    `a` (n, 2) specific force; `pose` (n, 3) x, y, heading; `arc_length` (n,) along the
+    route, m; `streams` by source. `readings`: all streams merged in order of arrival, `log_ns`
+    (m,) their arrival times.
 
-    And what it takes to drive on from any of the grid's rows as the plant did: `plant`, `route`,
-    the full `states` (n, size), the `wind` (n, 2), and the true `commands` (k, 2), each in force
-    from integration step `command_step` (k,) on: see `floor`.
+    To continue the simulation from any grid row (see `oracle`): `plant`, `route`, the full
+    `states` (n, size), the `wind` (n, 2), and the true `commands` (k, 2), each in force from
+    integration step `command_step` (k,) on.
     """
 
     name: str
@@ -56,7 +57,7 @@ class SimulatedDrive:
     u: FloatArray
     a: FloatArray
     pose: FloatArray
-    place: FloatArray
+    arc_length: FloatArray
     streams: dict[Source, Stream]
     readings: list[Reading]
     log_ns: IntArray
@@ -68,7 +69,7 @@ class SimulatedDrive:
     command_step: IntArray
 
     def truth(self) -> Record:
-        """Return the truth as a record: what perfect sensors on the grid would give."""
+        """Return the truth as a record, as from perfect sensors on the grid."""
         zeros = np.zeros(self.stamp_ns.shape[0], dtype=np.int64)
         return Record(
             self.stamp_ns, self.x, self.u, self.a, zeros, self.x.copy(), zeros.copy(), self.name
@@ -76,10 +77,10 @@ class SimulatedDrive:
 
 
 def _at(truth: FloatArray, at_ns: IntArray, columns: list[int]) -> FloatArray:
-    """Truth between its millisecond rows, linearly, shape (m, len(columns))."""
-    place = at_ns * (1e-9 / STEP)
-    whole = np.minimum(place.astype(np.int64), truth.shape[0] - 2)
-    share = (place - whole)[:, None]
+    """Interpolate columns of the truth linearly at times `at_ns` (m,): (m, len(columns))."""
+    position = at_ns * (1e-9 / STEP)
+    whole = np.minimum(position.astype(np.int64), truth.shape[0] - 2)
+    share = (position - whole)[:, None]
     chosen = truth[:, columns]
     return np.asarray((1.0 - share) * chosen[whole] + share * chosen[whole + 1])
 
@@ -110,10 +111,10 @@ def simulate_sensors(
     states: FloatArray,
 ) -> SimulatedDrive:
     """
-    Return the drive whose `truth` (steps + 1, TRUTH_SIZE) a plant has gone through.
+    Return the drive with `truth` (steps + 1, TRUTH_SIZE) as its sensors measure it.
 
-    `commands` (count, 2) as `setting` numbers them; `states` (ticks + 1, size) of the plant, or
-    (0, 0) of one that cannot be driven on from them.
+    `commands` (count, 2) as numbered by `setting`; `states` (ticks + 1, size) of the plant, or
+    (0, 0) for a simulator that cannot be continued from its states.
     """
     sensors, rngs, seconds = scenario.sensors, setting.rngs, setting.seconds
     given_ns = setting.command_steps() * round(STEP * 1e9)
@@ -148,7 +149,7 @@ def simulate_sensors(
         u=commands[acting],
         a=grid[:, [T_A_X, T_A_Y]].copy(),
         pose=grid[:, [T_X, T_Y, T_HEADING]].copy(),
-        place=grid[:, T_ARC_LENGTH].copy(),
+        arc_length=grid[:, T_ARC_LENGTH].copy(),
         streams=streams,
         readings=readings,
         log_ns=log_ns,

@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the car's sensors make of a drive: three streams, each with its own rate and faults.
+Sensor models: three streams, each with its rate, delay, noise, bias, resolution and dropout.
 
-The inertial unit sits at the centre of gravity and senses specific force: on a slope the road's
-push is in it, gravity is not subtracted. Odometry reports pose, body velocities and yaw rate at
-the centre of gravity. Commands are reported as given, so by default without noise.
+The IMU is at the centre of gravity and senses specific force: on a slope it includes the reaction
+of the road, gravity is not removed. Odometry reports pose, body velocities and yaw rate at the
+centre of gravity. Commands are reported as given, by default without noise.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 
 
 class Timing(FileModel):
-    """When a stream speaks and when it is heard."""
+    """Stamps and arrival times of a stream."""
 
     rate_hz: float = Field(gt=0.1, le=1000.0)
     phase_s: float = Field(default=0.0, ge=0.0, le=10.0)
-    """Time of the first stamp after the start of the drive."""
+    """Time of the first stamp after the start of the drive, s."""
     delay_s: float = Field(default=0.002, ge=0.0, le=5.0)
-    """From stamp to arrival, always."""
+    """Constant part of the time from stamp to arrival, s."""
     jitter_s: float = Field(default=0.0005, ge=0.0, le=5.0)
-    """Mean of what comes on top, exponentially distributed, cut at eight times the mean."""
+    """Mean of the random part, s: exponentially distributed, truncated at eight times the mean."""
     dropout: float = Field(default=0.0, ge=0.0, le=0.95)
     """Probability that a message is lost."""
 
 
 class Imu(Timing):
-    """Inertial unit: a_x, a_y, yaw rate. Biases are what it reads at rest."""
+    """IMU: a_x, a_y, yaw rate. Noise: standard deviation; bias: reading at rest; SI units."""
 
     rate_hz: float = Field(default=200.0, gt=0.1, le=1000.0)
     phase_s: float = Field(default=0.0013, ge=0.0, le=10.0)
@@ -48,7 +48,7 @@ class Imu(Timing):
 
 
 class Odometry(Timing):
-    """Pose (x, y, heading) in the route's frame, and v_x, v_y, yaw rate of the body."""
+    """Odometry: pose (x, y, heading) in the frame of the route, and v_x, v_y, yaw rate; SI."""
 
     rate_hz: float = Field(default=50.0, gt=0.1, le=1000.0)
     phase_s: float = Field(default=0.0071, ge=0.0, le=10.0)
@@ -66,7 +66,7 @@ class Odometry(Timing):
 
 
 class Command(Timing):
-    """Torque and road-wheel angle as commanded; they act from their stamp on, until the next."""
+    """Commanded torque (N·m) and road-wheel angle (rad), in force from their stamp to the next."""
 
     rate_hz: float = Field(default=40.0, ge=1.0, le=1000.0)
     phase_s: float = Field(default=0.022, ge=0.0, le=10.0)
@@ -80,14 +80,14 @@ class Command(Timing):
 
 
 class Sensors(FileModel):
-    """The three streams; `clean()` has the same without noise, bias, rounding, loss and jitter."""
+    """The three streams of a vehicle."""
 
     imu: Imu | None = Imu()
     odometry: Odometry = Odometry()
     command: Command = Command()
 
     def clean(self) -> Sensors:
-        """Return sensors that report the truth, at the same rates, phases and delays."""
+        """Return sensors without noise, bias, rounding, dropout and jitter, of the same timing."""
         imu = None if self.imu is None else self.imu.model_copy(update=_CLEAN_IMU)
         return Sensors(
             imu=imu,
@@ -107,7 +107,7 @@ _CLEAN_IMU, _CLEAN_ODOMETRY, _CLEAN_COMMAND = _zeros(Imu), _zeros(Odometry), _ze
 @dataclass(frozen=True)
 class Stream:
     """
-    What one sensor sent, in the order of its stamps: `stamp_ns` (m,), `log_ns` (m,), `values`.
+    Messages of one sensor in the order of their stamps: `stamp_ns`, arrival `log_ns` (m,).
 
     `values` (m, k): IMU a_x, a_y, yaw rate; odometry v_x, v_y, yaw rate, x, y, heading; command
     torque, delta.
@@ -119,7 +119,7 @@ class Stream:
 
 
 def stamps(timing: Timing, duration_s: float) -> IntArray:
-    """Return the stream's stamps in ns from the start of the drive, up to `duration_s`."""
+    """Return the stamps of a stream up to `duration_s`, ns from the start of the drive."""
     period = 1.0 / timing.rate_hz
     count = max(0, int(np.floor((duration_s - timing.phase_s) / period + 1e-9)) + 1)
     at = np.rint((timing.phase_s + period * np.arange(count)) * 1e9)
@@ -136,25 +136,25 @@ def send(
     resolution: list[float],
 ) -> Stream:
     """
-    Return what becomes of `truth` (m, k) on its way; one of `noise`, `bias`, ... a column.
+    Measure and transmit `truth` (m, k); `noise`, `bias`, `resolution` have one value per column.
 
-    The random numbers of a message do not depend on the settings: less noise or loss is the same
-    drive, heard better.
+    The random numbers do not depend on the settings: with less noise or dropout the same drive is
+    measured better.
     """
     m, k = truth.shape
     draws = rng.standard_normal((m, k))
-    lateness = np.minimum(rng.standard_exponential(m), 8.0)
+    jitter = np.minimum(rng.standard_exponential(m), 8.0)
     kept: BoolArray = np.asarray(rng.random(m) >= timing.dropout)
     values = truth + np.asarray(bias) + np.asarray(noise) * draws
     step = np.asarray(resolution)
-    coarse = step > 0.0
-    values[:, coarse] = np.rint(values[:, coarse] / step[coarse]) * step[coarse]
-    late_ns = np.rint((timing.delay_s + timing.jitter_s * lateness) * 1e9).astype(np.int64)
-    return Stream(stamp_ns[kept], (stamp_ns + late_ns)[kept], values[kept])
+    rounded = step > 0.0
+    values[:, rounded] = np.rint(values[:, rounded] / step[rounded]) * step[rounded]
+    delay_ns = np.rint((timing.delay_s + timing.jitter_s * jitter) * 1e9).astype(np.int64)
+    return Stream(stamp_ns[kept], (stamp_ns + delay_ns)[kept], values[kept])
 
 
 def imu_stream(rng: np.random.Generator, imu: Imu, at: IntArray, truth: FloatArray) -> Stream:
-    """Return the IMU's stream; `truth` (m, 3) a_x, a_y, yaw rate at the stamps."""
+    """Return the IMU stream; `truth` (m, 3): a_x, a_y, yaw rate at the stamps."""
     return send(
         rng,
         imu,
@@ -169,7 +169,7 @@ def imu_stream(rng: np.random.Generator, imu: Imu, at: IntArray, truth: FloatArr
 def odometry_stream(
     rng: np.random.Generator, odometry: Odometry, at: IntArray, truth: FloatArray
 ) -> Stream:
-    """Return odometry's stream; `truth` (m, 6) v_x, v_y, yaw rate, x, y, heading."""
+    """Return the odometry stream; `truth` (m, 6): v_x, v_y, yaw rate, x, y, heading."""
     o = odometry
     return send(
         rng,
@@ -188,7 +188,7 @@ def odometry_stream(
 def command_stream(
     rng: np.random.Generator, command: Command, at: IntArray, truth: FloatArray
 ) -> Stream:
-    """Return the commands' stream; `truth` (m, 2) torque, delta."""
+    """Return the command stream; `truth` (m, 2): torque, delta."""
     return send(
         rng,
         command,

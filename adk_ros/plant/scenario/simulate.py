@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Drive a scenario: the car, its driver and its sensors, from a seed to truth and readings.
+Simulate a scenario: vehicle, driver and sensors, from a seed to truth and sensor readings.
 
-The same scenario and seed give the same drive to the last bit. Sensor settings do not touch the
-drive, only what is heard of it.
+The same scenario and seed give a bit-identical drive. Sensor settings do not affect the motion,
+only the measurements.
 """
 
 from __future__ import annotations
@@ -51,9 +51,10 @@ from adk_ros.plant.vehicle.sprung_mass import NO_SPRUNG_MASS, SprungMass, resolv
 from adk_ros.plant.vehicle.vehicle_parameters import Constants
 
 Progress = Callable[[float, float], None]
-"""Called with seconds done and seconds in all."""
+"""Called with (seconds done, seconds in all)."""
 
 _CHUNK_S = 5.0
+"""Simulated time between two progress reports, s."""
 
 
 @strict_kernel
@@ -71,24 +72,24 @@ def _drive(
     first: int,
     steps: int,
     state: FloatArray,
-    hidden: FloatArray,
+    carry: FloatArray,
     truth: FloatArray,
     states: FloatArray,
     commands: FloatArray,
 ) -> None:
     """
-    Drive steps `first` to `first + steps`, a row of `truth` each; continues where it left off.
+    Simulate steps `first` to `first + steps` from `state`, one row of `truth` each.
 
-    Command k is given at step `phase + (k - 1) every`, the first one at step 0; `hidden` carries
-    the place, the speed integral and the command in force from one call to the next. `angles`,
-    one a command or none, steer instead of the driver.
+    Command k is given at step `phase + (k - 1) every`, the first at step 0. `carry` (4,) passes
+    the arc length, the speed integral and the command in force from one call to the next.
+    `angles`, one per command or empty, replace the driver's steering.
     """
     road = np.empty((4, 5))
     work = np.empty((5, state.shape[0]))
-    command = hidden[2:4]
+    command = carry[2:4]
     for n in range(first, first + steps):
-        s, across, road_heading = locate(table, spacing, hidden[0], state[X], state[Y])
-        hidden[0] = s
+        s, across, road_heading = locate(table, spacing, carry[0], state[X], state[Y])
+        carry[0] = s
         if n == 0 or (n >= phase and (n - phase) % every == 0):
             k = 0 if n == 0 else (n - phase) // every + 1
             torque, delta, integral = driver_command(
@@ -99,10 +100,10 @@ def _drive(
                 (state[V_X], state[V_Y]),
                 state[HEADING],
                 added[k],
-                hidden[1],
+                carry[1],
                 every * STEP,
             )
-            hidden[1] = integral
+            carry[1] = integral
             if angles.shape[0] > 0:
                 delta = min(max(angles[k], -c.max_steer), c.max_steer)
             command[0], command[1] = torque, delta
@@ -121,7 +122,7 @@ def _drive(
 
 
 def _start(scenario: Scenario, c: Constants, route: Route, s: float) -> FloatArray:
-    """State at distance `s`, rolling along the route at the scenario's or the plan's speed."""
+    """Return the state at arc length `s`, rolling along the route at the initial speed."""
     x, y, heading, speed = (
         lookup(route.table, route.spacing, s, column)
         for column in (ROAD_X, ROAD_Y, ROAD_HEADING, ROAD_SPEED)
@@ -142,10 +143,10 @@ def simulate(
     progress: Progress | None = None,
 ) -> SimulatedDrive:
     """
-    Drive `scenario`; `seed` and `duration_s` replace the scenario's own where they are given.
+    Simulate `scenario`; `seed` and `duration_s`, if given, override those of the scenario.
 
-    `progress` is called with (seconds done, seconds in all) every 5 s of driving. Raises
-    `UsageError` for a duration or seed out of range and for a vehicle or route that is none.
+    `progress` is called with (seconds done, seconds in all) every 5 s of simulated time.
+    :raises UsageError: duration or seed out of range, or an invalid vehicle or route.
     """
     setting = set_up_run(scenario, seed, duration_s)
     vehicle, route = scenario.car(), scenario.planned_route()
@@ -157,7 +158,7 @@ def simulate(
     body = resolve(vehicle) if fourteen else NO_SPRUNG_MASS
     start = scenario.start % route.length
     state = _start(scenario, constants, route, start)
-    hidden = np.array([start, 0.0, 0.0, 0.0])
+    carry = np.array([start, 0.0, 0.0, 0.0])
     chunk = round(_CHUNK_S / STEP)
     for first in range(0, steps + 1, chunk):
         _drive(
@@ -174,7 +175,7 @@ def simulate(
             first,
             min(chunk, steps + 1 - first),
             state,
-            hidden,
+            carry,
             truth,
             states,
             commands,

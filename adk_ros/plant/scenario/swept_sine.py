@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Open-loop steering: a sine whose frequency sweeps between slow and fast, again and again.
+Open-loop steering: a sine whose frequency sweeps periodically between slow and fast.
 
 The paper steers its slalom with "a sinusoidal input with periodical time of 100 s" and shows fast
-responses from 15 to 50 s and slow ones after that. Read literally, one wave in 100 s excites
-nothing fast; so the 100 s are taken for the period of the sweep.
+responses from 15 to 50 s and slow ones afterwards. One wave in 100 s cannot excite fast responses,
+so 100 s is interpreted as the period of the sweep.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from adk_ros.numerics.arrays import FloatArray
 
 
 class SweptSine(FileModel):
-    """Road-wheel angle over time; between `fast_from` and `fast_until` of each period, fast."""
+    """Swept sine of the road-wheel angle, fast from `fast_from` to `fast_until` of each period."""
 
     amplitude: float = Field(ge=0.0, le=0.6)
-    """rad."""
+    """Amplitude, rad."""
     slow_hz: float = Field(default=0.05, gt=0.0, le=5.0)
     fast_hz: float = Field(default=0.5, gt=0.0, le=5.0)
     fast_from: float = Field(default=15.0, ge=0.0, le=1e4)
-    """s, as all that follow."""
+    """Times in s, like all that follow."""
     fast_until: float = Field(default=50.0, ge=0.0, le=1e4)
     blend: float = Field(default=5.0, gt=0.0, le=1e3)
-    """Time over which the frequency changes, centred on the two times above."""
+    """Duration of the frequency change, centred on the two times above."""
     period: float = Field(default=100.0, gt=1.0, le=1e4)
 
     @model_validator(mode="after")
     def _order(self) -> SweptSine:
         half = 0.5 * self.blend
         if not half <= self.fast_from < self.fast_until - self.blend:
-            raise ValueError("fast_from must be half a blend at least, and fast_until later")
+            raise ValueError("fast_from must be at least half of blend, and before fast_until")
         if self.fast_until + half > self.period:
             raise ValueError("the fast part must end within the period")
         return self
@@ -43,10 +43,10 @@ class SweptSine(FileModel):
 
 def steering_angles(sine: SweptSine, t: FloatArray) -> FloatArray:
     """
-    Return the angle at equally spaced times `t` (n,), s.
+    Return the steering angle, rad, at equally spaced times `t` (n,), s.
 
-    It begins as a cosine, faded in over the first quarter of a wave: so the car weaves about its
-    first heading instead of beside it.
+    It starts as a cosine that fades in over a quarter of a wave: the vehicle weaves about its
+    initial heading, without an offset to one side.
     """
     within = t % sine.period
     up = np.clip((within - sine.fast_from) / sine.blend + 0.5, 0.0, 1.0)

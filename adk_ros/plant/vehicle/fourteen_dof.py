@@ -1,14 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The plant: a car with fourteen degrees of freedom over a road in three dimensions.
+Equations of motion with fourteen degrees of freedom on a three-dimensional road.
 
-Body (six), four unsprung masses (travel along the body's vertical), four wheel spins. Body axes,
-REP-103, origin P at the car's centre of gravity at rest; attitude is heading, then pitch, then
-roll, about z, y, x; wheels front left, front right, rear left, rear right. With g the gravity in
-body axes, F_i the force of the road on tyre i (load along the road's normal, longitudinal and
-lateral in its plane), S_i the suspension's force, M the moments about P, masses and inertias as in
-`body`, (u, v, w) and (p, q, r) velocity and rates:
+Degrees of freedom: six of the body, the travel of four unsprung masses along the body's vertical,
+four wheel spins. Body axes (REP-103), origin P at the centre of gravity of the vehicle at rest;
+attitude: heading, pitch, roll about z, y, x in that order; wheels: front left, front right, rear
+left, rear right.
 
     m (du/dt + q w - r v) = sum(F_xi) + air + m g_x - 2 q sum(m_i dzeta_i/dt)
     m (dv/dt + r u - p w) = sum(F_yi) + air + m g_y + 2 p sum(m_i dzeta_i/dt)
@@ -19,12 +17,17 @@ lateral in its plane), S_i the suspension's force, M the moments about P, masses
     m_i a_iz              = F_zi - S_i + m_i g_z        (S_i with its links: `suspension`)
     I_w domega_i/dt       = T_i - R f_xi                (T_i acts back on the body)
 
-The accelerometer is strapped to the body at P: it senses (du/dt, dv/dt, ...) + omega x v - g.
-Tyres are those of `tyre`, their slips formed at the contact in the road's plane. Commands, speed
-and friction limits are as in `seven_dof`, and so are the first entries of the state.
+where (u, v, w) and (p, q, r) are velocity and rates in body axes, g is gravity in body axes, F_i
+the force of the road on tyre i (load along the road's normal, longitudinal and lateral force in
+its plane), S_i the suspension force and M the moments about P; masses and inertias as in
+`sprung_mass`.
 
-RK4 at 1 ms: the fastest modes are wheel spins (some 230 1/s) and wheel hop (some 60 1/s); vehicles
-with modes beyond 2000 1/s are refused. Finite for any finite input: see `seven_dof`.
+The accelerometer is fixed to the body at P: it senses (du/dt, dv/dt, ...) + omega x v - g. Tyre
+model: `tyre`, with slips in the road plane at the contact. Limits of commands, speed and friction
+and the first entries of the state are those of `seven_dof`.
+
+RK4 at 1 ms: the fastest modes are the wheel spins (about 230 1/s) and wheel hop (about 60 1/s);
+vehicles with modes above 2000 1/s are refused. Finite for any finite input: see `seven_dof`.
 """
 
 from __future__ import annotations
@@ -38,7 +41,7 @@ from adk_ros.numerics.constants import AIR_DENSITY, GRAVITY
 from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.numerics.runge_kutta import axpy, clip, take_step
 from adk_ros.plant.environment.surface import PLANE_MU, PLANE_OFFSET, PLANE_X, PLANE_Y, PLANE_Z
-from adk_ros.plant.vehicle.actuators import asked_of_wheels, brake_torque
+from adk_ros.plant.vehicle.actuators import brake_torque, torque_requests
 from adk_ros.plant.vehicle.sprung_mass import SprungMass
 from adk_ros.plant.vehicle.suspension import corner, suspension_force, tyre_load
 from adk_ros.plant.vehicle.tyre import (
@@ -64,14 +67,15 @@ TRAVEL_RATE = 29
 MOTOR = 33
 BRAKE = 37
 STATE_SIZE = 41
-"""Named state index: four entries from OMEGA, GRIP_X, GRIP_Y, TRAVEL, TRAVEL_RATE, MOTOR and BRAKE
-on, one per wheel. DELTA to HEADING and all up to GRIP_Y are where `seven_dof` has them."""
+"""State index: four entries, one per wheel, from each of OMEGA, F_X_UTIL, F_Y_UTIL, TRAVEL,
+TRAVEL_RATE, MOTOR and BRAKE on. The first 15 entries and DELTA to HEADING are those of
+`seven_dof`."""
 
 STATE_LIMIT = np.array(
     [150.0, 150.0, 30.0] + [2000.0] * 4 + [1.0] * 8 + [100.0, 30.0, 30.0, 1.5]
     + [1e9, 1e9, 1e9, 1e5, 1.2, 1.2] + [1.0] * 4 + [100.0] * 4 + [1e6] * 8
 )  # fmt: skip
-"""No entry of the state passes this, SI units."""
+"""Largest magnitude of each state entry, SI: far beyond driving, keeps the integration finite."""
 
 
 @strict_kernel
@@ -86,10 +90,10 @@ def derivative(
     out: FloatArray,
 ) -> tuple[float, float]:
     """
-    Write d(state)/dt into `out` and return the specific force (a_x, a_y) at P, m/s^2.
+    Write d(state)/dt to `out`; return the specific force (a_x, a_y) at P, m/s².
 
-    `command` = (torque, delta); `planes` (4, 5) the road under each wheel, as in `surface`;
-    `wind` to the +x, +y of the map; `step` is the integrator's, which bounds the rates.
+    `command` = (torque, delta); `planes` (4, 5): road plane under each wheel, see `surface`;
+    `wind` towards map +x, +y, m/s; `step`: integration step, s, which bounds the rates of lags.
     """
     v_x, v_y, v_z = state[V_X], state[V_Y], state[V_Z]
     p, q, r = state[ROLL_RATE], state[PITCH_RATE], state[YAW_RATE]
@@ -97,7 +101,7 @@ def derivative(
     cos_p, sin_p = math.cos(state[PITCH]), math.sin(state[PITCH])
     cos_r, sin_r = math.cos(state[ROLL]), math.sin(state[ROLL])
     cos_d, sin_d = math.cos(state[DELTA]), math.sin(state[DELTA])
-    # Body to map; columns are the body's axes.
+    # Rotation from body to map: t_xy is the map x component of the body's y axis.
     t_xx, t_xy = cos_p * cos_h, sin_r * sin_p * cos_h - cos_r * sin_h
     t_yx, t_yy = cos_p * sin_h, sin_r * sin_p * sin_h + cos_r * cos_h
     t_xz, t_yz = cos_r * sin_p * cos_h + sin_r * sin_h, cos_r * sin_p * sin_h - sin_r * cos_h
@@ -113,9 +117,9 @@ def derivative(
     m_x = 0.0
     m_y = lift_r * c.cg_to_rear_axle - lift_f * c.cg_to_front_axle
     m_y -= b.sprung_x * b.sprung_mass * g_z
-    falling = 0.0
+    unsprung_vertical_momentum = 0.0
 
-    motor_f, motor_r, brake_f, brake_r = asked_of_wheels(c, b, command[0])
+    motor_f, motor_r, brake_f, brake_r = torque_requests(c, b, command[0])
     motor_rate = 1.0 / max(c.torque_lag, step)
     brake_rate = 1.0 / max(b.brake_lag, step)
     for i in range(4):
@@ -128,16 +132,16 @@ def derivative(
         y = 0.5 * c.track_width if i % 2 == 0 else -0.5 * c.track_width
         travel, rate = state[TRAVEL + i], state[TRAVEL_RATE + i]
         z = b.wheel_z + travel
-        # The road's normal in body axes, and how far the wheel's axle leans out of its plane; then
-        # the wheel's forward and left in that plane.
+        # The road's normal n in body axes, the camber against it, and the wheel's longitudinal (l)
+        # and lateral (s) direction in the road plane.
         n_x = t_xx * plane[PLANE_X] + t_yx * plane[PLANE_Y] + t_zx * plane[PLANE_Z]
         n_y = t_xy * plane[PLANE_X] + t_yy * plane[PLANE_Y] + t_zy * plane[PLANE_Z]
         n_z = t_xz * plane[PLANE_X] + t_yz * plane[PLANE_Y] + t_zz * plane[PLANE_Z]
         cos, sin = (cos_d, sin_d) if front else (1.0, 0.0)
-        lean = cos * n_y - sin * n_x
-        upright = math.sqrt(max(1.0 - lean * lean, 1e-6))
-        l_x, l_y = cos * n_z / upright, sin * n_z / upright
-        l_z = -(sin * n_y + cos * n_x) / upright
+        sin_camber = cos * n_y - sin * n_x
+        cos_camber = math.sqrt(max(1.0 - sin_camber * sin_camber, 1e-6))
+        l_x, l_y = cos * n_z / cos_camber, sin * n_z / cos_camber
+        l_z = -(sin * n_y + cos * n_x) / cos_camber
         s_x, s_y, s_z = n_y * l_z - n_z * l_y, n_z * l_x - n_x * l_z, n_x * l_y - n_y * l_x
         height = (
             plane[PLANE_X] * state[X] + plane[PLANE_Y] * state[Y] + plane[PLANE_Z] * state[Z]
@@ -146,26 +150,26 @@ def derivative(
         hub_x = v_x - r * y + q * z
         hub_y = v_y + r * x - p * z
         hub_z = v_z + p * y - q * x + rate
-        # A thin disc: leaning, it touches the road beside the foot of its hub's plumb line.
-        leaning = p * l_x + q * l_y + r * l_z
-        beside = c.wheel_radius * lean
-        closing = -(n_x * hub_x + n_y * hub_y + n_z * hub_z + beside * leaning)
-        load = tyre_load(at, c.wheel_radius * upright - height, closing)
+        # Contact point of a thin disc: camber offsets it laterally from below the hub.
+        camber_rate = p * l_x + q * l_y + r * l_z
+        offset = c.wheel_radius * sin_camber
+        deflection_rate = -(n_x * hub_x + n_y * hub_y + n_z * hub_z + offset * camber_rate)
+        load = tyre_load(at, c.wheel_radius * cos_camber - height, deflection_rate)
         along = l_x * hub_x + l_y * hub_y + l_z * hub_z
         across = s_x * hub_x + s_y * hub_y + s_z * hub_z
-        across += height * leaning + rate * at.roll_centre / y
+        across += height * camber_rate + rate * at.roll_centre / y
 
         contact = math.hypot(along, across)
         rolling = max(abs(along), SLIP_SPEED_MIN)
         kappa = (state[OMEGA + i] * c.wheel_radius - along) / rolling
         tan_alpha = -across / rolling
-        grip_x, grip_y = combined_slip_utilisation(
+        n_steady_x, n_steady_y = combined_slip_utilisation(
             tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha
         )
         rate_x = relaxation_rate(contact, tyre.relaxation_length_x, step)
         rate_y = relaxation_rate(contact, tyre.relaxation_length, step)
-        out[F_X_UTIL + i] = rate_x * (grip_x - state[F_X_UTIL + i])
-        out[F_Y_UTIL + i] = rate_y * (grip_y - state[F_Y_UTIL + i])
+        out[F_X_UTIL + i] = rate_x * (n_steady_x - state[F_X_UTIL + i])
+        out[F_Y_UTIL + i] = rate_y * (n_steady_y - state[F_Y_UTIL + i])
         peak = mu * load * friction(tyre, load)
         drive = peak * state[F_X_UTIL + i]
         side = peak * state[F_Y_UTIL + i]
@@ -182,19 +186,19 @@ def derivative(
         f_x += b_x
         f_y += b_y
         f_z += force
-        tips = height * side + beside * load
-        m_x += y * force - z * b_y + tips * l_x + torque * sin
-        m_y += z * b_x - x * force + tips * l_y - torque * cos
-        m_z += x * b_y - y * b_x + tips * l_z
+        overturning_moment = height * side + offset * load
+        m_x += y * force - z * b_y + overturning_moment * l_x + torque * sin
+        m_y += z * b_x - x * force + overturning_moment * l_y - torque * cos
+        m_z += x * b_y - y * b_x + overturning_moment * l_z
         out[TRAVEL + i] = rate
-        # Completed below, when the body's own acceleration is known.
+        # Completed below, once the acceleration of the body is known.
         out[TRAVEL_RATE + i] = (b_z - force) / at.unsprung + g_z
-        falling += at.unsprung * rate
+        unsprung_vertical_momentum += at.unsprung * rate
         out[MOTOR + i] = motor_rate * ((motor_f if front else motor_r) - state[MOTOR + i])
         out[BRAKE + i] = brake_rate * ((brake_f if front else brake_r) - state[BRAKE + i])
 
-    f_x -= 2.0 * q * falling
-    f_y += 2.0 * p * falling
+    f_x -= 2.0 * q * unsprung_vertical_momentum
+    f_y += 2.0 * p * unsprung_vertical_momentum
     a_x, a_y = f_x / c.mass, f_y / c.mass
     out[V_X] = a_x + g_x + r * v_y - q * v_z
     out[V_Y] = a_y + g_y - r * v_x + p * v_z
@@ -220,17 +224,17 @@ def derivative(
         x = c.cg_to_front_axle if i < 2 else -c.cg_to_rear_axle
         y = 0.5 * c.track_width if i % 2 == 0 else -0.5 * c.track_width
         z = b.wheel_z + state[TRAVEL + i]
-        carried = a_z + p_rate * y - q_rate * x + r * (p * x + q * y) - z * (p * p + q * q)
-        out[TRAVEL_RATE + i] -= carried
+        body_a_z = a_z + p_rate * y - q_rate * x + r * (p * x + q * y) - z * (p * p + q * q)
+        out[TRAVEL_RATE + i] -= body_a_z
 
     out[DELTA] = (clip(command[1], c.max_steer) - state[DELTA]) / max(c.steer_lag, step)
     out[X] = t_xx * v_x + t_xy * v_y + t_xz * v_z
     out[Y] = t_yx * v_x + t_yy * v_y + t_yz * v_z
     out[Z] = t_zx * v_x + t_zy * v_y + t_zz * v_z
-    turning = (q * sin_r + r * cos_r) / max(cos_p, 0.1)
-    out[HEADING] = turning
+    heading_rate = (q * sin_r + r * cos_r) / max(cos_p, 0.1)
+    out[HEADING] = heading_rate
     out[PITCH] = q * cos_r - r * sin_r
-    out[ROLL] = p + turning * sin_p
+    out[ROLL] = p + heading_rate * sin_p
     return a_x, a_y
 
 
@@ -246,9 +250,9 @@ def rk4_step(
     work: FloatArray,
 ) -> tuple[float, float]:
     """
-    Advance `state` in place by one classical Runge-Kutta step, inputs held.
+    Advance `state` in place by one classical Runge-Kutta step with constant inputs.
 
-    `work` (5, STATE_SIZE) is scratch. Returns the specific force at the *start* of the step.
+    `work` (5, STATE_SIZE) is scratch. Returns the specific force at the start of the step.
     """
     a_x, a_y = derivative(c, b, state, command, planes, wind, step, work[0])
     axpy(state, 0.5 * step, work[0], work[4])
@@ -275,10 +279,10 @@ def advance(
     forces: FloatArray,
 ) -> None:
     """
-    Drive `state` (STATE_SIZE,) in place under `commands` (n, 2) over planes that stay.
+    Advance `state` (STATE_SIZE,) in place under `commands` (n, 2) on constant road planes.
 
-    As `seven_dof.advance`: row k of `states` (n + 1, STATE_SIZE) and `forces` (n + 1, 2) is what
-    holds as command k begins, the last row what holds at the end.
+    As `seven_dof.advance`: row k of `states` (n + 1, STATE_SIZE) and `forces` (n + 1, 2) applies
+    at the start of command k, the last row at the end.
     """
     work = np.empty((5, STATE_SIZE))
     n = commands.shape[0]
@@ -306,9 +310,9 @@ def rolling_state(
     heading: float = 0.0,
 ) -> FloatArray:
     """
-    Return the state (STATE_SIZE,) of a car that rolls straight ahead on `plane`, free of slip.
+    Return the state (STATE_SIZE,) of a vehicle that rolls straight ahead on `plane` without slip.
 
-    It stands square on the road, its wheels where they rest on a level one.
+    The body is parallel to the road and the wheel travel is that of a level road.
     """
     state = np.zeros(STATE_SIZE)
     cos, sin = math.cos(heading), math.sin(heading)

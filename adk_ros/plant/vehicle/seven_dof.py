@@ -1,29 +1,31 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The plant: a car with seven degrees of freedom (v_x, v_y, yaw rate, four wheel spins).
+Equations of motion with seven degrees of freedom: v_x, v_y, yaw rate and four wheel spins.
 
-Body axes, REP-103, origin at the centre of gravity; wheels in the order front left, front right,
-rear left, rear right. With F the sum over wheels of tyre force and rolling resistance turned into
-body axes, plus air, and g_x = -g sin(grade), g_y = -g sin(bank) the gravity along the road:
+Body axes (REP-103), origin at the centre of gravity; wheels in the order front left, front right,
+rear left, rear right.
 
     m (dv_x/dt - v_y r) = F_x + m g_x           a_x = F_x / m   (specific force: no gravity in it)
     m (dv_y/dt + v_x r) = F_y + m g_y           a_y = F_y / m
-    I_z dr/dt           = sum(x_i F_yi - y_i F_xi) + air's yaw moment
+    I_z dr/dt           = sum(x_i F_yi - y_i F_xi) + aerodynamic yaw moment
     I_w domega_i/dt     = T_i - R f_xi
     dn_xi/dt            = V_i / length_x (steady n_x(kappa_i, alpha_i) - n_xi)
     dn_yi/dt            = V_i / length (steady n_y(kappa_i, alpha_i) - n_yi)
     kappa_i             = (omega_i R - v_i) / |v_i|,   tan(alpha_i) = -v_ti / |v_i|
 
-with v_i, v_ti the velocity of the wheel's hub along and across the wheel, V_i its magnitude, and
-n the share of the wheel's grip that is used (see `tyre`).
+where F is the sum over the wheels of tyre force and rolling resistance in body axes plus the
+aerodynamic force, g_x = -g sin(grade) and g_y = -g sin(bank) are gravity along the road, v_i and
+v_ti the velocity of the wheel's hub along and across the wheel, V_i its magnitude, and n the force
+utilisation (see `tyre`).
 
-Wheel loads follow a_x, a_y with the body's time constant (no algebraic loop, so the integrator
-keeps its order); torque and road-wheel angle follow their commands with theirs. A negative torque
-brakes a car that rolls forward and, as in-wheel motors would, reverses one that stands.
+Wheel loads follow a_x, a_y with the time constant `load_lag`: without an algebraic loop the
+integrator keeps its order. Torque and road-wheel angle follow their commands with first-order
+lags. A negative torque brakes a vehicle that rolls forward and, like in-wheel motors, reverses one
+at standstill.
 
-Finite for any finite input: commands stop at the actuators' limits, slips are formed with at least
-2 m/s of rolling speed, and the state is held within `STATE_LIMIT`, far outside of all driving.
+Finite for any finite input: commands are clamped to the actuators' limits, slips use a rolling
+speed of at least 2 m/s, and the state is clamped to `STATE_LIMIT`, far beyond all driving.
 """
 
 from __future__ import annotations
@@ -54,7 +56,7 @@ from adk_ros.plant.vehicle.vehicle_forces import (
 from adk_ros.plant.vehicle.vehicle_parameters import Constants
 
 STEP = 1e-3
-"""Integration step of the plant, s."""
+"""Integration step of both plants, s; stable for rates up to about 2800 1/s (RK4)."""
 
 V_X, V_Y, YAW_RATE = 0, 1, 2
 OMEGA = 3
@@ -64,17 +66,17 @@ LOAD_A_X, LOAD_A_Y = 15, 16
 TORQUE, DELTA = 17, 18
 X, Y, HEADING = 19, 20, 21
 STATE_SIZE = 22
-"""Named state index: four entries from OMEGA, GRIP_X and GRIP_Y on, one per wheel."""
+"""State index: four entries, one per wheel, from each of OMEGA, F_X_UTIL and F_Y_UTIL on."""
 
 STATE_LIMIT = np.array(
     [150.0, 150.0, 30.0] + [2000.0] * 4 + [1.0] * 8 + [100.0, 100.0, 1e6, 1.5, 1e9, 1e9, 1e9]
 )
-"""No entry of the state passes this, SI units."""
+"""Largest magnitude of each state entry, SI: far beyond driving, keeps the integration finite."""
 
 
 @strict_kernel
 def drive_torque(c: Constants, torque: float) -> float:
-    """Return the total torque that motors and brakes can give of the commanded one, N m."""
+    """Clamp the commanded total torque to the limits of motors and brakes, N·m."""
     return min(max(torque, -c.max_brake_torque), c.max_drive_torque)
 
 
@@ -88,10 +90,10 @@ def derivative(
     out: FloatArray,
 ) -> tuple[float, float]:
     """
-    Write d(state)/dt into `out` and return the specific force (a_x, a_y) at the CG, m/s^2.
+    Write d(state)/dt to `out`; return the specific force (a_x, a_y) at the CG, m/s².
 
-    `command` = (torque, delta); `road` = (mu, grade, bank, wind to the +x, +y of the map);
-    `step` is the integrator's, which bounds the rates it has to follow.
+    `command` = (torque, delta); `road` = (mu, grade, bank, wind towards map +x, +y); `step`:
+    integration step, s, which bounds the rates of lags.
     """
     v_x, v_y, yaw_rate = state[V_X], state[V_Y], state[YAW_RATE]
     mu = min(max(road[0], 0.01), 2.0)
@@ -111,13 +113,13 @@ def derivative(
         rolling = max(abs(hub.along), SLIP_SPEED_MIN)
         kappa = (state[OMEGA + i] * c.wheel_radius - hub.along) / rolling
         tan_alpha = -hub.across / rolling
-        n_x, n_y = combined_slip_utilisation(
+        n_steady_x, n_steady_y = combined_slip_utilisation(
             tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha
         )
         rate_x = relaxation_rate(contact, tyre.relaxation_length_x, step)
         rate_y = relaxation_rate(contact, tyre.relaxation_length, step)
-        out[F_X_UTIL + i] = rate_x * (n_x - state[F_X_UTIL + i])
-        out[F_Y_UTIL + i] = rate_y * (n_y - state[F_Y_UTIL + i])
+        out[F_X_UTIL + i] = rate_x * (n_steady_x - state[F_X_UTIL + i])
+        out[F_Y_UTIL + i] = rate_y * (n_steady_y - state[F_Y_UTIL + i])
         peak = mu * loads[i] * friction(tyre, loads[i])
         t_x = peak * state[F_X_UTIL + i]
         share = 0.5 * (c.torque_split_front if front else 1.0 - c.torque_split_front)
@@ -153,9 +155,9 @@ def rk4_step(
     work: FloatArray,
 ) -> tuple[float, float]:
     """
-    Advance `state` in place by one classical Runge-Kutta step, inputs held.
+    Advance `state` in place by one classical Runge-Kutta step with constant inputs.
 
-    `work` (5, STATE_SIZE) is scratch. Returns the specific force at the *start* of the step.
+    `work` (5, STATE_SIZE) is scratch. Returns the specific force at the start of the step.
     """
     a_x, a_y = derivative(c, state, command, road, step, work[0])
     axpy(state, 0.5 * step, work[0], work[4])
@@ -180,10 +182,10 @@ def advance(
     forces: FloatArray,
 ) -> None:
     """
-    Drive `state` (STATE_SIZE,) in place under `commands` (n, 2), each held for `substeps` steps.
+    Advance `state` (STATE_SIZE,) in place under `commands` (n, 2), `substeps` steps for each.
 
-    Row k of `states` (n + 1, STATE_SIZE) and of `forces` (n + 1, 2) is what holds as command k
-    begins, the last row what holds at the end. The road, as in `derivative`, is one for all.
+    Row k of `states` (n + 1, STATE_SIZE) and of `forces` (n + 1, 2) applies at the start of
+    command k, the last row at the end. The road, as in `derivative`, is constant.
     """
     work = np.empty((5, state.shape[0]))
     n = commands.shape[0]
@@ -204,7 +206,7 @@ def advance(
 def rolling_state(
     c: Constants, v_x: float, x: float = 0.0, y: float = 0.0, heading: float = 0.0
 ) -> FloatArray:
-    """Return the state (STATE_SIZE,) of a car that rolls straight ahead, free of slip."""
+    """Return the state (STATE_SIZE,) of a vehicle that rolls straight ahead without slip."""
     state = np.zeros(STATE_SIZE)
     state[V_X] = v_x
     state[OMEGA : OMEGA + 4] = v_x / c.wheel_radius

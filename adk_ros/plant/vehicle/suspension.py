@@ -1,15 +1,14 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What acts between the body and a wheel along the body's vertical.
-
-With zeta a wheel's travel up in the body from where it rests, and zeta' the one across the axle:
+Suspension force between body and wheel along the body's vertical, and wheel load.
 
     F = F_static + k zeta + c dzeta/dt + k_bar (zeta - zeta') + stop(zeta) - F_y h_rc / y
 
-The last term is what of the tyre's lateral force goes through the links: an axle with a roll
-centre at height h_rc tips the body by F_y h_rc without its springs. The links have no work to
-give, so the contact moves sideways by zeta h_rc / y as the wheel travels: see `fourteen_dof`.
+where zeta is the wheel's travel from rest, bump positive, and zeta' that of the other wheel of the
+axle. The last term is the part of the tyre's lateral force that the links transmit: with a roll
+centre at height h_rc it rolls the body by F_y h_rc without deflecting the springs. Ideal links do
+no work, so the contact point moves sideways by zeta h_rc / y with the travel: see `fourteen_dof`.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from adk_ros.plant.vehicle.sprung_mass import SprungMass
 
 
 class Corner(NamedTuple):
-    """One wheel's parameters, as in `Body`."""
+    """Parameters of one wheel, as in `SprungMass`."""
 
     unsprung: float
     static: float
@@ -67,10 +66,10 @@ def suspension_force(
     corner: Corner, stop: float, room: float, travel: float, rate: float, opposite: float
 ) -> float:
     """
-    Return the force in N that spring, damper, bar and stops push the body up with.
+    Return the upward force of spring, damper, anti-roll bar and stops on the body, N.
 
-    `travel`, `opposite`: of this wheel and of the other one of the axle, m, up positive; `rate` in
-    m/s. Beyond `room` to either side a stop of stiffness `stop` comes in.
+    `travel`, `opposite`: travel of this wheel and of the other one of the axle, m, bump positive;
+    `rate`: d(travel)/dt, m/s. Beyond `room` m a stop of stiffness `stop` N/m acts.
     """
     over = max(travel - room, 0.0) + min(travel + room, 0.0)
     spring = corner.spring * travel + stop * over + corner.bar * (travel - opposite)
@@ -78,14 +77,14 @@ def suspension_force(
 
 
 @strict_kernel
-def tyre_load(corner: Corner, sinking: float, closing: float) -> float:
+def tyre_load(corner: Corner, deflection: float, rate: float) -> float:
     """
-    Return the wheel load in N: the tyre pushes against the road and never pulls.
+    Return the wheel load, N: the tyre pushes against the road and never pulls.
 
-    `sinking` in m, by how much nearer to the road the wheel's centre is than at rest; `closing`
-    in m/s, the speed with which it comes nearer.
+    `deflection`: tyre deflection against the static one, m, compression positive; `rate`: its
+    time derivative, m/s.
     """
-    spring = corner.load + corner.tyre_stiffness * sinking
+    spring = corner.load + corner.tyre_stiffness * deflection
     if spring <= 0.0:
         return 0.0
-    return max(spring + corner.tyre_damping * closing, 0.0)
+    return max(spring + corner.tyre_damping * rate, 0.0)

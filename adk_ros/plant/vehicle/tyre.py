@@ -1,25 +1,25 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Magic Formula tyre with combined slip, load sensitivity and relaxation.
+Magic Formula tyre with combined slip, load sensitivity and relaxation length.
 
-Forces are shares `n` of the peak `D`: f = n D, |n| at most 1.
+Forces are expressed as utilisation `n` of the peak force `D`: f = n D, |n| <= 1.
 
-Slips are per wheel and signed so that a positive slip gives a positive force: `kappa` =
-(omega R - v_x) / |v_x|, and the lateral slip tan(alpha) = -v_y / |v_x|, in the wheel's own frame.
+Slips are per wheel; a positive slip gives a positive force: `kappa` = (omega R - v_x) / |v_x|, and
+the lateral slip tan(alpha) = -v_y / |v_x|, in the wheel's frame.
 
 Combined slip by similarity (Pacejka, Tire and Vehicle Dynamics, 3rd ed., 4.2): both slips are
-normalised by their stiffness factors, `s_x = B_x kappa`, `s_y = B_y tan(alpha)`, `s` = their
-length, and each force is the pure-slip curve at `s` times its share of the direction,
+normalised by their stiffness factors, `s_x = B_x kappa`, `s_y = B_y tan(alpha)`, `s` the norm of
+both, and each force is the pure-slip curve at `s` times the direction cosine,
 
     n_i = (s_i / s) sin(C_i atan(s - E_i (s - atan(s)))).
 
-With one slip zero it is the pure-slip formula exactly. The road's friction scales `D` and divides
-`B`: the slip stiffness `B C D` belongs to the carcass and stays (Pacejka's scaling).
+If one slip is zero, this is exactly the pure-slip formula. The road's friction scales `D` and
+divides `B`: the slip stiffness `B C D` is a property of the carcass and stays (Pacejka's scaling).
 
-A force builds up as the carcass deflects, over the relaxation length of rolling: dn/dt =
-speed / length (n_steady - n). The force lags and not the slip, so that a tyre that slid far past
-its peak grips again at once instead of unwinding all of that slip first.
+The force builds up over the relaxation length: dn/dt = speed / length (n_steady - n). The lag acts
+on the force and not on the slip: a tyre that has slid far past its peak regains grip at once
+instead of unwinding all of that slip first.
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.plant.vehicle.vehicle_parameters import Constants
 
 SLIP_SPEED_MIN = 2.0
-"""Slips are formed with at least this rolling speed, m/s: finite, and damped, at standstill."""
+"""Smallest rolling speed in the denominator of the slips, m/s: finite and damped at standstill."""
 
 _SLIP_TINY = 1e-9
+"""Normalised slip that keeps the direction cosines finite at zero slip."""
 
 
 class AxleTyre(NamedTuple):
-    """One axle's tyre, fields as in `params.Tyre`."""
+    """Tyre of one axle, fields as in `vehicle_parameters.Tyre`."""
 
     mu: float
     b_x: float
@@ -54,7 +55,7 @@ class AxleTyre(NamedTuple):
 
 @strict_kernel
 def axle_tyre(c: Constants, front: bool) -> AxleTyre:
-    """Return the front or the rear axle's tyre."""
+    """Return the tyre of the front or the rear axle."""
     if front:
         return AxleTyre(
             c.mu_f,
@@ -86,21 +87,21 @@ def axle_tyre(c: Constants, front: bool) -> AxleTyre:
 
 @strict_kernel
 def magic_formula(slip: float, c: float, e: float) -> float:
-    """Return the Magic Formula's shape sin(C atan(s - E (s - atan s))), s >= 0 normalised slip."""
+    """Return sin(C atan(s - E (s - atan s))), the Magic Formula of normalised slip s >= 0."""
     angle = math.atan(slip)
     return math.sin(c * math.atan(slip - e * (slip - angle)))
 
 
 @strict_kernel
 def friction(tyre: AxleTyre, load: float) -> float:
-    """Return peak force over load, falling linearly with load, never below a fifth of nominal."""
+    """Return peak force over load: falls linearly with load, at least a fifth of nominal."""
     loss = tyre.load_sensitivity * (load / tyre.nominal_load - 1.0)
     return tyre.mu * max(1.0 - loss, 0.2)
 
 
 @strict_kernel
 def combined_slip_utilisation(tyre: AxleTyre, s_x: float, s_y: float) -> tuple[float, float]:
-    """Return the steady (n_x, n_y) for normalised slips; smooth through zero slip."""
+    """Return the steady-state utilisation (n_x, n_y) for normalised slips, smooth at zero."""
     slip = math.hypot(s_x, s_y) + _SLIP_TINY
     return (
         s_x / slip * magic_formula(slip, tyre.c_x, tyre.e_x),
@@ -111,10 +112,10 @@ def combined_slip_utilisation(tyre: AxleTyre, s_x: float, s_y: float) -> tuple[f
 @strict_kernel
 def relaxation_rate(speed: float, length: float, step: float) -> float:
     """
-    Return the rate, 1/s, with which a force follows its steady value: speed / length.
+    Return speed / length, the rate at which a force approaches its steady value, 1/s.
 
-    `speed` is the hub's over ground, m/s, not negative: rolling or sliding, the ground that passes
-    deflects the tyre. At least `SLIP_SPEED_MIN` counts, and at most one per integration step: a
-    relaxation too short for the step to resolve takes one step.
+    `speed` is the magnitude of the hub's velocity over ground, m/s: the carcass deflects with the
+    travelled distance, rolling or sliding. The rate is at least that of `SLIP_SPEED_MIN` and at
+    most 1 / step: a relaxation that the step cannot resolve takes one step.
     """
     return min(max(speed, SLIP_SPEED_MIN) / max(length, 1e-6), 1.0 / step)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What acts on the body besides the tyres (air, rolling resistance, weight), and at what wheel."""
+"""Aerodynamic forces, rolling resistance, wheel loads and wheel kinematics."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.plant.vehicle.vehicle_parameters import Constants
 
 LOAD_MIN = 10.0
-"""N; a wheel that lifts keeps this, so that its forces fade instead of turning round."""
+"""Smallest wheel load, N: the force of a lifting wheel vanishes instead of changing its sign."""
 
 _ROLLING_SPEED = 0.1
+"""Speed over which rolling resistance changes its sign smoothly, m/s."""
 
 
 @strict_kernel
@@ -22,10 +23,10 @@ def aerodynamic_forces(
     c: Constants, v_x: float, v_y: float, wind_x: float, wind_y: float
 ) -> tuple[float, float, float]:
     """
-    Return the air's (f_x, f_y, m_z), N and N m, in body axes; the wind is in body axes too.
+    Return the aerodynamic (f_x, f_y, m_z), N and N·m, in body axes; the wind is in body axes too.
 
-    With w the air's velocity against the body: f_x = rho/2 cda |w| w_x, f_y = rho/2 area |w| w_y,
-    m_z = rho/2 volume |w| w_y.
+    f_x = rho/2 cda |w| w_x, f_y = rho/2 area |w| w_y, m_z = rho/2 volume |w| w_y, where w is the
+    velocity of the air relative to the body.
     """
     w_x = wind_x - v_x
     w_y = wind_y - v_y
@@ -39,7 +40,7 @@ def aerodynamic_forces(
 
 @strict_kernel
 def rolling_resistance(crr: float, load: float, speed: float) -> float:
-    """Return the force in N along the wheel that opposes its rolling; zero at standstill."""
+    """Return the rolling resistance along the wheel, N; zero at standstill."""
     return -crr * load * speed / math.sqrt(speed * speed + _ROLLING_SPEED * _ROLLING_SPEED)
 
 
@@ -48,11 +49,11 @@ def wheel_loads(
     c: Constants, a_x: float, a_y: float, weight: float
 ) -> tuple[float, float, float, float]:
     """
-    Return the loads (front left, front right, rear left, rear right) in N; their sum is `weight`.
+    Return the loads (front left, front right, rear left, rear right), N; their sum is `weight`.
 
-    Quasi-static transfer of a rigid body: m h a_x / L between the axles, m h a_y / track across
-    the car, shared between the axles by `roll_share_front`. `weight` is the force normal to the
-    road, N. An axle gives or takes at most what it carries; the sum holds even when a wheel lifts.
+    Quasi-static load transfer of a rigid body: m h a_x / L between the axles and m h a_y / track
+    laterally, split between the axles by `roll_share_front`. `weight` is the force normal to the
+    road, N. The transfer is limited by the load of the axle; the sum holds even if a wheel lifts.
     """
     wheelbase = c.cg_to_front_axle + c.cg_to_rear_axle
     weight = max(weight, 8.0 * LOAD_MIN)
@@ -74,7 +75,7 @@ def wheel_loads(
 
 
 class Hub(NamedTuple):
-    """A wheel's place against the CG, m, its direction, and its hub's velocity, m/s."""
+    """Position of a wheel relative to the CG (m), its direction, and its hub's velocity (m/s)."""
 
     x: float
     y: float
@@ -90,7 +91,7 @@ class Hub(NamedTuple):
 def wheel_hub(
     c: Constants, i: int, cos_d: float, sin_d: float, v_x: float, v_y: float, yaw_rate: float
 ) -> Hub:
-    """Return wheel `i` (front left, front right, rear left, rear right); front wheels steer."""
+    """Return the hub of wheel `i` (order: front left, front right, rear left, rear right)."""
     front = i < 2
     x = c.cg_to_front_axle if front else -c.cg_to_rear_axle
     y = 0.5 * c.track_width if i % 2 == 0 else -0.5 * c.track_width
@@ -103,7 +104,7 @@ def wheel_hub(
 
 @strict_kernel
 def to_body_axes(hub: Hub, f_x: float, f_y: float) -> tuple[float, float, float]:
-    """Return the (f_x, f_y, m_z) in body axes about the CG of a wheel's forces in its own."""
+    """Transform wheel forces to body axes: (f_x, f_y) and the yaw moment m_z about the CG."""
     b_x = f_x * hub.cos - f_y * hub.sin
     b_y = f_x * hub.sin + f_y * hub.cos
     return b_x, b_y, hub.x * b_y - hub.y * b_x
@@ -113,5 +114,9 @@ def to_body_axes(hub: Hub, f_x: float, f_y: float) -> tuple[float, float, float]
 def road_normal_weight(
     mass: float, grade: float, bank: float, v_x: float, yaw_rate: float
 ) -> float:
-    """Return the force normal to the road, N: m (g cos cos - v_x r sin(bank)), left side up +."""
+    """
+    Return the force normal to the road, N: m (g cos(grade) cos(bank) - v_x r sin(bank)).
+
+    Bank is positive with the left side up.
+    """
     return mass * (GRAVITY * math.cos(grade) * math.cos(bank) - v_x * yaw_rate * math.sin(bank))

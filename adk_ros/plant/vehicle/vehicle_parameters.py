@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A vehicle's parameters, as a YAML file holds them and as the kernels take them.
+Vehicle parameters: the schema of a vehicle YAML file, and the flat form for the kernels.
 
-SI units and radians throughout. The five parameters of the paper's Table 1 must be given; all
-others have defaults of a passenger car, so that a file with masses and lengths alone is enough.
+SI units and radians throughout. The five parameters of the paper's Table 1 are required; all
+others have defaults typical of a passenger car.
 """
 
 from __future__ import annotations
@@ -20,16 +20,18 @@ from adk_ros.plant.vehicle.chassis import Chassis
 from adk_ros.plant.vehicle.sprung_mass import resolve
 
 _MAX_WHEEL_RATE = 2000.0
-"""rad/s; the spin of a wheel against its tyre that steps of 1 ms still integrate stably."""
+"""Natural frequency of a wheel's spin against its tyre, rad/s: the limit of stable RK4 at 1 ms
+(stability bound 2.8 / step, with margin for combined slip)."""
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class Tyre(FileModel):
     """
-    Magic Formula coefficients of an axle's tyres: longitudinal `_x`, lateral `_y`.
+    Magic Formula coefficients of the tyres of one axle: longitudinal `_x`, lateral `_y`.
 
-    `D` is `mu` times the wheel load, less the load sensitivity; the slip stiffness is `B C D`.
+    `D` is `mu` times the wheel load, reduced by the load sensitivity; the slip stiffness is
+    `B C D`.
     """
 
     mu: float = Field(default=1.05, ge=0.05, le=3.0)
@@ -41,17 +43,17 @@ class Tyre(FileModel):
     c_y: float = Field(default=1.4, ge=1.0, le=1.99)
     e_y: float = Field(default=-0.4, ge=-10.0, le=1.0)
     nominal_load: float = Field(default=5000.0, ge=100.0, le=2e5)
-    """Wheel load that `mu` and the stiffness hold at, N."""
+    """Wheel load at which `mu` and the stiffness apply, N."""
     load_sensitivity: float = Field(default=0.1, ge=0.0, le=0.5)
-    """Share of friction and of stiffness per load lost as the load doubles."""
+    """Relative loss of friction and of stiffness per load when the load doubles."""
     relaxation_length: float = Field(default=0.35, ge=0.0, le=5.0)
-    """Rolling distance over which lateral slip builds up, m."""
+    """Travelled distance over which the lateral force builds up, m."""
     relaxation_length_x: float = Field(default=0.15, ge=0.05, le=5.0)
-    """The same of longitudinal slip, m; it also tames the stiff wheel spin."""
+    """The same for the longitudinal force, m; a longer one makes the wheel spin less stiff."""
 
 
 class Dimensions(FileModel):
-    """Masses, lengths and wind coefficients of a car, without tyres and drive; SI units."""
+    """Masses, lengths and wind coefficients of a vehicle, without tyres and driveline; SI."""
 
     mass: float = Field(ge=50.0, le=1e5)
     yaw_inertia: float = Field(ge=10.0, le=1e6)
@@ -61,40 +63,40 @@ class Dimensions(FileModel):
     cg_height: float = Field(default=0.53, ge=0.0, le=4.0)
     wheel_radius: float = Field(default=0.325, ge=0.1, le=1.5)
     side_force_area: float = Field(default=3.2, ge=0.0, le=100.0)
-    """Side force over air pressure and sine of the air's sideslip, m^2."""
+    """Side force over dynamic pressure and sine of the aerodynamic sideslip, m²."""
     yaw_moment_volume: float = Field(default=1.1, ge=-100.0, le=100.0)
-    """Yaw moment over the same, m^3; positive where the wind turns the nose away."""
+    """Yaw moment over the same, m³; positive if the wind turns the nose away from it."""
 
 
 class Vehicle(Dimensions):
-    """A car with four driven wheels and front steering; `base_link` at the centre of gravity."""
+    """Vehicle with wheel torques and front steering; `base_link` at the centre of gravity."""
 
     name: str = "unnamed"
     wheel_inertia: float = Field(default=1.3, ge=0.3, le=100.0)
-    """Spin inertia of one wheel with its motor, kg m^2."""
+    """Spin inertia of one wheel with its motor, kg·m²."""
     front_tyre: Tyre = Tyre(b_y=9.5)
     rear_tyre: Tyre = Tyre(b_y=11.5)
     roll_share_front: Share = 0.55
-    """Share of the lateral load transfer that the front axle takes (springs, anti-roll bars)."""
+    """Front axle's share of the lateral load transfer (springs, anti-roll bars)."""
     load_lag: float = Field(default=0.05, ge=0.0, le=1.0)
-    """Time constant with which wheel loads follow the accelerations (body roll and pitch), s."""
+    """Time constant of the wheel loads against the accelerations (body roll and pitch), s."""
     cda: float = Field(default=0.7, ge=0.0, le=20.0)
-    """Drag area, m^2."""
+    """Drag area, m²."""
     crr: float = Field(default=0.012, ge=0.0, le=0.2)
     """Rolling resistance over wheel load."""
     max_drive_torque: float = Field(default=3000.0, gt=0.0, le=1e5)
-    """Most that all wheels' motors together drive with, N m."""
+    """Largest total drive torque of all motors, N·m."""
     max_brake_torque: float = Field(default=9000.0, gt=0.0, le=1e5)
-    """Most that motors and brakes together brake with, N m."""
+    """Largest total brake torque of motors and brakes, N·m."""
     torque_split_front: Share = 0.5
     torque_lag: float = Field(default=0.03, ge=0.0, le=5.0)
     """Time constant of the motors' and brakes' response, s."""
     max_steer: float = Field(default=0.6, gt=0.0, le=1.2)
-    """Stop of the road-wheel angle on either side, rad."""
+    """Largest road-wheel angle to either side, rad."""
     steer_lag: float = Field(default=0.03, ge=0.0, le=5.0)
     """Time constant of the steering actuator, s."""
     chassis: Chassis | None = None
-    """Suspension, wheels and body, of which only the fourteen-degree-of-freedom plant knows."""
+    """Suspension and unsprung masses, used only by the fourteen-degree-of-freedom plant."""
 
     @model_validator(mode="after")
     def _resolvable(self) -> Vehicle:
@@ -111,19 +113,19 @@ class Vehicle(Dimensions):
         return self
 
     def chassis_or_default(self) -> Chassis:
-        """Return what the file says of the chassis, all left open where it says nothing."""
+        """Return the chassis section, or one without any value."""
         return Chassis() if self.chassis is None else self.chassis
 
     def constants(self) -> Constants:
-        """Return the parameters as the kernels take them."""
-        own = {name: getattr(self, name) for name in _OWN}
+        """Return the parameters in the flat form for the kernels."""
+        vehicle = {name: getattr(self, name) for name in _VEHICLE_FIELDS}
         front = {f"{name}_f": getattr(self.front_tyre, name) for name in Tyre.model_fields}
         rear = {f"{name}_r": getattr(self.rear_tyre, name) for name in Tyre.model_fields}
-        return Constants(**own, **front, **rear)
+        return Constants(**vehicle, **front, **rear)
 
 
 class Constants(NamedTuple):
-    """Flat, immutable parameters for the kernels; names as in `Vehicle`, tyres with `_f`, `_r`."""
+    """Flat, immutable parameters for the kernels: fields of `Vehicle`, tyres with `_f`, `_r`."""
 
     mass: float
     yaw_inertia: float
@@ -169,18 +171,18 @@ class Constants(NamedTuple):
     relaxation_length_x_r: float
 
 
-_OWN = tuple(name for name in Constants._fields if name in Vehicle.model_fields)
+_VEHICLE_FIELDS = tuple(name for name in Constants._fields if name in Vehicle.model_fields)
 
 
 def vehicles() -> list[str]:
-    """Return the names of the vehicles that come with the package."""
+    """Return the names of the packaged vehicles."""
     return packaged("vehicle")
 
 
 def load_vehicle(source: str | Path) -> Vehicle:
     """
-    Load a vehicle from a YAML file, or by the name of one that comes with the package.
+    Load a vehicle from a YAML file, or a packaged vehicle by its name.
 
-    Raises `UsageError`, one line naming the file and the key, for what cannot be a vehicle.
+    :raises UsageError: the content is invalid; one line that names the file and the key.
     """
     return load(source, "vehicle", Vehicle)

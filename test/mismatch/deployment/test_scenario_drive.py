@@ -74,7 +74,7 @@ def test_it_keeps_to_the_route_and_a_seed_is_a_drive(
     clean: Scenario, file: Path, drive: SimulatedDrive
 ) -> None:
     table, spacing = drive.route.table, drive.route.spacing
-    for place, (x, y, _) in zip(drive.place[::40], drive.pose[::40], strict=True):
+    for place, (x, y, _) in zip(drive.arc_length[::40], drive.pose[::40], strict=True):
         assert abs(locate(table, spacing, float(place), float(x), float(y))[1]) < 2.0
     assert np.isfinite(drive.x).all()
     assert drive.x[:, 0].max() > 12.0

@@ -150,8 +150,8 @@ def quiet(**more: object) -> Scenario:
 
 def test_over_waves_the_body_follows_and_the_springs_work() -> None:
     drive = simulate(quiet(undulations=[WAVES.model_dump()]))
-    rows = (drive.place > 90.0) & (drive.place < 250.0)
-    s, table = drive.place[rows], drive.route.table
+    rows = (drive.arc_length > 90.0) & (drive.arc_length < 250.0)
+    s, table = drive.arc_length[rows], drive.route.table
     road = np.interp(s, drive.route.spacing * np.arange(len(table)), table[:, ROAD_HEIGHT])
     body = drive.states[rows, Z] - 0.53
     # 12 m/s over 40 m: 0.3 Hz, far below the 1.4 Hz of the springs.

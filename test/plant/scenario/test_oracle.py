@@ -75,7 +75,7 @@ def test_what_does_not_fit_is_refused() -> None:
     none = np.array([], dtype=np.int64)
     assert oracle_rollout(drive, none, np.empty((0, 3)), 5).shape == (0, 5, 3)
     for rows, x0, ahead, said in (
-        ([81], np.zeros((1, 3)), 5, "rows must be of the drive's grid, 0 to 80"),
+        ([81], np.zeros((1, 3)), 5, "rows must be in the grid of the drive, 0 to 80"),
         ([-1], np.zeros((1, 3)), 5, "rows must be"),
         ([1, 2], np.zeros((1, 3)), 5, "x0 must have shape"),
         ([1], np.zeros((1, 3)), -1, "ahead must not be negative"),

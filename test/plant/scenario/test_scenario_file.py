@@ -40,6 +40,7 @@ def test_all_that_the_paper_drives_is_there() -> None:
     assert load_scenario("slalom").mu == 0.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STEERED)
 def test_the_driver_keeps_to_the_road(name: str) -> None:
     drive = simulate(load_scenario(name), duration_s=100.0)
@@ -66,7 +67,7 @@ def test_other_vehicles_keep_to_it_too(
 
 def test_a_sweep_of_the_data_road_is_normal_driving() -> None:
     drive = simulate(load_scenario("xyz_edges"), duration_s=250.0)
-    assert drive.place[-1] > drive.route.length, "a lap and more"
+    assert drive.arc_length[-1] > drive.route.length, "a lap and more"
     assert np.abs(drive.a[:, 1]).max() < 5.5
     assert drive.a[:, 1].max() > 2.5
     assert drive.a[:, 1].min() < -2.5
@@ -164,8 +165,8 @@ def test_a_base_is_what_holds_where_nothing_is_said(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("base: ghost\n", "ghost: no such scenario; give a YAML file or one of: .*xyz_edges"),
-        ("base: own.yaml\n", "base: more than 8 scenarios deep, or in a circle"),
-        ("base: 7\n", "base: give one scenario's name or file"),
+        ("base: own.yaml\n", "base: a cycle, or more than 8 levels"),
+        ("base: 7\n", "base: give the name or the file of one scenario"),
         ("base: [town]\n", "base: give one"),
         ("base: nowhere.yaml\n", "nowhere.yaml: no such scenario file"),
         ("base: town\nbasis: town\n", "own.yaml: basis: no such parameter"),
@@ -173,7 +174,7 @@ def test_a_base_is_what_holds_where_nothing_is_said(tmp_path: Path) -> None:
         ("base: town\nplant: nine_dof\n", "plant: .*'seven_dof' or 'fourteen_dof', got 'nine"),
         ("base: town\nstart_speed: -1\n", "start_speed: .*greater than or equal to 0"),
         ("base: town\nheights: [{at: 3, hight: 2}]\n", r"heights\.0\.hight: no such parameter"),
-        ("base: town\nheights: [{at: 3, height: 2}]\n", "needs three heights at least"),
+        ("base: town\nheights: [{at: 3, height: 2}]\n", "needs at least three heights"),
         (
             "base: town\nundulations: [{start: 9, end: 2, amplitude: 1, wavelength: 9}]\n",
             r"undulations\.0: end must be greater than start",

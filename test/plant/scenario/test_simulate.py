@@ -84,7 +84,7 @@ def test_the_grid_is_the_tick(drive: SimulatedDrive) -> None:
 def test_the_driver_keeps_to_the_route(name: str) -> None:
     scenario = load_scenario(name)
     drive = simulate(scenario, duration_s=240.0)
-    assert drive.place[-1] > 1.1 * drive.route.length, "more than one lap"
+    assert drive.arc_length[-1] > 1.1 * drive.route.length, "more than one lap"
     assert np.abs(offsets(drive)).max() < 1.5
 
 
@@ -121,7 +121,7 @@ def test_velocity_is_the_integral_of_force_and_gravity() -> None:
     scenario = load_scenario("handling").model_copy(update={"places": places})
     route = scenario.planned_route()
     drive = simulate(scenario, duration_s=100.0)
-    s = drive.place % route.length
+    s = drive.arc_length % route.length
     grade = np.interp(s, route.spacing * np.arange(len(route.table)), route.table[:, 5])
     bank = np.interp(s, route.spacing * np.arange(len(route.table)), route.table[:, 6])
     v_x, v_y, r = drive.x.T

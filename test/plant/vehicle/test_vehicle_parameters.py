@@ -142,7 +142,7 @@ def test_single_parameters_of_the_vehicle_can_be_changed(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (ROUTE.replace("angle_deg: 180", "angle_deg: 150"), "whole circles in all, not by 330"),
+        (ROUTE.replace("angle_deg: 180", "angle_deg: 150"), "whole circles in total, not by 330"),
         (
             ROUTE.replace("straight: 50", "straight: 50\n    bend: {radius: 90, angle_deg: 90}"),
             r"route\.4: give exactly one of straight, bend, slalom",
