@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""adk bench: how fast the tick is, how late a prediction comes, how good it is."""
+"""adk bench: measure tick time, latency, endurance and accuracy."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ app = typer.Typer(
 app.command("paper")(bench_paper.paper)
 app.command("concealed")(bench_mismatch.concealed)
 ModelChoice = Annotated[
-    Path | None, typer.Option(help="model folder; default: one trained for the purpose")
+    Path | None, typer.Option(help="model folder; default: train a temporary one (40 s)")
 ]
 
 
@@ -32,18 +32,19 @@ def latency(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Time the whole tick, beside padasip's RLS for 15 outputs.
+    Time one tick of the predictor, compared with padasip's RLS for 15 outputs.
 
     Example: adk bench latency
     """
-    from adk_ros.bench.runtime.latency import bench_latency
+    from adk_ros.bench.runtime.latency import bench_latency, check_latency
 
-    with _chosen(model) as path, console.progress("ticking") as bar:
+    check_latency(ticks)
+    with _model_to_measure(model) as path, console.progress("timing ticks") as bar:
         result = bench_latency(path, ticks, bar)
     if as_json:
         console.print_json(result)
         return
-    tick, rival = result["tick"], result["padasip_rls15"]
+    tick, baseline = result["tick"], result["padasip_rls15"]
     console.output.print(
         f"whole tick      p50 {tick['p50_us']:8.1f} us   p99 {tick['p99_us']:8.1f} us   "
         f"max {tick['max_us']:8.1f} us   over {result['ticks']} ticks"
@@ -54,26 +55,27 @@ def latency(
             f"{100.0 * stage['share']:5.1f} % of the tick"
         )
     console.output.print(
-        f"padasip RLS 15  p50 {rival['p50_us']:8.1f} us   p99 {rival['p99_us']:8.1f} us   "
-        "(its update alone, in the same run)"
+        f"padasip RLS 15  p50 {baseline['p50_us']:8.1f} us   p99 {baseline['p99_us']:8.1f} us   "
+        "(update only, in the same run)"
     )
 
 
 @app.command()
 def live(
     model: ModelChoice = None,
-    duration: Annotated[float, typer.Option(help="seconds")] = 60.0,
-    imu_hz: Annotated[float, typer.Option(help="IMU rate")] = 200.0,
+    duration: Annotated[float, typer.Option(help="seconds to measure, 1 to 86400")] = 60.0,
+    imu_hz: Annotated[float, typer.Option(help="IMU rate, Hz")] = 200.0,
     as_json: JsonOption = False,
 ) -> None:
     """
-    Run the node live: latency between processes, CPU, missed ticks.
+    Measure the live node: latency between processes, CPU load, missed ticks.
 
     Example: adk bench live --duration 60
     """
-    from adk_ros.bench.runtime.live import bench_live
+    from adk_ros.bench.runtime.live import bench_live, check_live
 
-    with _chosen(model) as path, console.progress("running live") as bar:
+    check_live(duration, imu_hz)
+    with _model_to_measure(model) as path, console.progress("running live") as bar:
         result = bench_live(path, duration, imu_hz, progress=bar)
     _show(result, as_json)
 
@@ -85,27 +87,28 @@ def soak(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Replay a looped drive with faults: memory, finiteness, drift.
+    Replay a looped drive with injected faults: memory growth, NaN, numerical drift.
 
     Example: adk bench soak --ticks 1000000
     """
-    from adk_ros.bench.runtime.soak import bench_soak
+    from adk_ros.bench.runtime.soak import bench_soak, check_soak
 
-    with _chosen(model) as path, console.progress("soaking") as bar:
+    check_soak(ticks)
+    with _model_to_measure(model) as path, console.progress("replaying with faults") as bar:
         result = bench_soak(path, ticks, bar)
     _show(result, as_json)
 
 
 @contextmanager
-def _chosen(model: Path | None) -> Iterator[Path]:
-    """The model that was given, or one trained for the purpose and gone afterwards."""
+def _model_to_measure(model: Path | None) -> Iterator[Path]:
+    """Yield the given model folder, or that of a temporary model, which is removed at the end."""
     if model is not None:
         yield model
         return
     from adk_ros.bench.runtime.synthetic_feed import write_model
 
     with tempfile.TemporaryDirectory() as folder:
-        with console.progress("training a model to measure") as bar:
+        with console.progress("training a temporary model") as bar:
             write_model(Path(folder) / "model", bar)
         yield Path(folder) / "model"
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""adk bench concealed: how often `adk mismatch` is right."""
+"""adk bench concealed: accuracy of `adk mismatch` on recordings with a known mismatch."""
 
 from __future__ import annotations
 
@@ -21,37 +21,42 @@ if TYPE_CHECKING:
 
 def concealed(
     cases: Annotated[
-        Path | None, typer.Option(help="folder of cases, each with its label.json")
+        Path | None, typer.Option(help="folder of cases, each with a label.json")
     ] = None,
     own: Annotated[
-        bool, typer.Option("--own", help="make cases with the package's own plant instead")
+        bool, typer.Option("--own", help="generate the cases with the built-in vehicle simulator")
     ] = False,
     real: Annotated[
         Path | None,
-        typer.Option(help="folder of real recordings: take a known term away, ask for it back"),
+        typer.Option(help="folder of real recordings: remove a known term and recover it"),
     ] = None,
     vehicle: Annotated[
-        Path | None, typer.Option(help="with --real: the car's masses and lengths, YAML")
+        Path | None, typer.Option(help="with --real: vehicle file, masses and lengths (YAML)")
     ] = None,
-    limit: Annotated[int, typer.Option(help="with --own: this many, spread evenly; 0: all")] = 0,
+    limit: Annotated[
+        int, typer.Option(help="with --own: number of cases, spread over the list; 0: all")
+    ] = 0,
     out: Annotated[
         Path | None,
-        typer.Option(help="folder to keep the reports in, one a case, the bars and the tables"),
+        typer.Option(help="folder for one report per case, the acceptance criteria and tables"),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="take the cases that --out has already as they are")
+        bool, typer.Option("--resume", help="skip cases that are already in --out")
     ] = False,
-    jobs: Annotated[int, typer.Option(help="cases at a time, of one thread each")] = 1,
+    jobs: Annotated[int, typer.Option(help="cases run in parallel, one thread each")] = 1,
     peers: Annotated[
-        bool, typer.Option("--peers", help="run other methods on the same residuals (make peers)")
+        bool,
+        typer.Option(
+            "--peers", help="also run baseline methods on the same residuals (make peers)"
+        ),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """
-    Score `adk mismatch` on cases in which something is concealed.
+    Benchmark `adk mismatch` on recordings with a hidden, known effect.
 
-    Prints a line PASS, FAIL or, where no case ran, NONE for each bar; a FAIL is a measurement,
-    not an error.
+    Prints PASS, FAIL or NONE (no case ran) for each acceptance criterion. The exit code is 0
+    even if a criterion fails.
 
     Example: adk bench concealed --cases cases
     """
@@ -65,13 +70,17 @@ def concealed(
 
     if (cases is not None) + own + (real is not None) != 1:
         raise UsageError("give --cases FOLDER, --own or --real FOLDER, one of the three")
-    if real is not None:
-        _real(real, vehicle, as_json)
-        return
     if not 1 <= jobs <= 64:
         raise UsageError(f"--jobs is {jobs}: choose 1 to 64")
+    if limit < 0:
+        raise UsageError(f"--limit is {limit}: choose 0 (all cases) or more")
+    if real is not None:
+        _ablate(real, vehicle, as_json)
+        return
+    if vehicle is not None:
+        raise UsageError("--vehicle is used with --real only: each case has its own vehicle file")
     if resume and out is None:
-        raise UsageError("--resume goes on from what is in --out FOLDER: name it")
+        raise UsageError("--resume continues the run in --out FOLDER: name it")
     if out is not None:
         check_output_folder(out)
     todo = generated_jobs(limit) if cases is None else jobs_of(cases)
@@ -81,26 +90,27 @@ def concealed(
             tempfile.TemporaryDirectory() as folder,
             console.progress("cases") as bar,
         ):
-            rivals = Baselines() if peers else None
-            scores = MismatchBench(out or Path(folder), jobs, resume, rivals).run(todo, bar)
-            bars = evaluate_criteria(scores)
+            baselines = Baselines() if peers else None
+            results = MismatchBench(out or Path(folder), jobs, resume, baselines).run(todo, bar)
+            criteria = evaluate_criteria(results)
             if out is not None:
-                write_tables(scores, bars, out)
+                write_tables(results, criteria, out)
     except Terminated:
         console.note("adk: terminated")
         raise typer.Exit(TERMINATED) from None
     if as_json:
-        console.print_json(content(scores, bars))
+        console.print_json(content(results, criteria))
         return
-    for s in scores:
-        console.output.print(_line(s), markup=False)
+    for result in results:
+        console.output.print(_line(result), markup=False)
     if peers:
-        console.output.print(markdown(*baseline_results(scores)), markup=False, end="")
-    for one in bars:
-        console.output.print(str(one), markup=False)
+        console.output.print(markdown(*baseline_results(results)), markup=False, end="")
+    for criterion in criteria:
+        console.output.print(str(criterion), markup=False)
 
 
-def _real(folder: Path, vehicle: Path | None, as_json: bool) -> None:
+def _ablate(folder: Path, vehicle: Path | None, as_json: bool) -> None:
+    """Run the ablation on every recording below `folder` and print its results."""
     from dataclasses import asdict
 
     from adk_ros.bench.mismatch.ablation import ablation_criteria, run_ablation
@@ -109,35 +119,38 @@ def _real(folder: Path, vehicle: Path | None, as_json: bool) -> None:
     from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
     if vehicle is None:
-        raise UsageError("--real needs --vehicle FILE: the car's masses and lengths")
+        raise UsageError("--real needs --vehicle FILE: masses and lengths of the car")
     nominal = load_nominal_vehicle(vehicle)
-    asked = []
+    results = []
     for bag in find_recordings(folder):
         with console.progress(f"reading {bag.name}") as bar:
             recording = read_sensor_log(bag, needs_imu=False, progress=bar)
-        with console.progress("asking") as bar:
-            asked += run_ablation(recording, nominal, bar)
-    bars = ablation_criteria(asked)
+        with console.progress("removing and recovering terms") as bar:
+            results += run_ablation(recording, nominal, bar)
+    criteria = ablation_criteria(results)
     if as_json:
         console.print_json({
-            "asked": [asdict(one) for one in asked], "bars": [asdict(bar) for bar in bars]
+            "asked": [asdict(item) for item in results],
+            "bars": [asdict(criterion) for criterion in criteria],
         })  # fmt: skip
         return
-    for one in asked:
-        best = f"; best single {one.best} takes {100.0 * one.gain:.1f} % off" if one.best else ""
-        console.output.print(_line(one.score) + best, markup=False)
-    for line in bars:
-        console.output.print(str(line), markup=False)
+    for item in results:
+        best = (
+            f"; best single effect: {item.best}, -{100.0 * item.gain:.1f} %" if item.best else ""
+        )
+        console.output.print(_line(item.score) + best, markup=False)
+    for criterion in criteria:
+        console.output.print(str(criterion), markup=False)
 
 
 def _line(s: CaseResult) -> str:
-    """One case on one line."""
+    """Return a one-line summary of a case."""
     parts = [f"{s.case}  {s.right:.2f}  {s.label}  ->  {s.reported}"]
-    parts += [f"{name} off by {100.0 * x:.1f} %" for name, x in s.errors.items()]
+    parts += [f"{name} error {100.0 * x:.1f} %" for name, x in s.errors.items()]
     parts += [f"IoU {x:.2f}" for x in s.iou.values()]
     if s.removed:
-        gone = ", ".join(f"{name} {100.0 * x:.0f} %" for name, x in s.removed.items())
-        parts.append(f"removed {gone}")
+        reductions = ", ".join(f"{name} {100.0 * x:.0f} %" for name, x in s.removed.items())
+        parts.append(f"residual reduced by {reductions}")
     if math.isfinite(s.seconds):
         parts.append(f"{s.seconds:.0f} s, {s.cpu_s:.0f} s CPU, {s.memory_mib:.0f} MiB")
     if s.failure:

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""adk bench paper: the paper's tables and figures, its claims, and our default's bars."""
+"""adk bench paper: reproduce the paper's tables and figures, check its claims and the criteria."""
 
 from __future__ import annotations
 
@@ -27,23 +27,27 @@ _QUICK_STRIDE = 40
 def paper(
     out: Annotated[Path, typer.Option(help="folder to write the report into")] = Path("paper_out"),
     quick: Annotated[
-        bool, typer.Option("--quick", help="shorter training, fewer starts: up to 20 minutes")
+        bool, typer.Option("--quick", help="shorter training, fewer rollouts: up to 20 min")
     ] = False,
-    seeds: Annotated[int, typer.Option(help="trainings of our default, each with its seed")] = 3,
-    steps: Annotated[int | None, typer.Option(help="training steps of our default")] = None,
-    epochs: Annotated[int | None, typer.Option(help="epochs of DK and ALDK")] = None,
-    recordings: Annotated[
-        Path | None, typer.Option(help="folder of recordings of a real car, to be judged as well")
+    seeds: Annotated[int, typer.Option(help="random seeds: trainings of the adk_ros model")] = 3,
+    steps: Annotated[int | None, typer.Option(help="training steps of the adk_ros model")] = None,
+    epochs: Annotated[
+        int | None, typer.Option(help="training epochs of the paper's DK and ALDK models")
     ] = None,
-    peers: Annotated[bool, typer.Option(help="run pykoop and pykoopman (`make peers`)")] = True,
-    test: Annotated[list[str] | None, typer.Option(help="run these tests alone")] = None,
-    jobs: Annotated[int, typer.Option(help="processes, of one thread each")] = 2,
+    recordings: Annotated[
+        Path | None, typer.Option(help="folder of real recordings to train and test on as well")
+    ] = None,
+    peers: Annotated[
+        bool, typer.Option(help="also run pykoop and pykoopman (needs `make peers`)")
+    ] = True,
+    test: Annotated[list[str] | None, typer.Option(help="run only this test (repeatable)")] = None,
+    jobs: Annotated[int, typer.Option(help="processes, one thread each")] = 2,
     as_json: JsonOption = False,
 ) -> None:
     """
-    Reproduce the paper's tables, judge its claims and our default predictor.
+    Reproduce the paper's tables, check its claims and compare all predictors.
 
-    Prints a line PASS or FAIL for each bar; a FAIL is a measurement, not an error.
+    Prints PASS or FAIL for each acceptance criterion. The exit code is 0 even if one fails.
 
     Example: adk bench paper --quick
     """
@@ -57,7 +61,7 @@ def paper(
     if not 1 <= jobs <= 64:
         raise UsageError(f"--jobs is {jobs}: choose 1 to 64")
     if out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is no folder: choose another --out")
+        raise UsageError(f"{out} is not a folder: choose another --out")
     out.mkdir(parents=True, exist_ok=True)
     try:
         with graceful_shutdown(), tempfile.TemporaryDirectory(prefix="adk_paper_") as folder:
@@ -122,6 +126,6 @@ def _plan(
         plan = replace(plan, paper_epochs=epochs)
     if recordings is not None:
         if not recordings.is_dir():
-            raise UsageError(f"--recordings {recordings} is no folder")
+            raise UsageError(f"--recordings {recordings} is not a folder")
         plan = replace(plan, recordings=find_recordings(recordings))
     return plan

@@ -1,15 +1,16 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The whole tick, timed: the messages of 25 ms decoded, aligned, lifted, learned from, rolled out.
+Latency of one tick: decode, align, lift, adapt and roll out the messages of one 25 ms step.
 
-Beside it, in the same run and in turn with it, padasip's FilterRLS updating 15 outputs of 17
-regressors: what the adaptation alone would cost with the usual library.
+The baseline, timed in alternation in the same run, is padasip's FilterRLS updating 15 outputs of
+17 regressors: the cost of the adaptation alone with a common library.
 """
 
 from __future__ import annotations
 
 import gc
+import importlib.util
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,44 +23,64 @@ from adk_ros.errors import UsageError
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import Pipeline
 
+MIN_TICKS, MAX_TICKS = 1000, 10**8
+"""A 99th percentile needs at least ten samples above it; 10^8 times of 8 bytes fit in memory."""
 _WARM_UP_TICKS = 500
 _BLOCK = 1000
+"""Ticks between two blocks of baseline updates."""
 _STAGE_TICKS = 10_000
+"""Ticks of the second pass, which times the stages."""
 
 Progress = Callable[[int, int], None]
+
+
+def check_latency(ticks: int) -> None:
+    """
+    Check the number of ticks and the installation, without doing any work.
+
+    :raises UsageError: ticks out of range, or padasip is not installed.
+    """
+    if ticks < MIN_TICKS:
+        raise UsageError(f"--ticks {ticks} is too few for a 99th percentile: at least {MIN_TICKS}")
+    if ticks > MAX_TICKS:
+        raise UsageError(f"--ticks {ticks} is too many: at most {MAX_TICKS}")
+    if importlib.util.find_spec("padasip") is None:
+        raise UsageError(
+            "adk bench latency compares with padasip, which is not installed:"
+            " run `make bench`, which installs it, or `python -m pip install padasip`"
+        )
 
 
 def bench_latency(
     model_path: Path | None, ticks: int, progress: Progress | None = None
 ) -> dict[str, Any]:
     """
-    Return {"tick", "stages", "padasip_rls15", "ticks"}; times in microseconds.
+    Return {"tick", "stages", "padasip_rls15", "ticks"}; times in µs.
 
-    A stage's times come from a second, shorter pass with a clock around each part.
-    :raises UsageError: padasip is not installed, or too few ticks.
+    The times of the stages come from a second, shorter pass with a clock around each stage.
+    :raises UsageError: as `check_latency`.
     """
-    if ticks < 1000:
-        raise UsageError(f"--ticks {ticks} is too few for a 99th percentile: at least 1000")
-    rival = _padasip_tick()
+    check_latency(ticks)
+    baseline = _padasip_tick()
     model = bench_model(model_path)
     messages = simulated_messages()
     feed = endless(messages)
     pipeline = Pipeline(model)
     for _ in range(_WARM_UP_TICKS):
         _tick(pipeline, feed)
-        rival()
+        baseline()
     gc.collect()
-    # As in the node, which collects between ticks, when there is time.
+    # The node collects garbage between ticks, outside of the measured time.
     gc.disable()
-    times, rivals = np.empty(ticks), []
+    times, baseline_times = np.empty(ticks), []
     for i in range(ticks):
         times[i] = _tick(pipeline, feed)
         if i % _BLOCK == 0:
-            # In blocks: taken turn by turn, each would be timed on the caches the other left.
+            # In blocks: if the two alternated, each would run on caches filled by the other.
             for _ in range(_BLOCK // 10):
                 started = time.perf_counter_ns()
-                rival()
-                rivals.append(time.perf_counter_ns() - started)
+                baseline()
+                baseline_times.append(time.perf_counter_ns() - started)
         if progress is not None and i % 500 == 0:
             progress(i, ticks + _STAGE_TICKS)
     stages = _stages(model, simulated_messages(), ticks, progress)
@@ -67,7 +88,7 @@ def bench_latency(
     return {
         "tick": _summary(times) | {"max_us": float(times.max()) * 1e-3},
         "stages": stages,
-        "padasip_rls15": _summary(np.array(rivals)),
+        "padasip_rls15": _summary(np.array(baseline_times)),
         "ticks": ticks,
         "horizon_steps": pipeline.settings.horizon_steps,
         "method": model.online.method,
@@ -75,7 +96,7 @@ def bench_latency(
 
 
 def _tick(pipeline: Pipeline, feed: Iterator[Message]) -> int:
-    """Feed messages until a prediction comes out; nanoseconds spent on all of them."""
+    """Feed messages until a prediction comes out; return the time spent on them, ns."""
     spent = 0
     while True:
         source, msg = next(feed)
@@ -87,12 +108,8 @@ def _tick(pipeline: Pipeline, feed: Iterator[Message]) -> int:
 
 
 def _padasip_tick() -> Callable[[], None]:
-    try:
-        from padasip.filters import FilterRLS
-    except ImportError:
-        raise UsageError(
-            "adk bench latency compares with padasip, which is not installed: pip install padasip"
-        ) from None
+    from padasip.filters import FilterRLS
+
     filters = [FilterRLS(n=17, mu=0.98) for _ in range(15)]
     random = np.random.default_rng(0)
     x, y = random.normal(size=(256, 17)), random.normal(size=(256, 15))
@@ -108,8 +125,8 @@ def _padasip_tick() -> Callable[[], None]:
     return update
 
 
-class _Watch:
-    """Adds up the time spent in a callable, tick by tick."""
+class _Stopwatch:
+    """Accumulates the time spent in a callable, ns, until reset."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -129,7 +146,7 @@ def _stages(
     model: KoopmanModel, messages: list[Message], before: int, progress: Progress | None
 ) -> dict[str, dict[str, float]]:
     names = ("decode", "align", "lift", "update", "horizon", "rest")
-    watches = {name: _Watch(name) for name in names}
+    watches = {name: _Stopwatch(name) for name in names}
     pipeline = Pipeline(model)
     decoder: Any = pipeline.decoder
     aligner: Any = pipeline.aligner
@@ -138,7 +155,7 @@ def _stages(
     aligner.push = watches["align"].wrap(aligner.push)
     predictor._lift = watches["lift"].wrap(predictor._lift)
     predictor.online.update = watches["update"].wrap(predictor.online.update)
-    predictor._roll_out = watches["horizon"].wrap(predictor._roll_out)
+    predictor._rollout = watches["horizon"].wrap(predictor._rollout)
     feed = endless(messages)
     rows = []
     for i in range(_WARM_UP_TICKS + _STAGE_TICKS):

@@ -1,17 +1,18 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How fast the real node is: sensors, node and listener in three processes, over Fast DDS.
+Live latency of the node: sensors, node and listener in three processes, over Fast DDS.
 
-The latency of a prediction runs from the publication of the last input that it waited for to its
-arrival in the listener's callback. Which input that is, is found by folding what was published, in
-that order, through the aligner: the reading that completes a tick is the one. CLOCK_MONOTONIC is
-one clock for all processes of a machine, so times of different processes may be subtracted.
+The latency of a prediction runs from the publication of the last input that it needs to its
+arrival in the listener's callback. The aligner, fed with the published messages in their order,
+tells which reading completes a tick. CLOCK_MONOTONIC is shared by all processes of a machine, so
+times of different processes may be subtracted.
 """
 
 from __future__ import annotations
 
 import gc
+import importlib.util
 import os
 import select
 import subprocess
@@ -27,15 +28,42 @@ import numpy as np
 import psutil  # type: ignore[import-untyped, unused-ignore]
 from numpy.typing import NDArray
 
-from adk_ros.errors import DataError
+from adk_ros.errors import DataError, UsageError
 from adk_ros.signals.align import Aligner
 from adk_ros.signals.channels import TICK_NS, Reading, Source
 
 TARGET_P99_MS = 5.0
+"""Required 99th percentile of the latency, ms: a fifth of the 25 ms tick."""
 TARGET_CPU_PERCENT = 20.0
+"""Required CPU load of the node, per cent of one core."""
+MIN_DURATION_S, MAX_DURATION_S = 1.0, 86_400.0
+MIN_IMU_HZ, MAX_IMU_HZ = 1.0, 2000.0
 _WARM_UP_S = 3.0
-_PATIENCE_S = 60.0
+"""Time before the measurement in which kernels compile and caches fill, s."""
+_TIMEOUT_S = 60.0
 _MODULE = "adk_ros.bench.runtime.live"
+
+
+def check_live(duration_s: float, imu_hz: float) -> None:
+    """
+    Check the options and the installation, without doing any work.
+
+    :raises UsageError: a value out of range, or ROS 2 is not installed.
+    """
+    if not MIN_DURATION_S <= duration_s <= MAX_DURATION_S:
+        raise UsageError(
+            f"--duration {duration_s:g} is out of range: choose {MIN_DURATION_S:g} to"
+            f" {MAX_DURATION_S:g} s"
+        )
+    if not MIN_IMU_HZ <= imu_hz <= MAX_IMU_HZ:
+        raise UsageError(
+            f"--imu-hz {imu_hz:g} is out of range: choose {MIN_IMU_HZ:g} to {MAX_IMU_HZ:g} Hz"
+        )
+    if importlib.util.find_spec("rclpy") is None:
+        raise UsageError(
+            "adk bench live runs the ROS 2 node, and rclpy is not installed:"
+            " run `make install`, or source your ROS 2 installation"
+        )
 
 
 def bench_live(
@@ -49,14 +77,16 @@ def bench_live(
     progress: Callable[[float, float], None] | None = None,
 ) -> dict[str, Any]:
     """
-    Measure the node for `duration_s` after a warm-up of 3 s; return what can be written as JSON.
+    Measure the node for `duration_s` after a warm-up of 3 s; the result can be written as JSON.
 
     `latency_ms` has p50, p99 and max; `ticks`, `ticks_missed` (completed by the sensors, but
-    never predicted), `cpu_percent` of one core, `memory_growth_mb`, `targets_met`, and what the
-    node says of itself, under `node`.
+    never predicted), `cpu_percent` of one core, `memory_growth_mb`, `targets_met`, and under
+    `node` the values of the node's own diagnostics.
     :param progress: called about ten times a second with (seconds done, seconds in all).
+    :raises UsageError: as `check_live`.
     :raises DataError: the node did not start, or a part of the measurement failed.
     """
+    check_live(duration_s, imu_hz)
     total_s = duration_s + _WARM_UP_S
     rates = [str(total_s), str(imu_hz), str(odometry_hz), str(command_hz)]
     with ExitStack() as stack:
@@ -65,18 +95,18 @@ def bench_live(
         if method:
             arguments += ["-p", f"method:={method}"]
         node = _start(stack, folder, "adk_ros.ros.node", *arguments)
-        listener = _start(stack, folder, _MODULE, "listen", str(folder / "heard.npz"))
+        listener = _start(stack, folder, _MODULE, "listen", str(folder / "received.npz"))
         traffic = _start(stack, folder, _MODULE, "drive", str(folder / "sent.npz"), *rates)
         _await_line(traffic, "started", node, folder)
         cpu_percent, grown_mb = _watch(node, duration_s, progress)
-        if traffic.wait(_PATIENCE_S) or node.poll() is not None:
-            raise DataError(f"the measurement failed: {_last_words(folder)}")
+        if traffic.wait(_TIMEOUT_S) or node.poll() is not None:
+            raise DataError(f"the measurement failed: {_last_error(folder)}")
         time.sleep(1.5)
         listener.terminate()
-        if listener.wait(_PATIENCE_S):
-            raise DataError(f"the listener failed: {_last_words(folder)}")
-        sent, heard = np.load(folder / "sent.npz"), np.load(folder / "heard.npz")
-        result = _evaluate(sent, heard, round(_WARM_UP_S * 1e9))
+        if listener.wait(_TIMEOUT_S):
+            raise DataError(f"the listener failed: {_last_error(folder)}")
+        sent, received = np.load(folder / "sent.npz"), np.load(folder / "received.npz")
+        result = _evaluate(sent, received, round(_WARM_UP_S * 1e9))
     result["cpu_percent"] = round(cpu_percent, 2)
     result["memory_growth_mb"] = round(grown_mb, 2)
     result["duration_s"] = duration_s
@@ -90,7 +120,7 @@ def bench_live(
 
 
 def _start(stack: ExitStack, folder: Path, module: str, *arguments: str) -> subprocess.Popen[str]:
-    # A domain of its own: a robot on this network must not hear any of this.
+    # A separate domain, local only: a robot on this network must not receive any of this.
     environment = {
         **os.environ,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
@@ -130,11 +160,12 @@ def _await_line(
             if line.strip() == wanted:
                 return
             if not line:
-                raise DataError(f"the sensors found no node: {_last_words(folder)}")
-    raise DataError(f"the node ended with exit code {node.returncode}: {_last_words(folder)}")
+                raise DataError(f"the simulated sensors found no node: {_last_error(folder)}")
+    raise DataError(f"the node ended with exit code {node.returncode}: {_last_error(folder)}")
 
 
-def _last_words(folder: Path) -> str:
+def _last_error(folder: Path) -> str:
+    """Return the last line that a process wrote to stderr."""
     lines = [
         line for path in sorted(folder.glob("*.err")) for line in path.read_text().splitlines()
     ]
@@ -144,36 +175,37 @@ def _last_words(folder: Path) -> str:
 def _watch(
     node: subprocess.Popen[str], duration_s: float, progress: Callable[[float, float], None] | None
 ) -> tuple[float, float]:
-    """Return the per cent of a core that the node takes, once warm, and MB that it grows by."""
+    """Return the node's CPU load (per cent of a core) and memory growth (MB) after the warm-up."""
     process = psutil.Process(node.pid)
     time.sleep(_WARM_UP_S)
     before, begin_s = process.cpu_times(), time.monotonic()
-    held = process.memory_info().rss
+    rss_before = process.memory_info().rss
     while (done_s := time.monotonic() - begin_s) < duration_s - 0.2:
         if progress is not None:
             progress(done_s, duration_s)
         time.sleep(0.1)
     after = process.cpu_times()
     spent_s = after.user + after.system - before.user - before.system
-    grown_mb = (process.memory_info().rss - held) * 1e-6
+    grown_mb = (process.memory_info().rss - rss_before) * 1e-6
     return float(100.0 * spent_s / (time.monotonic() - begin_s)), float(grown_mb)
 
 
-def _evaluate(sent: Any, heard: Any, warm_up_ns: int) -> dict[str, Any]:
+def _evaluate(sent: Any, received: Any, warm_up_ns: int) -> dict[str, Any]:
+    """Return the statistics of the messages sent and the predictions received."""
     from_ns = int(sent["stamp_ns"][0]) + warm_up_ns
     latencies_ms, missed = latencies(
         sent["source"],
         sent["stamp_ns"],
         sent["values"],
         sent["published_ns"],
-        dict(zip(heard["stamp_ns"].tolist(), heard["arrival_ns"].tolist(), strict=True)),
+        dict(zip(received["stamp_ns"].tolist(), received["arrival_ns"].tolist(), strict=True)),
         from_ns,
     )
     if not len(latencies_ms):
         raise DataError("no prediction arrived at the listener")
     p50, p99, worst = np.percentile(latencies_ms, (50, 99, 100)).round(3).tolist()
     pauses_ns = np.diff(sent["published_ns"][sent["stamp_ns"] >= from_ns])
-    own = dict(zip(heard["keys"].tolist(), heard["shown"].tolist(), strict=True))
+    diagnostics = dict(zip(received["keys"].tolist(), received["shown"].tolist(), strict=True))
     kept = ("tick_p50_us", "tick_p99_us", "tick_max_us", "missed_deadlines", "internal_errors")
     return {
         "latency_ms": {"p50": p50, "p99": p99, "max": worst},
@@ -181,7 +213,7 @@ def _evaluate(sent: Any, heard: Any, warm_up_ns: int) -> dict[str, Any]:
         "ticks_missed": missed,
         "messages": len(sent["stamp_ns"]),
         "longest_pause_of_the_sensors_ms": round(float(pauses_ns.max()) * 1e-6, 3),
-        "node": {key: float(own[key]) for key in kept if key in own},
+        "node": {key: float(diagnostics[key]) for key in kept if key in diagnostics},
     }
 
 
@@ -194,10 +226,10 @@ def latencies(
     from_ns: int,
 ) -> tuple[NDArray[np.float64], int]:
     """
-    Return the latencies in ms, and how many ticks from `from_ns` on have no prediction.
+    Return the latencies, ms, and the number of ticks from `from_ns` on without a prediction.
 
-    :param source: rows of what was published, in order of publication; so the next three.
-    :param arrived_ns: time predicted for -> monotonic time of arrival.
+    :param source: of the published messages (n,), in order of publication; so the next three.
+    :param arrived_ns: time predicted for -> monotonic time of arrival, both ns.
     """
     aligner = Aligner()
     found, missed = [], 0
@@ -239,7 +271,7 @@ def _listen(path: str) -> None:
     from adk_ros.ros.echo import record, watch_diagnostics
 
     shown: dict[str, str] = {}
-    recording = record(wait_s=_PATIENCE_S, on_node=lambda node: watch_diagnostics(node, shown))
+    recording = record(wait_s=_TIMEOUT_S, on_node=lambda node: watch_diagnostics(node, shown))
     np.savez(
         path,
         stamp_ns=recording.stamp_ns,
@@ -250,6 +282,6 @@ def _listen(path: str) -> None:
 
 
 if __name__ == "__main__":
-    # What the measuring programs collect must not be taken for the node's latency.
+    # Garbage collection in the measuring processes must not count as the node's latency.
     gc.disable()
     {"drive": _drive, "listen": _listen}[sys.argv[1]](*sys.argv[2:])

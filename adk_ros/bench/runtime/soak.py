@@ -1,12 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A million ticks of a looped drive with faults injected: does anything grow, drift or go bad?
+Endurance test: a million ticks of a looped drive with faults injected at random.
 
-Faults come at random: fields that are NaN or infinite, duplicates, messages out of order, stray
-stamps from the future and the past, missing joints, topics that fall silent for seconds, a sensor
-that freezes, and, in the first half, a clock that jumps back. In the second half nothing resets
-the window, so that drift has the time to show.
+Checks memory growth, finite outputs and numerical drift of the online method. Faults: NaN and
+infinite fields, duplicates, messages out of order, stray stamps in the future and in the past,
+missing joints, topics silent for seconds, a frozen sensor, and, in the first half, a clock that
+jumps back. In the second half nothing resets the window, so that drift has time to accumulate.
 """
 
 from __future__ import annotations
@@ -29,36 +29,49 @@ from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.signals.channels import Source
 
+MIN_TICKS, MAX_TICKS = 1000, 10**10
+"""Below 1000 ticks (25 s) neither memory nor drift has time to grow."""
 _FAULT_SHARE = 2e-3
+"""Probability that a message carries a fault."""
 _SILENCE = 400
+"""Messages that a silent topic loses: 2 s of the IMU, 10 s of the commands."""
 _FREEZE = 400
+"""Messages for which a frozen sensor repeats its value."""
 _JUMP_S = 100
+"""Backward jump of the clock, s."""
+
+
+def check_soak(ticks: int) -> None:
+    """Raise `UsageError` for a number of ticks out of range."""
+    if ticks < MIN_TICKS:
+        raise UsageError(f"--ticks {ticks} is too few for anything to grow: at least {MIN_TICKS}")
+    if ticks > MAX_TICKS:
+        raise UsageError(f"--ticks {ticks} is too many: at most {MAX_TICKS}")
 
 
 def bench_soak(
     model_path: Path | None, ticks: int, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, Any]:
     """
-    Return what was found; `drift` is the largest difference of theta from a batch solution.
+    Run the test; `drift` is the largest difference of theta from the batch solution.
 
-    Memory is the resident set at a tenth of the run and at its end, in MiB.
-    :raises UsageError: too few ticks.
+    Memory is the resident set size after a tenth of the run and at its end, MiB.
+    :raises UsageError: as `check_soak`.
     """
-    if ticks < 1000:
-        raise UsageError(f"--ticks {ticks} is too few for anything to grow: at least 1000")
+    check_soak(ticks)
     model = bench_model(model_path)
     online = OnlineSettings("windowed", model.online.window, max(model.online.ridge, 1e-3))
     pipeline = Pipeline(model, PipelineSettings(online=online, horizon_steps=20))
     faults: Counter[str] = Counter()
-    feed = _faulty(simulated_messages(), pipeline, faults, ticks // 2)
+    feed = _with_faults(simulated_messages(), pipeline, faults, ticks // 2)
     process = psutil.Process(os.getpid())
-    bad = made = 0
+    not_finite = predictions = 0
     early = 0.0
     while pipeline.ticks < ticks:
         source, msg = next(feed)
         for prediction in pipeline.take(source, msg):
-            made += 1
-            bad += not _finite(prediction)
+            predictions += 1
+            not_finite += not _finite(prediction)
         if not early and pipeline.ticks >= ticks // 10:
             early = process.memory_info().rss / 2**20
         if progress is not None and pipeline.ticks % 1000 == 0:
@@ -67,8 +80,8 @@ def bench_soak(
     assert isinstance(method, WindowedRidge)
     return {
         "ticks": pipeline.ticks,
-        "predictions": made,
-        "not_finite": bad,
+        "predictions": predictions,
+        "not_finite": not_finite,
         "drift": float(np.abs(method.theta - method.batch_solution()).max()),
         "memory_early_mib": round(early, 1),
         "memory_end_mib": round(process.memory_info().rss / 2**20, 1),
@@ -88,9 +101,10 @@ def _finite(prediction: Prediction) -> bool:
     )
 
 
-def _faulty(
+def _with_faults(
     messages: list[Message], pipeline: Pipeline, faults: Counter[str], jumps_until: int
 ) -> Iterator[Message]:
+    """Yield messages with faults, counted in `faults`; clock jumps end at tick `jumps_until`."""
     random = np.random.default_rng(1)
     silent: dict[Source, int] = {}
     frozen: dict[Source, tuple[int, Any]] = {}

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""An endless drive for benchmarks: a simulated minute, looped with stamps that go on."""
+"""Endless message feed for benchmarks: one simulated minute, looped with advancing stamps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SOURCE = {topic: source for source, (topic, _) in TOPICS.items()}
 
 
 def simulated_messages(seconds: int = 60, seed: int = 7) -> list[Message]:
-    """Messages of a simulated drive in order of arrival: IMU 200 Hz, odometry 50, commands 40."""
+    """Simulate a drive; messages in order of arrival: IMU 200, odometry 50, command 40 Hz."""
     drive = simulate(load_scenario("handling"), seed=seed, duration_s=float(seconds))
     with tempfile.TemporaryDirectory() as folder:
         write_bag(drive, Path(folder) / "bag")
@@ -34,20 +34,20 @@ def simulated_messages(seconds: int = 60, seed: int = 7) -> list[Message]:
 
 
 def stamp_of(msg: Any) -> int:
-    """Header stamp in ns."""
+    """Return the header stamp, ns."""
     return int(msg.header.stamp.sec) * 10**9 + int(msg.header.stamp.nanosec)
 
 
 def endless(messages: list[Message]) -> Iterator[Message]:
     """
-    Yield the drive again and again, its stamps moved on by its own length each time.
+    Repeat the messages without end, with stamps that advance by the drive's length each time.
 
-    The messages' stamps are changed in place, so one feed at a time. The seam is a jump of the
-    vehicle's state in one tick: a hard, finite blow that the predictor has to take.
+    Stamps change in place, so only one feed may use `messages` at a time. Between repetitions the
+    vehicle state jumps within one tick: a large, finite disturbance for the predictor.
     """
     last = max(stamp_of(msg) for _, msg in messages)
     first = min(stamp_of(msg) for _, msg in messages)
-    # A whole number of ticks, the next one after the last message: no stamp comes twice.
+    # A whole number of ticks, past the last message: no stamp occurs twice.
     length_ns = ((last - first) // TICK_NS + 1) * TICK_NS
     while True:
         yield from messages
@@ -57,7 +57,7 @@ def endless(messages: list[Message]) -> Iterator[Message]:
 
 
 def bench_model(path: Path | None) -> KoopmanModel:
-    """Load `path`, or train a small model for the purpose."""
+    """Load `path`, or train a small temporary model."""
     if path is not None:
         return artefact.load(path).model
     with tempfile.TemporaryDirectory() as folder:
@@ -66,7 +66,7 @@ def bench_model(path: Path | None) -> KoopmanModel:
 
 
 def write_model(out: Path, progress: Callable[[int, int], None] | None = None) -> None:
-    """Train a small model (sizes as the default's, few steps) and write its artefact."""
+    """Train a model of the default size for few steps and write its folder `out`."""
     drive = simulate(load_scenario("town"), duration_s=120.0)
     settings = TrainSettings(steps=200, short_share=1.0, batch=128, validate_every=100)
 
