@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The run: drives made, everything trained and taken through every test, on so many processes."""
+"""Run the whole benchmark: simulate drives, train and evaluate all predictors, in parallel."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ KINDS: dict[str, Callable[[TrainingJob, BenchPlan, Path, NoteProgress], Outcome]
     "floor": training_jobs.floor_job,
     "naive": training_jobs.naive_job,
 }
-"""The longest first, so that no process is left with one at the end."""
+"""Job functions by kind, longest first: then no process is left with a long job at the end."""
 _POLL_S = 0.5
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
-_shares: Any = None
-"""In a worker: how far each job is, shared with the parent."""
+_progress: Any = None
+"""In a worker: completed fraction of each job, shared with the parent process."""
 
 
 @dataclass
 class Result:
-    """All that was measured; `without`: why the peers did not take part."""
+    """All measurements; `without`: why the baseline libraries did not take part."""
 
     board: ScoreTable
     recorded: RecordingScores | None
@@ -60,9 +60,10 @@ class Result:
 
 def check(plan: BenchPlan) -> None:
     """
-    Refuse what cannot be run, before hours are spent on it.
+    Check a plan before hours are spent on it.
 
-    :raises UsageError: an unknown test, no seeds, or the nominal drive is not among the tests.
+    :raises UsageError: an unknown test, seeds out of range, the nominal drive is not among the
+        tests, or a recording is missing or named like another.
     """
     unknown = [test for test in plan.tests if test not in TESTS]
     if unknown:
@@ -71,9 +72,14 @@ def check(plan: BenchPlan) -> None:
         raise UsageError(f"the test '{NOMINAL}' is part of every run: its drive is trained on")
     if not 1 <= plan.seeds <= 100:
         raise UsageError(f"--seeds is {plan.seeds}: choose 1 to 100")
+    names: dict[str, Path] = {}
     for path in plan.recordings:
         if not path.exists():
             raise UsageError(f"recording {path} does not exist")
+        # Results are reported by name.
+        if path.name in names:
+            raise UsageError(f"recordings {names[path.name]} and {path} have the same name")
+        names[path.name] = path
 
 
 def run_paper(
@@ -84,14 +90,14 @@ def run_paper(
     note: Note | None = None,
 ) -> Result:
     """
-    Run the whole plan; `folder` takes the drives and what the figures are drawn from.
+    Run the whole plan; drives and the data of the figures are written to `folder`.
 
-    `workers` processes of one thread each; 0 runs all in this one.
+    :param workers: processes of one thread each; 0 runs all jobs in this process.
     :raises UsageError, DataError: as `check`, training and recordings.
     """
     check(plan)
     started = time.monotonic()
-    without = "" if plan.peers else "they were not asked for (--no-peers)"
+    without = "" if plan.peers else "switched off (--no-peers)"
     if plan.peers:
         try:
             find_python()
@@ -101,12 +107,13 @@ def run_paper(
         note(f"without pykoop and pykoopman: {without}")
     drives = [TrainingJob("simulate", about=test) for test in plan.tests]
     after = planned(plan, not without)
-    pool = _Here(plan, folder) if workers == 0 else _Pool(plan, folder, workers)
+    jobs = max(len(drives), len(after))
+    pool = _InProcess(plan, folder) if workers == 0 else _Pool(plan, folder, workers, jobs)
     with pool:
         outcomes = pool.run(drives, "simulating", progress, note)
         outcomes += pool.run(after, "training and predicting", progress, note)
     board = ScoreTable()
-    # In the plan's order: seeds are told apart by it, and a report should not depend on luck.
+    # Sorted in the plan's order, which numbers the seeds and makes the report reproducible.
     order = {job: i for i, job in enumerate([*drives, *after])}
     outcomes.sort(key=lambda outcome: order[outcome.job])
     settings: dict[str, str] = {}
@@ -119,7 +126,7 @@ def run_paper(
             settings[f"{name}, {outcome.job.variant}"] = text
     failed = [outcome.failed for outcome in outcomes if outcome.failed]
     if failed:
-        # Both variants or none: half a comparison would be read as a whole one.
+        # Both variants or none: half a comparison would be misread as a complete one.
         without = failed[0]
         board.drop(PYKOOP, PYKOOPMAN)
         if note:
@@ -130,7 +137,7 @@ def run_paper(
 
 
 def planned(plan: BenchPlan, peers: bool) -> list[TrainingJob]:
-    """Everything but the drives, the longest first."""
+    """Return all jobs but the simulations, longest first."""
     result = []
     for kind in KINDS:
         if kind == "simulate" or (kind == "peers" and not peers):
@@ -147,17 +154,17 @@ def planned(plan: BenchPlan, peers: bool) -> list[TrainingJob]:
     return result
 
 
-class _Here:
-    """Runs jobs one after the other, in this process."""
+class _InProcess:
+    """Runs jobs one after the other in this process."""
 
     def __init__(self, plan: BenchPlan, folder: Path) -> None:
         self._plan, self._folder = plan, folder
 
-    def __enter__(self) -> _Here:
+    def __enter__(self) -> _InProcess:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Nothing is held."""
+        """Release nothing: there are no processes."""
 
     def run(
         self, todo: list[TrainingJob], what: str, progress: Progress | None, note: Note | None
@@ -166,44 +173,49 @@ class _Here:
         outcomes = []
         for number, job in enumerate(todo):
 
-            def tell(share: float, number: int = number, job: TrainingJob = job) -> None:
+            def report(share: float, number: int = number, job: TrainingJob = job) -> None:
                 if progress is not None:
                     progress(number + share, len(todo), f"{what}: {job.name}")
 
-            outcomes.append(KINDS[job.kind](job, self._plan, self._folder, tell))
+            outcomes.append(KINDS[job.kind](job, self._plan, self._folder, report))
+            report(1.0)
         return outcomes
 
 
-def _begin(shares: Any) -> None:
-    """Set up a worker."""
-    global _shares  # noqa: PLW0603 (how a worker is handed what cannot be sent later)
-    _shares = shares
+def _begin(fractions: Any) -> None:
+    """Set up a worker process."""
+    global _progress  # noqa: PLW0603 (shared memory reaches a worker only when it starts)
+    _progress = fractions
     begin_worker()
 
 
 def _work(number: int, job: TrainingJob, plan: BenchPlan, folder: Path) -> Outcome:
-    def tell(share: float) -> None:
-        _shares[number] = share
+    def report(share: float) -> None:
+        _progress[number] = share
 
     try:
-        return KINDS[job.kind](job, plan, folder, tell)
+        return KINDS[job.kind](job, plan, folder, report)
     except SystemExit:
-        # Told to end, and all is unwound; the executor would wait for the next job.
+        # SIGTERM: the job has cleaned up, but the executor would wait for the next one.
         os._exit(TERMINATED)
 
 
 class _Pool:
-    """Runs jobs on processes of one thread each, started afresh: torch does not survive a fork."""
+    """
+    Runs jobs on processes of one thread each, spawned: torch does not survive a fork.
 
-    def __init__(self, plan: BenchPlan, folder: Path, workers: int) -> None:
+    :param jobs: largest number of jobs in one `run`.
+    """
+
+    def __init__(self, plan: BenchPlan, folder: Path, workers: int, jobs: int) -> None:
         self._plan, self._folder, self._workers = plan, folder, workers
         context = multiprocessing.get_context("spawn")
-        self._shares = context.Array("d", 1000, lock=False)
+        self._progress = context.Array("d", jobs, lock=False)
         self._kept = {name: os.environ.get(name) for name in _THREADS}
         os.environ.update(dict.fromkeys(_THREADS, "1"))
         self._before = set(multiprocessing.active_children())
         self._executor = ProcessPoolExecutor(
-            workers, mp_context=context, initializer=_begin, initargs=(self._shares,)
+            workers, mp_context=context, initializer=_begin, initargs=(self._progress,)
         )
 
     def __enter__(self) -> _Pool:
@@ -217,16 +229,16 @@ class _Pool:
                 os.environ[name] = value
         if kind is not None:
             end_all(set(multiprocessing.active_children()) - self._before)
-        # To the end, even of a pool that is broken: its thread, still closing a pipe when the
-        # interpreter leaves, would leave a traceback.
+        # Wait even for a broken pool: its thread would otherwise print a traceback if it still
+        # closes a pipe when the interpreter exits.
         self._executor.shutdown(wait=True, cancel_futures=True)
 
     def run(
         self, todo: list[TrainingJob], what: str, progress: Progress | None, note: Note | None
     ) -> list[Outcome]:
-        """Run all of `todo`, telling how far it is; the first failure ends it."""
+        """Run all of `todo` and report the progress; the first failure ends the run."""
         for i in range(len(todo)):
-            self._shares[i] = 0.0
+            self._progress[i] = 0.0
         futures: dict[Future[Outcome], TrainingJob] = {
             self._executor.submit(_work, i, job, self._plan, self._folder): job
             for i, job in enumerate(todo)
@@ -241,12 +253,11 @@ class _Pool:
                     outcomes.append(future.result())
                 except BrokenProcessPool:
                     raise DataError(
-                        "a worker process was ended from outside, for lack of memory perhaps: "
-                        "try --jobs 1"
+                        "a worker process was killed, possibly for lack of memory: try --jobs 1"
                     ) from None
-                self._shares[numbers[futures[future]]] = 1.0
+                self._progress[numbers[futures[future]]] = 1.0
             if progress is not None:
                 running = [futures[f].name for f in futures if f in open_ones and f.running()]
-                done = sum(self._shares[: len(todo)])
+                done = sum(self._progress[: len(todo)])
                 progress(done, len(todo), f"{what}: {', '.join(running[: self._workers])}")
         return outcomes

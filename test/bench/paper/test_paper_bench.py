@@ -1,14 +1,16 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The run of the paper's tables: predictors under one contract, jobs, and all of it on little."""
+"""adk bench paper: predictors under one protocol, training jobs, and a run on short drives."""
 
 from __future__ import annotations
 
 import json
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,6 +43,8 @@ from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.signals.channels import Record
 from adk_ros.train.train_settings import TrainSettings
 
+pytestmark = pytest.mark.slow
+
 TINY = BenchPlan(
     quick=True, seeds=2, tests=("nominal", "slalom"), paper_epochs=1, paper_batch=256, stride=40,
     durations=Durations(train=60.0, test=8.0), peers=False,
@@ -52,23 +56,23 @@ TINY = BenchPlan(
 
 
 @pytest.mark.parametrize("make", [make_model, paper_model])
-def test_one_pass_gives_what_the_predictor_gives(make: Callable[[], KoopmanModel]) -> None:
-    heard = cases.noisy(record().rows(slice(0, 400)), 1)
-    rows, starts = cases.rows_of(heard, 50)
+def test_one_pass_equals_the_predictor(make: Callable[[], KoopmanModel]) -> None:
+    measured = cases.noisy(record().rows(slice(0, 400)), 1)
+    rows, starts = cases.rows_of(measured, 50)
     koopman = KoopmanPredictor("any", make())
-    passed = koopman.run(heard, rows, starts)
+    passed = koopman.run(measured, rows, starts)
     predictor = Predictor(koopman.model, horizon_steps=0)
     from adk_ros.model.evaluation import sample_at
 
     for row in range(int(starts[2]) + 1):
-        prediction = predictor.step(sample_at(heard, row))
+        prediction = predictor.step(sample_at(measured, row))
         if row in rows:
             assert prediction is not None
             np.testing.assert_array_equal(passed.one[row - rows[0]], prediction.x)
     row = int(starts[2])
-    ahead = predictor.rollout(heard.u[row : row + 80])
+    ahead = predictor.rollout(measured.u[row : row + 80])
     np.testing.assert_array_equal(passed.ahead[2], ahead)
-    np.testing.assert_array_equal(koopman.predict(heard, starts, 10), passed.ahead[:, :10])
+    np.testing.assert_array_equal(koopman.predict(measured, starts, 10), passed.ahead[:, :10])
     if len(koopman.model.horizon_covariance):
         assert passed.variance is not None
         table = predictor.horizon_covariance
@@ -77,22 +81,22 @@ def test_one_pass_gives_what_the_predictor_gives(make: Callable[[], KoopmanModel
         assert passed.variance is None
 
 
-def test_nothing_of_the_future_but_commands_enters() -> None:
-    heard = record().rows(slice(0, 400))
-    rows, starts = cases.rows_of(heard, 50)
+def test_predictions_use_no_future_data_but_commands() -> None:
+    measured = record().rows(slice(0, 400))
+    rows, starts = cases.rows_of(measured, 50)
     k = int(starts[3])
-    x = heard.x.copy()
+    x = measured.x.copy()
     x[k + 1 :] += 5.0
-    other = replace(heard, x=x, x_ref=x + 1.0)
+    other = replace(measured, x=x, x_ref=x + 1.0)
     koopman = KoopmanPredictor("any", make_model())
-    one, two = (koopman.run(item, rows, starts) for item in (heard, other))
+    one, two = (koopman.run(item, rows, starts) for item in (measured, other))
     before = rows <= k
     np.testing.assert_array_equal(one.one[before], two.one[before])
     np.testing.assert_array_equal(one.ahead[:4], two.ahead[:4])
     assert (one.ahead[4] != two.ahead[4]).any()
 
 
-def test_the_floor_of_a_clean_test_is_zero() -> None:
+def test_the_oracle_has_no_error_on_a_clean_test() -> None:
     driven = drive("town", 30.0)
     truth = driven.truth().rows(slice(400, None))
     rows, starts = cases.rows_of(truth, 100)
@@ -103,7 +107,7 @@ def test_the_floor_of_a_clean_test_is_zero() -> None:
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[runs.Result, Path, Path]:
-    """All of it, but for the identification of the physics model, which has tests of its own."""
+    """Run everything but the identification of the physics model, which has its own test."""
     folder = tmp_path_factory.mktemp("scratch")
     out = tmp_path_factory.mktemp("report")
     (out / "tables").mkdir()
@@ -114,16 +118,20 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[runs.Result, Path, P
 
         return SevenDof(load_vehicle("imdv"), mu, name)
 
-    told: list[tuple[float, float, str]] = []
+    calls: list[tuple[float, float, str]] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SevenDof, "tuned", staticmethod(tuned))
-        result = runs.run_paper(TINY, folder, 0, lambda *item: told.append(item))
-    assert told
-    assert all(0.0 <= share <= total for share, total, _ in told)
+        result = runs.run_paper(TINY, folder, 0, lambda *item: calls.append(item))
+    assert all(0.0 <= share <= total for share, total, _ in calls)
+    for phase in ("simulating", "training and predicting"):
+        completed = [(share, total) for share, total, text in calls if text.startswith(phase)]
+        shares = [share for share, _ in completed]
+        assert shares == sorted(shares)
+        assert completed[-1][0] == completed[-1][1]
     return result, folder, out
 
 
-def test_everybody_is_scored_on_every_test(done: tuple[runs.Result, Path, Path]) -> None:
+def test_every_predictor_is_scored_on_every_test(done: tuple[runs.Result, Path, Path]) -> None:
     board = done[0].board
     expected = [name for name in ORDER if name not in (PYKOOP, PYKOOPMAN)]
     assert board.names() == expected
@@ -143,14 +151,14 @@ def test_everybody_is_scored_on_every_test(done: tuple[runs.Result, Path, Path])
     np.testing.assert_array_less(board.rmse(CLEAN, "nominal", NAIVE[0])[0], noisy)
 
 
-def test_the_report_stands_by_itself(done: tuple[runs.Result, Path, Path]) -> None:
+def test_the_report_is_self_contained(done: tuple[runs.Result, Path, Path]) -> None:
     result, folder, out = done
     report = write_report(result, TINY, folder, out)
     page = report.page.read_text()
     assert page.count("<img") == page.count("data:image/png;base64,") == 4
     assert "http" not in page.split("<body>")[1]
     for word in ("Table 4, clean", "Table 8, noisy", "slalom, noisy: RMSE", "geometric-mean",
-                 "holds", "they were not asked for", "trial run"):  # fmt: skip
+                 "holds", "switched off (--no-peers)", "trial run"):  # fmt: skip
         assert word in page, word
     for test in ("mountain", "winter"):
         assert f"horizon_{test}" not in page
@@ -165,7 +173,9 @@ def test_the_report_stands_by_itself(done: tuple[runs.Result, Path, Path]) -> No
     assert report.times.rows[-1][0] == "all, one after the other"
 
 
-def test_failing_peers_do_not_end_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_baseline_library_does_not_end_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(train: list[Record], scratch: Path) -> None:
         raise DataError("the peers failed: LinAlgError")
 
@@ -187,34 +197,87 @@ def test_failing_peers_do_not_end_the_run(tmp_path: Path, monkeypatch: pytest.Mo
     assert not result.board.has(PYKOOP)
 
 
-def test_without_their_environment_the_peers_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_baseline_libraries_are_left_out() -> None:
     plan = replace(TINY, peers=True)
     assert [job for job in runs.planned(plan, True) if job.kind == "peers"]
     assert not [job for job in runs.planned(plan, False) if job.kind == "peers"]
     assert sum(job.kind == "default" for job in runs.planned(plan, True)) == 4
 
 
-def test_processes_do_the_same(done: tuple[runs.Result, Path, Path], tmp_path: Path) -> None:
+def test_worker_processes_give_the_same_result(
+    done: tuple[runs.Result, Path, Path], tmp_path: Path
+) -> None:
     drives = [TrainingJob("simulate", about=test) for test in TINY.tests]
-    with runs._Pool(TINY, tmp_path, 2) as pool:
-        pool.run(drives, "simulating", None, None)
+    calls: list[tuple[float, float, str]] = []
+    with runs._Pool(TINY, tmp_path, 2, len(drives)) as pool:
+        pool.run(drives, "simulating", lambda *item: calls.append(item), None)
+        assert calls[-1][:2] == (2.0, 2)
         (outcome,) = pool.run([TrainingJob("naive", NOISY)], "predicting", None, None)
     for test, name, item in outcome.scores:
         expected = done[0].board.rmse(NOISY, test, name)
         np.testing.assert_array_equal(item.rmse, expected)
 
 
-def test_a_failure_in_a_process_is_told_at_once(tmp_path: Path) -> None:
+def test_progress_covers_more_than_a_thousand_jobs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The shared progress table has an entry for every job, however many seeds a plan has."""
+    plan = replace(TINY, seeds=100, recordings=tuple(tmp_path / f"bag_{i}" for i in range(12)))
+    plan = replace(plan, quick=False)
+    jobs = runs.planned(plan, peers=True)
+    assert len(jobs) > 1000
+
+    class Immediate:
+        """An executor that runs every job at once, in this process."""
+
+        def __init__(
+            self, workers: int, mp_context: object, initializer: object, initargs: tuple[Any]
+        ):
+            runs._progress = initargs[0]
+
+        def submit(self, work: Callable[..., Outcome], *arguments: Any) -> Future[Outcome]:
+            future: Future[Outcome] = Future()
+            future.set_result(work(*arguments))
+            return future
+
+        def shutdown(self, **_: bool) -> None:
+            """Nothing runs."""
+
+    def reporting(
+        job: TrainingJob, plan: BenchPlan, folder: Path, report: Callable[[float], None]
+    ) -> Outcome:
+        report(0.5)
+        return Outcome(job)
+
+    monkeypatch.setattr(runs, "ProcessPoolExecutor", Immediate)
+    for kind in runs.KINDS:
+        monkeypatch.setitem(runs.KINDS, kind, reporting)
+    calls: list[tuple[float, float, str]] = []
+    with runs._Pool(plan, tmp_path, 2, len(jobs)) as pool:
+        outcomes = pool.run(jobs, "training", lambda *item: calls.append(item), None)
+    assert len(outcomes) == len(jobs)
+    assert calls[-1][:2] == (len(jobs), len(jobs))
+
+
+def test_recordings_of_one_name_are_refused(tmp_path: Path) -> None:
+    paths = (tmp_path / "a" / "bag", tmp_path / "b" / "bag")
+    for path in paths:
+        path.mkdir(parents=True)
+    with pytest.raises(UsageError, match="have the same name"):
+        runs.check(replace(TINY, recordings=paths))
+
+
+def test_a_failure_in_a_worker_ends_the_run_at_once(tmp_path: Path) -> None:
     started = time.monotonic()
     with (
         pytest.raises(UsageError, match="no_such"),
-        runs._Pool(TINY, tmp_path, 1) as pool,
+        runs._Pool(TINY, tmp_path, 1, 1) as pool,
     ):
         pool.run([TrainingJob("simulate", about="no_such")], "simulating", None, None)
     assert time.monotonic() - started < 60.0
 
 
-def test_recordings_are_found_and_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recordings_are_found_and_scored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = bag("town", 30.0), bag("handling", 30.0, imu=False)
     folder = tmp_path / "recordings"
     folder.mkdir()
@@ -246,9 +309,9 @@ def test_recordings_are_found_and_judged(tmp_path: Path, monkeypatch: pytest.Mon
         assert np.isfinite(table).all()
 
 
-def test_real_recordings_are_scored_as_arithmetic_says() -> None:
+def test_a_tenth_of_the_naive_error_scores_a_tenth() -> None:
     class Right:
-        """Knows the measurement, and adds a tenth of persistence's error."""
+        """Predicts the measurement plus a tenth of the error of persistence."""
 
         def predict(self, item: Record, rows: IntArray, ahead: int) -> FloatArray:
             future = item.x_ref[rows[:, None] + np.arange(1, ahead + 1)]
@@ -268,8 +331,8 @@ def test_real_recordings_are_scored_as_arithmetic_says() -> None:
         (["--jobs", "0"], "--jobs is 0: choose 1 to 64"),
         (["--epochs", "0"], "--epochs is 0: choose 1 to 1000000"),
         (["--steps", "0"], "steps is 0"),
-        (["--recordings", "no/such"], "--recordings no/such is no folder"),
-        (["--out", "setup.py"], "setup.py is no folder"),
+        (["--recordings", "no/such"], "--recordings no/such is not a folder"),
+        (["--out", "setup.py"], "setup.py is not a folder"),
     ],
 )
 def test_wrong_requests_are_refused(
@@ -279,7 +342,7 @@ def test_wrong_requests_are_refused(
 
 
 @pytest.mark.parametrize("as_json", [False, True])
-def test_the_verb_prints_a_line_a_bar(
+def test_the_command_prints_one_line_per_criterion(
     done: tuple[runs.Result, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str], as_json: bool,
 ) -> None:  # fmt: skip
@@ -308,11 +371,11 @@ def test_the_verb_prints_a_line_a_bar(
         return
     printed = lines(said.out)
     assert all(line.split()[0] in ("PASS", "FAIL", "INFO") for line in printed)
-    assert "FAIL ahead-of-pykoop not measured: they were not asked for (--no-peers)" in printed
+    assert "FAIL ahead-of-pykoop not measured: switched off (--no-peers)" in printed
     assert "FAIL av21 not measured: give --recordings DIR" in printed
     assert any("default clean seed 1" in line for line in lines(said.err))
 
 
-def test_tuned_is_under_the_tables_name() -> None:
+def test_table_names_are_in_the_table_order() -> None:
     assert MF_TUNED in ORDER
     assert set(NAIVE) < set(ORDER)
