@@ -1,3 +1,3 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Deep Koopman model: what training yields, and its predictor."""
+"""Deep Koopman model, its predictor, and model folders on disk."""

@@ -1,13 +1,14 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A trained model on disk: a folder with a manifest, an encoder and arrays, each held to its hash.
+Model folders: save, check and load a trained model.
 
-    manifest.json   what it is, for people and for the checks below; SHA-256 of the other files
-    encoder.pt      TorchScript program (read by torch's own loader, which runs no Python pickle)
+    manifest.json   description, settings, and SHA-256 of the other files
+    encoder.pt      TorchScript program (torch's own loader, which runs no Python pickle)
     arrays.npz      scaling, [A0 B0 c0], gains, horizon covariances (numpy, pickle refused)
 
-A folder that does not fit this code, this grid, these channels or its own hashes is refused.
+A folder of another version, time grid or channel set, or with other hashes than its manifest
+says, is refused.
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ CHANNELS = {
     "state": dict(zip(STATE_NAMES, STATE_UNITS, strict=True)),
     "input": dict(zip(INPUT_NAMES, INPUT_UNITS, strict=True)),
 }
+# Names in model folders, which stay: `held_covariance` is `KoopmanModel.held_input_covariance`,
+# `usual_change` is `KoopmanModel.mean_square_change`.
 _ARRAYS = (
     "x_mean",
     "x_scale",
@@ -57,7 +60,7 @@ MANIFEST, ENCODER, ARRAYS = "manifest.json", "encoder.pt", "arrays.npz"
 
 @dataclass(frozen=True)
 class Artefact:
-    """A loaded model and its manifest."""
+    """A loaded model, its manifest, and the folder it comes from."""
 
     model: KoopmanModel
     manifest: dict[str, Any]
@@ -66,11 +69,11 @@ class Artefact:
 
 def save(folder: Path, program: bytes, model: KoopmanModel, facts: dict[str, Any]) -> None:
     """
-    Write the artefact as one whole: the folder appears when all of it is there, or not at all.
+    Write a model folder. It appears complete or not at all.
 
-    :param program: the TorchScript encoder. :param facts: what the trainer has to say (data,
-        seeds, scores), JSON-able, kept under "training".
-    :raises UsageError: `folder` exists and is not an artefact, or cannot be written.
+    :param program: the TorchScript encoder. :param facts: what the trainer records (data, seeds,
+        scores), JSON-serialisable, stored under "training".
+    :raises UsageError: `folder` exists and is not a model folder, or cannot be written.
     """
     check_target(folder)
     arrays = _pack(model)
@@ -103,26 +106,26 @@ def save(folder: Path, program: bytes, model: KoopmanModel, facts: dict[str, Any
 
 def _write_whole(folder: Path, contents: dict[str, bytes]) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
-    whole = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    complete = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         for name, content in contents.items():
-            (whole / name).write_bytes(content)
-        whole.chmod(0o755)
+            (complete / name).write_bytes(content)
+        complete.chmod(0o755)
         if folder.exists():
-            # The manifest comes last; until then the old one's hashes refuse the mixture.
+            # The manifest is last: until then, the old one's hashes refuse a mixture of files.
             for name in contents:
-                os.replace(whole / name, folder / name)
+                os.replace(complete / name, folder / name)
         else:
-            os.rename(whole, folder)
+            os.rename(complete, folder)
     finally:
-        shutil.rmtree(whole, ignore_errors=True)
+        shutil.rmtree(complete, ignore_errors=True)
 
 
 def check_target(folder: Path) -> None:
     """
-    Refuse a place where `save` would fail, or destroy something that is no model.
+    Check that `save` can write `folder` without replacing something that is not a model.
 
-    :raises UsageError: `folder` exists and is not an artefact, or cannot be made.
+    :raises UsageError: `folder` exists and is not a model folder, or cannot be created.
     """
     try:
         place = folder
@@ -132,9 +135,9 @@ def check_target(folder: Path) -> None:
     except OSError as error:
         raise UsageError(f"model {folder} cannot be written: {error.strerror}") from None
     if place == folder and not _is_model(folder):
-        raise UsageError(f"{folder} exists and is no model: choose another --out or remove it")
+        raise UsageError(f"{folder} exists and is not a model: choose another --out or remove it")
     if not writable:
-        raise UsageError(f"model {folder} cannot be written: {place} is no writable folder")
+        raise UsageError(f"model {folder} cannot be written: {place} is not a writable folder")
 
 
 def _is_model(folder: Path) -> bool:
@@ -147,10 +150,10 @@ def _is_model(folder: Path) -> bool:
 
 def load(folder: Path) -> Artefact:
     """
-    Load and check an artefact.
+    Load and check a model folder.
 
-    :raises UsageError: it is not there, truncated, altered, of another version, or made for other
-        channels, another grid or another reference point; the text says which.
+    :raises UsageError: it is missing, truncated, altered, of another version, or made for other
+        channels, another time grid or another reference point; the message says which.
     """
     manifest = read_manifest(folder)
     program = _checked_bytes(folder, ENCODER, manifest)
@@ -159,7 +162,7 @@ def load(folder: Path) -> Artefact:
         with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
             arrays = {name: np.asarray(stored[name], dtype=np.float64) for name in _ARRAYS}
     except Exception as error:
-        # The readers of zip and npy raise a dozen kinds, down to MemoryError and TokenError.
+        # The zip and npy readers raise a dozen types, MemoryError and TokenError included.
         raise UsageError(f"{folder / ARRAYS} is not readable ({error}): train again") from None
     history, n_z = manifest["history"], manifest["lifted_size"]
     _check_arrays(folder, arrays, n_z, manifest["affine"])
@@ -183,9 +186,9 @@ def load(folder: Path) -> Artefact:
 
 def read_manifest(folder: Path) -> dict[str, Any]:
     """
-    Return the manifest, checked against what this code can run.
+    Return the manifest after checking that this version can run the model.
 
-    :raises UsageError: as `load`, for all that the manifest alone tells.
+    :raises UsageError: as `load`, as far as the manifest alone shows.
     """
     path = folder / MANIFEST
     if not folder.is_dir():
@@ -193,7 +196,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     try:
         manifest = json.loads(path.read_bytes())
     except FileNotFoundError:
-        raise UsageError(f"{folder} holds no {MANIFEST}: it is not a model folder") from None
+        raise UsageError(f"{folder} contains no {MANIFEST}: it is not a model folder") from None
     except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"{path} is not readable as JSON ({error}): train again") from None
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
@@ -207,8 +210,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     for key, value in wanted.items():
         if manifest.get(key) != value:
             raise UsageError(
-                f"{path}: {key} is {json.dumps(manifest.get(key))}, this program runs "
-                f"{json.dumps(value)}: train the model anew with this version"
+                f"{path}: {key} is {json.dumps(manifest.get(key))}, this version requires "
+                f"{json.dumps(value)}: train the model again with this version"
             )
     kinds = {
         "history": int,
@@ -227,7 +230,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if not (0 <= manifest["history"] <= 40 and 4 <= manifest["lifted_size"] <= 200):
         raise UsageError(f"{path}: history or lifted_size is out of range")
     if not manifest["relift"] and (manifest["residual"] or manifest["affine"]):
-        raise UsageError(f"{path}: without 'relift' a model is neither residual nor affine")
+        raise UsageError(f"{path}: a model without 'relift' must not be residual or affine")
     _check_online(path, manifest["online"])
     return manifest
 
@@ -235,9 +238,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 def _check_online(path: Path, online: dict[str, Any]) -> None:
     kinds = {item.name: type(item.default) for item in fields(OnlineSettings)}
     if set(online) != set(kinds):
-        raise UsageError(f"{path}: 'online' must hold just {', '.join(sorted(kinds))}")
+        raise UsageError(f"{path}: 'online' must contain exactly {', '.join(sorted(kinds))}")
     for key, kind in kinds.items():
-        # A person may well write 100 for 100.0.
+        # An integer is accepted for a float: 100 for 100.0.
         if type(online[key]) is not kind and not (kind is float and type(online[key]) is int):
             raise UsageError(f"{path}: '{key}' of 'online' is not of type {kind.__name__}")
 
@@ -269,8 +272,8 @@ def _checked_bytes(folder: Path, name: str, manifest: dict[str, Any]) -> bytes:
         raise UsageError(f"{path} cannot be read ({error.strerror}): train again") from None
     if _hash(content) != manifest["sha256"].get(name):
         raise UsageError(
-            f"{path} does not have the hash in {MANIFEST}: it is truncated, altered or of another "
-            "training; copy the folder again as a whole"
+            f"{path} does not match its hash in {MANIFEST}: it is truncated, altered or of "
+            "another training; copy the whole folder again"
         )
     return content
 
@@ -287,20 +290,20 @@ def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine:
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise UsageError(
-                f"{folder / ARRAYS}: {name} has shape {arrays[name].shape}, the manifest asks for "
+                f"{folder / ARRAYS}: {name} has shape {arrays[name].shape}, the manifest requires "
                 f"{shape}"
             )
     covariance = arrays["horizon_covariance"]
     if covariance.ndim != 3 or covariance.shape[1:] != (3, 3):
         raise UsageError(f"{folder / ARRAYS}: horizon_covariance has shape {covariance.shape}")
-    held = arrays["held_covariance"]
-    if held.size and held.shape != covariance.shape:
-        raise UsageError(f"{folder / ARRAYS}: held_covariance has shape {held.shape}")
-    usual = arrays["usual_change"]
-    if usual.size and usual.shape != covariance.shape[:2]:
-        raise UsageError(f"{folder / ARRAYS}: usual_change has shape {usual.shape}")
+    for name, shape in (
+        ("held_covariance", covariance.shape),
+        ("usual_change", covariance.shape[:2]),
+    ):
+        if arrays[name].size and arrays[name].shape != shape:
+            raise UsageError(f"{folder / ARRAYS}: {name} has shape {arrays[name].shape}")
     for name, array in arrays.items():
         if not np.isfinite(array).all():
-            raise UsageError(f"{folder / ARRAYS}: {name} holds values that are not finite")
+            raise UsageError(f"{folder / ARRAYS}: {name} contains values that are not finite")
         if name.endswith("_scale") and not (array > 0.0).all():
-            raise UsageError(f"{folder / ARRAYS}: {name} holds a scale that is not positive")
+            raise UsageError(f"{folder / ARRAYS}: {name} contains a scale that is not positive")

@@ -1,11 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A model's errors on a record, as the vehicle would have met them.
+Rollouts of a model along a record, with the errors that the vehicle would have seen.
 
-Folds `Predictor.step` over the samples, adaptation included, and from chosen rows rolls the model
-out under the commands that the record knows. Nothing after a row enters its prediction but those
-commands.
+The predictor steps through the samples, adaptation included, and is rolled out from chosen rows
+under the recorded commands. Of the data after a row, only those commands enter its prediction.
 """
 
 from __future__ import annotations
@@ -23,15 +22,19 @@ from adk_ros.signals.channels import Record, Sample
 from adk_ros.signals.score import scorable_rows
 
 WARM_UP_STEPS = 2000
-"""Samples before a scored stretch that the predictor may adapt on: 50 s, past data only."""
+"""
+Samples before a scored row on which the predictor adapts: 50 s, the window of the default online
+method, so that its window is full.
+"""
 
 
 @dataclass(frozen=True)
 class Rollouts:
     """
-    Predictions (n, ahead, 3) made at `rows` (n,) of `record` in SI units under known commands.
+    Predictions made at `rows` (n,) of `record`, SI.
 
-    `held` (n, ahead, 3): the same under commands held from the row on, as the node publishes them.
+    `predicted` (n, ahead, 3): under known commands; `held_input_predictions` (n, ahead, 3): with
+    the commands held constant from the row on, as the node publishes them.
     """
 
     record: Record
@@ -41,7 +44,7 @@ class Rollouts:
 
 
 def sample_at(record: Record, row: int) -> Sample:
-    """The record's row as the sample it came from."""
+    """Return a row of the record as the sample that it was made from."""
     x, u, a = record.x[row], record.u[row], record.a[row]
     return Sample(
         int(record.stamp_ns[row]),
@@ -63,10 +66,12 @@ def rollout_record(
     progress: Callable[[int, int], None] | None = None,
 ) -> Rollouts:
     """
-    Predict from every `stride`-th row at which the measurements ahead are known.
+    Predict from every `stride`-th row that has `ahead` measurements after it.
 
-    `scored` (n,) limits the rows scored (and their whole horizon); up to 20 s before each scored
-    stretch are run through for adaptation. `min_history` keeps the rows the same for all models.
+    `scored` (n,) restricts the rows and their whole horizons. The predictor adapts on up to
+    `WARM_UP_STEPS` samples before each. `min_history`: past samples required of a row, so that
+    models of different history are scored on the same rows. `progress(done, total)` counts
+    samples.
     """
     history = max(model.history, min_history)
     rows = scorable_rows(record, history, ahead)
@@ -78,7 +83,7 @@ def rollout_record(
     wanted[rows] = True
     needed = _rows_to_simulate(rows, len(record))
     predictor = Predictor(model, online, horizon_steps=ahead)
-    kept, predicted, held = [], [], []
+    kept, predicted, held_input = [], [], []
     last = -2
     todo = np.flatnonzero(needed)
     for done, row in enumerate(todo):
@@ -87,11 +92,10 @@ def rollout_record(
         if row != last + 1:
             predictor.reset()
         last = int(row)
-        predictor.horizon_steps = ahead if wanted[row] else 0
-        prediction = predictor.step(sample_at(record, last))
+        prediction = predictor.step(sample_at(record, last), with_horizon=bool(wanted[row]))
         if wanted[row] and prediction is not None:
             kept.append(last)
-            held.append(prediction.horizon)
+            held_input.append(prediction.horizon)
             predicted.append(predictor.rollout(record.u[last : last + ahead]))
     if progress is not None:
         progress(len(todo), len(todo))
@@ -99,12 +103,12 @@ def rollout_record(
         record,
         np.array(kept, dtype=np.int64),
         np.array(predicted).reshape(-1, ahead, 3),
-        np.array(held).reshape(-1, ahead, 3),
+        np.array(held_input).reshape(-1, ahead, 3),
     )
 
 
 def _rows_to_simulate(rows: IntArray, n: int) -> BoolArray:
-    """Rows to run through: the scored ones and what comes before them."""
+    """Return a mask (n,) of the scored rows and the warm-up samples before them."""
     change = np.zeros(n + 1, dtype=np.int64)
     np.add.at(change, np.maximum(rows - WARM_UP_STEPS, 0), 1)
     np.add.at(change, rows + 1, -1)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a model is: all that training yields and a predictor needs. No clock, no files, no ROS."""
+"""The deep Koopman model that training produces and the predictor runs."""
 
 from __future__ import annotations
 
@@ -18,14 +18,16 @@ from adk_ros.numerics.arrays import FloatArray
 @dataclass(frozen=True)
 class KoopmanModel:
     """
-    What training yields, all that a predictor needs.
+    A trained model.
 
-    `theta0` (n_z, n_phi): offline [A0 B0 c0] (`affine`) or [A0 B0]; in the residual form its rows
-    give increments, the state's in units of `scaling.step_scale`. `horizon_covariance`
-    (steps, 3, 3): error covariance in SI units by horizon, on data not trained on, and
-    `usual_change` (steps, 3) the mean square change of the state over it; both empty where there
-    are none. `held_covariance`: as the former, under held commands; if empty, that one serves.
-    `relift`: lift anew at each step of a roll-out, else stay in the lifted space.
+    `theta0` (n_z, n_phi): offline [A0 B0 c0] (`affine`) or [A0 B0]. In the `residual` form its
+    rows predict increments, those of the state in units of `scaling.step_scale`. `history`: past
+    samples. `relift`: lift anew at each step of a rollout; otherwise the rollout stays in the
+    lifted space.
+
+    By horizon step, SI, on validation data: `horizon_covariance` (steps, 3, 3), error covariance
+    under known commands; `held_input_covariance` (steps, 3, 3), under constant commands;
+    `mean_square_change` (steps, 3) of the state. Each is empty if unknown.
     """
 
     lifting: Lifting
@@ -44,5 +46,5 @@ class KoopmanModel:
 
     @property
     def n_z(self) -> int:
-        """Size of the lifted state."""
+        """Return the size of the lifted state."""
         return int(self.theta0.shape[0])

@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Message in, predictions out: decode -> align -> predict, one object for node, replay and bench.
+Message in, predictions out: decode -> align -> predict.
 
-What the live node publishes and what a replay of its bag yields are the same because they are
-these same lines; the node adds nothing to the numbers.
+The live node, the replay and the benchmarks run this same code, so a replay of a bag reproduces
+what the live node published.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.align import Aligner
-from adk_ros.signals.channels import Flag, Reading, Sample, Source
+from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample, Source
 from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
 from adk_ros.signals.plausibility import Plausibility
 
+_TICK_S = TICK_NS * 1e-9
 _RESTART = int(Flag.RESTART)
 _ODOMETRY = Source.ODOMETRY
 
@@ -29,9 +30,12 @@ _ODOMETRY = Source.ODOMETRY
 @dataclass(frozen=True)
 class PipelineSettings:
     """
-    Everything about a pipeline but the model.
+    Settings of a pipeline apart from the model.
 
-    `online`: None takes the settings that the model was validated with. Times in seconds.
+    `online`: settings of the online method; None: the model's own. `horizon_steps`: of 25 ms.
+    Times in seconds: an odometry gap longer than `odometry_timeout_s` is coasted for up to
+    `max_coast_s`; a repeated reading counts as frozen after `frozen_after_s`; a stream is waited
+    for up to `max_wait_s`.
     """
 
     sensors: SensorConfig = field(default_factory=SensorConfig)
@@ -45,10 +49,10 @@ class PipelineSettings:
 
 class Pipeline:
     """
-    Folds messages into predictions and keeps count of what happened on the way.
+    Turns messages into predictions and counts events.
 
-    `last_sample` and `last_prediction` are the newest;
-    `predictor`, `aligner`, `decoder`, `plausibility` are open to be looked at by diagnostics.
+    `last_sample` and `last_prediction` are the newest. Diagnostics read `predictor`, `aligner`,
+    `decoder` and `plausibility`.
     """
 
     def __init__(self, model: KoopmanModel, settings: PipelineSettings | None = None) -> None:
@@ -64,10 +68,10 @@ class Pipeline:
             model,
             settings.online,
             horizon_steps=settings.horizon_steps,
-            max_coast_steps=round(settings.max_coast_s / 0.025),
+            max_coast_steps=round(settings.max_coast_s / _TICK_S),
         )
         self.plausibility = Plausibility()
-        # By number: a source as a key would be hashed in Python, eight times a tick.
+        # A list: an enum as dictionary key is hashed in Python, eight times per tick.
         self._received = [0] * len(Source)
         self.ticks = 0
         self.restarts = 0
@@ -76,11 +80,11 @@ class Pipeline:
 
     @property
     def received(self) -> Counter[Source]:
-        """Messages taken, by source."""
+        """Number of messages by source."""
         return Counter({s: n for s, n in zip(Source, self._received, strict=True) if n})
 
     def take(self, source: Source, msg: Any) -> list[Prediction]:
-        """Take a message; return the predictions of the ticks that it completed, often none."""
+        """Take a message; return the predictions of the ticks that it completes, often none."""
         self._received[source] += 1
         try:
             reading = self.decoder.decode(source, msg)
@@ -89,18 +93,18 @@ class Pipeline:
         return self.take_reading(reading)
 
     def take_reading(self, reading: Reading) -> list[Prediction]:
-        """Take a reading that has been decoded already."""
+        """Take a decoded reading; return as `take`."""
         if reading.source is _ODOMETRY:
             self.plausibility.see(reading)
         samples = self.aligner.push(reading)
         return self._predict(samples) if samples else []
 
     def advance(self, now_ns: int) -> list[Prediction]:
-        """Let the clock complete ticks, see `Aligner.advance`."""
+        """Complete the ticks that are due at `now_ns`; see `Aligner.advance`."""
         return self._predict(self.aligner.advance(now_ns))
 
     def reset(self) -> None:
-        """Forget samples and adaptation, keep the counts."""
+        """Forget samples and adaptation; keep the counts."""
         self.decoder.reset()
         self.aligner.reset()
         self.predictor.reset()

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a tick of the predictor yields."""
+"""Result of one tick of the predictor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from adk_ros.numerics.arrays import FloatArray
 
 
 class Status(Enum):
-    """What a tick yielded."""
+    """Why a tick has a prediction, or has none."""
 
     PREDICTED = "predicted"
     WARMING_UP = "warming up"
@@ -23,9 +23,9 @@ class Prediction(NamedTuple):
     """
     The state predicted one tick ahead, at `stamp_ns`, from the sample at `origin_ns`.
 
-    `x` (3,), `covariance` (3, 3), `horizon` (steps, 3) and its `horizon_covariance` (steps, 3, 3),
-    all SI; `innovation` (3,) is measured less predicted for the sample just taken, NaN where no
-    prediction was made for it.
+    `x` (3,), `covariance` (3, 3), `horizon` (steps, 3) and its `horizon_covariance` (steps, 3,
+    3), all SI. `innovation` (3,): measured minus predicted state of the present sample, NaN if
+    there was no prediction for it.
     """
 
     origin_ns: int

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What all verbs have in common: help, refusals in one line, exit codes, completion, pipes."""
+"""Behaviour common to all verbs: help, one-line errors, exit codes, completion, pipes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ADK = "import sys; sys.argv[0] = 'adk'; from adk_ros.cli.main import main; sys.e
 
 
 def adk(*arguments: str, **keywords) -> subprocess.CompletedProcess[str]:
-    """`adk` in a process of its own, as a shell runs it."""
+    """Run `adk` in a process of its own, as a shell does."""
     return subprocess.run(
         [sys.executable, "-c", ADK, *arguments], text=True, timeout=120, check=False,
         stdin=subprocess.DEVNULL, **keywords,
@@ -37,37 +37,60 @@ def adk(*arguments: str, **keywords) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("option", ["--help", "-h"])
 def test_help_has_an_example(capsys, verb: list[str], option: str) -> None:
     assert main([*verb, option]) == 0
-    said = capsys.readouterr()
-    assert said.err == ""
-    text = " ".join(said.out.split())
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    text = " ".join(printed.out.split())
     assert f"Example: adk {' '.join(verb)}" in text
-    # Each option says what it is for.
-    for line in re.findall(r"(?m)^  --[a-z-]+ <[a-z]+>[ ]*(.*)$", said.out):
-        assert re.match(r"[a-zA-Z']", line), said.out
+    # Every option has a help text.
+    for line in re.findall(r"(?m)^  --[a-z-]+ <[a-z]+>[ ]*(.*)$", printed.out):
+        assert re.match(r"[a-zA-Z']", line), printed.out
 
 
-def test_help_of_all_names_each_verb_in_a_whole_sentence(capsys) -> None:
+def test_help_describes_each_verb_in_a_complete_sentence(capsys) -> None:
     assert main(["--help"]) == 0
-    said = capsys.readouterr().out
+    text = capsys.readouterr().out
     for verb in (*VERBS, "bench"):
-        assert re.search(rf"(?m)^  {verb} +[A-Z].*\.$", said), verb
-    assert "..." not in said.replace("[ARGS]...", "")
+        assert re.search(rf"(?m)^  {verb} +[A-Z].*\.$", text), verb
+    assert "..." not in text.replace("[ARGS]...", "")
     assert main(["bench", "--help"]) == 0
-    said = capsys.readouterr().out
-    assert all(re.search(rf"(?m)^  {name} +[A-Z].*\.$", said) for name in BENCHES)
+    text = capsys.readouterr().out
+    assert all(re.search(rf"(?m)^  {name} +[A-Z].*\.$", text) for name in BENCHES)
 
 
-def test_without_a_verb_there_is_help(capsys) -> None:
+def test_help_groups_the_verbs(capsys) -> None:
+    assert main(["--help"]) == 0
+    groups = dict(re.findall(r"(?m)^([A-Z][a-z]+):\n((?:  .*\n)+)", capsys.readouterr().out))
+    verbs = {
+        group: [line.split()[0] for line in text.splitlines()]
+        for group, text in groups.items()
+        if group != "Options"
+    }
+    assert verbs == {
+        "Data": ["info", "simulate", "play"],
+        "Predict": ["train", "replay", "rollout", "echo", "demo"],
+        "Compare": ["mismatch"],
+        "Measure": ["bench"],
+    }
+
+
+@pytest.mark.parametrize("verb", ["train", "replay", "simulate", "demo", "mismatch"])
+def test_help_of_a_long_running_verb_gives_its_duration(capsys, verb: str) -> None:
+    assert main([verb, "--help"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"[Tt]akes (about )?[\d.]+|Takes a few seconds|\(about \d+ min\)", text), text
+
+
+def test_without_a_verb_the_help_is_printed(capsys) -> None:
     for arguments in ([], ["bench"]):
         assert main(arguments) == 2
-        said = capsys.readouterr()
-        assert said.out == ""
-        assert said.err.startswith("Usage: adk ")
-        assert "Commands:" in said.err
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert printed.err.startswith("Usage: adk ")
+        assert re.search(r"(?m)^(Measure|Commands):$", printed.err)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["trian"], "Did you mean 'train'?"),
         (["--frobnicate"], "No such option: --frobnicate"),
@@ -84,21 +107,54 @@ def test_without_a_verb_there_is_help(capsys) -> None:
         (["simulate", "town"], "Missing option '--out'"),
     ],
 )
-def test_a_mistake_on_the_command_line_is_one_line(
-    capsys, arguments: list[str], said: str
-) -> None:
+def test_wrong_usage_is_reported_in_one_line(capsys, arguments: list[str], message: str) -> None:
     line = refused(capsys, arguments, 2)
-    assert said in line
+    assert message in line
     assert re.search(r"\(see 'adk( [a-z]+)* --help'\)$", line)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    "arguments",
+    [
+        ["mismatch", "--recording", "a", "--recording", "b", "--simulation", "s", "--out", "o"],
+        ["rollout", "--bag", "a", "--bag", "b", "--model", "m", "--out", "o"],
+        ["replay", "a", "--model", "m", "--model", "n"],
+        ["train", "a", "b", "--out", "o", "--out", "p"],
+        ["train", "a", "--out", "o", "--report", "--no-report"],
+        ["simulate", "town", "--out", "o", "--seed", "1", "--seed", "2"],
+        ["play", "a", "--rate", "1", "--rate", "2"],
+        ["echo", "--every", "1", "--every", "2"],
+        ["demo", "--out", "o", "--out", "p"],
+        ["bench", "latency", "--ticks", "1", "--ticks", "2"],
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_a_repeated_option_is_refused(capsys, tmp_path: Path, arguments: list[str]) -> None:
+    assert "is given 2 times: it takes one value" in refused(capsys, arguments, 2)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_that_collect_values_and_flags_may_be_repeated(capsys) -> None:
+    remaps = ["--remap", "/a:=/b", "--remap", "/c:=/d", "--topic", "/a", "--topic", "/c"]
+    assert "absent" in refused(capsys, ["play", "absent", *remaps], 2)
+    assert main(["info", str(bag()), "--json", "--json"]) == 0
+    capsys.readouterr()
+
+
+def test_a_repeated_option_is_not_an_error_for_completion() -> None:
+    words = {"_ADK_COMPLETE": "complete_bash", "COMP_CWORD": "5"}
+    words["COMP_WORDS"] = "adk rollout --bag a --bag"
+    assert adk(env=os.environ | words, capture_output=True).returncode == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arguments", "message"),
     [
         (["train", "absent", "--out", "{tmp}/m"], "bag absent does not exist"),
         (["replay", "absent", "--model", "{model}"], "bag absent does not exist"),
         (["replay", "{bag}", "--model", "absent"], "absent"),
-        (["replay", "{bag}", "--model", "{tmp}"], "holds no manifest.json"),
+        (["replay", "{bag}", "--model", "{tmp}"], "contains no manifest.json"),
         (["rollout", "--model", "{model}", "--bag", "absent", "--out", "{tmp}/r.csv"],
          "bag absent does not exist"),
         (["rollout", "--model", "absent", "--bag", "{bag}", "--out", "{tmp}/r.csv"],
@@ -110,12 +166,13 @@ def test_a_mistake_on_the_command_line_is_one_line(
         (["train", "{bag}", "--out", "{tmp}/m", "--params", "absent.yaml"], "absent.yaml"),
         (["train", "{bag}", "--out", "{tmp}/m", "--paper", "lstm"],
          "--paper lstm is unknown: choose dk or aldk"),
-        (["train", "{bag}", "--out", "{tmp}/m", "--split", "rows"], "split 'rows' is unknown"),
-        (["train", "{bag}", "--out", "{tmp}/m", "--split", "bags"], "at least two bags"),
+        # No bag is read before the options are checked.
+        (["train", "absent", "--out", "{tmp}/m", "--split", "rows"], "split 'rows' is unknown"),
+        (["train", "absent", "--out", "{tmp}/m", "--split", "bags"], "at least two bags"),
         (["train", "{bag}", "--out", "{tmp}/m", "--steps", "3"], "steps is 3: choose 10 to"),
         (["train", "{bag}", "--out", "{tmp}/m", "--device", "abacus"], "device 'abacus'"),
         (["train", "{bag}", "--out", "{tmp}/m", "--imu", "/nope"], "/nope"),
-        (["train", "{bag}", "--out", "{tmp}"], "exists and is no model"),
+        (["train", "{bag}", "--out", "{tmp}"], "is not empty and holds no earlier result"),
         (["train", "{bag}", "--out", "{file}/m"], "cannot be written"),
         (["replay", "{bag}", "--model", "{model}", "--method", "kalman"],
          "online method 'kalman' is unknown: choose one of constant, rls, ffrls, swls, windowed"),
@@ -123,7 +180,22 @@ def test_a_mistake_on_the_command_line_is_one_line(
         (["replay", "{bag}", "--model", "{model}", "--ridge", "0"], "ridge is 0"),
         (["replay", "{bag}", "--model", "{model}", "--horizon", "nan"], "--horizon nan is out of"),
         (["replay", "{bag}", "--model", "{model}", "--horizon", "-1"], "--horizon -1 is out of"),
-        (["replay", "{bag}", "--model", "{model}", "--out", "{tmp}"], "exists already"),
+        (["replay", "{bag}", "--model", "{model}", "--out", "{tmp}"],
+         "is not empty and holds no earlier result"),
+        (["replay", "{bag}", "--model", "{model}", "--out", "{bag}", "--force"],
+         "is an input as well"),
+        (["rollout", "--model", "imdv", "--bag", "{bag}", "--out", "{file}"],
+         "a_file exists already: add --force to replace it"),
+        (["rollout", "--model", "{file}", "--bag", "{bag}", "--out", "{file}", "--force"],
+         "is an input as well"),
+        (["rollout", "--model", "imdv", "--bag", "{bag}", "--out", "{tmp}", "--force"],
+         "is a folder: name a file for --out"),
+        (["simulate", "town", "--out", "{tmp}"], "is not empty and holds no earlier result"),
+        (["simulate", "town", "--out", "{file}"], "is a file: name a folder for --out"),
+        (["mismatch", "--simulation", "absent", "--recording", "absent", "--out", "{tmp}",
+          "--force"], "is not empty and holds no earlier result"),
+        (["demo", "--out", "{tmp}", "--train-bag", "{bag}", "--play-bag", "{bag}"],
+         "is not empty and holds no earlier result"),
         (["replay", "{bag}", "--model", "{model}", "--out", "{file}/b"], "{file}"),
         (["rollout", "--model", "imdv", "--bag", "{bag}", "--out", "{tmp}/r", "--horizon", "inf"],
          "--horizon inf is out of range: choose 0.025 to 10 s"),
@@ -138,18 +210,18 @@ def test_a_mistake_on_the_command_line_is_one_line(
         (["simulate", "town", "--out", "{tmp}/b", "--duration", "0"], "duration must be 0.1 to"),
     ],
 )  # fmt: skip
-def test_a_request_that_cannot_be_met_is_one_line(
-    capsys, tmp_path: Path, arguments: list[str], said: str
+def test_an_impossible_request_is_reported_in_one_line(
+    capsys, tmp_path: Path, arguments: list[str], message: str
 ) -> None:
     file = tmp_path / "a_file"
     file.write_text("text")
-    places = {"tmp": tmp_path, "model": small().path, "bag": bag(), "file": file}
-    line = refused(capsys, [item.format(**places) for item in arguments], 2)
-    assert said.format(**places) in line
+    paths = {"tmp": tmp_path, "model": small().path, "bag": bag(), "file": file}
+    line = refused(capsys, [item.format(**paths) for item in arguments], 2)
+    assert message.format(**paths) in line
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_a_full_disk_is_told_without_a_traceback(capsys, monkeypatch, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_without_a_traceback(capsys, monkeypatch, tmp_path: Path) -> None:
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device", "/data/out")
 
@@ -158,7 +230,7 @@ def test_a_full_disk_is_told_without_a_traceback(capsys, monkeypatch, tmp_path: 
     assert refused(capsys, arguments, 2) == "adk: /data/out: No space left on device"
 
 
-def test_an_interrupt_is_no_traceback(capsys, monkeypatch, tmp_path: Path) -> None:
+def test_an_interrupt_is_reported_without_a_traceback(capsys, monkeypatch, tmp_path: Path) -> None:
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
@@ -167,17 +239,17 @@ def test_an_interrupt_is_no_traceback(capsys, monkeypatch, tmp_path: Path) -> No
     assert capsys.readouterr().err == "adk: interrupted\n"
 
 
-def test_ctrl_c_ends_a_training_and_keeps_nothing_half_done(tmp_path: Path) -> None:
+def test_ctrl_c_ends_a_training_and_leaves_nothing_incomplete(tmp_path: Path) -> None:
     arguments = ["train", str(bag("handling", 60.0)), "--out", str(tmp_path / "m")]
-    # Where tests run in the background SIGINT is ignored, and children inherit that.
-    heeding = f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {ADK}"
+    # In background jobs SIGINT is ignored, and child processes inherit that.
+    heed_sigint = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     process = subprocess.Popen(
-        [sys.executable, "-c", heeding, *arguments, "--steps", "1000000"], text=True,
-        stderr=subprocess.PIPE, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL,
+        [sys.executable, "-c", f"{heed_sigint}; {ADK}", *arguments, "--steps", "1000000"],
+        text=True, stderr=subprocess.PIPE, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL,
     )  # fmt: skip
     assert process.stderr is not None
     try:
-        # The first line is told when the bag has been read.
+        # The first line is printed when the bag has been read.
         assert process.stderr.readline().startswith(str(bag("handling", 60.0)))
         time.sleep(1.0)
         process.send_signal(signal.SIGINT)
@@ -193,63 +265,65 @@ def test_ctrl_c_ends_a_training_and_keeps_nothing_half_done(tmp_path: Path) -> N
 
 def test_completion() -> None:
     words = {"_ADK_COMPLETE": "complete_bash", "COMP_WORDS": "adk re", "COMP_CWORD": "1"}
-    told = adk(env=os.environ | words, capture_output=True)
-    assert (told.returncode, told.stdout.split(), told.stderr) == (0, ["replay"], "")
+    process = adk(env=os.environ | words, capture_output=True)
+    assert (process.returncode, process.stdout.split(), process.stderr) == (0, ["replay"], "")
     words |= {"COMP_WORDS": "adk replay --me", "COMP_CWORD": "2"}
     assert adk(env=os.environ | words, capture_output=True).stdout.split() == ["--method"]
-    named = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
-    for shell, said in (
+    shell_given = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    for shell, script in (
         ("bash", "complete -o default -F _adk_completion adk"),
         ("zsh", "#compdef adk"),
         ("fish", "complete --command adk"),
     ):
-        told = adk("--show-completion", shell, env=os.environ | named, capture_output=True)
-        assert told.returncode == 0
-        assert said in told.stdout
-        assert "_ADK_COMPLETE" in told.stdout
+        environment = os.environ | shell_given
+        process = adk("--show-completion", shell, env=environment, capture_output=True)
+        assert process.returncode == 0
+        assert script in process.stdout
+        assert "_ADK_COMPLETE" in process.stdout
 
 
 @pytest.mark.parametrize("arguments", [["info", "BAG"], ["info", "BAG", "--json"], ["--help"]])
-def test_a_reader_that_has_gone_is_no_fault(arguments: list[str]) -> None:
-    """As `adk info ... | head -0`."""
+def test_a_closed_pipe_is_not_an_error(arguments: list[str]) -> None:
+    """The case of `adk info ... | head -0`."""
     reading, writing = os.pipe()
     os.close(reading)
     try:
         arguments = [item.replace("BAG", str(bag())) for item in arguments]
-        told = adk(*arguments, stdout=writing, stderr=subprocess.PIPE)
+        process = adk(*arguments, stdout=writing, stderr=subprocess.PIPE)
     finally:
         os.close(writing)
-    assert told.stderr == ""
-    assert told.returncode in (0, 1)
+    assert process.stderr == ""
+    assert process.returncode in (0, 1)
 
 
-def test_help_comes_at_once() -> None:
-    """Completion runs all of this at each press of the tab key."""
+def test_help_is_fast() -> None:
+    """Completion imports the same modules at each press of the tab key."""
     script = (
         "import sys; sys.argv = ['adk', '--help']\n"
         "from adk_ros.cli.main import main; main()\n"
         "slow = {'torch', 'rosbags', 'numba', 'matplotlib', 'rclpy', 'scipy', 'jinja2'}\n"
+        "slow |= {'pandas'}\n"
         "print('loaded:', *sorted(slow & set(sys.modules)))"
     )
     times = []
     for _ in range(2):
         started = time.monotonic()
-        told = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
         )
         times.append(time.monotonic() - started)
-    assert told.stdout.splitlines()[-1] == "loaded:"
+    assert process.stdout.splitlines()[-1] == "loaded:"
     assert min(times) < 2.0
 
 
-def test_numbers_that_json_lacks_become_null(capsys) -> None:
+def test_numbers_that_are_not_finite_become_null_in_json(capsys) -> None:
     console.print_json({"a": float("nan"), "b": [1.5, float("inf")], 3: {"c": None}})
-    told = json.loads(capsys.readouterr().out)
-    assert told == {"a": None, "b": [1.5, None], "3": {"c": None}}
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == {"a": None, "b": [1.5, None], "3": {"c": None}}
 
 
 class Clock:
-    """Time that goes on by a second whenever somebody looks."""
+    """A clock that advances by a second at each reading."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -259,21 +333,31 @@ class Clock:
         return self.now
 
 
-def test_progress_elsewhere_than_on_a_terminal_is_a_line_now_and_then(capsys, monkeypatch) -> None:
+def test_progress_without_a_terminal_is_a_line_every_ten_seconds(capsys, monkeypatch) -> None:
     monkeypatch.setattr(console, "time", Clock())
     with console.progress("counting") as report:
         for number in range(45):
             report(number, 45, "so far so good")
-    said = lines(capsys.readouterr().err)
-    assert 3 <= len(said) <= 5
-    assert all(re.fullmatch(r"counting: \d+ %  so far so good", line) for line in said)
+    printed = lines(capsys.readouterr().err)
+    assert 3 <= len(printed) <= 5
+    assert all(re.fullmatch(r"counting: \d+ %  so far so good", line) for line in printed)
     with console.progress("quick") as report:
         report(1, 2)
     assert capsys.readouterr().err == ""
 
 
-def test_a_bar_that_begins_ends_the_one_before(monkeypatch) -> None:
-    """Older versions of rich refuse two at a time."""
+def test_each_stage_has_its_own_progress(capsys, monkeypatch) -> None:
+    monkeypatch.setattr(console, "time", Clock())
+    with console.stages() as progress:
+        for stage in ("reading", "training"):
+            for number in range(15):
+                progress(stage, number, 15, "")
+    printed = [line.split(":")[0] for line in lines(capsys.readouterr().err)]
+    assert printed == ["reading", "training"]
+
+
+def test_a_new_progress_bar_replaces_the_one_before(monkeypatch) -> None:
+    """Older versions of rich refuse two bars at a time."""
     monkeypatch.setattr(console, "time", Clock())
     monkeypatch.setattr(console.errors, "_force_terminal", True)
     assert console.errors.is_terminal

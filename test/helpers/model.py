@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of the model share: small models with random encoders, and drives for them."""
+"""Small models with random encoders, and samples to feed them."""
 
 import functools
 from collections.abc import Iterable, Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,8 @@ import torch
 from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.estimation.observer_gains import ObserverGains
 from adk_ros.model.koopman import KoopmanModel
-from adk_ros.model.lifting.encoder import CompiledEncoder, Lifting, input_size
+from adk_ros.model.lifting.encoder import Lifting, input_size
+from adk_ros.model.lifting.encoder_kernels import EncoderArrays
 from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
@@ -29,14 +30,14 @@ HISTORY, FEATURES = 2, 4
 
 @functools.cache
 def program(history: int = HISTORY, features: int = FEATURES, hidden: int = 8) -> bytes:
-    """A TorchScript encoder with random weights, of the form that has a compiled twin."""
+    """A TorchScript encoder with random weights, of the form that can be compiled."""
     with torch.random.fork_rng():
         torch.manual_seed(0)
         return to_torchscript(random_lift(history, hidden, features))
 
 
 def random_lift(history: int, hidden: int, features: int) -> Lift:
-    """An encoder with torch's random weights, its last feature a quadratic form, if it has two."""
+    """An encoder with torch's random weights; of two or more features the last is quadratic."""
     columns, k = input_columns(history), int(features > 1)
 
     def normal(*shape: int) -> Array:
@@ -50,18 +51,18 @@ def random_lift(history: int, hidden: int, features: int) -> Lift:
     return Lift(encoder, torch.zeros(features), torch.ones(features))
 
 
-def weights(lift: Lift) -> list[Any]:
-    """Its arrays in the order that the kernels take them."""
+def weights(lift: Lift) -> EncoderArrays:
+    """The arrays that the kernels take."""
     columns = np.flatnonzero(lift.directions.any(dim=1).numpy())
     given: dict[str, Any] = {name: value.numpy() for name, value in lift.state_dict().items()}
     given["input_bound"] = given["reach"]
     given |= {"columns": columns, "directions": given["directions"][columns]}
-    return [given[field.name] for field in fields(CompiledEncoder)]
+    return EncoderArrays(**{name: given[name] for name in EncoderArrays._fields})
 
 
 @functools.cache
 def plain_program(n_in: int, features: int = FEATURES) -> bytes:
-    """An encoder of another form, without twin."""
+    """An encoder of another form, which cannot be compiled."""
     with torch.random.fork_rng():
         torch.manual_seed(0)
         linear = torch.nn.Linear(n_in, features)
@@ -78,20 +79,20 @@ SCALING = Scaling(
 
 
 def slow(gain: float, decay: float = 1.0, **changes: Any) -> ObserverGains:
-    """A slow disturbance, the same on all channels, and nothing else but `changes`."""
+    """Gains of a slow disturbance on all channels, with `changes`."""
     gains = {"slow_gain": np.full(3, gain), "slow_decay": np.full(3, decay)}
     return replace(ObserverGains.none(), **gains | changes)
 
 
 def make_model(**changes: Any) -> KoopmanModel:
-    """A complete model that is stable and predicts little of use; `twin=False` takes it away."""
+    """A stable model with random weights; `compiled=False` removes the compiled encoder."""
     history, features = changes.pop("history", HISTORY), changes.pop("features", FEATURES)
-    twin = changes.pop("twin", True)
+    compiled = changes.pop("compiled", True)
     affine = changes.get("affine", True)
     residual = changes.get("residual", True)
     lifting = Lifting(program(history, features), input_size(history), features)
-    if not twin:
-        lifting.twin = None
+    if not compiled:
+        lifting.compiled = None
     random = np.random.default_rng(0)
     n_z = 3 + features
     theta0 = random.normal(0.0, 0.02, (n_z, n_z + 2 + affine))
@@ -116,7 +117,9 @@ def make_model(**changes: Any) -> KoopmanModel:
 
 
 def paper_model(**changes: Any) -> KoopmanModel:
-    """The paper's form: no past, no constant, no increments, rolled out in the lifted space."""
+    """
+    The paper's form: no history, not affine, not residual, linear rollout in the lifted space.
+    """
     form = {
         "history": 0, "residual": False, "affine": False, "relift": False,
         "observer_gains": ObserverGains.none(),
@@ -126,18 +129,18 @@ def paper_model(**changes: Any) -> KoopmanModel:
 
 
 def without_steps(scaling: Scaling) -> Scaling:
-    """The same with increments left in scaled units."""
+    """Return the scaling with a step scale of one."""
     return Scaling(scaling.x_mean, scaling.x_scale, scaling.u_mean, scaling.u_scale, np.ones(3))
 
 
 def sample(k: int, x: Iterable[float], u: Iterable[float], flags: int = 0) -> Sample:
-    """Return the k-th tick's sample."""
+    """Return the sample of tick k."""
     state, inputs = tuple(map(float, x)), tuple(map(float, u))
     return Sample(START_NS + k * TICK_NS, state, inputs, (0.0, 0.0), flags)
 
 
 def inputs(n: int, seed: int = 0) -> Array:
-    """Commands (n, 2) in SI that excite the car: slow swings and some noise."""
+    """Commands (n, 2), SI, that excite the vehicle: slow sines with noise."""
     random = np.random.default_rng(seed)
     t = np.arange(n)[:, None] * 0.025
     swings = np.sin(t * [1.1, 0.7]) + 0.5 * np.sin(t * [2.3, 3.1] + 1.0)
@@ -146,7 +149,7 @@ def inputs(n: int, seed: int = 0) -> Array:
 
 
 def slalom(n: int, seed: int = 0) -> Iterator[Sample]:
-    """A smooth drive with a little noise, not made by any model."""
+    """A smooth recording with a little noise, not generated by a model."""
     random = np.random.default_rng(seed)
     u = inputs(n, seed)
     for k in range(n):

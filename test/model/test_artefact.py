@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The model on disk: there and back, whole or not at all, and every reason to refuse it."""
+"""Model folders: saving, loading, atomic writes, and every reason to refuse a folder."""
 
 import hashlib
 import io
@@ -11,13 +11,22 @@ import pickle
 import shutil
 import zipfile
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 import pytest
 import torch
-from helpers.model import make_model, paper_model, plain_program, program, slalom, slow
+from helpers.model import (
+    make_model,
+    paper_model,
+    plain_program,
+    program,
+    random_lift,
+    slalom,
+    slow,
+)
 
 from adk_ros.errors import UsageError
 from adk_ros.model import artefact
@@ -52,18 +61,20 @@ def paper() -> tuple[bytes, KoopmanModel]:
     return program(history=0), paper_model()
 
 
-def without_twin() -> tuple[bytes, KoopmanModel]:
+def not_compiled() -> tuple[bytes, KoopmanModel]:
     content = plain_program(input_size(2))
     return content, make_model(lifting=Lifting(content, input_size(2), 4))
 
 
 @pytest.mark.parametrize(
     "made",
-    [lambda: (program(), make_model()), paper, without_twin,
+    [lambda: (program(), make_model()), paper, not_compiled,
      lambda: (program(history=0), make_model(history=0, residual=False))],
-    ids=["default", "paper", "without twin", "not residual"],
+    ids=["default", "paper", "not compiled", "not residual"],
 )  # fmt: skip
-def test_there_and_back(made: Callable[[], tuple[bytes, KoopmanModel]], tmp_path: Path) -> None:
+def test_loaded_model_predicts_as_the_saved_one(
+    made: Callable[[], tuple[bytes, KoopmanModel]], tmp_path: Path
+) -> None:
     content, model = made()
     artefact.save(tmp_path / "model", content, model, FACTS)
     loaded = artefact.load(tmp_path / "model")
@@ -77,7 +88,7 @@ def test_there_and_back(made: Callable[[], tuple[bytes, KoopmanModel]], tmp_path
         assert getattr(loaded.model, name) == getattr(model, name)
 
 
-def test_what_is_in_the_folder(written: Path) -> None:
+def test_content_of_the_folder(written: Path) -> None:
     assert sorted(p.name for p in written.iterdir()) == [ARRAYS, ENCODER, MANIFEST]
     assert written.stat().st_mode & 0o777 == 0o755
     manifest = json.loads((written / MANIFEST).read_text())
@@ -88,6 +99,63 @@ def test_what_is_in_the_folder(written: Path) -> None:
     for name in (ENCODER, ARRAYS):
         content = (written / name).read_bytes()
         assert manifest["sha256"][name] == hashlib.sha256(content).hexdigest()
+
+
+def test_model_of_the_last_release_loads(folder: Path) -> None:
+    """Arrays, buffers and manifest fields by the names that version 3 of the format has."""
+    random = np.random.default_rng(0)
+    stored = {
+        "x_mean": random.normal(size=3), "x_scale": np.ones(3), "u_mean": random.normal(size=2),
+        "u_scale": np.ones(2), "step_scale": np.full(3, 0.1),
+        "theta0": random.normal(0.0, 0.01, (7, 10)),
+        "horizon_covariance": np.tile(np.eye(3), (80, 1, 1)),
+        "held_covariance": np.tile(2.0 * np.eye(3), (80, 1, 1)),
+        "usual_change": random.uniform(1.0, 2.0, (80, 3)),
+        "observer_gain": np.full(3, 0.5), "slow_gain": np.full(3, 0.1),
+        "slow_decay": np.full(3, 0.9), "fast_gain": np.full(3, 0.3), "fast_decay": np.full(3, 0.8),
+    }  # fmt: skip
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **stored)
+    online = {
+        "method": "windowed", "window": 400, "ridge": 100.0, "forgetting": 0.98,
+        "initial_covariance": 1.0,
+    }  # fmt: skip
+    manifest = {
+        "format": "adk_ros.model", "version": 3, "dt_s": 0.025,
+        "reference_point": "centre_of_gravity",
+        "channels": {
+            "state": {"v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s"},
+            "input": {"torque": "N m", "delta": "rad"},
+        },
+        "history": 2, "lifted_size": 7, "residual": True, "affine": True, "relift": True,
+        "uses_imu": True, "online": online, "training": {},
+        "sha256": {
+            "encoder.pt": hashlib.sha256(program()).hexdigest(),
+            "arrays.npz": hashlib.sha256(buffer.getvalue()).hexdigest(),
+        },
+    }  # fmt: skip
+    (folder / "encoder.pt").write_bytes(program())
+    (folder / "arrays.npz").write_bytes(buffer.getvalue())
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    buffers = set(random_lift(2, 8, 4).state_dict())
+    assert buffers == {"w1", "b1", "w2", "b2", "w3", "b3", "skip", "reach", "directions"}
+    model = artefact.load(folder).model
+    assert model.lifting.compiled is not None
+    fields = {
+        "x_mean": model.scaling.x_mean, "x_scale": model.scaling.x_scale,
+        "u_mean": model.scaling.u_mean, "u_scale": model.scaling.u_scale,
+        "step_scale": model.scaling.step_scale, "theta0": model.theta0,
+        "horizon_covariance": model.horizon_covariance,
+        "held_covariance": model.held_input_covariance, "usual_change": model.mean_square_change,
+        "observer_gain": model.observer_gains.observer_gain,
+        "slow_gain": model.observer_gains.slow_gain, "slow_decay": model.observer_gains.slow_decay,
+        "fast_gain": model.observer_gains.fast_gain, "fast_decay": model.observer_gains.fast_decay,
+    }  # fmt: skip
+    assert fields.keys() == stored.keys()
+    for name, array in stored.items():
+        np.testing.assert_array_equal(fields[name], array, err_msg=name)
+    assert asdict(model.online) == online
+    assert len(predictions(model)) > 100
 
 
 def test_no_python_pickle_is_loaded(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,7 +175,7 @@ def test_no_python_pickle_is_loaded(written: Path, monkeypatch: pytest.MonkeyPat
 
 
 def edit(**fields: Any) -> Change:
-    """Write other fields into the manifest; None takes one away."""
+    """Change fields of the manifest; None removes one."""
 
     def change(folder: Path) -> None:
         manifest = json.loads((folder / MANIFEST).read_text()) | fields
@@ -126,7 +194,7 @@ def online(**fields: Any) -> Change:
 
 
 def replaced(name: str, content: bytes) -> Change:
-    """Write another file, and its hash into the manifest: what the hash cannot tell."""
+    """Replace a file and its hash in the manifest."""
 
     def change(folder: Path) -> None:
         (folder / name).write_bytes(content)
@@ -188,15 +256,15 @@ def manifest_is(content: bytes) -> Change:
     return lambda folder: (folder / MANIFEST).write_bytes(content)
 
 
-HASH = "does not have the hash in manifest.json: it is truncated, altered"
+HASH = "does not match its hash in manifest.json: it is truncated, altered"
 JSON, ONLINE, RANGE = "is not readable as JSON", "of 'online' is not of type", "is out of range"
-READABLE, FINITE = "arrays.npz is not readable", "holds values that are not finite"
+READABLE, FINITE = "arrays.npz is not readable", "contains values that are not finite"
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda f: (f / MANIFEST).unlink(), "holds no manifest.json: it is not a model folder"),
+        (lambda f: (f / MANIFEST).unlink(), "contains no manifest.json: it is not a model folder"),
         (manifest_is(b""), JSON),
         (manifest_is(b'{"format": "adk_ros.model", '), JSON),
         (manifest_is(b"\xff\xfe\x00\x80"), JSON),
@@ -205,11 +273,11 @@ READABLE, FINITE = "arrays.npz is not readable", "holds values that are not fini
         (manifest_is(b"[]"), "does not describe an adk_ros.model"),
         (manifest_is(b"{}"), "does not describe an adk_ros.model"),
         (edit(format="webapp"), "does not describe an adk_ros.model"),
-        (edit(version=2), "version is 2, this program runs 3: train the model anew"),
+        (edit(version=2), "version is 2, this version requires 3: train the model again"),
         (edit(version=None), "version is null"),
-        (edit(dt_s=0.02), r"dt_s is 0.02, this program runs 0.025"),
+        (edit(dt_s=0.02), r"dt_s is 0.02, this version requires 0.025"),
         (edit(dt_s=math.nan), "dt_s is NaN"),
-        (edit(reference_point="rear_axle"), 'reference_point is "rear_axle", this program runs'),
+        (edit(reference_point="rear_axle"), 'reference_point is "rear_axle", this version'),
         (edit(channels={"state": {}}), "channels is "),
         (edit(history="2"), "'history' is missing or not of type int"),
         (edit(history=2.0), "'history' is missing or not of type int"),
@@ -220,12 +288,12 @@ READABLE, FINITE = "arrays.npz is not readable", "holds values that are not fini
         (edit(lifted_size=10**9), RANGE),
         (edit(residual=1), "'residual' is missing or not of type bool"),
         (edit(affine=None), "'affine' is missing or not of type bool"),
-        (edit(relift=False), "without 'relift' a model is neither residual nor affine"),
+        (edit(relift=False), "a model without 'relift' must not be residual or affine"),
         (edit(uses_imu="yes"), "'uses_imu' is missing"),
         (edit(training=None), "'training' is missing"),
         (edit(online=None), "'online' is missing"),
-        (edit(online={"method": "windowed"}), "'online' must hold just forgetting, initial_"),
-        (online(extra=1), "'online' must hold just forgetting, initial_covariance, method, ridge"),
+        (edit(online={"method": "windowed"}), "'online' must contain exactly forgetting"),
+        (online(extra=1), "'online' must contain exactly forgetting, initial_covariance, m"),
         (online(method=["windowed"]), ONLINE),
         (online(window="400"), ONLINE),
         (online(window=400.5), ONLINE),
@@ -244,12 +312,12 @@ READABLE, FINITE = "arrays.npz is not readable", "holds values that are not fini
         (cut(ARRAYS, 0.99), HASH),
         (flipped(ENCODER), HASH),
         (flipped(ARRAYS), HASH),
-        (edit(history=3), "the encoder does not take 20 inputs"),
+        (edit(history=3), "the encoder does not accept 20 inputs"),
         (edit(lifted_size=8), "theta0 has shape"),
-        (edit(affine=False), r"theta0 has shape \(7, 10\), the manifest asks for \(7, 9\)"),
-        (replaced(ENCODER, b"nothing"), "no readable TorchScript program"),
-        (replaced(ENCODER, program(features=5)), "its manifest promises"),
-        (replaced(ENCODER, program(history=3)), "the encoder does not take 15 inputs"),
+        (edit(affine=False), r"theta0 has shape \(7, 10\), the manifest requires \(7, 9\)"),
+        (replaced(ENCODER, b"nothing"), "not a readable TorchScript program"),
+        (replaced(ENCODER, program(features=5)), "the manifest says"),
+        (replaced(ENCODER, program(history=3)), "the encoder does not accept 15 inputs"),
         (replaced(ARRAYS, b""), READABLE),
         (replaced(ARRAYS, b"PK\x03\x04" + bytes(50)), READABLE),
         (replaced(ARRAYS, npy(np.zeros(3))), READABLE),
@@ -280,7 +348,7 @@ READABLE, FINITE = "arrays.npz is not readable", "holds values that are not fini
         (with_arrays(held_covariance=np.full((80, 3, 3), np.inf)), f"covariance {FINITE}"),
     ],
 )  # fmt: skip
-def test_what_is_refused(folder: Path, change: Change, words: str) -> None:
+def test_invalid_folders_are_refused(folder: Path, change: Change, words: str) -> None:
     artefact.load(folder)
     change(folder)
     with pytest.raises(UsageError, match=words) as refused:
@@ -290,7 +358,7 @@ def test_what_is_refused(folder: Path, change: Change, words: str) -> None:
 
 
 @pytest.mark.parametrize("name", [ENCODER, ARRAYS, MANIFEST])
-def test_a_folder_in_the_place_of_a_file(folder: Path, name: str) -> None:
+def test_a_folder_in_place_of_a_file_is_refused(folder: Path, name: str) -> None:
     (folder / name).unlink()
     (folder / name).mkdir()
     with pytest.raises(UsageError, match=name):
@@ -298,18 +366,18 @@ def test_a_folder_in_the_place_of_a_file(folder: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("where", ["nowhere", "file", "file/below"])
-def test_no_folder(tmp_path: Path, where: str) -> None:
+def test_a_missing_folder_is_refused(tmp_path: Path, where: str) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(UsageError, match="is not a folder: give the folder that 'adk train'"):
         artefact.load(tmp_path / where)
 
 
-def test_whole_numbers_written_by_hand_serve(folder: Path) -> None:
+def test_integers_are_accepted_for_floats(folder: Path) -> None:
     online(ridge=5, initial_covariance=1)(folder)
     assert artefact.load(folder).model.online.ridge == 5.0
 
 
-def test_a_model_may_be_written_over(folder: Path) -> None:
+def test_a_model_may_be_replaced(folder: Path) -> None:
     (folder / "report.html").write_text("of the training before")
     other = make_model(observer_gains=slow(0.3))
     artefact.save(folder, program(), other, {"seed": 4})
@@ -321,7 +389,7 @@ def test_a_model_may_be_written_over(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("inside", [None, "notes.txt", "a web app's", "unreadable"])
-def test_what_is_no_model_is_not_written_over(tmp_path: Path, inside: str | None) -> None:
+def test_other_folders_are_not_replaced(tmp_path: Path, inside: str | None) -> None:
     target = tmp_path / "precious"
     target.mkdir()
     if inside == "a web app's":
@@ -333,25 +401,25 @@ def test_what_is_no_model_is_not_written_over(tmp_path: Path, inside: str | None
     before = {p.name: p.read_text() for p in target.iterdir()}
     for attempt in (lambda: artefact.check_target(target),
                     lambda: artefact.save(target, program(), make_model(), {})):  # fmt: skip
-        with pytest.raises(UsageError, match="exists and is no model: choose another --out"):
+        with pytest.raises(UsageError, match="exists and is not a model: choose another --out"):
             attempt()
     assert {p.name: p.read_text() for p in target.iterdir()} == before
     assert [p.name for p in tmp_path.iterdir()] == ["precious"]
 
 
-def test_places_where_no_folder_can_be_made(tmp_path: Path) -> None:
+def test_places_where_no_folder_can_be_created(tmp_path: Path) -> None:
     """Found out before a training of minutes, not after it."""
     (tmp_path / "file").write_text("x")
     for place in ("file/model", "file/a/b", "n" * 300):
         with pytest.raises(UsageError, match="cannot be written"):
             artefact.check_target(tmp_path / place)
-    with pytest.raises(UsageError, match="exists and is no model"):
+    with pytest.raises(UsageError, match="exists and is not a model"):
         artefact.check_target(tmp_path / "file")
     artefact.check_target(tmp_path / "new" / "deep" / "model")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
 
-def test_folders_above_are_made(tmp_path: Path) -> None:
+def test_parent_folders_are_created(tmp_path: Path) -> None:
     artefact.save(tmp_path / "a" / "b" / "model", program(), make_model(), {})
     artefact.load(tmp_path / "a" / "b" / "model")
 
@@ -392,7 +460,7 @@ def test_interrupted_while_writing(
 
 
 @pytest.mark.parametrize("count", range(9))
-def test_interrupted_while_writing_over(
+def test_interrupted_while_replacing(
     folder: Path, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
     """Then it is the old one, or the new one, or refused for a hash: never a mixture."""
@@ -413,7 +481,7 @@ def test_interrupted_while_writing_over(
     assert history == (0 if count > 4 else 2)
 
 
-def test_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: Any) -> NoReturn:
         raise OSError(28, "No space left on device")
 

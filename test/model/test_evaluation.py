@@ -1,19 +1,21 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A model's errors on a record are those of the very predictor that runs on the vehicle."""
+"""Rollouts along a record equal those of the predictor that runs on the vehicle."""
 
 import numpy as np
 import pytest
 from helpers.model import make_model
 from helpers.signals import drive, in_order, without
 
+from adk_ros.model import evaluation
 from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.evaluation import WARM_UP_STEPS, rollout_record, sample_at
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.align import align_samples
-from adk_ros.signals.channels import Record, Source
+from adk_ros.signals.channels import TICK_NS, Record, Source
 from adk_ros.signals.record import build_record
 from adk_ros.signals.score import scorable_rows, score
+from adk_ros.train.hyperparameters import windowed
 
 
 @pytest.fixture(scope="module")
@@ -21,14 +23,14 @@ def record() -> Record:
     return build_record(in_order(drive(15.0, noise=1e-3)), "slalom")
 
 
-def test_a_row_is_the_sample_it_came_from(record: Record) -> None:
+def test_row_converts_back_to_its_sample(record: Record) -> None:
     samples = align_samples(in_order(drive(15.0, noise=1e-3)))
     for row in (0, 7, len(record) - 1):
         assert sample_at(record, row) == samples[row]
 
 
 @pytest.mark.parametrize("method", ["windowed", "constant"])
-def test_predictions_are_the_predictors(record: Record, method: str) -> None:
+def test_rollouts_equal_the_predictors(record: Record, method: str) -> None:
     model, online = make_model(), OnlineSettings(method, 100, 1.0)
     rolled = rollout_record(model, record, online, ahead=20, stride=7)
     assert rolled.rows.tolist() == scorable_rows(record, 8, 20)[::7].tolist()
@@ -45,7 +47,7 @@ def test_predictions_are_the_predictors(record: Record, method: str) -> None:
             np.testing.assert_array_equal(rolled.held_input_predictions[k], made.horizon)
             known = predictor.rollout(record.u[row : row + 20])
             np.testing.assert_array_equal(rolled.predicted[k], known)
-            # The first command is the one in force at the row itself: a tick ahead both agree.
+            # The first command is the row's own, so both agree one tick ahead.
             np.testing.assert_array_equal(
                 rolled.predicted[k, 0], rolled.held_input_predictions[k, 0]
             )
@@ -54,7 +56,7 @@ def test_predictions_are_the_predictors(record: Record, method: str) -> None:
     assert (result.rmse[0] < [0.1, 0.05, 0.05]).all()
 
 
-def test_nothing_after_a_row_enters_but_the_commands(record: Record) -> None:
+def test_only_commands_after_a_row_enter_its_prediction(record: Record) -> None:
     cut = 300
     changed = record.rows(np.arange(len(record)))
     changed.x[cut + 1 :] += 1.0
@@ -67,8 +69,7 @@ def test_nothing_after_a_row_enters_but_the_commands(record: Record) -> None:
     assert (one.predicted[~early][5] != other.predicted[~early][5]).all()
 
 
-def test_only_what_is_asked_for_is_scored(record: Record) -> None:
-    """With its whole horizon; what comes before may be adapted on, as on the vehicle."""
+def test_only_rows_with_their_whole_horizon_in_the_mask_are_scored(record: Record) -> None:
     scored = np.zeros(len(record), dtype=bool)
     scored[300:400] = True
     rolled = rollout_record(make_model(), record, scored=scored, ahead=20, stride=1)
@@ -78,7 +79,10 @@ def test_only_what_is_asked_for_is_scored(record: Record) -> None:
     np.testing.assert_array_equal(whole.predicted[chosen], rolled.predicted)
 
 
-def test_warm_up_is_limited() -> None:
+def test_warm_up_is_fifty_seconds_and_fills_the_default_window() -> None:
+    warm_up_s = WARM_UP_STEPS * TICK_NS * 1e-9
+    assert warm_up_s == 50.0
+    assert WARM_UP_STEPS >= windowed(1.0).window
     record = build_record(in_order(drive(60.0, 50, 40, 40)))
     scored = np.zeros(len(record), dtype=bool)
     scored[2100:2200] = True
@@ -93,7 +97,36 @@ def test_warm_up_is_limited() -> None:
     assert total == rolled.rows[-1] - rolled.rows[0] + WARM_UP_STEPS + 1
 
 
-def test_a_gap_resets_and_is_not_predicted_across() -> None:
+def test_the_predictors_settings_are_not_changed(
+    record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    horizons = []
+
+    class Watched(Predictor):
+        def __setattr__(self, name: str, value: object) -> None:
+            if name == "horizon_steps":
+                horizons.append(value)
+            super().__setattr__(name, value)
+
+    monkeypatch.setattr(evaluation, "Predictor", Watched)
+    assert rollout_record(make_model(), record, ahead=20, stride=7).rows.size
+    assert horizons == [20]
+
+
+def test_step_without_horizon_predicts_the_same_state(record: Record) -> None:
+    with_horizon, without_horizon = Predictor(make_model()), Predictor(make_model())
+    for row in range(100):
+        sample = sample_at(record, row)
+        full = with_horizon.step(sample)
+        short = without_horizon.step(sample, with_horizon=False)
+        assert (full is None) == (short is None)
+        if full is not None and short is not None:
+            assert short.horizon.shape == (0, 3)
+            np.testing.assert_array_equal(short.x, full.x)
+    assert without_horizon.horizon_steps == 80
+
+
+def test_no_rollout_crosses_a_gap() -> None:
     readings = without(in_order(drive(12.0, 0, 50, 40)), Source.ODOMETRY, 5.0, 7.0)
     record = build_record(readings)
     rolled = rollout_record(make_model(), record, ahead=20, stride=1)
@@ -104,7 +137,7 @@ def test_a_gap_resets_and_is_not_predicted_across() -> None:
     assert (t > 7.3).sum() > 100
 
 
-def test_nothing_to_score() -> None:
+def test_record_shorter_than_the_horizon_has_no_rollouts() -> None:
     record = build_record(in_order(drive(1.0)))
     rolled = rollout_record(make_model(), record, ahead=80)
     assert rolled.rows.shape == (0,)

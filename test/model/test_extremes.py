@@ -62,7 +62,7 @@ def check(made: Prediction | None, predictor: Predictor, steps: int) -> None:
 @settings(max_examples=25)
 @given(drives())
 def test_anything_at_all(method: str, form: str, items: list[Sample]) -> None:
-    make: dict[str, Any] = {"twin": False} if form == "torch" else {}
+    make: dict[str, Any] = {"compiled": False} if form == "torch" else {}
     model = paper_model() if form == "paper" else make_model(**make)
     predictor = Predictor(model, OnlineSettings(method, 10, 1.0), 15, max_coast_steps=6)
     with np.errstate(all="ignore"):

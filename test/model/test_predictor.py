@@ -47,13 +47,13 @@ def by_hand(model: KoopmanModel, samples: list[Sample], steps: int) -> Array:
     return np.array(result)
 
 
-@pytest.mark.parametrize("twin", [True, False])
+@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("residual", [True, False])
 @pytest.mark.parametrize("affine", [True, False])
 @pytest.mark.parametrize("history", [0, 1, 4])
-def test_prediction_by_hand(twin: bool, residual: bool, affine: bool, history: int) -> None:
+def test_prediction_by_hand(compiled: bool, residual: bool, affine: bool, history: int) -> None:
     model = make_model(
-        twin=twin, residual=residual, affine=affine, history=history,
+        compiled=compiled, residual=residual, affine=affine, history=history,
         observer_gains=ObserverGains.none(), online=CONSTANT,
     )  # fmt: skip
     predictor = Predictor(model, horizon_steps=30)
@@ -68,11 +68,11 @@ def test_prediction_by_hand(twin: bool, residual: bool, affine: bool, history: i
 
 
 @pytest.mark.parametrize("residual", [True, False])
-def test_the_twin_and_torch_agree_while_adapting(residual: bool) -> None:
+def test_compiled_and_torchscript_rollouts_agree_while_adapting(residual: bool) -> None:
     """Two seconds ahead, at every tenth tick, with disturbance and windowed least squares."""
     horizons = []
-    for twin in (True, False):
-        predictor = Predictor(make_model(twin=twin, residual=residual), horizon_steps=0)
+    for compiled in (True, False):
+        predictor = Predictor(make_model(compiled=compiled, residual=residual), horizon_steps=0)
         found = []
         for k, item in enumerate(slalom(200)):
             predictor.horizon_steps = 80 if k % 10 == 9 else 0
@@ -149,7 +149,7 @@ def test_covariance_before_anything_is_known() -> None:
 
 
 def test_roll_out_with_the_held_command_is_the_horizon() -> None:
-    for model in (make_model(), make_model(twin=False), paper_model()):
+    for model in (make_model(), make_model(compiled=False), paper_model()):
         predictor = Predictor(model, horizon_steps=50)
         samples = list(slalom(120))
         last = fold(predictor, samples)[-1]
@@ -160,7 +160,7 @@ def test_roll_out_with_the_held_command_is_the_horizon() -> None:
 
 
 def test_roll_out_changes_nothing() -> None:
-    for model in (make_model(), make_model(twin=False), paper_model()):
+    for model in (make_model(), make_model(compiled=False), paper_model()):
         one, other = Predictor(model, horizon_steps=5), Predictor(model, horizon_steps=5)
         for item in slalom(80):
             made, plain = one.step(item), other.step(item)

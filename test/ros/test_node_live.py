@@ -378,7 +378,7 @@ def refused(*arguments: str) -> str:
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (truncated, "does not have the hash"),
+        (truncated, "does not match its hash"),
         (with_another_version, "version is 99"),
         (without_manifest, "it is not a model folder"),
     ],

@@ -119,7 +119,7 @@ def test_the_offline_model_does_not_adapt(model: KoopmanModel) -> None:
         np.testing.assert_array_equal(getattr(model.observer_gains, name), expected)
     assert (model.residual, model.affine, model.relift) == (True, True, True)
     assert model.uses_imu
-    assert model.lifting.twin is not None
+    assert model.lifting.compiled is not None
     assert model.theta0.shape == (3 + SMALL.features, 3 + SMALL.features + 3)
 
 
@@ -225,6 +225,7 @@ def test_a_lost_cell_costs_more_than_others_gain(
     assert select_hyperparameters(model, split).online.ridge == module._RIDGES[0]
 
 
+@pytest.mark.slow
 def test_tuning_helps_a_car_that_has_changed(model: KoopmanModel, split: Split) -> None:
     cases = module._cases(split)
     assert len(cases) == 2

@@ -88,6 +88,7 @@ def test_none_adds_nothing() -> None:
     assert encoder(torch.zeros(2, 15)).shape == (2, 3)
 
 
+@pytest.mark.slow
 def test_training_with_them_is_nearer_to_smooth_data(tmp_path: Path) -> None:
     """On a drive without noise, against the same training without the forms."""
     of = [drive_of("handling", 300.0, clean=True).truth()]
@@ -98,7 +99,7 @@ def test_training_with_them_is_nearer_to_smooth_data(tmp_path: Path) -> None:
         assert made.test is not None
         errors.append(made.test.scores["model"].rmse)
         stored = artefact.load(tmp_path / str(quadratic)).model
-        assert stored.lifting.twin is not None
+        assert stored.lifting.compiled is not None
         assert stored.n_z == 3 + (int(0.75 * SMALL.features) + 3 if quadratic else SMALL.features)
     assert np.log(errors[1] / errors[0]).mean() < -0.3
 

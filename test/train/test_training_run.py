@@ -20,6 +20,8 @@ from adk_ros.train import network_fit
 from adk_ros.train.network_fit import Step
 from adk_ros.train.training_run import run_training
 
+pytestmark = pytest.mark.slow
+
 SHORT = replace(SMALL, steps=20, batch=32, validate_every=10)
 
 
@@ -114,7 +116,7 @@ def test_killed_and_started_again_it_is_the_same_model(
 def test_a_place_that_is_no_model_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter").write_text("years of work")
-    with pytest.raises(UsageError, match="exists and is no model"):
+    with pytest.raises(UsageError, match="exists and is not a model"):
         run_training([part()], tmp_path / "thesis", SHORT)
     assert (tmp_path / "thesis" / "chapter").read_text() == "years of work"
     # Known before hours are spent on the training.

@@ -1,24 +1,45 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Windowed and recursive least squares, compiled: what the online methods do each tick.
+Compiled updates of windowed and recursive least squares.
 
-Arrays are updated in place, in float64; nothing is allocated.
+Arrays are float64 and updated in place; nothing is allocated.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.numba_cache import strict_kernel
 
 
-@strict_kernel
-def cholesky_solve(matrix, right):  # type: ignore[no-untyped-def]
+class WindowArrays(NamedTuple):
     """
-    Solve matrix @ X = right in place (X in `right`), `matrix` (n, n) overwritten by its factor.
+    State of windowed least squares with n regressors and m outputs, window of w pairs.
 
-    Return the smallest pivot; not positive means that the matrix is not positive definite.
+    `theta0` (m, n): offline model; `phis` (w, n), `ys` (w, m): pairs in the window, a ring buffer;
+    `gram` (n, n), `cross` (n, m): their sums of products; `work` (n, n), `right` (n, m): scratch.
+    """
+
+    theta0: FloatArray
+    phis: FloatArray
+    ys: FloatArray
+    gram: FloatArray
+    cross: FloatArray
+    work: FloatArray
+    right: FloatArray
+
+
+@strict_kernel
+def cholesky_solve(matrix: FloatArray, right: FloatArray) -> float:
+    """
+    Solve matrix @ X = right in place of `right`; `matrix` (n, n) is overwritten by its factor.
+
+    Return the smallest pivot. If it is not positive, the matrix is not positive definite and
+    `right` is not solved for.
     """
     n, m = right.shape
     smallest = np.inf
@@ -28,7 +49,7 @@ def cholesky_solve(matrix, right):  # type: ignore[no-untyped-def]
             pivot -= matrix[j, k] * matrix[j, k]
         smallest = min(smallest, pivot)
         if not pivot > 0.0:
-            return pivot
+            return float(pivot)
         pivot = np.sqrt(pivot)
         matrix[j, j] = pivot
         for i in range(j + 1, n):
@@ -54,8 +75,10 @@ def cholesky_solve(matrix, right):  # type: ignore[no-untyped-def]
 
 
 @strict_kernel
-def rank_one(gram, cross, phi, y, sign):  # type: ignore[no-untyped-def]
-    """gram += sign phi phi', cross += sign phi y'; (n, n) and (n, m)."""
+def rank_one(
+    gram: FloatArray, cross: FloatArray, phi: FloatArray, y: FloatArray, sign: float
+) -> None:
+    """gram (n, n) += sign phi phi', cross (n, m) += sign phi y'."""
     n = phi.shape[0]
     m = y.shape[0]
     for i in range(n):
@@ -67,30 +90,40 @@ def rank_one(gram, cross, phi, y, sign):  # type: ignore[no-untyped-def]
 
 
 @strict_kernel
-def windowed_update(  # type: ignore[no-untyped-def]
-    phi, y, theta0, theta, phis, ys, gram, cross, ridge, slot, full, work, right
-):
+def windowed_update(
+    phi: FloatArray,
+    y: FloatArray,
+    theta: FloatArray,
+    ridge: float,
+    slot: int,
+    full: bool,
+    *arrays: FloatArray,
+) -> bool:
     """
-    Slide the window by one pair and solve it anew.
+    Replace the oldest pair of the window, or add one, and solve for theta.
 
     theta = argmin sum |y_i - theta phi_i|^2 + ridge |theta - theta0|^2 over the window. The window
-    holds what is left of y after the offline model, so that theta0 is the zero of the problem.
+    stores y - theta0 phi, so that theta - theta0 is solved for. `slot`: row of the ring buffer to
+    write; `full`: it holds a pair to be removed; `arrays`: the fields of `WindowArrays`.
     Return False if there is no finite solution.
     """
+    window = WindowArrays(*arrays)
+    theta0, phis, ys = window.theta0, window.phis, window.ys
+    work, right = window.work, window.right
     n_out, n_phi = theta.shape
     if full:
-        rank_one(gram, cross, phis[slot], ys[slot], -1.0)
+        rank_one(window.gram, window.cross, phis[slot], ys[slot], -1.0)
     phis[slot, :] = phi
     for c in range(n_out):
         value = y[c]
         for j in range(n_phi):
             value -= theta0[c, j] * phi[j]
         ys[slot, c] = value
-    rank_one(gram, cross, phis[slot], ys[slot], 1.0)
-    work[:] = gram
+    rank_one(window.gram, window.cross, phis[slot], ys[slot], 1.0)
+    work[:] = window.gram
     for j in range(n_phi):
         work[j, j] += ridge
-    right[:] = cross
+    right[:] = window.cross
     if not cholesky_solve(work, right) > 0.0:
         return False
     total = 0.0
@@ -98,16 +131,23 @@ def windowed_update(  # type: ignore[no-untyped-def]
         for j in range(n_phi):
             theta[c, j] = theta0[c, j] + right[j, c]
             total += abs(theta[c, j])
-    return np.isfinite(total)
+    return bool(np.isfinite(total))
 
 
 @strict_kernel
-def rls_update(phi, y, theta, covariance, forgetting, gain):  # type: ignore[no-untyped-def]
+def rls_update(
+    phi: FloatArray,
+    y: FloatArray,
+    theta: FloatArray,
+    covariance: FloatArray,
+    forgetting: float,
+    gain: FloatArray,
+) -> bool:
     """
-    Recursive least squares with forgetting factor (1: none); the textbook recursion.
+    Recursive least squares with a forgetting factor f (1: none), the textbook recursion.
 
     gain = P phi / (f + phi' P phi); theta += (y - theta phi) gain'; P = (P - gain phi' P) / f.
-    Return False if P or theta is no longer finite.
+    `gain` (n_phi,) is scratch. Return False if P or theta is no longer finite.
     """
     n_out, n_phi = theta.shape
     total = forgetting

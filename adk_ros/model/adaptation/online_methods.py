@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The ways to adapt the lifted linear model y = theta phi online, one class each.
+Online methods that adapt the lifted linear model y = theta phi, one class each.
 
-phi = [z_k; u_k; 1] (the 1 only in the affine form), y = z_(k+1), or its scaled increment in the
-residual form. `METHODS` names them; a new one is a class like the others and a row there.
+phi = [z_k; u_k; 1] (the 1 only in the affine form); y = z_(k+1), or its scaled increment in the
+residual form. `METHODS` maps names to methods.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ from typing import Protocol
 import numpy as np
 
 from adk_ros.errors import UsageError
-from adk_ros.model.adaptation.least_squares import rls_update, windowed_update
+from adk_ros.model.adaptation.least_squares import WindowArrays, rls_update, windowed_update
 from adk_ros.numerics.arrays import FloatArray
 
 
 @dataclass(frozen=True)
 class OnlineSettings:
     """
-    Parameters of the online methods; each method reads the ones it knows.
+    Parameters of the online methods; each method reads those it needs.
 
-    `window`: samples in the window. `ridge`: pull to the offline model, in units of the Gram of
-    scaled regressors, so about "this many samples' worth" along a direction of unit size.
-    `forgetting`: factor per tick of ffrls. `initial_covariance`: diagonal P_0 of rls and ffrls.
+    `window`: samples in the window (windowed, swls). `ridge`: weight of the offline model, in
+    units of the Gram matrix of scaled regressors, so about equivalent samples (windowed).
+    `forgetting`: factor per tick (ffrls). `initial_covariance`: diagonal of P_0 (rls, ffrls).
+    :raises UsageError: the method is unknown or a value is out of range.
     """
 
     method: str = "windowed"
@@ -45,7 +46,7 @@ class OnlineSettings:
             raise UsageError(f"window is {self.window} samples: choose 2 to 100000")
         if not 1e-3 <= self.ridge <= 1e12:
             raise UsageError(
-                f"ridge is {self.ridge:g}: choose 0.001 to 1e12 (below that the solution drifts)"
+                f"ridge is {self.ridge:g}: choose 0.001 to 1e12 (below 0.001 the solution drifts)"
             )
         if not 0.5 < self.forgetting <= 1.0:
             raise UsageError(f"forgetting is {self.forgetting:g}: choose above 0.5 and at most 1")
@@ -56,45 +57,48 @@ class OnlineSettings:
 
 
 class OnlineMethod(Protocol):
-    """What the predictor needs of an online method."""
+    """
+    Interface of an online method; `failures` counts resets after a solution that is not finite.
+    """
 
     theta: FloatArray
     failures: int
 
     def update(self, phi: FloatArray, y: FloatArray) -> None:
-        """Learn one pair, phi (n_phi,), y (n_z,)."""
+        """Learn one pair: phi (n_phi,), y (n_z,)."""
 
     def reset(self) -> None:
         """Return to the offline model."""
 
     def condition_number(self) -> float:
-        """Of the matrix that is solved with; NaN where there is none."""
+        """Return that of the matrix that is inverted; NaN if there is none."""
 
 
 class FixedModel:
-    """The offline model as it is."""
+    """No adaptation: the offline model."""
 
     def __init__(self, theta0: FloatArray, settings: OnlineSettings) -> None:
         self.theta = theta0.copy()
         self.failures = 0
 
     def update(self, phi: FloatArray, y: FloatArray) -> None:
-        """Learn nothing."""
+        """Ignore the pair."""
 
     def reset(self) -> None:
-        """Nothing to return from."""
+        """Do nothing: theta does not change."""
 
     def condition_number(self) -> float:
-        """NaN: nothing is solved."""
+        """Return NaN: no matrix is inverted."""
         return float("nan")
 
 
 class RecursiveLeastSquares:
     """
-    RLS (forgetting 1) and FFRLS as the paper compares them; theta and P are kept finite.
+    RLS (forgetting 1) and FFRLS, the paper's baselines.
 
-    With forgetting, P grows without bound along directions that the drive does not excite and is
-    NaN within some ten thousand ticks. It is then set back to P_0 and counted in `failures`.
+    With forgetting, P grows without bound along directions without excitation and overflows within
+    some ten thousand ticks. Theta and P are then reset to the offline model and P_0, and the reset
+    is counted in `failures`.
     """
 
     def __init__(self, theta0: FloatArray, settings: OnlineSettings, forgetting: float) -> None:
@@ -106,7 +110,7 @@ class RecursiveLeastSquares:
         self.reset()
 
     def update(self, phi: FloatArray, y: FloatArray) -> None:
-        """Learn one pair by the recursion of `rls_update`."""
+        """Learn one pair with `rls_update`."""
         finite = rls_update(phi, y, self.theta, self._covariance, self._forgetting, self._gain)
         if not finite:
             self.failures += 1
@@ -118,24 +122,29 @@ class RecursiveLeastSquares:
         self._covariance = np.eye(self.theta.shape[1]) * self._initial
 
     def condition_number(self) -> float:
-        """Of P."""
+        """Return that of P."""
         return _condition(self._covariance)
 
 
 _RCOND = 1e-10
 """
-Of the largest eigenvalue, below which a direction counts as not excited. Float64 sums of squares
-are good to about 1e-14; what is kept near that is noise that the update then follows.
+Eigenvalues below this share of the largest count as zero: a direction without excitation. Float64
+sums of squares are accurate to about 1e-14; smaller shares would let the update follow rounding
+noise.
+"""
+_MAX_THETA = 1e6
+"""
+Largest entry of theta in scaled units before `PaperSWLS` is reset; far above any useful model.
 """
 
 
 class PaperSWLS:
     """
-    The paper's Algorithm 1 (SWLS), faithful but for the transpose that eq. (33) lacks.
+    The paper's Algorithm 1 (SWLS), with the transpose that eq. (33) lacks.
 
-    P = [X X']^+ over the last M regressors (eqs. 30 to 32), theta += (y - theta phi) phi' P. It is
-    no windowed least squares: old samples leave P but not theta. The Gram is usually singular, so
-    its pseudo-inverse is taken, as eq. (10) does.
+    P = [X X']^+ over the last M regressors (eqs. 30 to 32), theta += (y - theta phi) phi' P. This
+    is not windowed least squares: old samples leave P but not theta. The Gram matrix is usually
+    singular, so its pseudo-inverse is taken, as in eq. (10).
     """
 
     def __init__(self, theta0: FloatArray, settings: OnlineSettings) -> None:
@@ -146,7 +155,7 @@ class PaperSWLS:
         self.failures = 0
 
     def update(self, phi: FloatArray, y: FloatArray) -> None:
-        """Learn one pair by eqs. (30) to (33)."""
+        """Learn one pair, eqs. (30) to (33)."""
         window = self._phis.shape[0]
         self._phis[self._count % window] = phi
         self._count += 1
@@ -156,7 +165,7 @@ class PaperSWLS:
         except np.linalg.LinAlgError:
             direction = np.full(phi.shape[0], np.nan)
         theta = self.theta + np.outer(y - self.theta @ phi, direction)
-        if not np.isfinite(theta).all() or np.abs(theta).max() > 1e6:
+        if not np.isfinite(theta).all() or np.abs(theta).max() > _MAX_THETA:
             self.failures += 1
             self.reset()
             return
@@ -168,47 +177,40 @@ class PaperSWLS:
         self._count = 0
 
     def condition_number(self) -> float:
-        """Of the window's Gram."""
+        """Return that of the window's Gram matrix."""
         known = self._phis[: min(self._count, self._phis.shape[0])]
         return _condition(known.T @ known)
 
 
 class WindowedRidge:
     """
-    Exact windowed least squares with ridge to the offline model: the default.
+    Windowed least squares with a ridge penalty towards the offline model: the default.
 
-    Each tick the Gram of the window gains one outer product and loses one, in float64, and is
-    solved by a fresh Cholesky factorisation: nothing is recursive but sums, so nothing drifts.
+    Each tick adds one outer product to the window's Gram matrix and removes one, in float64, and
+    solves with a new Cholesky factorisation. Only sums are recursive, so errors do not accumulate.
     """
 
     def __init__(self, theta0: FloatArray, settings: OnlineSettings) -> None:
         n_out, n_phi = theta0.shape
-        self._theta0 = np.ascontiguousarray(theta0, dtype=np.float64)
         self._ridge = settings.ridge
-        self._phis = np.zeros((settings.window, n_phi))
-        self._ys = np.zeros((settings.window, n_out))
-        self._work = np.zeros((n_phi, n_phi))
-        self._right = np.zeros((n_phi, n_out))
+        self._window = WindowArrays(
+            theta0=np.ascontiguousarray(theta0, dtype=np.float64),
+            phis=np.zeros((settings.window, n_phi)),
+            ys=np.zeros((settings.window, n_out)),
+            gram=np.zeros((n_phi, n_phi)),
+            cross=np.zeros((n_phi, n_out)),
+            work=np.zeros((n_phi, n_phi)),
+            right=np.zeros((n_phi, n_out)),
+        )
+        self._size = settings.window
         self.failures = 0
         self.reset()
 
     def update(self, phi: FloatArray, y: FloatArray) -> None:
         """Slide the window by one pair and solve."""
-        window = self._phis.shape[0]
+        count, size = self._count, self._size
         solved = windowed_update(
-            phi,
-            y,
-            self._theta0,
-            self.theta,
-            self._phis,
-            self._ys,
-            self._gram,
-            self._cross,
-            self._ridge,
-            self._count % window,
-            self._count >= window,
-            self._work,
-            self._right,
+            phi, y, self.theta, self._ridge, count % size, count >= size, *self._window
         )
         self._count += 1
         if not solved:
@@ -217,25 +219,25 @@ class WindowedRidge:
 
     def reset(self) -> None:
         """Return to the offline model and an empty window."""
-        n_out, n_phi = self._theta0.shape
-        self.theta = self._theta0.copy()
-        self._gram = np.zeros((n_phi, n_phi))
-        self._cross = np.zeros((n_phi, n_out))
+        self.theta = self._window.theta0.copy()
+        self._window.gram[:] = 0.0
+        self._window.cross[:] = 0.0
         self._count = 0
 
     def condition_number(self) -> float:
-        """Of the Gram with its ridge: what is really solved with."""
-        return _condition(self._gram + self._ridge * np.eye(self._gram.shape[0]))
+        """Return that of the Gram matrix with its ridge, which is factorised."""
+        gram = self._window.gram
+        return _condition(gram + self._ridge * np.eye(gram.shape[0]))
 
     def batch_solution(self) -> FloatArray:
-        """The window's problem solved from its stored pairs, for checking; shape of theta."""
-        rows = min(self._count, self._phis.shape[0])
-        phi, y = self._phis[:rows], self._ys[:rows]
+        """Return theta (m, n) solved from the stored pairs at once, to check the recursion."""
+        rows = min(self._count, self._size)
+        phi, y = self._window.phis[:rows], self._window.ys[:rows]
         n_phi = phi.shape[1]
         stacked = np.vstack([phi, np.sqrt(self._ridge) * np.eye(n_phi)])
         target = np.vstack([y, np.zeros((n_phi, y.shape[1]))])
         solution: FloatArray = np.linalg.lstsq(stacked, target, rcond=None)[0]
-        return np.asarray(self._theta0 + solution.T)
+        return np.asarray(self._window.theta0 + solution.T)
 
 
 def _condition(matrix: FloatArray) -> float:

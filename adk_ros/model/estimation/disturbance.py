@@ -1,60 +1,92 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Compiled disturbance estimator: the regression pair of a tick, and what the model leaves of it.
+Compiled disturbance estimators, and the regression pair of a tick that they start from.
 
-    d <- d + g_d (e - d)         slow, e: residual of the increment
+    e = y - theta phi            one-step residual
+    d <- d + g_d (e - d)         slow
     f <- f + g_f (e - d - f)     fast
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from adk_ros.model.lifting.encoder_kernels import Float32Array
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.numba_cache import strict_kernel
 
 RESIDUAL_MEAN_GAIN = 0.1
-"""Gain per tick of the running mean of the residual: a quarter of a second."""
+"""
+Gain per tick of the running mean of the residual: time constant 0.25 s. Empirical, not
+calibrated.
+"""
+MAX_REGRESSION_VALUE = 1e3
+"""
+Scaled values at and above this are not learned from. A value of 1e6 would leave a rounding error
+of 1e-4 in the Gram matrix for good; 1e3 leaves 1e-10.
+"""
+
+
+class RegressionArrays(NamedTuple):
+    """
+    What `regression_pair` reads and updates in place.
+
+    `measured` (3,): present state, scaled; `phi` (n_phi,): regressor of the previous tick;
+    `step_scale` (3,); `gains` (5, 3): `ObserverGains.table`; `disturbance` (3, 3): slow, fast and
+    running mean of the residual; `y` (n_z,): target, written.
+    """
+
+    measured: FloatArray
+    phi: FloatArray
+    step_scale: FloatArray
+    gains: FloatArray
+    disturbance: FloatArray
+    y: FloatArray
 
 
 @strict_kernel
-def regression_pair(  # type: ignore[no-untyped-def]
-    measured, features, phi, theta, step_scale, residual, correction, disturbance, y, limit
-):
+def regression_pair(
+    features: Float32Array, theta: FloatArray, residual: bool, *arrays: FloatArray
+) -> bool:
     """
-    Target y (n_z,) of the tick that has just ended, the disturbances moved towards what is left.
+    Compute the target y of the tick that has just ended, and update the disturbance estimates.
 
-    `measured` (3,) scaled and `features` make up z; `phi` is of the tick before and begins with
-    its z, the observer's state in it; `disturbance` (3, 3) slow, fast and the running mean of what
-    is left. Return False, with the disturbance as it was, if the pair is absurd and must not be
-    learned: a regressor of 1e6 would leave 1e-4 of rounding in the Gram for good.
+    `features` and `measured` form the present lifted state; `phi` begins with the previous one,
+    with the observer's state in it; `arrays`: the fields of `RegressionArrays`. Return False,
+    with the disturbance unchanged, if a value is too large or not a number: the pair must not be
+    learned.
     """
+    pair = RegressionArrays(*arrays)
+    measured, phi, y, disturbance = pair.measured, pair.phi, pair.y, pair.disturbance
     for j in range(phi.shape[0]):
-        if not abs(phi[j]) < limit:
+        if not abs(phi[j]) < MAX_REGRESSION_VALUE:
             return False
     for i in range(y.shape[0]):
         value = measured[i] if i < 3 else np.float64(features[i - 3])
         if residual:
             value -= phi[i]
             if i < 3:
-                value /= step_scale[i]
+                value /= pair.step_scale[i]
         y[i] = value
-        if not abs(value) < limit:
+        if not abs(value) < MAX_REGRESSION_VALUE:
             return False
     for c in range(3):
-        left = y[c]
+        error = y[c]
         for j in range(phi.shape[0]):
-            left -= theta[c, j] * phi[j]
-        disturbance[2, c] += RESIDUAL_MEAN_GAIN * (left - disturbance[2, c])
-        disturbance[0, c] += correction[1, c] * (left - disturbance[0, c])
-        left -= disturbance[0, c]
-        disturbance[1, c] += correction[3, c] * (left - disturbance[1, c])
+            error -= theta[c, j] * phi[j]
+        disturbance[2, c] += RESIDUAL_MEAN_GAIN * (error - disturbance[2, c])
+        disturbance[0, c] += pair.gains[1, c] * (error - disturbance[0, c])
+        error -= disturbance[0, c]
+        disturbance[1, c] += pair.gains[3, c] * (error - disturbance[1, c])
     return True
 
 
 @strict_kernel
-def ewma_covariance(covariance, innovation, gain):  # type: ignore[no-untyped-def]
-    """covariance += gain (innovation innovation' - covariance), all (3, ...)."""
+def ewma_covariance(covariance: FloatArray, innovation: FloatArray, gain: float) -> None:
+    """covariance (3, 3) += gain (innovation innovation' - covariance)."""
     for i in range(3):
         for j in range(3):
             covariance[i, j] += gain * (innovation[i] * innovation[j] - covariance[i, j])

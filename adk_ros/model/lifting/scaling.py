@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Affine scaling of states and inputs, and of the increments that a model predicts."""
+"""Affine scaling of states, inputs and state increments."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ import numpy as np
 
 from adk_ros.numerics.arrays import FloatArray
 
-_SMALLEST = 1e-6
+_MIN_SCALE = 1e-6
+"""Smallest scale, in the channel's unit: a constant channel must not be divided by zero."""
 
 
 @dataclass(frozen=True)
 class Scaling:
     """
-    Scaled x = (x - x_mean) / x_scale, scaled u likewise; increments in units of `step_scale`.
+    Scaled x = (x - x_mean) / x_scale, u likewise; increments of scaled x in units of `step_scale`.
 
-    `x_mean`, `x_scale` (3,) in m/s, m/s, rad/s; `u_mean`, `u_scale` (2,) in N m, rad;
-    `step_scale` (3,): usual change of scaled x in one tick.
+    `x_mean`, `x_scale` (3,) in m/s, m/s, rad/s; `u_mean`, `u_scale` (2,) in N·m, rad;
+    `step_scale` (3,): standard deviation of the increment of scaled x over one tick.
     """
 
     x_mean: FloatArray
@@ -30,36 +31,36 @@ class Scaling:
 
     @staticmethod
     def standard(x: FloatArray, u: FloatArray, change: FloatArray) -> Scaling:
-        """Zero mean and unit deviation; `change` (n, 3) holds increments of x over one tick."""
-        x_scale = np.maximum(x.std(axis=0), _SMALLEST)
+        """Scale to zero mean, unit deviation; `change` (n, 3): increments of x over one tick."""
+        x_scale = np.maximum(x.std(axis=0), _MIN_SCALE)
         return Scaling(
             x_mean=x.mean(axis=0),
             x_scale=x_scale,
             u_mean=u.mean(axis=0),
-            u_scale=np.maximum(u.std(axis=0), _SMALLEST),
-            step_scale=np.maximum(change.std(axis=0) / x_scale, _SMALLEST),
+            u_scale=np.maximum(u.std(axis=0), _MIN_SCALE),
+            step_scale=np.maximum(change.std(axis=0) / x_scale, _MIN_SCALE),
         )
 
     @staticmethod
     def min_max(x: FloatArray, u: FloatArray) -> Scaling:
-        """Onto [-1, 1], the paper's choice; increments are left in scaled units."""
+        """Scale to [-1, 1], as the paper does; increments stay in scaled units."""
         x_low, x_high, u_low, u_high = x.min(axis=0), x.max(axis=0), u.min(axis=0), u.max(axis=0)
         return Scaling(
             x_mean=0.5 * (x_low + x_high),
-            x_scale=np.maximum(0.5 * (x_high - x_low), _SMALLEST),
+            x_scale=np.maximum(0.5 * (x_high - x_low), _MIN_SCALE),
             u_mean=0.5 * (u_low + u_high),
-            u_scale=np.maximum(0.5 * (u_high - u_low), _SMALLEST),
+            u_scale=np.maximum(0.5 * (u_high - u_low), _MIN_SCALE),
             step_scale=np.ones(3),
         )
 
     def scale_x(self, x: FloatArray) -> FloatArray:
-        """Scale states of shape (..., 3)."""
+        """Scale states (..., 3)."""
         return (x - self.x_mean) / self.x_scale
 
     def scale_u(self, u: FloatArray) -> FloatArray:
-        """Scale inputs of shape (..., 2)."""
+        """Scale inputs (..., 2)."""
         return (u - self.u_mean) / self.u_scale
 
     def unscale_x(self, x: FloatArray) -> FloatArray:
-        """Return scaled states of shape (..., 3) in SI units."""
+        """Return scaled states (..., 3) in SI units."""
         return x * self.x_scale + self.x_mean

@@ -1,38 +1,84 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Rolling a model out over a horizon, compiled; and roll-outs that go on with the ticks.
+Compiled open-loop rollouts: whole horizons, and single steps for rollouts that advance every
+tick.
 
-With a lift anew at each step the state's increment is linear in what the lift's last layer sees:
+If every step is lifted anew, the state's increment is linear in the activations s of the
+encoder's last hidden layer and quadratic features, and in the encoder's input row. With
 
-    theta [x; features; u; 1] = head s + short row + u part + level,
+    features = w3' s + skip' row + b3
 
-with s what the lift's last layer sees and row the encoder's input, features = w3' s + skip' row +
-b3. So
-the lift's last layer and theta are multiplied out once (`mix`), and the features never formed.
+it follows that
+
+    theta [x; features; u; 1] = w_hidden s + w_skip row + w_input u + bias
+
+so theta and the encoder's output layer are multiplied once per rollout (`fold_output_layer`), and
+the features are never computed.
 """
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from adk_ros.model.lifting.encoder_kernels import (
+    EncoderArrays,
+    Float32Array,
     pack_encoder_input,
     penultimate_activations,
     set_command,
 )
 from adk_ros.model.uncertainty.error_regression import predicted_error
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.numba_cache import fused_kernel, inlined_kernel, strict_kernel
 
-_MAX_SCALED_STATE = 50.0
-"""Scaled states are held within this: far outside any data, and finite."""
+MAX_SCALED_STATE = 50.0
+"""Scaled states are clamped to +-50 standard deviations: far outside any data, and finite."""
+
+
+class FoldedLayer(NamedTuple):
+    """
+    Output layer of the encoder multiplied by theta.
+
+    `w_hidden` (3, h + q) and `w_skip` (3, n), float32; `w_input_bias` (3, 3): two columns for u,
+    one for the bias.
+    """
+
+    w_hidden: Float32Array
+    w_skip: Float32Array
+    w_input_bias: FloatArray
+
+
+class RolloutState(NamedTuple):
+    """Encoder input `row` (n,), scaled state `x` (3,), slow and fast `disturbance` (2, 3)."""
+
+    row: Float32Array
+    x: FloatArray
+    disturbance: FloatArray
+
+
+class StepForm(NamedTuple):
+    """
+    How a step uses what the model predicts.
+
+    `n_x`: columns of the row that are states; `residual`: the model predicts increments, in units
+    of `step_scale` (3,); `gains` (5, 3): `ObserverGains.table`.
+    """
+
+    n_x: int
+    residual: bool
+    step_scale: FloatArray
+    gains: FloatArray
 
 
 @fused_kernel
-def fold_output_layer(  # type: ignore[no-untyped-def]
-    theta, affine, w3, b3, skip, head, short, rest
-):
-    """Write head (3, h + q), short (3, n) float32 and rest (3, 3): u's two columns and level."""
+def fold_output_layer(
+    theta: FloatArray, affine: bool, encoder: EncoderArrays, folded: FoldedLayer
+) -> None:
+    """Compute `folded` from the state's three rows of `theta` (n_z, n_phi)."""
+    w3, b3, skip = encoder.w3, encoder.b3, encoder.skip
     n_features = w3.shape[1]
     n_z = 3 + n_features
     for c in range(3):
@@ -40,69 +86,60 @@ def fold_output_layer(  # type: ignore[no-untyped-def]
             value = 0.0
             for j in range(n_features):
                 value += theta[c, 3 + j] * w3[i, j]
-            head[c, i] = value
+            folded.w_hidden[c, i] = value
         for i in range(skip.shape[0]):
-            # The row begins with the state itself.
+            # The row begins with the state.
             value = theta[c, i] if i < 3 else 0.0
             for j in range(n_features):
                 value += theta[c, 3 + j] * skip[i, j]
-            short[c, i] = value
-        level = theta[c, n_z + 2] if affine else 0.0
+            folded.w_skip[c, i] = value
+        bias = theta[c, n_z + 2] if affine else 0.0
         for j in range(n_features):
-            level += theta[c, 3 + j] * b3[j]
-        rest[c, 0], rest[c, 1], rest[c, 2] = theta[c, n_z], theta[c, n_z + 1], level
+            bias += theta[c, 3 + j] * b3[j]
+        folded.w_input_bias[c, 0] = theta[c, n_z]
+        folded.w_input_bias[c, 1] = theta[c, n_z + 1]
+        folded.w_input_bias[c, 2] = bias
 
 
 @inlined_kernel
-def rollout_step(  # type: ignore[no-untyped-def]
-    row,
-    x,
-    push,
-    u0,
-    u1,
-    n_x,
-    step_scale,
-    residual,
-    correction,
-    w1,
-    b1,
-    w2,
-    b2,
-    columns,
-    reach,
-    directions,
-    head,
-    short,
-    rest,
-    first,
-    second,
-):
+def rollout_step(
+    state: RolloutState,
+    u0: Any,
+    u1: Any,
+    form: StepForm,
+    encoder: EncoderArrays,
+    folded: FoldedLayer,
+    first: Float32Array,
+    second: Float32Array,
+) -> None:
     """
-    One step: `row` (n,), scaled state `x` (3,) and disturbances `push` (2, 3) are moved on.
+    Advance `state` by one step under the scaled command `u0`, `u1`.
 
-    `u0`, `u1` are the command in force, scaled; the first `n_x` of the row's columns are states.
+    `first` (>= h + q + n,) and `second` (>= h + q,) are scratch memory.
     """
-    n, seen = short.shape[1], head.shape[1]
+    row, x, disturbance = state.row, state.x, state.disturbance
+    w_hidden, w_skip, w_input_bias = folded.w_hidden, folded.w_skip, folded.w_input_bias
+    n, n_hidden, n_x = w_skip.shape[1], w_hidden.shape[1], form.n_x
     set_command(row, n_x, u0, u1)
-    penultimate_activations(row, w1, b1, w2, b2, columns, reach, directions, first, second)
-    # All three at once: a sum of its own each would wait for itself.
+    penultimate_activations(row, encoder, first, second)
+    # Three sums in one loop: one loop each would wait for its own additions.
     s0 = s1 = s2 = np.float32(0.0)
-    for i in range(seen):
-        s0 += head[0, i] * second[i]
-        s1 += head[1, i] * second[i]
-        s2 += head[2, i] * second[i]
+    for i in range(n_hidden):
+        s0 += w_hidden[0, i] * second[i]
+        s1 += w_hidden[1, i] * second[i]
+        s2 += w_hidden[2, i] * second[i]
     for i in range(n):
-        s0 += short[0, i] * row[i]
-        s1 += short[1, i] * row[i]
-        s2 += short[2, i] * row[i]
+        s0 += w_skip[0, i] * row[i]
+        s1 += w_skip[1, i] * row[i]
+        s2 += w_skip[2, i] * row[i]
     for c in range(3):
         lifted = s0 if c == 0 else s1 if c == 1 else s2
-        value = rest[c, 2] + lifted + rest[c, 0] * u0 + rest[c, 1] * u1
-        value += push[0, c] + push[1, c]
-        push[0, c] *= correction[2, c]
-        push[1, c] *= correction[4, c]
-        value = value * step_scale[c] + (x[c] if residual else 0.0)
-        x[c] = min(max(value, -_MAX_SCALED_STATE), _MAX_SCALED_STATE)
+        value = w_input_bias[c, 2] + lifted + w_input_bias[c, 0] * u0 + w_input_bias[c, 1] * u1
+        value += disturbance[0, c] + disturbance[1, c]
+        disturbance[0, c] *= form.gains[2, c]
+        disturbance[1, c] *= form.gains[4, c]
+        value = value * form.step_scale[c] + (x[c] if form.residual else 0.0)
+        x[c] = min(max(value, -MAX_SCALED_STATE), MAX_SCALED_STATE)
     for i in range(n_x - 1, 2, -1):
         row[i] = row[i - 3]
     for i in range(n - 1, n_x + 1, -1):
@@ -112,76 +149,55 @@ def rollout_step(  # type: ignore[no-untyped-def]
 
 
 @fused_kernel
-def rollout_lifting(  # type: ignore[no-untyped-def]
-    x_past,
-    u_past,
-    theta,
-    step_scale,
-    residual,
-    affine,
-    u_ahead,
-    disturbance,
-    correction,
-    w1,
-    b1,
-    w2,
-    b2,
-    w3,
-    b3,
-    skip,
-    columns,
-    reach,
-    directions,
-    out,
-):
+def rollout_lifting(
+    x_past: FloatArray,
+    u_past: FloatArray,
+    theta: FloatArray,
+    u_ahead: FloatArray,
+    disturbance: FloatArray,
+    residual: bool,
+    affine: bool,
+    out: FloatArray,
+    step_scale: FloatArray,
+    gains: FloatArray,
+    *encoder_arrays: Any,
+) -> None:
     """
-    Predict len(out) steps, lifting anew at each: out (h, 3) scaled.
+    Predict len(out) steps, lifting anew at each: out (h, 3), scaled.
 
-    `u_ahead` (up to h, 2) scaled, its last row held; `theta` (n_z, n_phi), of which the state's
-    three rows are used; `disturbance` (2, 3) is added to the increments and decays as `correction`
-    (5, 3) says, see `correction.Correction`.
+    `x_past` (p + 1, 3), `u_past` (p, 2): newest first, scaled. `u_ahead` (up to h, 2): scaled,
+    its last row repeated. `theta` (n_z, n_phi): the state's three rows are used. `disturbance`
+    (>= 2, 3) is added to the increments and decays by `gains` (5, 3). `encoder_arrays`: the
+    fields of `EncoderArrays`. The inputs are not changed.
     """
-    n, seen = w1.shape[0], w3.shape[0]
+    encoder = EncoderArrays(*encoder_arrays)
+    n, n_hidden = encoder.w1.shape[0], encoder.w3.shape[0]
     n_x, last = 3 * x_past.shape[0], u_ahead.shape[0] - 1
     row = np.empty(n, dtype=np.float32)
     pack_encoder_input(x_past, u_past, row)
-    first = np.empty(seen + n, dtype=np.float32)
-    second = np.empty(seen, dtype=np.float32)
-    head, short = np.empty((3, seen), dtype=np.float32), np.empty((3, n), dtype=np.float32)
-    rest = np.empty((3, 3))
-    fold_output_layer(theta, affine, w3, b3, skip, head, short, rest)
-    x, push = x_past[0].copy(), disturbance.copy()
+    first = np.empty(n_hidden + n, dtype=np.float32)
+    second = np.empty(n_hidden, dtype=np.float32)
+    folded = FoldedLayer(
+        np.empty((3, n_hidden), dtype=np.float32),
+        np.empty((3, n), dtype=np.float32),
+        np.empty((3, 3)),
+    )
+    fold_output_layer(theta, affine, encoder, folded)
+    state = RolloutState(row, x_past[0].copy(), disturbance.copy())
+    form = StepForm(n_x, residual, step_scale, gains)
     for step in range(out.shape[0]):
         u0, u1 = u_ahead[min(step, last), 0], u_ahead[min(step, last), 1]
-        rollout_step(
-            row,
-            x,
-            push,
-            u0,
-            u1,
-            n_x,
-            step_scale,
-            residual,
-            correction,
-            w1,
-            b1,
-            w2,
-            b2,
-            columns,
-            reach,
-            directions,
-            head,
-            short,
-            rest,
-            first,
-            second,
-        )
-        out[step] = x
+        rollout_step(state, u0, u1, form, encoder, folded, first, second)
+        out[step] = state.x
 
 
 @strict_kernel
-def rollout_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
-    """Predict in the lifted space, z+ = A z + B u (eq. 5): as above, no lift on the way."""
+def rollout_linear(z: FloatArray, theta: FloatArray, u_ahead: FloatArray, out: FloatArray) -> None:
+    """
+    Predict len(out) steps in the lifted space, z+ = A z + B u (eq. 5): out (h, 3), scaled.
+
+    `z` (n_z,): lifted state; `theta` (n_z, n_z + 2) = [A B]; `u_ahead` as in `rollout_lifting`.
+    """
     n_z = z.shape[0]
     last = u_ahead.shape[0] - 1
     now = z.copy()
@@ -192,34 +208,41 @@ def rollout_linear(z, theta, u_ahead, out):  # type: ignore[no-untyped-def]
             value = theta[c, n_z] * u[0] + theta[c, n_z + 1] * u[1]
             for j in range(n_z):
                 value += theta[c, j] * now[j]
-            new[c] = min(max(value, -_MAX_SCALED_STATE), _MAX_SCALED_STATE)
+            new[c] = min(max(value, -MAX_SCALED_STATE), MAX_SCALED_STATE)
         now[:] = new
         out[step, :] = now[:3]
 
 
 @strict_kernel
-def to_si(  # type: ignore[no-untyped-def]
-    states, base, disturbance, weights, trust, x_mean, x_scale
-):
+def to_si(
+    states: FloatArray,
+    base: FloatArray,
+    disturbance: FloatArray,
+    weights: FloatArray,
+    shrinkage: FloatArray,
+    x_mean: FloatArray,
+    x_scale: FloatArray,
+) -> bool:
     """
-    Unscale states (h, 3) in place; return whether all are finite.
+    Correct scaled states (h, 3), convert them to SI in place, and return whether all are finite.
 
-    To the change since `base` (3,), scaled, is added what is foreseen of its error by `weights`
-    (k, 3, K + 1) from `disturbance` (1, 3, 3), see `hindsight`; of that a share `trust` (k, 3) is
-    kept. Both by step, the last row from there on; the change is left as it is if k is 0.
+    The error predicted with `weights` (k, 3, K + 1) from `disturbance` (1, 3, 3), see
+    `error_regression`, is added to the change since `base` (3,), scaled, and the sum is
+    multiplied by `shrinkage` (k, 3). Both are by horizon step, the last row repeated; k = 0
+    leaves the change as it is.
     """
     finite = True
-    last = trust.shape[0] - 1
+    last = shrinkage.shape[0] - 1
     for i in range(states.shape[0]):
         for c in range(3):
             value = states[i, c]
             if last >= 0:
                 h = min(i, last)
                 value += predicted_error(h, c, 0, weights, disturbance)
-                # Before it is held within bounds, which would make a number of what is none.
+                # Checked before clamping, which would turn NaN into a number.
                 finite = finite and np.isfinite(value)
-                value = min(max(value, -_MAX_SCALED_STATE), _MAX_SCALED_STATE)
-                value = base[c] + trust[h, c] * (value - base[c])
+                value = min(max(value, -MAX_SCALED_STATE), MAX_SCALED_STATE)
+                value = base[c] + shrinkage[h, c] * (value - base[c])
             states[i, c] = value * x_scale[c] + x_mean[c]
             finite = finite and np.isfinite(states[i, c])
     return finite

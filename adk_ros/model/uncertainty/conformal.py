@@ -1,25 +1,25 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Errors by step of the horizon -> a covariance whose 90 % intervals hold 90 % of what comes.
+Adaptive-conformal scaling of the horizon's error covariance to 90 % coverage.
 
-A covariance alone does not: errors have heavy tails, and they drift with the road and the driver.
-So each step h and channel c has a factor on the deviation, moved as in adaptive conformal
-inference (Gibbs and Candes, NeurIPS 2021) by whether the interval that was promised when the
-prediction was made, +-q sqrt(P_hcc), held or was missed:
+Errors have heavy tails and drift with road and driver, so intervals from a covariance alone do
+not reach their nominal coverage. Each horizon step h and channel c therefore has a scale s on the
+standard deviation, updated as in adaptive conformal inference (Gibbs and Candes, NeurIPS 2021) by
+whether the error exceeded the interval +-q sqrt(P_hcc) that was issued with the prediction:
 
     C_h <- C_h + (e e' - C_h) / n_h,   n_h <- l n_h + 1      weighted mean, l: FORGETTING
-    log s_hc <- log s_hc + GAIN (missed - 0.1)               s within LEAST, SCALE_MAX; 1 at first
+    log s_hc <- log s_hc + GAIN (missed - 0.1)               s clamped to SCALE_MIN .. SCALE_MAX
     P_hij = s_hi s_hj C_hij                                  symmetric, positive semi-definite
 
-As long as no bound is met, the share missed in T comparisons differs from 0.1 by no more than
-|log s - log s_0| / (GAIN T), whatever the errors are. The promise was made up to a horizon ago;
-what is learned meanwhile comes too late for it, but is not lost.
+While s is within its bounds, the share of missed intervals in T comparisons differs from 0.1 by
+at most |log s - log s_0| / (GAIN T), for any sequence of errors.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,67 +28,98 @@ from adk_ros.numerics.constants import QUANTILE_90
 from adk_ros.numerics.numba_cache import inlined_kernel
 
 ROLLOUT_STRIDE = 10
-"""Ticks between two predictions that are compared."""
+"""
+Ticks between the starts of two predictions that are compared: 0.25 s. Limits the cost per tick.
+"""
 FORGETTING = 0.99
-"""A comparison's weight per later one: 100 of them, or 25 s, are remembered."""
+"""
+Weight of a comparison per later one: mean memory of 100 comparisons, 25 s. Empirical, not
+calibrated.
+"""
 GAIN = 0.07
-"""Step of log s per comparison."""
+"""Step of log s per comparison. Chosen on the tests of `adk bench paper`, see doc/method.md."""
 SCALE_MIN, SCALE_MAX = 0.25, 4.0
-"""Bounds of s."""
-_MISSED, _HELD = math.exp(0.9 * GAIN), math.exp(-0.1 * GAIN)
+"""Bounds of s. Empirical, not calibrated."""
+_SCALE_UP, _SCALE_DOWN = math.exp(0.9 * GAIN), math.exp(-0.1 * GAIN)
+"""
+Factors on s after an error outside and inside the interval, for a nominal share of 0.1 outside.
+"""
 _MAX_ERROR = 1e6
-"""An error is counted as no larger, in whatever unit: its square must stay finite."""
+"""Errors are clamped to this, in the channel's unit, so that their squares stay finite."""
+
+
+class ConformalArrays(NamedTuple):
+    """
+    State of a `ConformalScale`, updated in place.
+
+    `n_effective` (steps,): n; `covariance` (steps, 3, 3): C; `factor` (steps, 3): s; `calibrated`
+    (steps, 3, 3): P.
+    """
+
+    n_effective: FloatArray
+    covariance: FloatArray
+    factor: FloatArray
+    calibrated: FloatArray
 
 
 class ConformalScale:
     """
-    Covariance of the errors by step; `calibrated` (steps, 3, 3) is P as above.
+    Error covariance by horizon step, scaled to 90 % coverage; `calibrated` (steps, 3, 3) is P.
 
-    :param errors: covariance (steps, 3, 3) to begin with, as if from `prior` comparisons.
+    :param errors: initial covariance (steps, 3, 3), with the weight of `prior` comparisons.
     """
 
     def __init__(self, errors: FloatArray, prior: float) -> None:
         steps = errors.shape[0]
-        # Whoever made the table may have rounded its two halves differently.
+        # Exactly symmetric: the two halves of the given table may be rounded differently.
         self._errors = 0.5 * (errors + errors.transpose(0, 2, 1))
         self._prior = prior
-        self.count = np.zeros(steps)
-        self.covariance = np.zeros((steps, 3, 3))
-        self.factor = np.ones((steps, 3))
-        self.calibrated = np.zeros((steps, 3, 3))
+        self.arrays = ConformalArrays(
+            n_effective=np.zeros(steps),
+            covariance=np.zeros((steps, 3, 3)),
+            factor=np.ones((steps, 3)),
+            calibrated=np.zeros((steps, 3, 3)),
+        )
         self.reset()
+
+    @property
+    def calibrated(self) -> FloatArray:
+        """Calibrated covariance P (steps, 3, 3); the array that updates change, not a copy."""
+        return self.arrays.calibrated
 
     def reset(self) -> None:
         """Forget all comparisons."""
-        self.count[:] = self._prior
-        self.covariance[:] = self._errors
-        self.factor[:] = 1.0
-        self.calibrated[:] = self._errors
-
-    def arrays(self) -> tuple[FloatArray, ...]:
-        """What `learn` takes at its end, for a kernel to hand on."""
-        return self.count, self.covariance, self.factor, self.calibrated
+        self.arrays.n_effective[:] = self._prior
+        self.arrays.covariance[:] = self._errors
+        self.arrays.factor[:] = 1.0
+        self.arrays.calibrated[:] = self._errors
 
 
 @inlined_kernel
-def update_conformal_scale(  # type: ignore[no-untyped-def]
-    h, error, surprise, variance, count, covariance, factor, calibrated
-):
+def update_conformal_scale(
+    h: int,
+    error: FloatArray,
+    issued_error: FloatArray,
+    variance: FloatArray,
+    scale: ConformalArrays,
+) -> None:
     """
-    Account for one comparison at step `h`, arrays as in `Calibration`.
+    Account for one comparison at horizon step `h`.
 
-    `error` (3,) enters the covariance; `surprise` (3,) is measured less what had been predicted,
-    and `variance` (3,) what had been promised for it. The two errors differ where the prediction
-    has been corrected with hindsight.
+    `error` (3,) updates the covariance. `issued_error` (3,) is measured minus issued prediction,
+    and `variance` (3,) the variance issued with it. The two errors differ if the prediction for
+    this step has been corrected since it was issued.
     """
-    count[h] = FORGETTING * count[h] + 1.0
-    share = 1.0 / count[h]
+    scale.n_effective[h] = FORGETTING * scale.n_effective[h] + 1.0
+    share = 1.0 / scale.n_effective[h]
     for c in range(3):
         error[c] = min(max(error[c], -_MAX_ERROR), _MAX_ERROR)
-        beyond = surprise[c] * surprise[c] > QUANTILE_90 * QUANTILE_90 * variance[c]
-        moved = factor[h, c] * (_MISSED if beyond else _HELD)
-        factor[h, c] = min(max(moved, SCALE_MIN), SCALE_MAX)
+        missed = issued_error[c] * issued_error[c] > QUANTILE_90 * QUANTILE_90 * variance[c]
+        moved = scale.factor[h, c] * (_SCALE_UP if missed else _SCALE_DOWN)
+        scale.factor[h, c] = min(max(moved, SCALE_MIN), SCALE_MAX)
     for i in range(3):
         for j in range(3):
-            covariance[h, i, j] += share * (error[i] * error[j] - covariance[h, i, j])
-            calibrated[h, i, j] = factor[h, i] * factor[h, j] * covariance[h, i, j]
+            scale.covariance[h, i, j] += share * (error[i] * error[j] - scale.covariance[h, i, j])
+            scale.calibrated[h, i, j] = (
+                scale.factor[h, i] * scale.factor[h, j] * scale.covariance[h, i, j]
+            )

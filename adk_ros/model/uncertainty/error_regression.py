@@ -1,23 +1,23 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a prediction's error could have been told from, when it was made: learned, by horizon.
+Predict the rollout error at each horizon step from present one-step residuals.
 
-What the model leaves of the last increments stands for something the model does not know, and how
-that goes on is a matter of the road and the car: a gust dies away, v_x lost uphill is won
-downhill. So for each step h and channel c the error of past roll-outs (see `trials`) is regressed
-on the signs s there were at their start,
+One-step residuals come from effects that the model does not contain, and how these continue
+depends on road and vehicle: a gust decays, speed lost uphill is regained downhill. For each
+horizon step h and channel c, the error of monitored rollouts (see `rollout_monitor`) is therefore
+regressed on the K = 5 regressors s that were available when the rollout started,
 
-    y - m  ~  w_hc s     s: running means of what was left on v_x, v_y and yaw rate (`RESIDUAL_MEAN_GAIN`),
-                            and the channel's own slow and fast disturbance
-    w = k (S + 3/n diag S)^-1 sum s (y - m),   S = sum s s',     n trials, weights `FORGETTING`
-    k = (1 - K a rest / told)+
+    y - m  ~  w_hc s     s: running means of the one-step residuals of v_x, v_y and yaw rate
+                            (`RESIDUAL_MEAN_GAIN`), and the channel's slow and fast disturbance
+    w = k (S + 3/n diag S)^-1 sum s (y - m),   S = sum s s',     n rollouts, weights `FORGETTING`
+    k = max(0, 1 - K a r / b)
 
-with `told` the square sum that the K signs explain and `rest` the mean square that they do not.
-k is the factor of James and Stein: what chance would explain as well is not used. Trials whose
-horizons overlap are half alike, and a > 1 says by how much they are fewer. What is predicted is
-m + w s, with w s no more than thrice the usual error: a sign far beyond all that were seen, from a
-reading that jumps, foretells nothing.
+with b the sum of squares explained by the K regressors and r the residual mean square. k is the
+shrinkage factor of James and Stein: it removes what K regressors explain by chance. Rollouts with
+overlapping horizons are correlated; a >= 1 is the resulting reduction of the effective sample
+size. The prediction becomes m + w s, with w s clamped to three times the RMS error, so that an
+outlier in the regressors has bounded effect.
 """
 
 from __future__ import annotations
@@ -25,70 +25,81 @@ from __future__ import annotations
 import numpy as np
 
 from adk_ros.model.uncertainty.conformal import ROLLOUT_STRIDE
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.numba_cache import inlined_kernel
 
 N_REGRESSORS = 5
 """K."""
 FORGETTING = 0.998
-"""A trial's weight per later trial: 500 trials, or two minutes."""
+"""
+Weight of a rollout per later one: mean memory of 500 rollouts, 2 min. Empirical, not calibrated.
+"""
 _OVERLAP_CORRELATION = 0.5
-"""How alike two trials are whose horizons overlap."""
+"""
+Assumed correlation of the errors of two rollouts with overlapping horizons. Empirical, not
+calibrated.
+"""
 _RIDGE = 3.0
+"""Ridge on the diagonal of S, in equivalent rollouts. Empirical, not calibrated."""
 _MAX_ERROR = 1e6
-"""An error is counted as no larger: its square must stay finite for as long as it is kept."""
+"""Errors are clamped to this, in scaled units, so that sums of their squares stay finite."""
 _CLIP_SIGMAS = 3.0
-"""Of the root mean square error, that may be foreseen."""
+"""Limit of the predicted error, in RMS errors: the usual 3-sigma limit."""
 
 
 class ErrorRegression:
     """
-    The regression of one model's trials; `weights` (steps, 3, K + 1) is its outcome.
+    Regression of the rollout error of one model.
 
-    In scaled units, a sign in units of the usual change in one tick. The last column is the most
-    that may be foreseen.
+    `weights` (steps, 3, K + 1): w, and in the last column the limit of w s. States are scaled,
+    regressors in units of `Scaling.step_scale`. `moments` (steps, 3, K + 2, K + 2): weighted sums
+    of [s; y - m; 1] [s; y - m; 1]', lower triangle.
     """
 
     def __init__(self, steps: int) -> None:
         self.weights = np.zeros((steps, 3, N_REGRESSORS + 1))
         self.moments = np.zeros((steps, 3, N_REGRESSORS + 2, N_REGRESSORS + 2))
-        """Weighted sums of [s; y - m; 1] [s; y - m; 1]', the lower half."""
 
     def reset(self) -> None:
-        """Forget all trials."""
+        """Forget all rollouts."""
         self.weights[:] = 0.0
         self.moments[:] = 0.0
 
 
 @inlined_kernel
-def predicted_error(h, c, lane, weights, disturbance):  # type: ignore[no-untyped-def]
+def predicted_error(
+    h: int, c: int, slot: int, weights: FloatArray, disturbance: FloatArray
+) -> float:
     """
-    Return w s of step `h`, channel `c`, bounded: `weights` as in `Hindsight`.
+    Return w s of horizon step `h`, channel `c`, clamped; `weights` as in `ErrorRegression`.
 
-    `disturbance` (lanes, 3, 3) slow, fast, running mean, of which `lane` counts. Indexed here: a
-    view of either takes longer than the sum.
+    `disturbance` (slots, 3, 3): slow, fast and running mean of the residual, of which `slot` is
+    used. It is indexed here because a view of it takes longer than the sum.
     """
-    told = (
-        weights[h, c, 0] * disturbance[lane, 2, 0]
-        + weights[h, c, 1] * disturbance[lane, 2, 1]
-        + weights[h, c, 2] * disturbance[lane, 2, 2]
-        + weights[h, c, 3] * disturbance[lane, 0, c]
-        + weights[h, c, 4] * disturbance[lane, 1, c]
+    error: float = (
+        weights[h, c, 0] * disturbance[slot, 2, 0]
+        + weights[h, c, 1] * disturbance[slot, 2, 1]
+        + weights[h, c, 2] * disturbance[slot, 2, 2]
+        + weights[h, c, 3] * disturbance[slot, 0, c]
+        + weights[h, c, 4] * disturbance[slot, 1, c]
     )
-    most = weights[h, c, N_REGRESSORS]
-    return min(max(told, -most), most)
+    limit: float = weights[h, c, N_REGRESSORS]
+    return min(max(error, -limit), limit)
 
 
 @inlined_kernel
-def accumulate_moments(h, c, error, lane, disturbance, moments):  # type: ignore[no-untyped-def]
+def accumulate_moments(
+    h: int, c: int, error: float, slot: int, disturbance: FloatArray, moments: FloatArray
+) -> None:
     """
-    Account for the `error` y - m at step `h`, channel `c`, of a trial; `moments` in `Hindsight`.
+    Add the `error` y - m of a rollout at step `h`, channel `c`, to the `moments`.
 
-    It began with `disturbance` (lanes, 3, 3) slow, fast, running mean, of which `lane` counts.
+    `disturbance` (slots, 3, 3): slow, fast and running mean at the rollout's start, in row `slot`.
     """
     error = min(max(error, -_MAX_ERROR), _MAX_ERROR)
     s = (
-        disturbance[lane, 2, 0], disturbance[lane, 2, 1], disturbance[lane, 2, 2],
-        disturbance[lane, 0, c], disturbance[lane, 1, c], error, 1.0,
+        disturbance[slot, 2, 0], disturbance[slot, 2, 1], disturbance[slot, 2, 2],
+        disturbance[slot, 0, c], disturbance[slot, 1, c], error, 1.0,
     )  # fmt: skip
     for i in range(N_REGRESSORS + 2):
         for j in range(i + 1):
@@ -96,8 +107,10 @@ def accumulate_moments(h, c, error, lane, disturbance, moments):  # type: ignore
 
 
 @inlined_kernel
-def solve_shrunk_regression(h, c, moments, factors, weights):  # type: ignore[no-untyped-def]
-    """Write the weights of step `h`, channel `c`; `factors` (K, K) is room to work in."""
+def solve_shrunk_regression(
+    h: int, c: int, moments: FloatArray, factors: FloatArray, weights: FloatArray
+) -> None:
+    """Write the weights of step `h`, channel `c`; `factors` (K, K) is scratch memory."""
     sums, w = moments[h, c], weights[h, c, :N_REGRESSORS]
     n = sums[N_REGRESSORS + 1, N_REGRESSORS + 1]
     for i in range(N_REGRESSORS):
@@ -106,20 +119,25 @@ def solve_shrunk_regression(h, c, moments, factors, weights):  # type: ignore[no
             factors[i, j] = sums[i, j]
         factors[i, i] = sums[i, i] * (1.0 + _RIDGE / n) + 1e-12
     solve_positive(factors, w)
-    told = 0.0
+    explained = 0.0
     for i in range(N_REGRESSORS):
-        told += w[i] * sums[N_REGRESSORS, i]
-    rest = max(sums[N_REGRESSORS, N_REGRESSORS] - told, 0.0) / n
-    fewer = max(_OVERLAP_CORRELATION * (h + 1) / ROLLOUT_STRIDE, 1.0)
-    kept = max(1.0 - N_REGRESSORS * fewer * rest / max(told, 1e-30), 0.0)
+        explained += w[i] * sums[N_REGRESSORS, i]
+    residual_mean_square = max(sums[N_REGRESSORS, N_REGRESSORS] - explained, 0.0) / n
+    sample_reduction = max(_OVERLAP_CORRELATION * (h + 1) / ROLLOUT_STRIDE, 1.0)
+    shrinkage = max(
+        1.0 - N_REGRESSORS * sample_reduction * residual_mean_square / max(explained, 1e-30), 0.0
+    )
     for i in range(N_REGRESSORS):
-        w[i] *= kept
+        w[i] *= shrinkage
     weights[h, c, N_REGRESSORS] = _CLIP_SIGMAS * np.sqrt(sums[N_REGRESSORS, N_REGRESSORS] / n)
 
 
 @inlined_kernel
-def solve_positive(a, b):  # type: ignore[no-untyped-def]
-    """Solve a x = b in place of `b` (k,), `a` (k, k) symmetric positive, its lower half read."""
+def solve_positive(a: FloatArray, b: FloatArray) -> None:
+    """
+    Solve a x = b in place of `b` (k,); `a` (k, k) is positive definite, its lower triangle is
+    used.
+    """
     n = b.shape[0]
     for j in range(n):
         inverse = 1.0 / a[j, j]

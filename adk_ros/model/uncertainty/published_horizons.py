@@ -1,19 +1,23 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The horizons that were published, held against what then happened.
+Empirical error covariance of the published horizons, by horizon step.
 
-They are made under commands that are held, so their errors hold what the driver did as well.
-Every tenth one is kept, with the variances that were published with it, and each of its steps is
-compared with the measurement of its time; nothing is rolled out again.
+Published horizons assume constant commands, so their errors include what the driver did. Every
+tenth horizon is stored with the variances published with it, and each of its steps is compared
+with the measurement at that time. Nothing is predicted again.
 """
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from adk_ros.model.uncertainty.conformal import (
     ROLLOUT_STRIDE,
+    ConformalArrays,
     ConformalScale,
     update_conformal_scale,
 )
@@ -21,56 +25,69 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.numba_cache import fused_kernel
 
 
+class StoredHorizons(NamedTuple):
+    """
+    Published horizons under comparison.
+
+    `values` (slots, steps, 2, 3): states and the variances published with them; `age` (slots,):
+    the next step to compare, -1 if the slot is empty.
+    """
+
+    values: FloatArray
+    age: NDArray[np.int64]
+
+
 class PublishedHorizonErrors:
     """
-    Covariance of measured less published state by step, SI, calibrated as `calibration` says.
+    Covariance of measured minus published state by horizon step, SI, scaled as in `conformal`.
 
-    :param errors: covariance (steps, 3, 3) to begin with, SI, as if from `prior` horizons.
+    :param errors: initial covariance (steps, 3, 3), SI, with the weight of `prior` horizons.
     """
 
     def __init__(self, errors: FloatArray, prior: float) -> None:
         self._steps = steps = errors.shape[0]
-        self._calibration = ConformalScale(errors, prior)
-        self._arrays = self._calibration.arrays()
-        lanes = -(-steps // ROLLOUT_STRIDE)
-        self._kept = np.zeros((lanes, steps, 2, 3))
-        self._age = np.full(lanes, -1)
-        self._lanes = lanes
+        self._scale = ConformalScale(errors, prior)
+        self._slots = -(-steps // ROLLOUT_STRIDE)
+        self._stored = StoredHorizons(
+            values=np.zeros((self._slots, steps, 2, 3)), age=np.full(self._slots, -1)
+        )
+        self._arrays = (*self._stored, *self._scale.arrays)
         self._number = 0
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance (steps, 3, 3), SI, as it stands; a copy."""
-        return np.array(self._calibration.calibrated)
+        """Present covariance (steps, 3, 3), SI; a copy."""
+        return np.array(self._scale.calibrated)
 
     def reset(self) -> None:
         """Forget all horizons."""
         self.stop()
         self._number = 0
-        self._calibration.reset()
+        self._scale.reset()
 
     def stop(self) -> None:
-        """Compare none of the horizons published so far any more; what was learned stays."""
-        self._age[:] = -1
+        """Discard the stored horizons, which a gap has ended; keep the covariance."""
+        self._stored.age[:] = -1
 
     def tick(
         self, state: FloatArray, usable: bool, horizon: FloatArray, coasted: int
     ) -> FloatArray:
         """
-        Compare `state` (3,), if it is `usable`; take the `horizon` (h, 3) made from it, all SI.
+        Compare `state` (3,) if it is `usable`, and store the `horizon` (h, 3) made from it if
+        due; SI.
 
-        Return the covariance (h, 3, 3) to publish with it. A horizon that is made while coasting
-        is not kept, and as it began `coasted` ticks ago, its rows are those of so many steps
-        more, the last one held.
+        Return the covariance (h, 3, 3) to publish with the horizon. A horizon made while coasting
+        is not stored. As its prediction began `coasted` ticks ago, its rows are those of so many
+        steps later, the last row repeated.
         """
-        lane, last = -1, self._steps - 1
-        # Only whole horizons count: a validation run has the others made shorter, to save time.
+        slot, last = -1, self._steps - 1
+        # Only complete horizons count; a validation run shortens some of them to save time.
         if not coasted and 0 < self._steps == horizon.shape[0]:
             self._number += 1
             if self._number % ROLLOUT_STRIDE == 0:
-                lane = (self._number // ROLLOUT_STRIDE) % self._lanes
-        update_published_errors(state, usable, horizon, lane, self._kept, self._age, *self._arrays)
-        table: FloatArray = self._calibration.calibrated
+                slot = (self._number // ROLLOUT_STRIDE) % self._slots
+        update_published_errors(state, usable, horizon, slot, *self._arrays)
+        table = self._scale.calibrated
         if coasted:
             rows = np.minimum(np.arange(horizon.shape[0]) + coasted, last)
             return np.asarray(table[rows])
@@ -78,31 +95,32 @@ class PublishedHorizonErrors:
 
 
 @fused_kernel
-def update_published_errors(  # type: ignore[no-untyped-def]
-    state, usable, horizon, new, kept, age, count, covariance, factor, calibrated
-):
+def update_published_errors(
+    state: FloatArray, usable: bool, horizon: FloatArray, new_slot: int, *arrays: Any
+) -> None:
     """
-    Hold `state` (3,) against the horizons of all lanes, and begin lane `new` if it is not -1.
+    Compare `state` (3,) with all stored horizons, and store `horizon` in `new_slot` unless it is
+    -1.
 
-    `kept` (lanes, steps, 2, 3) holds horizons and the variances promised with them; a lane's next
-    step is its `age`, -1 where it is done.
+    `arrays`: the fields of `StoredHorizons` and `ConformalArrays`.
     """
-    lanes, steps = kept.shape[0], kept.shape[1]
+    stored, scale = StoredHorizons(*arrays[:2]), ConformalArrays(*arrays[2:])
+    slots, steps = stored.values.shape[0], stored.values.shape[1]
     error, variance = np.empty(3), np.empty(3)
-    for lane in range(lanes):
-        h = age[lane]
+    for slot in range(slots):
+        h = stored.age[slot]
         if h < 0:
             continue
-        age[lane] = h + 1 if h + 1 < steps else -1
+        stored.age[slot] = h + 1 if h + 1 < steps else -1
         if not usable:
             continue
         for c in range(3):
-            error[c] = state[c] - kept[lane, h, 0, c]
-            variance[c] = kept[lane, h, 1, c]
-        update_conformal_scale(h, error, error, variance, count, covariance, factor, calibrated)
-    if new >= 0:
-        age[new] = 0
+            error[c] = state[c] - stored.values[slot, h, 0, c]
+            variance[c] = stored.values[slot, h, 1, c]
+        update_conformal_scale(h, error, error, variance, scale)
+    if new_slot >= 0:
+        stored.age[new_slot] = 0
         for h in range(steps):
             for c in range(3):
-                kept[new, h, 0, c] = horizon[h, c]
-                kept[new, h, 1, c] = calibrated[h, c, c]
+                stored.values[new_slot, h, 0, c] = horizon[h, c]
+                stored.values[new_slot, h, 1, c] = scale.calibrated[h, c, c]

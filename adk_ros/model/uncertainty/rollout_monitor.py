@@ -1,33 +1,42 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How far can the model be trusted? Roll-outs of the recent past, held against what then happened.
+Online validation: monitor open-loop rollouts and shrink predictions by what they reveal.
 
-Every ten ticks a roll-out starts from where the car then is, with the model as it then is. It goes
-on by a step a tick, under the commands that really come, and is compared with each measurement.
-For each step h of the horizon and each channel, over the n trials of the last 17 s or so,
+Every ten ticks a rollout starts at the present state with the present model. It advances one step
+per tick under the commands actually given, and is compared with each measurement. For each
+horizon step h and channel, over the n rollouts of about the last 17 s,
 
     q_h = sum m y / sum m^2                       m: predicted change since the start, y: measured
-    trust_h = 1 - (1 - q_h) (1 - w_h)+ n / (n + 3),          held within 0 to 1
+    k_h = 1 - (1 - q_h) max(0, 1 - v_h) n / (n + 3),         clamped to 0 .. 1
 
-q is the share of the predicted change that a least-squares fit keeps: 1 for a model that is right,
-0 for one that tells nothing, which leaves "no change". Of what q lacks to 1 a part is put down to
-chance, w = var(q) / (1 - q)^2, as James and Stein shrink a mean: a model that is right is not
-distrusted for what a few trials happen to show. To m is added beforehand what the error can be
-told from (see `hindsight`). The errors that remain, y - trust m, give the covariance of the
-horizon, calibrated by how often the intervals given at the trials' starts held (see
-`calibration`), which begins with what validation found, as if from `prior` trials.
+q is the least-squares slope of measured over predicted change: 1 for a correct model, 0 for one
+without skill. The shrinkage k multiplies later predicted changes, so that a model without skill
+predicts "no change". v = var(q) / (1 - q)^2 is the part of 1 - q explained by chance, removed as
+James and Stein shrink a mean. The error predicted from one-step residuals (see
+`error_regression`) is added to m beforehand. The remaining errors, y - k m, give the covariance
+of the horizon. It is scaled to 90 % coverage (see `conformal`) and starts from the covariance
+found in validation, with the weight of `prior` rollouts.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any, NamedTuple
 
-from adk_ros.model.lifting.encoder import EncoderArrays
-from adk_ros.model.lifting.encoder_kernels import pack_encoder_input
-from adk_ros.model.uncertainty.compiled_rollout import fold_output_layer, rollout_step
+import numpy as np
+from numpy.typing import NDArray
+
+from adk_ros.model.lifting.encoder_kernels import EncoderArrays, Float32Array, pack_encoder_input
+from adk_ros.model.uncertainty.compiled_rollout import (
+    FoldedLayer,
+    RolloutState,
+    StepForm,
+    fold_output_layer,
+    rollout_step,
+)
 from adk_ros.model.uncertainty.conformal import (
     ROLLOUT_STRIDE,
+    ConformalArrays,
     ConformalScale,
     update_conformal_scale,
 )
@@ -41,99 +50,149 @@ from adk_ros.model.uncertainty.error_regression import (
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.numba_cache import fused_kernel
 
-_TRUST_PRIOR_COUNT = 3.0
-"""Trials' worth of full trust: a few of one kind of driving tell little of the next."""
+_SHRINKAGE_PRIOR_COUNT = 3.0
+"""
+Prior weight of k = 1, in rollouts: a few rollouts in one situation say little of the next.
+Empirical.
+"""
 _REGRESSION_STRIDE = 2
-"""Trials after which the weights of `hindsight`, which remembers hundreds, are solved for."""
-_TRUST_FORGETTING = 0.985
-"""A trial's weight per later trial: 67 trials, or 17 s. What is driven changes before tyres do."""
+"""Every so many rollouts the error regression, whose memory is 500 rollouts, is solved again."""
+_SHRINKAGE_FORGETTING = 0.985
+"""
+Weight of a rollout per later one: mean memory of 67 rollouts, 17 s. Empirical, not calibrated.
+"""
+
+
+class RolloutSlots(NamedTuple):
+    """
+    Rollouts under way, one per slot.
+
+    State: `row` (slots, n), `x` (slots, 3), `disturbance` (slots, 2, 3). Folded output layer:
+    `w_hidden` (slots, 3, h + q), `w_skip` (slots, 3, n), `w_input_bias` (slots, 3, 3). `age`
+    (slots,): next horizon step, -1 if the slot is empty. From the start: scaled state `base`
+    (slots, 3), `initial_disturbance` (slots, 3, 3), and `issued` (slots, steps, 3, 3): shrinkage,
+    variance and predicted error.
+    """
+
+    row: Float32Array
+    x: FloatArray
+    disturbance: FloatArray
+    w_hidden: Float32Array
+    w_skip: Float32Array
+    w_input_bias: FloatArray
+    age: NDArray[np.int64]
+    base: FloatArray
+    initial_disturbance: FloatArray
+    issued: FloatArray
+
+
+class RolloutStatistics(NamedTuple):
+    """
+    Statistics by horizon step.
+
+    `sums` (4, steps, 3): of m y, m^2, 1 and y^2; `shrinkage` (steps, 3): k; `moments` and
+    `weights` as in `ErrorRegression`.
+    """
+
+    sums: FloatArray
+    shrinkage: FloatArray
+    moments: FloatArray
+    weights: FloatArray
+
+
+class MonitorArrays(NamedTuple):
+    """All arrays of a `RolloutMonitor`; `scratch` (2, h + q + n)."""
+
+    encoder: EncoderArrays
+    slots: RolloutSlots
+    statistics: RolloutStatistics
+    scale: ConformalArrays
+    step_scale: FloatArray
+    gains: FloatArray
+    scratch: Float32Array
 
 
 class RolloutMonitor:
     """
-    Trials of one model; `trust` (h, 3) and `covariance` (h, 3, 3), scaled, are their outcome.
+    Monitored rollouts of one model.
 
-    `covariance` is calibrated.
+    `shrinkage` (h, 3) and the calibrated `covariance` (h, 3, 3), scaled, are the results.
 
-    :param errors: covariance (h, 3, 3) of the scaled prediction errors on validation data.
+    :param form: the model's step. :param errors: covariance (h, 3, 3) of the scaled prediction
+        errors on validation data.
     """
 
-    def __init__(self, twin: EncoderArrays, errors: FloatArray, prior: float) -> None:
-        n, seen = twin[0].shape[0], twin[4].shape[0]
+    def __init__(
+        self, encoder: EncoderArrays, form: StepForm, errors: FloatArray, prior: float
+    ) -> None:
+        n, n_hidden = encoder.w1.shape[0], encoder.w3.shape[0]
         steps = errors.shape[0]
-        self._lanes = max(1, -(-steps // ROLLOUT_STRIDE))
-        self._twin = twin
-        lanes = self._lanes
-        self._row = np.zeros((lanes, n), np.float32)
-        self._x = np.zeros((lanes, 3))
-        self._base = np.zeros((lanes, 3))
-        self._push = np.zeros((lanes, 2, 3))
-        self._head = np.zeros((lanes, 3, seen), np.float32)
-        self._short = np.zeros((lanes, 3, n), np.float32)
-        self._rest = np.zeros((lanes, 3, 3))
-        self._age = np.full(lanes, -1)
-        self._scratch = np.zeros((2, seen + n), np.float32)
-        self._sums = np.zeros((4, steps, 3))
-        self._initial_disturbance = np.zeros((lanes, 3, 3))
-        self._issued_forecast = np.zeros((lanes, steps, 3, 3))
+        self._n_slots = n_slots = max(1, -(-steps // ROLLOUT_STRIDE))
+        self._n_x, self._residual = form.n_x, form.residual
         self.error_regression = ErrorRegression(steps)
-        self._calibration = ConformalScale(errors, prior)
-        self._arrays = self._calibration.arrays()
-        self.shrinkage = np.ones((steps, 3))
-        self.covariance = self._calibration.calibrated
+        self._scale = ConformalScale(errors, prior)
+        self.slots = RolloutSlots(
+            row=np.zeros((n_slots, n), np.float32),
+            x=np.zeros((n_slots, 3)),
+            disturbance=np.zeros((n_slots, 2, 3)),
+            w_hidden=np.zeros((n_slots, 3, n_hidden), np.float32),
+            w_skip=np.zeros((n_slots, 3, n), np.float32),
+            w_input_bias=np.zeros((n_slots, 3, 3)),
+            age=np.full(n_slots, -1),
+            base=np.zeros((n_slots, 3)),
+            initial_disturbance=np.zeros((n_slots, 3, 3)),
+            issued=np.zeros((n_slots, steps, 3, 3)),
+        )
+        self.statistics = RolloutStatistics(
+            sums=np.zeros((4, steps, 3)),
+            shrinkage=np.ones((steps, 3)),
+            moments=self.error_regression.moments,
+            weights=self.error_regression.weights,
+        )
+        self._arrays = (
+            *encoder,
+            *self.slots,
+            *self.statistics,
+            *self._scale.arrays,
+            form.step_scale,
+            form.gains,
+            np.zeros((2, n_hidden + n), np.float32),
+        )
+        self.correction = self.statistics.weights, self.statistics.shrinkage
+        """Weights of the error regression and shrinkage, as `to_si` takes them."""
+        self._ticks = 0
         self.reset()
 
+    @property
+    def shrinkage(self) -> FloatArray:
+        """Shrinkage k (h, 3); the array that updates change."""
+        return self.statistics.shrinkage
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Calibrated covariance (h, 3, 3), scaled; the array that updates change."""
+        return self._scale.calibrated
+
     def reset(self) -> None:
-        """Forget all trials."""
+        """Forget all rollouts."""
         self.stop()
         self._ticks = 0
-        self._sums[:] = 0.0
-        self._calibration.reset()
+        self.statistics.sums[:] = 0.0
+        self._scale.reset()
         self.error_regression.reset()
         self.shrinkage[:] = 1.0
 
     def stop(self) -> None:
-        """End the trials under way, after a gap; what was learned stays."""
-        self._age[:] = -1
+        """Abort the rollouts under way, after a gap; keep the statistics."""
+        self.slots.age[:] = -1
 
-    def update(
-        self,
-        measured: FloatArray,
-        u: FloatArray,
-        usable: bool,
-        n_x: int,
-        step_scale: FloatArray,
-        residual: bool,
-        correction: FloatArray,
-    ) -> None:
-        """Go on by the tick that has passed under command `u` (2,), to `measured` (3,), scaled."""
-        update_rollouts(
-            measured,
-            u,
-            usable,
-            n_x,
-            step_scale,
-            residual,
-            correction,
-            *self._twin[:4],
-            *self._twin[7:],
-            self._row,
-            self._x,
-            self._base,
-            self._push,
-            self._head,
-            self._short,
-            self._rest,
-            self._age,
-            self._scratch,
-            self._sums,
-            self.shrinkage,
-            self._initial_disturbance,
-            self._issued_forecast,
-            self.error_regression.moments,
-            self.error_regression.weights,
-            *self._arrays,
-        )
+    def update(self, measured: FloatArray, u: FloatArray, usable: bool) -> None:
+        """
+        Advance all rollouts by the tick that has passed under command `u` (2,), scaled.
+
+        Compare them with `measured` (3,), scaled, if it is `usable`.
+        """
+        update_rollouts(measured, u, usable, self._n_x, self._residual, *self._arrays)
 
     def start(
         self,
@@ -143,169 +202,112 @@ class RolloutMonitor:
         affine: bool,
         disturbance: FloatArray,
     ) -> None:
-        """Begin a trial here, if one is due."""
+        """Start a rollout here if one is due."""
         self._ticks += 1
         if self._ticks % ROLLOUT_STRIDE:
             return
-        lane = (self._ticks // ROLLOUT_STRIDE) % self._lanes
-        w3, b3, skip = self._twin[4:7]
-        start_rollout(
-            x_past,
-            u_past,
-            theta,
-            affine,
-            disturbance,
-            w3,
-            b3,
-            skip,
-            self._row[lane],
-            self._x[lane],
-            self._base[lane],
-            self._push[lane],
-            self._head[lane],
-            self._short[lane],
-            self._rest[lane],
-            lane,
-            self._initial_disturbance,
-            self._issued_forecast[lane],
-            self.shrinkage,
-            self.covariance,
-            self.error_regression.weights,
-        )
-        self._age[lane] = 0
+        slot = (self._ticks // ROLLOUT_STRIDE) % self._n_slots
+        start_rollout(slot, x_past, u_past, theta, affine, disturbance, *self._arrays)
 
 
 @fused_kernel
-def start_rollout(  # type: ignore[no-untyped-def]
-    x_past,
-    u_past,
-    theta,
-    affine,
-    disturbance,
-    w3,
-    b3,
-    skip,
-    row,
-    x,
-    base,
-    push,
-    head,
-    short,
-    rest,
-    lane,
-    gone,
-    promised,
-    trust,
-    covariance,
-    weights,
-):
-    """Fill one lane with the state, the disturbances, the model and the promises of now."""
-    pack_encoder_input(x_past, u_past, row)
-    fold_output_layer(theta, affine, w3, b3, skip, head, short, rest)
-    x[:] = x_past[0]
-    base[:] = x_past[0]
-    push[:] = disturbance[:2]
-    gone[lane] = disturbance
-    for h in range(trust.shape[0]):
+def _monitor_arrays(arrays: Any) -> MonitorArrays:
+    """Return the structure that `RolloutMonitor` passes to its kernels field by field."""
+    return MonitorArrays(
+        EncoderArrays(*arrays[:10]),
+        RolloutSlots(*arrays[10:20]),
+        RolloutStatistics(*arrays[20:24]),
+        ConformalArrays(*arrays[24:28]),
+        arrays[28],
+        arrays[29],
+        arrays[30],
+    )
+
+
+@fused_kernel
+def start_rollout(
+    slot: int,
+    x_past: FloatArray,
+    u_past: FloatArray,
+    theta: FloatArray,
+    affine: bool,
+    disturbance: FloatArray,
+    *arrays: Any,
+) -> None:
+    """
+    Fill one slot with the present state, disturbances, model and forecast.
+
+    `x_past`, `u_past`, `theta` as in `rollout_lifting`; `disturbance` (3, 3): slow, fast, running
+    mean.
+    """
+    monitor = _monitor_arrays(arrays)
+    slots, statistics = monitor.slots, monitor.statistics
+    folded = FoldedLayer(slots.w_hidden[slot], slots.w_skip[slot], slots.w_input_bias[slot])
+    pack_encoder_input(x_past, u_past, slots.row[slot])
+    fold_output_layer(theta, affine, monitor.encoder, folded)
+    slots.x[slot] = x_past[0]
+    slots.base[slot] = x_past[0]
+    slots.disturbance[slot] = disturbance[:2]
+    slots.initial_disturbance[slot] = disturbance
+    slots.age[slot] = 0
+    for h in range(statistics.shrinkage.shape[0]):
         for c in range(3):
-            promised[h, 0, c] = trust[h, c]
-            promised[h, 1, c] = covariance[h, c, c]
-            promised[h, 2, c] = predicted_error(h, c, lane, weights, gone)
+            slots.issued[slot, h, 0, c] = statistics.shrinkage[h, c]
+            slots.issued[slot, h, 1, c] = monitor.scale.calibrated[h, c, c]
+            slots.issued[slot, h, 2, c] = predicted_error(
+                h, c, slot, statistics.weights, slots.initial_disturbance
+            )
 
 
 @fused_kernel
-def update_rollouts(  # type: ignore[no-untyped-def]
-    measured,
-    u,
-    usable,
-    n_x,
-    step_scale,
-    residual,
-    correction,
-    w1,
-    b1,
-    w2,
-    b2,
-    columns,
-    reach,
-    directions,
-    row,
-    x,
-    base,
-    push,
-    head,
-    short,
-    rest,
-    age,
-    scratch,
-    sums,
-    trust,
-    gone,
-    promised,
-    moments,
-    weights,
-    count,
-    covariance,
-    factor,
-    calibrated,
-):
-    """
-    Advance every lane by a step and, if the measurement is `usable`, account for it.
-
-    When the lanes began: `gone` (lanes, 3, 3), the disturbances; `promised` (lanes, steps, 3, 3)
-    are trust, variances and what was foreseen of the error.
-    """
-    steps = trust.shape[0]
-    error, surprise, factors = np.empty(3), np.empty(3), np.empty((N_REGRESSORS, N_REGRESSORS))
-    for lane in range(age.shape[0]):
-        if age[lane] < 0:
+def update_rollouts(
+    measured: FloatArray, u: FloatArray, usable: bool, n_x: int, residual: bool, *arrays: Any
+) -> None:
+    """Advance every rollout by one step and, if the measurement is `usable`, account for it."""
+    monitor = _monitor_arrays(arrays)
+    slots, scale = monitor.slots, monitor.scale
+    sums, shrinkage, moments, weights = monitor.statistics
+    form = StepForm(n_x, residual, monitor.step_scale, monitor.gains)
+    steps = shrinkage.shape[0]
+    error, issued_error = np.empty(3), np.empty(3)
+    factors = np.empty((N_REGRESSORS, N_REGRESSORS))
+    for slot in range(slots.age.shape[0]):
+        if slots.age[slot] < 0:
             continue
         rollout_step(
-            row[lane],
-            x[lane],
-            push[lane],
+            RolloutState(slots.row[slot], slots.x[slot], slots.disturbance[slot]),
             u[0],
             u[1],
-            n_x,
-            step_scale,
-            residual,
-            correction,
-            w1,
-            b1,
-            w2,
-            b2,
-            columns,
-            reach,
-            directions,
-            head[lane],
-            short[lane],
-            rest[lane],
-            scratch[0],
-            scratch[1],
+            form,
+            monitor.encoder,
+            FoldedLayer(slots.w_hidden[slot], slots.w_skip[slot], slots.w_input_bias[slot]),
+            monitor.scratch[0],
+            monitor.scratch[1],
         )
-        h = age[lane]
-        age[lane] = h + 1 if h + 1 < steps else -1
+        h = slots.age[slot]
+        slots.age[slot] = h + 1 if h + 1 < steps else -1
         if not usable:
             continue
         for c in range(3):
-            plain, y = x[lane, c] - base[lane, c], measured[c] - base[lane, c]
-            m = plain + predicted_error(h, c, lane, weights, gone)
-            accumulate_moments(h, c, y - plain, lane, gone, moments)
-            if lane % _REGRESSION_STRIDE == 0:
+            plain = slots.x[slot, c] - slots.base[slot, c]
+            y = measured[c] - slots.base[slot, c]
+            m = plain + predicted_error(h, c, slot, weights, slots.initial_disturbance)
+            accumulate_moments(h, c, y - plain, slot, slots.initial_disturbance, moments)
+            if slot % _REGRESSION_STRIDE == 0:
                 solve_shrunk_regression(h, c, moments, factors, weights)
-            sums[0, h, c] = _TRUST_FORGETTING * sums[0, h, c] + m * y
-            sums[1, h, c] = _TRUST_FORGETTING * sums[1, h, c] + m * m
-            sums[2, h, c] = _TRUST_FORGETTING * sums[2, h, c] + 1.0
-            sums[3, h, c] = _TRUST_FORGETTING * sums[3, h, c] + y * y
-            share = sums[0, h, c] / max(sums[1, h, c], 1e-12)
-            lack = 1.0 - share
-            left = max(sums[3, h, c] - share * sums[0, h, c], 0.0) / sums[2, h, c]
-            chance = left / max(lack * lack * sums[1, h, c], 1e-12)
-            weight = sums[2, h, c] / (sums[2, h, c] + _TRUST_PRIOR_COUNT) * max(1.0 - chance, 0.0)
-            trust[h, c] = min(max(1.0 - weight * lack, 0.0), 1.0)
-            error[c] = y - trust[h, c] * m
-            promise = plain + promised[lane, h, 2, c]
-            surprise[c] = y - promised[lane, h, 0, c] * promise
-        update_conformal_scale(
-            h, error, surprise, promised[lane, h, 1], count, covariance, factor, calibrated
-        )
+            sums[0, h, c] = _SHRINKAGE_FORGETTING * sums[0, h, c] + m * y
+            sums[1, h, c] = _SHRINKAGE_FORGETTING * sums[1, h, c] + m * m
+            sums[2, h, c] = _SHRINKAGE_FORGETTING * sums[2, h, c] + 1.0
+            sums[3, h, c] = _SHRINKAGE_FORGETTING * sums[3, h, c] + y * y
+            slope = sums[0, h, c] / max(sums[1, h, c], 1e-12)
+            slope_deficit = 1.0 - slope
+            residual_variance = max(sums[3, h, c] - slope * sums[0, h, c], 0.0) / sums[2, h, c]
+            chance = residual_variance / max(slope_deficit * slope_deficit * sums[1, h, c], 1e-12)
+            confidence = (
+                sums[2, h, c] / (sums[2, h, c] + _SHRINKAGE_PRIOR_COUNT) * max(1.0 - chance, 0.0)
+            )
+            shrinkage[h, c] = min(max(1.0 - confidence * slope_deficit, 0.0), 1.0)
+            error[c] = y - shrinkage[h, c] * m
+            issued_change = plain + slots.issued[slot, h, 2, c]
+            issued_error[c] = y - slots.issued[slot, h, 0, c] * issued_change
+        update_conformal_scale(h, error, issued_error, slots.issued[slot, h, 1], scale)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The encoder: what is loaded and what is refused; its compiled twin; the scaling before it."""
+"""Loading and refusing encoders, their compiled form, and scaling."""
 
 import io
 from typing import Any
@@ -28,17 +28,17 @@ def test_input_size() -> None:
     assert [input_size(history) for history in (0, 1, 2, 8)] == [3, 10, 15, 45]
 
 
-def test_features_are_the_encoders() -> None:
+def test_features_equal_the_torch_modules_output() -> None:
     torch.manual_seed(0)
     encoder = random_lift(3, 16, 5)
     lifting = Lifting(to_torchscript(encoder), input_size(3), 5)
     for row in rows(20, input_size(3)):
         with torch.no_grad():
-            truth = encoder(torch.from_numpy(row)[None])[0].numpy()
-        np.testing.assert_allclose(lifting(row), truth, rtol=1e-5, atol=1e-6)
+            expected = encoder(torch.from_numpy(row)[None])[0].numpy()
+        np.testing.assert_allclose(lifting(row), expected, rtol=1e-5, atol=1e-6)
 
 
-def test_one_result_does_not_overwrite_the_last() -> None:
+def test_results_do_not_share_memory() -> None:
     lifting = Lifting(program(), input_size(2), 4)
     one, other = rows(2, input_size(2))
     first = lifting(one)
@@ -47,19 +47,19 @@ def test_one_result_does_not_overwrite_the_last() -> None:
     np.testing.assert_array_equal(first, kept)
 
 
-def test_twin_is_found_where_there_is_one() -> None:
-    twin = Lifting(program(), input_size(2), 4).twin
-    assert twin is not None
-    assert [array.shape for array in twin.arrays()] == [
+def test_encoder_of_the_known_form_is_compiled() -> None:
+    compiled = Lifting(program(), input_size(2), 4).compiled
+    assert compiled is not None
+    assert [array.shape for array in compiled] == [
         (15, 8), (8,), (8, 8), (8,), (13, 4), (4,), (15, 4), (15,), (15,), (15, 5)
     ]  # fmt: skip
-    assert [str(array.dtype) for array in twin.arrays()] == [
-        "int64" if name == "columns" else "float32" for name in vars(twin)
+    assert [str(array.dtype) for array in compiled] == [
+        "int64" if name == "columns" else "float32" for name in compiled._fields
     ]
-    assert Lifting(plain_program(15), 15, 4).twin is None
+    assert Lifting(plain_program(15), 15, 4).compiled is None
 
 
-def test_a_perceptron_without_squares_has_a_twin_too() -> None:
+def test_perceptron_without_quadratic_features_is_compiled() -> None:
     class Plain(nn.Module):
         def __init__(self, lift: Lift) -> None:
             super().__init__()
@@ -73,13 +73,13 @@ def test_a_perceptron_without_squares_has_a_twin_too() -> None:
             second = torch.tanh(torch.addmm(self.b2, first, self.w2))
             return torch.addmm(torch.addmm(self.b3, second, self.w3), row, self.skip)
 
-    twin = Lifting(to_torchscript(Plain(random_lift(2, 8, 4))), 15, 4).twin
-    assert twin is not None
-    assert twin.directions.shape == (0, 0)
+    compiled = Lifting(to_torchscript(Plain(random_lift(2, 8, 4))), 15, 4).compiled
+    assert compiled is not None
+    assert compiled.directions.shape == (0, 0)
 
 
-class Otherwise(Lift):
-    """The same parameters by name and shape, used otherwise."""
+class Sigmoids(Lift):
+    """The same parameter names and shapes in another formula."""
 
     def forward(self, row: Tensor) -> Tensor:
         first = torch.sigmoid(torch.addmm(self.b1, row, self.w1))
@@ -87,15 +87,15 @@ class Otherwise(Lift):
         return torch.addmm(torch.addmm(self.b3, second, self.w3), row, self.skip)
 
 
-def test_a_twin_that_computes_something_else_is_not_trusted() -> None:
+def test_same_parameters_in_another_formula_are_not_compiled() -> None:
     encoder = Encoder(2, 8, 4)
-    other = Otherwise(encoder, torch.zeros(4), torch.ones(4))
-    assert Lifting(to_torchscript(other), 15, 4).twin is None
+    other = Sigmoids(encoder, torch.zeros(4), torch.ones(4))
+    assert Lifting(to_torchscript(other), 15, 4).compiled is None
     same = Lift(encoder, torch.zeros(4), torch.ones(4))
-    assert Lifting(to_torchscript(same), 15, 4).twin is not None
+    assert Lifting(to_torchscript(same), 15, 4).compiled is not None
 
 
-def test_parameters_of_the_twins_names_but_other_shapes() -> None:
+def test_same_parameter_names_with_other_shapes_are_not_compiled() -> None:
     class Odd(nn.Module):
         def __init__(self) -> None:
             super().__init__()
@@ -105,7 +105,7 @@ def test_parameters_of_the_twins_names_but_other_shapes() -> None:
         def forward(self, row: Tensor) -> Tensor:
             return row[:, :4] * self.w1
 
-    assert Lifting(to_torchscript(Odd()), 15, 4).twin is None
+    assert Lifting(to_torchscript(Odd()), 15, 4).compiled is None
 
 
 class Two(nn.Module):
@@ -142,7 +142,7 @@ def pickled() -> bytes:
     return buffer.getvalue()
 
 
-READABLE = "the encoder is no readable TorchScript program: "
+READABLE = "the encoder is not a readable TorchScript program: "
 
 
 @pytest.mark.parametrize(
@@ -156,37 +156,37 @@ READABLE = "the encoder is no readable TorchScript program: "
         (program()[:-1], READABLE),
         (pickled(), READABLE),
         (to_torchscript(NoForward()), READABLE),
-        (program(history=3), "the encoder does not take 15 inputs: "),
-        (plain_program(12), "the encoder does not take 15 inputs: "),
-        (to_torchscript(Two()), "the encoder does not take 15 inputs: "),
-        (to_torchscript(Pair()), "the encoder does not take 15 inputs: "),
-        (to_torchscript(Raising()), "the encoder does not take 15 inputs: "),
-        (program(features=5), r"the encoder gives \(1, 5\), its manifest promises \(1, 4\)"),
-        (to_torchscript(nn.Identity()), r"the encoder gives \(1, 15\)"),
-        (to_torchscript(nn.Flatten(0)), r"the encoder gives \(15,\)"),
-        (to_torchscript(NotANumber()), "the encoder gives values that are not finite"),
+        (program(history=3), "the encoder does not accept 15 inputs: "),
+        (plain_program(12), "the encoder does not accept 15 inputs: "),
+        (to_torchscript(Two()), "the encoder does not accept 15 inputs: "),
+        (to_torchscript(Pair()), "the encoder does not accept 15 inputs: "),
+        (to_torchscript(Raising()), "the encoder does not accept 15 inputs: "),
+        (program(features=5), r"the encoder returns shape \(1, 5\); the manifest says \(1, 4\)"),
+        (to_torchscript(nn.Identity()), r"the encoder returns shape \(1, 15\)"),
+        (to_torchscript(nn.Flatten(0)), r"the encoder returns shape \(15,\)"),
+        (to_torchscript(NotANumber()), "the encoder returns values that are not finite"),
     ],
 )
-def test_programs_that_are_refused(content: bytes, words: str) -> None:
+def test_invalid_programs_are_refused(content: bytes, words: str) -> None:
     with pytest.raises(UsageError, match=f"^{words}") as refused:
         Lifting(content, 15, 4)
     assert "\n" not in str(refused.value)
 
 
-def test_torch_keeps_to_one_thread() -> None:
+def test_torch_uses_one_thread() -> None:
     torch.set_num_threads(2)
     Lifting(program(), 15, 4)
     assert torch.get_num_threads() == 1
 
 
-def drive_of(n: int) -> tuple[Any, Any]:
+def random_record(n: int) -> tuple[Any, Any]:
     random = np.random.default_rng(0)
     x = random.normal(size=(n, 3)) * [5.0, 0.3, 0.2] + [15.0, 0.0, 0.1]
     return x, random.normal(size=(n, 2)) * [400.0, 0.05] + [100.0, 0.0]
 
 
 def test_standard_scaling() -> None:
-    x, u = drive_of(500)
+    x, u = random_record(500)
     scaling = Scaling.standard(x, u, np.diff(x, axis=0))
     np.testing.assert_allclose(scaling.scale_x(x).mean(axis=0), 0.0, atol=1e-12)
     np.testing.assert_allclose(scaling.scale_x(x).std(axis=0), 1.0)
@@ -195,8 +195,8 @@ def test_standard_scaling() -> None:
     np.testing.assert_allclose(increments.std(axis=0), 1.0)
 
 
-def test_min_max_scaling_is_the_papers() -> None:
-    x, u = drive_of(500)
+def test_min_max_scaling_reaches_minus_one_and_one() -> None:
+    x, u = random_record(500)
     scaling = Scaling.min_max(x, u)
     for scaled in (scaling.scale_x(x), scaling.scale_u(u)):
         np.testing.assert_allclose(scaled.min(axis=0), -1.0)
@@ -205,8 +205,8 @@ def test_min_max_scaling_is_the_papers() -> None:
 
 
 @pytest.mark.parametrize("kind", ["standard", "min_max"])
-def test_a_channel_that_never_changes(kind: str) -> None:
-    """v_y that odometry does not measure, a pedal never touched."""
+def test_constant_channels_are_not_divided_by_zero(kind: str) -> None:
+    """For example v_y that odometry does not measure, or an unused pedal."""
     x, u = np.tile([15.0, 0.0, 0.0], (50, 1)), np.zeros((50, 2))
     if kind == "standard":
         scaling = Scaling.standard(x, u, np.zeros((49, 3)))
@@ -218,6 +218,6 @@ def test_a_channel_that_never_changes(kind: str) -> None:
 
 
 @given(arrays(np.float64, (4, 3), elements=st.floats(-150, 150)))
-def test_scaling_there_and_back(x: Any) -> None:
-    scaling = Scaling.standard(*drive_of(100), np.ones((3, 3)))
+def test_unscaling_inverts_scaling(x: Any) -> None:
+    scaling = Scaling.standard(*random_record(100), np.ones((3, 3)))
     np.testing.assert_allclose(scaling.unscale_x(scaling.scale_x(x)), x, atol=1e-9)

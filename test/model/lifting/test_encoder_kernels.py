@@ -27,7 +27,7 @@ def random() -> Random:
 @pytest.mark.parametrize(("history", "hidden", "features"), [
     (0, 1, 1), (0, 8, 4), (2, 16, 6), (4, 48, 12), (8, 31, 16), (1, 5, 3),
 ])  # fmt: skip
-def test_perceptron_is_the_torch_module(
+def test_perceptron_equals_the_torch_module(
     history: int, hidden: int, features: int, random: Random
 ) -> None:
     torch.manual_seed(history)
@@ -37,15 +37,15 @@ def test_perceptron_is_the_torch_module(
     for scale in (0.0, 0.1, 1.0, 30.0):
         row = (scale * random.normal(size=input_size(history))).astype(np.float32)
         with torch.no_grad():
-            truth = encoder(torch.from_numpy(row)[None])[0].numpy()
+            expected = encoder(torch.from_numpy(row)[None])[0].numpy()
         before = row.copy()
-        encoder_kernels.perceptron(row, *weights(encoder), scratch, out)
-        np.testing.assert_allclose(out, truth, rtol=1e-5, atol=1e-5 * max(1.0, scale))
+        encoder_kernels.perceptron(row, weights(encoder), scratch, out)
+        np.testing.assert_allclose(out, expected, rtol=1e-5, atol=1e-5 * max(1.0, scale))
         np.testing.assert_array_equal(row, before)
 
 
-def test_where_no_cache_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Installed by root, run by somebody without a home: compiled at each start."""
+def test_kernels_compile_without_a_cache_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As when installed by root and run by a user without a home directory."""
     from numba.core.registry import CPUDispatcher
 
     def refuse(_: object) -> None:
@@ -64,7 +64,7 @@ def test_where_no_cache_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     assert covariance.tolist() == [[0.5] * 3] * 3
 
 
-def test_fill_row_is_newest_first() -> None:
+def test_encoder_input_is_newest_first() -> None:
     row = np.zeros(15, np.float32)
     encoder_kernels.pack_encoder_input(
         np.arange(9.0).reshape(3, 3), np.arange(20.0, 24.0).reshape(2, 2), row
@@ -87,20 +87,21 @@ def test_shift_in() -> None:
 
 
 @pytest.mark.parametrize("history", [0, 1, 3])
-def test_take_sample_over_many_ticks(history: int, random: Random) -> None:
-    """Against the definition: row k = [x_k .. x_(k-p), u_k .. u_(k-p)], scaled."""
+def test_observer_update_over_many_ticks(history: int, random: Random) -> None:
+    """Row k = [x_k .. x_(k-p), u_k .. u_(k-p)], scaled."""
     x, u = random.normal(size=(12, 3)), random.normal(size=(12, 2))
     x_mean, x_scale = random.normal(size=3), random.uniform(0.5, 2.0, 3)
     u_mean, u_scale = random.normal(size=2), random.uniform(0.5, 2.0, 2)
     x_past, u_past, u_now = np.zeros((history + 1, 3)), np.zeros((history, 2)), np.zeros(2)
+    u_previous = np.zeros(2)
     measured, expected = np.zeros(3), np.full(3, np.nan)
     row = np.zeros(input_size(history), np.float32)
     scaled_x, scaled_u = (x - x_mean) / x_scale, (u - u_mean) / u_scale
     for k in range(12):
         command = tuple(u[k].tolist())
         observer.observer_update(
-            x[k], expected, ObserverGains.none().table(), command, x_mean, x_scale, u_mean, u_scale,
-            measured, x_past, u_past, u_now, row, np.zeros((3, 3)),
+            x[k], expected, command, ObserverGains.none().table(), x_mean, x_scale, u_mean,
+            u_scale, measured, x_past, u_past, u_now, u_previous, row, np.zeros((3, 3)),
         )  # fmt: skip
         if k >= history:
             past = [scaled_x[k - i] for i in range(history + 1)]
@@ -111,11 +112,11 @@ def test_take_sample_over_many_ticks(history: int, random: Random) -> None:
             np.testing.assert_allclose(measured, scaled_x[k])
 
 
-def test_take_sample_observes() -> None:
-    """x^ = p + K (x - p); where nothing was predicted, the measurement as it is."""
+def test_observer_corrects_the_prediction() -> None:
+    """x^ = p + K (x - p); without a prediction, the measurement."""
     gains = replace(ObserverGains.none(), observer_gain=np.array([0.25, 1.0, 0.5]))
     measured, x_past = np.zeros(3), np.zeros((1, 3))
-    rest = (np.zeros((0, 2)), np.zeros(2), np.zeros(3, np.float32))
+    others = (np.zeros((0, 2)), np.zeros(2), np.zeros(2), np.zeros(3, np.float32))
     scaling = (np.array([1.0, 2.0, 3.0]), np.full(3, 2.0), np.zeros(2), np.ones(2))
     state = np.array([5.0, 6.0, 7.0])
     for predicted, seen in (
@@ -123,35 +124,35 @@ def test_take_sample_observes() -> None:
         ([np.nan] * 3, [2.0, 2.0, 2.0]),
     ):
         observer.observer_update(
-            state, np.array(predicted), gains.table(), (0.0, 0.0), *scaling, measured, x_past,
-            *rest, np.zeros((3, 3)),
+            state, np.array(predicted), (0.0, 0.0), gains.table(), *scaling, measured, x_past,
+            *others, np.zeros((3, 3)),
         )  # fmt: skip
         assert x_past[0].tolist() == seen
-        assert rest[-1].tolist() == seen
+        assert others[-1].tolist() == seen
         assert measured.tolist() == [2.0, 2.0, 2.0]
 
 
 @pytest.mark.parametrize(("lag", "gain"), [(0.0, 0.2), (0.95, 1.0)])
-def test_take_sample_believes_what_keeps_differing(lag: float, gain: float) -> None:
-    """White innovations are noise, and the gain stays; such as follow each other are the car."""
+def test_observer_gain_increases_with_correlated_innovations(lag: float, gain: float) -> None:
+    """White innovations leave the gain; correlated ones raise it to 1."""
     gains = replace(ObserverGains.none(), observer_gain=np.full(3, 0.2))
-    measured, x_past, whiteness = np.zeros(3), np.zeros((1, 3)), np.zeros((3, 3))
-    rest = (np.zeros((0, 2)), np.zeros(2), np.zeros(3, np.float32))
+    measured, x_past, autocorrelation = np.zeros(3), np.zeros((1, 3)), np.zeros((3, 3))
+    others = (np.zeros((0, 2)), np.zeros(2), np.zeros(2), np.zeros(3, np.float32))
     scaling = (np.zeros(3), np.ones(3), np.zeros(2), np.ones(2))
     random = np.random.default_rng(0)
     innovation, used = np.zeros(3), []
     for _ in range(2000):
         innovation = lag * innovation + np.sqrt(1.0 - lag**2) * random.normal(size=3)
         observer.observer_update(
-            innovation, np.zeros(3), gains.table(), (0.0, 0.0), *scaling, measured, x_past, *rest,
-            whiteness,
+            innovation, np.zeros(3), (0.0, 0.0), gains.table(), *scaling, measured, x_past,
+            *others, autocorrelation,
         )  # fmt: skip
         used.append(x_past[0] / innovation)
     np.testing.assert_allclose(np.median(used[300:], axis=0), gain)
 
 
 @pytest.mark.parametrize("affine", [True, False])
-def test_fill_phi(affine: bool) -> None:
+def test_pack_regressor(affine: bool) -> None:
     phi = np.full(6 + affine, np.nan)
     x, features = np.arange(6.0).reshape(2, 3), np.array([3.0], np.float32)
     encoder_kernels.pack_regressor(x, features, np.array([7.0, 8.0]), affine, phi)
@@ -159,43 +160,45 @@ def test_fill_phi(affine: bool) -> None:
 
 
 @pytest.mark.parametrize("residual", [True, False])
-def test_make_pair(residual: bool, random: Random) -> None:
+def test_regression_pair(residual: bool, random: Random) -> None:
     measured, features = random.normal(size=3), random.normal(size=2).astype(np.float32)
     phi, theta = random.normal(size=8), random.normal(size=(5, 8))
     step, gain, disturbance = np.array([0.1, 0.2, 0.5]), np.array([0.1, 0.0, 1.0]), np.ones((3, 3))
-    quick = np.array([1.0, 0.5, 0.3])
-    correction = replace(ObserverGains.none(), slow_gain=gain, fast_gain=quick).table()
+    fast_gain = np.array([1.0, 0.5, 0.3])
+    gains = replace(ObserverGains.none(), slow_gain=gain, fast_gain=fast_gain).table()
     y = np.zeros(5)
     assert disturbance_kernels.regression_pair(
-        measured, features, phi, theta, step, residual, correction, disturbance, y, 1e3
-    )  # fmt: skip
+        features, theta, residual, measured, phi, step, gains, disturbance, y
+    )
     z = np.concatenate([measured, features])
     expected = z - phi[:5] if residual else z.copy()
     if residual:
         expected[:3] /= step
     np.testing.assert_allclose(y, expected)
-    left = expected[:3] - theta[:3] @ phi
-    slow = 1.0 + gain * (left - 1.0)
-    fast, mean = 1.0 + quick * (left - slow - 1.0), 1.0 + 0.1 * (left - 1.0)
+    error = expected[:3] - theta[:3] @ phi
+    slow = 1.0 + gain * (error - 1.0)
+    fast, mean = 1.0 + fast_gain * (error - slow - 1.0), 1.0 + 0.1 * (error - 1.0)
     np.testing.assert_allclose(disturbance, [slow, fast, mean])
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e4, -1e300])
 @pytest.mark.parametrize("where", ["x", "features", "phi"])
-def test_make_pair_refuses_what_is_absurd(bad: float, where: str, random: Random) -> None:
-    """A regressor that large would leave its rounding in the Gram for good."""
+def test_regression_pair_refuses_large_values_and_nan(
+    bad: float, where: str, random: Random
+) -> None:
+    """A large regressor would leave its rounding error in the Gram matrix for good."""
     x, features, phi = random.normal(size=3), np.ones(2, np.float32), np.ones(8)
     with np.errstate(over="ignore"):
         {"x": x, "features": features, "phi": phi}[where].flat[1] = bad
     disturbance = np.ones((3, 3))
     assert not disturbance_kernels.regression_pair(
-        x, features, phi, np.zeros((5, 8)), np.ones(3), True, np.full((5, 3), 0.5), disturbance,
-        np.zeros(5), 1e3,
+        features, np.zeros((5, 8)), True, x, phi, np.ones(3), np.full((5, 3), 0.5), disturbance,
+        np.zeros(5),
     )  # fmt: skip
     assert (disturbance == 1.0).all()
 
 
-def test_follow_covariance() -> None:
+def test_ewma_covariance() -> None:
     covariance = np.diag([1.0, 2.0, 3.0])
     disturbance_kernels.ewma_covariance(covariance, np.array([1.0, -2.0, 0.5]), 0.25)
     expected = 0.75 * np.diag([1.0, 2.0, 3.0])

@@ -86,11 +86,11 @@ def test_trials_are_the_predictions_under_the_commands_that_came() -> None:
     for k in range(200):
         car.step(sample(k, x[k], u[k]))
         assert car.rollout_monitor is not None
-        if first < 0 and (car.rollout_monitor._age == 0).any():
+        if first < 0 and (car.rollout_monitor.slots.age == 0).any():
             first, made = k, k
             car.rollout_monitor.shrinkage[:] = 1.0
             ahead = car.rollout(u[k : k + 80])
-            sums = car.rollout_monitor._sums.copy()
+            sums = car.rollout_monitor.statistics.sums.copy()
         # One trial alone.
         if first >= 0:
             car.rollout_monitor._ticks = 1
@@ -100,10 +100,10 @@ def test_trials_are_the_predictions_under_the_commands_that_came() -> None:
     scale = of.scaling.x_scale
     m, y = (ahead - x[first]) / scale, (x[first + 1 : first + 81] - x[first]) / scale
     for found, before, new in zip(
-        car.rollout_monitor._sums, sums, (m * y, m * m, 1.0, y * y), strict=True
+        car.rollout_monitor.statistics.sums, sums, (m * y, m * m, 1.0, y * y), strict=True
     ):
         np.testing.assert_allclose(found, 0.985 * before + new, rtol=1e-4, atol=1e-6)
-    kept, moved, count, whole = car.rollout_monitor._sums
+    kept, moved, count, whole = car.rollout_monitor.statistics.sums
     share = kept / moved
     left = np.maximum(whole - share * kept, 0.0) / count
     chance = left / np.maximum((1.0 - share) ** 2 * moved, 1e-12)
@@ -117,7 +117,7 @@ def test_a_trial_starts_every_ten_ticks_and_lasts_its_horizon() -> None:
     car = Predictor(of)
     drive(car, own_drive(of, u), u, {})
     assert car.rollout_monitor is not None
-    ages = sorted(car.rollout_monitor._age.tolist())
+    ages = sorted(car.rollout_monitor.slots.age.tolist())
     assert len(ages) == 80 // ROLLOUT_STRIDE
     assert set(np.diff(ages)) <= {ROLLOUT_STRIDE}
 
@@ -141,11 +141,11 @@ def test_reset_forgets() -> None:
     assert car.rollout_monitor is not None
     assert (car.rollout_monitor.shrinkage == 1.0).all()
     np.testing.assert_allclose(car.horizon_covariance, of.horizon_covariance)
-    assert (car.rollout_monitor._age == -1).all()
+    assert (car.rollout_monitor.slots.age == -1).all()
 
 
-def test_without_a_twin_or_a_table_there_are_none() -> None:
-    assert Predictor(model(twin=False)).rollout_monitor is None
+def test_no_monitor_without_compiled_encoder_or_change_table() -> None:
+    assert Predictor(model(compiled=False)).rollout_monitor is None
     assert Predictor(model(mean_square_change=np.zeros((0, 3)))).rollout_monitor is None
     of = model(mean_square_change=np.zeros((0, 3)))
     assert Predictor(of).horizon_covariance is of.horizon_covariance
