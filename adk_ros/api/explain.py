@@ -37,7 +37,7 @@ class MismatchExplanation:
     The differences between a simulation and a recording.
 
     `result`: the full result with residuals, losses and models. `warnings`: what looks wrong in
-    the bags, one line each.
+    the bags, one line each. `provenance`: input files with hashes, command, version, date.
     """
 
     result: MismatchResult
@@ -142,7 +142,7 @@ class MismatchExplanation:
         from adk_ros.mismatch.report.result_files import write_report
 
         check_output(Path(folder), force, RESULT_FILES)
-        write_report(self.result, Path(folder))
+        write_report(self.result, Path(folder), provenance=self.provenance)
 
     def _repr_html_(self) -> str:
         return as_html(self.summary, self.effects, self.errors)

@@ -84,8 +84,9 @@ def is_model_folder(path: Path | str) -> bool:
 
 def load_model(path: Path | str) -> TrainedModel:
     """
-    Load a model folder that `train_model` or `adk train` wrote, and check it.
+    Load and check a trained model.
 
+    :param path: model folder written by `train_model` or `adk train`.
     :raises UsageError: the folder is missing, incomplete, altered, or of another version.
 
     Example::

@@ -178,6 +178,7 @@ def replay(
 
     :param recording: a recording or a bag; a bag is read with the sensor configuration of the
         model unless `options` says otherwise.
+    :param model: a trained model or its folder.
     :param out: bag to write the predictions to.
     :param method: online method: constant, rls, ffrls, swls or windowed (default: the model's).
     :param window: samples in the window of windowed and swls (default: the model's).
@@ -195,6 +196,7 @@ def replay(
         replayed.figure(horizon_s=1.0)
     """
     from adk_ros.model.pipeline import PipelineSettings
+    from adk_ros.offline.replay import ReplayOutput
     from adk_ros.offline.replay import replay as run
     from adk_ros.train.held_out import TrainingDomain, score_held_out
 
@@ -220,8 +222,7 @@ def replay(
         koopman,
         settings,
         recording.options,
-        target,
-        with_horizon,
+        None if target is None else ReplayOutput(target, with_horizon),
         in_stage(progress, f"replaying {recording.name}"),
     )
     held_out = score_held_out(

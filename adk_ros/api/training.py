@@ -94,7 +94,8 @@ def train_model(
     sensors = read[0].options.sensors
     run = run_training([item.record for item in read], out, chosen, split, sensors, stepped, noted)
     if report:
-        write_report(run, out)
+        sources = [("recording", item.path) for item in read]
+        write_report(run, out, provenance=timer.provenance(sources))
     else:
         remove_report(out)
     return replace(load_model(out), training=run)

@@ -151,8 +151,8 @@ def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], tit
     table.add_column("horizon")
     for name in (*model_names, *naive):
         table.add_column(name.replace(" ", "\n"), justify="right")
-    table.add_column("known\n/ best\nnaive", justify="right")
-    table.add_column("held\n/ best\nnaive", justify="right")
+    table.add_column("known\n/best\nnaive", justify="right")
+    table.add_column("held\n/best\nnaive", justify="right")
     first = scores[model_names[0]]
     for channel, (label, unit) in enumerate(zip(STATE_NAMES, _REPORT_UNITS, strict=True)):
         for row, step in enumerate(first.steps):

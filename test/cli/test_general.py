@@ -158,7 +158,7 @@ def test_a_repeated_option_is_not_an_error_for_completion() -> None:
         (["rollout", "--model", "{model}", "--bag", "absent", "--out", "{tmp}/r.csv"],
          "bag absent does not exist"),
         (["rollout", "--model", "absent", "--bag", "{bag}", "--out", "{tmp}/r.csv"],
-         "model absent does not exist: give the folder that 'adk train' wrote, a vehicle's YAML "),
+         "model absent does not exist: give a model folder"),
         (["rollout", "--model", "{tmp}/car.yaml", "--bag", "{bag}", "--out", "{tmp}/r.csv"],
          "does not exist"),
         (["info", "absent"], "absent does not exist"),

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""adk mismatch and adk bench concealed on bags, and what they refuse."""
+"""adk mismatch and adk bench concealed on bags, and their errors."""
 
 from __future__ import annotations
 
@@ -31,16 +31,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def refused(capsys: pytest.CaptureFixture[str], code: int, *arguments: str) -> str:
     assert main([*arguments]) == code
-    said = capsys.readouterr()
-    assert said.out == ""
-    lines = [line for line in said.err.splitlines() if not line.startswith("warning")]
+    """Run `adk`, which must end with `code` and a one-line error; return the line."""
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    lines = [line for line in printed.err.splitlines() if not line.startswith("warning")]
     assert len(lines) == 1
     assert lines[0].startswith("adk: ")
     return lines[0]
 
 
 @pytest.mark.slow
-def test_a_bag_is_read_as_it_was_written(folder: Path) -> None:
+def test_a_bag_round_trip_keeps_the_sensor_log(folder: Path) -> None:
     written, read = case("aero_drag", cda=1.0).recording, read_sensor_log(folder / "recording")
     np.testing.assert_allclose(read.imu, written.imu, atol=1e-12)
     np.testing.assert_allclose(read.odometry, written.odometry, atol=1e-12)
@@ -58,11 +59,11 @@ def test_the_bench_runs_and_scores_a_case(
     arguments = ["bench", "concealed", "--cases", str(folder.parent), "--json"]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
     result = json.loads(capsys.readouterr().out)
-    (one,) = result["cases"]
-    assert one["failure"] == ""
-    assert one["right"] == 1.0
-    assert one["errors"]["aero_drag.cda"] < 0.05
-    assert one["removed"]["v_x"] > 0.7
+    (score,) = result["cases"]
+    assert score["failure"] == ""
+    assert score["right"] == 1.0
+    assert score["errors"]["aero_drag.cda"] < 0.05
+    assert score["removed"]["v_x"] > 0.7
     (first, *_) = result["bars"]
     assert (first["name"], first["verdict"]) == ("singles-strength-1", "PASS")
     assert (tmp_path / "out" / "bars.txt").is_file()
@@ -75,7 +76,7 @@ def test_the_bench_runs_and_scores_a_case(
     }
 
 
-def test_rollout_by_a_stand_in(folder: Path, tmp_path: Path) -> None:
+def test_rollout_of_a_surrogate_model(folder: Path, tmp_path: Path) -> None:
     model, out = tmp_path / "model.yaml", tmp_path / "r.csv"
     model.write_text(surrogate_yaml(default_parameters()))
     bag = str(folder / "heldout")
@@ -89,7 +90,7 @@ def test_rollout_by_a_stand_in(folder: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"parameters": {"mess": 1.0}}, "parameter 'mess' is unknown"),
         ({"parameters": {"mass": -1.0}}, "mass must be"),
@@ -101,17 +102,17 @@ def test_rollout_by_a_stand_in(folder: Path, tmp_path: Path) -> None:
     ],
 )
 def test_a_bad_model_is_refused(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict, said: str
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict, message: str
 ) -> None:
     content = {"kind": "stand_in", "schema": 1, "parameters": {"mass": 1500.0}} | change
     model = tmp_path / "model.yaml"
     model.write_text(yaml.safe_dump(content))
     arguments = ["rollout", "--model", str(model), "--bag", str(folder / "heldout")]
     line = refused(capsys, 2, *arguments, "--out", str(tmp_path / "r.csv"))
-    assert said in line
+    assert message in line
 
 
-def test_what_is_too_short_is_refused_and_leaves_nothing(
+def test_a_short_recording_is_refused_and_nothing_is_written(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_evidence(case().recording.between(0.0, 10.0), tmp_path / "short")
@@ -136,7 +137,7 @@ def test_a_folder_without_cases_is_refused(
     assert "no case" in refused(capsys, 2, "bench", "concealed", "--cases", str(tmp_path))
 
 
-def test_a_corrected_model_keeps_its_numbers() -> None:
+def test_a_surrogate_file_keeps_eight_digits() -> None:
     p = default_parameters()
     p[INDEX["mass"]] = 1234.56789
     assert "mass: 1234.5679" in surrogate_yaml(p)
@@ -144,24 +145,24 @@ def test_a_corrected_model_keeps_its_numbers() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interruption_leaves_no_half_report(
+def test_an_interruption_leaves_no_incomplete_report(
     folder: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     number: signal.Signals,
 ) -> None:
-    def half_a_page(result: object, out: Path, *, provenance: object) -> None:
-        (out / "map.png").write_bytes(b"half")
+    def interrupted_page(result: object, out: Path, *, provenance: object) -> None:
+        (out / "map.png").write_bytes(b"incomplete")
         signal.raise_signal(number)
 
-    monkeypatch.setattr("adk_ros.mismatch.analysis.investigate", lambda *_: drag())
+    monkeypatch.setattr("adk_ros.mismatch.analysis.identify_mismatch", lambda *_: drag())
     arguments = ["mismatch", "--simulation", str(folder / "simulation")]
     arguments += ["--recording", str(folder / "recording"), "--out", str(tmp_path / "out")]
     assert main(arguments) == 0
     before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
-    monkeypatch.setattr("adk_ros.mismatch.report.result_files.write_page", half_a_page)
-    assert main(arguments) == 128 + number
+    monkeypatch.setattr("adk_ros.mismatch.report.result_files.write_page", interrupted_page)
+    assert main([*arguments, "--force"]) == 128 + number
     assert {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir()} == before
     assert main([*arguments[:-1], str(tmp_path / "new")]) == 128 + number
     assert {path.name for path in tmp_path.iterdir()} == {"out"}
@@ -169,7 +170,7 @@ def test_an_interruption_leaves_no_half_report(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ([], "one of the three"),
         (["--own", "--real", "x"], "one of the three"),
@@ -178,10 +179,10 @@ def test_an_interruption_leaves_no_half_report(
         (["--real", "x"], "needs --vehicle"),
     ],
 )
-def test_what_the_bench_refuses(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+def test_invalid_bench_options_are_refused(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
-    assert said in refused(capsys, 2, "bench", "concealed", *arguments)
+    assert message in refused(capsys, 2, "bench", "concealed", *arguments)
 
 
 def test_the_same_bag_twice_is_refused(
@@ -203,16 +204,16 @@ def test_the_same_bag_twice_is_refused(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_recording_without_an_imu_is_refused_unless_told(
+def test_a_recording_without_an_imu_needs_an_option(
     folder: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    whole = case().recording
+    recording = case().recording
     bag = tmp_path / "odometry"
-    write_evidence(replace(whole, imu_s=np.empty(0), imu=np.empty((0, 3))), bag)
-    monkeypatch.setattr("adk_ros.mismatch.analysis.investigate", lambda *_: drag())
+    write_evidence(replace(recording, imu_s=np.empty(0), imu=np.empty((0, 3))), bag)
+    monkeypatch.setattr("adk_ros.mismatch.analysis.identify_mismatch", lambda *_: drag())
     arguments = ["mismatch", "--simulation", str(folder / "simulation"), "--recording", str(bag)]
     arguments += ["--out", str(tmp_path / "out")]
     line = refused(capsys, 3, *arguments)
@@ -221,4 +222,23 @@ def test_a_recording_without_an_imu_is_refused_unless_told(
     assert not (tmp_path / "out").exists()
     assert main([*arguments, "--without-imu"]) == 0
     assert (tmp_path / "out" / "mismatch.json").is_file()
+    capsys.readouterr()
+
+
+def test_an_earlier_report_is_replaced_only_with_force(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("adk_ros.mismatch.analysis.identify_mismatch", lambda *_: drag())
+    out = tmp_path / "out"
+    arguments = ["mismatch", "--simulation", str(folder / "simulation")]
+    arguments += ["--recording", str(folder / "recording"), "--out", str(out)]
+    assert main(arguments) == 0
+    capsys.readouterr()
+    assert "add --force to replace it" in refused(capsys, 2, *arguments)
+    (out / "notes.txt").write_text("kept")
+    assert main([*arguments, "--force"]) == 0
+    assert (out / "notes.txt").read_text() == "kept"
     capsys.readouterr()

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""adk simulate: scenarios as bags, the same each time; and the verbs under their own names."""
+"""adk simulate: reproducible scenarios as bags; and verbs started under their own names."""
 
 from __future__ import annotations
 
@@ -28,36 +28,38 @@ def contents(path: Path) -> list[tuple[str, str, int, bytes]]:
 def simulated(capsys, out: Path, *more: str) -> str:
     arguments = ["simulate", "town", "--out", str(out), "--duration", "10", *more]
     assert main(arguments) == 0
-    said = capsys.readouterr()
-    return said.out if "--json" in more else said.err
+    printed = capsys.readouterr()
+    return printed.out if "--json" in more else printed.err
 
 
-def test_it_writes_what_the_sensors_of_the_drive_sent(capsys, tmp_path: Path) -> None:
+def test_the_bag_contains_the_messages_of_the_sensors(capsys, tmp_path: Path) -> None:
     out = tmp_path / "town"
-    said = simulated(capsys, out)
+    printed = simulated(capsys, out)
     seed = drive("town", 10.0).seed
-    assert lines(said) == [f"10 s of town, seed {seed}: {out}"]
+    assert lines(printed) == [f"10 s of town, seed {seed}: {out}"]
     assert contents(out) == contents(bag("town", 10.0))
 
 
 @pytest.mark.parametrize("how", [("sqlite3", "none"), ("sqlite3", "zstd"), ("mcap", "none")])
-def test_storages_hold_the_same(capsys, tmp_path: Path, how: tuple[str, str]) -> None:
+def test_all_storages_contain_the_same_messages(
+    capsys, tmp_path: Path, how: tuple[str, str]
+) -> None:
     simulated(capsys, tmp_path / "b", "--storage", how[0], "--compression", how[1])
     assert contents(tmp_path / "b") == contents(bag("town", 10.0))
 
 
-def test_for_programs(capsys, tmp_path: Path) -> None:
+def test_json_and_another_seed(capsys, tmp_path: Path) -> None:
     out = tmp_path / "b"
-    told = json.loads(simulated(capsys, out, "--seed", "9", "--json"))
-    assert told == {
+    printed = json.loads(simulated(capsys, out, "--seed", "9", "--json"))
+    assert printed == {
         "scenario": "town", "seed": 9, "seconds": 10.0, "messages": len(contents(out)),
         "out": str(out),
     }  # fmt: skip
-    other, own = read_recording(out).record, read_recording(bag("town", 10.0)).record
-    assert np.abs(other.x_ref[100:300] - own.x_ref[100:300]).max() > 0.05
+    other, default = read_recording(out).record, read_recording(bag("town", 10.0)).record
+    assert np.abs(other.x_ref[100:300] - default.x_ref[100:300]).max() > 0.05
 
 
-def test_a_scenario_of_ones_own(capsys, tmp_path: Path) -> None:
+def test_a_scenario_file(capsys, tmp_path: Path) -> None:
     file = tmp_path / "square.yaml"
     file.write_text(
         "duration_s: 5.0\nroute:\n"
@@ -70,20 +72,21 @@ def test_a_scenario_of_ones_own(capsys, tmp_path: Path) -> None:
     assert "square.yaml: speeed: no such parameter" in refused(capsys, arguments, 2)
 
 
-def test_refusals(capsys, tmp_path: Path) -> None:
+def test_invalid_options_are_refused(capsys, tmp_path: Path) -> None:
     arguments = ["simulate", "town", "--out", tmp_path / "b", "--duration", "2"]
     assert "storage 'tape' is unknown" in refused(capsys, [*arguments, "--storage", "tape"], 2)
     assert "compression 'lzw'" in refused(capsys, [*arguments, "--compression", "lzw"], 2)
     assert "seed must not be negative" in refused(capsys, [*arguments, "--seed", "-1"], 2)
     (tmp_path / "b").mkdir()
-    assert "exists already" in refused(capsys, arguments, 2)
+    (tmp_path / "b" / "notes.txt").touch()
+    assert "no earlier result" in refused(capsys, arguments, 2)
 
 
-def test_each_verb_runs_under_its_own_name(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As `ros2 run adk_ros info ...` starts it."""
+def test_each_verb_has_an_entry_point(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The case of `ros2 run adk_ros info ...`."""
     monkeypatch.setattr(sys, "argv", ["/opt/ws/lib/adk_ros/info", str(bag("town", 10.0))])
     assert cli.info_main() == 0
-    assert "can be trained on and replayed" in capsys.readouterr().out
+    assert "usable for training and replay" in capsys.readouterr().out
     for verb in ("train", "replay", "play", "echo", "rollout", "info", "simulate", "bench"):
         monkeypatch.setattr(sys, "argv", [f"/opt/ws/lib/adk_ros/{verb}", "--help"])
         assert getattr(cli, f"{verb}_main")() == 0
@@ -92,5 +95,5 @@ def test_each_verb_runs_under_its_own_name(capsys, monkeypatch: pytest.MonkeyPat
 
 def test_help_names_every_scenario(capsys) -> None:
     assert main(["simulate", "--help"]) == 0
-    told = capsys.readouterr().out
-    assert all(name in told for name in scenarios())
+    text = capsys.readouterr().out
+    assert all(name in text for name in scenarios())
