@@ -1,98 +1,106 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The training report: a page that stands by itself, beside the model it is about."""
+"""The model report: a self-contained HTML page in the model folder, with figures and scores."""
 
 from __future__ import annotations
 
-import base64
 import json
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
+from adk_ros.files.pages.page import embed, render_page
+from adk_ros.files.pages.provenance import Provenance
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import REPORT_SCALE
 from adk_ros.train.held_out import MODEL, TIE, HeldOutScores
-from adk_ros.train.report_figures import curve_figure, horizon_figure, prediction_figure
+from adk_ros.train.report_figures import (
+    CHANNEL_LABELS,
+    curve_figure,
+    horizon_figure,
+    prediction_figure,
+    predictor_label,
+)
 from adk_ros.train.training_run import TrainingResult
 
-_UNITS = ("km/h", "km/h", "deg/s")
-
-
 FILES = ("report.html", "held_out.json", "training.png", "horizon.png", "prediction.png")
-"""All that a report consists of."""
+"""All files of a report."""
+_ONE_SECOND = 40
+"""Steps of 25 ms."""
+_KINDS = {
+    "default": "default training",
+    "dk": "the paper's deep Koopman model (DK)",
+    "aldk": "the paper's deep Koopman model with acceleration loss (ALDK)",
+}
 
 
 def remove_report(out: Path) -> None:
-    """Remove the report of an earlier training: it would not be about the model beside it."""
+    """Remove the report of an earlier training, which describes another model."""
     for name in FILES:
         (out / name).unlink(missing_ok=True)
 
 
-def write_report(run: TrainingResult, out: Path) -> Path:
-    """Write `report.html`, its figures as PNG and `held_out.json` into `out`; return the page."""
+def write_report(run: TrainingResult, out: Path, *, provenance: Provenance | None = None) -> Path:
+    """Write `report.html`, figures and `held_out.json` into `out`; return the page's path."""
     remove_report(out)
-    figures: dict[str, Path] = {}
-    if run.trained is not None and run.trained.curve:
-        figures["Training"] = out / "training.png"
-        curve_figure(run.trained.curve, run.trained.best_step, figures["Training"])
+    figures = {}
     if run.test is not None:
-        figures["Error against horizon, held-out data"] = out / "horizon.png"
+        alt = "RMSE of the model and the baselines over the prediction horizon, by channel"
         horizon_figure(run.test, out / "horizon.png")
-        figures["A stretch of held-out data"] = out / "prediction.png"
+        figures["horizon"] = embed(out / "horizon.png", alt)
+        alt = "Measured and predicted (1 s ahead) state over time on held-out data, and the errors"
         prediction_figure(run.test, out / "prediction.png")
+        figures["prediction"] = embed(out / "prediction.png", alt)
         (out / "held_out.json").write_text(json.dumps(run.test.as_json(), indent=2) + "\n")
-    environment = Environment(
-        loader=PackageLoader("adk_ros.train"), autoescape=True, undefined=StrictUndefined
-    )
-    page = environment.get_template("report.html.j2").render(
+    if run.trained is not None and run.trained.curve:
+        curve_figure(run.trained.curve, run.trained.best_step, out / "training.png")
+        alt = "Training and validation loss over the steps, with the selected checkpoint"
+        figures["training"] = embed(out / "training.png", alt)
+    text = render_page(
+        "adk_ros.train",
+        "report.html.j2",
+        provenance,
         name=out.name,
         facts=run.facts,
+        kind=_KINDS.get(run.facts["kind"], run.facts["kind"]),
         sentence=_sentence(run.test),
         rows=_rows(run.test) if run.test else [],
-        names=list(run.test.scores) if run.test else [],
-        lost=run.test.lost if run.test else {},
-        figures={
-            title: base64.b64encode(path.read_bytes()).decode() for title, path in figures.items()
-        },
+        predictors=[predictor_label(name) for name in run.test.scores] if run.test else [],
+        not_better=run.test.lost if run.test else {},
+        figures=figures,
     )
     path = out / "report.html"
-    path.write_text(page)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
 def _sentence(test: HeldOutScores | None) -> str:
     if test is None:
-        return "Nothing was held out that is long enough to score."
-    ratio = test.ratio
-    better, held = int((ratio < TIE).sum()), int((test.ratio_held < TIE).sum())
-    second = test.scores[MODEL].steps.index(40)
+        return "The held-out data are too short to score."
+    known, held = test.ratio, test.ratio_held
+    second = known[test.scores[MODEL].steps.index(_ONE_SECOND)]
     return (
-        f"Given the commands, better than the best naive predictor in {better} of {ratio.size} "
-        f"cells of held-out data: 1 s ahead its RMSE is {ratio[second, 0]:.2f}, "
-        f"{ratio[second, 1]:.2f} and {ratio[second, 2]:.2f} of the best naive one's for v_x, v_y "
-        "and yaw rate. With the commands held, as the node publishes its horizon, better in "
-        f"{held}."
+        f"With future commands given, the model is better than every baseline in "
+        f"{int((known < TIE).sum())} of {known.size} (channel x horizon) combinations on held-out "
+        f"data. At 1 s its RMSE is {second[0]:.2f}, {second[1]:.2f} and {second[2]:.2f} times "
+        "that of the best baseline for v_x, v_y and yaw rate. With commands held constant, as in "
+        f"the published horizon of the live node, it is better in {int((held < TIE).sum())}."
     )
 
 
 def _rows(test: HeldOutScores) -> list[dict[str, Any]]:
+    """Return one row per channel and horizon; ratios are pairs of text and whether it is < 1."""
     rows = []
-    steps = test.scores[MODEL].steps
-    for c, channel in enumerate(STATE_NAMES):
-        for i, step in enumerate(steps):
+    for c in range(len(STATE_NAMES)):
+        for i, step in enumerate(test.scores[MODEL].steps):
+            ratios = [table[i, c] for table in (test.ratio, test.ratio_held)]
             rows.append(
                 {
-                    "channel": f"{channel} ({_UNITS[c]})" if i == 0 else "",
+                    "channel": CHANNEL_LABELS[c] if i == 0 else "",
                     "horizon": f"{step * TICK_NS * 1e-9:g} s",
-                    "cells": [
+                    "errors": [
                         f"{s.rmse[i, c] * REPORT_SCALE[c]:.4g}" for s in test.scores.values()
                     ],
-                    "ratio": f"{test.ratio[i, c]:.2f}",
-                    "ratio_held": f"{test.ratio_held[i, c]:.2f}",
-                    "lost": bool(test.ratio[i, c] >= TIE),
-                    "first": i == 0,
+                    "ratios": [(f"{ratio:.2f}", bool(ratio < TIE)) for ratio in ratios],
                 }
             )
     return rows

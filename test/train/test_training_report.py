@@ -1,69 +1,33 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The training report: a page that needs nothing but itself, and says what was measured."""
+"""The model report: self-contained, its texts and tables equal to the scores."""
 
 from __future__ import annotations
 
-import base64
 import io
 import json
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 import pytest
+from helpers.pages import (
+    PROVENANCE,
+    Page,
+    assert_contents,
+    assert_provenance,
+    assert_self_contained,
+)
 from helpers.train import SMALL, record, small
 
 from adk_ros.signals.channels import STATE_NAMES, Flag
 from adk_ros.signals.score import REPORT_SCALE
 from adk_ros.train.dataset import TEST, split_records
 from adk_ros.train.held_out import TIE
+from adk_ros.train.report_figures import CHANNEL_LABELS, predictor_label
 from adk_ros.train.training_report import FILES, remove_report, write_report
 from adk_ros.train.training_run import run_training
-
-VOID = {"meta", "img", "br", "hr", "link", "input"}
-
-
-class Page(HTMLParser):
-    """What a browser would meet: tags that match, addresses, images, table, text."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.tags: set[str] = set()
-        self.addresses: list[str] = []
-        self.rows: list[list[str]] = []
-        self.classes: list[str] = []
-        self.words: list[str] = []
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.add(tag)
-        given = dict(attrs)
-        self.addresses += [given[key] or "" for key in ("src", "href", "srcset") if key in given]
-        if tag not in VOID:
-            self.open.append(tag)
-        if tag == "tr":
-            self.rows.append([])
-            self.classes.append(given.get("class") or "")
-        if tag in {"td", "th"}:
-            self.rows[-1].append("")
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] in {"td", "th"}:
-            self.rows[-1][-1] += data
-        if self.open and self.open[-1] != "style":
-            self.words.append(data)
-
-    @property
-    def text(self) -> str:
-        return " ".join(" ".join(self.words).split())
 
 
 @pytest.fixture(scope="module")
@@ -71,90 +35,99 @@ def page() -> Page:
     return Page((small().path / "report.html").read_text())
 
 
-def pictures(of: Page) -> list[bytes]:
-    head = "data:image/png;base64,"
-    assert all(address.startswith(head) for address in of.addresses)
-    return [base64.b64decode(a.removeprefix(head), validate=True) for a in of.addresses]
-
-
 def assert_drawn(content: bytes) -> None:
     image = matplotlib.image.imread(io.BytesIO(content))
     assert min(image.shape[:2]) > 200
     assert np.var(image[..., :3]) > 1e-3
-    # More than an empty frame: ink all over the picture.
+    # Dark pixels all over the picture, more than an empty frame has.
     dark = image[..., :3].min(axis=2) < 0.7
     assert (dark.mean(axis=0) > 0.0).mean() > 0.6
     assert (dark.mean(axis=1) > 0.0).mean() > 0.6
 
 
-def test_the_page_is_whole_and_stands_by_itself(page: Page) -> None:
-    assert page.open == []
-    assert {"html", "head", "title", "body", "table", "img"} <= page.tags
-    assert not page.tags & {"script", "link", "iframe", "object", "embed", "base"}
-    text = (small().path / "report.html").read_text()
-    assert "url(" not in text
-    assert "http" not in text
-    assert "@import" not in text
+def test_the_page_is_self_contained(page: Page) -> None:
+    assert_self_contained(page)
+    assert_contents(page)
+    assert {"table", "img"} <= page.tags
+    assert "Provenance Not recorded." in page.text
+
+
+def test_the_page_states_its_provenance(tmp_path: Path) -> None:
+    page = Page(write_report(small().run, tmp_path, provenance=PROVENANCE).read_text())
+    assert_self_contained(page)
+    assert_contents(page)
+    assert_provenance(page)
 
 
 def test_the_figures_are_drawn_and_embedded(page: Page) -> None:
-    names = ("training.png", "horizon.png", "prediction.png")
+    names = ("horizon.png", "prediction.png", "training.png")
     files = [(small().path / name).read_bytes() for name in names]
     for content in files:
         assert_drawn(content)
-    assert pictures(page) == files
+    assert [content for _, content in page.images] == files
 
 
-def test_the_table_is_held_out_json(page: Page) -> None:
-    told = json.loads((small().path / "held_out.json").read_text())
+def test_the_table_equals_held_out_json(page: Page) -> None:
+    stored = json.loads((small().path / "held_out.json").read_text())
     test = small().run.test
     assert test is not None
-    assert told == test.as_json()
+    assert stored == test.as_json()
     head, *rows = page.rows
     assert head == [
         "channel",
         "horizon",
-        *told["predictors"],
-        "known / best naive",
-        "held / best naive",
+        *(predictor_label(name) for name in stored["predictors"]),
+        "future commands given / best baseline",
+        "commands held constant / best baseline",
     ]
     cells = iter(rows)
     for c, channel in enumerate(STATE_NAMES):
-        for i, horizon in enumerate(told["horizons_s"]):
+        for i, horizon in enumerate(stored["horizons_s"]):
             name, when, *values, ratio, held = next(cells)
-            assert name == (f"{channel} ({'deg/s' if c == 2 else 'km/h'})" if i == 0 else "")
+            assert name == (CHANNEL_LABELS[c] if i == 0 else "")
             assert when == f"{horizon:g} s"
-            for value, of in zip(values, told["predictors"].values(), strict=True):
+            for value, of in zip(values, stored["predictors"].values(), strict=True):
                 assert value == f"{of[channel]['rmse'][i] * REPORT_SCALE[c]:.4g}"
-            assert ratio == f"{told['ratio_to_best_naive'][channel][i]:.2f}"
-            assert held == f"{told['ratio_to_best_naive_commands_held'][channel][i]:.2f}"
+            assert ratio == f"{stored['ratio_to_best_naive'][channel][i]:.2f}"
+            assert held == f"{stored['ratio_to_best_naive_commands_held'][channel][i]:.2f}"
     assert next(cells, None) is None
-    lost = [bool("lost" in name) for name in page.classes[1:]]
-    assert lost == [
-        bool(v >= TIE) for channel in STATE_NAMES for v in told["ratio_to_best_naive"][channel]
-    ]
 
 
-def test_the_words_fit_the_numbers(page: Page) -> None:
+def test_only_wins_are_bold_and_only_losses_shaded(page: Page) -> None:
+    """Each ratio is marked by its own value, also with commands held constant."""
+    test = small().run.test
+    assert test is not None
+    assert (test.ratio_held >= TIE).any()
+    classes = iter(page.cell_classes[1:])
+    for c in range(3):
+        for i in range(test.ratio.shape[0]):
+            *others, known, held = next(classes)
+            assert set(others) == {""}
+            assert known == ("better" if test.ratio[i, c] < TIE else "worse")
+            assert held == ("better" if test.ratio_held[i, c] < TIE else "worse")
+    assert "td.better, td.bold { font-weight: 700; } td.worse { background" in page.source
+
+
+def test_texts_state_the_scores(page: Page) -> None:
     test = small().run.test
     assert test is not None
     better = int((test.ratio < TIE).sum())
-    said = f"Given the commands, better than the best naive predictor in {better} of 15 cells"
+    said = f"the model is better than every baseline in {better} of 15 (channel x horizon)"
     assert said in page.text
     held = int((test.ratio_held < TIE).sum())
-    assert f"as the node publishes its horizon, better in {held}." in page.text
+    assert f"published horizon of the live node, it is better in {held}." in page.text
     v_x, v_y, yaw = test.ratio[3]
-    assert f"its RMSE is {v_x:.2f}, {v_y:.2f} and {yaw:.2f} of the best naive" in page.text
-    for cell, why in test.lost.items():
-        assert f"{cell}: {why}" in page.text
+    assert f"its RMSE is {v_x:.2f}, {v_y:.2f} and {yaw:.2f} times that of the best" in page.text
+    for combination, reason in test.lost.items():
+        assert f"{combination}: {reason}" in page.text
     facts = small().run.facts
-    assert f"state kept step {facts['best_step']} of {SMALL.steps}" in page.text
-    assert f"{facts['split']['train']:.0f} s to train" in page.text
+    assert f"selected checkpoint step {facts['best_step']} of {SMALL.steps}" in page.text
+    assert f"{facts['split']['train']:.0f} s training" in page.text
     assert f"hidden {SMALL.hidden}" in page.text
     assert "handling (120 s)" in page.text
 
 
-def test_a_name_is_text_and_not_markup(tmp_path: Path) -> None:
+def test_names_are_escaped(tmp_path: Path) -> None:
     name = '<b>bold</b> & "quoted"'
     run = small().run
     data = [dict(item, name=name) for item in run.facts["data"]]
@@ -166,8 +139,9 @@ def test_a_name_is_text_and_not_markup(tmp_path: Path) -> None:
     assert not page.tags & {"b", "i"}
 
 
-def test_a_report_without_a_test_says_so(tmp_path: Path) -> None:
-    """What was to be the test has no stretch without a fault."""
+@pytest.mark.slow
+def test_a_report_without_scores_says_so(tmp_path: Path) -> None:
+    """All held-out samples are flagged as faulty."""
     of = record("handling", 90.0)
     (parts,) = split_records([of]).parts
     faulty = replace(of, flags=np.where(parts == TEST, int(Flag.FROZEN), of.flags))
@@ -176,13 +150,13 @@ def test_a_report_without_a_test_says_so(tmp_path: Path) -> None:
     assert run.test is None
     assert run.facts["held_out"] is None
     page = Page(write_report(run, tmp_path / "m").read_text())
-    assert "Nothing was held out that is long enough to score." in page.text
+    assert "The held-out data are too short to score." in page.text
     assert page.rows == []
-    assert len(pictures(page)) == 1
+    assert len(page.images) == 1
     assert not (tmp_path / "m" / "held_out.json").exists()
 
 
-def test_a_report_of_an_earlier_training_does_not_stay(tmp_path: Path) -> None:
+def test_the_report_of_an_earlier_training_is_removed(tmp_path: Path) -> None:
     for name in FILES:
         (tmp_path / name).write_text("of another model")
     (tmp_path / "manifest.json").write_text("{}")
