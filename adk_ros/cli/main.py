@@ -9,6 +9,7 @@ Verbs import what they need when they run, so that help and completion are fast.
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
+from adk_ros.api.provenance import COMMAND_LINE
 from adk_ros.cli import bench, demo, echo, info, mismatch, play, replay, rollout, simulate, train
 from adk_ros.cli.command import COMPARE, DATA, MEASURE, PREDICT, VerbCommand, VerbGroup
 from adk_ros.errors import AdkError
@@ -75,6 +77,8 @@ app.add_typer(bench.app, name="bench", rich_help_panel=MEASURE)
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code: 0, 2 for wrong usage, 3 for unusable data."""
+    given = sys.argv[1:] if arguments is None else arguments
+    command_line = COMMAND_LINE.set(shlex.join(["adk", *given]))
     try:
         result = app(args=arguments, prog_name="adk", standalone_mode=False)
         sys.stdout.flush()
@@ -102,6 +106,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if hasattr(error, "format_message"):
             return _print_usage_error(error)
         raise
+    finally:
+        COMMAND_LINE.reset(command_line)
 
 
 def _print_usage_error(error: Any) -> int:
