@@ -4,9 +4,9 @@
 Installs the package, under colcon as well as under pip.
 
 `ros2 run adk_ros <verb>` looks for executables in `lib/adk_ros`, which setup.cfg names for the
-`setup.py install` and `setup.py develop` that colcon runs. pip builds a wheel instead, and puts
-scripts on the PATH: there the verbs are left to `adk <verb>`, lest a script called `echo` or
-`info` shadow another.
+`setup.py install` and `setup.py develop` that colcon runs. pip builds a wheel instead and puts
+scripts on the PATH; it installs only `adk`, because scripts called `echo` or `info` would shadow
+other programs.
 """
 
 import sys
@@ -24,7 +24,7 @@ if {"install", "develop"} & set(sys.argv[1:]):
 
 
 def below_share(*patterns: str) -> list[tuple[str, list[str]]]:
-    """Files matching `patterns`, each to go to the same folder below share/adk_ros."""
+    """Return the files matching `patterns`, with their folders below share/adk_ros."""
     found: dict[str, list[str]] = {}
     for pattern in patterns:
         for path in sorted(glob(pattern)):
@@ -39,13 +39,13 @@ setup(
     version="0.1.0",
     description=(
         "Predicts a car's longitudinal velocity, lateral velocity and yaw rate, live at 40 Hz,"
-        " with an adaptive deep Koopman model."
-        " Trains the model from rosbags, replays it, and scores it."
+        " with an adaptive deep Koopman model that is trained from rosbags."
+        " Identifies the physics that a simulation lacks compared with a recording."
     ),
     author="The adk_ros authors",
-    author_email="adk-ros@users.noreply.example.org",
+    author_email="adk-ros@users.noreply.github.com",
     maintainer="The adk_ros authors",
-    maintainer_email="adk-ros@users.noreply.example.org",
+    maintainer_email="adk-ros@users.noreply.github.com",
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
@@ -61,6 +61,7 @@ setup(
         "matplotlib>=3.8",
         "numba>=0.59",
         "numpy>=1.26",
+        "pandas>=2.1",
         "psutil>=5.9",
         "pydantic>=2.5",
         "pyyaml>=6.0",
@@ -71,7 +72,7 @@ setup(
         "typer>=0.15",
     ],
     extras_require={
-        # ROS itself, for machines that have none: elsewhere it is installed from packages.
+        # ROS itself, for machines without ROS packages.
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1", "ros-jazzy-common-interfaces>=5.3"],
         "tensorboard": ["tensorboard>=2.12"],
         "bench": ["padasip>=1.2"],
@@ -82,6 +83,7 @@ setup(
             "padasip",
             "pytest",
             "pytest-timeout",
+            "pytest-xdist",
             "ruff",
             "tensorboard",
         ],

@@ -27,7 +27,7 @@ from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle, vehicles
 def offset(drive: SimulatedDrive) -> float:
     """Furthest from the route's line, m."""
     table, spacing = drive.route.table, drive.route.spacing
-    places = zip(drive.place, drive.pose, strict=True)
+    places = zip(drive.arc_length, drive.pose, strict=True)
     return max(abs(locate(table, spacing, s, x, y)[1]) for s, (x, y, _) in places)
 
 

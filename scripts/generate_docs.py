@@ -49,10 +49,11 @@ def fill(text: str, parts: dict[str, str], file: str) -> str:
     """
     for name, part in parts.items():
         marked = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
-        body = f"\n{part}\n\n" if part else ""
-        text, count = marked.subn(lambda m, t=body: m[1] + t + m[2], text)
-        if count != 1:
+        found = list(marked.finditer(text))
+        if len(found) != 1:
             raise SystemExit(f"{file} needs <!-- {name} --> ... <!-- /{name} --> once")
+        body = f"\n{part}\n\n" if part else ""
+        text = text[: found[0].end(1)] + body + text[found[0].start(2) :]
     return text
 
 
