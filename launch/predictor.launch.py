@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Start the predictor on a car's own topics.
+Start the predictor node with the topics of a vehicle.
 
     ros2 launch adk_ros predictor.launch.py model:=/path/to/model \
         imu:=/imu/data odometry:=/odom command:=/vehicle/command
@@ -16,16 +16,16 @@ from launch_ros.substitutions import FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the arguments and the one node that they configure."""
+    """Return the launch arguments and the predictor node."""
     default_params = PathJoinSubstitution(
         [FindPackageShare("adk_ros"), "config", "predictor.yaml"]
     )
     arguments = [
-        DeclareLaunchArgument("model", description="Model folder that `adk train` wrote."),
+        DeclareLaunchArgument("model", description="Model folder written by `adk train`."),
         DeclareLaunchArgument(
             "imu",
             default_value="imu",
-            description="Topic of sensor_msgs/Imu; the node works without one and says so.",
+            description="Topic of sensor_msgs/Imu; optional.",
         ),
         DeclareLaunchArgument(
             "odometry", default_value="odometry", description="Topic of nav_msgs/Odometry."
@@ -33,22 +33,22 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             "command",
             default_value="command",
-            description="Topic of the vehicle's commands, of the type that `command_type` names.",
+            description="Topic of the vehicle commands; message type by parameter `command_type`.",
         ),
         DeclareLaunchArgument(
             "steering",
             default_value="steering",
-            description="Topic of the measured steering angle, where `command_type` has one.",
+            description="Topic of the measured road-wheel angle; used with autoware_control only.",
         ),
         DeclareLaunchArgument(
             "params_file",
             default_value=default_params,
-            description="YAML file of the node's parameters.",
+            description="YAML file with the node's parameters.",
         ),
         DeclareLaunchArgument(
             "use_sim_time",
             default_value="false",
-            description="Follow /clock, as with `ros2 bag play --clock`.",
+            description="Use simulation time from /clock, e.g. of `ros2 bag play --clock`.",
         ),
         DeclareLaunchArgument(
             "namespace", default_value="", description="Namespace of the node and its topics."
@@ -56,7 +56,7 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             "log_level",
             default_value="info",
-            description="debug, info, warn, error or fatal; NAME:=LEVEL for a single logger.",
+            description="debug, info, warn, error or fatal; NAME:=LEVEL for one logger.",
         ),
     ]
     node = Node(
@@ -64,7 +64,7 @@ def generate_launch_description() -> LaunchDescription:
         executable="predictor",
         name="predictor",
         namespace=LaunchConfiguration("namespace"),
-        # The later entry wins: what is said on the command line overrides the file.
+        # Later entries override earlier ones: launch arguments override the file.
         parameters=[
             ParameterFile(LaunchConfiguration("params_file")),
             {

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A run of the paper's tables that is stopped half-way leaves nothing: no process, no report."""
+"""An interrupted paper benchmark leaves no process, no temporary folder and no partial report."""
 
 from __future__ import annotations
 
@@ -27,19 +27,20 @@ SCRIPT = """
 import sys, tempfile
 from pathlib import Path
 from adk_ros.bench.paper.cases import Durations
-from adk_ros.bench.paper.ending import TERMINATED, Terminated, unwinding
-from adk_ros.bench.paper.jobs import Job, Plan
-from adk_ros.bench.paper.run import _Pool
+from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
+from adk_ros.bench.paper.training_jobs import BenchPlan, TrainingJob
+from adk_ros.bench.paper.paper_bench import _Pool
 
 if __name__ == "__main__":
-    plan = Plan(tests=("nominal",), durations=Durations(train=20.0, test=8.0))
+    plan = BenchPlan(tests=("nominal",), durations=Durations(train=20.0, test=8.0))
     try:
         with (
-            unwinding(), tempfile.TemporaryDirectory(prefix="adk_paper_") as folder,
-            _Pool(plan, Path(folder), 2) as pool,
+            graceful_shutdown(), tempfile.TemporaryDirectory(prefix="adk_paper_") as folder,
+            _Pool(plan, Path(folder), 2, 2) as pool,
         ):
-            pool.run([Job("simulate", about="nominal")], "simulating", None, None)
-            pool.run([Job("peers"), Job("peers", "noisy")], "predicting", None, None)
+            pool.run([TrainingJob("simulate", about="nominal")], "simulating", None, None)
+            jobs = [TrainingJob("peers"), TrainingJob("peers", "noisy")]
+            pool.run(jobs, "predicting", None, None)
     except Terminated:
         sys.exit(TERMINATED)
     except KeyboardInterrupt:
@@ -53,7 +54,7 @@ exec sleep 1000
 
 
 class Run:
-    """A run whose peers never answer, in a session of its own, with its temporary files here."""
+    """A run whose baseline workers never answer, in a separate session and temporary folder."""
 
     def __init__(self, folder: Path) -> None:
         self.temporary = folder / "tmp"
@@ -66,7 +67,7 @@ class Run:
         environment = os.environ | {
             "TMPDIR": str(self.temporary), "ADK_PEERS_PYTHON": str(python),
         }  # fmt: skip
-        # Not pytest's own terminal: Ctrl-C goes to a whole group.
+        # A separate session: Ctrl-C goes to the whole process group.
         self.process = subprocess.Popen(
             [sys.executable, str(script)],
             env=environment,
@@ -77,38 +78,38 @@ class Run:
         self.until(lambda: len(self.peers()) == 2)
 
     def peers(self) -> list[int]:
-        """Return the peers' processes so far."""
+        """Return the process ids of the baseline workers so far."""
         return [int(line) for line in lines(self._pids.read_text())] if self._pids.exists() else []
 
     def alive(self) -> list[str]:
-        """Return what runs in its session, the dead that nobody has asked for left out."""
+        """Return the names of the processes in the session, zombies excluded."""
         found = []
-        for place in Path("/proc").glob("[0-9]*/stat"):
+        for file in Path("/proc").glob("[0-9]*/stat"):
             try:
-                name, _, rest = place.read_text().rpartition(")")
+                name, _, fields = file.read_text().rpartition(")")
             except OSError:
                 continue
-            state, _, _, session = rest.split()[:4]
+            state, _, _, session = fields.split()[:4]
             if int(session) == self.process.pid and state != "Z":
                 found.append(name)
         return found
 
-    def until(self, reached: object) -> None:
-        """Wait for something to be so."""
-        assert callable(reached)
+    def until(self, condition: object) -> None:
+        """Wait until a condition holds."""
+        assert callable(condition)
         end = time.monotonic() + LIMIT_S
-        while not reached():
+        while not condition():
             assert time.monotonic() < end, self.alive()
             time.sleep(0.05)
 
-    def left(self) -> list[str]:
-        """Return the run's folders that are still there."""
+    def remaining_folders(self) -> list[str]:
+        """Return the temporary folders of the run that still exist."""
         return [path.name for path in self.temporary.iterdir() if path.name.startswith("adk_")]
 
 
 @pytest.fixture
 def started(tmp_path: Path) -> Iterator[Run]:
-    """A run that is at its peers."""
+    """A run that waits for its baseline workers."""
     run = Run(tmp_path)
     yield run
     if run.process.poll() is None:
@@ -116,32 +117,34 @@ def started(tmp_path: Path) -> Iterator[Run]:
     run.process.communicate()
 
 
-def test_sigterm_ends_workers_and_peers_and_removes_the_folders(started: Run) -> None:
-    assert len(started.left()) == 1
+def test_sigterm_ends_all_workers_and_removes_the_folders(started: Run) -> None:
+    assert len(started.remaining_folders()) == 1
     started.process.terminate()
-    _, said = started.process.communicate(timeout=LIMIT_S)
+    _, errors = started.process.communicate(timeout=LIMIT_S)
     assert started.process.returncode == TERMINATED == 143
-    assert started.left() == []
+    assert started.remaining_folders() == []
     started.until(lambda: not started.alive())
-    assert "Traceback" not in said
+    assert "Traceback" not in errors
 
 
-def test_so_does_ctrl_c(started: Run) -> None:
+@pytest.mark.slow
+def test_ctrl_c_ends_all_workers_and_removes_the_folders(started: Run) -> None:
     os.killpg(started.process.pid, signal.SIGINT)
-    _, said = started.process.communicate(timeout=LIMIT_S)
+    _, errors = started.process.communicate(timeout=LIMIT_S)
     assert started.process.returncode == 130
-    assert started.left() == []
+    assert started.remaining_folders() == []
     started.until(lambda: not started.alive())
-    assert "Traceback" not in said
+    assert "Traceback" not in errors
 
 
-def test_workers_do_not_outlive_a_parent_that_was_killed(started: Run) -> None:
+@pytest.mark.slow
+def test_workers_end_with_a_killed_parent(started: Run) -> None:
     started.process.kill()
     started.process.wait(timeout=LIMIT_S)
     started.until(lambda: not started.alive())
 
 
-def test_the_first_signal_unwinds_and_the_next_are_ignored() -> None:
+def test_first_signal_unwinds_and_later_ones_are_ignored() -> None:
     before = signal.getsignal(signal.SIGTERM)
     cleaned = []
 
@@ -167,7 +170,7 @@ def test_the_first_signal_unwinds_and_the_next_are_ignored() -> None:
     ("number", "code", "word"),
     [(signal.SIGTERM, 143, "adk: terminated"), (signal.SIGINT, 130, "adk: interrupted")],
 )
-def test_the_verb_says_that_it_was_stopped(
+def test_interrupted_verb_reports_the_signal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     number: int, code: int, word: str,
 ) -> None:  # fmt: skip
@@ -186,7 +189,7 @@ def test_the_verb_says_that_it_was_stopped(
     assert list((tmp_path / "tmp").iterdir()) == list(out.iterdir()) == []
 
 
-def test_a_report_replaces_the_one_before_whole(tmp_path: Path) -> None:
+def test_report_replaces_an_earlier_one_completely(tmp_path: Path) -> None:
     def write(folder: Path, text: str) -> None:
         (folder / "tables").mkdir(exist_ok=True)
         (folder / "tables" / f"{text}.md").write_text(text)

@@ -1,14 +1,13 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Bags: rosbag2 (mcap, sqlite3) and ROS 1 recordings in, rosbag2 recordings out.
+Read rosbag2 (mcap, sqlite3) and ROS 1 recordings; write rosbag2 recordings.
 
-A bag is read from its storage files; `metadata.yaml` only says which they are and how much they
-should hold. So a recording whose recorder was killed, or whose disk ran full, is read up to the
-cut (`recovery`), and what is lost is said in `Bag.warnings`. Every message type is read by the
-definition that the bag itself carries, and by that alone (`typestores`): one that cannot be
-understood hinders no other. Types without a definition are taken from ROS 2 Jazzy's common
-interfaces. Nothing outside this package imports rosbags.
+A bag is read from its storage files; `metadata.yaml` only gives their names and message count. A
+recording whose recorder was killed, or whose disk was full, is read up to the cut (`recovery`);
+`Bag.warnings` reports the loss. Each message type is read by the definition in the bag
+(`typestores`), so a type that cannot be parsed does not affect others. Types without a definition
+are those of the common interfaces of ROS 2 Jazzy. Only this package imports rosbags.
 """
 
 from adk_ros.bags.messages import message

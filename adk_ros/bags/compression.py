@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Decompression that stops at damage, and keeps what came before it."""
+"""Decompression that returns all data before the first damaged byte."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ else:
     from backports import zstd
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-_PIECE = 1 << 12
+_CHUNK = 1 << 12
+"""Bytes decompressed at once: at most this much before damage is lost."""
 
 
 def inflate(compression: str, data: bytes) -> bytes:
-    """Decompress ("zstd", "lz4", "bz2", or "" and "none") as much of `data` as is sound."""
+    """Decompress `data` ("zstd", "lz4", "bz2", or "" and "none") up to the first damage."""
     if compression in {"", "none"}:
         return data
     decoder: Any
@@ -34,9 +35,9 @@ def inflate(compression: str, data: bytes) -> bytes:
     else:
         return b""
     out = bytearray()
-    for start in range(0, len(data), _PIECE):
+    for start in range(0, len(data), _CHUNK):
         try:
-            out += decoder.decompress(data[start : start + _PIECE])
+            out += decoder.decompress(data[start : start + _CHUNK])
         except (zstd.ZstdError, RuntimeError, OSError, EOFError, ValueError):
             break
         if decoder.eof:
@@ -45,15 +46,15 @@ def inflate(compression: str, data: bytes) -> bytes:
 
 
 def inflate_file(source: Path, target: Path) -> None:
-    """Decompress a zstd file as far as it is sound."""
+    """Decompress a zstd file up to the first damage."""
     decoder = zstd.ZstdDecompressor()
-    with source.open("rb") as packed, target.open("wb") as out:
-        while piece := packed.read(_PIECE):
+    with source.open("rb") as compressed, target.open("wb") as out:
+        while chunk := compressed.read(_CHUNK):
             try:
-                out.write(decoder.decompress(piece))
+                out.write(decoder.decompress(chunk))
                 while decoder.eof and decoder.unused_data:
-                    rest, decoder = decoder.unused_data, zstd.ZstdDecompressor()
-                    out.write(decoder.decompress(rest))
+                    remaining, decoder = decoder.unused_data, zstd.ZstdDecompressor()
+                    out.write(decoder.decompress(remaining))
             except zstd.ZstdError:
                 return
             if decoder.eof:

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From a channel's stored bytes to messages, or to the CDR bytes of a ROS 2 message."""
+"""Convert stored bytes to message objects, or to the CDR bytes of a ROS 2 message."""
 
 from __future__ import annotations
 
@@ -18,15 +18,14 @@ Decoder = Callable[[bytes], Any]
 
 
 class NoTypeError(Exception):
-    """A message type is neither defined in the bag nor a common one, or it is not CDR."""
+    """A message type is defined neither in the bag nor in ROS 2, or its encoding is not CDR."""
 
 
 def deserialiser(channel: Channel) -> Decoder:
     """
-    Return what makes messages of a channel's bytes.
+    Return a function that converts a channel's bytes to messages.
 
-    Raises:
-        NoTypeError: the type is not known, or the channel's encoding is not.
+    :raises NoTypeError: the type or the encoding of the channel is unknown.
     """
     ros1, msgtype = channel.encoding == "ros1", channel.msgtype
     store = _store_of(channel, "none" if ros1 else "all")
@@ -34,33 +33,33 @@ def deserialiser(channel: Channel) -> Decoder:
         return lambda data: store.deserialize_ros1(data, msgtype)
 
     def decode(data: bytes) -> Any:
-        data = _unpacked(data)
+        data = _decompressed(data)
         try:
             return store.deserialize_cdr(data, msgtype)
         except SerdeError:
-            # rclpy's serialize_message adds 4 bytes after a trailing empty sequence of doubles.
+            # rclpy's serialize_message appends 4 bytes to a trailing empty sequence of doubles.
             return store.deserialize_cdr(data[:-4], msgtype)
 
     return decode
 
 
 def to_cdr(channel: Channel) -> Decoder:
-    """Return what makes CDR of a channel's bytes; raises as `deserialiser` does."""
+    """Return a function that converts a channel's bytes to CDR; errors as in `deserialiser`."""
     if channel.encoding == "ros1":
         store = _store_of(channel, "header")
         return lambda data: bytes(store.ros1_to_cdr(data, channel.msgtype))
-    return _unpacked
+    return _decompressed
 
 
-def _unpacked(data: bytes) -> bytes:
-    """Return a message's bytes: rosbag2 can compress them one by one."""
+def _decompressed(data: bytes) -> bytes:
+    """Return the bytes of a message, which rosbag2 may have compressed individually."""
     return inflate("zstd", data) if data[:4] == ZSTD_MAGIC else bytes(data)
 
 
-def _store_of(channel: Channel, known: str) -> Typestore:
+def _store_of(channel: Channel, fallback: str) -> Typestore:
     if channel.encoding not in {"cdr", "ros1"}:
         raise NoTypeError(f"{channel.topic} is encoded as {channel.encoding!r}, not CDR")
-    store = typestore(channel.msgtype, channel.definition, channel.definition_format, known)
+    store = typestore(channel.msgtype, channel.definition, channel.definition_format, fallback)
     if store is None:
         raise NoTypeError(f"{channel.topic}: type {channel.msgtype} is not defined in the bag")
     return store

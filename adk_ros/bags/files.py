@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which storage files make up a bag, in their order."""
+"""Find the storage files of a bag, in their order."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ _STORAGE_SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 
 def storage_files(path: Path, warn: Callable[[str], None]) -> tuple[list[Path], int | None]:
     """
-    Return a bag's storage files, and the number of messages announced for them, if any.
+    Return a bag's storage files, and their message count by `metadata.yaml`, if known.
 
-    Raises:
-        UsageError: there is nothing at `path`, nothing that is a bag, or more than one.
+    :raises UsageError: `path` does not exist, is not a bag, or contains several bags.
     """
     if path.name == "metadata.yaml":
         path = path.parent
@@ -33,7 +32,7 @@ def storage_files(path: Path, warn: Callable[[str], None]) -> tuple[list[Path], 
     except OSError as error:
         raise UsageError(f"bag {path}: cannot read it: {error.strerror}") from None
     stored = [x for x in present if x.name.endswith(_STORAGE_SUFFIXES)]
-    # Playing a compressed bag leaves the unpacked file beside the packed one.
+    # Playing a compressed bag leaves the decompressed file next to the compressed one.
     names = {x.name for x in stored}
     stored = [x for x in stored if x.suffix != ".zstd" or x.stem not in names]
     if not stored:
@@ -46,22 +45,22 @@ def storage_files(path: Path, warn: Callable[[str], None]) -> tuple[list[Path], 
         listed = [path / Path(x).name for x in about["relative_file_paths"]]
         expected = int(about["message_count"])
     except FileNotFoundError:
-        # The files of one recording differ in their number alone.
+        # The file names of one recording differ only in their number.
         if len({(re.sub(r"_\d+$", "", x.stem), x.suffix) for x in stored}) > 1:
             shown = ", ".join(x.name for x in stored[:5])
-            raise UsageError(f"{path} holds several recordings: name one of {shown}") from None
+            raise UsageError(f"{path} contains several recordings: name one of {shown}") from None
         warn("metadata.yaml is missing: the recording was not closed")
         return stored, None
-    except Exception:  # the file is from outside, and its parser raises whatever it likes
-        warn("metadata.yaml cannot be understood: read without it")
+    except Exception:  # untrusted file: its parser may raise any exception
+        warn("metadata.yaml cannot be parsed: read without it")
         return stored, None
     missing = [x.name for x in listed if not x.is_file()]
     if missing or not listed:
-        warn(f"metadata.yaml lists {', '.join(missing) or 'no file'}: read what is there instead")
+        warn(f"metadata.yaml lists {', '.join(missing) or 'no file'}: read the files present")
         return stored, expected
     return listed, expected
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sort key by which bag_2 comes before bag_10."""
+    """Return a sort key that orders bag_2 before bag_10."""
     return [(int(x), "") if x.isdigit() else (0, x) for x in re.split(r"(\d+)", path.name)]

@@ -17,11 +17,9 @@ class Indexed:
     """
     A storage file that rosbags reads by its index.
 
-    `reader` is one of rosbags', not opened yet. It raises whatever it likes where the file is
-    not sound.
+    `reader` is an unopened reader of rosbags. It may raise any exception for a damaged file.
 
-    Raises:
-        ValueError: the index does not say what is in the file.
+    :raises ValueError: the index does not describe the file.
     """
 
     def __init__(self, reader: Any) -> None:
@@ -29,11 +27,10 @@ class Indexed:
         self._reader = reader
         reader.open()
         about = reader if isinstance(reader, Ros1Reader) else reader.metadata
-        # An MCAP file whose chunks are not indexed is not sorted, one whose messages are not
-        # counted seems to have none.
+        # An MCAP file without chunk index is not sorted; one without message count looks empty.
         if not (getattr(reader, "chunks", True) and about.message_count):
             reader.close()
-            raise ValueError("the index says nothing")
+            raise ValueError("the index is incomplete")
         self.start_ns: int = about.start_time
         self.end_ns: int = about.end_time - 1
         self._connections = {connection.id: connection for connection in reader.connections}
@@ -51,12 +48,12 @@ class Indexed:
         ]
 
     def messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
-        """Yield the messages of the channels named, in log order."""
+        """Yield the messages of the given channels, in log order."""
         chosen = [self._connections[i] for i in ids]
         if chosen:
             for connection, log_ns, data in self._reader.messages(chosen):
                 yield RawMessage(connection.id, log_ns, data)
 
     def close(self) -> None:
-        """Release the file."""
+        """Close the file."""
         self._reader.close()

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of ROS 2 types, made without ROS: the fields that are given, defaults for the rest."""
+"""Create ROS 2 messages without ROS, from given fields and defaults."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ from adk_ros.bags.typestores import jazzy
 
 def message(msgtype: str, **fields: Any) -> Any:
     """
-    Return a message of a ROS 2 type; fields that are not given are zero or empty.
+    Return a message of a ROS 2 type; omitted fields are zero or empty.
 
     A nested message may be given as a mapping, a `builtin_interfaces/msg/Time` as integer
     nanoseconds, and an array as any sequence of numbers. Quaternions default to the identity.
 
-    Raises:
-        TypeError: the type is unknown, or it has no such field.
+    :raises TypeError: the type is unknown, or has no such field.
     """
     store = jazzy()
     if msgtype not in store.types:
@@ -39,7 +38,7 @@ def message(msgtype: str, **fields: Any) -> Any:
 
 
 def _field(desc: FieldDesc, value: Any = None) -> Any:
-    """Return a field's value in the form that rosbags serialises, its default where None."""
+    """Return the value of a field in the form that rosbags serialises; None: the default."""
     if desc[0] == Nodetype.NAME:
         if value is None or isinstance(value, Mapping):
             return message(str(desc[1]), **(value or {}))

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Opening a storage file: by its index, or by a scan where there is none or it is unsound."""
+"""Open a storage file by its index, or scan it if the index is missing or damaged."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from adk_ros.bags.storage import Storage
 
 
 class NoBagError(Exception):
-    """A storage file holds nothing that can be read."""
+    """A storage file is empty or of an unknown format."""
 
 
 class StorageFile(NamedTuple):
-    """An opened storage file, and how to read it without its index."""
+    """An opened storage file, and a function that opens it without its index."""
 
     name: str
     storage: Storage
@@ -38,11 +38,10 @@ class StorageFile(NamedTuple):
 
 def open_storage(path: Path, stack: ExitStack) -> StorageFile:
     """
-    Open a storage file, whatever it is called; closing `stack` closes it.
+    Open a storage file, whatever its name; closing `stack` closes it.
 
-    Raises:
-        NoBagError: it is empty, or of no format that holds a bag.
-        OSError: it cannot be read.
+    :raises NoBagError: it is empty, or of an unknown format.
+    :raises OSError: it cannot be read.
     """
     file = path
     head = _head(file)
@@ -56,20 +55,21 @@ def open_storage(path: Path, stack: ExitStack) -> StorageFile:
     if head.startswith(MCAP_MAGIC):
         reader, scan = Reader.STORAGE_PLUGINS[".mcap"], McapScan
     elif head.startswith(SQLITE_MAGIC):
-        file = _with_log(file, stack)
+        file = _with_write_ahead_log(file, stack)
         reader, scan = Reader.STORAGE_PLUGINS[".db3"], SqliteScan
     elif head.startswith(ROS1_MAGIC):
         reader, scan = Ros1Reader, Ros1Scan
     else:
-        raise NoBagError("is neither MCAP, SQLite nor a ROS 1 bag" if head else "is empty")
+        fault = "is neither MCAP, SQLite nor a ROS 1 bag (CSV is not read)"
+        raise NoBagError(fault if head else "is empty")
     storage: Storage | None = None
-    # SQLite answers for what the tree of a cut file still reaches, and is silent.
+    # SQLite silently returns only the rows that the b-tree of a truncated file still reaches.
     if scan is not SqliteScan or _is_whole(file):
         try:
             storage = Indexed(reader(file))
         except Exception:
-            # rosbags' parsers raise whatever they like at a file from outside. Nothing is lost:
-            # the scan below reads what is there, tells of it, and raises what it cannot read.
+            # The parsers of rosbags may raise any exception for an untrusted file. Nothing is
+            # lost: the scan below reads the file, reports damage, and raises if unreadable.
             storage = None
     if storage is None:
         storage = scan(file)
@@ -78,19 +78,19 @@ def open_storage(path: Path, stack: ExitStack) -> StorageFile:
 
 
 def _head(file: Path) -> bytes:
-    """Return the first bytes: what the file is, and how large a database should be."""
+    """Return the first bytes, which identify the format and the size of a database."""
     with file.open("rb") as stream:
         return stream.read(32)
 
 
 def _is_whole(database: Path) -> bool:
-    """Whether an SQLite file is as long as its header says."""
+    """Return whether an SQLite file is as long as its header states."""
     size, pages = sqlite_pages(_head(database))
     return size * pages == database.stat().st_size
 
 
-def _with_log(file: Path, stack: ExitStack) -> Path:
-    """Return a database with its write-ahead log worked in, in a copy: bags are never altered."""
+def _with_write_ahead_log(file: Path, stack: ExitStack) -> Path:
+    """Return a copy of a database with its write-ahead log applied: bags are never modified."""
     log = file.with_name(file.name + "-wal")
     if not log.is_file() or not log.stat().st_size:
         return file

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reading bags: topics, time span, messages in log order, and warnings about what is lost."""
+"""Read bags: topics, time span, messages in log order, warnings about lost data."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ from adk_ros.bags.storage import Channel
 from adk_ros.errors import DataError, UsageError
 
 _TOPICS_SHOWN = 12
+"""Topics in a summary line; more do not fit a one-line message."""
 
-_Maker = Callable[[Channel], Decoder]
+_DecoderFactory = Callable[[Channel], Decoder]
 _Undecoded = tuple[int, Channel, Decoder, bytes]
 _Decoded = tuple[Channel, int, Any]
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """A topic of a bag, its ROS 2 message type, and how many messages of it there are."""
+    """A topic of a bag: name, ROS 2 message type, number of messages."""
 
     name: str
     msgtype: str
@@ -36,15 +37,14 @@ class TopicInfo:
 
 class Bag:
     """
-    A recording, opened for reading: a context manager, to be closed in any case.
+    A recording opened for reading; a context manager.
 
-    `path` is a rosbag2 folder, its `metadata.yaml`, one storage file of it, or a ROS 1 .bag.
-    `start_ns` and `end_ns` are the first and the last log time, `message_count` what can be read.
-    `warnings` says, a line each, what is damaged or missing; reading may add to it.
+    `path` is a rosbag2 folder, its `metadata.yaml`, one of its storage files, or a ROS 1 .bag.
+    `start_ns` and `end_ns` are the first and last log time, `message_count` the number of
+    readable messages. `warnings` has one line per damaged or missing part; reading may add more.
 
-    Raises:
-        UsageError: there is nothing at `path`, or nothing that is a bag.
-        DataError: the bag holds no message, or is damaged beyond reading.
+    :raises UsageError: `path` does not exist or is not a bag.
+    :raises DataError: the bag has no message, or is damaged beyond reading.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -69,87 +69,88 @@ class Bag:
                 self._warn(f"{file.name} {error}: read without it")
             except OSError as error:
                 raise UsageError(f"bag {self.path}: cannot read {file}: {error}") from None
-        held = [x.storage for x in self._storages if any(c.count for c in x.storage.channels)]
-        if not held:
+        nonempty = [x.storage for x in self._storages if any(c.count for c in x.storage.channels)]
+        if not nonempty:
             faults = [f": {x.storage.fault}" for x in self._storages if x.storage.fault]
-            raise DataError(f"bag {self.path} holds no messages{''.join(faults[:1])}")
+            raise DataError(f"bag {self.path} contains no messages{''.join(faults[:1])}")
         counts: Counter[tuple[str, str]] = Counter()
         for x in self._storages:
             for channel in x.storage.channels:
                 counts[channel.topic, channel.msgtype] += channel.count
         self.topics = [TopicInfo(name, kind, n) for (name, kind), n in sorted(counts.items())]
         self.message_count = sum(counts.values())
-        self.start_ns = min(x.start_ns for x in held)
-        self.end_ns = max(x.end_ns for x in held)
+        self.start_ns = min(x.start_ns for x in nonempty)
+        self.end_ns = max(x.end_ns for x in nonempty)
         for x in self._storages:
             if x.storage.fault:
-                kept = sum(channel.count for channel in x.storage.channels)
-                end_s = self._seconds(x.storage.end_ns) if kept else 0.0
+                count = sum(channel.count for channel in x.storage.channels)
+                end_s = self._seconds(x.storage.end_ns) if count else 0.0
                 self._warn(
                     f"{x.name} is damaged or cut off after {end_s:.1f} s: {x.storage.fault}; "
-                    f"{kept} messages kept"
+                    f"{count} messages read"
                 )
         if expected is not None and expected != self.message_count:
             self._warn(
-                f"metadata.yaml announces {expected} messages, {self.message_count} are there"
+                f"metadata.yaml lists {expected} messages, the bag has {self.message_count}"
             )
 
     def _seconds(self, log_ns: int) -> float:
         return (log_ns - self.start_ns) * 1e-9
 
     def _warn(self, text: str) -> None:
-        if (line := _line(text)) not in self.warnings:
+        if (line := _one_line(text)) not in self.warnings:
             self.warnings.append(line)
 
     @property
     def duration_s(self) -> float:
-        """Seconds from the first to the last log time."""
+        """Time from the first to the last log time, s."""
         return self._seconds(self.end_ns)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, Any]]:
         """
-        Yield (topic, log time in ns, message) in log order, of all topics or of those named.
+        Yield (topic, log time in ns, message) in log order, of the given topics or of all.
 
-        Messages have the attributes of their ROS 2 type. One that cannot be decoded is skipped
-        and counted in `warnings`; so is a topic of unknown type, unless it was asked for by name.
+        Messages have the attributes of their ROS 2 type. A message that cannot be decoded is
+        skipped and counted in `warnings`, as is a topic of unknown type that was not named.
 
-        Raises:
-            UsageError: a topic that is named is not in the bag.
-            DataError: a topic that is named is of a type which the bag does not define.
+        :raises UsageError: a given topic is not in the bag.
+        :raises DataError: the type of a given topic is not defined.
         """
         return ((x.topic, t, m) for x, t, m in self._decoded(topics, deserialiser))
 
     def raw(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, str, int, bytes]]:
-        """Yield (topic, ROS 2 type, log time in ns, CDR bytes), in order and refusals as above."""
+        """Yield (topic, ROS 2 type, log time in ns, CDR bytes) as `messages` does."""
         return ((x.topic, x.msgtype, t, m) for x, t, m in self._decoded(topics, to_cdr))
 
-    def _decoded(self, topics: Collection[str] | None, maker: _Maker) -> Iterator[_Decoded]:
+    def _decoded(
+        self, topics: Collection[str] | None, make_decoder: _DecoderFactory
+    ) -> Iterator[_Decoded]:
         names = {x.name for x in self.topics}
         topics = [topics] if isinstance(topics, str) else topics
-        wanted = names if topics is None else set(topics)
-        if absent := sorted(wanted - names):
+        selected = names if topics is None else set(topics)
+        if absent := sorted(selected - names):
             raise UsageError(
                 f"bag {self.path} has no topic {', '.join(absent)}; it has {self.summary()}"
             )
         sources = []
         for file in self._storages:
-            known: dict[int, tuple[Channel, Decoder]] = {}
+            decoders: dict[int, tuple[Channel, Decoder]] = {}
             for channel in file.storage.channels:
-                if channel.topic in wanted and channel.count:
+                if channel.topic in selected and channel.count:
                     try:
-                        known[channel.id] = (channel, maker(channel))
+                        decoders[channel.id] = (channel, make_decoder(channel))
                     except NoTypeError as error:
                         if topics is not None:
-                            raise DataError(_line(f"bag {self.path}: {error}")) from None
+                            raise DataError(_one_line(f"bag {self.path}: {error}")) from None
                         self._warn(f"{error}: {channel.count} messages skipped")
-            sources.append(self._source(file, known))
+            sources.append(self._file_messages(file, decoders))
         return self._decode(sources)
 
     def _decode(self, sources: list[Iterator[_Undecoded]]) -> Iterator[_Decoded]:
         bad: dict[str, tuple[int, int, str]] = {}
         try:
             for log_ns, channel, decode, data in heapq.merge(*sources, key=lambda x: x[0]):
-                # The bytes are from outside, the decoder is generated: any exception means "bad".
+                # Untrusted bytes in a generated decoder: any exception means a bad message.
                 try:
                     content = decode(data)
                 except Exception as error:
@@ -164,46 +165,46 @@ class Bag:
                     f"{self._seconds(first_ns):.1f} s: {why}"
                 )
 
-    def _source(
-        self, file: StorageFile, known: dict[int, tuple[Channel, Decoder]]
+    def _file_messages(
+        self, file: StorageFile, decoders: dict[int, tuple[Channel, Decoder]]
     ) -> Iterator[_Undecoded]:
-        """Yield one file's messages; where its index leads to damage, go on without the index."""
+        """Yield the messages of one file; if its index is damaged, continue without the index."""
         seen: Counter[int] = Counter()
-        announced = sum(channel.count for channel, _ in known.values())
+        expected = sum(channel.count for channel, _ in decoders.values())
         last_ns = self.start_ns
         try:
-            for key, last_ns, data in file.storage.messages(known):
+            for key, last_ns, data in file.storage.messages(decoders):
                 seen[key] += 1
-                yield (last_ns, *known[key], data)
-            if seen.total() >= announced:
+                yield (last_ns, *decoders[key], data)
+            if seen.total() >= expected:
                 return
-            reason = "the index does not lead to every message"
+            reason = "the index does not list every message"
         except Exception as error:
             reason = _reason(error)
         scan = file.scan()
         self._stack.callback(scan.close)
-        kept = seen.total()
-        for key, log_ns, data in scan.messages(known):
-            # Log order within a topic is the same: what was given already comes first.
+        count = seen.total()
+        for key, log_ns, data in scan.messages(decoders):
+            # Order within a topic is the same: messages yielded before come first.
             if seen[key]:
                 seen[key] -= 1
                 continue
-            kept += 1
-            yield (log_ns, *known[key], data)
-        if kept < announced:
+            count += 1
+            yield (log_ns, *decoders[key], data)
+        if count < expected:
             self._warn(
                 f"{file.name} is damaged after {self._seconds(last_ns):.1f} s: {reason}; "
-                f"{kept} of {announced} messages kept"
+                f"{count} of {expected} messages read"
             )
 
     def summary(self) -> str:
-        """Return the topics with their types and counts, on one line."""
+        """Return topics, types and message counts on one line."""
         shown = [f"{x.name} ({x.msgtype}, {x.count})" for x in self.topics[:_TOPICS_SHOWN]]
         more = len(self.topics) - len(shown)
-        return _line(", ".join(shown) + (f" and {more} more" if more > 0 else ""))
+        return _one_line(", ".join(shown) + (f" and {more} more" if more > 0 else ""))
 
     def close(self) -> None:
-        """Release the files."""
+        """Close the files."""
         self._stack.close()
 
     def __enter__(self) -> Bag:
@@ -214,12 +215,12 @@ class Bag:
 
 
 def open_bag(path: Path | str) -> Bag:
-    """Return the bag at `path`, opened: see `Bag`."""
+    """Open the bag at `path`; see `Bag`."""
     return Bag(path)
 
 
-def _line(text: str) -> str:
-    """Return a text on one line, whatever names and reasons from outside it quotes."""
+def _one_line(text: str) -> str:
+    """Return a text on one line, whatever it quotes from the bag."""
     return " ".join(text.split())
 
 

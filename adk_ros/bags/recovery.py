@@ -1,13 +1,13 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Storage files that their own index does not describe: cut off, not closed, or of a foreign writer.
+Scan storage files without a usable index: truncated, not closed, or of another writer.
 
-A recorder that is killed, a full disk and an interrupted copy leave a file without its index.
-Each scan walks such a file from the front, record by record, and keeps every message that is
-whole, those in a chunk that is itself cut included. Nothing is held in memory but the place and
-the first log time of each block; a block (a chunk, a database page, or one loose message) is read
-again when its turn in log order has come. What all formats share is here.
+A killed recorder, a full disk and an interrupted copy leave a file without its index. A scan
+walks through such a file from the front, record by record, and keeps every complete message,
+including those in a truncated chunk. Only the position and the first log time of each block (a
+chunk, a database page, or one loose message) are kept in memory; a block is read again when its
+turn in log order comes. This module has the part that all formats share.
 """
 
 from __future__ import annotations
@@ -26,10 +26,9 @@ NO_INDEX = "it ends without an index"
 
 class Scan(ABC):
     """
-    The walk that the formats share; a format finds the blocks and the messages in each.
+    A scan; subclasses find the blocks of a format and the messages in each block.
 
-    Raises:
-        OSError: the file cannot be read.
+    :raises OSError: the file cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -60,30 +59,30 @@ class Scan(ABC):
                 self._index.append((min(times), offset))
         self._index.sort()
         self.channels = [replace(x, count=counts[x.id]) for x in self._declared.values()]
-        if nameless := sum(n for key, n in counts.items() if key not in self._declared):
-            self._note(f"the topic of {nameless} messages is not declared")
+        if undeclared := sum(n for key, n in counts.items() if key not in self._declared):
+            self._note(f"the topic of {undeclared} messages is not declared")
 
     @abstractmethod
     def _blocks(self) -> Iterator[int]:
-        """Yield the offsets of the blocks that hold messages, in file order."""
+        """Yield the offsets of the blocks with messages, in file order."""
 
     @abstractmethod
     def _read(self, offset: int) -> list[RawMessage]:
-        """Return the whole messages of one block, and note what channels it declares."""
+        """Return the complete messages of one block; store the channels that it declares."""
 
     def _note(self, fault: str) -> None:
         if fault not in self.fault:
             self.fault = f"{self.fault}, {fault}" if self.fault else fault
 
     def _at(self, offset: int, size: int) -> bytes:
-        """Return up to `size` bytes from `offset`: fewer where the file ends."""
+        """Return up to `size` bytes from `offset`, fewer at the end of the file."""
         if not 0 <= offset < self._size:
             return b""
         self._file.seek(offset)
         return self._file.read(min(size, self._size - offset))
 
     def messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
-        """Yield the messages of the channels named, in log order."""
+        """Yield the messages of the given channels, in log order."""
         waiting: list[tuple[int, int, RawMessage]] = []
         number = 0
         starts = [first for first, _ in self._index[1:]] + [END_OF_TIME]
@@ -96,5 +95,5 @@ class Scan(ABC):
                 yield heapq.heappop(waiting)[2]
 
     def close(self) -> None:
-        """Release the file."""
+        """Close the file."""
         self._file.close()

@@ -24,7 +24,7 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 
 
 class McapScan(Scan):
-    """An MCAP file, with or without chunks (lz4, zstd, none), its summary not looked at."""
+    """An MCAP file, with or without chunks (lz4, zstd, none), read without its summary."""
 
     def __init__(self, path: Path) -> None:
         self._schemas: dict[int, tuple[str, str, str]] = {}
@@ -36,8 +36,8 @@ class McapScan(Scan):
         while position + _RECORD_HEAD.size <= self._size:
             op, length = _RECORD_HEAD.unpack(self._at(position, _RECORD_HEAD.size))
             body = position + _RECORD_HEAD.size
-            whole = body + length <= self._size
-            if op == 0 or _DATA_END < op < _PRIVATE or not (whole or op == _CHUNK):
+            complete = body + length <= self._size
+            if op == 0 or _DATA_END < op < _PRIVATE or not (complete or op == _CHUNK):
                 break
             if op == _FOOTER:
                 return
@@ -47,7 +47,7 @@ class McapScan(Scan):
                 yield position
             ended = ended or op == _DATA_END
             position = body + length
-        self._note("no message is lost, but its index is" if ended else NO_INDEX)
+        self._note("no message is lost, but the index is missing" if ended else NO_INDEX)
 
     def _read(self, offset: int) -> list[RawMessage]:
         op, length = _RECORD_HEAD.unpack(self._at(offset, _RECORD_HEAD.size))
@@ -63,7 +63,7 @@ class McapScan(Scan):
         if len(body) == length and len(content) != size:
             self._note(f"the chunk at byte {offset} is damaged")
         elif len(content) == size and crc and zlib.crc32(content) != crc:
-            self._note(f"the chunk at byte {offset} is altered and left out")
+            self._note(f"the chunk at byte {offset} has a wrong checksum and is skipped")
             return []
         return self._messages_in(content)
 

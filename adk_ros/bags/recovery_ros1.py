@@ -16,11 +16,12 @@ ROS1_MAGIC = b"#ROSBAG V2.0\n"
 # Record types, the values of the field "op".
 _MESSAGE, _CHUNK, _CHUNK_INFO, _CONNECTION = b"\x02", b"\x05", b"\x06", b"\x07"
 
-_MOST_HEADER = 1 << 20
+_MAX_HEADER = 1 << 20
+"""Bytes; a longer record header is damaged: connection headers have some kilobytes at most."""
 
 
 class Ros1Scan(Scan):
-    """A ROS 1 bag (format 2.0) that was not closed, or lost its end."""
+    """A ROS 1 bag (format 2.0) that was not closed or is truncated."""
 
     def _blocks(self) -> Iterator[int]:
         position = len(ROS1_MAGIC)
@@ -28,25 +29,25 @@ class Ros1Scan(Scan):
         while (record := self._record(position)) is not None:
             fields, data, length = record
             op = fields.get(b"op")
-            whole = data + length <= self._size
-            if op == _CONNECTION and whole:
+            complete = data + length <= self._size
+            if op == _CONNECTION and complete:
                 self._declare(fields, self._at(data, length))
-            elif op == _CHUNK or (op == _MESSAGE and whole):
+            elif op == _CHUNK or (op == _MESSAGE and complete):
                 yield position
             indexed = indexed or op == _CHUNK_INFO
-            if not whole:
+            if not complete:
                 break
             position = data + length
         if position < self._size or not indexed:
             self._note(NO_INDEX)
 
     def _record(self, position: int) -> tuple[dict[bytes, bytes], int, int] | None:
-        """Return header fields, and the data's offset and length, or None at the end."""
+        """Return header fields, data offset and data length, or None at the end."""
         start = self._at(position, 4)
         if len(start) < 4:
             return None
         (length,) = struct.unpack("<I", start)
-        header = self._at(position + 4, min(length, _MOST_HEADER) + 4)
+        header = self._at(position + 4, min(length, _MAX_HEADER) + 4)
         return _record_at(start + header, 0, base=position)
 
     def _read(self, offset: int) -> list[RawMessage]:

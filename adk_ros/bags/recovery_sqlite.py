@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""rosbag2 databases that were cut off or not closed (SQLite 3, sqlite.org/fileformat)."""
+"""rosbag2 databases that are truncated or were not closed (SQLite 3, sqlite.org/fileformat)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from adk_ros.bags.storage import END_OF_TIME, Channel, RawMessage
 SQLITE_MAGIC = b"SQLite format 3\x00"
 
 # Sections 1.3 and 1.6 of the file format.
-_SQLITE_HEAD = 100
-_LEAST_PAGE = 512
+_HEADER_SIZE = 100
+_MIN_PAGE_SIZE = 512
 _TABLE_LEAF = b"\x0d"
 
 
@@ -25,9 +25,9 @@ class SqliteScan(Scan):
     """
     A rosbag2 database, read page by page rather than through its b-trees.
 
-    The inner pages of a b-tree are written after the leaves below them, so a cut takes away the
-    way to most rows that are still there. Every leaf of the table of messages is told by its rows:
-    (NULL, topic, time, blob).
+    Inner pages of a b-tree are written after the leaves below them, so after truncation most
+    remaining rows cannot be reached from the root. A leaf of the message table is recognised by
+    its rows: (NULL, topic, time, blob).
     """
 
     def __init__(self, path: Path) -> None:
@@ -37,17 +37,17 @@ class SqliteScan(Scan):
     def _walk(self) -> None:
         super()._walk()
         first, last = self._rows
-        kept = sum(channel.count for channel in self.channels)
-        # rosbag2 numbers its rows without a gap.
-        if kept and last - first + 1 > kept:
-            self._note(f"{last - first + 1 - kept} messages before that are damaged")
+        count = sum(channel.count for channel in self.channels)
+        # rosbag2 numbers its rows consecutively.
+        if count and last - first + 1 > count:
+            self._note(f"{last - first + 1 - count} messages before that are damaged")
 
     def _blocks(self) -> Iterator[int]:
-        head = self._at(0, _SQLITE_HEAD).ljust(_SQLITE_HEAD, b"\x00")
+        head = self._at(0, _HEADER_SIZE).ljust(_HEADER_SIZE, b"\x00")
         self._page, pages = sqlite_pages(head)
         self._usable = self._page - head[20]
-        if self._page < _LEAST_PAGE or self._size < self._page:
-            self._note("not even its first page is whole")
+        if self._page < _MIN_PAGE_SIZE or self._size < self._page:
+            self._note("its first page is incomplete")
             return
         self._topics()
         if self._size < self._page * pages:
@@ -65,14 +65,14 @@ class SqliteScan(Scan):
         with closing(sqlite3.connect(address, uri=True)) as database:
             database.text_factory = lambda raw: raw.decode(errors="replace")
             try:
-                # Without this SQLite refuses a file that is shorter than its header says.
+                # Without this, SQLite refuses a file that is shorter than its header states.
                 database.execute("PRAGMA writable_schema=ON")
                 topics += database.execute(
                     "SELECT id, name, type, serialization_format FROM topics"
                 )
             except sqlite3.Error as error:
                 self._note(str(error))
-            # Before ROS 2 Iron there is no such table: types come from the distribution then.
+            # Before ROS 2 Iron there is no such table; types are then those of the distribution.
             with suppress(sqlite3.Error):
                 for msgtype, encoding, text in database.execute(
                     "SELECT topic_type, encoding, encoded_message_definition"
@@ -80,7 +80,7 @@ class SqliteScan(Scan):
                 ):
                     definitions[msgtype] = (text, encoding)
         for key, *names in topics:
-            # In a damaged database a name may be of any type.
+            # In a damaged database a name can have any type.
             topic, msgtype, encoding = map(str, names)
             text, form = map(str, definitions.get(msgtype, ("", "")))
             self._declared[key] = Channel(key, topic, msgtype, encoding, text, form, 0)
@@ -106,26 +106,26 @@ class SqliteScan(Scan):
         """Return a cell's payload, its overflow pages included (file format, section 1.6)."""
         usable = self._usable
         if size > self._size:
-            raise IndexError("a length that cannot be")
+            raise IndexError("a length beyond the file")
         if size <= usable - 35:
             return page[position : position + size]
-        least = (usable - 12) * 32 // 255 - 23
-        local = least + (size - least) % (usable - 4)
-        local = local if local <= usable - 35 else least
+        minimum = (usable - 12) * 32 // 255 - 23
+        local = minimum + (size - minimum) % (usable - 4)
+        local = local if local <= usable - 35 else minimum
         payload = bytearray(page[position : position + local])
         following = page[position + local : position + local + 4]
         while len(payload) < size:
             number = int.from_bytes(following, "big")
             overflow = self._at((number - 1) * self._page, self._page) if number else b""
             if len(overflow) < self._page:
-                raise IndexError("an overflow page lies behind the cut")
+                raise IndexError("an overflow page is beyond the end of the file")
             following = overflow[:4]
             payload += overflow[4 : min(usable, 4 + size - len(payload))]
         return bytes(payload)
 
 
 def sqlite_pages(head: bytes) -> tuple[int, int]:
-    """Return a database's size of a page in bytes and number of pages, from its first 32 bytes."""
+    """Return page size in bytes and number of pages of a database, from its first 32 bytes."""
     size = int.from_bytes(head[16:18], "big")
     return 65536 if size == 1 else size, int.from_bytes(head[28:32], "big")
 
@@ -141,7 +141,7 @@ def _varint(data: bytes, position: int) -> tuple[int, int]:
 
 
 def _message_row(record: bytes) -> RawMessage | None:
-    """Return the message that a row (NULL, integer, integer, blob) holds, else None."""
+    """Return the message in a row (NULL, integer, integer, blob), else None."""
     header, position = _varint(record, 0)
     kinds: list[int] = []
     while position < header and len(kinds) < 5:
@@ -161,5 +161,5 @@ def _message_row(record: bytes) -> RawMessage | None:
             return None
     data = record[position : position + (kinds[3] - 12) // 2]
     if len(data) < (kinds[3] - 12) // 2:
-        raise IndexError("the row is not whole")
+        raise IndexError("the row is incomplete")
     return RawMessage(numbers[0], numbers[1], data)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a storage file holds: channels and raw messages, whichever way it is read."""
+"""Common interface of storage files: channels and raw messages."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 END_OF_TIME = 2**63 - 1
-"""ns; the last log time that rosbag2 can hold."""
+"""ns; largest log time of rosbag2, a signed 64-bit integer."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A topic as one storage file declares it; `encoding` is "cdr", "ros1" or a foreign one."""
+    """A topic in one storage file; `encoding` is "cdr", "ros1" or another, unsupported one."""
 
     id: int
     topic: str
@@ -26,7 +26,7 @@ class Channel:
 
 
 class RawMessage(NamedTuple):
-    """A message as stored: its channel's id, log time in ns, serialised bytes."""
+    """A stored message: channel id, log time in ns, serialised bytes."""
 
     channel: int
     log_ns: int
@@ -34,7 +34,7 @@ class RawMessage(NamedTuple):
 
 
 class Storage(Protocol):
-    """One opened storage file; `fault` says why it is not whole, and is empty where it is."""
+    """An opened storage file; `fault` describes damage, empty if there is none."""
 
     channels: list[Channel]
     start_ns: int
@@ -42,13 +42,13 @@ class Storage(Protocol):
     fault: str
 
     def messages(self, ids: Collection[int]) -> Iterator[RawMessage]:
-        """Yield the messages of the channels named, in log order."""
+        """Yield the messages of the given channels, in log order."""
 
     def close(self) -> None:
-        """Release the file."""
+        """Close the file."""
 
 
 def ros2_type(name: str) -> str:
     """Return a ROS 1 type name ("pkg/Type") in the ROS 2 form ("pkg/msg/Type")."""
-    package, _, rest = name.partition("/")
-    return name if "/" in rest or not rest else f"{package}/msg/{rest}"
+    package, _, remainder = name.partition("/")
+    return name if "/" in remainder or not remainder else f"{package}/msg/{remainder}"

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of a bag that a drive is read from, chosen by name or by type."""
+"""Choose the topics of a bag to read, by name or by message type."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMMAND_TYPES = {name: kind.msgtype for name, kind in commands.COMMAND_TYPES.ite
 
 @dataclass(frozen=True)
 class Topics:
-    """The topics that a drive is read from; `imu` and `steering` are None where there is none."""
+    """The topics to read; `imu` and `steering` are None if there is none."""
 
     imu: str | None
     odometry: str
@@ -35,15 +35,13 @@ def find_topics(
     steering: str | None = None,
 ) -> Topics:
     """
-    Return the topics to read a drive from: those named, else the only one of its type.
+    Return the topics to read: those named, else the only one of the message type.
 
-    Topics without messages are not considered. The IMU is optional, as is the steering report,
-    which is looked for with `command_type` "autoware_control" alone; naming either as the empty
-    string does without it.
+    Topics without messages are ignored. The IMU is optional, as is the steering report, which is
+    used only with `command_type` "autoware_control"; the empty string as name excludes either.
 
-    Raises:
-        UsageError: a topic that is named is absent or of another type; unknown `command_type`.
-        DataError: a needed topic is missing, or there are several to choose from.
+    :raises UsageError: a named topic is absent or of another type; unknown `command_type`.
+    :raises DataError: a required topic is missing, or several have the message type.
     """
     if command_type not in COMMAND_TYPES:
         known = ", ".join(COMMAND_TYPES)
@@ -51,17 +49,20 @@ def find_topics(
     wants_steering = commands.COMMAND_TYPES[command_type].steering_msgtype is not None
     return Topics(
         imu=_optional(bag, "imu", imu, IMU_TYPE),
-        odometry=_needed(bag, "odometry", odometry, ODOMETRY_TYPE),
-        command=_needed(bag, "command", command, COMMAND_TYPES[command_type]),
+        odometry=_required(bag, "odometry", odometry, ODOMETRY_TYPE),
+        command=_required(bag, "command", command, COMMAND_TYPES[command_type]),
         steering=_optional(bag, "steering", steering, STEERING_TYPE) if wants_steering else None,
     )
 
 
-def _needed(bag: Bag, role: str, name: str | None, msgtype: str) -> str:
+def _required(bag: Bag, role: str, name: str | None, msgtype: str) -> str:
     found = _optional(bag, role, name, msgtype)
     if found is None:
+        hint = ""
+        if msgtype == COMMAND_TYPES["joint_state"]:
+            hint = " (for Ackermann or Autoware commands set command_type in --params)"
         raise DataError(
-            f"bag {bag.path}: no {role}: no topic of type {msgtype} with messages; "
+            f"bag {bag.path}: no {role}: no topic of type {msgtype} with messages{hint}; "
             f"it has {bag.summary()}"
         )
     return found
@@ -74,11 +75,11 @@ def _optional(bag: Bag, role: str, name: str | None, msgtype: str) -> str | None
         types = [x.msgtype for x in bag.topics if x.name == name]
         if not types:
             raise UsageError(
-                f"bag {bag.path}: --{role} {name} is not in it; it has {bag.summary()}"
+                f"bag {bag.path} has no topic {name} (--{role}); it has {bag.summary()}"
             )
         if msgtype not in types:
             raise UsageError(
-                f"bag {bag.path}: --{role} {name} is {types[0]}, but {msgtype} is needed"
+                f"bag {bag.path}: --{role} {name} is {types[0]}, but {msgtype} is required"
             )
         if not any(x.count for x in bag.topics if x.name == name and x.msgtype == msgtype):
             raise DataError(f"bag {bag.path}: --{role} {name} has no messages")

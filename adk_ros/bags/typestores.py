@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Message types: those of ROS 2 Jazzy, and each of a bag's as the bag defines it.
+Message types: those of ROS 2 Jazzy, and those that a bag defines.
 
-A bag's type gets a store of its own, so that two topics whose types share a name, or one whose
-definition is beyond understanding, do not get in each other's way.
+Each type of a bag gets a separate store, so that two types with the same name, or a type whose
+definition cannot be parsed, do not affect each other.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ _HEADER = "std_msgs/msg/Header"
 
 @lru_cache(maxsize=1)
 def jazzy() -> Typestore:
-    """Return the store of ROS 2 Jazzy's common interfaces, with what `add_type` has added."""
+    """Return the store of the common interfaces of ROS 2 Jazzy and of the added types."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
 def add_type(msgtype: str, definition: str) -> None:
     """
-    Teach `message` and `BagWriter` a type that ROS 2's common interfaces lack.
+    Make a type that ROS 2's common interfaces lack available to `message` and `BagWriter`.
 
     `definition` is the text of its .msg file, with those of the types it uses appended as in
     rosbag2: a line of 80 `=`, then `MSG: pkg/Type`, then the text.
@@ -42,24 +42,24 @@ def add_type(msgtype: str, definition: str) -> None:
 
 @lru_cache(maxsize=256)
 def typestore(
-    msgtype: str, definition: str, definition_format: str, known: str
+    msgtype: str, definition: str, definition_format: str, fallback: str
 ) -> Typestore | None:
     """
-    Return a store with one type as its definition has it, or None where that is unknown.
+    Return a store with one type by its definition, or None if the type is unknown.
 
-    `known` says what may fill in for a definition that is missing: "all" of Jazzy's types, only
-    its "header", which is to replace that of ROS 1 with its sequence number, or "none" of them
-    but the time and the duration that are built in.
+    `fallback` names the types that replace missing definitions: "all" of Jazzy's types, only its
+    "header" (which replaces the ROS 1 header with its sequence number), or "none" except the
+    built-in time and duration.
     """
-    common = (jazzy() if known == "all" else get_typestore(Stores.EMPTY)).fielddefs
+    common = (jazzy() if fallback == "all" else get_typestore(Stores.EMPTY)).fielddefs
     types: Typesdict = {}
-    # A definition comes from outside: whatever its text makes the parser do, it is "unknown".
+    # Untrusted definition: any exception of the parser means an unknown type.
     with suppress(Exception):
         if "idl" in definition_format:
             types = _types_from_idl(definition)
         elif definition.strip():
             types = get_types_from_msg(definition, msgtype)
-    if known == "header":
+    if fallback == "header":
         types[_HEADER] = jazzy().fielddefs[_HEADER]
     for defined in (types, {}):
         needed: Typesdict = {}
@@ -85,7 +85,7 @@ def _types_from_idl(definition: str) -> Typesdict:
             types.update(get_types_from_msg(text, ros2_type(head[5:].strip())))
         elif part.strip():
             text = text if head.startswith("IDL: ") else part
-            # Every type has its part; rosbags does not know how to go by `#include`.
+            # Each type has its part of the text; rosbags does not support `#include`.
             types.update(get_types_from_idl(re.sub(r"(?m)^\s*#.*$", "", text)))
     return types
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writing new rosbag2 recordings."""
+"""Write new rosbag2 recordings."""
 
 from __future__ import annotations
 
@@ -26,14 +26,13 @@ from adk_ros.errors import UsageError
 
 class BagWriter:
     """
-    A new rosbag2 folder at `path`, open for writing: a context manager.
+    A new rosbag2 folder at `path`, open for writing; a context manager.
 
-    `storage` is "mcap" or "sqlite3"; `compression` None or "zstd", which packs the chunks of an
-    mcap file and a sqlite3 file as a whole: messages of some hundred bytes hardly shrink one by
-    one. The bag is closed in order after an exception too, holding what was written until then.
+    `storage` is "mcap" or "sqlite3"; `compression` is None or "zstd", which compresses the chunks
+    of an mcap file, or a sqlite3 file as a whole: single messages of some hundred bytes hardly
+    shrink. After an exception the bag is closed properly with the messages written so far.
 
-    Raises:
-        UsageError: `path` exists already or cannot be written, or an argument is not known.
+    :raises UsageError: `path` exists or cannot be written, or an argument is unknown.
     """
 
     def __init__(
@@ -48,17 +47,17 @@ class BagWriter:
         if self.path.exists():
             raise UsageError(f"{self.path} exists already: choose another --out or remove it")
         self._connections: dict[str, Connection] = {}
-        with self._refusing():
+        with self._usage_errors():
             self._writer: Writer | None = Writer(
                 self.path, version=9, storage_plugin=plugins[storage]
             )
             if compression == "zstd":
-                packed = {"mcap": CompressionMode.STORAGE, "sqlite3": CompressionMode.FILE}
-                self._writer.set_compression(packed[storage], CompressionFormat.ZSTD)
+                mode = {"mcap": CompressionMode.STORAGE, "sqlite3": CompressionMode.FILE}
+                self._writer.set_compression(mode[storage], CompressionFormat.ZSTD)
             self._writer.open()
 
     @contextmanager
-    def _refusing(self) -> Iterator[None]:
+    def _usage_errors(self) -> Iterator[None]:
         try:
             yield
         except (OSError, WriterError, sqlite3.Error) as error:
@@ -70,7 +69,7 @@ class BagWriter:
         return self._writer
 
     def add_topic(self, name: str, msgtype: str) -> None:
-        """Declare a topic; a second time with the same type is without effect."""
+        """Declare a topic; declaring it again with the same type has no effect."""
         writer = self._opened()
         if name in self._connections:
             if (declared := self._connections[name].msgtype) != msgtype:
@@ -78,11 +77,11 @@ class BagWriter:
             return
         if msgtype not in jazzy().types:
             raise UsageError(f"bag {self.path}: {name}: message type {msgtype} is unknown")
-        with self._refusing():
+        with self._usage_errors():
             self._connections[name] = writer.add_connection(name, msgtype, typestore=jazzy())
 
     def write(self, topic: str, msg: Any, log_ns: int) -> None:
-        """Write one message: an object such as `message` makes, or CDR bytes; log time in ns."""
+        """Write a message (an object as from `message`, or CDR bytes) with its log time in ns."""
         writer = self._opened()
         if topic not in self._connections:
             raise UsageError(f"bag {self.path}: topic {topic} was not declared")
@@ -91,14 +90,14 @@ class BagWriter:
         connection = self._connections[topic]
         if not isinstance(msg, bytes | bytearray | memoryview):
             msg = jazzy().serialize_cdr(msg, connection.msgtype)
-        with self._refusing():
+        with self._usage_errors():
             writer.write(connection, log_ns, msg)
 
     def close(self) -> None:
-        """Write the index and `metadata.yaml`; a second call is without effect."""
+        """Write the index and `metadata.yaml`; a second call has no effect."""
         writer, self._writer = self._writer, None
         if writer is not None:
-            with self._refusing():
+            with self._usage_errors():
                 writer.close()
 
     def __enter__(self) -> BagWriter:

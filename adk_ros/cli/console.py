@@ -18,7 +18,7 @@ from rich.table import Table
 
 from adk_ros.numerics.finite import finite
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
-from adk_ros.signals.score import REPORT_SCALE, ErrorTable, best_naive
+from adk_ros.signals.score import DISPLAY_NAMES, REPORT_SCALE, ErrorTable, best_naive
 
 if TYPE_CHECKING:
     from adk_ros.train.held_out import HeldOutScores
@@ -150,7 +150,7 @@ def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], tit
     table.add_column("channel")
     table.add_column("horizon")
     for name in (*model_names, *naive):
-        table.add_column(name.replace(" ", "\n"), justify="right")
+        table.add_column(DISPLAY_NAMES.get(name, name).replace(" ", "\n"), justify="right")
     table.add_column("known\n/best\nnaive", justify="right")
     table.add_column("held\n/best\nnaive", justify="right")
     first = scores[model_names[0]]

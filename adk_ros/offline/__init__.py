@@ -1,3 +1,3 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Work on whole bags: replay, rollouts, export."""
+"""Processing of whole bags: replay, rollout, export of simulated recordings."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated drive as a bag: the messages that a vehicle's own sensors would have published."""
+"""Write a simulated recording as a bag with the messages of the vehicle's sensors."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ TOPICS = {
     Source.ODOMETRY: ("/odometry", ODOMETRY_TYPE),
     Source.COMMAND: ("/vehicle/command", COMMAND_TYPES["joint_state"]),
 }
-"""Topic and type of each stream."""
+"""Topic and message type of each stream."""
 
-_UNKNOWN = 1e6
-"""Variance of what a planar sensor does not measure."""
+_UNKNOWN_VARIANCE = 1e6
+"""Variance of the axes that a planar sensor does not measure, SI units squared."""
 
-_EXACT = 1e-9
-"""Variance reported for a sensor without noise: all-zero would mean unknown (REP-145)."""
+_MIN_VARIANCE = 1e-9
+"""Variance of a sensor without noise, SI units squared: all-zero means unknown (REP-145)."""
 
 Progress = Callable[[int, int], None]
 
-_Maker = Callable[[int, list[float]], Any]
-"""From a stamp and values to a message: one and the same object, filled in anew each time."""
+_MessageFactory = Callable[[int, list[float]], Any]
+"""Function (stamp, values) -> message; it returns the same object each time, with new values."""
 
 
 def _variance(noise: float) -> float:
-    return max(noise * noise, _EXACT)
+    return max(noise * noise, _MIN_VARIANCE)
 
 
 def _stamped(frame_id: str) -> dict[str, Any]:
@@ -51,9 +51,9 @@ def _set_stamp(msg: Any, stamp_ns: int) -> None:
     stamp.sec, stamp.nanosec = divmod(stamp_ns, 10**9)
 
 
-def _imu(sensors: Sensors) -> _Maker:
-    """Orientation is not reported (REP-145: -1); gravity is on the axis that points up."""
-    accel = gyro = _EXACT
+def _imu(sensors: Sensors) -> _MessageFactory:
+    """Return the factory of IMU messages: no orientation (REP-145: -1), gravity on the z axis."""
+    accel = gyro = _MIN_VARIANCE
     if sensors.imu is not None:
         accel, gyro = _variance(sensors.imu.accel_noise), _variance(sensors.imu.gyro_noise)
     msg = message(
@@ -65,15 +65,16 @@ def _imu(sensors: Sensors) -> _Maker:
         linear_acceleration_covariance=_diagonal(3, {0: accel, 1: accel, 2: accel}),
     )
 
-    def make(stamp_ns: int, values: list[float]) -> Any:
+    def create(stamp_ns: int, values: list[float]) -> Any:
         _set_stamp(msg, stamp_ns)
         msg.linear_acceleration.x, msg.linear_acceleration.y, msg.angular_velocity.z = values
         return msg
 
-    return make
+    return create
 
 
-def _odometry(sensors: Sensors) -> _Maker:
+def _odometry(sensors: Sensors) -> _MessageFactory:
+    """Return the factory of odometry messages."""
     o = sensors.odometry
     position, velocity = _variance(o.position_noise), _variance(o.velocity_noise)
     msg = message(
@@ -83,21 +84,21 @@ def _odometry(sensors: Sensors) -> _Maker:
         pose={"covariance": _planar(position, _variance(o.heading_noise))},
         twist={"covariance": _planar(velocity, _variance(o.yaw_rate_noise))},
     )
-    place, turn = msg.pose.pose.position, msg.pose.pose.orientation
+    point, orientation = msg.pose.pose.position, msg.pose.pose.orientation
     linear, angular = msg.twist.twist.linear, msg.twist.twist.angular
-    turn.x = turn.y = 0.0
+    orientation.x = orientation.y = 0.0
 
-    def make(stamp_ns: int, values: list[float]) -> Any:
+    def create(stamp_ns: int, values: list[float]) -> Any:
         _set_stamp(msg, stamp_ns)
-        linear.x, linear.y, angular.z, place.x, place.y, heading = values
-        turn.z, turn.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
+        linear.x, linear.y, angular.z, point.x, point.y, heading = values
+        orientation.z, orientation.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
         return msg
 
-    return make
+    return create
 
 
-def _command(_: Sensors) -> _Maker:
-    """Joint `drive`: effort, the torque of all wheels; joint `steer`: position, their angle."""
+def _command(_: Sensors) -> _MessageFactory:
+    """Return the factory of commands: effort of `drive` (net torque), position of `steer`."""
     msg = message(
         COMMAND_TYPES["joint_state"],
         header=_stamped("base_link"),
@@ -107,12 +108,12 @@ def _command(_: Sensors) -> _Maker:
         effort=[math.nan, math.nan],
     )
 
-    def make(stamp_ns: int, values: list[float]) -> Any:
+    def create(stamp_ns: int, values: list[float]) -> Any:
         _set_stamp(msg, stamp_ns)
         msg.effort[0], msg.position[1] = values
         return msg
 
-    return make
+    return create
 
 
 def _diagonal(size: int, entries: dict[int, float]) -> FloatArray:
@@ -123,18 +124,18 @@ def _diagonal(size: int, entries: dict[int, float]) -> FloatArray:
 
 
 def _planar(linear: float, yaw: float) -> FloatArray:
-    """Return the (36,) covariance of x, y and yaw; the other axes are not estimated."""
-    unknown = dict.fromkeys((2, 3, 4), _UNKNOWN)
+    """Return the (36,) covariance of x, y and yaw; the other axes are unknown."""
+    unknown = dict.fromkeys((2, 3, 4), _UNKNOWN_VARIANCE)
     return _diagonal(6, {0: linear, 1: linear, 5: yaw, **unknown})
 
 
-_MAKERS = {Source.IMU: _imu, Source.ODOMETRY: _odometry, Source.COMMAND: _command}
+_FACTORIES = {Source.IMU: _imu, Source.ODOMETRY: _odometry, Source.COMMAND: _command}
 
 
 def _messages(
     drive: SimulatedDrive, source: Source, sensors: Sensors
 ) -> Iterator[tuple[int, str, Any]]:
-    make = _MAKERS[source](sensors)
+    create = _FACTORIES[source](sensors)
     topic = TOPICS[source][0]
     stream = drive.streams[source]
     order = np.argsort(stream.log_ns, kind="stable")
@@ -144,7 +145,7 @@ def _messages(
         stream.values[order].tolist(),
         strict=True,
     ):
-        yield log_ns, topic, make(stamp_ns, values)
+        yield log_ns, topic, create(stamp_ns, values)
 
 
 def write_bag(
@@ -155,12 +156,15 @@ def write_bag(
     progress: Progress | None = None,
 ) -> None:
     """
-    Write what the sensors of `drive` sent, in order of arrival, as a rosbag2 folder at `path`.
+    Write the sensor messages of a simulated recording, in order of arrival, as a rosbag2 folder.
 
     Topics `/imu/data`, `/odometry`, `/vehicle/command`; frames `imu_link` and `odom -> base_link`,
-    both at the centre of gravity. `progress` is called with (messages written, messages in all)
-    every 2000 messages. `storage` and `compression` as in `BagWriter`, which also says
-    what raises `UsageError`.
+    both at the centre of gravity. `progress` is called with (messages written, total messages)
+    every 2000 messages.
+
+    :param storage: "mcap" or "sqlite3".
+    :param compression: None or "zstd".
+    :raises UsageError: `path` exists or cannot be written, or an argument is unknown.
     """
     with BagWriter(path, storage, compression) as writer:
         for source in drive.streams:

@@ -1,10 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag through the predictor, without ROS: what the live node would have published on it."""
+"""Replay a bag through the predictor without ROS: the predictions of the live node."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,20 @@ COVARIANCE_TOPIC = "/predictor/predicted_horizon_covariance"
 TWIST_TYPE = "geometry_msgs/msg/TwistWithCovarianceStamped"
 HORIZON_TYPE = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 COVARIANCE_TYPE = "std_msgs/msg/Float64MultiArray"
-_PLANE = (0, 1, 5)
+_PLANAR_AXES = (0, 1, 5)
+"""Rows and columns of v_x, v_y and yaw rate in the 6 x 6 covariance of a twist."""
 _NOT_ESTIMATED = 1e6
+"""Variance of the other axes, SI units squared, as in `ros.messages`."""
 
 Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class ReplayOutput:
+    """Bag to write: the predicted twists, the odometry, and optionally the horizons."""
+
+    path: Path
+    with_horizon: bool = False
 
 
 def predictions(
@@ -35,7 +46,7 @@ def predictions(
     options: RecordingOptions,
     progress: Progress | None = None,
 ) -> Iterator[tuple[int, Prediction]]:
-    """Yield (log time in ns of the message that completed the tick, prediction), in order."""
+    """Yield (log time in ns of the message that completed the sample, prediction), in order."""
     for source, log_ns, msg in selected_messages(bag, choose_topics(bag, options), progress):
         for prediction in pipeline.take(source, msg):
             yield log_ns, prediction
@@ -46,55 +57,54 @@ def replay(
     model: KoopmanModel,
     settings: PipelineSettings,
     options: RecordingOptions,
-    out: Path | None,
-    with_horizon: bool = False,
+    output: ReplayOutput | None = None,
     progress: Progress | None = None,
 ) -> tuple[list[Prediction], Pipeline, list[str]]:
     """
     Replay a bag; return the predictions, the pipeline with its counts, and the bag's warnings.
 
-    The predictions are without their `horizon_covariance`, which of an hour would be 0.8 GB.
-    `out`: rosbag2 to write, with the predicted twist, on request the horizon and its covariance,
-    and the odometry they are to be compared with.
-    :raises UsageError, DataError: as `bags`.
+    The returned predictions have an empty `horizon_covariance`, which would take 0.8 GB per hour.
+
+    :param output: bag to write, with the predicted twists and the measured odometry.
+    :raises UsageError, DataError: the bag cannot be read, or the output cannot be written.
     """
     pipeline = Pipeline(model, settings)
-    kept: list[Prediction] = []
+    made: list[Prediction] = []
     with Bag(path) as bag:
-        found = predictions(bag, pipeline, options, progress)
-        if out is None:
-            kept = [_light(prediction) for _, prediction in found]
+        stream = predictions(bag, pipeline, options, progress)
+        if output is None:
+            made = [_without_covariance(prediction) for _, prediction in stream]
         else:
             odometry = choose_topics(bag, options).odometry
-            with BagWriter(out, "mcap", "zstd") as writer:
+            with BagWriter(output.path, "mcap", "zstd") as writer:
                 writer.add_topic(TWIST_TOPIC, TWIST_TYPE)
                 writer.add_topic(odometry, "nav_msgs/msg/Odometry")
-                if with_horizon:
+                if output.with_horizon:
                     writer.add_topic(HORIZON_TOPIC, HORIZON_TYPE)
                     writer.add_topic(COVARIANCE_TOPIC, COVARIANCE_TYPE)
                 for topic, _, log_ns, content in bag.raw([odometry]):
                     writer.write(topic, content, log_ns)
-                for log_ns, prediction in found:
-                    kept.append(_light(prediction))
+                for log_ns, prediction in stream:
+                    made.append(_without_covariance(prediction))
                     writer.write(TWIST_TOPIC, twist_message(prediction), log_ns)
-                    if with_horizon:
+                    if output.with_horizon:
                         writer.write(HORIZON_TOPIC, horizon_message(prediction), log_ns)
                         writer.write(COVARIANCE_TOPIC, covariance_message(prediction), log_ns)
         warnings = list(bag.warnings)
-    return kept, pipeline, warnings
+    return made, pipeline, warnings
 
 
-def _light(prediction: Prediction) -> Prediction:
+def _without_covariance(prediction: Prediction) -> Prediction:
     return prediction._replace(horizon_covariance=np.zeros((0, 3, 3)))
 
 
 def twist_message(prediction: Prediction, frame_id: str = "base_link") -> Any:
-    """The prediction as the node publishes it, stamped with the time it is for."""
+    """Return the predicted twist as the node publishes it, stamped with the predicted time."""
     covariance = [0.0] * 36
     for axis in range(6):
         covariance[7 * axis] = _NOT_ESTIMATED
-    for i, row in enumerate(_PLANE):
-        for j, column in enumerate(_PLANE):
+    for i, row in enumerate(_PLANAR_AXES):
+        for j, column in enumerate(_PLANAR_AXES):
             covariance[6 * row + column] = float(prediction.covariance[i, j])
     return message(
         TWIST_TYPE,
@@ -104,7 +114,7 @@ def twist_message(prediction: Prediction, frame_id: str = "base_link") -> Any:
 
 
 def horizon_message(prediction: Prediction, frame_id: str = "base_link") -> Any:
-    """The horizon as the node publishes it, stamped with its origin."""
+    """Return the horizon as the node publishes it, stamped with its origin."""
     step_ns = prediction.stamp_ns - prediction.origin_ns
     points = [
         {
@@ -125,7 +135,7 @@ def horizon_message(prediction: Prediction, frame_id: str = "base_link") -> Any:
 
 
 def covariance_message(prediction: Prediction) -> Any:
-    """The covariance along the horizon (steps, 3, 3) as the node publishes it."""
+    """Return the covariance along the horizon (steps, 3, 3) as the node publishes it."""
     steps = len(prediction.horizon_covariance)
     dims = (("step", steps, 9 * steps), ("row", 3, 9), ("column", 3, 3))
     return message(

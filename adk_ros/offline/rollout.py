@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Open-loop predictions along a bag, by a trained model or by a physics model: `rollouts.csv`.
+Open-loop predictions along a bag, by a trained model or a physics model: `rollouts.csv`.
 
-From every start, the prediction under the bag's own commands. Measurements up to the start may be
-used, none after it: a trained model adapts up to each start, the 7-DoF model starts from the
-sample alone. Of the commands before, it also knows what the actuators have reached.
+Each prediction uses the bag's commands over its horizon, and measurements up to its start only.
+A trained model adapts up to each start. A 7-DoF model starts from the sample at the start, with
+the actuator states that the earlier commands give.
 """
 
 from __future__ import annotations
@@ -19,19 +19,26 @@ import numpy as np
 
 from adk_ros.bags.recording import Recording, RecordingOptions
 from adk_ros.errors import DataError, UsageError
-from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, start_times_of
+from adk_ros.mismatch.deployment.open_loop import (
+    FIRST_START_S,
+    OpenLoopPredictor,
+    start_times_of,
+)
 from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.model.evaluation import sample_at
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.predictor import Predictor
 from adk_ros.numerics.arrays import FloatArray, IntArray
-from adk_ros.plant.identification.vehicle_rollout import actuator_states
+from adk_ros.plant.identification.identify_vehicle import actuator_state_history
 from adk_ros.plant.identification.vehicle_rollout import rollout as seven_dof_rollout
 from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle, vehicles
 from adk_ros.signals.channels import TICK_NS, Reading, Record
 
-FIRST_START_S = 2.0
+MAX_HORIZON_S = 10.0
+"""s; longest horizon. Open-loop velocity errors of any model are useless beyond."""
+MAX_STRIDE_S = 3600.0
+"""s; longest time between starts."""
 _TICK_S = TICK_NS * 1e-9
 
 Progress = Callable[[int, int], None]
@@ -39,61 +46,66 @@ Progress = Callable[[int, int], None]
 
 def horizon_steps(horizon_s: float, stride_s: float) -> int:
     """
-    Return the ticks in a horizon.
+    Return the number of 25 ms steps in a horizon.
 
     :raises UsageError: horizon or stride out of range.
     """
-    if not _TICK_S <= horizon_s <= 10.0:
-        raise UsageError(f"--horizon {horizon_s:g} is out of range: choose 0.025 to 10 s")
-    if not _TICK_S <= stride_s <= 3600.0:
-        raise UsageError(f"--stride {stride_s:g} is out of range: choose 0.025 to 3600 s")
+    if not _TICK_S <= horizon_s <= MAX_HORIZON_S:
+        raise UsageError(
+            f"--horizon {horizon_s:g} is out of range: choose 0.025 to {MAX_HORIZON_S:g} s"
+        )
+    if not _TICK_S <= stride_s <= MAX_STRIDE_S:
+        raise UsageError(
+            f"--stride {stride_s:g} is out of range: choose 0.025 to {MAX_STRIDE_S:g} s"
+        )
     return round(horizon_s / _TICK_S)
 
 
 def find_vehicle(source: Path) -> Vehicle:
     """
-    Load a vehicle's YAML, or one that comes with the package, by its name.
+    Load a vehicle from a YAML file, or a vehicle of the package by its name.
 
-    :raises UsageError: it is neither, or no vehicle.
+    :raises UsageError: it is neither, or the file does not describe a vehicle.
     """
     if source.is_file() or str(source) in vehicles():
         return load_vehicle(source)
     raise UsageError(
-        f"model {source} does not exist: give the folder that 'adk train' wrote, a vehicle's YAML "
-        f"or one of: {', '.join(vehicles())}"
+        f"model {source} does not exist: give a model folder written by 'adk train', a vehicle's "
+        f"YAML or one of: {', '.join(vehicles())}"
     )
 
 
 def rollout(
     model: KoopmanModel | Vehicle,
-    drive: Recording,
+    recording: Recording,
     steps: int,
     stride_s: float,
     progress: Progress | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """
-    Return starts (n,), seconds from the bag's first message, and predictions (n, steps, 3) in SI.
+    Return start times (n,), s from the bag's first message, and predictions (n, steps, 3) in SI.
 
-    Entry j of a prediction is j + 1 ticks after its start.
-    :raises DataError: no start has a state and known commands over the horizon.
+    Entry j of a prediction is j + 1 steps after its start.
+
+    :raises DataError: no start has a state and commands over the whole horizon.
     """
-    record = drive.record
-    since_s = np.asarray((record.stamp_ns - drive.start_ns) * 1e-9, dtype=np.float64)
+    record = recording.record
+    since_s = np.asarray((record.stamp_ns - recording.start_ns) * 1e-9, dtype=np.float64)
     rows = start_rows(record, since_s, steps, stride_s)
     if rows.size == 0:
         raise DataError(
-            f"{record.name}: from no start after {FIRST_START_S:g} s are commands known for "
+            f"{record.name}: no start after {FIRST_START_S:g} s has commands for "
             f"{steps * _TICK_S:g} s: give a longer bag, or a shorter --horizon"
         )
     if isinstance(model, KoopmanModel):
-        rows, predicted = _by_model(model, record, rows, steps, progress)
+        rows, predicted = _by_trained_model(model, record, rows, steps, progress)
     else:
-        u = mean_commands(record, drive.commands)
+        u = mean_commands(record, recording.commands)
         predicted = seven_dof_rollout(
             model,
             record.x[rows],
             u[rows[:, None] + np.arange(steps)],
-            actuators=_actuator_states(model, record, u)[rows],
+            actuators=actuator_state_history(model, record, u)[rows],
         )
     if rows.size == 0:
         raise DataError(f"{record.name}: the model could not predict from any start")
@@ -109,7 +121,7 @@ def rollout_surrogate(
     progress: Progress | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """
-    Return starts and predictions as `roll_out` does, by a model that `adk mismatch` wrote.
+    Return start times and predictions as `rollout` does, by a surrogate of `adk mismatch`.
 
     :raises UsageError: the file or the bag cannot be read.
     :raises DataError: the bag lacks a stream, or there is no start.
@@ -121,11 +133,11 @@ def rollout_surrogate(
 
 
 def start_rows(record: Record, since_s: FloatArray, steps: int, stride_s: float) -> IntArray:
-    """Rows (n,) to start from: every `stride_s` after the first 2 s, state and commands known."""
-    wanted = np.arange(FIRST_START_S, since_s[-1] + 1e-9, stride_s)
-    rows = np.searchsorted(since_s, wanted - 1e-6)
-    # In a gap of the grid there is nothing to start from, and what comes after it is no start.
-    rows = np.unique(rows[since_s[rows] - wanted < _TICK_S])
+    """Return the start rows (n,), every `stride_s` after 2 s, with known state and commands."""
+    start_s = np.arange(FIRST_START_S, since_s[-1] + 1e-9, stride_s)
+    rows = np.searchsorted(since_s, start_s - 1e-6)
+    # A start in a gap is dropped, not moved to the end of the gap.
+    rows = np.unique(rows[since_s[rows] - start_s < _TICK_S])
     rows = rows[rows + steps < len(record)]
     known = np.asarray(np.isfinite(record.x).all(axis=1))
     commanded = np.concatenate([[0], np.cumsum(~np.isfinite(record.u).all(axis=1))])
@@ -136,58 +148,50 @@ def start_rows(record: Record, since_s: FloatArray, steps: int, stride_s: float)
 
 def mean_commands(record: Record, commands: list[Reading]) -> FloatArray:
     """
-    Mean (n, 2) of what was commanded during the tick that begins with each row.
+    Return the mean command (n, 2) during the 25 ms that begin with each row.
 
-    `Record.u` is what is in force as the tick begins; a command given within the tick, be it a
-    microsecond late, would reach a physical model a whole tick late. After a jump of the clock
-    stamps do not tell the order, and `Record.u` has to do.
+    `Record.u` is the command in force at the beginning of the step. With it, a command that is
+    stamped a microsecond later would reach a physics model one whole step late. After a clock
+    jump the stamps do not give the order, and `Record.u` is returned.
     """
     if np.any(np.diff(record.stamp_ns) <= 0):
         return record.u
     stamps, first = np.unique([item.stamp_ns for item in commands], return_index=True)
     values = np.array([item.values for item in commands])[first]
-    given = np.diff(stamps)[:, None] * 1e-9 * values[:-1]
-    total = np.concatenate([np.zeros((1, 2)), np.cumsum(given, axis=0)])
+    impulses = np.diff(stamps)[:, None] * 1e-9 * values[:-1]
+    total = np.concatenate([np.zeros((1, 2)), np.cumsum(impulses, axis=0)])
 
-    def until(at_ns: IntArray) -> FloatArray:
+    def integral(at_ns: IntArray) -> FloatArray:
         last = np.maximum(np.searchsorted(stamps, at_ns, side="right") - 1, 0)
         return np.asarray(total[last] + values[last] * ((at_ns - stamps[last]) * 1e-9)[:, None])
 
-    mean = (until(record.stamp_ns + TICK_NS) - until(record.stamp_ns)) / _TICK_S
+    mean = (integral(record.stamp_ns + TICK_NS) - integral(record.stamp_ns)) / _TICK_S
     return np.where((record.stamp_ns < stamps[0])[:, None], record.u, mean)
 
 
-def _actuator_states(vehicle: Vehicle, record: Record, u: FloatArray) -> FloatArray:
-    """What torque and angle have reached at each row (n, 2), by its episode's commands so far."""
-    reached = np.full_like(u, np.nan)
-    for episode in np.unique(record.episode):
-        rows = (record.episode == episode) & np.isfinite(u).all(axis=1)
-        reached[rows] = actuator_states(vehicle, u[rows])
-    return reached
-
-
-def _by_model(
+def _by_trained_model(
     model: KoopmanModel, record: Record, rows: IntArray, steps: int, progress: Progress | None
 ) -> tuple[IntArray, FloatArray]:
     predictor = Predictor(model, horizon_steps=0)
-    wanted = set(rows.tolist())
-    kept, predicted = [], []
+    starts = set(rows.tolist())
+    used, predicted = [], []
     last = int(rows[-1])
     for row in range(last + 1):
-        made = predictor.step(sample_at(record, row))
+        prediction = predictor.step(sample_at(record, row))
         if progress is not None and row % 500 == 0:
             progress(row, last + 1)
-        if row in wanted and made is not None:
-            kept.append(row)
+        if row in starts and prediction is not None:
+            used.append(row)
             predicted.append(predictor.rollout(record.u[row : row + steps]))
-    return np.array(kept, dtype=np.int64), np.array(predicted).reshape(-1, steps, 3)
+    return np.array(used, dtype=np.int64), np.array(predicted).reshape(-1, steps, 3)
 
 
 def write_csv(out: Path, starts_s: FloatArray, predicted: FloatArray) -> None:
     """
-    Write `start_s,t_s,v_x,v_y,yaw_rate` rows, as one whole file or none.
+    Write `start_s,t_s,v_x,v_y,yaw_rate` rows; on failure no file is written.
 
-    Both times are seconds from the bag's first message.
+    Both times are in s from the bag's first message.
+
     :raises UsageError: the file cannot be written.
     """
     part = out.with_name(out.name + ".part")

@@ -167,7 +167,7 @@ def _wait_for_publisher(
 ) -> str:
     """Return the name of the topic to subscribe to, once it has a publisher."""
     deadline_s = time.monotonic() + wait_s
-    wanted = session.resolve(topic) if topic else None
+    resolved = session.resolve(topic) if topic else None
     while True:
         known = dict(session.node.get_topic_names_and_types())
         found = sorted(
@@ -177,20 +177,20 @@ def _wait_for_publisher(
             and name.rsplit("/", 1)[-1] == TOPIC_NAME
             and session.node.count_publishers(name)
         )
-        if wanted and session.node.count_publishers(wanted):
-            if TOPIC_TYPE not in known.get(wanted, [TOPIC_TYPE]):
-                raise UsageError(f"{wanted} carries {known[wanted][0]}, not {TOPIC_TYPE}")
-            return wanted
-        if wanted is None and len(found) == 1:
+        if resolved and session.node.count_publishers(resolved):
+            if TOPIC_TYPE not in known.get(resolved, [TOPIC_TYPE]):
+                raise UsageError(f"{resolved} carries {known[resolved][0]}, not {TOPIC_TYPE}")
+            return resolved
+        if resolved is None and len(found) == 1:
             return str(found[0])
-        if wanted is None and found:
+        if resolved is None and found:
             raise UsageError(f"several nodes predict: choose one of the topics {', '.join(found)}")
         if ended():
-            return wanted or TOPIC_NAME
+            return resolved or TOPIC_NAME
         if time.monotonic() > deadline_s:
             others = f"; available: {', '.join(found)}" if found else ""
             raise UsageError(
-                f"no node publishes {wanted or 'a topic ' + TOPIC_NAME}{others}: check that the "
+                f"no node publishes {resolved or 'a topic ' + TOPIC_NAME}{others}: check that the "
                 "predictor runs with the same ROS_DOMAIN_ID"
             )
         time.sleep(0.05)

@@ -57,13 +57,13 @@ class ClockGuard:
         JUMP, they are all pending readings in order of arrival, the first of the new time.
         """
         if self.newest_ns is None or abs(reading.stamp_ns - self.newest_ns) <= self._jump_ns:
-            stray, self.pending = self.pending, []
+            outliers, self.pending = self.pending, []
             if self.newest_ns is None or reading.stamp_ns > self.newest_ns:
                 self.newest_ns = reading.stamp_ns
-            return StampVerdict.ACCEPT, stray
+            return StampVerdict.ACCEPT, outliers
         if self.pending and abs(reading.stamp_ns - self.pending[-1].stamp_ns) > self._jump_ns:
-            stray, self.pending = self.pending, [reading]
-            return StampVerdict.HOLD, stray
+            outliers, self.pending = self.pending, [reading]
+            return StampVerdict.HOLD, outliers
         self.pending.append(reading)
         if len(self.pending) < _CONFIRMATIONS:
             return StampVerdict.HOLD, []

@@ -60,7 +60,7 @@ class LeverArm:
     def compensate(
         self, stamp_ns: int, a_x: float, a_y: float, yaw_rate: float
     ) -> tuple[float, float]:
-        """Return (a_x, a_y) in m/s^2 at the reference point; unchanged if the arm is zero."""
+        """Return (a_x, a_y) in m/s² at the reference point; unchanged if the arm is zero."""
         if self._x == 0.0 and self._y == 0.0:
             return a_x, a_y
         elapsed_s = math.inf if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9

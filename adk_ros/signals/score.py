@@ -158,7 +158,7 @@ def pool(scores: Sequence[ErrorTable]) -> ErrorTable:
     )
 
 
-def noise_floor(record: Record) -> FloatArray:
+def reference_noise(record: Record) -> FloatArray:
     """
     Return the standard deviation (3,) of the white noise in `x_ref`, SI units.
 

@@ -23,7 +23,7 @@ from adk_ros.signals.score import (
     ErrorTable,
     best_naive,
     naive_predictions,
-    noise_floor,
+    reference_noise,
     pool,
     score,
 )
@@ -187,7 +187,7 @@ def score_held_out(
 def _why(result: HeldOutScores, step: int, channel: int, known: TrainingDomain | None) -> str:
     naive, ratio = float(result.naive[step, channel]), float(result.ratio[step, channel])
     text = f"{ratio:.2f} times the best naive predictor's RMSE"
-    floors = [noise_floor(rolled.record)[channel] for rolled in result.rollouts]
+    floors = [reference_noise(rolled.record)[channel] for rolled in result.rollouts]
     floor = float(np.nanmedian(floors))
     if naive < 2.0 * floor:
         shown = f"{floor * REPORT_SCALE[channel]:.2g} {_UNIT[channel]}"

@@ -22,7 +22,7 @@ from adk_ros.model.evaluation import Rollouts, rollout_record
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.signals.channels import Record
-from adk_ros.signals.score import naive_predictions, noise_floor, score
+from adk_ros.signals.score import naive_predictions, reference_noise, score
 from adk_ros.train.dataset import TRAIN, VALIDATION, Split
 
 _AHEAD = 80
@@ -157,7 +157,7 @@ def _ratio(model: KoopmanModel, cases: Sequence[ValidationDrives]) -> FloatArray
 def _against_naive(rolled: Sequence[Rollouts]) -> FloatArray:
     naive = [naive_predictions(item.record, item.rows, _AHEAD) for item in rolled]
     count = [item.rows.size for item in rolled]
-    floors = np.square([noise_floor(item.record) for item in rolled])
+    floors = np.square([reference_noise(item.record) for item in rolled])
     noise = np.average(np.where(np.isfinite(floors), floors, 0.0), axis=0, weights=count)
 
     def pooled(predicted: Sequence[FloatArray]) -> FloatArray:

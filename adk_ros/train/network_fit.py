@@ -25,7 +25,7 @@ from adk_ros.errors import DataError, UsageError
 from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.signals.channels import Record
-from adk_ros.signals.score import noise_floor
+from adk_ros.signals.score import reference_noise
 from adk_ros.train import checkpoint
 from adk_ros.train.dataset import Sequences, sequences
 from adk_ros.train.network import Network, as_tensor
@@ -127,7 +127,7 @@ def input_noise(train: Sequence[Record], scaling: Scaling, most: float) -> Float
     Near half of what the measurements carry already: a model trained on clean data amplifies
     noise ten times, one trained with noise that is not there blurs what clean data show.
     """
-    floors = np.array([noise_floor(record) for record in train])
+    floors = np.array([reference_noise(record) for record in train])
     known = np.isfinite(floors).all(axis=1)
     if not known.any():
         return np.full(3, most)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whole bags: every storage, compression and format, the choice of topics, refusals, writing."""
+"""Undamaged bags: storage, compression and format, choice of topics, refusals, writing."""
 
 import re
 import sqlite3
@@ -84,7 +84,7 @@ def test_ros1_reads_as_ros2(tmp_path, compression):
 @pytest.mark.parametrize("compression", [None, "", "lz4"])
 @pytest.mark.parametrize("profile", ["ros2", ""])
 def test_mcap_of_other_writers(tmp_path, compression, profile):
-    """No index, no profile, with and without chunks, and not in order: nothing is missing."""
+    """No index, no profile, with and without chunks, unsorted: all messages are read."""
     expected = drive(200)
     shuffled = expected[:40] + expected[120:160] + expected[40:120] + expected[160:]
     path = mcap_file(tmp_path / "x.mcap", shuffled, compression, profile=profile)
@@ -101,8 +101,8 @@ def test_log_order_not_header_order(tmp_path, storage):
         assert [t - START_NS for _, t, _ in bag.messages()] == [1, 3, 5, 9]
 
 
-def test_split_bag_is_one(tmp_path):
-    """Twelve files of a split recording, numbered without leading zeros, one after another."""
+def test_split_bag(tmp_path):
+    """Twelve files of a split recording, numbered without leading zeros."""
     expected = drive(240)
     folder = tmp_path / "bag"
     folder.mkdir()
@@ -118,7 +118,7 @@ def test_split_bag_is_one(tmp_path):
         assert bag.warnings == ["metadata.yaml is missing: the recording was not closed"]
 
 
-def test_raw_is_what_was_written(tmp_path):
+def test_raw_bytes_equal_the_written_ones(tmp_path):
     expected = drive(20)
     for mode in (CompressionMode.NONE, CompressionMode.MESSAGE):
         with Bag(write(tmp_path / mode.name, expected, "sqlite3", mode)) as bag:
@@ -129,8 +129,8 @@ def test_raw_is_what_was_written(tmp_path):
             ]
 
 
-def test_unknown_types_hinder_nothing(tmp_path):
-    """A definition that cannot be parsed, one with a type missing, and one that is foreign."""
+def test_unknown_types_do_not_affect_others(tmp_path):
+    """A definition that cannot be parsed, one with a missing type, and an empty one."""
 
     def extra(writer):
         for i, definition in enumerate(["this is ( no definition", "lost_msgs/Gone gone\n", ""]):
@@ -154,7 +154,7 @@ def test_unknown_types_hinder_nothing(tmp_path):
 
 
 def test_types_defined_in_idl(tmp_path):
-    """A definition in IDL that uses one in IDL and one in MSG."""
+    """An IDL definition that uses a type in IDL and a type in MSG."""
     line = "=" * 80 + "\n"
     definition = (
         f'{line}IDL: my_msgs/msg/Speed\n#include "my_msgs/msg/Wheel.idl"\nmodule my_msgs '
@@ -179,7 +179,7 @@ def test_types_defined_in_idl(tmp_path):
 
 
 def test_mcap_without_message_index(tmp_path):
-    """Chunks are indexed, the messages in them are not: rosbags then finds none of them."""
+    """Chunks are indexed, their messages are not, so rosbags finds no message."""
     expected = drive(200)
     file = write(tmp_path / "bag", expected) / "bag.mcap"
     content = bytearray(file.read_bytes())
@@ -198,15 +198,15 @@ def test_mcap_without_message_index(tmp_path):
         assert bag.warnings == []
 
 
-def test_foreign_encoding_is_named(tmp_path):
+def test_unsupported_encoding_is_reported(tmp_path):
     path = mcap_file(tmp_path / "x.mcap", drive(8), encoding="json")
     with Bag(path) as bag:
         assert list(bag.messages()) == []
         assert "/imu/data is encoded as 'json', not CDR: 4 messages skipped" in bag.warnings
 
 
-def test_bag_definition_wins_over_the_distribution(tmp_path):
-    """A JointState with a field more, as another distribution might have it."""
+def test_bag_definition_has_priority(tmp_path):
+    """A JointState with an additional field, as in another distribution."""
     kind = TYPES[COMMAND]
     definition, _ = JAZZY.generate_msgdef(kind, ros_version=2)
     definition = definition.replace("float64[] effort", "float64[] effort\nfloat64 grip", 1)
@@ -227,7 +227,7 @@ def test_bag_definition_wins_over_the_distribution(tmp_path):
 
 
 def test_old_sqlite_without_definitions(tmp_path):
-    """Bags of ROS 2 Humble and before define no types: Jazzy's are used."""
+    """Bags of ROS 2 Humble and earlier define no types: those of Jazzy are used."""
     expected = drive(40)
     folder = write(tmp_path / "bag", expected, "sqlite3")
     with sqlite3.connect(folder / "bag.db3") as database:
@@ -258,8 +258,8 @@ def test_undecodable_messages_are_counted(tmp_path):
             )
 
 
-def test_stray_bytes_of_rclpy(tmp_path):
-    """Four bytes too many after a trailing empty sequence, as rclpy's serialiser leaves them."""
+def test_trailing_bytes_of_rclpy(tmp_path):
+    """Four additional bytes after a trailing empty sequence, as rclpy serialises it."""
     msg = message(TYPES[COMMAND], name=["steer"], position=[0.1])
     raw = bytes(JAZZY.serialize_cdr(msg, TYPES[COMMAND])) + bytes(4)
     with BagWriter(tmp_path / "bag") as writer:
@@ -271,7 +271,7 @@ def test_stray_bytes_of_rclpy(tmp_path):
         assert bag.warnings == []
 
 
-def test_find_topics_names_what_is_missing(tmp_path):
+def test_find_topics_reports_missing_topics(tmp_path):
     messages = [x for x in drive(40) if x[0] != ODOMETRY]
     with Bag(write(tmp_path / "bag", messages)) as bag:
         with pytest.raises(DataError) as refusal:
@@ -288,16 +288,16 @@ def test_find_topics_by_type_and_by_name(tmp_path):
     messages = sorted(drive(40) + twice, key=lambda x: x[1])
 
     def extra(writer):
-        writer.add_connection("/silent", TYPES[COMMAND], typestore=JAZZY)
+        writer.add_connection("/unused", TYPES[COMMAND], typestore=JAZZY)
 
     with Bag(write(tmp_path / "one", drive(40), extra=extra)) as bag:
         assert find_topics(bag) == Topics(IMU, ODOMETRY, COMMAND, None)
         assert find_topics(bag, imu="") == Topics(None, ODOMETRY, COMMAND, None)
         with pytest.raises(DataError, match="no command: no topic of type ackermann_msgs/msg/"):
             find_topics(bag, command_type="ackermann")
-        with pytest.raises(DataError, match="--command /silent has no messages"):
-            find_topics(bag, command="/silent")
-        with pytest.raises(UsageError, match="--imu /imu is not in it; it has /imu/data"):
+        with pytest.raises(DataError, match="--command /unused has no messages"):
+            find_topics(bag, command="/unused")
+        with pytest.raises(UsageError, match=r"has no topic /imu \(--imu\); it has /imu/data"):
             find_topics(bag, imu="/imu")
         with pytest.raises(UsageError, match="/odometry is nav_msgs/msg/Odometry, but sensor_msg"):
             find_topics(bag, command=ODOMETRY)
@@ -398,7 +398,7 @@ def refusal(path):
     return type(caught.value), str(caught.value).replace(str(path), "PATH")
 
 
-def test_what_is_no_bag(tmp_path):
+def test_paths_that_are_not_bags(tmp_path):
     assert refusal(tmp_path / "gone") == (UsageError, "bag PATH does not exist")
     (tmp_path / "empty").mkdir()
     assert refusal(tmp_path / "empty") == (
@@ -411,8 +411,8 @@ def test_what_is_no_bag(tmp_path):
         UsageError,
         "PATH is not a rosbag2 folder: name a bag in it: a.bag",
     )
-    write(tmp_path / "drives" / "monday", drive(4))
-    assert refusal(tmp_path / "drives") == (
+    write(tmp_path / "recordings" / "monday", drive(4))
+    assert refusal(tmp_path / "recordings") == (
         UsageError,
         "PATH is not a rosbag2 folder: name a bag in it: monday",
     )
@@ -421,20 +421,21 @@ def test_what_is_no_bag(tmp_path):
         (tmp_path / "loose" / name).touch()
     assert refusal(tmp_path / "loose") == (
         UsageError,
-        "PATH holds several recordings: name one of friday_0.mcap, monday_0.mcap, monday_1.mcap",
+        "PATH contains several recordings: name one of "
+        "friday_0.mcap, monday_0.mcap, monday_1.mcap",
     )
     (tmp_path / "x.mcap").touch()
     assert refusal(tmp_path / "x.mcap") == (DataError, "bag PATH: x.mcap is empty")
     (tmp_path / "y.mcap").write_text("speed;torque\n1;2\n")
     assert refusal(tmp_path / "y.mcap") == (
         DataError,
-        "bag PATH: y.mcap is neither MCAP, SQLite nor a ROS 1 bag",
+        "bag PATH: y.mcap is neither MCAP, SQLite nor a ROS 1 bag (CSV is not read)",
     )
     with sqlite3.connect(tmp_path / "z.db3") as database:
         database.execute("CREATE TABLE songs(title TEXT)")
     assert refusal(tmp_path / "z.db3") == (
         DataError,
-        "bag PATH holds no messages: no such table: topics",
+        "bag PATH contains no messages: no such table: topics",
     )
     assert refusal("/dev/null")[0] is UsageError
 
@@ -443,7 +444,7 @@ def test_what_is_no_bag(tmp_path):
 def test_bag_without_messages(tmp_path, storage):
     with BagWriter(tmp_path / "bag", storage) as writer:
         writer.add_topic(IMU, TYPES[IMU])
-    assert refusal(tmp_path / "bag") == (DataError, "bag PATH holds no messages")
+    assert refusal(tmp_path / "bag") == (DataError, "bag PATH contains no messages")
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
@@ -492,7 +493,7 @@ def test_writer_refusals(tmp_path):
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 @pytest.mark.parametrize("compression", [None, "zstd"])
-def test_writer_closes_what_an_exception_leaves(tmp_path, storage, compression):
+def test_writer_closes_the_bag_after_an_exception(tmp_path, storage, compression):
     expected = drive(40)
 
     def interrupted():

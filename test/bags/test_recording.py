@@ -125,8 +125,8 @@ def test_record_and_sensor_log_have_the_same_commands(
         time_s > 2.1 if steering_from_s == 2.0 else steering_from_s == 0.0, 0.08, 0.1
     )
     settled = np.abs(time_s - 2.0) > 0.1
-    wanted = amplitude * np.sin(3.0 * time_s)
-    np.testing.assert_allclose(read.record.u[settled, 1], wanted[settled], atol=0.012)
+    expected = amplitude * np.sin(3.0 * time_s)
+    np.testing.assert_allclose(read.record.u[settled, 1], expected[settled], atol=0.012)
     torque = MASS * WHEEL_RADIUS * np.cos(time_s)
     np.testing.assert_allclose(read.record.u[:, 0], torque, atol=MASS * WHEEL_RADIUS * 0.04)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged bags: cut off anywhere, not closed, altered, without or against their metadata."""
+"""Damaged bags: truncated, not closed, modified, without metadata or contradicting it."""
 
 import os
 import random
@@ -37,11 +37,11 @@ from rosbags.rosbag2 import CompressionMode
 from adk_ros.bags import Bag, BagWriter, find_topics, message
 from adk_ros.errors import AdkError, DataError
 
-CUT = re.compile(r"^\S+ is damaged or cut off after (\d+\.\d) s: (.*); (\d+) messages kept$")
+CUT = re.compile(r"^\S+ is damaged or cut off after (\d+\.\d) s: (.*); (\d+) messages read$")
 
 
 def ends(content, messages, page=None, ros1=False):
-    """Return where in `content` each message, or the database page that holds it, ends."""
+    """Return the end offset in `content` of each message, or of its database page."""
     found = []
     for topic, _, msg in messages:
         raw = bytes(JAZZY.serialize_cdr(msg, TYPES[topic]))
@@ -58,10 +58,10 @@ def until(messages, places, cut):
 
 
 def read_cut(path, content, cut, expected):
-    """Read `content` cut at `cut` and require just the messages expected, and the warning."""
+    """Read `content` truncated at `cut`; require exactly the expected messages and a warning."""
     path.write_bytes(content[:cut])
     if not expected:
-        with pytest.raises(DataError, match=r"holds no messages|is empty|is neither"):
+        with pytest.raises(DataError, match=r"contains no messages|is empty|is neither"):
             Bag(path)
         return ""
     with Bag(path) as bag:
@@ -82,7 +82,7 @@ def cuts(content, count, seed=1):
 
 @pytest.mark.parametrize("compression", [None, ""])
 def test_cut_mcap(tmp_path, compression):
-    """Uncompressed, without chunks and with them: all that lies before the cut is read."""
+    """Uncompressed, with and without chunks: all messages before the cut are read."""
     messages = drive(300)
     content = mcap_file(tmp_path / "x.mcap", messages, compression, closed=False).read_bytes()
     places = ends(content, messages)
@@ -93,7 +93,7 @@ def test_cut_mcap(tmp_path, compression):
 
 
 def test_cut_mcap_of_rosbags(tmp_path):
-    """One chunk with the index behind it: a cut in the chunk, and one in the index."""
+    """One chunk followed by the index: cuts in the chunk and in the index."""
     messages = drive(300)
     content = (write(tmp_path / "bag", messages) / "bag.mcap").read_bytes()
     end = content.index(b"serialized_metadata")
@@ -102,11 +102,15 @@ def test_cut_mcap_of_rosbags(tmp_path):
     for cut in [*cuts(content, 25), end, end + 800, len(content) - 40]:
         expected = until(messages, places, cut)
         faults.add(read_cut(tmp_path / "cut.mcap", content, cut, expected))
-    assert faults == {"", "it ends without an index", "no message is lost, but its index is"}
+    assert faults == {
+        "",
+        "it ends without an index",
+        "no message is lost, but the index is missing",
+    }
 
 
 def test_cut_sqlite(tmp_path):
-    """Every row in a page before the cut is read, though the tree above it may be gone."""
+    """Every row in a page before the cut is read, although the tree above it may be lost."""
     messages = drive(1500)
     content = (write(tmp_path / "bag", messages, "sqlite3") / "bag.db3").read_bytes()
     page = int.from_bytes(content[16:18], "big")
@@ -118,7 +122,7 @@ def test_cut_sqlite(tmp_path):
 
 
 def test_cut_sqlite_in_a_message_longer_than_a_page(tmp_path):
-    """Rows that overflow into pages of their own are whole or left out."""
+    """Rows with overflow pages are read completely or skipped."""
     messages = [
         (COMMAND, START_NS + i, message(TYPES[COMMAND], effort=[float(i)] * (40 + 37 * i)))
         for i in range(60)
@@ -133,7 +137,7 @@ def test_cut_sqlite_in_a_message_longer_than_a_page(tmp_path):
         for _, log_ns, msg in found:
             i = log_ns - START_NS
             assert list(msg.effort) == [float(i)] * (40 + 37 * i)
-    # A page more than the header counts: nothing is missing, but the tree is not relied upon.
+    # One page more than the header states: nothing is missing, but the tree is not used.
     (tmp_path / "open.db3").write_bytes(content + bytes(int.from_bytes(content[16:18], "big")))
     with Bag(tmp_path / "open.db3") as bag:
         assert CUT.match(bag.warnings[0])[2] == "it was not closed"
@@ -152,7 +156,7 @@ def test_cut_ros1(tmp_path):
 
 
 def test_ros1_of_a_killed_recorder(tmp_path):
-    """A .bag.active: the header has no place of an index yet."""
+    """A .bag.active file: the header has no index position yet."""
     messages = drive(100)
     content = bytearray(write_ros1(tmp_path / "x.bag", messages).read_bytes())
     at = content.index(b"index_pos=") + len(b"index_pos=")
@@ -167,7 +171,7 @@ def test_ros1_of_a_killed_recorder(tmp_path):
 
 @pytest.mark.parametrize("kind", ["zstd", "lz4", "file", "message", "bz2", "ros1-lz4"])
 def test_cut_compressed(tmp_path, kind):
-    """The messages kept are the first ones, and the more the later the cut."""
+    """The first messages are read; a later cut leaves more of them."""
     messages = drive(6000)
     path = tmp_path / "cut"
     if kind == "lz4":
@@ -194,23 +198,23 @@ def test_cut_compressed(tmp_path, kind):
     assert counts[-1] > 0.7 * len(messages)
 
 
-def test_metadata_missing_broken_or_wrong(tmp_path):
+def test_missing_damaged_or_wrong_metadata(tmp_path):
     messages = drive(100)
     folder = write(tmp_path / "bag", messages, "sqlite3")
     metadata = folder / "metadata.yaml"
     original = metadata.read_text()
     for changed, warning in [
-        ("a: [", "metadata.yaml cannot be understood: read without it"),
-        ("", "metadata.yaml cannot be understood: read without it"),
-        (original[:200], "metadata.yaml cannot be understood: read without it"),
+        ("a: [", "metadata.yaml cannot be parsed: read without it"),
+        ("", "metadata.yaml cannot be parsed: read without it"),
+        (original[:200], "metadata.yaml cannot be parsed: read without it"),
         (original.replace("version: 9", "version: 99"), None),
         (
             original.replace("bag.db3", "drive.db3"),
-            "metadata.yaml lists drive.db3: read what is there instead",
+            "metadata.yaml lists drive.db3: read the files present",
         ),
         (
             original.replace("message_count: 100", "message_count: 120"),
-            "metadata.yaml announces 120 messages, 100 are there",
+            "metadata.yaml lists 120 messages, the bag has 100",
         ),
         (original.replace("sqlite3", "mcap"), None),
     ]:
@@ -224,7 +228,7 @@ def test_metadata_missing_broken_or_wrong(tmp_path):
         assert bag.warnings == ["metadata.yaml is missing: the recording was not closed"]
 
 
-def test_cut_says_how_much_there_should_be(tmp_path):
+def test_expected_message_count_is_reported(tmp_path):
     messages = drive(400)
     folder = write(tmp_path / "bag", messages)
     file = folder / "bag.mcap"
@@ -232,14 +236,14 @@ def test_cut_says_how_much_there_should_be(tmp_path):
     with Bag(folder) as bag:
         kept = bag.message_count
         assert 100 < kept < 300
-        cut, announced = bag.warnings
+        cut, expected = bag.warnings
         assert cut.startswith("bag.mcap is damaged or cut off after ")
-        assert announced == f"metadata.yaml announces 400 messages, {kept} are there"
+        assert expected == f"metadata.yaml lists 400 messages, the bag has {kept}"
         assert find_topics(bag).odometry == ODOMETRY
 
 
 def test_one_file_of_several_is_unreadable(tmp_path):
-    """The last file of a split recording was never written to; the others serve."""
+    """The last file of a split recording is empty; the others are read."""
     messages = drive(100)
     folder = write(tmp_path / "bag", messages)
     (folder / "bag_1.mcap").touch()
@@ -249,13 +253,14 @@ def test_one_file_of_several_is_unreadable(tmp_path):
         same(bag.messages(), messages)
         assert bag.warnings[1:] == [
             "bag_1.mcap is empty: read without it",
-            "bag_2.mcap is neither MCAP, SQLite nor a ROS 1 bag: read without it",
+            "bag_2.mcap is neither MCAP, SQLite nor a ROS 1 bag (CSV is not read): "
+            "read without it",
         ]
 
 
 @pytest.mark.parametrize("mode", [CompressionMode.NONE, CompressionMode.STORAGE])
 def test_damage_within_an_indexed_mcap(tmp_path, mode):
-    """A chunk in the middle is destroyed, the index is not: what is around it is read."""
+    """A chunk in the middle is destroyed, the index is intact: the other chunks are read."""
     messages = [x for x in drive(24_000) if x[0] == ODOMETRY]
     folder = write(tmp_path / "bag", messages, mode=mode)
     file = folder / "bag.mcap"
@@ -271,7 +276,7 @@ def test_damage_within_an_indexed_mcap(tmp_path, mode):
         assert found == sorted(set(found))
         assert found[:1500] == expected[:1500]
         assert found[-1500:] == expected[-1500:]
-        pattern = r"bag.mcap is damaged after \d+\.\d s: .+; (\d+) of 6000 messages kept"
+        pattern = r"bag.mcap is damaged after \d+\.\d s: .+; (\d+) of 6000 messages read"
         assert int(re.fullmatch(pattern, warning)[1]) == len(found)
 
 
@@ -293,7 +298,7 @@ def test_damage_within_an_indexed_database(tmp_path):
 
 
 def test_write_ahead_log_is_read(tmp_path):
-    """A recorder that was killed leaves its last messages in the log beside the database."""
+    """A killed recorder leaves its last messages in the log next to the database."""
     messages = drive(200)
     folder = write(tmp_path / "bag", messages[:100], "sqlite3")
     database = sqlite3.connect(folder / "bag.db3")
@@ -318,7 +323,7 @@ def test_write_ahead_log_is_read(tmp_path):
 
 
 def test_killed_writer(tmp_path):
-    """Our own writer, killed without warning: what had reached the disk is read."""
+    """A killed `BagWriter`: all messages on disk are read."""
     program = f"""
         import os, signal
         from helpers.bags import TYPES, drive
@@ -345,7 +350,7 @@ def test_killed_writer(tmp_path):
 
 
 def test_messages_of_an_undeclared_topic(tmp_path):
-    """The record that names their topic is gone: they are said to be lost."""
+    """The record that declares the topic is missing: its messages are reported as lost."""
     messages = drive(100)
     content = mcap_file(tmp_path / "x.mcap", messages).read_bytes()
     channel = struct.pack("<HH", 3, 3) + text(COMMAND) + text("cdr") + text("")
@@ -358,8 +363,8 @@ def test_messages_of_an_undeclared_topic(tmp_path):
         assert (fault, kept) == ("the topic of 25 messages is not declared", "75")
 
 
-def test_altered_chunk_is_left_out(tmp_path):
-    """A chunk that does not agree with its checksum is not trusted, the others are."""
+def test_chunk_with_wrong_checksum_is_skipped(tmp_path):
+    """A chunk with a wrong checksum is skipped, the others are read."""
     messages = drive(150)
     content = bytearray(mcap_file(tmp_path / "x.mcap", messages, "").read_bytes())
     content[ends(content, messages)[70] - 1] ^= 0x10
@@ -367,13 +372,13 @@ def test_altered_chunk_is_left_out(tmp_path):
     with Bag(tmp_path / "y.mcap") as bag:
         same(bag.messages(), messages[:50] + messages[100:])
         _, fault, kept = CUT.match(bag.warnings[0]).groups()
-        assert re.fullmatch(r"the chunk at byte \d+ is altered and left out", fault)
+        assert re.fullmatch(r"the chunk at byte \d+ has a wrong checksum and is skipped", fault)
         assert kept == "100"
 
 
 @pytest.mark.parametrize("kind", ["mcap", "zstd", "loose", "db3", "message", "bag", "bz2"])
-def test_no_damage_makes_a_traceback(tmp_path, kind):
-    """Bytes overwritten, removed and inserted at random: an answer or a refusal, in one line."""
+def test_random_damage_gives_messages_or_a_refusal(tmp_path, kind):
+    """Random bytes overwritten, removed and inserted: messages or a one-line refusal."""
     messages = drive(60)
     if kind == "loose":
         source = mcap_file(tmp_path / "x.mcap", messages)
@@ -387,7 +392,7 @@ def test_no_damage_makes_a_traceback(tmp_path, kind):
         (source,) = (tmp_path / "bag").glob("bag.*")
     content = source.read_bytes()
     random_ = random.Random(kind)
-    answered = 0
+    readable = 0
     refusals = []
     for _ in range(120):
         damaged = bytearray(content)
@@ -400,13 +405,13 @@ def test_no_damage_makes_a_traceback(tmp_path, kind):
         path.write_bytes(damaged)
         try:
             with Bag(path) as bag:
-                answered += len(list(bag.messages())) > 0
+                readable += len(list(bag.messages())) > 0
                 list(bag.raw())
                 assert all("\n" not in x for x in bag.warnings)
         except AdkError as error:
             refusals.append(str(error))
     assert not [x for x in refusals if "\n" in x]
-    assert answered > 20
+    assert readable > 20
 
 
 def test_damaged_zstd_file(tmp_path):
@@ -417,8 +422,8 @@ def test_damaged_zstd_file(tmp_path):
         Bag(folder)
 
 
-def test_reading_leaves_nothing_behind(tmp_path, monkeypatch):
-    """Unpacked copies go with the bag, also when it is refused."""
+def test_reading_leaves_no_temporary_files(tmp_path, monkeypatch):
+    """Decompressed copies are removed with the bag, also when it is refused."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
     (tmp_path / "temporary").mkdir()
     folder = write(tmp_path / "bag", drive(400), mode=CompressionMode.FILE)
@@ -427,7 +432,7 @@ def test_reading_leaves_nothing_behind(tmp_path, monkeypatch):
         assert bag.message_count == 400
     with BagWriter(tmp_path / "none", "sqlite3", "zstd") as writer:
         writer.add_topic(IMU, TYPES[IMU])
-    with pytest.raises(DataError, match="holds no messages"):
+    with pytest.raises(DataError, match="contains no messages"):
         Bag(tmp_path / "none")
     assert list((tmp_path / "temporary").iterdir()) == []
     assert imu(START_NS, 1.0).linear_acceleration.y == 1.0

@@ -59,9 +59,9 @@ def some_broken(topic: str, number: int, msg: Any) -> Any:
 
 
 FAULTS = {
-    in_g: ["it looks like g, the topic must carry m/s^2"],
+    in_g: ["it looks like g, the topic must carry m/s²"],
     in_degrees: ["it looks like deg/s, the topic must carry rad/s"],
-    some_broken: ["odometry messages refused: velocity is not finite or absurd",
+    some_broken: ["odometry messages refused: velocity is not finite or above 150 m/s",
                   "command messages refused: joint 'steer' is missing"],
 }  # fmt: skip
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bags in every format, written by rosbags and by hand."""
+"""Helpers that write bags in every format, with rosbags and byte by byte."""
 
 import struct
 import zlib
@@ -37,8 +37,8 @@ def imu(stamp_ns, a_y):
 
 
 def drive(count):
-    """Return `count` (topic, log_ns, message), 10 ms apart, log time 1 ms behind the header's."""
-    found = []
+    """Return `count` (topic, log_ns, message), 10 ms apart, logged 1 ms after the stamp."""
+    messages = []
     for i in range(count):
         stamp_ns = START_NS + i * 10_000_000
         header = {"stamp": stamp_ns, "frame_id": "odom"}
@@ -49,7 +49,7 @@ def drive(count):
                 child_frame_id="base_link",
                 twist={"twist": {"linear": {"x": 20.0 + 1e-3 * i}}},
             )
-            found.append((ODOMETRY, stamp_ns + 1_000_000, msg))
+            messages.append((ODOMETRY, stamp_ns + 1_000_000, msg))
         elif i % 4 == 3:
             msg = message(
                 TYPES[COMMAND],
@@ -58,10 +58,10 @@ def drive(count):
                 position=[np.nan, 1e-4 * i],
                 effort=[2.0 * i, np.nan],
             )
-            found.append((COMMAND, stamp_ns + 1_000_000, msg))
+            messages.append((COMMAND, stamp_ns + 1_000_000, msg))
         else:
-            found.append((IMU, stamp_ns + 1_000_000, imu(stamp_ns, 0.01 * i)))
-    return found
+            messages.append((IMU, stamp_ns + 1_000_000, imu(stamp_ns, 0.01 * i)))
+    return messages
 
 
 def write(path, messages, storage="mcap", mode=CompressionMode.NONE, extra=None, store=JAZZY):
@@ -95,13 +95,13 @@ def write_ros1(path, messages, compression=None):
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
             raw = JAZZY.serialize_cdr(msg, kind)
             ros1 = bytearray(JAZZY.cdr_to_ros1(raw, kind))
-            ros1[:4] = struct.pack("<I", i)  # the sequence number that ROS 2 dropped
+            ros1[:4] = struct.pack("<I", i)  # the sequence number, which ROS 2 does not have
             writer.write(connections[topic], log_ns, bytes(ros1))
     return path
 
 
 def same(found, expected):
-    """Require the same topics, log times and contents, in the same order."""
+    """Require equal topics, log times and contents, in the same order."""
     found = list(found)
     assert [x[:2] for x in found] == [x[:2] for x in expected]
     for (topic, _, have), (_, _, want) in zip(found, expected, strict=True):
@@ -129,13 +129,13 @@ def text(value):
 
 
 def mcap_chunk(content, compression=""):
-    packed = lz4.frame.compress(content) if compression == "lz4" else content
+    compressed = lz4.frame.compress(content) if compression == "lz4" else content
     head = struct.pack("<QQQI", 0, 0, len(content), zlib.crc32(content)) + text(compression)
-    return record(0x06, head + struct.pack("<Q", len(packed)) + packed)
+    return record(0x06, head + struct.pack("<Q", len(compressed)) + compressed)
 
 
 def mcap_file(path, messages, compression=None, encoding="cdr", profile="ros2", closed=True):
-    """Write an MCAP by hand, without a summary: one chunk per 50 messages, or none at all."""
+    """Write an MCAP file without a summary: one chunk per 50 messages, or no chunks."""
     parts = []
     channels = {}
     for topic, log_ns, msg in messages:

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of signals share: a smooth drive that is known exactly, and its sensors."""
+"""Helpers for the signals tests: an exactly known smooth motion, and its sensors."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from adk_ros.signals.channels import TICK_NS, Reading, Sample, Source
 
 START_NS = 1_700_000_000_003_217_911
-"""No multiple of anything."""
+"""ns; not a multiple of any period."""
 Rows = Sequence[Reading]
 
 
@@ -25,7 +25,7 @@ def state(time_s: float) -> tuple[float, float, float]:
 
 
 def force(time_s: float) -> tuple[float, float]:
-    """Return a_x, a_y: the derivatives of the velocity less what the turning frame adds."""
+    """Return a_x, a_y: the time derivatives of the velocity, corrected for the rotating frame."""
     v_x, v_y, rate = state(time_s)
     return (
         3.0 * 0.4 * math.cos(0.4 * time_s) - rate * v_y,
@@ -39,12 +39,12 @@ def command(time_s: float) -> tuple[float, float]:
 
 
 def steering(time_s: float) -> float:
-    """Return what becomes of the wished road-wheel angle."""
+    """Return the measured road-wheel angle: 0.9 of the command 0.1 s before."""
     return 0.9 * command(time_s - 0.1)[1]
 
 
 def values(source: Source, time_s: float) -> tuple[float, ...]:
-    """Return what a perfect sensor of `source` says."""
+    """Return the values of an ideal sensor of `source`."""
     if source is Source.IMU:
         return (*force(time_s), state(time_s)[2])
     if source is Source.STEERING:
@@ -65,9 +65,9 @@ def stream(
     start_ns: int = START_NS,
 ) -> list[Reading]:
     """
-    Readings of one sensor; `phase` and `jitter` in periods, `begin_s` after the drive's begin.
+    Return the readings of one sensor from `begin_s` on; `phase` and `jitter` are in periods.
 
-    Jitter is the stamps' own: a reading is true at its stamp.
+    Jitter shifts the stamps; each reading is correct at its stamp.
     """
     random = np.random.default_rng((seed, int(source)))
     period_s = 1.0 / rate_hz
@@ -76,8 +76,8 @@ def stream(
         time_s = begin_s + (index + phase + jitter * random.uniform(-1.0, 1.0)) * period_s
         offset_ns = round(time_s * 1e9)
         exact = values(source, offset_ns * 1e-9)
-        said = tuple(value + noise * random.normal() for value in exact)
-        readings.append(Reading(source, start_ns + offset_ns, tuple(map(float, said))))
+        measured = tuple(value + noise * random.normal() for value in exact)
+        readings.append(Reading(source, start_ns + offset_ns, tuple(map(float, measured))))
     return readings
 
 
@@ -94,7 +94,7 @@ def drive(
     begin_s: float = 0.0,
     start_ns: int = START_NS,
 ) -> list[list[Reading]]:
-    """Readings of the sensors, none in step with another; a rate of 0 leaves one out."""
+    """Return the readings of all sensors, out of phase; a rate of 0 omits a sensor."""
     rates = (imu_hz, odometry_hz, command_hz, steering_hz)
     return [
         stream(
@@ -107,12 +107,12 @@ def drive(
 
 
 def in_order(streams: Iterable[Rows]) -> list[Reading]:
-    """All readings in the order of their stamps."""
+    """Return all readings in the order of their stamps."""
     return sorted((r for rows in streams for r in rows), key=lambda r: (r.stamp_ns, r.source))
 
 
 def arriving(streams: Iterable[Rows], seed: int, max_delay_s: float) -> list[Reading]:
-    """All readings as they arrive, each under way for a while; a stream stays in order."""
+    """Return all readings in order of arrival after random delays; each stream stays in order."""
     random = np.random.default_rng(seed)
     events = []
     for rows in streams:
@@ -125,28 +125,28 @@ def arriving(streams: Iterable[Rows], seed: int, max_delay_s: float) -> list[Rea
 
 
 def without(rows: Iterable[Reading], source: Source, after_s: float, until_s: float) -> Rows:
-    """Leave out what `source` says in a stretch of time."""
+    """Return the readings without those of `source` in a time interval."""
     low, high = START_NS + int(after_s * 1e9), START_NS + int(until_s * 1e9)
     return [r for r in rows if not (r.source is source and low <= r.stamp_ns < high)]
 
 
 def seconds(sample: Sample, start_ns: int = START_NS) -> float:
-    """Return the time of a sample on the drive's own clock."""
+    """Return the time of a sample since the start, s."""
     return (sample.stamp_ns - start_ns) * 1e-9
 
 
 def errors(samples: Iterable[Sample], start_ns: int = START_NS) -> npt.NDArray[np.float64]:
-    """State less the truth, (n, 3)."""
+    """Return the state errors of the samples, (n, 3)."""
     return np.array([np.subtract(s.x, state(seconds(s, start_ns))) for s in samples])
 
 
 def assert_grid(samples: Sequence[Sample]) -> None:
-    """No tick is missed, doubled or off the grid."""
+    """Require consecutive ticks on the grid, each exactly once."""
     stamps = [sample.stamp_ns for sample in samples]
     assert all(stamp % TICK_NS == 0 for stamp in stamps)
     assert stamps == list(range(stamps[0], stamps[-1] + TICK_NS, TICK_NS))
 
 
 def same(one: Sample, other: Sample) -> bool:
-    """Whether two samples agree to the last bit; NaN is NaN."""
+    """Return whether two samples are bit-identical; NaN equals NaN."""
     return repr(one) == repr(other)

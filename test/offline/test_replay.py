@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""adk replay: what the node would have published, as a bag and as a score."""
+"""adk replay: the predictions of the live node, as a bag and as scores."""
 
 from __future__ import annotations
 
@@ -31,7 +31,13 @@ from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
-from adk_ros.offline.replay import COVARIANCE_TOPIC, HORIZON_TOPIC, TWIST_TOPIC, replay
+from adk_ros.offline.replay import (
+    COVARIANCE_TOPIC,
+    HORIZON_TOPIC,
+    TWIST_TOPIC,
+    ReplayOutput,
+    replay,
+)
 from adk_ros.plant.scenario.sensors import Stream
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.decode import SensorConfig
@@ -48,12 +54,12 @@ def model() -> KoopmanModel:
     return artefact.load(small().path).model
 
 
-def fold(path: Path, pipeline: Pipeline) -> list[tuple[int, Prediction]]:
-    """The bag through the pipeline, message by message, as the node would."""
+def replayed(path: Path, pipeline: Pipeline) -> list[tuple[int, Prediction]]:
+    """Return the predictions of the pipeline, message by message, as in the node."""
     found = []
     with Bag(path) as opened:
         for topic, log_ns, msg in opened.messages():
-            found += [(log_ns, made) for made in pipeline.take(SOURCES[topic], msg)]
+            found += [(log_ns, prediction) for prediction in pipeline.take(SOURCES[topic], msg)]
     return found
 
 
@@ -63,27 +69,29 @@ def stamp(msg: Any) -> int:
 
 def adk(capsys, *arguments: object) -> tuple[str, str]:
     assert main(["replay", *map(str, arguments)]) == 0
-    said = capsys.readouterr()
-    return said.out, said.err
+    printed = capsys.readouterr()
+    return printed.out, printed.err
 
 
-def test_it_is_the_pipelines_fold(model: KoopmanModel) -> None:
-    made, pipeline, warnings = replay(bag(), model, PipelineSettings(), RecordingOptions(), None)
-    wanted = fold(bag(), Pipeline(model))
+def test_replay_equals_the_pipeline(model: KoopmanModel) -> None:
+    predicted, pipeline, warnings = replay(bag(), model, PipelineSettings(), RecordingOptions())
+    expected = replayed(bag(), Pipeline(model))
     assert warnings == []
-    assert len(made) == len(wanted) > 1100
-    assert pipeline.ticks >= len(made)
+    assert len(predicted) == len(expected) > 1100
+    assert pipeline.ticks >= len(predicted)
     assert pipeline.restarts == 1
-    for ours, (_, theirs) in zip(made, wanted, strict=True):
+    for ours, (_, theirs) in zip(predicted, expected, strict=True):
         assert ours.stamp_ns == theirs.stamp_ns == ours.origin_ns + TICK_NS
         for name in ("x", "covariance", "horizon", "innovation"):
             np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
 
 
-def test_the_bag_it_writes(model: KoopmanModel, tmp_path: Path) -> None:
+def test_written_bag(model: KoopmanModel, tmp_path: Path) -> None:
     out = tmp_path / "p"
-    made, _, _ = replay(bag(), model, PipelineSettings(), RecordingOptions(), out)
-    wanted = fold(bag(), Pipeline(model))
+    predicted, _, _ = replay(
+        bag(), model, PipelineSettings(), RecordingOptions(), ReplayOutput(out)
+    )
+    expected = replayed(bag(), Pipeline(model))
     with Bag(out) as opened, Bag(bag()) as original:
         assert opened.warnings == []
         assert {topic.name: topic.msgtype for topic in opened.topics} == {
@@ -96,11 +104,11 @@ def test_the_bag_it_writes(model: KoopmanModel, tmp_path: Path) -> None:
         twists = [(log_ns, msg) for _, log_ns, msg in opened.messages([TWIST_TOPIC])]
         copied = list(opened.raw(["/odometry"]))
         assert copied == list(original.raw(["/odometry"]))
-    assert [log_ns for log_ns, _ in twists] == [log_ns for log_ns, _ in wanted]
-    assert len(twists) == len(made)
+    assert [log_ns for log_ns, _ in twists] == [log_ns for log_ns, _ in expected]
+    assert len(twists) == len(predicted)
     unknown = [i for i in range(36) if i // 6 in (2, 3, 4) or i % 6 in (2, 3, 4)]
-    for (log_ns, msg), prediction in zip(twists, made, strict=True):
-        # Stamped with the time predicted for, on the grid, made as soon as its origin was over.
+    for (log_ns, msg), prediction in zip(twists, predicted, strict=True):
+        # Stamped with the predicted time, on the grid; logged as soon as its sample is complete.
         assert stamp(msg) == prediction.stamp_ns
         assert stamp(msg) % TICK_NS == 0
         assert 0 <= log_ns - prediction.origin_ns < 3 * TICK_NS
@@ -118,20 +126,24 @@ def test_the_bag_it_writes(model: KoopmanModel, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.diff([stamp(msg) for _, msg in twists]), TICK_NS)
 
 
-def test_horizons_on_request(model: KoopmanModel, tmp_path: Path) -> None:
+def test_horizons_are_optional(model: KoopmanModel, tmp_path: Path) -> None:
     settings = PipelineSettings(horizon_steps=10)
-    made, _, _ = replay(
-        bag("town", 10.0), model, settings, RecordingOptions(), tmp_path / "p", with_horizon=True
+    predicted, _, _ = replay(
+        bag("town", 10.0),
+        model,
+        settings,
+        RecordingOptions(),
+        ReplayOutput(tmp_path / "p", with_horizon=True),
     )
     with Bag(tmp_path / "p") as opened:
         horizons = [msg for _, _, msg in opened.messages([HORIZON_TOPIC])]
     with Bag(tmp_path / "p") as opened:
         covariances = [msg for _, _, msg in opened.messages([COVARIANCE_TOPIC])]
-    assert len(horizons) == len(covariances) == len(made)
-    # What is kept is without, of long bags it would be gigabytes.
-    assert all(prediction.horizon_covariance.size == 0 for prediction in made)
-    wanted = fold(bag("town", 10.0), Pipeline(model, settings))
-    for msg, (_, prediction) in zip(covariances, wanted, strict=True):
+    assert len(horizons) == len(covariances) == len(predicted)
+    # The returned predictions have no covariance: for long bags it takes gigabytes.
+    assert all(prediction.horizon_covariance.size == 0 for prediction in predicted)
+    expected = replayed(bag("town", 10.0), Pipeline(model, settings))
+    for msg, (_, prediction) in zip(covariances, expected, strict=True):
         assert [(dim.label, dim.size, dim.stride) for dim in msg.layout.dim] == [
             ("step", 10, 90), ("row", 3, 9), ("column", 3, 3),
         ]  # fmt: skip
@@ -139,7 +151,7 @@ def test_horizons_on_request(model: KoopmanModel, tmp_path: Path) -> None:
         np.testing.assert_array_equal(table, prediction.horizon_covariance)
         np.testing.assert_array_equal(table, table.transpose(0, 2, 1))
         assert np.linalg.eigvalsh(table).min() > 0.0
-    for msg, prediction in zip(horizons, made, strict=True):
+    for msg, prediction in zip(horizons, predicted, strict=True):
         assert stamp(msg) == prediction.origin_ns
         assert msg.joint_names == ["vehicle"]
         assert len(msg.points) == 10
@@ -154,22 +166,23 @@ def test_horizons_on_request(model: KoopmanModel, tmp_path: Path) -> None:
         assert [first.linear.x, first.linear.y, first.angular.z] == prediction.x.tolist()
 
 
-def test_a_place_that_is_taken_is_left_alone(capsys, tmp_path: Path) -> None:
+def test_existing_output_is_kept(capsys, tmp_path: Path) -> None:
     (tmp_path / "kept").write_text("important")
     line = refused(capsys, ["replay", bag(), "--model", small().path, "--out", tmp_path], 2)
     assert f"{tmp_path} exists already: choose another --out or remove it" in line
     assert (tmp_path / "kept").read_text() == "important"
 
 
-def test_what_a_person_reads(capsys, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_printed_score(capsys, tmp_path: Path) -> None:
     out, err = adk(capsys, bag(), "--model", small().path, "--out", tmp_path / "p")
     assert lines(out)[0].startswith(f"RMSE on {bag().name}, method windowed (")
     for word in ("persistence", "integration", "yaw_rate", "0.025 s", "2 s"):
         assert word in out
-    said = lines(err)
-    count = len(fold(bag(), Pipeline(artefact.load(small().path).model)))
-    assert said[-1].startswith(f"{count} predictions on ")
-    assert said[-1].endswith(f"of 25 ms in {tmp_path / 'p'}")
+    printed = lines(err)
+    count = len(replayed(bag(), Pipeline(artefact.load(small().path).model)))
+    assert printed[-1].startswith(f"{count} predictions on ")
+    assert printed[-1].endswith(f"of 25 ms in {tmp_path / 'p'}")
     _, err = adk(capsys, bag(), "--model", small().path)
     assert lines(err)[-1].endswith("(nothing written: no --out)")
 
@@ -179,61 +192,67 @@ def scores() -> dict[str, dict[str, Any]]:
     return {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_runs(capsys, scores: dict[str, dict[str, Any]], method: str) -> None:
     out, _ = adk(capsys, bag("town", 20.0), "--model", small().path, "--method", method, "--json")
-    told = json.loads(out)
-    assert told["method"] == method
-    assert told["predictions"] > 700
-    assert told["predictions"] <= told["ticks"]
-    assert told["restarts"] == 1
-    assert told["out"] is None
-    assert all(value is not None and 0.0 <= value < 5.0 for value in told["innovation_rms"])
-    assert told["score"]["starts"] > 100
+    result = json.loads(out)
+    assert result["method"] == method
+    assert result["predictions"] > 700
+    assert result["predictions"] <= result["ticks"]
+    assert result["restarts"] == 1
+    assert result["out"] is None
+    assert all(value is not None and 0.0 <= value < 5.0 for value in result["innovation_rms"])
+    assert result["score"]["starts"] > 100
     for other in scores.values():
-        assert other["score"]["predictors"]["model"] != told["score"]["predictors"]["model"]
+        assert other["score"]["predictors"]["model"] != result["score"]["predictors"]["model"]
         naive = other["score"]["predictors"]["persistence"]
-        assert naive == told["score"]["predictors"]["persistence"]
-    scores[method] = told
+        assert naive == result["score"]["predictors"]["persistence"]
+    scores[method] = result
 
 
-def test_window_and_ridge_are_heeded(capsys) -> None:
-    def told(*more: str) -> Any:
+@pytest.mark.slow
+def test_window_and_ridge_have_an_effect(capsys) -> None:
+    def innovation_rms(*more: str) -> Any:
         out, _ = adk(capsys, bag("town", 20.0), "--model", small().path, "--json", *more)
         return json.loads(out)["innovation_rms"]
 
-    own = told()
+    default = innovation_rms()
     online = small().run.model.online
-    assert told("--window", str(online.window), "--ridge", f"{online.ridge}") == own
-    assert told("--window", "50") != own
-    assert told("--ridge", "1e12") != own
-    # So strong a pull leaves nothing of the adaptation but the disturbance.
-    assert told("--ridge", "1e12") == pytest.approx(told("--method", "constant"), rel=1e-6)
+    assert innovation_rms("--window", str(online.window), "--ridge", f"{online.ridge}") == default
+    assert innovation_rms("--window", "50") != default
+    assert innovation_rms("--ridge", "1e12") != default
+    # Such a strong ridge suppresses all adaptation except the disturbance estimate.
+    assert innovation_rms("--ridge", "1e12") == pytest.approx(
+        innovation_rms("--method", "constant"), rel=1e-6
+    )
 
 
 def test_horizon_in_seconds(capsys, tmp_path: Path) -> None:
-    short = bag("town", 10.0)
-    adk(capsys, short, "--model", small().path, "--horizon", "0.5", "--with-horizon",
+    path = bag("town", 10.0)
+    adk(capsys, path, "--model", small().path, "--horizon", "0.5", "--with-horizon",
         "--out", tmp_path / "p")  # fmt: skip
     with Bag(tmp_path / "p") as opened:
         counts = {len(msg.points) for _, _, msg in opened.messages([HORIZON_TOPIC])}
     assert counts == {20}
-    made = [lines(adk(capsys, short, "--model", small().path, "--horizon", seconds)[1])[-1]
+    predicted = [lines(adk(capsys, path, "--model", small().path, "--horizon", seconds)[1])[-1]
             for seconds in ("0", "2")]  # fmt: skip
-    assert made[0] == made[1]
+    assert predicted[0] == predicted[1]
 
 
-def test_it_scores_what_it_replays(capsys) -> None:
-    """Innovations of the fold, by their definition: measured less predicted a tick before."""
+def test_innovations_are_scored(capsys) -> None:
+    """Innovation: measured minus predicted one step before."""
     out, _ = adk(capsys, bag(), "--model", small().path, "--json")
-    told = json.loads(out)
+    result = json.loads(out)
     of = record("town", 30.0)
-    made = {p.stamp_ns: p.x for _, p in fold(bag(), Pipeline(artefact.load(small().path).model))}
-    rows = [i for i, at in enumerate(of.stamp_ns.tolist()) if at in made]
-    left = np.array([of.x[i] - made[int(of.stamp_ns[i])] for i in rows])
-    np.testing.assert_allclose(told["innovation_rms"], np.sqrt(np.mean(left**2, axis=0)))
-    one_step = [told["score"]["predictors"]["model"][c]["rmse"][0] for c in ("v_x", "v_y")]
-    np.testing.assert_allclose(one_step, told["innovation_rms"][:2], rtol=0.3)
+    predicted = {
+        p.stamp_ns: p.x for _, p in replayed(bag(), Pipeline(artefact.load(small().path).model))
+    }
+    rows = [i for i, at in enumerate(of.stamp_ns.tolist()) if at in predicted]
+    innovations = np.array([of.x[i] - predicted[int(of.stamp_ns[i])] for i in rows])
+    np.testing.assert_allclose(result["innovation_rms"], np.sqrt(np.mean(innovations**2, axis=0)))
+    one_step = [result["score"]["predictors"]["model"][c]["rmse"][0] for c in ("v_x", "v_y")]
+    np.testing.assert_allclose(one_step, result["innovation_rms"][:2], rtol=0.3)
 
 
 def test_too_short_to_score_is_a_warning(capsys) -> None:
@@ -244,7 +263,7 @@ def test_too_short_to_score_is_a_warning(capsys) -> None:
     assert json.loads(out)["score"] is None
 
 
-def test_a_model_that_misses_its_imu_is_a_warning(capsys) -> None:
+def test_missing_imu_is_a_warning(capsys) -> None:
     missing = "warning: the model was trained with an IMU and there is none"
     without = bag("town", 20.0, imu=False)
     assert missing in adk(capsys, without, "--model", small().path)[1]
@@ -253,7 +272,7 @@ def test_a_model_that_misses_its_imu_is_a_warning(capsys) -> None:
     assert missing not in adk(capsys, without, "--model", small_without_imu())[1]
 
 
-def test_a_bag_that_was_trained_on_is_a_warning(capsys, tmp_path: Path) -> None:
+def test_bag_used_in_training_is_a_warning(capsys, tmp_path: Path) -> None:
     _, err = adk(capsys, bag(), "--model", small().path)
     assert "this is no test" not in err
     known = bag("handling", 20.0)
@@ -264,7 +283,7 @@ def test_a_bag_that_was_trained_on_is_a_warning(capsys, tmp_path: Path) -> None:
 
 
 def with_other_joints(path: Path) -> Path:
-    """The 20 s drive, its joints under other names, behind a steering gear of ratio 16."""
+    """The 20 s recording with other joint names and a steering gear of ratio 16."""
     with Bag(bag("town", 20.0)) as opened, BagWriter(path) as writer:
         for topic in opened.topics:
             writer.add_topic(topic.name, topic.msgtype)
@@ -286,8 +305,9 @@ def renamed(msg: Any) -> Any:
     )
 
 
-def test_the_sensors_are_those_of_the_training(capsys, tmp_path: Path) -> None:
-    """What joints mean is part of the model; nobody has to say it again."""
+@pytest.mark.slow
+def test_sensor_configuration_comes_from_the_model(capsys, tmp_path: Path) -> None:
+    """The sensor configuration is stored with the model."""
     sensors = SensorConfig(
         drive_joints=("left", "right"), steer_joint="column", steering_ratio=16.0
     )
@@ -300,12 +320,12 @@ def test_the_sensors_are_those_of_the_training(capsys, tmp_path: Path) -> None:
     plain, _ = adk(capsys, bag("town", 20.0), "--model", small().path, "--json")
     ours, theirs = json.loads(out), json.loads(plain)
     np.testing.assert_allclose(ours["innovation_rms"], theirs["innovation_rms"], rtol=1e-6)
-    # Without them it cannot be read at all.
+    # Without it the bag cannot be read.
     line = refused(capsys, ["replay", path, "--model", small().path], 3)
     assert "joint 'drive' is missing" in line
 
 
-def test_a_manifest_with_sensors_unknown_here_is_refused(capsys, tmp_path: Path) -> None:
+def test_manifest_with_unknown_sensors_is_refused(capsys, tmp_path: Path) -> None:
     loaded = artefact.load(small().path)
     program = (small().path / artefact.ENCODER).read_bytes()
     facts = loaded.manifest["training"] | {"sensors": {"sonar": 3}}
@@ -314,35 +334,35 @@ def test_a_manifest_with_sensors_unknown_here_is_refused(capsys, tmp_path: Path)
     assert "the model's manifest describes sensors unknown here" in line
 
 
-def test_a_gap_in_the_bag_is_a_restart_and_no_trouble(capsys, tmp_path: Path) -> None:
+def test_gap_in_the_bag_causes_a_restart(capsys, tmp_path: Path) -> None:
     start_ns = drive("town", 30.0).stamp_ns[0]
 
-    def silence(source: Source, stream: Stream) -> Stream:
+    def with_gap(source: Source, stream: Stream) -> Stream:
         since_s = (stream.stamp_ns - start_ns) * 1e-9
         return kept(stream, (since_s < 10.0) | (since_s > 14.0))
 
-    path = changed_streams(drive("town", 30.0), tmp_path / "b", silence)
+    path = changed_streams(drive("town", 30.0), tmp_path / "b", with_gap)
     out, _ = adk(capsys, path, "--model", small().path, "--json")
-    told = json.loads(out)
-    assert told["counts"]["clock jump"] == 1
-    assert told["restarts"] == 2
-    assert 950 < told["predictions"] < 1040
+    result = json.loads(out)
+    assert result["counts"]["clock jump"] == 1
+    assert result["restarts"] == 2
+    assert 950 < result["predictions"] < 1040
 
 
-def test_progress_of_the_replay_itself(model: KoopmanModel) -> None:
-    told: list[tuple[int, int]] = []
+def test_progress_of_replay(model: KoopmanModel) -> None:
+    progress: list[tuple[int, int]] = []
     replay(
-        bag(), model, PipelineSettings(horizon_steps=0), RecordingOptions(), None,
-        progress=lambda *at: told.append(at),
+        bag(), model, PipelineSettings(horizon_steps=0), RecordingOptions(),
+        progress=lambda *at: progress.append(at),
     )  # fmt: skip
-    assert told[-1][0] == told[-1][1]
-    assert [done for done, _ in told] == sorted({done for done, _ in told})
+    assert progress[-1][0] == progress[-1][1]
+    assert [done for done, _ in progress] == sorted({done for done, _ in progress})
 
 
-def test_the_online_settings_are_the_models_unless_given(model: KoopmanModel) -> None:
-    own, other = OnlineSettings("windowed", 77, 12.5), OnlineSettings("ffrls", forgetting=0.9)
-    model = replace(model, online=own)
-    for online, wanted in ((None, own), (other, other)):
+def test_online_settings_default_to_those_of_the_model(model: KoopmanModel) -> None:
+    stored, other = OnlineSettings("windowed", 77, 12.5), OnlineSettings("ffrls", forgetting=0.9)
+    model = replace(model, online=stored)
+    for online, expected in ((None, stored), (other, other)):
         settings = PipelineSettings(online=online, horizon_steps=0)
-        _, pipeline, _ = replay(bag("town", 10.0), model, settings, RecordingOptions(), None)
-        assert pipeline.predictor.settings == wanted
+        _, pipeline, _ = replay(bag("town", 10.0), model, settings, RecordingOptions())
+        assert pipeline.predictor.settings == expected

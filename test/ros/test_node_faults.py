@@ -421,7 +421,7 @@ def test_imu_in_g(model: KoopmanModel) -> None:
 
     report = rig.drive(30.0, change)[-1]
     assert report.level is Level.WARN
-    assert "it looks like g, the topic must carry m/s^2" in report.message
+    assert "it looks like g, the topic must carry m/s²" in report.message
     assert rig.published
     assert rig.all_finite()
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The causal grid on sound data: complete, causal, the same in any order, close to the truth."""
+"""Alignment of undisturbed data: complete, causal, independent of arrival order, accurate."""
 
 import math
 from itertools import pairwise
@@ -36,20 +36,20 @@ NO_FAULT = int(Flag.NO_IMU)
 MAX_WAIT_NS = 50_000_000
 
 
-def late(rates: tuple[int, int, int], time_s: float) -> bool:
-    """Whether every stream has come twice, so that its period is known."""
+def after_start(rates: tuple[int, int, int], time_s: float) -> bool:
+    """Return whether every stream has two readings, so that its period is known."""
     return time_s > 2.0 / min(rate for rate in rates if rate) + 0.05
 
 
 @pytest.mark.parametrize("rates", RATES, ids=str)
-def test_every_tick_is_there_and_sound(rates: tuple[int, int, int]) -> None:
+def test_every_sample_is_present_and_valid(rates: tuple[int, int, int]) -> None:
     samples = align_samples(in_order(drive(8.0, *rates, jitter=0.08)))
     assert_grid(samples)
     assert seconds(samples[0]) < 1.0 / min(rate for rate in rates if rate) + 0.025
     assert seconds(samples[-1]) > 8.0 - 0.15 - 1.0 / max(rates[1:])
     assert samples[0].flags & Flag.RESTART
     for sample in samples:
-        if late(rates, seconds(sample)):
+        if after_start(rates, seconds(sample)):
             assert sample.flags == (0 if rates[0] else NO_FAULT)
             assert sample.learnable
             assert all(map(math.isfinite, sample.x + sample.u))
@@ -57,29 +57,29 @@ def test_every_tick_is_there_and_sound(rates: tuple[int, int, int]) -> None:
 
 
 @pytest.mark.parametrize("rates", RATES, ids=str)
-def test_state_is_close_to_the_truth_and_closer_than_the_last_reading(
+def test_state_is_more_accurate_than_the_last_reading(
     rates: tuple[int, int, int],
 ) -> None:
     readings = in_order(drive(12.0, *rates))
     samples = [s for s in align_samples(readings) if seconds(s) > 1.0]
-    wrong = np.sqrt(np.mean(errors(samples) ** 2, axis=0))
+    rms = np.sqrt(np.mean(errors(samples) ** 2, axis=0))
     odometry = [r for r in readings if r.source is Source.ODOMETRY]
     stamps = [r.stamp_ns for r in odometry]
     last = np.searchsorted(stamps, [s.stamp_ns for s in samples], side="right") - 1
     held = np.array([odometry[i].values for i in last]) - [state(seconds(s)) for s in samples]
-    assert (wrong < 0.2 * np.sqrt(np.mean(held**2, axis=0))).all()
-    # What the slalom's curvature leaves over one odometry period, and the gyro's over its own.
+    assert (rms < 0.2 * np.sqrt(np.mean(held**2, axis=0))).all()
+    # Bounds: curvature of the slalom over one period of odometry, and of the gyro.
     period_s = 1.0 / rates[1]
     assert np.abs(errors(samples)[:, :2]).max() < (0.2 if rates[0] else 0.8) * period_s**2 + 1e-4
     gyro_s = max(1.0 / (rates[0] or rates[1]), 0.01)
     assert np.abs(errors(samples)[:, 2]).max() < 0.8 * gyro_s**2 + 1e-5
 
 
-def test_a_swerve_between_two_odometry_readings() -> None:
-    """Force and yaw rate count over the same time, or their difference would be of an instant."""
+def test_fast_swerve_between_two_odometry_readings() -> None:
+    """Force and yaw rate are averaged over the same interval."""
     samples = align_samples(in_order(drive(8.0, 400, 10, 40)))
-    wrong = errors([s for s in samples if seconds(s) > 1.0])
-    assert np.abs(wrong[:, 1]).max() < 2e-3
+    error = errors([s for s in samples if seconds(s) > 1.0])
+    assert np.abs(error[:, 1]).max() < 2e-3
 
 
 def test_noise_is_not_amplified() -> None:
@@ -91,7 +91,7 @@ def test_noise_is_not_amplified() -> None:
             assert deviation[2] < 0.8 * 0.02
 
 
-def test_command_is_the_last_one_and_force_the_mean_over_the_tick() -> None:
+def test_command_is_held_and_force_is_averaged_over_the_tick() -> None:
     streams = drive(4.0, 200, 50, 30)
     samples = align_samples(in_order(streams))
     for sample in samples[40:]:
@@ -110,7 +110,7 @@ def test_command_is_the_last_one_and_force_the_mean_over_the_tick() -> None:
 @settings(max_examples=8)
 @given(cut_s=st.floats(2.0, 3.5), seed=st.integers(0, 99))
 def test_causality(rates: tuple[int, int, int], cut_s: float, seed: int) -> None:
-    """What comes after an instant, other values, stamps and rates, changes no sample up to it."""
+    """Later readings with other values, stamps and rates change no earlier sample."""
     cut_ns = START_NS + int(cut_s * 1e9)
     one = in_order(drive(5.0, *rates, jitter=0.05, noise=0.01))
     other = [
@@ -129,16 +129,16 @@ def test_causality(rates: tuple[int, int, int], cut_s: float, seed: int) -> None
 @pytest.mark.parametrize("rates", RATES, ids=str)
 @settings(max_examples=12)
 @given(seed=st.integers(0, 10**6), max_delay_s=st.floats(0.0, 0.03))
-def test_order_of_arrival_among_streams_does_not_matter(
+def test_arrival_order_of_streams_has_no_effect(
     rates: tuple[int, int, int], seed: int, max_delay_s: float
 ) -> None:
-    """Up to 30 ms under way, each message for itself: the same samples to the last bit."""
+    """Random delays up to 30 ms per message: bit-identical samples."""
     streams = drive(
         3.0, *rates, steering_hz=30 * (seed % 2), jitter=0.05, noise=0.01, seed=seed
     )  # fmt: skip
     plain = {s.stamp_ns: s for s in align_samples(in_order(streams))}
     moved = {s.stamp_ns: s for s in align_samples(arriving(streams, seed, max_delay_s))}
-    both = [t for t in plain if t in moved and late(rates, (t - START_NS) * 1e-9)]
+    both = [t for t in plain if t in moved and after_start(rates, (t - START_NS) * 1e-9)]
     assert len(both) > 0.8 * (3.0 - 2.0 / min(r for r in rates if r)) * 40 - 8
     assert all(same(plain[t], moved[t]) for t in both)
     assert_grid(list(moved.values()))
@@ -146,17 +146,17 @@ def test_order_of_arrival_among_streams_does_not_matter(
 
 @pytest.mark.parametrize("rates", RATES, ids=str)
 @pytest.mark.parametrize("missing", [None, Source.IMU, Source.ODOMETRY, Source.COMMAND], ids=repr)
-def test_a_tick_is_given_out_in_time(rates: tuple[int, int, int], missing: Source | None) -> None:
+def test_samples_are_emitted_in_time(rates: tuple[int, int, int], missing: Source | None) -> None:
     """
-    No later than `max_wait_s` of the other streams' time after its own.
+    At most `max_wait_s` of the other streams' time after the tick.
 
-    To this comes, in the stamps alone, the gap to the next reading, which shows the time.
+    Measured in stamps, the gap to the next reading is added, since it is the first to show time.
     """
     aligner = Aligner()
-    silent_ns = START_NS + 2_000_000_000
+    stop_ns = START_NS + 2_000_000_000
     readings = [
         r for r in in_order(drive(4.0, *rates, jitter=0.05))
-        if r.source is not missing or r.stamp_ns < silent_ns
+        if r.source is not missing or r.stamp_ns < stop_ns
     ]  # fmt: skip
     gap_ns = max(b.stamp_ns - a.stamp_ns for a, b in pairwise(readings))
     waits = []
@@ -168,7 +168,7 @@ def test_a_tick_is_given_out_in_time(rates: tuple[int, int, int], missing: Sourc
     assert max(waits[first:]) <= MAX_WAIT_NS + gap_ns
 
 
-def test_with_all_streams_there_a_tick_waits_for_what_is_due_alone() -> None:
+def test_samples_wait_only_for_readings_that_are_due() -> None:
     """At 200, 50 and 40 Hz in order: at most until the next odometry or command."""
     aligner, waits = Aligner(), []
     for reading in in_order(drive(6.0)):
@@ -178,18 +178,18 @@ def test_with_all_streams_there_a_tick_waits_for_what_is_due_alone() -> None:
     assert np.median(waits) <= 10_000_000
 
 
-def test_without_waiting_a_tick_comes_with_the_first_reading_past_it() -> None:
+def test_without_waiting_the_first_later_reading_completes_a_sample() -> None:
     aligner = Aligner(max_wait_s=0.0)
     readings = in_order(drive(3.0))
-    given_at = {s.stamp_ns: r.stamp_ns for r in readings for s in aligner.push(r)}
+    completed_at = {s.stamp_ns: r.stamp_ns for r in readings for s in aligner.push(r)}
     stamps = np.array([r.stamp_ns for r in readings])
-    for tick_ns, at_ns in list(given_at.items())[1:]:
+    for tick_ns, at_ns in list(completed_at.items())[1:]:
         assert at_ns == stamps[np.searchsorted(stamps, tick_ns)]
 
 
 @pytest.mark.parametrize("source", STANDARD_SOURCES)
 @pytest.mark.parametrize("factor", [0.25, 4.0])
-def test_a_rate_that_changes_half_way(source: Source, factor: float) -> None:
+def test_rate_change(source: Source, factor: float) -> None:
     rates = {Source.IMU: 200.0, Source.ODOMETRY: 50.0, Source.COMMAND: 40.0}
     streams = [stream(s, rate, 8.0) for s, rate in rates.items() if s is not source]
     first = stream(source, rates[source], 3.0)
@@ -200,7 +200,7 @@ def test_a_rate_that_changes_half_way(source: Source, factor: float) -> None:
     assert np.abs(errors([s for s in samples if seconds(s) > 1.0])).max() < 0.02
 
 
-def test_a_measured_steering_angle_takes_the_wished_ones_place() -> None:
+def test_measured_steering_angle_replaces_the_commanded_one() -> None:
     samples = align_samples(in_order(drive(4.0, steering_hz=60)))
     assert_grid(samples)
     for sample in samples[4:]:
@@ -209,7 +209,7 @@ def test_a_measured_steering_angle_takes_the_wished_ones_place() -> None:
         assert sample.u[1] == pytest.approx(steering(seconds(sample)), abs=0.05 / 60)
 
 
-def test_nothing_before_odometry_and_command_are_both_there() -> None:
+def test_no_sample_before_odometry_and_command_are_received() -> None:
     streams = drive(3.0)
     assert align_samples(streams[0]) == []
     assert align_samples(in_order(streams[:2])) == []
@@ -221,7 +221,7 @@ def test_nothing_before_odometry_and_command_are_both_there() -> None:
     assert 0 <= samples[0].stamp_ns - first_ns < TICK_NS
 
 
-def test_an_imu_that_comes_later() -> None:
+def test_imu_that_starts_later() -> None:
     streams = [stream(Source.IMU, 200, 2.0, begin_s=2.0), *drive(4.0, 0)]
     samples = align_samples(in_order(streams))
     assert_grid(samples)
@@ -230,7 +230,7 @@ def test_an_imu_that_comes_later() -> None:
         assert sample.flags == (Flag.NO_IMU if seconds(sample) < begin_s else 0)
 
 
-def test_imu_without_accelerometer_still_gives_the_yaw_rate() -> None:
+def test_imu_without_accelerometer_gives_the_yaw_rate() -> None:
     streams = drive(6.0)
     streams[0] = [r._replace(values=(math.nan, math.nan, r.values[2])) for r in streams[0]]
     samples = [s for s in align_samples(in_order(streams)) if seconds(s) > 1.0]
@@ -239,7 +239,7 @@ def test_imu_without_accelerometer_still_gives_the_yaw_rate() -> None:
 
 
 def test_accelerometer_that_stops_reporting() -> None:
-    """Half of a mean window says nothing: the state comes from odometry, or is not given."""
+    """Without a full averaging window, the state comes from odometry or is missing."""
     streams = drive(4.0)
     for k, reading in enumerate(streams[0]):
         if reading.stamp_ns > START_NS + 2 * 10**9:
@@ -251,8 +251,8 @@ def test_accelerometer_that_stops_reporting() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [5, 10, 20])
-def test_slow_streams_go_on_by_the_clock(rate_hz: int) -> None:
-    """Readings too rare to show that ticks are due: `advance` does."""
+def test_slow_streams_are_completed_by_the_clock(rate_hz: int) -> None:
+    """`advance` completes samples between rare readings."""
     aligner, samples, waits = Aligner(), [], []
     readings = in_order(drive(5.0, 0, rate_hz, rate_hz))
     now_ns = readings[0].stamp_ns
@@ -266,14 +266,14 @@ def test_slow_streams_go_on_by_the_clock(rate_hz: int) -> None:
     assert_grid(samples)
     assert len(waits) > 30
     assert max(waits) <= MAX_WAIT_NS + 12_500_000
-    held = align_samples(readings)
-    known = [s for s in samples if late((0, rate_hz, rate_hz), seconds(s))]
-    by_stamp = {s.stamp_ns: s for s in held}
+    without_clock = align_samples(readings)
+    known = [s for s in samples if after_start((0, rate_hz, rate_hz), seconds(s))]
+    by_stamp = {s.stamp_ns: s for s in without_clock}
     shared = [s for s in known if s.stamp_ns in by_stamp]
     assert sum(same(s, by_stamp[s.stamp_ns]) for s in shared) > 0.97 * len(shared)
 
 
-def test_a_clock_that_is_another_says_nothing() -> None:
+def test_clock_with_another_time_base_is_ignored() -> None:
     aligner = Aligner()
     assert aligner.advance(START_NS) == []
     last = [s for r in in_order(drive(2.0)) for s in aligner.push(r)][-1]
@@ -281,13 +281,13 @@ def test_a_clock_that_is_another_says_nothing() -> None:
     assert newest_ns is not None
     for now_ns in (0, newest_ns, newest_ns - 5, newest_ns + 10**9, 2 * newest_ns):
         assert aligner.advance(now_ns) == []
-    given = aligner.advance(newest_ns + 200_000_000)
-    assert_grid([last, *given])
-    assert len(given) in range(5, 10)
+    completed = aligner.advance(newest_ns + 200_000_000)
+    assert_grid([last, *completed])
+    assert len(completed) in range(5, 10)
     assert aligner.newest_ns == newest_ns
 
 
-def test_reset_forgets_all_but_the_counts() -> None:
+def test_reset_keeps_only_the_counts() -> None:
     aligner = Aligner()
     readings = in_order(drive(2.0))
     first = [s for r in [*readings, readings[-1]] for s in aligner.push(r)]
@@ -299,7 +299,7 @@ def test_reset_forgets_all_but_the_counts() -> None:
     assert aligner.counts == {"duplicate": 1}
 
 
-def test_batch_is_a_fold_of_push() -> None:
+def test_batch_equals_repeated_push() -> None:
     readings = arriving(drive(4.0, noise=0.01), 3, 0.02)
     aligner = Aligner()
     one_by_one = [s for r in readings for s in aligner.push(r)]

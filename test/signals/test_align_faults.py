@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The grid when sensors fail: silence, strays, jumps of the clock, frozen sensors, duplicates."""
+"""Alignment under faults: timeouts, wrong stamps, clock jumps, frozen sensors, duplicates."""
 
 import math
 from collections.abc import Iterable
@@ -43,29 +43,29 @@ def flags(samples: Iterable[Sample]) -> set[int]:
 
 
 @pytest.mark.parametrize("source", STANDARD_SOURCES)
-def test_one_topic_silent_for_two_seconds(source: Source) -> None:
+def test_one_topic_stops_for_two_seconds(source: Source) -> None:
     samples = align_samples(without(in_order(drive(8.0)), source, 3.0, 5.0))
     assert_grid(samples)
     assert flags(between(samples, 0.5, 3.02)) == {0}
-    silent = between(samples, 3.1, 5.0)
-    assert all(s.flags & STALE[source] and not s.learnable for s in silent)
+    affected = between(samples, 3.1, 5.0)
+    assert all(s.flags & STALE[source] and not s.learnable for s in affected)
     assert flags(between(samples, 5.1, 7.9)) == {0}
     assert np.abs(errors(between(samples, 5.1, 7.9))).max() < 1e-3
     if source is Source.ODOMETRY:
-        # Half a second by the accelerometer alone, then no state.
+        # Half a second from the accelerometer only, then no state.
         assert np.abs(errors(between(samples, 3.1, 3.45))).max() < 0.06
         assert all(s.flags & Flag.COASTING for s in between(samples, 3.55, 5.0))
         assert all(math.isnan(v) for s in between(samples, 3.55, 5.0) for v in s.x)
     else:
-        assert np.abs(errors(silent)).max() < 0.02
+        assert np.abs(errors(affected)).max() < 0.02
     if source is Source.IMU:
-        assert all(math.isnan(s.a[0]) for s in silent)
+        assert all(math.isnan(s.a[0]) for s in affected)
     if source is Source.COMMAND:
-        assert len({s.u for s in silent}) == 1
+        assert len({s.u for s in affected}) == 1
 
 
 @pytest.mark.parametrize("source", STANDARD_SOURCES)
-def test_one_topic_silent_for_ever(source: Source) -> None:
+def test_one_topic_stops_for_good(source: Source) -> None:
     samples = align_samples(without(in_order(drive(30.0)), source, 3.0, 99.0))
     assert_grid(samples)
     assert seconds(samples[-1]) > 29.9
@@ -74,7 +74,7 @@ def test_one_topic_silent_for_ever(source: Source) -> None:
 
 
 @pytest.mark.parametrize("left", STANDARD_SOURCES)
-def test_two_topics_silent(left: Source) -> None:
+def test_two_topics_stop(left: Source) -> None:
     readings: list[Reading] = in_order(drive(9.0))
     for source in STANDARD_SOURCES:
         if source is not left:
@@ -87,7 +87,7 @@ def test_two_topics_silent(left: Source) -> None:
     assert flags(between(samples, 6.1, 8.9)) == {0}
 
 
-def test_all_silent_for_less_than_a_second_is_bridged_by_flagged_ticks() -> None:
+def test_short_gap_of_all_topics_gives_flagged_samples() -> None:
     readings = in_order(drive(8.0))
     for source in STANDARD_SOURCES:
         readings = list(without(readings, source, 3.0, 3.8))
@@ -97,7 +97,7 @@ def test_all_silent_for_less_than_a_second_is_bridged_by_flagged_ticks() -> None
     assert flags(between(samples, 3.9, 7.9)) == {0}
 
 
-def test_all_silent_for_longer_begins_anew() -> None:
+def test_long_gap_of_all_topics_causes_a_restart() -> None:
     readings = in_order(drive(12.0))
     for source in STANDARD_SOURCES:
         readings = list(without(readings, source, 3.0, 6.0))
@@ -110,8 +110,8 @@ def test_all_silent_for_longer_begins_anew() -> None:
     assert aligner.counts == {"clock jump": 1}
 
 
-def test_a_stream_that_stays_away_is_waited_for_once() -> None:
-    """Ticks are late while it is waited for, and in time again after that."""
+def test_stopped_stream_is_waited_for_only_once() -> None:
+    """Samples are late while it is waited for, and on time afterwards."""
     aligner, waits = Aligner(), {}
     for reading in without(in_order(drive(6.0)), Source.ODOMETRY, 3.0, 99.0):
         for sample in aligner.push(reading):
@@ -129,8 +129,8 @@ def test_duplicates(source: Source) -> None:
     for reading in readings:
         doubled.append(reading)
         if reading.source is source:
-            again = tuple(-9.0 * value for value in reading.values)
-            doubled += [reading, reading._replace(values=again)]
+            repeated = tuple(-9.0 * value for value in reading.values)
+            doubled += [reading, reading._replace(values=repeated)]
     aligner = Aligner()
     samples = [s for r in doubled for s in aligner.push(r)]
     plain = align_samples(readings)
@@ -140,24 +140,24 @@ def test_duplicates(source: Source) -> None:
 
 
 @pytest.mark.parametrize("hours", [1, -1, 24 * 365 * 10])
-def test_stray_stamps(hours: int) -> None:
-    """One in fifty readings comes from another time: the others' samples are untouched."""
+def test_implausible_stamps(hours: int) -> None:
+    """Every fiftieth reading has a wrong stamp: it does not affect the samples."""
     readings = in_order(drive(6.0))
-    struck = [
+    disturbed = [
         *(shifted([r], 3600.0 * hours)[0] if k % 50 == 49 else r for k, r in enumerate(readings))
     ]  # fmt: skip
     aligner = Aligner()
-    samples = [s for r in struck for s in aligner.push(r)]
-    kept = align_samples([r for k, r in enumerate(readings) if k % 50 != 49])
-    assert len(kept) == len(samples)
-    assert all(map(same, kept, samples))
-    held = len(readings) // 50
-    assert aligner.counts == {"stray stamp": held - (len(readings) % 50 == 0)}
+    samples = [s for r in disturbed for s in aligner.push(r)]
+    expected = align_samples([r for k, r in enumerate(readings) if k % 50 != 49])
+    assert len(expected) == len(samples)
+    assert all(map(same, expected, samples))
+    wrong = len(readings) // 50
+    assert aligner.counts == {"stray stamp": wrong - (len(readings) % 50 == 0)}
 
 
 @pytest.mark.parametrize("loops", [1, 4])
-def test_a_bag_that_loops(loops: int) -> None:
-    """The clock jumps back: the state begins anew and nothing of the last loop is in it."""
+def test_looping_bag(loops: int) -> None:
+    """The clock jumps back: the state restarts without influence of the previous loop."""
     once = in_order(drive(5.0, noise=0.01))
     aligner = Aligner()
     plain = [s for r in once for s in aligner.push(r)]
@@ -166,14 +166,14 @@ def test_a_bag_that_loops(loops: int) -> None:
         assert samples[0].flags & Flag.RESTART
         assert not any(s.flags & Flag.RESTART for s in samples[1:])
         assert_grid(samples)
-        # Three readings had to be seen before the jump was believed; none was lost for it.
+        # The three readings that confirm the jump are not lost.
         assert all(map(same, samples, plain))
         assert len(samples) == len(plain)
     assert aligner.counts == {"clock jump": loops}
 
 
 @pytest.mark.parametrize("by_s", [3.0, 3600.0, 1e9])
-def test_a_clock_that_jumps_ahead(by_s: float) -> None:
+def test_clock_jumps_ahead(by_s: float) -> None:
     aligner = Aligner()
     readings = in_order(drive(3.0))
     samples = [s for r in readings for s in aligner.push(r)]
@@ -188,8 +188,8 @@ def test_a_clock_that_jumps_ahead(by_s: float) -> None:
 
 
 @pytest.mark.parametrize("by_s", [-0.4, 0.4])
-def test_a_clock_that_is_set_right_by_less_than_a_second(by_s: float) -> None:
-    """The grid stays a grid, stale ticks are flagged, and it is well again soon."""
+def test_clock_correction_below_a_second(by_s: float) -> None:
+    """The samples stay consecutive, stale ones are flagged, and the state recovers."""
     readings = [*in_order(drive(4.0)), *shifted(in_order(drive(6.0, begin_s=4.0)), by_s)]
     samples = align_samples(readings)
     assert_grid(samples)
@@ -199,8 +199,8 @@ def test_a_clock_that_is_set_right_by_less_than_a_second(by_s: float) -> None:
 
 
 @pytest.mark.parametrize("source", STANDARD_SOURCES)
-def test_one_reading_from_the_near_future(source: Source) -> None:
-    """Half a second ahead: too near to be held for a stray. Ticks up to it are flagged."""
+def test_single_stamp_half_a_second_ahead(source: Source) -> None:
+    """Too close to count as implausible. Samples up to it are flagged."""
     readings = in_order(drive(8.0))
     index = next(
         k for k, r in enumerate(readings) if r.source is source and r.stamp_ns > START_NS + 3 * S
@@ -212,18 +212,18 @@ def test_one_reading_from_the_near_future(source: Source) -> None:
     assert flags(between(samples, 4.0, 7.9)) == {0}
     assert np.abs(errors(between(samples, 4.0, 7.9))).max() < 0.02
     assert aligner.counts["late"] > 20
-    # No more wrong than half a second's change, and only while the reading holds.
+    # The error is at most the change within half a second, and only while the reading is used.
     wrong = np.abs(errors([s for s in between(samples, 0.5, 4.0) if s.learnable]))
     assert wrong.max() < 0.7
     assert (wrong.max(axis=1) > 0.02).sum() <= 3
 
 
-def test_readings_too_late_are_counted_and_serve_what_comes() -> None:
+def test_late_readings_are_counted_and_used_for_later_samples() -> None:
     readings = in_order(drive(5.0))
-    slow = [r for r in readings if r.source is Source.ODOMETRY]
-    rest = [r for r in readings if r.source is not Source.ODOMETRY]
+    delayed = [r for r in readings if r.source is Source.ODOMETRY]
+    others = [r for r in readings if r.source is not Source.ODOMETRY]
     events = sorted(
-        [(r.stamp_ns, r) for r in rest] + [(r.stamp_ns + 120_000_000, r) for r in slow],
+        [(r.stamp_ns, r) for r in others] + [(r.stamp_ns + 120_000_000, r) for r in delayed],
         key=lambda event: event[0],
     )
     aligner = Aligner()
@@ -231,7 +231,7 @@ def test_readings_too_late_are_counted_and_serve_what_comes() -> None:
     assert_grid(samples)
     assert aligner.counts["late"] > 200
     assert "duplicate" not in aligner.counts
-    # A state is still there: dead reckoning over what the delay is longer than the wait.
+    # The state is dead-reckoned over the part of the delay beyond the wait.
     assert np.abs(errors(between(samples, 1.0, 4.9))).max() < 0.02
 
 
@@ -252,14 +252,14 @@ def test_out_of_order_within_a_stream() -> None:
 def freeze(
     readings: list[Reading], source: Source, after_s: float, until_s: float
 ) -> list[Reading]:
-    """From one moment to another `source` repeats what it said last."""
+    """Return the readings with `source` repeating its values in a time interval."""
     low, high = START_NS + after_s * S, START_NS + until_s * S
     result: list[Reading] = []
-    stuck: tuple[float, ...] | None = None
+    repeated: tuple[float, ...] | None = None
     for reading in readings:
         frozen = reading.source is source and low <= reading.stamp_ns < high
-        stuck = (stuck or reading.values) if frozen else stuck
-        result.append(reading._replace(values=stuck) if frozen and stuck else reading)
+        repeated = (repeated or reading.values) if frozen else repeated
+        result.append(reading._replace(values=repeated) if frozen and repeated else reading)
     return result
 
 
@@ -274,7 +274,7 @@ def test_frozen_odometry() -> None:
 
 
 def test_frozen_imu() -> None:
-    """The state then comes from odometry alone."""
+    """The state then comes from odometry only."""
     samples = align_samples(freeze(in_order(drive(9.0)), Source.IMU, 3.0, 6.0))
     assert_grid(samples)
     frozen = between(samples, 4.1, 6.0)
@@ -285,12 +285,12 @@ def test_frozen_imu() -> None:
     assert flags(between(samples, 6.05, 8.9)) == {0}
 
 
-def test_a_command_may_be_held_for_ever() -> None:
+def test_constant_command_is_not_frozen() -> None:
     samples = align_samples(freeze(in_order(drive(9.0)), Source.COMMAND, 3.0, 9.0))
     assert flags(samples[1:]) == {0}
 
 
-def test_a_vehicle_at_rest_may_say_the_same_for_ever() -> None:
+def test_standing_vehicle_is_not_frozen() -> None:
     still = [r._replace(values=(0.0,) * len(r.values)) for r in in_order(drive(6.0))]
     samples = align_samples(still)
     assert flags(samples[1:]) == {0}
@@ -303,14 +303,14 @@ def test_frozen_check_can_be_switched_off() -> None:
     assert flags([s for r in readings for s in aligner.push(r)][1:]) == {0}
 
 
-def test_no_command_ever_no_grid_and_no_growth() -> None:
+def test_memory_is_bounded_without_commands() -> None:
     aligner = Aligner()
     for reading in in_order(drive(60.0, 100, 20, 0)):
         assert aligner.push(reading) == []
     assert max(len(stream.stamps) for stream in aligner.streams) <= 102
 
 
-def test_memory_stays_flat() -> None:
+def test_memory_is_bounded() -> None:
     aligner = Aligner()
     for reading in in_order(drive(30.0, 200, 50, 40)):
         aligner.push(reading)
@@ -328,11 +328,11 @@ FAULTS = st.lists(
 
 @settings(max_examples=60)
 @given(FAULTS)
-def test_whatever_happens_the_grid_stays_a_grid(faults: list[tuple[int, str]]) -> None:
-    """Time only goes back at a RESTART; states are finite or flagged; soon after, all is well."""
+def test_random_faults_keep_the_samples_consistent(faults: list[tuple[int, str]]) -> None:
+    """Time goes back only at a RESTART; states are finite or flagged; the state recovers."""
     readings = in_order(drive(2.0))
-    for wanted, kind in faults:
-        index = min(wanted, len(readings) - 2)
+    for position, kind in faults:
+        index = min(position, len(readings) - 2)
         reading = readings[index]
         if kind == "drop":
             del readings[index]
@@ -351,8 +351,8 @@ def test_whatever_happens_the_grid_stays_a_grid(faults: list[tuple[int, str]]) -
         readings = readings[:3000]
     aligner = Aligner()
     last: Sample | None = None
-    well = shifted(in_order(drive(4.0)), 50.0)
-    for reading in [*readings, *well]:
+    valid = shifted(in_order(drive(4.0)), 50.0)
+    for reading in [*readings, *valid]:
         for sample in aligner.push(reading):
             assert sample.stamp_ns % TICK_NS == 0
             if last is not None and not sample.flags & Flag.RESTART:
@@ -363,4 +363,4 @@ def test_whatever_happens_the_grid_stays_a_grid(faults: list[tuple[int, str]]) -
             last = sample
     assert last is not None
     assert last.flags == 0
-    assert last.stamp_ns > well[-1].stamp_ns - 100_000_000
+    assert last.stamp_ns > valid[-1].stamp_ns - 100_000_000

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which stamps are believed: a stray one, a clock that jumps, two clocks at once."""
+"""Time stamps: single implausible ones, clock jumps, two alternating clocks."""
 
 import pytest
 from hypothesis import given
@@ -19,7 +19,7 @@ def at(time_s: float) -> Reading:
 
 def verdicts(guard: ClockGuard, *times_s: float) -> list[tuple[StampVerdict, int]]:
     results = [guard.check_stamp(at(time_s)) for time_s in times_s]
-    return [(verdict, len(others)) for verdict, others in results]
+    return [(verdict, len(resolved)) for verdict, resolved in results]
 
 
 def test_ordinary_readings() -> None:
@@ -29,26 +29,28 @@ def test_ordinary_readings() -> None:
     assert guard.newest_ns == round(100.9 * S)
 
 
-@pytest.mark.parametrize("stray", [4000.0, 101.01, 98.9, 1e-9, 9.2e9])
-def test_a_stray_stamp_is_counted_when_time_goes_on(stray: float) -> None:
+@pytest.mark.parametrize("outlier", [4000.0, 101.01, 98.9, 1e-9, 9.2e9])
+def test_implausible_stamp_is_counted_when_time_continues(outlier: float) -> None:
     guard = ClockGuard()
-    assert verdicts(guard, 100.0, stray, 100.1) == [(ACCEPT, 0), (HOLD, 0), (ACCEPT, 1)]
+    assert verdicts(guard, 100.0, outlier, 100.1) == [(ACCEPT, 0), (HOLD, 0), (ACCEPT, 1)]
     assert guard.newest_ns == round(100.1 * S)
-    assert guard.held == []
+    assert guard.pending == []
 
 
 @pytest.mark.parametrize("new", [3.0, 98.5, 101.5, 1e6])
-def test_three_that_agree_are_a_jump(new: float) -> None:
+def test_three_consistent_stamps_are_a_jump(new: float) -> None:
     guard = ClockGuard()
     assert verdicts(guard, 100.0, new, new + 0.01) == [(ACCEPT, 0), (HOLD, 0), (HOLD, 0)]
-    verdict, freed = guard.check_stamp(at(new + 0.005))
+    verdict, resolved = guard.check_stamp(at(new + 0.005))
     assert verdict is JUMP
-    assert [r.stamp_ns for r in freed] == [at(t).stamp_ns for t in (new, new + 0.01, new + 0.005)]
+    assert [r.stamp_ns for r in resolved] == [
+        at(t).stamp_ns for t in (new, new + 0.01, new + 0.005)
+    ]
     assert guard.newest_ns == at(new + 0.01).stamp_ns
     assert verdicts(guard, new + 0.02) == [(ACCEPT, 0)]
 
 
-def test_strays_that_disagree_with_each_other_are_no_jump() -> None:
+def test_inconsistent_stamps_are_no_jump() -> None:
     guard = ClockGuard()
     assert verdicts(guard, 100.0, 500.0, 900.0, 3.0, 700.0) == [
         (ACCEPT, 0), (HOLD, 0), (HOLD, 1), (HOLD, 1), (HOLD, 1)
@@ -56,20 +58,20 @@ def test_strays_that_disagree_with_each_other_are_no_jump() -> None:
     assert verdicts(guard, 100.1) == [(ACCEPT, 1)]
 
 
-def test_two_clocks_in_turn_the_first_one_wins() -> None:
+def test_first_of_two_alternating_clocks_is_used() -> None:
     guard = ClockGuard()
     found = verdicts(guard, *(t for k in range(50) for t in (100 + 0.01 * k, 9000 + 0.01 * k)))
     assert [verdict for verdict, _ in found] == [ACCEPT, HOLD] * 50
     assert sum(count for _, count in found) == 49
 
 
-def test_when_the_first_clock_dies_the_second_takes_over() -> None:
+def test_second_clock_is_used_when_the_first_one_ends() -> None:
     guard = ClockGuard()
     verdicts(guard, 100.0, 9000.0, 100.01)
     assert [v for v, _ in verdicts(guard, 9000.02, 9000.03, 9000.04)] == [HOLD, HOLD, JUMP]
 
 
-def test_a_clock_that_jumps_to_and_fro() -> None:
+def test_clock_that_jumps_repeatedly() -> None:
     guard = ClockGuard()
     verdicts(guard, 100.0)
     for begin in (50.0, 100.0, 50.0, 7.0):
@@ -78,19 +80,19 @@ def test_a_clock_that_jumps_to_and_fro() -> None:
         ]  # fmt: skip
 
 
-def test_a_stray_first_stamp_is_overruled() -> None:
+def test_implausible_first_stamp_is_corrected() -> None:
     guard = ClockGuard()
     assert [v for v, _ in verdicts(guard, 9e6, 100.0, 100.01, 100.02, 100.03)] == [
         ACCEPT, HOLD, HOLD, JUMP, ACCEPT
     ]  # fmt: skip
 
 
-def test_reset_believes_the_next_stamp() -> None:
+def test_reset_accepts_the_next_stamp() -> None:
     guard = ClockGuard()
     verdicts(guard, 100.0, 5.0)
     guard.reset()
     assert guard.newest_ns is None
-    assert guard.held == []
+    assert guard.pending == []
     assert verdicts(guard, 3.0) == [(ACCEPT, 0)]
 
 
@@ -101,12 +103,12 @@ def test_jump_s_is_the_limit() -> None:
 
 @given(st.lists(st.integers(1, 2**62), max_size=60))
 def test_no_reading_is_lost_or_counted_twice(stamps: list[int]) -> None:
-    """Each is accepted, or comes back in just one of the lists, or is still held."""
+    """Each reading is accepted, returned exactly once, or pending."""
     guard = ClockGuard()
     accepted = returned = 0
     for number, stamp_ns in enumerate(stamps, start=1):
-        verdict, others = guard.check_stamp(Reading(Source.IMU, stamp_ns, (0.0, 0.0, 0.0)))
+        verdict, resolved = guard.check_stamp(Reading(Source.IMU, stamp_ns, (0.0, 0.0, 0.0)))
         accepted += verdict is ACCEPT
-        returned += len(others)
-        assert accepted + returned + len(guard.held) == number
-        assert len(guard.held) < 3
+        returned += len(resolved)
+        assert accepted + returned + len(guard.pending) == number
+        assert len(guard.pending) < 3

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Units and signs given by mistake are named; sound data and too little data are left in peace."""
+"""Wrong units and signs are reported; correct data and too little data give no warning."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -16,7 +16,7 @@ Change = Callable[[Reading], Reading]
 
 
 def imu(a_x: float = 1.0, a_y: float = 1.0, rate: float = 1.0) -> Change:
-    """Scale what the IMU says."""
+    """Return a change that scales the IMU values."""
 
     def change(reading: Reading) -> Reading:
         if reading.source is not Source.IMU:
@@ -37,7 +37,7 @@ def found(readings: Iterable[Reading], plausibility: Plausibility | None = None)
 
 
 @pytest.mark.parametrize("rates", [(200, 50, 40), (50, 10, 5), (1000, 200, 200)], ids=str)
-def test_sound_data(rates: tuple[int, int, int]) -> None:
+def test_correct_data(rates: tuple[int, int, int]) -> None:
     assert found(in_order(drive(30.0, *rates, noise=0.02))) == []
 
 
@@ -45,21 +45,21 @@ def test_sound_data(rates: tuple[int, int, int]) -> None:
     ("change", "words"),
     [
         (imu(rate=180.0 / math.pi), ["57 times odometry's", "deg/s", "rad/s"]),
-        (imu(1 / 9.80665, 1 / 9.80665), ["looks like g", "m/s^2"]),
+        (imu(1 / 9.80665, 1 / 9.80665), ["looks like g", "m/s²"]),
         (imu(rate=-1.0), ["yaw rate has the opposite sign", "imu_rotation", "z must point up"]),
         (imu(a_y=-1.0), ["points out of the bend", "imu_rotation", "y must point left"]),
     ],
     ids=["deg/s", "g", "z down", "y right"],
 )
-def test_one_mistake(change: Change, words: list[str]) -> None:
+def test_one_fault(change: Change, words: list[str]) -> None:
     warnings = found(map(change, in_order(drive(30.0, noise=0.02))))
     assert len(warnings) == 1
     assert all(word in warnings[0] for word in words)
     assert "\n" not in warnings[0]
 
 
-def test_two_mistakes_at_once() -> None:
-    """A driver that reports g and deg/s; and an IMU upside down turns both signs."""
+def test_two_faults_at_once() -> None:
+    """A driver that reports g and deg/s; an upside-down IMU with both signs flipped."""
     readings = in_order(drive(30.0))
     both = found(map(imu(1 / 9.80665, 1 / 9.80665, 180.0 / math.pi), readings))
     assert ["deg/s" in both[0], "looks like g" in both[1]] == [True, True]
@@ -67,7 +67,7 @@ def test_two_mistakes_at_once() -> None:
     assert ["opposite sign" in turned[0], "out of the bend" in turned[1]] == [True, True]
 
 
-def test_too_little_to_tell() -> None:
+def test_too_little_data() -> None:
     wrong = imu(0.1, -0.1, 57.3)
     readings = in_order(drive(60.0))
     assert found([]) == []
@@ -92,8 +92,8 @@ def test_without_imu() -> None:
     assert found(in_order(drive(20.0, 0))) == []
 
 
-def test_a_yaw_rate_that_odometry_does_not_report() -> None:
-    """Some odometry leaves it zero: nothing to compare with, nothing to warn of."""
+def test_odometry_without_yaw_rate() -> None:
+    """Some odometry reports zero: there is nothing to compare."""
     readings = [
         r._replace(values=(*r.values[:2], 0.0)) if r.source is Source.ODOMETRY else r
         for r in in_order(drive(30.0))
@@ -101,7 +101,7 @@ def test_a_yaw_rate_that_odometry_does_not_report() -> None:
     assert found(readings) == []
 
 
-def test_a_mistake_put_right_is_forgotten() -> None:
+def test_warning_ends_when_the_fault_is_fixed() -> None:
     plausibility = Plausibility()
     found(map(imu(rate=-1.0), in_order(drive(15.0))), plausibility)
     assert plausibility.warnings()
@@ -109,8 +109,8 @@ def test_a_mistake_put_right_is_forgotten() -> None:
     assert plausibility.warnings() == []
 
 
-def test_a_mistake_that_comes_late_is_found() -> None:
-    """Two minutes count, not all that was ever seen."""
+def test_late_fault_is_found() -> None:
+    """The memory is about two minutes, not the whole recording."""
     plausibility, aligner = Plausibility(), Aligner()
     wrong = imu(rate=-1.0)
     for reading in plausibility.watch(

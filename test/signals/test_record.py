@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A whole drive as arrays: the fold of the causal samples, and the measurement with hindsight."""
+"""Records: the causal samples as arrays, and the non-causal reference measurement."""
 
 import numpy as np
 import pytest
@@ -28,21 +28,21 @@ def ticks(after_s: float, until_s: float) -> IntArray:
 
 
 def linear(source: Source, stamps: np.ndarray) -> list[Reading]:
-    """A stream on straight lines: 1 + t, 2 - 3 t, 0.1 + 0.2 t."""
+    """Return a stream on straight lines: 1 + t, 2 - 3 t, 0.1 + 0.2 t."""
     return [
         Reading(source, int(t), (1.0 + s, 2.0 - 3.0 * s, 0.1 + 0.2 * s))
         for t, s in ((t, (t - START_NS) * 1e-9) for t in stamps)
     ]
 
 
-def test_columns_are_the_aligners_samples() -> None:
+def test_columns_equal_the_samples() -> None:
     readings = arriving(drive(5.0, noise=0.01), 5, 0.02)
     samples = align_samples(readings)
     counts: dict[str, int] = {}
     watched = []
-    record = build_record(readings, "drive", counts, watched.append)
+    record = build_record(readings, "town", counts, watched.append)
     assert watched == samples
-    assert record.name == "drive"
+    assert record.name == "town"
     assert len(record) == len(samples)
     assert record.duration_s == pytest.approx(len(samples) * 0.025)
     assert record.stamp_ns.tolist() == [s.stamp_ns for s in samples]
@@ -57,7 +57,7 @@ def test_columns_are_the_aligners_samples() -> None:
 @pytest.mark.parametrize("rate_hz", [5, 10, 33, 50, 80, 97, 100, 200, 400, 1000])
 @pytest.mark.parametrize("jitter", [0.0, 0.2])
 def test_reference_is_exact_on_straight_lines(rate_hz: int, jitter: float) -> None:
-    """At any phase: the mean over a tick would be off by half a period's change."""
+    """At any phase; the mean over a tick would be biased by the change in half a period."""
     random = np.random.default_rng(rate_hz)
     for phase in np.linspace(0.0, 1.0, 13):
         offsets = np.arange(4 * rate_hz) + phase + jitter * random.uniform(-1, 1, 4 * rate_hz)
@@ -70,7 +70,7 @@ def test_reference_is_exact_on_straight_lines(rate_hz: int, jitter: float) -> No
 
 
 @pytest.mark.parametrize("rate_hz", [5, 50, 200, 1000])
-def test_reference_is_nothing_beyond_the_readings(rate_hz: int) -> None:
+def test_reference_is_nan_beyond_the_readings(rate_hz: int) -> None:
     stamps = START_NS + S + np.arange(rate_hz) * (S // rate_hz)
     at = ticks(0.0, 3.0)
     found = reference(at, linear(Source.ODOMETRY, stamps))
@@ -81,21 +81,23 @@ def test_reference_is_nothing_beyond_the_readings(rate_hz: int) -> None:
 
 @pytest.mark.parametrize("rate_hz", [50, 200, 1000])
 def test_reference_over_a_gap(rate_hz: int) -> None:
-    """A tenth of a second is bridged, half a second is not."""
+    """A gap of 0.1 s is interpolated, a gap of 0.5 s is not."""
     stamps = START_NS + np.arange(4 * rate_hz) * (S // rate_hz)
     at = ticks(0.1, 3.9)
     t = (at - START_NS) * 1e-9
-    for gap_s, bridged in ((0.1, True), (0.5, False)):
-        kept = stamps[(stamps < START_NS + 2 * S) | (stamps > START_NS + round((2 + gap_s) * S))]
-        found = reference(at, linear(Source.ODOMETRY, kept))
+    for gap_s, interpolated in ((0.1, True), (0.5, False)):
+        remaining = stamps[
+            (stamps < START_NS + 2 * S) | (stamps > START_NS + round((2 + gap_s) * S))
+        ]
+        found = reference(at, linear(Source.ODOMETRY, remaining))
         inside = (t > 2.02) & (t < 2.0 + gap_s - 0.02)
-        assert np.isfinite(found[inside]).all() == bridged
-        assert np.isnan(found[inside]).all() != bridged
+        assert np.isfinite(found[inside]).all() == interpolated
+        assert np.isnan(found[inside]).all() != interpolated
         outside = (t < 1.97) | (t > 2.03 + gap_s)
         np.testing.assert_allclose(found[outside, 0], 1.0 + t[outside], atol=1e-8)
 
 
-def test_reference_takes_the_yaw_rate_from_the_gyro_where_there_is_one() -> None:
+def test_reference_yaw_rate_is_from_the_gyro_if_available() -> None:
     slow = START_NS + np.arange(40) * (S // 10)
     fast = START_NS + S + np.arange(200) * (S // 200)
     odometry = [r._replace(values=(1.0, 2.0, 0.5)) for r in linear(Source.ODOMETRY, slow)]
@@ -108,7 +110,7 @@ def test_reference_takes_the_yaw_rate_from_the_gyro_where_there_is_one() -> None
     assert found[(at < fast[0] - TICK_NS) | (at > fast[-1] + TICK_NS), 2] == pytest.approx(0.5)
 
 
-def test_reference_of_too_little() -> None:
+def test_reference_of_too_few_readings() -> None:
     at = ticks(0.0, 1.0)
     one = linear(Source.ODOMETRY, np.array([START_NS]))
     for readings in ([], one, one * 3):
@@ -127,8 +129,8 @@ def test_reference_smooths_a_fast_noisy_stream() -> None:
     assert np.std(found) == pytest.approx(5**-0.5, rel=0.12)
 
 
-def test_readings_bunched_together_do_not_make_the_reference_explode() -> None:
-    """Pairs a tenth of a millisecond apart, each with noise: no slope is read from a pair."""
+def test_reference_is_robust_against_readings_at_one_instant() -> None:
+    """Noisy pairs 0.1 ms apart: no slope is computed from a pair."""
     random = np.random.default_rng(0)
     stamps = (START_NS + np.arange(200)[:, None] * 20_000_000 + [0, 100_000]).ravel()
     readings = [
@@ -139,7 +141,7 @@ def test_readings_bunched_together_do_not_make_the_reference_explode() -> None:
     assert np.abs(found - 10.0).max() < 0.06
 
 
-def test_of_duplicates_the_first_counts_as_in_the_samples() -> None:
+def test_first_of_duplicates_is_used() -> None:
     readings = in_order(drive(3.0))
     doubled = [d for r in readings for d in (r, r._replace(values=tuple(-v for v in r.values)))]
     one, other = build_record(readings), build_record(doubled)
@@ -150,14 +152,14 @@ def test_of_duplicates_the_first_counts_as_in_the_samples() -> None:
 @pytest.mark.parametrize(
     "rates", [(200, 50, 40), (0, 50, 40), (1000, 10, 5), (50, 200, 200)], ids=str
 )
-def test_reference_is_closer_to_the_truth_than_the_state(rates: tuple[int, int, int]) -> None:
+def test_reference_is_more_accurate_than_the_state(rates: tuple[int, int, int]) -> None:
     record = build_record(in_order(drive(20.0, *rates, noise=0.01)))
     known = np.isfinite(record.x_ref).all(axis=1)
     assert known[5:-10].all()
-    wrong = np.std((record.x_ref - truth(record))[known][40:], axis=0)
-    ours = np.std((record.x - truth(record))[known][40:], axis=0)
-    assert (wrong < ours * 1.02).all()
-    assert (wrong < 0.013).all()
+    reference_error = np.std((record.x_ref - truth(record))[known][40:], axis=0)
+    state_error = np.std((record.x - truth(record))[known][40:], axis=0)
+    assert (reference_error < state_error * 1.02).all()
+    assert (reference_error < 0.013).all()
 
 
 def test_gap_in_odometry() -> None:
@@ -165,14 +167,14 @@ def test_gap_in_odometry() -> None:
     t = np.array([seconds(s) for s in align_samples(in_order(drive(8.0, 0)))])[: len(record)]
     assert np.isnan(record.x_ref[(t > 3.05) & (t < 4.95)]).all()
     assert np.isfinite(record.x_ref[(t < 2.9) | ((t > 5.05) & (t < 7.9))]).all()
-    # The grid goes on, so it is one episode; what cannot be learned from is flagged.
+    # The samples continue, so it is one episode; samples without a state are flagged.
     assert set(record.episode) == {0}
     assert not record.learnable[(t > 3.15) & (t < 4.95)].any()
 
 
 @pytest.mark.parametrize("by_s", [-1000.0, -3.0, 3.0, 1000.0])
 def test_epochs_do_not_mix(by_s: float) -> None:
-    """After a jump of the clock a stretch may overlap with another in stamps, never in values."""
+    """After a clock jump, stamps of two segments may overlap, but their values do not mix."""
     first = in_order(drive(4.0))
     second = [
         r._replace(stamp_ns=r.stamp_ns + round(by_s * S), values=tuple(v + 7.0 for v in r.values))
@@ -188,11 +190,11 @@ def test_epochs_do_not_mix(by_s: float) -> None:
     np.testing.assert_array_equal(record.x[begin:], alone.x)
 
 
-def test_stray_readings_are_in_no_reference() -> None:
+def test_implausible_stamps_do_not_affect_the_reference() -> None:
     readings = in_order(drive(4.0))
-    stray = readings[300]._replace(stamp_ns=readings[300].stamp_ns + 10**12, values=(99.0,) * 3)
+    outlier = readings[300]._replace(stamp_ns=readings[300].stamp_ns + 10**12, values=(99.0,) * 3)
     counts: dict[str, int] = {}
-    record = build_record([*readings[:300], stray, *readings[300:]], aligner_counts=counts)
+    record = build_record([*readings[:300], outlier, *readings[300:]], aligner_counts=counts)
     np.testing.assert_array_equal(record.x_ref, build_record(readings).x_ref)
     assert counts == {"stray stamp": 1}
 
@@ -206,13 +208,13 @@ def test_stray_readings_are_in_no_reference() -> None:
         ((0, 0, 0), "town has no usable odometry and no command messages"),
     ],
 )
-def test_a_stream_is_missing(rates: tuple[int, int, int], reason: str) -> None:
+def test_missing_stream(rates: tuple[int, int, int], reason: str) -> None:
     with pytest.raises(DataError, match=reason):
         build_record(in_order(drive(2.0, *rates)), "town")
 
 
 def test_too_short() -> None:
-    with pytest.raises(DataError, match="the drive is too short"):
+    with pytest.raises(DataError, match="the recording is too short"):
         build_record(in_order(drive(0.02, 0, 50, 50)))
 
 
@@ -227,7 +229,7 @@ def test_rows() -> None:
 
 @given(st.integers(1, 400))
 def test_batch_equals_incremental(cut: int) -> None:
-    """However the readings are handed over, push by push or as a whole."""
+    """One call or several calls give the same samples."""
     readings = in_order(drive(1.5, noise=0.01))
     aligner = Aligner()
     samples = align_samples(readings[:cut], aligner) + align_samples(readings[cut:], aligner)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Naive predictors against closed forms, what may be scored, and how scores add up."""
+"""Model-free baselines compared with closed forms, scorable rows, pooling of scores."""
 
 import math
 from dataclasses import replace
@@ -23,9 +23,9 @@ from adk_ros.signals.score import (
     imu_integration,
     linear_extrapolation,
     naive_predictions,
-    noise_floor,
     persistence,
     pool,
+    reference_noise,
     scorable_rows,
     score,
 )
@@ -56,7 +56,7 @@ def test_persistence() -> None:
         np.testing.assert_array_equal(predicted[:, step], record.x[rows])
 
 
-def test_straight_line_is_exact_on_one() -> None:
+def test_linear_extrapolation_is_exact_on_a_straight_line() -> None:
     k = np.arange(100.0)[:, None]
     record = record_of(np.array([[1.0, -2.0, 0.1]]) + k * np.array([[0.3, 0.01, -0.02]]))
     rows = np.array([1, 50])
@@ -66,7 +66,7 @@ def test_straight_line_is_exact_on_one() -> None:
 
 
 def integrate(v: FloatArray, a: FloatArray, rate: float, seconds: float) -> FloatArray:
-    """Runge-Kutta in very small steps."""
+    """Integrate by Runge-Kutta with small steps."""
 
     def slope(now: FloatArray) -> FloatArray:
         return np.array([a[0] + rate * now[1], a[1] - rate * now[0]])
@@ -98,8 +98,8 @@ def test_imu_integration_is_exact_for_constant_force_and_yaw_rate(
         np.testing.assert_allclose(predicted[steps - 1], [*exact, rate], atol=1e-7)
 
 
-def test_imu_integration_when_the_vehicle_goes_round_in_a_circle() -> None:
-    """Centripetal force alone: in its own frame the velocity does not change."""
+def test_imu_integration_on_a_circle() -> None:
+    """Centripetal force only: the velocity in the body frame is constant."""
     record = record_of(np.tile([20.0, 0.0, 0.5], (2, 1)), np.tile([0.0, 10.0], (2, 1)))
     predicted = imu_integration(record, np.array([0, 1]), 400)
     np.testing.assert_allclose(predicted, np.tile([20.0, 0.0, 0.5], (2, 400, 1)), atol=1e-9)
@@ -110,14 +110,14 @@ def test_naive_predictors_of_a_record_without_imu() -> None:
     assert list(naive_predictions(record, rows, 3)) == [
         "persistence", "straight line", "IMU integration"
     ]  # fmt: skip
-    lacking = replace(record, a=record.a.copy())
-    lacking.a[50, 1] = np.nan
-    assert list(naive_predictions(lacking, rows, 3)) == ["persistence", "straight line"]
-    assert len(naive_predictions(lacking, rows[rows > 50], 3)) == 3
+    incomplete = replace(record, a=record.a.copy())
+    incomplete.a[50, 1] = np.nan
+    assert list(naive_predictions(incomplete, rows, 3)) == ["persistence", "straight line"]
+    assert len(naive_predictions(incomplete, rows[rows > 50], 3)) == 3
 
 
 def allowed(record: Record, row: int, history: int, ahead: int) -> bool:
-    """Spelt out from the docstring."""
+    """Return whether a row is scorable, by the definition in the docstring."""
     if row - history < 0 or row + ahead >= len(record):
         return False
     past = slice(row - history, row + 1)
@@ -140,8 +140,8 @@ def test_starts(seed: int, history: int, ahead: int, n: int) -> None:
     for column in (record.x, record.x_ref, record.u):
         column[random.random(n) < 0.03] = np.nan
     kinds = [int(Flag.COASTING), int(Flag.FROZEN), int(Flag.COMMAND_STALE), int(Flag.NO_IMU)]
-    spoilt = random.random(n) < 0.05
-    record.flags[spoilt] = random.choice(kinds, int(spoilt.sum()))
+    flagged = random.random(n) < 0.05
+    record.flags[flagged] = random.choice(kinds, int(flagged.sum()))
     expected = [row for row in range(n) if allowed(record, row, history, ahead)]
     assert scorable_rows(record, history, ahead).tolist() == expected
     assert scorable_rows(record, history, ahead, stride=3).tolist() == expected[::3]
@@ -161,7 +161,7 @@ def test_score_of_known_errors() -> None:
     np.testing.assert_allclose(result.worst, [[4.0, 0.0, 1.0], [0.0, 2.0, 0.0]])
 
 
-def test_score_is_against_the_measurement_at_the_right_step() -> None:
+def test_score_uses_the_measurement_at_the_predicted_step() -> None:
     k = np.arange(200.0)
     record = record_of(np.stack([k, k**2, np.sin(k)], axis=1))
     rows = np.arange(3, 100)
@@ -173,7 +173,7 @@ def test_score_is_against_the_measurement_at_the_right_step() -> None:
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e5, -1e300])
-def test_diverged_predictions_are_a_score(bad: float) -> None:
+def test_diverged_predictions_are_scored(bad: float) -> None:
     record = record_of(np.zeros((100, 3)))
     predicted = np.zeros((4, 80, 3))
     predicted[0, 79, 0] = predicted[0, 79, 1] = predicted[2, 9, 2] = bad
@@ -194,7 +194,7 @@ def test_pool_is_the_score_over_all_starts(seed: int, counts: list[int]) -> None
     predicted[random.random(len(rows)) < 0.1] = np.inf
     edges = np.cumsum([0, *counts])
     if not sum(counts):
-        with pytest.raises(ValueError, match="nothing was scored"):
+        with pytest.raises(ValueError, match="no table has a scored start"):
             pool([])
         return
     parts = [
@@ -208,31 +208,31 @@ def test_pool_is_the_score_over_all_starts(seed: int, counts: list[int]) -> None
     assert (pooled.count, pooled.diverged) == (joint.count, joint.diverged)
 
 
-def test_pool_of_nothing() -> None:
+def test_pool_of_empty_tables() -> None:
     empty = ErrorTable((1,), np.full((1, 3), np.nan), np.full((1, 3), np.nan), 0, 0)
-    with pytest.raises(ValueError, match="nothing was scored"):
+    with pytest.raises(ValueError, match="no table has a scored start"):
         pool([empty])
 
 
-def test_noise_floor_recovers_a_known_deviation() -> None:
+def test_reference_noise_recovers_a_known_standard_deviation() -> None:
     random = np.random.default_rng(0)
     t = np.arange(8000)[:, None] * TICK_S
     sigma = np.array([0.02, 0.003, 0.001])
     smooth = np.sin(t * [0.5, 1.0, 2.0]) * [5.0, 0.3, 0.2]
     record = record_of(smooth + random.normal(size=(8000, 3)) * sigma)
-    np.testing.assert_allclose(noise_floor(record), sigma, rtol=0.08)
-    # A few jerks and gaps are no noise.
+    np.testing.assert_allclose(reference_noise(record), sigma, rtol=0.08)
+    # A few jerks and gaps do not count as noise.
     record.x_ref[::400] += 3.0
     record.x_ref[1000:1100] = np.nan
-    np.testing.assert_allclose(noise_floor(record), sigma, rtol=0.1)
+    np.testing.assert_allclose(reference_noise(record), sigma, rtol=0.1)
 
 
-def test_noise_floor_of_too_little() -> None:
-    assert np.isnan(noise_floor(random_record(12))).all()
-    assert np.isnan(noise_floor(record_of(np.full((500, 3), np.nan)))).all()
+def test_reference_noise_of_too_few_samples() -> None:
+    assert np.isnan(reference_noise(random_record(12))).all()
+    assert np.isnan(reference_noise(record_of(np.full((500, 3), np.nan)))).all()
 
 
-def test_best_naive_cell_by_cell() -> None:
+def test_best_naive_per_step_and_channel() -> None:
     one = ErrorTable((1,), np.array([[1.0, 5.0, 3.0]]), np.zeros((1, 3)), 4, 0)
     two = ErrorTable((1,), np.array([[2.0, 4.0, 3.5]]), np.zeros((1, 3)), 4, 0)
     assert best_naive({"one": one, "two": two}).tolist() == [[1.0, 4.0, 3.0]]

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A measured steering angle takes the place of the commanded one (Autoware's SteeringReport)."""
+"""A measured steering angle replaces the commanded one (Autoware's SteeringReport)."""
 
 from __future__ import annotations
 
@@ -20,54 +20,54 @@ START = 1_000_000 * MS
 
 
 def readings(steering_until_s: float, duration_s: float = 3.0) -> list[Reading]:
-    """Odometry 50 Hz, commands 30 Hz with angle 0.5, measured angle 40 Hz: 0.1 t."""
-    made = []
+    """Return odometry at 50 Hz, commands at 30 Hz (angle 0.5), measured angle 0.1 t at 40 Hz."""
+    items = []
     for k in range(int(duration_s * 50)):
-        made.append(Reading(Source.ODOMETRY, START + 20 * k * MS, (10.0 + 0.01 * k, 0.0, 0.0)))
+        items.append(Reading(Source.ODOMETRY, START + 20 * k * MS, (10.0 + 0.01 * k, 0.0, 0.0)))
     for k in range(int(duration_s * 30)):
-        made.append(Reading(Source.COMMAND, START + 3 * MS + 33 * k * MS, (100.0, 0.5)))
+        items.append(Reading(Source.COMMAND, START + 3 * MS + 33 * k * MS, (100.0, 0.5)))
     for k in range(int(steering_until_s * 40)):
-        made.append(Reading(Source.STEERING, START + 7 * MS + 25 * k * MS, (0.1 * 0.025 * k,)))
-    return sorted(made, key=lambda r: r.stamp_ns)
+        items.append(Reading(Source.STEERING, START + 7 * MS + 25 * k * MS, (0.1 * 0.025 * k,)))
+    return sorted(items, key=lambda r: r.stamp_ns)
 
 
-def fold(items: list[Reading]) -> list[Sample]:
+def aligned(items: list[Reading]) -> list[Sample]:
     aligner = Aligner()
     return [sample for item in items for sample in aligner.push(item)]
 
 
-def test_the_measured_angle_is_used_and_the_torque_kept() -> None:
-    for sample in fold(readings(3.0))[4:]:
+def test_measured_angle_is_used_with_the_commanded_torque() -> None:
+    for sample in aligned(readings(3.0))[4:]:
         since = (sample.stamp_ns - START - 7 * MS) // (25 * MS)
         assert sample.u == (100.0, pytest.approx(0.1 * 0.025 * since))
         assert sample.learnable
 
 
 def test_without_reports_the_commanded_angle_is_used() -> None:
-    assert {sample.u for sample in fold(readings(0.0))} == {(100.0, 0.5)}
+    assert {sample.u for sample in aligned(readings(0.0))} == {(100.0, 0.5)}
 
 
-def test_a_report_that_falls_silent_is_held_and_not_learned_from() -> None:
-    samples = fold(readings(1.0))
+def test_stopped_reports_are_held_and_flagged() -> None:
+    samples = aligned(readings(1.0))
     late = [s for s in samples if s.stamp_ns > START + 1_500 * MS]
     assert late
     assert all(s.flags & Flag.COMMAND_STALE for s in late)
     assert [s.u[1] for s in late] == pytest.approx([0.1 * 0.025 * 39] * len(late))
 
 
-def test_order_of_arrival_does_not_matter() -> None:
+def test_arrival_order_has_no_effect() -> None:
     items = readings(3.0)
     delays = random.Random(3)
     shuffled = sorted(items, key=lambda r: r.stamp_ns + delays.uniform(0.0, 4.0) * MS)
     assert shuffled != items
-    assert fold(shuffled)[4:-8] == fold(items)[4 : len(fold(shuffled)) - 8]
+    assert aligned(shuffled)[4:-8] == aligned(items)[4 : len(aligned(shuffled)) - 8]
 
 
 def autoware(**fields: float) -> SimpleNamespace:
     return SimpleNamespace(stamp=SimpleNamespace(sec=5, nanosec=7), **fields)
 
 
-def test_decoding_a_report() -> None:
+def test_decoding_of_a_report() -> None:
     config = SensorConfig(command_type="autoware_control", mass=1500.0, wheel_radius=0.3)
     decoder = Decoder(config)
     read = decoder.decode(Source.STEERING, autoware(steering_tire_angle=0.2))

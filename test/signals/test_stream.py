@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One stream's recent past: the line, the mean, the period it learns, and what it forgets."""
+"""Recent readings of a stream: extrapolation, mean, period estimate, bounded memory."""
 
 import math
 import random
@@ -17,7 +17,7 @@ BEGIN = 1_700_000_000_000_000_000
 
 
 def filled(stamps_ms: list[float], slope: float = 2.0) -> SampledStream:
-    """Readings on two straight lines, one the other's negative."""
+    """Return a stream of readings on a straight line, and its negative as second channel."""
     stream = SampledStream()
     for ms in stamps_ms:
         value = 1.0 + slope * ms * 1e-3
@@ -29,7 +29,7 @@ def evenly(rate_hz: float, seconds: float = 1.0, phase_ms: float = 0.0) -> list[
     return [phase_ms + 1e3 * k / rate_hz for k in range(round(rate_hz * seconds))]
 
 
-def test_nothing_known() -> None:
+def test_empty_stream() -> None:
     stream = SampledStream()
     assert not stream
     assert stream.at_or_before(BEGIN) is None
@@ -51,8 +51,8 @@ def test_one_reading_is_held() -> None:
 
 @pytest.mark.parametrize("rate_hz", [5, 10, 30, 50, 100, 200, 400, 1000])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.99, 1.4])
-def test_line_is_exact_on_a_straight_line(rate_hz: float, share: float) -> None:
-    """At the newest reading and up to one and a half periods after it: no lag."""
+def test_extrapolation_is_exact_on_a_straight_line(rate_hz: float, share: float) -> None:
+    """At the newest reading and up to 1.5 periods after it: no lag."""
     stamps = evenly(rate_hz, 2.0)
     at_ms = stamps[-1] + share * 1e3 / rate_hz
     assert filled(stamps).extrapolate(BEGIN + round(at_ms * MS)) == pytest.approx(
@@ -61,7 +61,7 @@ def test_line_is_exact_on_a_straight_line(rate_hz: float, share: float) -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [10, 50, 200])
-def test_line_is_not_followed_for_ever(rate_hz: float) -> None:
+def test_extrapolation_is_limited(rate_hz: float) -> None:
     stamps = evenly(rate_hz)
     end = 1.0 + 2e-3 * (stamps[-1] + 1.5e3 / rate_hz)
     for later_ms in (1.5e3 / rate_hz, 500.0, 10_000.0):
@@ -69,7 +69,7 @@ def test_line_is_not_followed_for_ever(rate_hz: float) -> None:
         assert line == pytest.approx((end, -end), abs=1e-6)
 
 
-def test_line_looks_at_no_reading_after_the_instant() -> None:
+def test_extrapolation_uses_no_later_reading() -> None:
     stamps = evenly(200)
     early = [ms for ms in stamps if ms <= 600.0]
     at = BEGIN + 602 * MS
@@ -82,8 +82,8 @@ def test_line_looks_at_no_reading_after_the_instant() -> None:
             assert stream.at_or_before(at) == filled(early).at_or_before(at)
 
 
-def test_line_lets_less_noise_through_than_a_difference_and_as_promised() -> None:
-    """Five readings: 0.6 of one reading's variance at the newest of them."""
+def test_extrapolation_noise_gain() -> None:
+    """Five readings: 0.6 of the variance of one reading at the newest."""
     noise = random.Random(1)
     ends = []
     for _ in range(4000):
@@ -96,23 +96,23 @@ def test_line_lets_less_noise_through_than_a_difference_and_as_promised() -> Non
     assert statistics.pvariance(ends) == pytest.approx(0.6, rel=0.1)
 
 
-def test_readings_bunched_together_tell_no_slope() -> None:
-    """Else two noisy readings a microsecond apart would be followed to anywhere."""
+def test_readings_at_one_instant_determine_no_slope() -> None:
+    """Two noisy readings a microsecond apart would give an arbitrary slope."""
     stream = filled(evenly(50))
-    again = BEGIN + 1300 * MS
-    stream.add(again, (3.0, -3.0))
-    stream.add(again + 1000, (3.1, -3.1))
-    assert stream.extrapolate(again + 12 * MS) == (3.1, -3.1)
+    later = BEGIN + 1300 * MS
+    stream.add(later, (3.0, -3.0))
+    stream.add(later + 1000, (3.1, -3.1))
+    assert stream.extrapolate(later + 12 * MS) == (3.1, -3.1)
 
 
 @given(
     st.lists(st.tuples(st.integers(1, 400 * MS), st.floats(-50, 50)), min_size=1, max_size=60),
     st.integers(0, 400 * MS),
 )
-def test_line_stays_near_the_readings_whatever_their_stamps(
+def test_extrapolation_is_bounded_for_any_stamps(
     steps: list[tuple[int, float]], after_ns: int
 ) -> None:
-    """A line through [-50, 50] reaches at most a few times as far."""
+    """Readings in [-50, 50] give values of at most a few times that."""
     stream, stamp_ns = SampledStream(), BEGIN
     for step_ns, value in steps:
         stamp_ns += step_ns
@@ -122,7 +122,7 @@ def test_line_stays_near_the_readings_whatever_their_stamps(
     assert abs(line[0]) < 50.0 * 20.0
 
 
-def test_mean_over_a_stretch() -> None:
+def test_mean_over_an_interval() -> None:
     stream = filled([0.0, 10.0, 20.0, 30.0])
     at = BEGIN + 30 * MS
     assert stream.mean(BEGIN, at) == pytest.approx((1.04, -1.04))
@@ -132,7 +132,7 @@ def test_mean_over_a_stretch() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [5, 12.5, 50, 200, 1000])
-def test_period_is_learned(rate_hz: float) -> None:
+def test_period_estimate(rate_hz: float) -> None:
     assert filled(evenly(rate_hz, 3.0)).period_ns == pytest.approx(1e9 / rate_hz, rel=1e-3)
     assert filled(evenly(rate_hz, 2.0 / rate_hz)).period_ns == pytest.approx(1e9 / rate_hz)
 
@@ -151,7 +151,7 @@ def test_period_follows_a_change_of_rate(before: float, after: float) -> None:
     assert readings <= 35
 
 
-def test_a_lost_message_hardly_moves_the_period() -> None:
+def test_lost_message_hardly_changes_the_period() -> None:
     stamps = evenly(100)
     del stamps[60]
     stream = filled(stamps[:61])
@@ -159,18 +159,18 @@ def test_a_lost_message_hardly_moves_the_period() -> None:
     assert filled(stamps).period_ns == pytest.approx(10 * MS, rel=0.01)
 
 
-def test_a_long_silence_does_not_spoil_the_period() -> None:
+def test_long_gap_hardly_changes_the_period() -> None:
     stream = filled(evenly(100))
     stream.add(BEGIN + 60_000 * MS, (0.0, 0.0))
     assert stream.period_ns < 12.5 * MS
 
 
-def test_two_readings_at_once_at_the_start_are_outgrown() -> None:
+def test_two_simultaneous_first_readings() -> None:
     stream = filled([0.0, 1e-6, *(200.0 * k for k in range(1, 40))])
     assert stream.period_ns == pytest.approx(200 * MS, rel=0.2)
 
 
-def test_out_of_order_is_put_in_its_place() -> None:
+def test_out_of_order_readings_are_sorted() -> None:
     stamps = evenly(100)
     shuffled = stamps.copy()
     shuffled[40], shuffled[41] = shuffled[41], shuffled[40]
@@ -185,7 +185,7 @@ def test_out_of_order_is_put_in_its_place() -> None:
     assert not stream.has(BEGIN + round(stamps[41] * MS) + 1)
 
 
-def test_a_reading_older_than_all_goes_first() -> None:
+def test_oldest_reading_is_inserted_first() -> None:
     stream = filled([100.0, 110.0, 5.0])
     assert stream.stamps == [BEGIN + ms * MS for ms in (5, 100, 110)]
     known = stream.at_or_before(BEGIN + 50 * MS)
@@ -194,7 +194,7 @@ def test_a_reading_older_than_all_goes_first() -> None:
 
 
 @given(st.permutations(list(range(12))))
-def test_any_order_yields_the_same_readings(order: list[int]) -> None:
+def test_any_order_gives_the_same_readings(order: list[int]) -> None:
     stream = filled([7.0 * k for k in order])
     assert stream.stamps == [BEGIN + 7 * MS * k for k in range(12)]
     for k in range(12):
@@ -204,15 +204,15 @@ def test_any_order_yields_the_same_readings(order: list[int]) -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [5, 100, 1000])
-def test_forgets_what_is_old_but_keeps_half_a_second(rate_hz: float) -> None:
+def test_half_a_second_is_kept(rate_hz: float) -> None:
     stream = filled(evenly(rate_hz, 30.0))
     span = stream.stamps[-1] - stream.stamps[0]
     assert 500 * MS <= span <= 1000 * MS
     assert len(stream.stamps) <= rate_hz * 1.01 + 1
 
 
-def test_keeps_what_held_before_a_silence() -> None:
-    """A tick before the first reading after it must still find the one before."""
+def test_last_reading_before_a_gap_is_kept() -> None:
+    """A tick in the gap still needs the reading before it."""
     stream = filled([0.0, 100.0])
     for ms in (5000.0, 5001.0, 5002.0):
         stream.add(BEGIN + round(ms * MS), (0.0, 0.0))
@@ -223,9 +223,9 @@ def test_keeps_what_held_before_a_silence() -> None:
 
 def test_repeats() -> None:
     stream = SampledStream()
-    said = [1.0, 2.0, 2.0, 2.0, 3.0, 3.0]
+    values = [1.0, 2.0, 2.0, 2.0, 3.0, 3.0]
     repeats = []
-    for k, value in enumerate(said):
+    for k, value in enumerate(values):
         stream.add(BEGIN + 100 * MS * k, (value,))
         known = stream.at_or_before(stream.last_ns)
         assert known is not None
@@ -233,8 +233,8 @@ def test_repeats() -> None:
     assert repeats == [(0, 0.0), (0, 0.0), (1, 0.1), (2, 0.2), (0, 0.0), (1, 0.1)]
 
 
-def test_not_a_number_is_no_repetition() -> None:
-    """An IMU without accelerometer says NaN for ever, and must not look frozen for it."""
+def test_nan_is_no_repetition() -> None:
+    """An IMU without accelerometer reports NaN and is not frozen."""
     stream = SampledStream()
     for k in range(10):
         stream.add(BEGIN + 5 * MS * k, (math.nan, float(k)))
