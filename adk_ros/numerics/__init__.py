@@ -1,3 +1,3 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Numerical building blocks that know nothing of vehicles."""
+"""Numerical building blocks, independent of vehicles."""

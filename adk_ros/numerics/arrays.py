@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Array types."""
+"""Types of numpy arrays in annotations."""
 
 from __future__ import annotations
 

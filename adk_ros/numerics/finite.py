@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Values as JSON takes them."""
+"""Conversion of numpy values to JSON."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 def finite(value: Any) -> Any:
-    """Return a value of plain types, lists and mappings, with None for what is not finite."""
+    """Return the value as plain Python types; NaN and infinity become None (JSON null)."""
     if isinstance(value, dict):
         return {str(key): finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,12 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Compile inner loops with numba, and keep machine code on disk only while its sources are the same.
+Compilation with numba, with a disk cache that sees changes in other files.
 
-Numba watches the file in which a function is defined. What the function calls from other files, and
-the constants that it reads, are compiled into it, so a changed callee would go unnoticed by a cached
-caller. Here a cache entry is therefore keyed by the function's own file, by the keys of all compiled
-functions that it can reach, and by the values of the constants that it names.
+Numba's own cache checks only the file in which a function is defined. Callees and constants from
+other files are compiled into the caller, so that a cached caller would keep an outdated callee.
+Here the key of a cache entry also covers all compiled functions that the function can reach, and
+the values of the constants that they name.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def kernel_key(compiled: Any) -> str:
     """
-    Return the SHA-256 of the sources and constants that a compiled function is made of.
+    Return the SHA-256 of the sources and constants that a compiled function depends on.
 
-    Follows calls to other compiled functions across files, through module attributes as well.
+    Follows calls to other compiled functions across files, also through module attributes.
     """
     digest = hashlib.sha256()
     seen: set[int] = set()
@@ -49,13 +49,13 @@ def kernel_key(compiled: Any) -> str:
             elif not isinstance(value, ModuleType | type) and not callable(value):
                 digest.update(f"{name}={_content(value)!r}".encode())
             elif isinstance(value, type):
-                # Named tuples: their fields decide where a kernel reads.
+                # The fields of a named tuple determine which value a kernel reads.
                 digest.update(f"{name}:{getattr(value, '_fields', '')}".encode())
     return digest.hexdigest()
 
 
 def _content(value: Any) -> Any:
-    # The representation of a long array leaves its middle out.
+    # The repr of a long array omits its middle.
     return value.tobytes() if isinstance(value, np.ndarray) else value
 
 
@@ -65,7 +65,7 @@ def _source_digest(path: str) -> bytes:
 
 
 def _referenced(function: Any) -> dict[str, Any]:
-    """Return the globals and module attributes that a function's code, nested code too, names."""
+    """Return name -> value of the globals and module attributes that a function refers to."""
     names: set[str] = set()
     stack: list[CodeType] = [function.__code__]
     while stack:
@@ -94,10 +94,9 @@ def _referenced(function: Any) -> dict[str, Any]:
 
 def compiler(**options: Any) -> Callable[[Any], Any]:
     """
-    Return a decorator: numba's `njit` with `options`, its machine code kept on disk.
+    Return a decorator: numba's `njit` with `options`, with a keyed disk cache.
 
-    Where numba offers no place for the key, or finds no folder that it may write to, nothing is
-    kept and every process compiles anew.
+    Where numba's cache has no such key, or no folder is writable, every process compiles anew.
     """
 
     def decorate(function: Any) -> Any:
@@ -106,7 +105,7 @@ def compiler(**options: Any) -> Callable[[Any], Any]:
             compiled.enable_caching()
             index = compiled._cache._cache_file
             index.__class__ = _keyed(type(index))  # type: ignore[arg-type]
-            index.__dict__["_own_stamp"] = index.__dict__.pop("_source_stamp")
+            index.__dict__["_file_stamp"] = index.__dict__.pop("_source_stamp")
             index.__dict__["_dispatcher"] = compiled
         except (AttributeError, KeyError, RuntimeError, TypeError):
             compiled = numba.njit(**options)(function)
@@ -118,9 +117,9 @@ def compiler(**options: Any) -> Callable[[Any], Any]:
 @cache
 def _keyed(base: Any) -> type:
     """
-    Return numba's cache index with a stamp that is worked out when the cache is first read.
+    Return numba's cache index with a key that is computed when the cache is first read.
 
-    Not at decoration: a function may call one that is defined below it.
+    Not at decoration, because a function may call one that is defined below it.
     """
 
     class KeyedIndex(base):  # type: ignore[misc]
@@ -128,7 +127,7 @@ def _keyed(base: Any) -> type:
         def _source_stamp(self) -> tuple[Any, str]:
             if "_key" not in self.__dict__:
                 self.__dict__["_key"] = kernel_key(self.__dict__["_dispatcher"])
-            return self.__dict__["_own_stamp"], self.__dict__["_key"]
+            return self.__dict__["_file_stamp"], self.__dict__["_key"]
 
     return KeyedIndex
 
@@ -140,20 +139,20 @@ _inlined = compiler(fastmath={"contract", "reassoc"}, error_model="numpy", inlin
 
 
 def strict_kernel(function: F) -> F:
-    """Compile with IEEE arithmetic: the same result to the last bit on every machine of a kind."""
+    """Compile with IEEE arithmetic: bit-identical results on machines of one architecture."""
     return cast(F, _strict(function))
 
 
 def relaxed_kernel(function: F) -> F:
-    """Compile with sums reordered and divisions by reciprocals: for the surrogate's simulation."""
+    """Compile with reordered sums and reciprocal divisions: for the surrogate's equations."""
     return cast(F, _relaxed(function))
 
 
 def fused_kernel(function: F) -> F:
-    """Compile with sums reordered and fused: for the perceptron, which is float32 anyway."""
+    """Compile with reordered and fused sums: for the encoder network, which is float32."""
     return cast(F, _fused(function))
 
 
 def inlined_kernel(function: F) -> F:
-    """As `fused_kernel`, inlined in its callers: a call with its arrays costs as much as the loop."""
+    """Compile as `fused_kernel`, inlined: a call costs as much as a short loop."""
     return cast(F, _inlined(function))

@@ -1,14 +1,16 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Recordings that no finding can be drawn from: refused in one line, before anything is fitted.
+Checks of a recording before any fit: a recording that cannot be analysed is refused in one line.
 
-What is checked needs no model: lengths, movement, units and signs of the channels against each
-other (yaw rate against heading, v_x against the way driven, specific force against the turning
-car), and whether gravity was taken out of the accelerometer.
+The checks need no model. They compare channels with each other: duration, motion, units and signs
+(yaw rate against heading, v_x against distance travelled, specific force against the change of
+velocity), and whether gravity was removed from the accelerometer.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,39 +22,72 @@ from adk_ros.numerics.constants import GRAVITY
 from adk_ros.numerics.differentiation import savitzky_golay
 
 MIN_DURATION_S = 30.0
-_MIN_SPEED = 2.0
+"""Least duration in which IMU, odometry and commands overlap, s: about half a lap."""
+MIN_MOVING_SPEED = 2.0
+"""Speed above which the vehicle counts as moving, m/s."""
 _MIN_MOVING_SHARE = 0.3
+"""Least share of the recording in which the vehicle moves."""
 _MAX_MASS_RATIO = 2.5
+"""Largest ratio of effective to nominal mass: torque offsets and drag explain smaller ratios."""
 _MAX_STEERING_ANGLE = 1.0
-"""rad, that a hundredth of the drive may exceed: lorries and rally cars stay below."""
+"""Largest 99th percentile of the road-wheel angle, rad: trucks and rally cars stay below it."""
+_PERIOD_S = 0.02
+"""Period of the common grid on which channels are compared, s."""
+_DERIVATIVE_WINDOW_S = 1.02
+"""Smoothing window of signals that are differentiated, or compared with a derivative, s."""
+_MIN_RANGE = 0.05
+"""Least range of a reference signal, SI: below it the manoeuvres do not reveal its sign."""
+_MIN_CORRELATION = 0.5
+"""Correlation above which a channel follows its reference, and below minus which it is flipped."""
+_MAX_FACTOR_LOG = 0.2
+"""Largest log distance of a slope from a unit factor that still identifies the unit: 22 %."""
+_MIN_UNIT_LOG = 0.7
+"""Least log distance of a slope from 1 that counts as a wrong unit: a factor of 2."""
+_DEGREES = 180.0 / np.pi
+_KMH = 3.6
 
 
-def check_recording(evidence: SensorLog) -> None:
+class _Comparison(NamedTuple):
+    """
+    A channel and the reference that it should follow.
+
+    `unit_factor` is the slope that the usual wrong unit causes; zero: only the sign is checked.
+    """
+
+    channel: str
+    reference_name: str
+    reference: FloatArray
+    values: FloatArray
+    unit_factor: float
+
+
+def check_recording(log: SensorLog) -> None:
     """
     Check one recording.
 
-    Raises `DataError`: too short, standing still, wrong units, a flipped sign, no overlap.
+    :raises DataError: the recording is too short or mostly stationary, a unit or a sign is wrong,
+        or a channel is constant.
     """
-    e = evidence
-    begin = max(e.imu_s[0], e.odometry_s[0], e.command_s[0])
-    end = min(e.imu_s[-1], e.odometry_s[-1], e.command_s[-1])
+    begin = max(log.imu_s[0], log.odometry_s[0], log.command_s[0])
+    end = min(log.imu_s[-1], log.odometry_s[-1], log.command_s[-1])
     if end - begin < MIN_DURATION_S:
         raise DataError(
-            f"{e.name}: IMU, odometry and commands overlap for {max(end - begin, 0.0):.1f} s: at "
-            f"least {MIN_DURATION_S:g} s of driving are needed"
+            f"{log.name}: IMU, odometry and commands overlap for {max(end - begin, 0.0):.1f} s; "
+            f"the analysis needs at least {MIN_DURATION_S:g} s of driving"
         )
-    moving = np.abs(e.odometry[:, 0]) > _MIN_SPEED
+    moving = np.abs(log.odometry[:, 0]) > MIN_MOVING_SPEED
     if moving.mean() < _MIN_MOVING_SHARE:
         raise DataError(
-            f"{e.name}: the car stands still, or crawls, for {100 * (1 - moving.mean()):.0f} % of "
-            "the time: record a drive"
+            f"{log.name}: the vehicle is slower than {MIN_MOVING_SPEED:g} m/s for "
+            f"{100 * (1 - moving.mean()):.0f} % of the recording; at most "
+            f"{100 * (1 - _MIN_MOVING_SHARE):.0f} % is allowed: record more driving"
         )
-    _signs(e)
-    _varies(e)
+    _check_signs_and_units(log)
+    _check_variation(log)
 
 
-def _slope(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """Return (slope of y over x through their means, their correlation)."""
+def _regression(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Return (slope of y over x, correlation), both about the means."""
     x, y = x - x.mean(), y - y.mean()
     xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
     if xx <= 0.0 or yy <= 0.0:
@@ -60,119 +95,162 @@ def _slope(x: FloatArray, y: FloatArray) -> tuple[float, float]:
     return xy / xx, xy / np.sqrt(xx * yy)
 
 
-def _signs(e: SensorLog) -> None:
-    at = np.arange(e.odometry_s[0], e.odometry_s[-1], 0.02)
-    heading = savitzky_golay(np.interp(at, e.odometry_s, e.pose[:, 2]), 51)
-    turning = np.gradient(heading, at)
-    x = savitzky_golay(np.interp(at, e.odometry_s, e.pose[:, 0]), 51)
-    y = savitzky_golay(np.interp(at, e.odometry_s, e.pose[:, 1]), 51)
-    along = np.gradient(x, at) * np.cos(heading) + np.gradient(y, at) * np.sin(heading)
-    v_x, v_y, rate = (
-        savitzky_golay(np.interp(at, e.odometry_s, e.odometry[:, i])) for i in range(3)
-    )
-    a_x, a_y, gyro = (savitzky_golay(np.interp(at, e.imu_s, e.imu[:, i]), 51) for i in range(3))
-    delta = np.interp(at, e.command_s, e.command[:, 1])
-    torque = np.interp(at, e.command_s, e.command[:, 0])
-    felt_y = v_x * turning + np.gradient(v_y, at)
-    felt_x = np.gradient(savitzky_golay(v_x, 51), at) - v_y * turning
-    degrees = 180.0 / np.pi
-    turned = float(np.quantile(np.abs(delta), 0.99))
-    if turned > _MAX_STEERING_ANGLE:
+def _check_signs_and_units(log: SensorLog) -> None:
+    """Raise `DataError` where a channel contradicts the motion of the vehicle."""
+    largest = float(np.quantile(np.abs(_on_grid(log, log.command_s, log.command[:, 1])), 0.99))
+    if largest > _MAX_STEERING_ANGLE:
         raise DataError(
-            f"{e.name}: the commanded steering angle reaches {turned:.3g} rad, more than wheels "
-            "turn: its unit is not rad at the wheels (degrees, or the steering wheel's angle?)"
+            f"{log.name}: the commanded steering angle reaches {largest:.3g} rad, more than road "
+            "wheels can turn: its unit is not rad at the road wheels (degrees, or the hand-wheel "
+            "angle?)"
         )
-    pairs = (
-        ("odometry's yaw rate", "the heading's change", turning, rate, degrees),
-        ("the gyro's yaw rate", "the heading's change", turning, gyro, degrees),
-        ("odometry's v_x", "the way driven", along, v_x, 3.6),
-        ("the IMU's a_y", "the turning car", felt_y, a_y, 1.0 / GRAVITY),
-        ("the IMU's a_x", "the speed's change", felt_x, a_x, 1.0 / GRAVITY),
-        ("the commanded steering angle", "the yaw rate", turning, delta * np.sign(v_x), 0.0),
-        ("the commanded torque", "the acceleration", felt_x, torque, 0.0),
+    for comparison in _comparisons(log):
+        _check_comparison(log.name, comparison)
+
+
+def _comparisons(log: SensorLog) -> tuple[_Comparison, ...]:
+    """Return the channels with their references on a common grid."""
+    at = _grid(log)
+    x, y, heading = (
+        _smooth(_on_grid(log, log.odometry_s, log.pose[:, i]), _DERIVATIVE_WINDOW_S)
+        for i in range(3)
     )
-    for what, against, reference, value, unit in pairs:
-        if np.ptp(reference) < 0.05:
-            continue
-        slope, alike = _slope(reference, value)
-        if alike < -0.5:
+    heading_rate = np.gradient(heading, at)
+    speed = np.gradient(x, at) * np.cos(heading) + np.gradient(y, at) * np.sin(heading)
+    v_x, v_y, yaw_rate = (
+        savitzky_golay(_on_grid(log, log.odometry_s, log.odometry[:, i]), _PERIOD_S)
+        for i in range(3)
+    )
+    a_x, a_y, gyro = (
+        _smooth(_on_grid(log, log.imu_s, log.imu[:, i]), _DERIVATIVE_WINDOW_S) for i in range(3)
+    )
+    delta = _on_grid(log, log.command_s, log.command[:, 1])
+    torque = _on_grid(log, log.command_s, log.command[:, 0])
+    lateral = v_x * heading_rate + np.gradient(v_y, at)
+    forward = np.gradient(_smooth(v_x, _DERIVATIVE_WINDOW_S), at) - v_y * heading_rate
+    rate, change = (
+        "the rate of change of the heading",
+        "the longitudinal acceleration of the odometry",
+    )
+    return (
+        _Comparison("odometry's yaw rate", rate, heading_rate, yaw_rate, _DEGREES),
+        _Comparison("the gyro's yaw rate", rate, heading_rate, gyro, _DEGREES),
+        _Comparison("odometry's v_x", "the rate of change of the position", speed, v_x, _KMH),
+        _Comparison(
+            "the IMU's a_y",
+            "the lateral acceleration of the odometry",
+            lateral,
+            a_y,
+            1.0 / GRAVITY,
+        ),
+        _Comparison("the IMU's a_x", change, forward, a_x, 1.0 / GRAVITY),
+        _Comparison(
+            "the commanded steering angle", "the yaw rate", heading_rate, delta * np.sign(v_x), 0.0
+        ),
+        _Comparison("the commanded torque", change, forward, torque, 0.0),
+    )
+
+
+def _grid(log: SensorLog) -> FloatArray:
+    """Return the times of the common grid, s."""
+    return np.arange(log.odometry_s[0], log.odometry_s[-1], _PERIOD_S)
+
+
+def _on_grid(log: SensorLog, at_s: FloatArray, values: FloatArray) -> FloatArray:
+    """Return a channel interpolated on the common grid."""
+    return np.interp(_grid(log), at_s, values)
+
+
+def _smooth(values: FloatArray, window_s: float) -> FloatArray:
+    """Return values on the common grid, smoothed."""
+    return savitzky_golay(values, _PERIOD_S, window_s)
+
+
+def _check_comparison(name: str, c: _Comparison) -> None:
+    """Raise `DataError` if a channel has the wrong sign or unit."""
+    if np.ptp(c.reference) < _MIN_RANGE:
+        return
+    slope, correlation = _regression(c.reference, c.values)
+    if correlation < -_MIN_CORRELATION:
+        raise DataError(
+            f"{name}: {c.channel} has its sign flipped against {c.reference_name}: REP-103 "
+            "requires x forward, y left, z up; correct the sign and run again"
+        )
+    if c.unit_factor == 0.0 or correlation < _MIN_CORRELATION:
+        return
+    for factor in (c.unit_factor, 1.0 / c.unit_factor):
+        near_factor = abs(np.log(max(slope, 1e-9) / factor)) < _MAX_FACTOR_LOG
+        if near_factor and abs(np.log(slope)) > _MIN_UNIT_LOG:
             raise DataError(
-                f"{e.name}: {what} has its sign flipped against {against}: REP-103 has x forward, "
-                "y left, z up; turn it round and run again"
+                f"{name}: {c.channel} is {slope:.3g} times {c.reference_name}: its unit is not SI "
+                "(m/s, m/s², rad/s)"
             )
-        if unit == 0.0 or alike < 0.5:
-            continue
-        for factor, wrong in ((unit, slope), (1.0 / unit, slope)):
-            if abs(np.log(max(wrong, 1e-9) / factor)) < 0.2 and abs(np.log(wrong)) > 0.7:
-                raise DataError(
-                    f"{e.name}: {what} is {wrong:.3g} times what {against} says: its unit is not "
-                    "SI (m/s, m/s^2, rad/s)"
-                )
 
 
-def _varies(e: SensorLog) -> None:
+def _check_variation(log: SensorLog) -> None:
+    """Raise `DataError` if a channel is constant."""
     for name, values in (
-        ("odometry's v_y", e.odometry[:, 1]),
-        ("odometry's yaw rate", e.odometry[:, 2]),
-        ("the IMU's a_x", e.imu[:, 0]),
-        ("the IMU's a_y", e.imu[:, 1]),
-        ("the commanded torque", e.command[:, 0]),
-        ("the commanded steering angle", e.command[:, 1]),
+        ("odometry's v_y", log.odometry[:, 1]),
+        ("odometry's yaw rate", log.odometry[:, 2]),
+        ("the IMU's a_x", log.imu[:, 0]),
+        ("the IMU's a_y", log.imu[:, 1]),
+        ("the commanded torque", log.command[:, 0]),
+        ("the commanded steering angle", log.command[:, 1]),
     ):
         if np.ptp(values) == 0.0:
             raise DataError(
-                f"{e.name}: {name} is {values[0] + 0.0:g} throughout: it is not measured, and "
-                "nothing can be said of what it depends on"
+                f"{log.name}: {name} is {values[0] + 0.0:g} throughout: it is not measured, and "
+                "effects that depend on it cannot be analysed; record it"
             )
 
 
 def check_same_vehicle(simulation: SensorLog, recording: SensorLog) -> None:
     """
-    Check that two drives have anything in common to compare.
+    Check that the speeds of two recordings overlap.
 
-    Raises `DataError` where their speeds do not overlap.
+    :raises DataError: they do not.
     """
     low_s, high_s = np.percentile(simulation.odometry[:, 0], [2, 98])
     low_r, high_r = np.percentile(recording.odometry[:, 0], [2, 98])
     if high_s < low_r or high_r < low_s:
         raise DataError(
-            f"{simulation.name} is driven at {low_s:.0f} to {high_s:.0f} m/s and {recording.name} "
-            f"at {low_r:.0f} to {high_r:.0f} m/s: give recordings of like driving"
+            f"the speeds of {simulation.name} ({low_s:.0f} to {high_s:.0f} m/s) and of "
+            f"{recording.name} ({low_r:.0f} to {high_r:.0f} m/s) do not overlap: give recordings "
+            "of similar driving"
         )
 
 
 def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
     """
-    Check the vehicle's mass and radius against how the simulation answers to torque.
+    Check mass and wheel radius of the vehicle file against the simulation's torque response.
 
-    Raises `DataError` where torque over acceleration is off by a factor of two and a half, where
-    the drive is at its most power too.
+    :raises DataError: the effective mass is off by more than a factor of 2.5, both over the whole
+        recording and over its part of low power, which a power limit does not affect.
     """
-    heavy = effective_mass(simulation, nominal.wheel_radius)
-    gentle = effective_mass(simulation, nominal.wheel_radius, power=0.3)
-    if heavy is not None and all(
+    effective = effective_mass(simulation, nominal.wheel_radius)
+    at_low_power = effective_mass(simulation, nominal.wheel_radius, power_share=0.3)
+    if effective is not None and all(
         not 1.0 / _MAX_MASS_RATIO < mass / nominal.mass < _MAX_MASS_RATIO
-        for mass in (heavy, heavy if gentle is None else gentle)
+        for mass in (effective, effective if at_low_power is None else at_low_power)
     ):
         raise DataError(
-            f"{simulation.name}: its answer to torque is that of {heavy:.0f} kg on wheels of "
-            f"{nominal.wheel_radius:g} m, but the vehicle file says {nominal.mass:.0f} kg: it is "
-            "another car's"
+            f"{simulation.name}: the effective mass from the torque response is "
+            f"{effective:.0f} kg on wheels of {nominal.wheel_radius:g} m radius, but the vehicle file says "
+            f"{nominal.mass:.0f} kg: give the vehicle file of this vehicle"
         )
 
 
-def effective_mass(e: SensorLog, wheel_radius: float, power: float = 1.0) -> float | None:
+def effective_mass(log: SensorLog, wheel_radius: float, power_share: float = 1.0) -> float | None:
     """
-    Return the mass in kg that torque seems to drive, or None where it does not tell.
+    Return the mass that the wheel torque accelerates, in kg, or None if they are not correlated.
 
-    By the share `power` of the drive in which least of it is asked for.
+    Uses the share `power_share` of the recording with the lowest commanded power.
     """
-    at = np.arange(e.odometry_s[0], e.odometry_s[-1], 0.02)
-    torque = savitzky_golay(np.interp(at, e.command_s, e.command[:, 0]), 51)
-    force = savitzky_golay(np.interp(at, e.imu_s, e.imu[:, 0]), 51)
-    asked = np.abs(torque * np.interp(at, e.odometry_s, e.odometry[:, 0]))
-    use = asked <= np.quantile(asked, power)
-    slope, alike = _slope(torque[use], force[use])
-    if alike < 0.5 or slope <= 0.0:
+    torque = _smooth(_on_grid(log, log.command_s, log.command[:, 0]), _DERIVATIVE_WINDOW_S)
+    a_x = _smooth(_on_grid(log, log.imu_s, log.imu[:, 0]), _DERIVATIVE_WINDOW_S)
+    power = np.abs(torque * _on_grid(log, log.odometry_s, log.odometry[:, 0]))
+    used = power <= np.quantile(power, power_share)
+    slope, correlation = _regression(torque[used], a_x[used])
+    if correlation < _MIN_CORRELATION or slope <= 0.0:
         return None
     return 1.0 / (slope * wheel_radius)

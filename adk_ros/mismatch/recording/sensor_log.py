@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a bag's sensors say, at their own rates.
+Sensor data of one recording, each stream at its native rate.
 
-Times are seconds from the bag's first message, by header stamps; SI units; accelerations are
-specific force at the IMU, velocities at the centre of gravity.
+Times are seconds from the bag's first message, by header stamps. SI units. Accelerations are
+specific force at the IMU, velocities are those of the centre of gravity.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ CHANNELS = ("imu_a_x", "imu_a_y", "imu_yaw_rate", "v_x", "v_y", "yaw_rate")
 UNITS = ("m/s^2", "m/s^2", "rad/s", "m/s", "m/s", "rad/s")
 
 MIN_SENSOR_NOISE = np.array([0.01, 0.01, 3e-4, 2e-3, 2e-3, 3e-4])
-"""Noise that is assumed at least, by channel: a simulation has none, and no model is exact."""
+"""Least noise assumed, by channel: a simulation has none, and a model is never exact."""
 
 
 @dataclass(frozen=True)
 class SensorLog:
     """
-    Streams of one bag, in time order, without messages that were lost.
+    Streams of one bag, ordered by time.
 
-    `imu` (m, 3) a_x, a_y, yaw rate at `imu_s` (m,); `odometry` (k, 3) v_x, v_y, yaw rate and
-    `pose` (k, 3) x, y, heading (unwrapped) at `odometry_s` (k,); `command` (c, 2) torque and
+    `imu` (m, 3): a_x, a_y, yaw rate at `imu_s` (m,). `odometry` (k, 3): v_x, v_y, yaw rate, and
+    `pose` (k, 3): x, y, heading (unwrapped), at `odometry_s` (k,). `command` (c, 2): torque and
     road-wheel angle at `command_s` (c,), each held until the next.
     """
 
@@ -43,23 +43,28 @@ class SensorLog:
     command_s: FloatArray
     command: FloatArray
     start_ns: int = 0
-    """Log time of the bag's first message, ns: where the seconds are counted from."""
+    """Log time of the bag's first message, ns: zero of the times in seconds."""
     torque_is_inferred: bool = False
     """Whether the torque is computed from a requested acceleration, not commanded."""
     warnings: tuple[str, ...] = ()
-    """What the bag lost and which messages were refused, one line each."""
+    """Lost and refused messages of the bag, one line each."""
+
+    @property
+    def odometry_period_s(self) -> float:
+        """Median interval between odometry messages, s."""
+        return float(np.median(np.diff(self.odometry_s)))
 
     def noise(self) -> FloatArray:
-        """Return the noise of one sample by channel (6,), at least `FLOOR`."""
+        """Return the noise of one sample by channel (6,), at least `MIN_SENSOR_NOISE`."""
         found = np.concatenate([white_noise(self.imu), white_noise(self.odometry)])
-        # What is not known, of a sensor that is not there, is the floor too.
+        # fmax: the noise of an absent sensor is NaN and becomes the minimum.
         return np.asarray(np.fmax(found, MIN_SENSOR_NOISE))
 
     def between(self, begin_s: float, end_s: float) -> SensorLog:
-        """Return the part between two times, its clock going on as before."""
+        """Return the part between two times, in s; the zero of time is unchanged."""
         imu = (self.imu_s >= begin_s) & (self.imu_s < end_s)
         odometry = (self.odometry_s >= begin_s) & (self.odometry_s < end_s)
-        # The command in force at the beginning was given before it.
+        # The command that is in force at the beginning has an earlier stamp.
         first = max(int(np.searchsorted(self.command_s, begin_s, side="right")) - 1, 0)
         last = int(np.searchsorted(self.command_s, end_s))
         return SensorLog(

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where an effect acts: always, from a time on, or at stretches of a lap."""
+"""Activation of an effect: always, from a time on, or on segments of a lap."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ if TYPE_CHECKING:
     from adk_ros.mismatch.surrogate.residuals import ResidualProblem
 
 TRANSITION_LENGTH_M = 3.0
-"""Metres over which a place's edge rises from an eighth to seven eighths, about."""
+"""Distance over which the activation at a segment's end rises from 1/8 to 7/8, about, m."""
 TRANSITION_TIME_S = 0.3
-"""The same of a beginning in time, s."""
+"""Time over which the activation at an onset rises from 1/8 to 7/8, about, s."""
+_SCALE_SHARE = 0.25
+"""Scale of the logistic function over the transition: it rises from 1/8 to 7/8 in 4 scales."""
 
 
 @dataclass(frozen=True)
 class Activation:
     """
-    A weight between 0 and 1 along a drive.
+    Weight between 0 and 1 along a recording.
 
-    `onset_s`: acts from then on; `stretches`: (begin, end) in metres along a lap of `lap` metres,
-    whose place along the drive is `distance` (n,), one a step of the grid.
+    `onset_s`: acts from this time on. `segments`: acts on these (begin, end), in m along a lap of
+    `lap_length` m; `distance` (n,) is the position along the lap at each step of the grid.
     """
 
     onset_s: float | None = None
@@ -36,11 +38,11 @@ class Activation:
     distance: FloatArray | None = None
     transition_length: float = TRANSITION_LENGTH_M
     weight: FloatArray | None = None
-    """(n,) a weight of its own, one a step: of a feature, not of a place or a time."""
+    """(n,) explicit weight per step: of a feature instead of a place or a time."""
 
     @property
     def always(self) -> bool:
-        """Whether it acts throughout."""
+        """Whether the effect acts throughout."""
         return self.onset_s is None and not self.segments and self.weight is None
 
     @property
@@ -51,35 +53,39 @@ class Activation:
         return "always" if self.onset_s is None else "time"
 
     def variables(self) -> list[float]:
-        """Return what may be fitted of it: the onset, then all stretches' ends."""
+        """Return the values that a fit may change: the onset, then the ends of all segments."""
         onset = [] if self.onset_s is None else [self.onset_s]
-        return [*onset, *(end for stretch in self.segments for end in stretch)]
+        return [*onset, *(end for segment in self.segments for end in segment)]
 
     def with_variables(self, values: Sequence[float]) -> Activation:
-        """Return the gate with its `variables` replaced."""
-        rest = list(values)
-        onset = None if self.onset_s is None else rest.pop(0)
-        pairs = tuple((float(a), float(b)) for a, b in zip(rest[::2], rest[1::2], strict=True))
+        """Return the activation with its `variables` replaced."""
+        remaining = list(values)
+        onset = None if self.onset_s is None else remaining.pop(0)
+        pairs = tuple(
+            (float(a), float(b)) for a, b in zip(remaining[::2], remaining[1::2], strict=True)
+        )
         return replace(self, onset_s=onset, segments=pairs)
 
-    def series(self, course: ResidualProblem) -> FloatArray:
+    def series(self, problem: ResidualProblem) -> FloatArray:
         """Return the weight at each step (n,)."""
-        weight = np.ones(course.steps) if self.weight is None else self.weight
+        weight = np.ones(problem.steps) if self.weight is None else self.weight
         if self.onset_s is not None:
-            weight = _smooth_step((course.middle_s - self.onset_s) / (0.25 * TRANSITION_TIME_S))
+            weight = _smooth_step(
+                (problem.middle_s - self.onset_s) / (_SCALE_SHARE * TRANSITION_TIME_S)
+            )
         if self.segments and self.distance is not None:
             weight = weight * inside_segments(
                 self.distance, self.segments, self.lap_length, self.transition_length
             )
         return weight
 
-    def intervals(self, course: ResidualProblem) -> list[list[float]]:
-        """Return the times [begin, end] in which it acts."""
+    def intervals(self, problem: ResidualProblem) -> list[list[float]]:
+        """Return the times [begin, end] in which the effect acts, s."""
         if self.kind == "always":
-            return [[0.0, round(course.log.duration_s, 2)]]
-        on = np.concatenate([[False], self.series(course) > 0.5, [False]])
-        edges = np.flatnonzero(np.diff(on.astype(np.int8)))
-        ends = np.append(course.middle_s, course.middle_s[-1])
+            return [[0.0, round(problem.log.duration_s, 2)]]
+        active = np.concatenate([[False], self.series(problem) > 0.5, [False]])
+        edges = np.flatnonzero(np.diff(active.astype(np.int8)))
+        ends = np.append(problem.middle_s, problem.middle_s[-1])
         return [
             [round(float(ends[a]), 2), round(float(ends[b]), 2)]
             for a, b in zip(edges[::2], edges[1::2], strict=True)
@@ -90,6 +96,7 @@ ALWAYS_ACTIVE = Activation()
 
 
 def _smooth_step(x: FloatArray) -> FloatArray:
+    """Return the logistic function of x."""
     return np.asarray(0.5 * (1.0 + np.tanh(0.5 * np.clip(x, -60.0, 60.0))))
 
 
@@ -99,11 +106,13 @@ def inside_segments(
     lap_length: float,
     transition_length: float = TRANSITION_LENGTH_M,
 ) -> FloatArray:
-    """Return the weight (n,) at `distance` along the lap: one in the stretches, smooth edges."""
+    """Return the weight (n,) at lap distances: one in the segments, smooth at their ends."""
     weight = np.zeros(distance.shape[0])
     for begin, end in segments:
         middle, half = 0.5 * (begin + end), 0.5 * (end - begin)
         off = distance - middle
         off = np.abs(off - lap_length * np.round(off / lap_length))
-        weight = np.maximum(weight, _smooth_step((half - off) / (0.25 * transition_length)))
+        weight = np.maximum(
+            weight, _smooth_step((half - off) / (_SCALE_SHARE * transition_length))
+        )
     return weight

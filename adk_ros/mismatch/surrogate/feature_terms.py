@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Features of a drive in the stand-in's equations: what a smooth correction is made of."""
+"""Feature terms: candidate functions of the signals added to the surrogate's accelerations."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ import numpy as np
 
 from adk_ros.mismatch.library.features import FEATURES, Signals
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
-from adk_ros.mismatch.surrogate.residuals import (
-    COMMAND_GRID_S,
-    STEP_S,
-    ActiveTerms,
-    ResidualProblem,
-)
+from adk_ros.mismatch.surrogate.residuals import STEP_S, ResidualProblem
+from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.mismatch.surrogate.state_index import A_X, A_Y, V_Y, YAW_RATE
 from adk_ros.numerics.arrays import FloatArray
 
 EQUATION_PARAMETERS = {"v_x": "extra_x", "v_y": "extra_y", "yaw_rate": "extra_yaw"}
+"""Equation -> entry of the parameter vector that adds an acceleration to it."""
 
 
 @dataclass(frozen=True)
 class FeatureTerm:
-    """One feature in one equation: `coefficient` of the feature itself, SI; `gain` in loss."""
+    """
+    One feature in one equation.
+
+    `coefficient` multiplies the feature, SI; `gain` is the decrease in loss that the term brings.
+    """
 
     equation: str
     feature: str
@@ -33,32 +34,34 @@ class FeatureTerm:
     gain: float
 
 
-def feature_signals(course: ResidualProblem, out: FloatArray) -> Signals:
-    """Return the drive's signals (n,) at the grid's steps, of a run's output."""
-    at = course.start_s - course.command_start_s + STEP_S * np.arange(course.steps + 1)
-    grid = COMMAND_GRID_S * np.arange(course.torques.shape[0])
+def feature_signals(problem: ResidualProblem, out: FloatArray) -> Signals:
+    """Return the signals (n,) at the steps of the grid; `out` is the output of a run."""
+    commands = problem.commands
+    at = problem.start_s - problem.command_start_s + STEP_S * np.arange(problem.steps + 1)
+    grid = commands.spacing * np.arange(commands.torque.shape[0])
     return {
-        "v_x": course.smoothed_odometry[:, 0],
+        "v_x": problem.smoothed_odometry[:, 0],
         "v_y": out[V_Y],
         "yaw_rate": out[YAW_RATE],
         "a_x": out[A_X],
         "a_y": out[A_Y],
-        "torque": np.diff(np.interp(at, grid, course.torques)) / STEP_S,
-        "delta": np.diff(np.interp(at, grid, course.angles)) / STEP_S,
+        "torque": np.diff(np.interp(at, grid, commands.torque)) / STEP_S,
+        "delta": np.diff(np.interp(at, grid, commands.angle)) / STEP_S,
     }
 
 
 def active_terms_of(
-    pieces: Sequence[FeatureTerm], course: ResidualProblem, out: FloatArray
+    features: Sequence[FeatureTerm], problem: ResidualProblem, out: FloatArray
 ) -> ActiveTerms:
-    """Return what pieces add along a course, their features those of a run's output."""
-    if not pieces:
-        return course.no_terms()
-    signals = feature_signals(course, out)
-    rows = [FEATURES[piece.feature].function(signals) for piece in pieces]
+    """Return the feature terms along a recording; `out`, of an earlier run, gives the signals."""
+    if not features:
+        return problem.no_terms()
+    signals = feature_signals(problem, out)
+    rows = [FEATURES[term.feature].function(signals) for term in features]
+    entries = [INDEX[EQUATION_PARAMETERS[term.equation]] for term in features]
     return ActiveTerms(
-        np.array([INDEX[EQUATION_PARAMETERS[piece.equation]] for piece in pieces], dtype=np.int64),
-        np.array([piece.coefficient for piece in pieces]),
-        np.arange(1, len(pieces) + 1),
-        np.vstack([np.ones(course.steps), *rows]),
+        np.array(entries, dtype=np.int64),
+        np.array([term.coefficient for term in features]),
+        np.arange(1, len(features) + 1),
+        np.vstack([np.ones(problem.steps), *rows]),
     )

@@ -1,61 +1,77 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The stand-in of a simulator: the model's parameters identified from the simulation's recording.
+Identification of the surrogate model from the simulation's recording.
 
-Masses and lengths are given; tyres, lags, drag and what the simulator has of them are fitted to
-all channels. The observer's gain falls over three rounds, since a direct fit diverges while the
-tyres are wrong. A simulation hardly saturates its tyres: what it says nothing of is pulled
-weakly to usual values.
+Masses and lengths are given. Tyres, lags, drag and other properties of the simulator are fitted
+to all channels by output error. The observer gain falls over three rounds (a homotopy), because a
+direct fit diverges while the tyres are far off. A simulation rarely saturates its tyres:
+parameters that it does not determine stay near the prior mean.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW, SIZE
+from adk_ros.mismatch.surrogate.error_autocovariance import ErrorAutocovariance
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm, active_terms_of
-from adk_ros.mismatch.surrogate.residuals import ActiveTerms, ResidualProblem
+from adk_ros.mismatch.surrogate.residuals import ResidualProblem
 from adk_ros.mismatch.surrogate.road_profile import RoadProfile
+from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.numerics.arrays import FloatArray, IntArray
-from adk_ros.numerics.levenberg_marquardt import BoundedParameters, FitResult, minimise
+from adk_ros.numerics.levenberg_marquardt import (
+    BoundedParameters,
+    FitOptions,
+    FitResult,
+    minimise,
+)
 
-FITTED_PARAMETERS: dict[str, tuple[float, float]] = {
-    # name: (usual spread, step of the differences)
-    "stiffness_f": (8.0, 0.05),
-    "stiffness_r": (8.0, 0.05),
-    "shape_f": (0.1, 0.005),
-    "shape_r": (0.1, 0.005),
-    "curvature_f": (0.4, 0.02),
-    "curvature_r": (0.4, 0.02),
-    "grip_f": (0.15, 0.005),
-    "grip_r": (0.15, 0.005),
-    "brush_share": (0.4, 0.03),
-    "load_sensitivity": (0.1, 0.005),
-    "stiffness_falloff": (0.1, 0.005),
-    "combined_slip": (0.3, 0.03),
-    "relaxation_length": (0.5, 0.02),
-    "roll_share_front": (0.1, 0.01),
-    "load_lag": (0.1, 0.005),
-    "roll_gradient": (0.01, 2e-4),
-    "roll_frequency": (8.0, 0.3),
-    "roll_damping": (0.3, 0.02),
-    "roll_arm": (0.3, 0.02),
-    "pitch_gradient": (0.01, 2e-4),
-    "pitch_frequency": (8.0, 0.3),
-    "pitch_damping": (0.3, 0.02),
-    "load_springs": (0.5, 0.03),
-    "torque_split_front": (0.2, 0.02),
-    "drag_area": (0.7, 0.02),
-    "rolling": (0.015, 0.0005),
-    "steer_delay": (0.03, 0.002),
-    "steer_lag": (0.05, 0.002),
-    "torque_delay": (0.03, 0.002),
-    "torque_lag": (0.05, 0.002),
+
+class ParameterPrior(NamedTuple):
+    """Prior standard deviation of a parameter and its finite-difference step, in its unit."""
+
+    sigma: float
+    step: float
+
+
+FITTED_PARAMETERS: dict[str, ParameterPrior] = {
+    "stiffness_f": ParameterPrior(8.0, 0.05),
+    "stiffness_r": ParameterPrior(8.0, 0.05),
+    "shape_f": ParameterPrior(0.1, 0.005),
+    "shape_r": ParameterPrior(0.1, 0.005),
+    "curvature_f": ParameterPrior(0.4, 0.02),
+    "curvature_r": ParameterPrior(0.4, 0.02),
+    "grip_f": ParameterPrior(0.15, 0.005),
+    "grip_r": ParameterPrior(0.15, 0.005),
+    "brush_share": ParameterPrior(0.4, 0.03),
+    "load_sensitivity": ParameterPrior(0.1, 0.005),
+    "stiffness_falloff": ParameterPrior(0.1, 0.005),
+    "combined_slip": ParameterPrior(0.3, 0.03),
+    "relaxation_length": ParameterPrior(0.5, 0.02),
+    "roll_share_front": ParameterPrior(0.1, 0.01),
+    "load_lag": ParameterPrior(0.1, 0.005),
+    "roll_gradient": ParameterPrior(0.01, 2e-4),
+    "roll_frequency": ParameterPrior(8.0, 0.3),
+    "roll_damping": ParameterPrior(0.3, 0.02),
+    "roll_arm": ParameterPrior(0.3, 0.02),
+    "pitch_gradient": ParameterPrior(0.01, 2e-4),
+    "pitch_frequency": ParameterPrior(8.0, 0.3),
+    "pitch_damping": ParameterPrior(0.3, 0.02),
+    "load_springs": ParameterPrior(0.5, 0.03),
+    "torque_split_front": ParameterPrior(0.2, 0.02),
+    "drag_area": ParameterPrior(0.7, 0.02),
+    "rolling": ParameterPrior(0.015, 0.0005),
+    "steer_delay": ParameterPrior(0.03, 0.002),
+    "steer_lag": ParameterPrior(0.05, 0.002),
+    "torque_delay": ParameterPrior(0.03, 0.002),
+    "torque_lag": ParameterPrior(0.05, 0.002),
 }
+"""Parameters fitted to every simulation; standard deviations span the range of road cars."""
 _BODY_MOTION_PARAMETERS = (
     "roll_gradient",
     "roll_frequency",
@@ -67,23 +83,24 @@ _BODY_MOTION_PARAMETERS = (
     "load_springs",
 )
 """
-The body on its springs. A simulator without springs leaves all of these open, and nothing comes
-of it on any other drive: they do not count among what is unsure.
+Parameters of the sprung mass. A simulator without suspension leaves all of them undetermined, and
+they then change no other recording either: they do not count as weakly identified.
 """
-_MASS_AND_LENGTH_PARAMETERS: dict[str, tuple[float, float]] = {
-    "mass": (300.0, 5.0),
-    "yaw_inertia": (800.0, 10.0),
-    "cg_to_front_axle": (0.2, 0.01),
-    "cg_to_rear_axle": (0.2, 0.01),
-    "cg_height": (0.06, 0.01),
+_MASS_AND_LENGTH_PARAMETERS: dict[str, ParameterPrior] = {
+    "mass": ParameterPrior(300.0, 5.0),
+    "yaw_inertia": ParameterPrior(800.0, 10.0),
+    "cg_to_front_axle": ParameterPrior(0.2, 0.01),
+    "cg_to_rear_axle": ParameterPrior(0.2, 0.01),
+    "cg_height": ParameterPrior(0.06, 0.01),
 }
+"""Fitted in addition if the masses and lengths of the vehicle are not known."""
 _FIT_BOUNDS: dict[str, tuple[float, float]] = {
     "shape_f": (1.05, 1.9),
     "shape_r": (1.05, 1.9),
     "curvature_f": (-5.0, 0.95),
     "curvature_r": (-5.0, 0.95),
 }
-"""Bounds of the fit within those of the entries: what is left open may go beyond, smoothly."""
+"""Bounds of the fit, tighter than those of the parameters: weak directions may exceed them."""
 _INITIAL_VALUES = {
     "relaxation_length": 0.2,
     "drag_area": 0.3,
@@ -91,28 +108,38 @@ _INITIAL_VALUES = {
     "roll_gradient": 0.002,
     "pitch_gradient": 0.002,
 }
+"""Start of the fit where the prior mean is zero: at zero the residuals have no slope."""
 OBSERVER_GAIN_FACTORS = (10.0, 2.0, 0.5)
-"""Factors on the observer's gain."""
+"""Factors on the observer gain, one per round of the fit."""
 RESIDUAL_SUBSAMPLING = 0.25
 """
-What is left is the model's own error, not white noise: one sample of it in this many squared is
-new. Counted as white it would bend the tyres' shape to explain itself.
+Weight of a residual relative to white noise. The residuals are mostly model error, which is
+correlated: only one sample in 1 / 0.25^2 = 16 is independent. Counted as white noise it would bias
+the shape of the tyre curve.
 """
 _WEAK_DIRECTION_SHARE = 0.1
-"""Directions known to less than this share of the usual spread are kept as known."""
+"""Directions identified to better than this share of the prior's deviation count as known."""
 _PRIOR_INFLATION = 2.0
+"""Factor on the deviation of weakly identified directions: linearisation understates it."""
 _MAX_WEAK_DIRECTIONS = 6
 SETTLING_BINS = 25
+"""Bins at the start of a recording in which lags and loads settle: 1 s."""
+_SETTLING_S = 1.0
+"""The same in seconds."""
+_EARLY_ROUND = FitOptions(iterations=5, relative_tolerance=1e-3)
+_LAST_ROUND = FitOptions(iterations=8, relative_tolerance=1e-3)
 
 Progress = Callable[[float, float], None]
+"""Called with (done, total)."""
 
 
 @dataclass(frozen=True)
 class SurrogateModel:
     """
-    Parameters (SIZE,) of the simulator, and how well they meet its recording.
+    Surrogate model of a simulator, with its error on the simulation's recording.
 
-    `error` (6,) is the root mean square of what is left in 40 ms bins, by channel.
+    `parameters` (SIZE,); `error` (6,): RMS of the residuals in 40 ms bins, by channel;
+    `residuals` (6, bins) after settling.
     """
 
     parameters: FloatArray
@@ -120,115 +147,119 @@ class SurrogateModel:
     residuals: FloatArray
     weak_directions: FloatArray
     """
-    (k, SIZE) directions in which the parameters are ill-determined by the simulation, each as
-    long as its standard deviation.
+    (k, SIZE) directions of the parameter space that the simulation identifies weakly, each one
+    standard deviation long.
     """
     road: RoadProfile | None = None
-    """What the simulator has at places, where its recording could not be met without."""
+    """Road of the simulator, where its recording cannot be reproduced without."""
     feature_terms: tuple[FeatureTerm, ...] = ()
-    """A correction by features, where even so it could not."""
+    """Feature terms, where its recording cannot be reproduced otherwise."""
     augmentation_notes: tuple[str, ...] = field(default=())
-    """What was learned of the simulator beyond the model family's parameters, in words."""
+    """What was identified beyond the parameters, in words."""
+    autocovariance: ErrorAutocovariance | None = None
+    """Autocovariance of the residuals; for a surrogate from a file, which has no residuals."""
 
-    def fixed_terms(self, course: ResidualProblem) -> ActiveTerms:
-        """Return what the simulator has along a course besides its parameters."""
-        terms = course.no_terms() if self.road is None else self.road.terms(course)
+    def fixed_terms(self, problem: ResidualProblem) -> ActiveTerms:
+        """Return the terms of the simulator along a recording: road and feature terms."""
+        terms = problem.no_terms() if self.road is None else self.road.terms(problem)
         if not self.feature_terms:
             return terms
-        return terms.merged_with(
-            active_terms_of(self.feature_terms, course, course.run(self.parameters, terms))
-        )
+        out = problem.run(self.parameters, terms)
+        return terms.merged_with(active_terms_of(self.feature_terms, problem, out))
 
 
 def identify_surrogate(
-    course: ResidualProblem,
+    problem: ResidualProblem,
     start: FloatArray,
     progress: Progress | None = None,
     body_known: bool = True,
 ) -> SurrogateModel:
     """
-    Identify the stand-in on the simulation's course, from a nominal vehicle's parameters.
+    Identify the surrogate model on the simulation's recording, from nominal parameters `start`.
 
     Unless `body_known`, masses and lengths are fitted as well.
     """
     guess = start.copy()
     for name, value in _INITIAL_VALUES.items():
         guess[INDEX[name]] = value
-    return fit_surrogate(course, start, guess, fitted_parameters(body_known), progress=progress)
+    return fit_surrogate(problem, start, guess, fitted_parameters(body_known), progress=progress)
 
 
-def fitted_parameters(body_known: bool) -> dict[str, tuple[float, float]]:
-    """Return what is fitted to a simulation: usual spread and step of the differences."""
+def fitted_parameters(body_known: bool) -> dict[str, ParameterPrior]:
+    """Return the parameters fitted to a simulation, with their priors."""
     return FITTED_PARAMETERS if body_known else FITTED_PARAMETERS | _MASS_AND_LENGTH_PARAMETERS
 
 
 def fit_surrogate(
-    course: ResidualProblem,
+    problem: ResidualProblem,
     mean: FloatArray,
     guess: FloatArray,
     fitted: Mapping[str, tuple[float, float]],
     rounds: tuple[float, ...] = OBSERVER_GAIN_FACTORS,
-    given: ActiveTerms | None = None,
+    fixed_terms: ActiveTerms | None = None,
     progress: Progress | None = None,
 ) -> SurrogateModel:
     """
-    Return the stand-in whose entries `fitted` meet a course best, from the vector `guess`.
+    Fit the parameters `fitted` of the surrogate to a recording, from the vector `guess`.
 
-    They are pulled towards `mean`; `given` is what acts besides the parameters.
+    `fitted` maps names to `ParameterPrior`s; `mean` (SIZE,) is the prior mean; `fixed_terms` act
+    in addition to the parameters.
     """
     names = list(fitted)
-    where = np.array([INDEX[name] for name in names])
-    spread = np.array([fitted[name][0] for name in names])
+    index = np.array([INDEX[name] for name in names])
+    sigma = np.array([sigma for sigma, _ in fitted.values()])
+    step = np.array([step for _, step in fitted.values()])
     low = np.array([_FIT_BOUNDS.get(name, (LOW[INDEX[name]],))[0] for name in names])
     high = np.array([_FIT_BOUNDS.get(name, (HIGH[INDEX[name]],))[-1] for name in names])
-    step = np.array([fitted[name][1] for name in names])
-    weights = simulation_weights(course)
+    weights = simulation_weights(problem)
     p = guess.copy()
-    unknowns = BoundedParameters(guess[where], low, high, step, mean[where], spread)
-    fit = fit_with_annealed_observer(course, p, where, unknowns, weights, progress, rounds, given)
-    p[where] = fit.x
-    left = course.residuals(p, given)
-    error = np.sqrt(np.mean(left[:, SETTLING_BINS:] ** 2, axis=1))
-    tyres = np.array([name not in _BODY_MOTION_PARAMETERS for name in names])
-    normal = fit.normal[np.ix_(tyres, tyres)]
-    # What the model cannot say of the simulator is noise to its parameters as well.
-    weighted = (left * weights / RESIDUAL_SUBSAMPLING)[:, SETTLING_BINS:]
-    misfit = np.sqrt(max(float(np.mean(weighted**2)), 1.0))
-    unsure = _weakly_identified_directions(normal / misfit**2, spread[tyres], where[tyres])
-    return SurrogateModel(p, error, left[:, SETTLING_BINS:], unsure)
+    unknowns = BoundedParameters(guess[index], low, high, step, mean[index], sigma)
+    fit = fit_with_annealed_observer(
+        problem, p, index, unknowns, weights, progress, rounds, fixed_terms
+    )
+    p[index] = fit.x
+    residuals = problem.residuals(p, fixed_terms)
+    settled = residuals[:, SETTLING_BINS:]
+    error = np.sqrt(np.mean(settled**2, axis=1))
+    determined = np.array([name not in _BODY_MOTION_PARAMETERS for name in names])
+    normal = fit.normal[np.ix_(determined, determined)]
+    # The model error of the surrogate acts as noise on its parameters.
+    whitened = (residuals * weights / RESIDUAL_SUBSAMPLING)[:, SETTLING_BINS:]
+    misfit = np.sqrt(max(float(np.mean(whitened**2)), 1.0))
+    weak = _weakly_identified_directions(normal / misfit**2, sigma[determined], index[determined])
+    return SurrogateModel(p, error, settled, weak)
 
 
-def simulation_weights(course: ResidualProblem) -> FloatArray:
-    """Return the weights (6, bins) of a simulation's residuals: see `COLOURED`."""
-    weights = course.weights() * RESIDUAL_SUBSAMPLING
-    weights[:, course.bin_s < course.start_s + 1.0] = 0.0
+def simulation_weights(problem: ResidualProblem) -> FloatArray:
+    """Return the weights (6, bins) of a simulation's residuals, by `RESIDUAL_SUBSAMPLING`."""
+    weights = problem.weights() * RESIDUAL_SUBSAMPLING
+    weights[:, problem.bin_s < problem.start_s + _SETTLING_S] = 0.0
     return weights
 
 
 def fit_with_annealed_observer(
-    course: ResidualProblem,
+    problem: ResidualProblem,
     vector: FloatArray,
-    where: IntArray,
+    index: IntArray,
     unknowns: BoundedParameters,
     weights: FloatArray,
     progress: Progress | None = None,
     rounds: tuple[float, ...] = OBSERVER_GAIN_FACTORS,
-    given: ActiveTerms | None = None,
+    fixed_terms: ActiveTerms | None = None,
 ) -> FitResult:
     """
-    Fit the entries `where` of a parameter vector to a course, with less and less observer.
+    Fit the entries `index` of a parameter vector, with a lower observer gain in each round.
 
-    `weights` (6, bins) of the residuals; the model's own error is coloured: see `COLOURED`.
+    `weights` (6, bins) of the residuals; `rounds` are factors on the observer gain.
     """
     for done, gain in enumerate(rounds, 1):
 
         def residuals(x: FloatArray, gain: float = gain) -> FloatArray:
             q = vector.copy()
-            q[where] = x
-            return np.asarray((course.residuals(q, given, gain=gain) * weights).ravel())
+            q[index] = x
+            return np.asarray((problem.residuals(q, fixed_terms, gain=gain) * weights).ravel())
 
-        last = done == len(rounds)
-        fit = minimise(residuals, unknowns, iterations=8 if last else 5, settled=1e-3)
+        fit = minimise(residuals, unknowns, _LAST_ROUND if done == len(rounds) else _EARLY_ROUND)
         unknowns = replace(unknowns, start=fit.x)
         if progress is not None:
             progress(done, len(rounds))
@@ -236,15 +267,15 @@ def fit_with_annealed_observer(
 
 
 def _weakly_identified_directions(
-    normal: FloatArray, spread: FloatArray, where: IntArray
+    normal: FloatArray, sigma: FloatArray, index: IntArray
 ) -> FloatArray:
-    """Return the ill-determined directions of a fit, from its normal matrix."""
-    values, vectors = np.linalg.eigh(normal * np.outer(spread, spread))
+    """Return the weakly identified directions (k, SIZE) of a fit, from its normal matrix."""
+    values, vectors = np.linalg.eigh(normal * np.outer(sigma, sigma))
     deviation = _PRIOR_INFLATION / np.sqrt(np.maximum(values, 1.0))
     out: list[FloatArray] = []
     for size, vector in zip(deviation, vectors.T, strict=True):
         if size > _WEAK_DIRECTION_SHARE * _PRIOR_INFLATION and len(out) < _MAX_WEAK_DIRECTIONS:
             row = np.zeros(SIZE)
-            row[where] = min(size, 1.0) * vector * spread
+            row[index] = min(size, 1.0) * vector * sigma
             out.append(row)
     return np.array(out).reshape(-1, SIZE)

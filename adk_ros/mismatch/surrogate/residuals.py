@@ -1,26 +1,38 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A drive prepared for runs of the stand-in, and what such a run leaves unexplained.
+Residuals of a surrogate model: a recording on the integration grid, measured minus simulated.
 
-The grid has steps of 10 ms whose middles fall on the IMU's stamps. Residuals are measured minus
-simulated, averaged over bins of 40 ms; the last channel is the way driven in two seconds by the
-pose against the integral of odometry's velocity, which only odometry's own scale can bend.
+The grid has steps of 10 ms whose middles fall on the IMU stamps. Residuals are averaged over bins
+of 40 ms. A further residual compares the distance travelled in two seconds by the pose with the
+integral of the odometry velocity: only the scale of the odometry changes it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.surrogate.command_integrals import CommandIntegrals, integrate_commands
 from adk_ros.mismatch.surrogate.equations_of_motion import integrate
+from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms, RunInputs, no_terms, run_buffers
 from adk_ros.mismatch.surrogate.state_index import (
     A_X,
     A_Y,
-    OUTPUTS,
+    IMU_A_X,
+    IMU_A_Y,
+    IMU_YAW_RATE,
+    N_CHANNELS,
+    ODOMETRY_V_X,
+    ODOMETRY_V_Y,
+    ODOMETRY_YAW_RATE,
+    S_PLAY,
+    S_STEER,
+    S_STEER_MORE,
     S_V_X,
     S_V_Y,
     S_YAW_RATE,
@@ -36,14 +48,18 @@ from adk_ros.numerics.numba_cache import relaxed_kernel
 from adk_ros.signals.score import white_noise
 
 STEP_S = 0.01
+"""Integration step, s: the period of a 100 Hz IMU."""
 BIN_S = 0.04
+"""Duration of a residual bin, s: two periods of 50 Hz odometry."""
 DISTANCE_INTERVAL_S = 2.0
-"""s over which the way driven is compared."""
+"""Interval over which travelled distances are compared, s."""
 OBSERVER_GAINS = np.array([2.0, 2.0, 6.0])
-"""1/s, with which v_x, v_y and yaw rate are drawn towards their measurements."""
+"""Gains that correct v_x, v_y and yaw rate towards their measurements, 1/s."""
+MAX_CORRECTION_SHARE = 0.5
+"""Largest share of an innovation that the observer corrects in one step: above it, it rings."""
+POSITION_NOISE_FLOOR_M = 0.005
+"""Least standard deviation assumed of a pose, m: a simulated pose has none."""
 
-COMMAND_GRID_S = 0.0025
-"""s, of the commands' integrals."""
 _SENSORS = (
     "bias_a_x",
     "bias_a_y",
@@ -55,48 +71,42 @@ _SENSORS = (
     "odometry_gain",
     "odometry_lag",
 )
+_BIAS_A_X, _BIAS_A_Y, _BIAS_GYRO, _ARM_X, _ARM_Y, _IMU_DELAY = range(6)
+_GYRO_GAIN, _ODOMETRY_GAIN, _ODOMETRY_LAG = range(6, 9)
 _SENSOR_INDEX = np.array([INDEX[name] for name in _SENSORS])
 
 
-@dataclass(frozen=True)
-class ActiveTerms:
-    """
-    What is added to the parameters when: `amount[j]` times row `gate[j]` of `gates` (g, n).
+class SensorSamples(NamedTuple):
+    """Samples of one sensor: stamps (m,) in s, values (m, 3), the bin of each (m,)."""
 
-    Row 0 of the gates is one throughout.
-    """
+    stamps: FloatArray
+    values: FloatArray
+    bins: IntArray
 
-    entries: IntArray
-    amounts: FloatArray
-    rows: IntArray
-    activations: FloatArray
 
-    def merged_with(self, more: ActiveTerms) -> ActiveTerms:
-        """Return both, the others' gates after these."""
-        first = self.activations.shape[0] - 1
-        return ActiveTerms(
-            np.concatenate([self.entries, more.entries]),
-            np.concatenate([self.amounts, more.amounts]),
-            np.concatenate([self.rows, np.where(more.rows > 0, more.rows + first, 0)]),
-            np.vstack([self.activations, more.activations[1:]]),
-        )
+class TimeGrid(NamedTuple):
+    """Integration grid: `start` of the first step and length of a step, s."""
+
+    start: float
+    step: float
 
 
 @dataclass(frozen=True)
 class ResidualProblem:
-    """A drive as the kernels take it; `middle_s` (n,) the middles of the grid's steps."""
+    """A recording on the integration grid; `middle_s` (n,): the middles of the grid's steps."""
 
     log: SensorLog
     start_s: float
     middle_s: FloatArray
-    torques: FloatArray
-    angles: FloatArray
+    commands: CommandIntegrals
     command_start_s: float
+    """Stamp of the first command, where the command integrals start."""
     prescribed_v_x: FloatArray
+    """(n + 1,) smoothed v_x at the ends of the steps."""
     smoothed_odometry: FloatArray
     """(n, 3) v_x, v_y, yaw rate at the middles, smoothed."""
     pose: FloatArray
-    """(n, 3) at the middles."""
+    """(n, 3) x, y, heading at the middles."""
     bins: int
     imu_bin: IntArray
     odometry_bin: IntArray
@@ -105,19 +115,19 @@ class ResidualProblem:
     sigma: FloatArray
     """(6,) noise of a sample, by channel."""
     distances: FloatArray
-    """(w, 2) ways driven: by pose, by velocity."""
+    """(w, 2) distance travelled in each interval: by pose, by velocity."""
     distance_sigma: float
 
     @property
     def steps(self) -> int:
-        """Steps of the grid."""
+        """Number of steps of the grid."""
         return int(self.middle_s.shape[0])
 
     @property
     def bin_noise(self) -> FloatArray:
-        """Noise of a bin (6,), by channel."""
-        usual = np.maximum(np.median(self.counts, axis=1), 1.0)
-        return np.asarray(self.sigma / np.sqrt(usual))
+        """Noise of a bin's mean (6,), by channel."""
+        typical_count = np.maximum(np.median(self.counts, axis=1), 1.0)
+        return np.asarray(self.sigma / np.sqrt(typical_count))
 
     @property
     def bin_s(self) -> FloatArray:
@@ -126,8 +136,7 @@ class ResidualProblem:
 
     def no_terms(self) -> ActiveTerms:
         """Return terms that add nothing."""
-        none = np.zeros(0, dtype=np.int64)
-        return ActiveTerms(none, np.zeros(0), none, np.ones((1, self.steps)))
+        return no_terms(self.steps)
 
     def run(
         self,
@@ -136,34 +145,26 @@ class ResidualProblem:
         gain: float = 1.0,
         extra: FloatArray | None = None,
     ) -> FloatArray:
-        """Run the stand-in; return (OUTPUTS, n). `gain` is a factor on `GAINS`."""
-        terms = terms or self.no_terms()
+        """
+        Run the surrogate model along the recording; return its output (OUTPUTS, n).
+
+        `gain` multiplies `OBSERVER_GAINS`; `extra` (n, 3) is added to the accelerations.
+        """
         state = np.zeros(STATE_SIZE)
         state[[S_V_X, S_V_Y, S_YAW_RATE]] = self.smoothed_odometry[0]
-        state[5] = state[6] = state[7] = self.log.command[0, 1]
-        out = np.empty((OUTPUTS, self.steps))
-        gains = np.minimum(OBSERVER_GAINS * gain * STEP_S, 0.5)
-        none = np.empty((0, 3))
-        integrate(
-            parameters,
-            terms.entries,
-            terms.amounts,
-            terms.rows,
-            terms.activations,
-            self.torques,
-            self.angles,
-            COMMAND_GRID_S,
+        state[[S_STEER, S_STEER_MORE, S_PLAY]] = self.log.command[0, 1]
+        buffers = run_buffers(state, self.steps)
+        inputs = RunInputs(
+            self.commands,
             self.start_s - self.command_start_s,
             STEP_S,
             self.prescribed_v_x,
             self.smoothed_odometry,
-            gains,
-            none if extra is None else extra,
-            state,
-            out,
-            np.empty((0, 6)),
+            observer_shares(gain),
+            np.empty((0, 3)) if extra is None else extra,
         )
-        return out
+        integrate(parameters, terms or self.no_terms(), inputs, buffers)
+        return buffers.output
 
     def residuals(
         self,
@@ -172,70 +173,66 @@ class ResidualProblem:
         out: FloatArray | None = None,
         gain: float = 1.0,
     ) -> FloatArray:
-        """Return (6, bins): mean of measured minus simulated in each bin, zero where none is."""
+        """Return (6, bins): mean of measured minus simulated per bin, zero for an empty bin."""
         terms = terms or self.no_terms()
         out = self.run(parameters, terms, gain) if out is None else out
         sensors = np.repeat(parameters[_SENSOR_INDEX][:, None], self.steps, axis=1)
-        for j, index in enumerate(terms.entries):
-            for row in np.flatnonzero(np.equal(_SENSOR_INDEX, index)):
+        for j, entry in enumerate(terms.entries):
+            for row in np.flatnonzero(np.equal(_SENSOR_INDEX, entry)):
                 sensors[row] += terms.amounts[j] * terms.activations[terms.rows[j]]
-        total = np.zeros((6, self.bins))
-        e = self.log
-        _collect(
+        total = np.zeros((N_CHANNELS, self.bins))
+        log = self.log
+        _sum_residuals(
             out,
             sensors,
-            self.start_s,
-            STEP_S,
-            e.imu_s,
-            e.imu,
-            self.imu_bin,
-            e.odometry_s,
-            e.odometry,
-            self.odometry_bin,
+            TimeGrid(self.start_s, STEP_S),
+            SensorSamples(log.imu_s, log.imu, self.imu_bin),
+            SensorSamples(log.odometry_s, log.odometry, self.odometry_bin),
             total,
         )
         return total / np.maximum(self.counts, 1.0)
 
     def weights(self) -> FloatArray:
-        """Return (6, bins): one over the noise of a bin's mean, zero where there is none."""
+        """Return (6, bins): inverse noise of each bin's mean, zero for an empty bin."""
         return np.asarray(np.sqrt(self.counts) / self.sigma[:, None])
 
     def distance_residuals(self, parameters: FloatArray) -> FloatArray:
-        """Return (w,): way by the pose less way by velocity, over the noise."""
-        driven = self.distances[:, 1] / parameters[INDEX["odometry_gain"]]
-        return np.asarray((self.distances[:, 0] - driven) / self.distance_sigma)
+        """Return (w,): distance by pose minus distance by velocity, over the noise."""
+        by_velocity = self.distances[:, 1] / parameters[INDEX["odometry_gain"]]
+        return np.asarray((self.distances[:, 0] - by_velocity) / self.distance_sigma)
+
+
+def observer_shares(gain: float) -> FloatArray:
+    """Return the share (3,) of each innovation that the observer corrects in one step."""
+    return np.minimum(OBSERVER_GAINS * gain * STEP_S, MAX_CORRECTION_SHARE)
 
 
 @relaxed_kernel
-def _collect(
+def _sum_residuals(
     out: FloatArray,
     sensors: FloatArray,
-    start: float,
-    step: float,
-    imu_s: FloatArray,
-    imu: FloatArray,
-    imu_bin: IntArray,
-    odometry_s: FloatArray,
-    odometry: FloatArray,
-    odometry_bin: IntArray,
+    grid: TimeGrid,
+    imu: SensorSamples,
+    odometry: SensorSamples,
     total: FloatArray,
 ) -> None:
     """Add measured minus simulated of each sample to its bin of `total` (6, bins)."""
     n = out.shape[1]
-    rate = np.empty(n)
+    start, step = grid.start, grid.step
+    filtered_yaw_rate = np.empty(n)
     value = out[YAW_RATE, 0]
     for k in range(n):
-        lag = sensors[8, k]
+        lag = sensors[_ODOMETRY_LAG, k]
         if lag > 1e-6:
             keep = np.exp(-step / lag)
             value = out[YAW_RATE, k] + (value - out[YAW_RATE, k]) * keep
         else:
             value = out[YAW_RATE, k]
-        rate[k] = value
-    for i in range(imu_s.shape[0]):
-        at = (imu_s[i] - start) / step - 0.5
+        filtered_yaw_rate[k] = value
+    for i in range(imu.stamps.shape[0]):
+        at = (imu.stamps[i] - start) / step - 0.5
         k = min(max(int(at), 0), n - 1)
-        at = min(max(at - sensors[5, k] / step, 0.0), n - 1.000001)
+        at = min(max(at - sensors[_IMU_DELAY, k] / step, 0.0), n - 1.000001)
         j = int(at)
         part = at - j
         s = sensors[:, k]
@@ -243,106 +240,86 @@ def _collect(
         a_y = out[A_Y, j] + part * (out[A_Y, j + 1] - out[A_Y, j])
         r = out[YAW_RATE, j] + part * (out[YAW_RATE, j + 1] - out[YAW_RATE, j])
         w = out[YAW_ACCELERATION, j]
-        a_x += s[0] - r * r * s[3] - w * s[4]
-        a_y += s[1] - r * r * s[4] + w * s[3]
-        b = imu_bin[i]
-        total[0, b] += imu[i, 0] - a_x
-        total[1, b] += imu[i, 1] - a_y
-        total[2, b] += imu[i, 2] - s[6] * r - s[2]
-    for i in range(odometry_s.shape[0]):
-        at = min(max((odometry_s[i] - start) / step - 0.5, 0.0), n - 1.000001)
+        a_x += s[_BIAS_A_X] - r * r * s[_ARM_X] - w * s[_ARM_Y]
+        a_y += s[_BIAS_A_Y] - r * r * s[_ARM_Y] + w * s[_ARM_X]
+        b = imu.bins[i]
+        total[IMU_A_X, b] += imu.values[i, 0] - a_x
+        total[IMU_A_Y, b] += imu.values[i, 1] - a_y
+        total[IMU_YAW_RATE, b] += imu.values[i, 2] - s[_GYRO_GAIN] * r - s[_BIAS_GYRO]
+    for i in range(odometry.stamps.shape[0]):
+        at = min(max((odometry.stamps[i] - start) / step - 0.5, 0.0), n - 1.000001)
         j = int(at)
         part = at - j
-        b = odometry_bin[i]
+        b = odometry.bins[i]
         v_x = out[V_X, j] + part * (out[V_X, j + 1] - out[V_X, j])
         v_y = out[V_Y, j] + part * (out[V_Y, j + 1] - out[V_Y, j])
-        r = rate[j] + part * (rate[j + 1] - rate[j])
-        total[3, b] += odometry[i, 0] - sensors[7, j] * v_x
-        total[4, b] += odometry[i, 1] - v_y
-        total[5, b] += odometry[i, 2] - r
+        r = filtered_yaw_rate[j] + part * (filtered_yaw_rate[j + 1] - filtered_yaw_rate[j])
+        total[ODOMETRY_V_X, b] += odometry.values[i, 0] - sensors[_ODOMETRY_GAIN, j] * v_x
+        total[ODOMETRY_V_Y, b] += odometry.values[i, 1] - v_y
+        total[ODOMETRY_YAW_RATE, b] += odometry.values[i, 2] - r
 
 
-def cumulative_command(
-    at_s: FloatArray, values: FloatArray, spacing: float, end_s: float
-) -> FloatArray:
-    """Integral of a held signal from its first stamp on, every `spacing` seconds."""
-    grid = np.arange(0.0, end_s - at_s[0] + 2.0 * spacing, spacing)
-    knots = np.concatenate([at_s - at_s[0], [grid[-1] + spacing]])
-    total = np.concatenate([[0.0], np.cumsum(values * np.diff(knots))])
-    return np.asarray(np.interp(grid, knots, total))
-
-
-def _smoothed(evidence: SensorLog, at_s: FloatArray) -> FloatArray:
-    """Odometry (len, 3) smoothed, at given times; gaps are bridged."""
-    period = float(np.median(np.diff(evidence.odometry_s)))
-    even = np.arange(evidence.odometry_s[0], evidence.odometry_s[-1] + 0.5 * period, period)
+def _smoothed(log: SensorLog, at_s: FloatArray) -> FloatArray:
+    """Return the odometry (len, 3) smoothed, at given times; gaps are interpolated."""
+    period = log.odometry_period_s
+    even = np.arange(log.odometry_s[0], log.odometry_s[-1] + 0.5 * period, period)
     columns = []
     for i in range(3):
-        filled = np.interp(even, evidence.odometry_s, evidence.odometry[:, i])
-        columns.append(np.interp(at_s, even, savitzky_golay(filled)))
+        resampled = np.interp(even, log.odometry_s, log.odometry[:, i])
+        columns.append(np.interp(at_s, even, savitzky_golay(resampled, period)))
     return np.ascontiguousarray(np.column_stack(columns))
 
 
-def prepare_residual_problem(
-    evidence: SensorLog, sigma: FloatArray | None = None
-) -> ResidualProblem:
-    """Return the course of a drive; `sigma` (6,) replaces the noise found in the evidence."""
-    begin = max([*evidence.imu_s[:1], evidence.odometry_s[0]])
-    end = min([*evidence.imu_s[-1:], evidence.odometry_s[-1]])
-    # Step k's middle is the stamp of an IMU message, as far as they are even.
+def prepare_residual_problem(log: SensorLog, sigma: FloatArray | None = None) -> ResidualProblem:
+    """Put a recording on the integration grid; `sigma` (6,) replaces its estimated noise."""
+    begin = max([*log.imu_s[:1], log.odometry_s[0]])
+    end = min([*log.imu_s[-1:], log.odometry_s[-1]])
+    # The middle of step k is the stamp of an IMU message if the stamps are evenly spaced.
     start = begin - 0.5 * STEP_S
     n = int((end - begin) / STEP_S + 1e-6) + 1
     ends = start + STEP_S * np.arange(n + 1)
     middle = ends[:-1] + 0.5 * STEP_S
-    smooth = _smoothed(evidence, middle)
-    followed = _smoothed(evidence, ends)[:, 0].copy()
-    pose = np.column_stack(
-        [np.interp(middle, evidence.odometry_s, evidence.pose[:, i]) for i in range(3)]
-    )
+    smoothed = _smoothed(log, middle)
+    prescribed_v_x = _smoothed(log, ends)[:, 0].copy()
+    pose = np.column_stack([np.interp(middle, log.odometry_s, log.pose[:, i]) for i in range(3)])
     bins = int(np.ceil(n * STEP_S / BIN_S - 1e-9))
 
     def bin_of(at_s: FloatArray) -> IntArray:
         index = np.floor((at_s - start) / BIN_S + 1e-6).astype(np.int64)
         return np.asarray(np.clip(index, 0, bins - 1))
 
-    imu_bin, odometry_bin = bin_of(evidence.imu_s), bin_of(evidence.odometry_s)
-    counts = np.empty((6, bins))
-    counts[:3] = np.bincount(imu_bin, minlength=bins)
-    counts[3:] = np.bincount(odometry_bin, minlength=bins)
-    way = _travelled_distances(middle, smooth, pose)
-    place_noise = np.fmax(white_noise(evidence.pose[:, :2]), 0.005).max()
+    imu_bin, odometry_bin = bin_of(log.imu_s), bin_of(log.odometry_s)
+    counts = np.empty((N_CHANNELS, bins))
+    counts[IMU_A_X : IMU_YAW_RATE + 1] = np.bincount(imu_bin, minlength=bins)
+    counts[ODOMETRY_V_X : ODOMETRY_YAW_RATE + 1] = np.bincount(odometry_bin, minlength=bins)
+    position_noise = np.fmax(white_noise(log.pose[:, :2]), POSITION_NOISE_FLOOR_M).max()
     return ResidualProblem(
-        log=evidence,
+        log=log,
         start_s=float(start),
         middle_s=middle,
-        torques=cumulative_command(
-            evidence.command_s, evidence.command[:, 0], COMMAND_GRID_S, end + 1.0
-        ),
-        angles=cumulative_command(
-            evidence.command_s, evidence.command[:, 1], COMMAND_GRID_S, end + 1.0
-        ),
-        command_start_s=float(evidence.command_s[0]),
-        prescribed_v_x=followed,
-        smoothed_odometry=smooth,
+        commands=integrate_commands(log.command_s, log.command, end + 1.0),
+        command_start_s=float(log.command_s[0]),
+        prescribed_v_x=prescribed_v_x,
+        smoothed_odometry=smoothed,
         pose=pose,
         bins=bins,
         imu_bin=imu_bin,
         odometry_bin=odometry_bin,
         counts=counts,
-        sigma=evidence.noise() if sigma is None else sigma,
-        distances=way,
-        distance_sigma=float(np.sqrt(2.0) * place_noise + 0.005),
+        sigma=log.noise() if sigma is None else sigma,
+        distances=_travelled_distances(middle, smoothed, pose),
+        distance_sigma=float(np.sqrt(2.0) * position_noise + POSITION_NOISE_FLOOR_M),
     )
 
 
-def _travelled_distances(middle: FloatArray, smooth: FloatArray, pose: FloatArray) -> FloatArray:
-    """Way driven in each stretch of `WAY` seconds (w, 2): by the pose, by the velocity."""
-    heading = savitzky_golay(pose[:, 2], 51, 3)
-    every = round(DISTANCE_INTERVAL_S / STEP_S)
-    cuts = np.arange(0, middle.shape[0], every)
-    v_x = STEP_S * (smooth[:, 0] * np.cos(heading) - smooth[:, 1] * np.sin(heading))
-    v_y = STEP_S * (smooth[:, 0] * np.sin(heading) + smooth[:, 1] * np.cos(heading))
-    total = np.column_stack([np.cumsum(v_x), np.cumsum(v_y)])
+def _travelled_distances(middle: FloatArray, smoothed: FloatArray, pose: FloatArray) -> FloatArray:
+    """Return the distance travelled in each interval (w, 2): by pose, by velocity."""
+    heading = savitzky_golay(pose[:, 2], STEP_S)
+    stride = round(DISTANCE_INTERVAL_S / STEP_S)
+    cuts = np.arange(0, middle.shape[0], stride)
+    d_x = STEP_S * (smoothed[:, 0] * np.cos(heading) - smoothed[:, 1] * np.sin(heading))
+    d_y = STEP_S * (smoothed[:, 0] * np.sin(heading) + smoothed[:, 1] * np.cos(heading))
+    total = np.column_stack([np.cumsum(d_x), np.cumsum(d_y)])
     by_velocity = np.diff(total[cuts], axis=0)
     by_pose = np.diff(pose[cuts, :2], axis=0)
     length = np.hypot(by_velocity[:, 0], by_velocity[:, 1])

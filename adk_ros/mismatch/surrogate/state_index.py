@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The stand-in's state and what a run of it puts out, by name."""
+"""Named indices: the surrogate's state, the outputs of a run, the residual channels."""
 
 from __future__ import annotations
 
@@ -16,6 +16,14 @@ S_ROLL, S_ROLL_RATE, S_PITCH, S_PITCH_RATE = 17, 18, 19, 20
 S_BANK, S_BANK_RATE, S_SLOPE, S_SLOPE_RATE = 21, 22, 23, 24
 STATE_SIZE = 25
 """
-Named state: slips are of the four wheels, the pose is of the map; roll and pitch as the steady
-acceleration that they belong to; bank and slope as far as a body on springs has followed the road.
+State vector. S_SLIP is the first of four wheel slip angles; pose in the map frame; roll and pitch
+as the steady acceleration that causes them; bank and slope as the sprung mass follows them.
 """
+
+E_V_X, E_V_Y, E_YAW_RATE, E_X, E_Y, E_HEADING = range(6)
+"""Columns of a run's end states, each at the end of a step."""
+END_STATE_SIZE = 6
+
+IMU_A_X, IMU_A_Y, IMU_YAW_RATE, ODOMETRY_V_X, ODOMETRY_V_Y, ODOMETRY_YAW_RATE = range(6)
+"""Rows of residuals: the channels of `recording.sensor_log.CHANNELS`."""
+N_CHANNELS = 6

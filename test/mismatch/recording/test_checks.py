@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings that no finding can be drawn from are refused in one line."""
+"""Recordings that cannot be analysed are refused in one line."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from adk_ros.mismatch.recording.checks import (
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 
 
-def scaled(which: str, column: int, factor: float) -> Callable[[SensorLog], SensorLog]:
-    def change(e: SensorLog) -> SensorLog:
-        values = getattr(e, which).copy()
+def scaled(stream: str, column: int, factor: float) -> Callable[[SensorLog], SensorLog]:
+    def change(log: SensorLog) -> SensorLog:
+        values = getattr(log, stream).copy()
         values[:, column] *= factor
-        return replace(e, **{which: values})
+        return replace(log, **{stream: values})
 
     return change
 
 
-def still(e: SensorLog) -> SensorLog:
-    return replace(e, odometry=0.001 * e.odometry)
+def stationary(log: SensorLog) -> SensorLog:
+    return replace(log, odometry=0.001 * log.odometry)
 
 
-def test_a_good_recording_passes() -> None:
+def test_a_valid_recording_passes_all_checks() -> None:
     check_recording(case().simulation)
     check_recording(case().recording)
     check_same_vehicle(case().simulation, case().recording)
@@ -42,10 +42,10 @@ def test_a_good_recording_passes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
-        (lambda e: e.between(0.0, 10.0), "overlap for 10.0 s"),
-        (still, "stands still"),
+        (lambda log: log.between(0.0, 10.0), "overlap for 10.0 s"),
+        (stationary, "slower than 2 m/s for 100 % of the recording"),
         (scaled("imu", 1, -1.0), "the IMU's a_y has its sign flipped"),
         (scaled("imu", 0, -1.0), "the IMU's a_x has its sign flipped"),
         (scaled("imu", 2, -1.0), "gyro's yaw rate has its sign flipped"),
@@ -55,37 +55,45 @@ def test_a_good_recording_passes() -> None:
         (scaled("imu", 2, 180.0 / np.pi), "its unit is not SI"),
         (scaled("odometry", 2, 180.0 / np.pi), "its unit is not SI"),
         (scaled("odometry", 0, 3.6), "its unit is not SI"),
-        (scaled("command", 1, 57.3), "its unit is not rad at the wheels"),
+        (scaled("command", 1, 57.3), "its unit is not rad at the road wheels"),
         (scaled("imu", 1, 1.0 / 9.81), "its unit is not SI"),
         (scaled("odometry", 1, 0.0), "v_y is 0 throughout"),
         (scaled("command", 0, 0.0), "torque is 0 throughout"),
     ],
 )
-def test_a_bad_one_is_refused(change: Callable[[SensorLog], SensorLog], said: str) -> None:
+def test_an_invalid_recording_is_refused(
+    change: Callable[[SensorLog], SensorLog], message: str
+) -> None:
     with pytest.raises(DataError) as error:
         check_recording(change(case().recording))
-    assert said in str(error.value)
+    assert message in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_drives_that_have_no_speed_in_common() -> None:
-    with pytest.raises(DataError, match="like driving"):
+def test_recordings_without_a_common_speed_are_refused() -> None:
+    with pytest.raises(DataError, match="do not overlap"):
         check_same_vehicle(case().simulation, scaled("odometry", 0, 4.0)(case().recording))
 
 
-def test_a_drive_at_its_most_power_does_not_contradict_the_vehicle() -> None:
+def test_a_power_limit_does_not_contradict_the_vehicle_file() -> None:
     c = case("power_limit", power=3e4)
-    whole = effective_mass(c.recording, c.nominal.wheel_radius)
-    gentle = effective_mass(c.recording, c.nominal.wheel_radius, power=0.3)
-    assert whole is not None
-    assert gentle is not None
-    # What is asked for beyond the limit moves nothing: the car seems heavier than it is.
-    assert whole > 1.5 * gentle
-    assert gentle == pytest.approx(c.nominal.mass, rel=0.15)
+    overall = effective_mass(c.recording, c.nominal.wheel_radius)
+    at_low_power = effective_mass(c.recording, c.nominal.wheel_radius, power_share=0.3)
+    assert overall is not None
+    assert at_low_power is not None
+    # Torque beyond the power limit accelerates nothing: the effective mass is too high.
+    assert overall > 1.5 * at_low_power
+    assert at_low_power == pytest.approx(c.nominal.mass, rel=0.15)
     check_vehicle(c.nominal, c.recording)
 
 
-def test_a_vehicle_that_contradicts_the_bag() -> None:
+def test_a_vehicle_file_of_another_mass_is_refused() -> None:
     other = case().nominal.model_copy(update={"mass": 9000.0})
-    with pytest.raises(DataError, match="another car's"):
+    with pytest.raises(DataError, match="effective mass from the torque response is"):
         check_vehicle(other, case().simulation)
+
+
+def test_the_odometry_period_is_the_median_interval() -> None:
+    log = case().recording
+    gap = np.append(log.odometry_s[:10], log.odometry_s[10:] + 5.0)
+    assert replace(log, odometry_s=gap).odometry_period_s == pytest.approx(0.02)
