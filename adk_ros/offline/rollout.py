@@ -36,7 +36,7 @@ from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle, vehi
 from adk_ros.signals.channels import TICK_NS, Reading, Record
 
 MAX_HORIZON_S = 10.0
-"""s; longest horizon. Open-loop velocity errors of any model are useless beyond."""
+"""s; longest horizon, the upper limit of the node's parameter `horizon_s`."""
 MAX_STRIDE_S = 3600.0
 """s; longest time between starts."""
 _TICK_S = TICK_NS * 1e-9

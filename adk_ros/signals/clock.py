@@ -16,7 +16,7 @@ from enum import Enum
 from adk_ros.signals.channels import Reading
 
 _CONFIRMATIONS = 3
-"""Consistent readings that confirm a jump: two wrong stamps in a row occur in practice."""
+"""Consistent readings that confirm a jump: two wrong stamps in a row cause none."""
 
 
 class StampVerdict(Enum):

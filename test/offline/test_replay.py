@@ -169,7 +169,7 @@ def test_horizons_are_optional(model: KoopmanModel, tmp_path: Path) -> None:
 def test_existing_output_is_kept(capsys, tmp_path: Path) -> None:
     (tmp_path / "kept").write_text("important")
     line = refused(capsys, ["replay", bag(), "--model", small().path, "--out", tmp_path], 2)
-    assert f"{tmp_path} exists already: choose another --out or remove it" in line
+    assert f"{tmp_path} is not empty and holds no earlier result: name another folder" in line
     assert (tmp_path / "kept").read_text() == "important"
 
 
@@ -182,9 +182,9 @@ def test_printed_score(capsys, tmp_path: Path) -> None:
     printed = lines(err)
     count = len(replayed(bag(), Pipeline(artefact.load(small().path).model)))
     assert printed[-1].startswith(f"{count} predictions on ")
-    assert printed[-1].endswith(f"of 25 ms in {tmp_path / 'p'}")
+    assert printed[-1].endswith(f"samples, one every 25 ms, in {tmp_path / 'p'}")
     _, err = adk(capsys, bag(), "--model", small().path)
-    assert lines(err)[-1].endswith("(nothing written: no --out)")
+    assert lines(err)[-1].endswith("(not written: no --out)")
 
 
 @pytest.fixture(scope="module")
@@ -258,7 +258,7 @@ def test_innovations_are_scored(capsys) -> None:
 def test_too_short_to_score_is_a_warning(capsys) -> None:
     out, err = adk(capsys, bag("town", 1.5), "--model", small().path)
     assert out == ""
-    assert "warning: no stretch without a gap is as long as the horizon: nothing to score" in err
+    assert "warning: no stretch without gaps is as long as the horizon: nothing to score" in err
     out, _ = adk(capsys, bag("town", 1.5), "--model", small().path, "--json")
     assert json.loads(out)["score"] is None
 
@@ -274,12 +274,12 @@ def test_missing_imu_is_a_warning(capsys) -> None:
 
 def test_bag_used_in_training_is_a_warning(capsys, tmp_path: Path) -> None:
     _, err = adk(capsys, bag(), "--model", small().path)
-    assert "this is no test" not in err
+    assert "not on unseen data" not in err
     known = bag("handling", 20.0)
     same = tmp_path / "handling"
     same.symlink_to(known)
     _, err = adk(capsys, same, "--model", small().path)
-    assert "warning: the model was trained on a bag named handling: this is no test" in err
+    assert "warning: the model was trained on a bag named handling: these scores are not on" in err
 
 
 def with_other_joints(path: Path) -> Path:
@@ -331,7 +331,7 @@ def test_manifest_with_unknown_sensors_is_refused(capsys, tmp_path: Path) -> Non
     facts = loaded.manifest["training"] | {"sensors": {"sonar": 3}}
     artefact.save(tmp_path / "m", program, loaded.model, facts)
     line = refused(capsys, ["replay", bag(), "--model", tmp_path / "m"], 2)
-    assert "the model's manifest describes sensors unknown here" in line
+    assert "the model's manifest describes sensors that this version does not know" in line
 
 
 def test_gap_in_the_bag_causes_a_restart(capsys, tmp_path: Path) -> None:
