@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from adk_ros.signals.channels import INPUT_NAMES, STATE_NAMES
+from adk_ros.signals.score import DISPLAY_NAMES
 
 UNITS = {
     "v_x": "m/s",
@@ -67,7 +68,9 @@ def score_frame(scores: dict[str, Any] | None) -> pd.DataFrame:
     horizons = scores["horizons_s"]
     index = pd.MultiIndex.from_product([STATE_NAMES, horizons], names=["channel", "horizon_s"])
     columns = {
-        name: [value for channel in STATE_NAMES for value in errors[channel]["rmse"]]
+        DISPLAY_NAMES.get(name, name): [
+            value for channel in STATE_NAMES for value in errors[channel]["rmse"]
+        ]
         for name, errors in scores["predictors"].items()
     }
     for column, key in (

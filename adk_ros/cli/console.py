@@ -150,7 +150,8 @@ def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], tit
     table.add_column("channel")
     table.add_column("horizon")
     for name in (*model_names, *naive):
-        table.add_column(DISPLAY_NAMES.get(name, name).replace(" ", "\n"), justify="right")
+        heading = DISPLAY_NAMES.get(name, name).replace("acceleration", "accel.")
+        table.add_column(heading.replace(" ", "\n"), justify="right")
     table.add_column("known\n/best\nnaive", justify="right")
     table.add_column("held\n/best\nnaive", justify="right")
     first = scores[model_names[0]]

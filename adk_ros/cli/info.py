@@ -40,7 +40,7 @@ def _show_model(path: Path, as_json: bool) -> None:
         console.print_json({"kind": "model", "path": str(path)} | manifest)
         return
     console.output.print(f"model {path}: complete, hashes match", markup=False)
-    slow = "" if model.artefact.model.lifting.compiled else " (not compiled: slow roll-outs)"
+    slow = "" if model.artefact.model.lifting.compiled else " (not compiled: slow rollouts)"
     rows = {
         "kind": facts.get("kind", "unknown"),
         "trained on": ", ".join(

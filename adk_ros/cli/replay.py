@@ -47,7 +47,8 @@ def replay(
         float, typer.Option(help="length of the predicted horizon in s; 0: none")
     ] = 2.0,
     with_horizon: Annotated[
-        bool, typer.Option("--with-horizon", help="write the horizons as well (large)")
+        bool,
+        typer.Option("--with-horizon", help="write the horizons as well (about 6 MB per min)"),
     ] = False,
     imu: ImuOption = None,
     odometry: OdometryOption = None,
@@ -61,8 +62,8 @@ def replay(
     Replay a recording offline and score the predictions.
 
     The predictions are those that the live node would have published. Naive predictors are scored
-    on the same data for comparison; --out writes the predictions as a bag. Takes about 10 s per
-    minute of recording.
+    on the same data for comparison; --out writes the predictions as a bag. Takes about 15 s for
+    a recording of 1 min.
 
     Example: adk replay bags/town --model models/handling --out predicted
     """

@@ -16,6 +16,7 @@ from adk_ros.api.recording import BagRecording
 from adk_ros.api.replay import ReplayResult
 from adk_ros.api.rollout import RolloutResult
 from adk_ros.signals.channels import STATE_NAMES
+from adk_ros.signals.score import DISPLAY_NAMES
 
 CHANNELS = list(STATE_NAMES)
 
@@ -99,7 +100,7 @@ def test_a_loaded_model_has_the_scores_of_its_manifest() -> None:
         assert list(scores.index) == stored["horizons_s"]
         assert list(scores["ratio"]) == stored["ratio_to_best_naive"][channel]
         for name, errors in stored["predictors"].items():
-            assert list(scores[name]) == errors[channel]["rmse"]
+            assert list(scores[DISPLAY_NAMES.get(name, name)]) == errors[channel]["rmse"]
     assert isinstance(model.figure(), Figure)
     assert model.training is None
 
