@@ -176,8 +176,7 @@ def replay(
     """
     Replay a recording through the predictor, as the live node receives it, and score it.
 
-    :param recording: a recording or a bag; a bag is read with the sensor configuration of the
-        model unless `options` says otherwise.
+    :param recording: a recording or a bag.
     :param model: a trained model or its folder.
     :param out: bag to write the predictions to.
     :param method: online method: constant, rls, ffrls, swls or windowed (default: the model's).
@@ -186,6 +185,7 @@ def replay(
         the model's).
     :param horizon_s: length of the predicted horizon, 0 to 10 s.
     :param with_horizon: write the horizons to `out` as well.
+    :param options: how to read a bag; default: with the sensor configuration of the model.
     :param force: replace an earlier bag at `out`.
     :raises UsageError: an argument is invalid, or `out` exists.
     :raises DataError: the recording is unusable.
