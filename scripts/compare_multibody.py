@@ -1,14 +1,14 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Compare the fourteen-degree-of-freedom plant with CommonRoad's multi-body model, and print how far.
+Compare the 14-DoF vehicle model with CommonRoad's multi-body model and print the differences.
 
     .venv/bin/python scripts/compare_multibody.py
 
-The other model has 29 states and comes with `commonroad-vehicle-models` (BSD licence; Althoff and
-Wuersching, "CommonRoad: Vehicle Models"). Its parameter set 2, a BMW 320i, becomes a vehicle of
-ours in `equivalent`. Both drive the same commands, integrated by RK4 at 1 ms. A test holds the
-differences within bounds.
+The multi-body model has 29 states and comes with `commonroad-vehicle-models` (BSD licence; Althoff
+and Wuersching, "CommonRoad: Vehicle Models"). `equivalent` converts its parameter set 2, a BMW
+320i, to a vehicle of this package. Both run the same commands, integrated by RK4 at 1 ms. A test
+bounds the differences. "Theirs" is the multi-body model, "ours" the 14-DoF model.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from adk_ros.plant.vehicle.vehicle_parameters import Tyre, Vehicle
 
 STEP = 1e-3
 SHIFTS = ("p_hx1", "p_vx1", "p_hy1", "p_hy3", "p_vy1", "p_vy3")
-"""Their tyres' shifts by camber, conicity and ply-steer, of which ours know nothing."""
+"""Camber, conicity and ply-steer shifts of their tyres, which our tyre model lacks."""
 
 V_X, V_Y, YAW_RATE, ROLL, PITCH, STEER = 3, 10, 5, 6, 8, 2
-"""Entries of their state; their y points right and their z down."""
+"""Indices of their state; their y axis points right and their z axis down."""
 
 
 class Track(NamedTuple):
-    """A manoeuvre driven by one model: each (n,), our signs, a row a millisecond."""
+    """Result of one model: arrays of shape (n,), one row per millisecond, our sign conventions."""
 
     v_x: np.ndarray
     v_y: np.ndarray
@@ -46,7 +46,7 @@ class Track(NamedTuple):
 
 
 class Manoeuvre(NamedTuple):
-    """What is driven: speed at the start, and road-wheel angle and acceleration over time."""
+    """Initial speed in m/s, and road-wheel angle in rad and acceleration in m/s² over time."""
 
     name: str
     speed: float
@@ -56,7 +56,7 @@ class Manoeuvre(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """A compared quantity: theirs and ours at the end, and the largest difference on the way."""
+    """A compared quantity: both final values, and the largest difference over time."""
 
     manoeuvre: str
     quantity: str
@@ -70,7 +70,7 @@ class Difference(NamedTuple):
 
 
 def parameters(shifts: bool = True) -> Any:
-    """Return their parameter set 2; without `shifts`, its tyres are symmetric and upright."""
+    """Return their parameter set 2; without `shifts`, with symmetric and upright tyres."""
     p = parameters_vehicle2()
     if not shifts:
         for name in SHIFTS:
@@ -80,13 +80,14 @@ def parameters(shifts: bool = True) -> Any:
 
 def equivalent(p: Any) -> Vehicle:
     """
-    Return their vehicle as one of ours.
+    Convert their vehicle to one of ours.
 
-    Slip stiffness per load (p_ky1, p_kx1) and shape go over by formula, B = K / (C D). Their loads
-    at rest are those of a sprung mass with its centre at a, b and equal unsprung masses, ours
-    those of the whole car with its centre there (which is how they write the yaw balance): B_y
-    takes the ratio, so that each axle has their cornering stiffness. Ours have one friction
-    coefficient, the lateral one. The height of the whole follows from that of the sprung mass.
+    Slip stiffness per load (p_ky1, p_kx1) and shape are converted by B = K / (C D). Their static
+    loads are those of a sprung mass with its centre at a, b and equal unsprung masses; ours are
+    those of the whole car with its centre there, as in their yaw balance. B_y is multiplied by the
+    ratio of the loads, so that each axle has their cornering stiffness. Our tyres have one
+    friction coefficient, set to the lateral one. The height of the centre of gravity follows from
+    that of the sprung mass.
     """
     t, wheelbase = p.tire, p.a + p.b
     ratio = [
@@ -123,7 +124,7 @@ def equivalent(p: Any) -> Vehicle:
 
 
 def drive_theirs(p: Any, m: Manoeuvre) -> Track:
-    """Integrate their model; its steering takes a rate, ours an angle."""
+    """Integrate their model; its steering input is a rate, ours is an angle."""
     t = STEP * np.arange(round(m.seconds / STEP) + 1)
     delta, accel = m.delta(t), m.accel(t)
     state = np.array(init_mb([0.0, 0.0, 0.0, m.speed, 0.0, 0.0, 0.0], p))
@@ -141,13 +142,13 @@ def drive_theirs(p: Any, m: Manoeuvre) -> Track:
         k3 = rates(state + 0.5 * STEP * k2, u)
         k4 = rates(state + STEP * k3, u)
         state = state + STEP / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-    # Their turn to the right is ours to the left, seen in a mirror, which turns roll round; nose
-    # up is positive there, and nose down here.
+    # Their y axis is mirrored, which changes the sign of roll. Their pitch is positive nose up,
+    # ours nose down.
     return Track(rows[:, V_X], rows[:, V_Y], rows[:, YAW_RATE], -rows[:, ROLL], -rows[:, PITCH])
 
 
 def drive_ours(vehicle: Vehicle, m: Manoeuvre) -> Track:
-    """Integrate our model under the same angle, and the torque that they make of it."""
+    """Integrate our model with the same angle and the torque of the same acceleration."""
     c, body = vehicle.constants(), resolve(vehicle)
     t = STEP * np.arange(round(m.seconds / STEP) + 1)
     torque = m.accel(t) * vehicle.mass * vehicle.wheel_radius
@@ -180,14 +181,14 @@ UNITS = {
 
 
 def _quantity(track: Track, name: str) -> np.ndarray:
-    """A column; `a_y` is dv_y/dt + r v_x, which gravity has no part in."""
+    """Return a quantity over time; `a_y` is the kinematic acceleration dv_y/dt + r v_x."""
     if name == "a_y":
         return np.asarray(np.gradient(track.v_y, STEP) + track.yaw_rate * track.v_x)
     return np.asarray(getattr(track, name))
 
 
 def compare(shifts: bool = True) -> list[Difference]:
-    """Drive every manoeuvre with both models."""
+    """Run every manoeuvre with both models."""
     p = parameters(shifts)
     vehicle = equivalent(p)
     found = []
@@ -196,7 +197,7 @@ def compare(shifts: bool = True) -> list[Difference]:
         for name in BRAKING if m.name.startswith("braking") else TURNING:
             a, b = _quantity(theirs, name), _quantity(mine, name)
             unit, scale = UNITS[name]
-            # Speed starts equal: what counts is what braking takes of it.
+            # Both start at the same speed: compare the change of speed.
             origin = a[0] if name == "v_x" else 0.0
             end = (b[-1] - a[-1]) / (a[-1] - origin)
             most = float(np.abs(b - a).max() / np.abs(a - origin).max())

@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Drive every packaged scenario and print what it is like; and what a vehicle's body does.
+Run every packaged scenario and print tables of its properties and of the vehicles' body modes.
 
     .venv/bin/python scripts/describe_plant.py
 
-doc/plant.md has what it prints.
+doc/plant.md contains the output.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle, vehicles
 
 
 def offset(drive: SimulatedDrive) -> float:
-    """Furthest from the route's line, m."""
+    """Return the largest distance from the centre line of the route in m."""
     table, spacing = drive.route.table, drive.route.spacing
     places = zip(drive.arc_length, drive.pose, strict=True)
     return max(abs(locate(table, spacing, s, x, y)[1]) for s, (x, y, _) in places)
 
 
 def scenario_line(name: str) -> str:
-    """Return a scenario's row of the table."""
+    """Return the table row of a scenario."""
     scenario = load_scenario(name)
     drive = simulate(scenario, duration_s=min(scenario.duration_s, 300.0))
     table = drive.route.table
@@ -52,7 +52,7 @@ def scenario_line(name: str) -> str:
 
 
 def vehicle_line(name: str) -> str:
-    """Return a vehicle's row of the table."""
+    """Return the table row of a vehicle."""
     vehicle = load_vehicle(name)
     body = resolve(vehicle)
     modes = vertical_modes(vehicle, body)
@@ -64,8 +64,8 @@ def vehicle_line(name: str) -> str:
     )
 
 
-def floor_line(name: str) -> str:
-    """Return what the sensors' noise makes of two seconds' prediction by the plant itself."""
+def oracle_line(name: str) -> str:
+    """Return the table row with the oracle's errors over 2 s, without and with sensor noise."""
     drive = simulate(load_scenario(name), duration_s=100.0)
     rows = np.arange(40, len(drive.x) - 81, 40)
     noise = np.random.default_rng(0).normal(0.0, [0.02, 0.02, 0.002], (len(rows), 3))
@@ -81,7 +81,7 @@ def floor_line(name: str) -> str:
 
 
 def cost() -> str:
-    """Return how long the data's 1400 s take, sensors included, the best of two."""
+    """Return the run time of 1400 s of xyz_edges with sensors, the shorter of two runs."""
     scenario = load_scenario("xyz_edges")
     simulate(scenario, duration_s=0.2)
     best = np.inf
@@ -96,5 +96,5 @@ if __name__ == "__main__":
     print("\n".join(vehicle_line(name) for name in vehicles()), "\n")
     print("\n".join(scenario_line(name) for name in scenarios()), "\n")
     names = ("handling", "xyz_edges", "mountain", "slalom", "winter")
-    print("\n".join(floor_line(name) for name in names), "\n")
+    print("\n".join(oracle_line(name) for name in names), "\n")
     print(cost())

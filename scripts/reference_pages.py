@@ -19,7 +19,7 @@ from adk_ros.mismatch.library.vehicle_effects import VEHICLE
 from adk_ros.ros import diagnostics
 from adk_ros.ros.parameter_table import TABLE
 
-EXPONENTS = {"^2": "²", "^3": "³", "m2": "m²", "kg m²": "kg·m²", "N m": "N·m", "V²": "v²"}
+EXPONENTS = {"^2": "²", "^3": "³", "m2": "m²", "kg m²": "kg·m²", "N m": "N·m"}
 
 
 def typeset(text: str) -> str:

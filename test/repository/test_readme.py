@@ -41,6 +41,6 @@ def test_sections_are_in_reading_order() -> None:
 
 
 def test_demonstration_states_its_output() -> None:
-    output = re.search(r"<!-- mismatch output -->\n```\n(.+)\n```\n<!-- /mismatch", README)
+    output = re.search(r"<!-- mismatch output -->\n```\n(.+)\n```\n<!-- /", README, re.DOTALL)
     assert output is not None
     assert "drag" in output[1]
