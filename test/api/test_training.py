@@ -29,7 +29,9 @@ def test_a_model_is_trained_from_recordings(
         on_step=lambda step: steps.append(step.step),
     )
     assert capsys.readouterr() == ("", "")
-    assert steps[-1] == 20
+    # Training may stop early.
+    assert steps == list(range(1, len(steps) + 1))
+    assert 2 <= len(steps) <= 20
     assert "training" in stages
     assert (tmp_path / "m" / "report.html").is_file()
     assert [data["name"] for data in model.facts["data"]] == [

@@ -69,7 +69,8 @@ def test_a_scenario_file(capsys, tmp_path: Path) -> None:
     assert main(arguments) == 0
     assert "5 s of square, seed 0" in capsys.readouterr().err
     file.write_text("duration_s: 5.0\nroute: [straight: 60]\nspeeed: 3\n")
-    assert "square.yaml: speeed: no such parameter" in refused(capsys, arguments, 2)
+    line = refused(capsys, [*arguments[:-1], str(tmp_path / "c")], 2)
+    assert "square.yaml: speeed: no such parameter" in line
 
 
 def test_invalid_options_are_refused(capsys, tmp_path: Path) -> None:

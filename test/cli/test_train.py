@@ -115,7 +115,8 @@ def test_training_as_in_the_paper(capsys, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_scalars_for_tensorboard(capsys, tmp_path: Path) -> None:
     arguments = ["train", str(bag("handling", 60.0)), "--out", str(tmp_path / "m"), *QUICK]
-    arguments += ["--steps", "60", "--tensorboard", str(tmp_path / "scalars")]
+    arguments[arguments.index("--steps") + 1] = "60"
+    arguments += ["--tensorboard", str(tmp_path / "scalars")]
     assert main(arguments) == 0
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
