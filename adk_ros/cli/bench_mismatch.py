@@ -114,6 +114,7 @@ def _ablate(folder: Path, vehicle: Path | None, as_json: bool) -> None:
     from dataclasses import asdict
 
     from adk_ros.bench.mismatch.ablation import ablation_criteria, run_ablation
+    from adk_ros.bench.mismatch.result_tables import case_json
     from adk_ros.bench.paper.av21 import find_recordings
     from adk_ros.mismatch.recording.from_bag import read_sensor_log
     from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
@@ -130,7 +131,7 @@ def _ablate(folder: Path, vehicle: Path | None, as_json: bool) -> None:
     criteria = ablation_criteria(results)
     if as_json:
         console.print_json({
-            "asked": [asdict(item) for item in results],
+            "asked": [asdict(item) | {"score": case_json(item.score)} for item in results],
             "bars": [asdict(criterion) for criterion in criteria],
         })  # fmt: skip
         return

@@ -1,12 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Real recordings, of which nobody knows what they hold: a known term is taken away and asked for.
+Ablation on real recordings: remove a known term from a calibrated surrogate and recover it.
 
-The stand-in is calibrated on a drive, in which a pedal is made a torque by the speed's change.
-What it leaves counts as its own error. A term is then taken out of it, and the drive is held
-against what remains: `adk mismatch` has to name that term and its size. The calibrated stand-in
-itself is asked too, and should lack nothing.
+The ground truth of a real recording is unknown. So a surrogate model is calibrated on the
+recording (a pedal position is converted to a torque from the acceleration), and its residual
+counts as its model error. Then one term is removed from the surrogate, and `adk mismatch` must
+name that term and its size. As a control, the full surrogate must show no mismatch.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ ABLATION_FILE = "real"
 
 Progress = Callable[[float, float, str], None]
 
-_ALSO: dict[str, tuple[float, float]] = {
-    # name: (usual spread, step of the differences)
+_CALIBRATED: dict[str, tuple[float, float]] = {
+    # name: (prior standard deviation, step of the finite differences)
     "steer_offset": (0.02, 2e-4),
     "steer_gain": (0.1, 0.005),
     "torque_gain": (0.2, 0.005),
@@ -58,15 +58,17 @@ _ALSO: dict[str, tuple[float, float]] = {
     "yaw_inertia": (200.0, 10.0),
 }
 _ERROR = np.array([0.3, 0.3, 0.01, 0.1, 0.05, 0.01])
-"""What such a model leaves of a real drive, by channel: far more than the sensors' noise."""
-_MOST = 3.0
-"""Usual spreads by which a parameter may be off its start."""
-_MOVING = 3.0
+"""Assumed residual of such a model on a real recording, by channel (a_x, a_y in m/s², yaw rate in
+rad/s, v_x, v_y in m/s, yaw rate in rad/s): far above the sensor noise."""
+_MAX_SIGMAS = 3.0
+"""Largest deviation of a parameter from its start, in prior standard deviations."""
+_MIN_SPEED = 3.0
+"""Speed below which data are not used, m/s."""
 
 
 @dataclass(frozen=True)
 class Removal:
-    """A term to be taken out: `entry` of the vector by `amount`, which is then the effect's."""
+    """A term to remove: `amount` of the parameter `entry`, which `effect` then has to supply."""
 
     effect: str
     parameter: str
@@ -75,13 +77,13 @@ class Removal:
     neutral: float = 0.0
 
     def out_of(self, plain: SurrogateModel) -> SurrogateModel:
-        """Return the stand-in less the term."""
+        """Return the surrogate without the term."""
         p = plain.parameters.copy()
         p[INDEX[self.entry]] -= self.amount
         return replace(plain, parameters=p)
 
     def label(self, start_s: float, end_s: float) -> dict[str, Any]:
-        """Return the answer that is wanted."""
+        """Return the label: the expected answer."""
         return {"plant": ABLATION_FILE, "effects": [{
             "name": self.effect, "params": {self.parameter: self.neutral + self.amount},
             "kind": "always", "time_intervals_s": [[start_s, end_s]],
@@ -89,7 +91,7 @@ class Removal:
 
 
 def removals(plain: SurrogateModel) -> tuple[Removal, ...]:
-    """Return what is taken out of a calibrated stand-in: all its drag, a third of its steering."""
+    """Return the removals: the whole drag, and a third of the steering gain."""
     drag, gain = (float(plain.parameters[INDEX[name]]) for name in ("drag_area", "steer_gain"))
     return (
         Removal("aero_drag", "cda", "drag_area", drag),
@@ -99,7 +101,7 @@ def removals(plain: SurrogateModel) -> tuple[Removal, ...]:
 
 @dataclass(frozen=True)
 class CalibratedSurrogate:
-    """A drive with torques, and the stand-in that was calibrated on it."""
+    """A recording with torque commands, and the surrogate model calibrated on it."""
 
     stand_in: SurrogateModel
     drive: SensorLog
@@ -108,34 +110,36 @@ class CalibratedSurrogate:
 
 def with_torque(e: SensorLog, mass: float, radius: float) -> tuple[SensorLog, str]:
     """
-    Return a recording whose pedal is made a torque, and in words how.
+    Convert the pedal position to a torque; return the recording and a note on the conversion.
 
-    m dv_x/dt = k+ p+ / R + k- p- / R - c v_x^2 - d over the moving part, by least squares.
-    Raises `DataError` where the pedal does not drive the car.
+    m dv_x/dt = k+ p+ / R + k- p- / R - c v_x² - d, by least squares over the moving part.
+    :raises DataError: the pedal does not accelerate and decelerate the vehicle.
     """
     pedal = e.command[:, 0]
-    v_x = savitzky_golay(e.odometry[:, 0])
+    v_x = savitzky_golay(e.odometry[:, 0], e.odometry_period_s)
     along = np.gradient(v_x, e.odometry_s) - e.odometry[:, 1] * e.odometry[:, 2]
-    held = pedal[np.maximum(np.searchsorted(e.command_s, e.odometry_s, side="right") - 1, 0)]
-    use = v_x > _MOVING
+    in_force = pedal[np.maximum(np.searchsorted(e.command_s, e.odometry_s, side="right") - 1, 0)]
+    use = v_x > _MIN_SPEED
     rows = np.column_stack(
-        [np.maximum(held, 0.0), np.minimum(held, 0.0), -(v_x**2), -np.ones_like(v_x)]
+        [np.maximum(in_force, 0.0), np.minimum(in_force, 0.0), -(v_x**2), -np.ones_like(v_x)]
     )
     solved, *_ = np.linalg.lstsq(rows[use], along[use], rcond=None)
     if solved[0] <= 0.0 or solved[1] <= 0.0:
-        raise DataError(f"{e.name}: the drive command does not speed the car up and slow it down")
+        raise DataError(
+            f"{e.name}: the drive command does not accelerate and decelerate the vehicle"
+        )
     k = mass * radius * solved[:2]
     torque = np.where(pedal > 0.0, k[0], k[1]) * pedal
     command = np.column_stack([torque, e.command[:, 1]])
-    text = f"the pedal is taken for {k[0]:.0f} N m at full throttle, {k[1]:.0f} N m at full brake"
+    text = f"pedal converted to {k[0]:.0f} N·m at full throttle, {k[1]:.0f} N·m at full brake"
     return replace(e, command=command), text
 
 
 def calibrate_surrogate(recording: SensorLog, nominal: NominalVehicle) -> CalibratedSurrogate:
     """
-    Calibrate a stand-in on a real drive.
+    Calibrate a surrogate model on a real recording.
 
-    Raises `DataError` for a recording that nothing can be learned from.
+    :raises DataError: the recording is not usable.
     """
     has_imu = recording.imu_s.size > 0
     part = longest_moving_segment(recording)
@@ -154,20 +158,20 @@ def calibrate_surrogate(recording: SensorLog, nominal: NominalVehicle) -> Calibr
 
 
 def _calibrate(course: ResidualProblem, start: FloatArray, has_imu: bool) -> SurrogateModel:
-    """Return the stand-in with all that a real car may differ in fitted to a course."""
-    fitted = FITTED_PARAMETERS | _ALSO
+    """Fit all uncertain parameters of a real vehicle to the recording."""
+    fitted = FITTED_PARAMETERS | _CALIBRATED
     names = list(fitted)
     where = np.array([INDEX[name] for name in names])
     spread = np.array([fitted[name][0] for name in names])
     step = np.array([fitted[name][1] for name in names])
     counted = course.weights() > 0.0
-    slow = np.interp(course.bin_s, course.middle_s, course.smoothed_odometry[:, 0]) < _MOVING
+    slow = np.interp(course.bin_s, course.middle_s, course.smoothed_odometry[:, 0]) < _MIN_SPEED
     counted[:, slow | (course.bin_s < course.start_s + 1.0)] = False
     if not has_imu:
         counted[:3] = False
     mean = start[where].copy()
-    low = np.maximum(mean - _MOST * spread, LOW[where])
-    high = np.minimum(mean + _MOST * spread, HIGH[where])
+    low = np.maximum(mean - _MAX_SIGMAS * spread, LOW[where])
+    high = np.minimum(mean + _MAX_SIGMAS * spread, HIGH[where])
     p = start.copy()
     p[where] = fit_with_annealed_observer(
         course,
@@ -184,9 +188,9 @@ def _calibrate(course: ResidualProblem, start: FloatArray, has_imu: bool) -> Sur
 @dataclass(frozen=True)
 class AblationResult:
     """
-    What was said when a term was taken away, "" for none: its score, and the best single effect.
+    Result after the removal of a term ("" for none): its score, and the best single effect.
 
-    `gain` is what the best single effect takes off the loss, as a share of it.
+    `gain`: relative reduction of the loss by the best single effect.
     """
 
     recording: str
@@ -200,9 +204,9 @@ def run_ablation(
     recording: SensorLog, nominal: NominalVehicle, progress: Progress | None = None
 ) -> list[AblationResult]:
     """
-    Return what is said of a real drive by its calibrated stand-in, and by it less each term.
+    Analyse a recording with its calibrated surrogate, and with each term removed from it.
 
-    Raises `DataError` for a recording that nothing can be learned from.
+    :raises DataError: the recording is not usable.
     """
     tell = progress or (lambda done, total, text: None)
     tell(0.0, 1.0, f"{recording.name}: calibrating")
@@ -231,16 +235,16 @@ def run_ablation(
     return out
 
 
-def ablation_criteria(asked: Sequence[AblationResult]) -> list[Criterion]:
-    """Return a bar for each thing that was removed, and for nothing."""
+def ablation_criteria(results: Sequence[AblationResult]) -> list[Criterion]:
+    """Return one criterion per removed term, and one for the control without a removal."""
     out = []
-    for name in dict.fromkeys(one.removed for one in asked):
-        these = [one for one in asked if one.removed == name]
-        right = sum(one.score.right == 1.0 for one in these)
+    for name in dict.fromkeys(result.removed for result in results):
+        these = [result for result in results if result.removed == name]
+        right = sum(result.score.right == 1.0 for result in these)
         figure = f"{right} of {len(these)} recordings"
         if name:
-            first = sum(one.best == name for one in these)
-            figure += f", first of the single effects in {first}"
+            first = sum(result.best == name for result in these)
+            figure += f", best single effect in {first}"
         title = f"real-{name or 'nothing'}-removed"
         out.append(Criterion(
             PASS if right == len(these) else FAIL, title, figure,

@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What `adk mismatch` has to reach over many cases, and whether it did: one line each.
+Acceptance criteria of `adk mismatch` over many cases: one line each.
 
-PASS or FAIL with the figure and, in brackets, the bar; NONE where no case ran that it is about,
-or too few.
+PASS or FAIL with the measured figure and, in brackets, the criterion; NONE if no case, or too few,
+apply.
 """
 
 from __future__ import annotations
@@ -20,24 +20,35 @@ PASS, FAIL, NONE = "PASS", "FAIL", "NONE"
 
 FULL, WEAK = 1.0, 0.3
 OWN_FAMILY = ("", "seven_dof")
-"""Plants whose equations are of the stand-in's family, or of which the label says nothing."""
+"""Plants with equations of the surrogate model's family, or unspecified in the label."""
+# Required values, set before the measurements: targets, not results.
 SINGLES_LEAST = {FULL: 0.95, WEAK: 0.8}
+"""Share of single effects named right, by strength."""
 F1_LEAST = {"pair": 0.92, "triple": 0.8}
+"""Mean set-F1 of combined effects."""
 UNLISTED_LEAST = 0.9
+"""Share of unlisted effects reported as unknown, with the right equation and variable."""
 OTHER_FAMILY_LEAST = 0.85
+"""Share of right answers on simulators of another family."""
 ERROR_MOST = 0.03
+"""Median relative parameter error."""
 COVERAGE = (0.8, 0.97)
+"""Share of true values in the 90 % intervals."""
 COVERED_LEAST = 30
-"""Intervals below which the share inside says nothing: of a few, all may be by chance."""
+"""Fewest intervals for that share: of 30 at 90 %, the standard error is 5 %."""
 IOU_LEAST = 0.9
+"""Median intersection over union of the activation."""
 REMOVED_LEAST = 0.9
+"""Median share of the removable held-out error that is removed."""
 SECONDS_MOST = 60.0
+"""Median duration of a case, s."""
 MEMORY_MOST_MIB = 2048.0
+"""Median memory of a case, MiB."""
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """One line; `bar` says what was asked, `cases` how many the figure is of."""
+    """Result of one criterion: `bar` is the requirement, `cases` the number of cases."""
 
     verdict: str
     name: str
@@ -49,10 +60,10 @@ class Criterion:
         return f"{self.verdict} {self.name} {self.figure} ({self.bar})"
 
 
-def _bar(name: str, cases: int, bar: str, passed: bool, figure: str) -> Criterion:
+def _criterion(name: str, cases: int, required: str, passed: bool, figure: str) -> Criterion:
     if not cases:
-        return Criterion(NONE, name, "no case ran", bar, 0)
-    return Criterion(PASS if passed else FAIL, name, figure, bar, cases)
+        return Criterion(NONE, name, "no case ran", required, 0)
+    return Criterion(PASS if passed else FAIL, name, figure, required, cases)
 
 
 def _share(
@@ -64,7 +75,7 @@ def _share(
 ) -> Criterion:
     value = float(np.mean([of(s) for s in scores])) if scores else 0.0
     figure = f"{value:.3f} of {len(scores)} cases{also}"
-    return _bar(name, len(scores), f"at least {least:g}", value >= least, figure)
+    return _criterion(name, len(scores), f"at least {least:g}", value >= least, figure)
 
 
 def _median(
@@ -75,20 +86,20 @@ def _median(
     factor, unit = (100.0, " %") if percent else (1.0, "")
     bar = f"{'at most' if most else 'at least'} {factor * limit:g}{unit} in the median"
     figure = f"{factor * value:.3g}{unit} over {len(values)} figures of {cases} cases"
-    return _bar(name, len(values) and cases, bar, passed, figure)
+    return _criterion(name, len(values) and cases, bar, passed, figure)
 
 
 def evaluate_criteria(scores: Sequence[CaseResult]) -> list[Criterion]:
     """
-    Return all bars.
+    Evaluate all criteria.
 
-    `strength` and `plant` of a case are its label's. An other-family simulator's case counts as
-    its names do, set-F1 for more than one; clean ones are no part of it, nor are weak ones.
+    Cases of simulators of another family count with set-F1 if they have several effects; clean
+    and weak cases are excluded there.
     """
     clean = [s for s in scores if s.kind == "none"]
     alarms = sum(s.right < 1.0 for s in clean)
     unlisted = [s for s in scores if s.kind == UNKNOWN]
-    unsaid = sum(s.described is None and s.right == 1.0 for s in unlisted)
+    unspecified = sum(s.described is None and s.right == 1.0 for s in unlisted)
     found = [s for s in scores if s.errors]
     placed = [s for s in scores if s.iou]
     better = [s for s in scores if s.removed and s.correctable]
@@ -116,9 +127,11 @@ def evaluate_criteria(scores: Sequence[CaseResult]) -> list[Criterion]:
             unlisted,
             UNLISTED_LEAST,
             lambda s: s.right,
-            f", {unsaid} of them without equation and variable in the label" if unsaid else "",
+            f", {unspecified} of them without equation and variable in the label"
+            if unspecified
+            else "",
         ),
-        _bar(
+        _criterion(
             "false-alarms",
             len(clean),
             "none",
@@ -164,14 +177,14 @@ def _coverage(covered: Sequence[bool]) -> Criterion:
     inside = float(np.mean(covered)) if covered else 0.0
     figure = f"{100.0 * inside:.1f} % of {len(covered)} intervals"
     if 0 < len(covered) < COVERED_LEAST:
-        figure += f", {COVERED_LEAST} at least would tell"
+        figure += f", at least {COVERED_LEAST} are needed"
         return Criterion(NONE, name, figure, bar, len(covered))
-    return _bar(name, len(covered), bar, COVERAGE[0] <= inside <= COVERAGE[1], figure)
+    return _criterion(name, len(covered), bar, COVERAGE[0] <= inside <= COVERAGE[1], figure)
 
 
 def _seconds(ran: Sequence[CaseResult], cpu: str) -> Criterion:
     value = float(np.median([s.seconds for s in ran])) if ran else 0.0
-    return _bar(
+    return _criterion(
         "seconds-a-case",
         len(ran),
         f"at most {SECONDS_MOST:g} s in the median",
@@ -182,7 +195,7 @@ def _seconds(ran: Sequence[CaseResult], cpu: str) -> Criterion:
 
 def _memory(ran: Sequence[CaseResult]) -> Criterion:
     value = float(np.median([s.memory_mib for s in ran])) if ran else 0.0
-    return _bar(
+    return _criterion(
         "memory-a-case",
         len(ran),
         f"at most {MEMORY_MOST_MIB:g} MiB in the median",

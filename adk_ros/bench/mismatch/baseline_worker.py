@@ -1,17 +1,17 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Fits other methods to residual accelerations: runs under the Python of `make peers`.
+Worker that fits baseline methods to residual accelerations, under the Python of `make peers`.
 
-Imports nothing of adk_ros, whose requirements contradict theirs. Reads lines `job<TAB>answer` from
-standard input, each naming two .npz files, and says `done` or `failed <why>` on standard output.
-A job has `method`, `features` (n, k) and `targets` (n, 3) to learn from, `later` (m, k), `names`
-(k,). Its answer has `predicted` (m, 3), and where the method says so `coefficients` (k, 3) of the
-features as they are and `expression` (3,).
+Imports nothing of adk_ros, whose requirements conflict. Reads lines `job<TAB>answer` from standard
+input, each naming two .npz files, and replies `done` or `failed <reason>` on standard output. A
+job has `method`, training data `features` (n, k) and `targets` (n, 3), test data `later` (m, k),
+and `names` (k,). An answer has `predicted` (m, 3), `coefficients` (k, 3) of the unscaled features
+and `expression` (3,), zero or empty if the method has none.
 
-Of each method a few usual settings are fitted to the first 80 % of what there is to learn from,
-one that does best on the rest, or as good as best with less, is fitted to all of it; an equation
-in which none gains 1 % there is left alone.
+Each method is tried with a few common settings on the first 80 % of the training data. The best
+one on the rest, or the sparsest that is about as good, is fitted to all of it. An equation in
+which no setting gains 1 % gets a zero prediction.
 """
 
 from __future__ import annotations
@@ -29,24 +29,28 @@ import numpy as np
 
 METHODS = ("pysindy STLSQ", "pysindy ensemble", "gplearn", "GP", "neural network")
 VALIDATED = 0.2
+"""Share of the training data used for validation."""
 GAINS_LEAST = 0.01
+"""Smallest validated reduction of the mean square at which a model is used."""
 AS_GOOD = 0.02
-"""Less gain than the best has by this much is as good, for fewer features."""
+"""Loss of validated reduction that is accepted for fewer features."""
 THRESHOLDS = (0.01, 0.03, 0.1, 0.2, 0.4)
-"""In usual deviations of the target, of features in theirs."""
+"""STLSQ thresholds, for features and target scaled to unit RMS."""
 RIDGES = (1e-3, 1e-1)
 MODELS = 20
+"""Bootstrap models of the ensemble."""
 GP_ROWS = 700
 SYMBOLIC_ROWS = 1500
+"""Most rows for methods whose cost grows fast with them."""
 SEED = 0
 _PR_SET_PDEATHSIG = 1
-"""Of linux/prctl.h."""
+"""From linux/prctl.h."""
 
 Predictor = Callable[[Any], Any]
 
 
 def _stlsq(threshold: float, ridge: float, ensemble: bool, x: Any, y: Any) -> Any:
-    """Coefficients (k,) of sequentially thresholded least squares, one model or the median."""
+    """Return STLSQ coefficients (k,): of one model, or the median of an ensemble."""
     pysindy = importlib.import_module("pysindy")
     plain = pysindy.STLSQ(threshold=threshold, alpha=ridge * len(y))
     if not ensemble:
@@ -57,27 +61,28 @@ def _stlsq(threshold: float, ridge: float, ensemble: bool, x: Any, y: Any) -> An
     return np.median(np.asarray(many.coef_list), axis=0).ravel()
 
 
-def _validated(n: int) -> int:
+def _fitted_rows(n: int) -> int:
+    """Return the number of rows before the validation part."""
     return round(n * (1.0 - VALIDATED))
 
 
-def _better(y: Any, predicted: Any) -> float:
-    """Share of the second moment of `y` that a prediction removes."""
+def _reduction(y: Any, predicted: Any) -> float:
+    """Return the relative reduction of the mean square of `y` by a prediction."""
     return 1.0 - float(np.sum((y - predicted) ** 2)) / max(float(np.sum(y**2)), 1e-30)
 
 
 def sparse(ensemble: bool, x: Any, y: Any) -> Any:
     """
-    Coefficients (k,) with a threshold and a ridge that were validated, zero where none gains.
+    Return coefficients (k,) with validated threshold and ridge; zero if no setting gains.
 
-    Of the settings that gain about as much as the best, the one that keeps the fewest features.
+    Among the settings that are about as good as the best, the one with the fewest features.
     """
-    cut = _validated(len(y))
+    cut = _fitted_rows(len(y))
     tried = []
     for threshold in THRESHOLDS:
         for ridge in RIDGES:
             found = _stlsq(threshold, ridge, ensemble, x[:cut], y[:cut])
-            gain = _better(y[cut:], x[cut:] @ found)
+            gain = _reduction(y[cut:], x[cut:] @ found)
             tried.append((int(np.count_nonzero(found)), -gain, threshold, ridge))
     best = -min(gain for _, gain, _, _ in tried)
     if best < GAINS_LEAST:
@@ -128,11 +133,11 @@ def _network(x: Any, y: Any, names: Sequence[str]) -> tuple[Predictor, str]:
     return model.predict, ""
 
 
-_SMOOTH = {"gplearn": _symbolic, "GP": _process, "neural network": _network}
+_REGRESSORS = {"gplearn": _symbolic, "GP": _process, "neural network": _network}
 
 
 def answer(job: dict[str, Any]) -> dict[str, Any]:
-    """Fit what is asked for and predict the later part."""
+    """Fit the method of a job and predict its test data."""
     method = str(job["method"])
     x, y, later = job["features"], job["targets"], job["later"]
     names = [str(name) for name in job["names"]]
@@ -142,19 +147,19 @@ def answer(job: dict[str, Any]) -> dict[str, Any]:
     predicted = np.zeros((len(later), y.shape[1]))
     coefficients = np.zeros((x.shape[1], y.shape[1]))
     expressions = []
-    cut = _validated(len(y))
+    cut = _fitted_rows(len(y))
     for column in range(y.shape[1]):
-        one = y[:, column]
+        target = y[:, column]
         expression = ""
         if method.startswith("pysindy"):
-            found = sparse(method.endswith("ensemble"), x, one)
+            found = sparse(method.endswith("ensemble"), x, target)
             coefficients[:, column] = found * size[column] / scale
             predicted[:, column] = later @ found * size[column]
         else:
-            fit = _SMOOTH[method]
-            tried, _ = fit(x[:cut], one[:cut], names)
-            if _better(one[cut:], tried(x[cut:])) > GAINS_LEAST:
-                predict, expression = fit(x, one, names)
+            fit = _REGRESSORS[method]
+            tried, _ = fit(x[:cut], target[:cut], names)
+            if _reduction(target[cut:], tried(x[cut:])) > GAINS_LEAST:
+                predict, expression = fit(x, target, names)
                 predicted[:, column] = predict(later) * size[column]
         expressions.append(expression)
     return {
@@ -165,12 +170,12 @@ def answer(job: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Answer jobs until there are no more."""
+    """Answer jobs until standard input ends."""
     with contextlib.suppress(OSError, AttributeError):
-        # Ends with the one that asks it, in the midst of a job too.
+        # End with the parent process, even during a job.
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    # What other libraries print must not be taken for an answer.
-    said, sys.stdout = sys.stdout, sys.stderr
+    # Output of the libraries must not be mistaken for a reply.
+    replies, sys.stdout = sys.stdout, sys.stderr
     warnings.simplefilter("ignore")
     for line in sys.stdin:
         source, target = line.rstrip("\n").split("\t")
@@ -179,10 +184,10 @@ def main() -> None:
                 found = answer(dict(job))
             np.savez(target, **found)
         except Exception as error:
-            why = " ".join(str(error).split())
-            print(f"failed {type(error).__name__}: {why}", file=said, flush=True)
+            reason = " ".join(str(error).split())
+            print(f"failed {type(error).__name__}: {reason}", file=replies, flush=True)
         else:
-            print("done", file=said, flush=True)
+            print("done", file=replies, flush=True)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Other methods on the same residuals, beside ours: who names, who abstains, who improves how much.
+Baseline methods on identical residuals: naming accuracy, abstention, residual reduction.
 
-Each sees the residual accelerations that the stand-in leaves (`open_equations`) and our features
-of the drive, learns from the first three quarters of a recording and is judged on the last; so is
-our corrected model, as it was fitted to the first three quarters. What a sparse regression names
-is what its features may be called: see `MEANS`.
+Each method gets the equation-error residuals of the surrogate model (`equation_errors`) and the
+features of the recording. It is fitted on the first three quarters of the recording and tested on
+the last, like the corrected model of `adk mismatch`. `MEANS` maps the features that a sparse
+regression selects to effects.
 """
 
 from __future__ import annotations
@@ -29,14 +29,15 @@ from adk_ros.mismatch.report.result_files import SIMULATION_FILE
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STATE_NAMES
 
-OURS = "adk mismatch"
+ADK_MISMATCH = "adk mismatch"
 NAMING = ("pysindy STLSQ", "pysindy ensemble")
 LEARNED = 0.75
+"""Share of the recording that methods are fitted on."""
 TIMEOUT_S = 600.0
 MIN_RESIDUAL_TO_NOISE = 1.5
-"""A residual this many times its noise, root mean square, is worth removing."""
+"""Smallest ratio of RMS residual to noise at which the residual counts as significant."""
 MINOR = 0.2
-"""A feature with less than this share of the largest one's size is not what is named."""
+"""A feature whose contribution is below this share of the largest one is ignored for naming."""
 
 WORKER = Path(__file__).with_name("baseline_worker.py")
 
@@ -67,18 +68,18 @@ MEANS: dict[tuple[str, str], tuple[str, ...]] = {
         for feature in features
     },
 }
-"""Feature with a coefficient, in an equation -> effects that it may be taken for."""
+"""(Equation, selected feature) -> effects that it can represent."""
 
 
 @dataclass(frozen=True)
 class BaselineResult:
     """
-    One method on one case.
+    Result of one method on one case.
 
-    `removed` the share of the held-out residual's second moment that is gone, by equation;
-    `telling` the equation, of those that what is concealed enters, that has most to remove, ""
-    where none has; `names` as the method may be read, "" of those that name nothing; `abstains`:
-    it says that nothing is missing.
+    `removed`: reduction of the mean square of the held-out residual, by equation; `telling`: the
+    equation with the largest residual among those that the injected effects act in, "" if no
+    residual is significant; `names`: reported effects, "" if the method names none; `abstains`:
+    it reports no mismatch.
     """
 
     method: str
@@ -86,14 +87,15 @@ class BaselineResult:
     right: bool
     abstains: bool
     removed: dict[str, float]
-    naming_channels: str
+    telling: str
 
 
 class Baselines:
     """
-    The other methods in their own process; asked by several threads, they answer in turn.
+    The baseline methods in a separate process; requests of several threads are serialised.
 
-    Raises `UsageError` where there is no such environment; `DataError` where it fails.
+    :raises UsageError: there is no such environment.
+    :raises DataError: it fails.
     """
 
     def __init__(self, python: Path | None = None, worker: Path = WORKER) -> None:
@@ -107,19 +109,19 @@ class Baselines:
     def compare_baselines(
         self, recording: SensorLog, report: Path, label: dict[str, Any], answer: dict[str, Any]
     ) -> list[dict[str, Any]]:
-        """Return ours and all others on one case that has its report, as rows of `Beside`."""
+        """Return a `BaselineResult` as a dict for `adk mismatch` and each baseline, one case."""
         plain = equation_errors(recording, load_surrogate(report / SIMULATION_FILE).content)
-        ours = equation_errors(recording, load_surrogate(report / HELD_OUT_MODEL).content)
+        corrected = equation_errors(recording, load_surrogate(report / HELD_OUT_MODEL).content)
         cut = round(LEARNED * plain.time_s.size)
         before = plain.residuals[cut:]
-        telling = _naming_channels(plain, label)
+        strongest = _strongest_equation(plain, label)
         wanted = {effect["name"] for effect in label["effects"]}
-        said = [str(effect["name"]) for effect in answer.get("effects", [])]
+        reported = [str(effect["name"]) for effect in answer.get("effects", [])]
         verdict = str(answer.get("verdict", ""))
         rows = [BaselineResult(
-            OURS, " + ".join(said) or verdict, set(said) == wanted - {"unknown"}
+            ADK_MISMATCH, " + ".join(reported) or verdict, set(reported) == wanted - {"unknown"}
             and (verdict == "unknown") == ("unknown" in wanted),
-            verdict == "none", _removed(before, ours.residuals[cut:]), telling,
+            verdict == "none", _removed(before, corrected.residuals[cut:]), strongest,
         )]  # fmt: skip
         for method in METHODS:
             with self._lock:
@@ -136,17 +138,20 @@ class Baselines:
             names = " + ".join("|".join(group) for group in groups) or "; ".join(expressions)
             rows.append(BaselineResult(
                 method, names, method in NAMING and matches(groups, wanted),
-                not predicted.any(), _removed(before, before - predicted), telling,
+                not predicted.any(), _removed(before, before - predicted), strongest,
             ))  # fmt: skip
         return [asdict(row) for row in rows]
 
 
 def _removed(before: FloatArray, after: FloatArray) -> dict[str, float]:
-    had, left = (np.sum(x**2, axis=0) for x in (before, after))
-    return {name: float(1.0 - left[i] / max(had[i], 1e-30)) for i, name in enumerate(STATE_NAMES)}
+    power, left = (np.sum(x**2, axis=0) for x in (before, after))
+    return {
+        name: float(1.0 - left[i] / max(power[i], 1e-30)) for i, name in enumerate(STATE_NAMES)
+    }
 
 
-def _naming_channels(plain: EquationErrors, label: dict[str, Any]) -> str:
+def _strongest_equation(plain: EquationErrors, label: dict[str, Any]) -> str:
+    """Return the equation with the largest significant residual that the label acts in, or ""."""
     entered: set[str] = set()
     for effect in label["effects"]:
         known = EFFECTS.get(effect["name"])
@@ -159,10 +164,9 @@ def _naming_channels(plain: EquationErrors, label: dict[str, Any]) -> str:
 
 def named(plain: EquationErrors, coefficients: FloatArray) -> list[tuple[str, ...]]:
     """
-    Return what a sparse regression's coefficients (k, 3) name: effects that cannot be told apart.
+    Map the coefficients (k, 3) of a sparse regression to groups of indistinguishable effects.
 
-    Of each equation the features that are not minor; one that means no effect is called by
-    itself.
+    Minor features are ignored; a feature without an effect is named by equation and feature.
     """
     scale = np.sqrt(np.mean(plain.features**2, axis=0))
     groups: list[tuple[str, ...]] = []
@@ -180,5 +184,5 @@ def named(plain: EquationErrors, coefficients: FloatArray) -> list[tuple[str, ..
 
 def matches(groups: list[tuple[str, ...]], wanted: set[str]) -> bool:
     """Whether each group holds a wanted effect and each wanted effect is in a group."""
-    held = {name for group in groups for name in group}
-    return wanted <= held and all(wanted & set(group) for group in groups)
+    members = {name for group in groups for name in group}
+    return wanted <= members and all(wanted & set(group) for group in groups)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A case of our own as a folder: three bags, the vehicle and the label."""
+"""Write a generated case as a folder: three bags, the vehicle file and the label."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from adk_ros.signals.channels import Source
 
 
 def write_evidence(evidence: SensorLog, path: Path) -> None:
-    """Write an evidence's streams as a bag; stamps are counted from a round time of day."""
+    """Write the streams of a sensor log as a bag; stamps count from `START_NS`."""
 
     def stream(at_s: FloatArray, values: FloatArray) -> Stream:
         at = START_NS + np.rint(at_s * 1e9).astype(np.int64)
@@ -34,14 +34,14 @@ def write_evidence(evidence: SensorLog, path: Path) -> None:
         Source.ODOMETRY: stream(e.odometry_s, np.column_stack([e.odometry, e.pose])),
         Source.COMMAND: stream(e.command_s, e.command),
     }
-    # All of a drive that writing looks at.
-    heard = range(sum(len(s.stamp_ns) for s in streams.values()))
-    drive = SimpleNamespace(streams=streams, sensors=Sensors(), readings=heard)
+    # `write_bag` reads only these three fields; of the readings only their number.
+    readings = range(sum(len(s.stamp_ns) for s in streams.values()))
+    drive = SimpleNamespace(streams=streams, sensors=Sensors(), readings=readings)
     write_bag(cast(SimulatedDrive, drive), path)
 
 
 def write_case(case: GeneratedCase, folder: Path) -> None:
-    """Write a case as `run.find_cases` finds it."""
+    """Write a case in the layout that `find_cases` reads."""
     folder.mkdir(parents=True)
     for name in ("simulation", "recording", "heldout"):
         write_evidence(getattr(case, name), folder / name)

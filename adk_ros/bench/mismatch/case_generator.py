@@ -1,9 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Cases of our own: each effect concealed in a simulated car, at any strength, and clean ones.
+Generate benchmark cases: simulated drives with an injected mismatch, or without one.
 
-A case has a random car, two random routes, build tolerances, sensor noise and a few lost messages.
+A case has a random vehicle, two random routes, build tolerances, sensor noise and a few lost
+messages.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from adk_ros.plant.environment.road import ROAD_MU, RoadPatch
 from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
 
 SIMULATED_S, RECORDED_S, HELD_OUT_S = 150.0, 220.0, 100.0
+"""Durations of the simulation, the recording and the held-out drive, s."""
 _ALWAYS_PLACED = ("road_grade", "road_bank")
 _PLACE_KEYS = {
     "road_grade": ("grade", "grade"),
@@ -31,10 +33,13 @@ _PLACE_KEYS = {
     "low_friction": ("mu", "mu_scale"),
 }
 _BLENDS = {"road_grade": 24.0, "road_bank": 16.0, "low_friction": 5.0, "crosswind": 0.0}
-"""m over which it comes and goes: a road bends upwards gradually, its wetness ends at once."""
-_SLOWER, _MOST_TRIES = 0.9, 9
-_SPUN = 3.0
-"""m/s of lateral velocity at which a car has left its driver."""
+"""Transition length of a local effect, m: grade and bank change gradually, wetness abruptly."""
+_SLOWER, _MAX_TRIES = 0.9, 9
+"""Speed factor from one try to the next, and the number of tries, until the driver copes."""
+_SPIN_V_Y = 3.0
+"""Lateral velocity above which the driver has lost the vehicle, m/s."""
+_TOLERANCE = 0.004
+"""Build tolerance: largest relative deviation of a parameter from the vehicle file."""
 
 Span = tuple[float, float]
 
@@ -42,9 +47,10 @@ Span = tuple[float, float]
 @dataclass(frozen=True)
 class InjectedMismatch:
     """
-    Effects by name -> parameters, as in a label; `kinds` name -> place or time where not always.
+    An injected mismatch: `effects`, name -> parameters, as in a label.
 
-    `unlisted` names changes that are in no catalogue.
+    `kinds`: name -> "place" or "time" for effects that do not act always; `unlisted`: changes
+    that are not in the catalogue, field of `InjectedChanges` -> value.
     """
 
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -54,7 +60,7 @@ class InjectedMismatch:
 
 @dataclass(frozen=True)
 class GeneratedCase:
-    """A case as the tool and the scorer take it."""
+    """Inputs of `adk mismatch`, the held-out drive and the label."""
 
     name: str
     simulation: SensorLog
@@ -65,7 +71,7 @@ class GeneratedCase:
 
 
 def _vehicle(rng: np.random.Generator, windy: bool) -> Vehicle:
-    """Return a random car; one that wind is to be felt on has drag."""
+    """Return a random vehicle; `windy`: it has drag, without which a headwind has no effect."""
     u = rng.uniform
     tyre = {
         "mu": u(0.95, 1.1),
@@ -97,7 +103,8 @@ def _vehicle(rng: np.random.Generator, windy: bool) -> Vehicle:
     )
 
 
-def _tolerances(rng: np.random.Generator, vehicle: Vehicle) -> Vehicle:
+def _with_tolerances(rng: np.random.Generator, vehicle: Vehicle) -> Vehicle:
+    """Return the vehicle with random build tolerances."""
     names = (
         "mass",
         "yaw_inertia",
@@ -109,15 +116,15 @@ def _tolerances(rng: np.random.Generator, vehicle: Vehicle) -> Vehicle:
     )
     values = vehicle.model_dump()
     for name in names:
-        values[name] *= 1.0 + 0.004 * rng.uniform(-1.0, 1.0)
+        values[name] *= 1.0 + _TOLERANCE * rng.uniform(-1.0, 1.0)
     for axle in ("front_tyre", "rear_tyre"):
         for name in ("mu", "b_y"):
-            values[axle][name] *= 1.0 + 0.004 * rng.uniform(-1.0, 1.0)
+            values[axle][name] *= 1.0 + _TOLERANCE * rng.uniform(-1.0, 1.0)
     return Vehicle.model_validate(values)
 
 
 def _spans(rng: np.random.Generator, length: float) -> list[Span]:
-    """Return two stretches of a lap, (begin, end) in m."""
+    """Return two intervals of a lap, (begin, end) as arc lengths, m."""
     u = rng.uniform
     first = float(u(0.06, 0.16)) * length
     after = first + float(u(0.08, 0.14)) * length
@@ -126,7 +133,7 @@ def _spans(rng: np.random.Generator, length: float) -> list[Span]:
 
 
 def _times_in(along: FloatArray, spans: list[Span], blend: float) -> list[list[float]]:
-    """Return the times (s) in which a drive is in any of the stretches, edges half way."""
+    """Return the times, s, in which `along`, sampled at 1 kHz, is in any interval."""
     inside = np.zeros(along.size + 2, dtype=bool)
     for a, b in spans:
         inside[1:-1] |= (along > a + 0.5 * blend) & (along < b - 0.5 * blend)
@@ -148,15 +155,17 @@ def make_case(
     """
     Return a case; the same arguments give the same case.
 
-    `seconds` of the simulation, of the recording and of the held-out drive; `drive` is a kind of
-    road of `own_routes.ROADS`; `noise` a factor. A driver whom the car leaves drives slower.
+    If the driver loses the vehicle, the drive is repeated more slowly.
+    :param seconds: durations of the simulation, the recording and the held-out drive.
+    :param drive: a key of `ROAD_STYLES`.
+    :param noise: factor on the sensor noise.
     """
     rng = np.random.default_rng([seed, 77])
     roads = ROAD_STYLES[drive]
     vehicle = _vehicle(rng, "headwind" in secret.effects)
     placed = [k for k in secret.effects if secret.kinds.get(k) == "place" or k in _ALWAYS_PLACED]
     simulated, _ = random_route(rng, roads)
-    course, length = random_route(rng, roads)
+    segments, length = random_route(rng, roads)
     spans = _spans(rng, length)
     places = [
         RoadPatch.model_validate(
@@ -173,10 +182,10 @@ def make_case(
     ]
     timed = [k for k, kind in secret.kinds.items() if kind == "time"]
     onset = float(rng.uniform(0.27, 0.64)) * seconds[1] if timed else 0.0
-    hidden = plant_changes(secret.effects, secret.unlisted, onset)
+    changes = plant_changes(secret.effects, secret.unlisted, onset)
     if "crosswind" in placed:
-        hidden = hidden._replace(wind_from=spans[0][0], wind_to=spans[0][1])
-    built = _tolerances(rng, vehicle)
+        changes = changes._replace(wind_from=spans[0][0], wind_to=spans[0][1])
+    built = _with_tolerances(rng, vehicle)
     car = changed_vehicle(built, secret.effects)
     lateral = float(rng.uniform(*roads.lateral))
     truth, commands, _ = simulate_injected_drive(
@@ -189,20 +198,20 @@ def make_case(
         plant,
     )
     simulation = simulate_faulty_sensors("simulation", truth, commands, {}, None)
-    for tried in range(_MOST_TRIES):
-        route = later = plan_route(course, places, roads, lateral, _SLOWER**tried)
+    for tried in range(_MAX_TRIES):
+        route = later = plan_route(segments, places, roads, lateral, _SLOWER**tried)
         if "low_friction" in secret.effects and "low_friction" not in placed:
             table = route.table.copy()
             table[:, ROAD_MU] *= secret.effects["low_friction"]["mu_scale"]
             later = replace(route, table=table)
         truth, commands, _ = simulate_injected_drive(
-            vehicle, car, route, hidden, seed + 2, seconds[1], plant, 0.0, built, later
+            vehicle, car, route, changes, seed + 2, seconds[1], plant, 0.0, built, later
         )
-        held, held_commands, _ = simulate_injected_drive(
+        held_out, held_out_commands, _ = simulate_injected_drive(
             vehicle,
             car,
             route,
-            hidden._replace(onset=0.0),
+            changes._replace(onset=0.0),
             seed + 3,
             seconds[2],
             plant,
@@ -210,12 +219,14 @@ def make_case(
             None,
             later,
         )
-        if max(np.abs(truth[:, 4]).max(), np.abs(held[:, 4]).max()) < _SPUN:
+        if max(np.abs(truth[:, 4]).max(), np.abs(held_out[:, 4]).max()) < _SPIN_V_Y:
             break
     recording = simulate_faulty_sensors(
         "recording", truth, commands, secret.effects, rng, noise, onset
     )
-    heldout = simulate_faulty_sensors("heldout", held, held_commands, secret.effects, rng, noise)
+    heldout = simulate_faulty_sensors(
+        "heldout", held_out, held_out_commands, secret.effects, rng, noise
+    )
     label: dict[str, Any] = {"effects": []}
     for effect, parameters in secret.effects.items():
         kind = "place" if effect in placed else secret.kinds.get(effect, "always")

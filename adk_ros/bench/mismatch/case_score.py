@@ -1,18 +1,17 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-One answer against one label.
+Score one answer of `adk mismatch` against the label of a case.
 
-A name counts one where it is found, and its share where it stands among the alternatives of a
-found one: 1 / (1 + number of alternatives); a found name with alternatives counts that share too.
-Set-F1 is 2 right / (named + labelled). A parameter's error is relative to its size, the difference
-from where nothing acts. Where something acts is compared as a set of times: intersection over
-union. `unknown` in a label asks for the verdict `unknown`, and where the label says so for the
-equation and for what drives it; an empty label for `none`.
+A reported name counts 1, or 1 / (1 + number of alternatives) if it has indistinguishable
+alternatives; so does a labelled name among the alternatives. Set-F1 is 2 right / (reported +
+labelled). The error of a parameter is relative to its distance from the neutral value. Activation
+is compared as a set of times by intersection over union. The label `unknown` expects the verdict
+`unknown` and, where the label gives them, the equation and the driving variable; an empty label
+expects `none`.
 
-A label may say besides: `strength` (share of full size, 1 unless said), `plant` (which simulator
-made it), and of an effect `unknown` its `equations` and what it is `driven_by` (names of
-`mismatch.correction.FEATURES`, any of which will do).
+Optional keys of a label: `strength` (fraction of full strength, default 1), `plant` (simulator),
+and for `unknown` its `equations` and `driven_by` (names in `FEATURES`, any of which is right).
 """
 
 from __future__ import annotations
@@ -21,24 +20,25 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from adk_ros.mismatch.inference.unmodelled import EQUATION_TEXTS
+from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.features import FEATURES
 
 UNKNOWN = "unknown"
 _RESOLUTION_S = 0.01
+"""Time resolution of the intersection over union, s."""
 
 
 @dataclass
 class CaseResult:
     """
-    One case's score.
+    Score of one case.
 
-    `kind`: none, single, pair, triple or unknown. `right` between 0 and 1; `f1` of the names;
-    `errors` relative by parameter; `covered` whether its 90 % interval holds the true value;
-    `iou` by effect; `removed` the share of the removable held-out error that is gone, by channel;
-    `described` whether an unlisted effect's equation and driving variable are right, None where
-    the label does not say them; `strength` and `plant` as in the label.
+    `kind`: none, single, pair, triple or unknown; `right`: 0 to 1; `f1`: of the names; `errors`:
+    relative, by parameter; `covered`: whether the 90 % interval contains the true value; `iou`: by
+    effect; `removed`: share of the removable held-out error removed by the correction, by channel;
+    `described`: whether equation and driving variable of an unlisted effect are right, None if
+    the label has none; `strength` and `plant`: as in the label.
     """
 
     case: str
@@ -59,13 +59,13 @@ class CaseResult:
     plant: str = ""
     described: bool | None = None
     baselines: list[dict[str, Any]] = field(default_factory=list)
-    """Rows of `rivals.Beside`, ours first, where other methods were run as well."""
+    """`BaselineResult` of each method as a dict, `adk mismatch` first, if baselines were run."""
     correctable: bool = True
-    """Whether anything but a sensor's fault is concealed, which no correction removes."""
+    """Whether anything but sensor faults is injected: no correction removes those."""
 
 
 def kind_of(label: dict[str, Any]) -> str:
-    """Return what a label asks for."""
+    """Return the kind of a label: none, single, pair, triple or unknown."""
     names = [effect["name"] for effect in label["effects"]]
     if UNKNOWN in names:
         return UNKNOWN
@@ -89,7 +89,7 @@ def overlap(a: list[list[float]], b: list[list[float]], end_s: float) -> float:
 
 
 def shares(name: str, found: list[dict[str, Any]]) -> float:
-    """Return what a labelled name counts among the effects found."""
+    """Return the credit for a labelled name, given the reported effects."""
     best = 0.0
     for effect in found:
         alternatives = list(effect.get("alternatives", []))
@@ -100,26 +100,26 @@ def shares(name: str, found: list[dict[str, Any]]) -> float:
 
 def described(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
     """
-    Return whether an answer's remainder is in the label's equation and goes with what drives it.
+    Return whether the unmodelled dynamics of an answer have the labelled equation and variable.
 
-    The most telling equation has to be one of the label's, and one of the features of that
-    equation one that the label takes. None where the label says neither.
+    The first equation must be among those of the label, and one of its features among the driving
+    variables of the label. None if the label has neither.
     """
-    asked: dict[str, Any] = next((e for e in label["effects"] if e["name"] == UNKNOWN), {})
-    equations, drivers = asked.get("equations", []), asked.get("driven_by", [])
+    expected: dict[str, Any] = next((e for e in label["effects"] if e["name"] == UNKNOWN), {})
+    equations, drivers = expected.get("equations", []), expected.get("driven_by", [])
     if not equations and not drivers:
         return None
-    rest = answer.get("unexplained", {})
-    first = next(iter(rest.get("equations", [])), "")
+    unexplained = answer.get("unexplained", {})
+    first = next(iter(unexplained.get("equations", [])), "")
     if equations and first not in equations:
         return False
-    begins = f"{EQUATION_TEXTS.get(first, '')} against "
-    goes_with = {
-        part.removeprefix(begins)
-        for part in rest.get("text", "").split("; ")
-        if part.startswith(begins)
+    prefix = f"{EQUATION_TEXTS.get(first, '')} against "
+    variables = {
+        part.removeprefix(prefix)
+        for part in unexplained.get("text", "").split("; ")
+        if part.startswith(prefix)
     }
-    return not drivers or any(FEATURES[name].description in goes_with for name in drivers)
+    return not drivers or any(FEATURES[name].description in variables for name in drivers)
 
 
 def _neutral(effect: str, parameter: str) -> float:
@@ -147,18 +147,18 @@ def score_case(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Case
         right = math.prod(counts)
     else:
         right = 0.0
-    said = " + ".join(
+    reported = " + ".join(
         "|".join([effect["name"], *effect.get("alternatives", [])]) for effect in found
     )
     if verdict == "unknown":
-        rest = answer.get("unexplained", {})
-        said = f"unknown({','.join(rest.get('equations', []))}) {said}".strip()
+        equations = answer.get("unexplained", {}).get("equations", [])
+        reported = f"unknown({','.join(equations)}) {reported}".strip()
     result = CaseResult(
         case,
         kind,
         right,
         f1,
-        said or verdict,
+        reported or verdict,
         " + ".join(effect["name"] for effect in label["effects"]) or "none",
         strength=float(label.get("strength", 1.0)),
         plant=str(label.get("plant", "")),

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is concealed: each effect at full strength, and what it changes of car and commands."""
+"""Effects at full strength, and the changes of vehicle and commands that inject them."""
 
 from __future__ import annotations
 
@@ -53,23 +53,23 @@ FULL: dict[str, dict[str, float]] = {
 }
 """Each effect of the catalogue, at strength 1."""
 
-SPRING_CAR_ONLY = ("aero_downforce", "rear_wheel_steer")
-"""Effects that the package's plants have no place for."""
+SPRUNG_CAR_ONLY = ("aero_downforce", "rear_wheel_steer")
+"""Effects that the seven- and fourteen-degree-of-freedom plants cannot represent."""
 
 UNLISTED = {
-    "locked": 25.0,
-    "pull": 2.5e-4,
+    "locked_differential": 25.0,
+    "torque_steer": 2.5e-4,
     "shimmy": 0.05,
-    "damped": 0.6,
-    "scrub": 0.02,
-    "vectoring": 1.5e-2,
-    "ploughing": 8.0,
+    "yaw_damping": 0.6,
+    "scrub_drag": 0.02,
+    "torque_vectoring": 1.5e-2,
+    "steering_drag": 8.0,
 }
-"""Changes that no catalogue lists, at strength 1."""
+"""Fields of `InjectedChanges` that are not in the catalogue, with their value at strength 1."""
 
 
 def scale_strength(name: str, strength: float) -> dict[str, float]:
-    """Return an effect's parameters at a share of full strength."""
+    """Return the parameters of an effect at a fraction of full strength."""
     if name == "power_limit":
         return {"power": FULL[name]["power"] / strength**0.5}
     out = {}
@@ -80,7 +80,7 @@ def scale_strength(name: str, strength: float) -> dict[str, float]:
 
 
 def changed_vehicle(vehicle: Vehicle, effects: dict[str, dict[str, float]]) -> Vehicle:
-    """Return the vehicle with those effects that are in its parameters."""
+    """Return the vehicle with all effects that are changes of its parameters."""
     v = vehicle.model_dump()
     front, rear = v["front_tyre"], v["rear_tyre"]
     for name, p in effects.items():
@@ -113,7 +113,8 @@ def changed_vehicle(vehicle: Vehicle, effects: dict[str, dict[str, float]]) -> V
     return Vehicle.model_validate(with_replacements(vehicle.model_dump(), v))
 
 
-_COMMANDS = {
+_CHANGES = {
+    # effect: (its parameter, field of `InjectedChanges`)
     "drive_torque_gain": ("scale", "torque_gain"),
     "brake_torque_gain": ("scale", "brake_gain"),
     "torque_offset": ("offset", "torque_offset"),
@@ -122,7 +123,7 @@ _COMMANDS = {
     "steering_ratio": ("scale", "steer_gain"),
     "steering_offset": ("offset", "steer_offset"),
     "steering_lag": ("tau", "steer_lag"),
-    "steering_backlash": ("half_gap", "half_gap"),
+    "steering_backlash": ("half_gap", "half_backlash"),
     "compliance_steer": ("rad_per_mps2", "compliance"),
     "brake_drag_one_side": ("torque_per_wheel", "side_drag"),
     "headwind": ("wind_x", "wind_x"),
@@ -135,10 +136,11 @@ _COMMANDS = {
 def plant_changes(
     effects: dict[str, dict[str, float]], unlisted: dict[str, float], onset: float
 ) -> InjectedChanges:
+    """Return the changes of the drive for effects and unlisted changes, from `onset` s on."""
     values: dict[str, Any] = dict(unlisted)
     for name, p in effects.items():
-        if name in _COMMANDS:
-            values[_COMMANDS[name][1]] = p[_COMMANDS[name][0]]
+        if name in _CHANGES:
+            values[_CHANGES[name][1]] = p[_CHANGES[name][0]]
     delays = {"torque_delay_ms": 0.0, "steer_delay_ms": 0.0}
     delays["torque_delay_ms"] += effects.get("drive_torque_delay", {}).get("delay", 0.0)
     delays["steer_delay_ms"] += effects.get("steering_delay", {}).get("delay", 0.0)

@@ -1,12 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Runs `adk mismatch` on cases, each in a process of its own, and scores the answers.
+Run `adk mismatch` on cases, each in a separate process, and score the answers.
 
 A case is a folder with `simulation`, `recording`, `heldout`, `vehicle.yaml` and `label.json`. The
-tool is given the first two and the vehicle; the label is read when the answer is there. A report
-comes to lie beside the others once it is whole and scored, so that an interrupted run leaves
-finished ones, which the next can go on from.
+tool gets the first two and the vehicle file; the label is read only for scoring. A report moves to
+the output folder when it is complete and scored, so an interrupted run can be resumed.
 """
 
 from __future__ import annotations
@@ -36,6 +35,7 @@ from adk_ros.mismatch.report.result_files import RESULT_FILE
 from adk_ros.signals.channels import STATE_NAMES
 
 HORIZON_S = 1.0
+"""Horizon of the held-out error, s."""
 SCORED = "score.json"
 LABEL = "label.json"
 
@@ -43,7 +43,7 @@ Progress = Callable[[float, float, str], None]
 
 
 class CaseJob(NamedTuple):
-    """A case to come: `write` makes it below a folder and returns where; `key` tells it apart."""
+    """A case to run: `write(folder)` returns its path; `key` is a hash of its specification."""
 
     name: str
     key: str
@@ -52,15 +52,15 @@ class CaseJob(NamedTuple):
 
 def find_cases(folder: Path) -> list[Path]:
     """
-    Return the cases in a folder, by name.
+    Return the cases in a folder, sorted by name.
 
-    Raises `UsageError` where there is none.
+    :raises UsageError: there is none.
     """
     if not folder.is_dir():
-        raise UsageError(f"{folder} is no folder: give one that holds cases")
+        raise UsageError(f"{folder} is not a folder: give the folder of the cases")
     cases = sorted(path.parent for path in folder.glob(f"*/{LABEL}"))
     if not cases:
-        raise UsageError(f"{folder} holds no case: a folder with label.json and its recordings")
+        raise UsageError(f"{folder} has no case: a subfolder with label.json and its recordings")
     return cases
 
 
@@ -73,12 +73,12 @@ def jobs_of(folder: Path) -> list[CaseJob]:
 
 
 def _existing_case(case: Path, folder: Path) -> Path:
-    """Where a case is that need not be made."""
+    """Return the path of an existing case, which is used in place."""
     return case
 
 
 def generated_jobs(limit: int) -> list[CaseJob]:
-    """Return jobs that make cases of our own."""
+    """Return jobs that generate their cases; `limit` as of `select_plans`."""
     return [
         CaseJob(plan.name, _digest(repr(plan).encode()), plan.write)
         for plan in select_plans(limit)
@@ -92,36 +92,36 @@ def _digest(content: bytes) -> str:
 @dataclass(frozen=True)
 class MismatchBench:
     """
-    Where reports go, how many cases run at a time, and whether finished ones are kept.
+    Benchmark run: output folder, number of parallel cases, and whether to skip finished ones.
 
-    `rivals`: other methods, run on each case as well.
+    `baselines`: other methods to run on each case as well.
     """
 
     out: Path
-    at_once: int = 1
+    workers: int = 1
     resume: bool = False
-    rivals: Baselines | None = None
+    baselines: Baselines | None = None
 
     def run(self, jobs: Sequence[CaseJob], progress: Progress | None = None) -> list[CaseResult]:
         """
-        Run and score all cases; in their order.
+        Run and score all cases; return the results in their order.
 
-        Raises `UsageError` where a folder in `out` is in the way. Interrupted, it ends what it
-        began and leaves the reports that are whole.
+        An interruption ends all processes and keeps complete reports.
+        :raises UsageError: a folder in `out` is not a report of this command.
         """
         tell = progress or (lambda done, total, text: None)
         self._check(jobs)
         found = {job.name: s for job in jobs if (s := self._earlier(job)) is not None}
         todo = [job for job in jobs if job.name not in found]
-        there = self.out.exists()
+        existed = self.out.exists()
         self.out.mkdir(parents=True, exist_ok=True)
-        children = Subprocesses()
+        processes = Subprocesses()
         try:
             with tempfile.TemporaryDirectory(prefix=".concealed_", dir=self.out) as scratch:
-                pool = ThreadPoolExecutor(self.at_once)
+                pool = ThreadPoolExecutor(self.workers)
                 try:
                     waiting = {
-                        pool.submit(self._case, job, Path(scratch), children): job for job in todo
+                        pool.submit(self._case, job, Path(scratch), processes): job for job in todo
                     }
                     tell(len(found), len(jobs), "")
                     while waiting:
@@ -131,12 +131,12 @@ class MismatchBench:
                             found[job.name] = future.result()
                             tell(len(found), len(jobs), job.name)
                 finally:
-                    children.end()
-                    if self.rivals is not None:
-                        self.rivals.close()
+                    processes.end()
+                    if self.baselines is not None:
+                        self.baselines.close()
                     pool.shutdown(wait=True, cancel_futures=True)
         except BaseException:
-            if not there:
+            if not existed:
                 with suppress(OSError):
                     self.out.rmdir()
             raise
@@ -144,14 +144,14 @@ class MismatchBench:
 
     def _check(self, jobs: Sequence[CaseJob]) -> None:
         for job in jobs:
-            place = self.out / job.name
-            if place.exists() and not (place / SCORED).is_file():
+            path = self.out / job.name
+            if path.exists() and not (path / SCORED).is_file():
                 raise UsageError(
-                    f"{place} is there and no report of this command: name another --out"
+                    f"{path} exists and is not a report of this command: choose another --out"
                 )
 
     def _earlier(self, job: CaseJob) -> CaseResult | None:
-        """Return the score of an earlier run of the same case, if it is to be kept."""
+        """Return the score of the same case from an earlier run, if it may be reused."""
         path = self.out / job.name / SCORED
         if not self.resume or not path.is_file():
             return None
@@ -160,19 +160,19 @@ class MismatchBench:
             earlier = CaseResult(**content["score"])
         except (ValueError, KeyError, TypeError):
             return None
-        if self.rivals is not None and not earlier.baselines:
+        if self.baselines is not None and not earlier.baselines:
             return None
         return earlier if content["key"] == job.key else None
 
-    def _case(self, job: CaseJob, scratch: Path, children: Subprocesses) -> CaseResult:
+    def _case(self, job: CaseJob, scratch: Path, processes: Subprocesses) -> CaseResult:
         folder = scratch / job.name
         folder.mkdir()
         case = job.write(folder)
         report = folder / "report"
-        result = run_case(case, report, children)
+        result = run_case(case, report, processes)
         result.case = job.name
-        if self.rivals is not None and not result.failure:
-            result.baselines = self.rivals.compare_baselines(
+        if self.baselines is not None and not result.failure:
+            result.baselines = self.baselines.compare_baselines(
                 read_sensor_log(case / "recording", needs_imu=False),
                 report,
                 json.loads((case / LABEL).read_text(encoding="utf-8")),
@@ -181,44 +181,44 @@ class MismatchBench:
         if not result.failure:
             content = {"key": job.key, "score": asdict(result)}
             (report / SCORED).write_text(json.dumps(content, indent=1), encoding="utf-8")
-            place = self.out / job.name
-            if place.exists():
-                shutil.rmtree(place)
-            os.replace(report, place)
+            path = self.out / job.name
+            if path.exists():
+                shutil.rmtree(path)
+            os.replace(report, path)
         shutil.rmtree(folder)
         return result
 
 
-def run_case(case: Path, out: Path, children: Subprocesses | None = None) -> CaseResult:
-    """Run the tool on one case and score its answer; the report goes into `out`."""
+def run_case(case: Path, out: Path, processes: Subprocesses | None = None) -> CaseResult:
+    """Run the tool on one case and score its answer; the report is written to `out`."""
     arguments = [
         "mismatch", "--simulation", str(case / "simulation"),
         "--recording", str(case / "recording"), "--vehicle", str(case / "vehicle.yaml"),
         "--out", str(out),
     ]  # fmt: skip
-    used = (children or Subprocesses()).adk(arguments)
+    usage = (processes or Subprocesses()).adk(arguments)
     label = json.loads((case / LABEL).read_text(encoding="utf-8"))
-    return _scored(case, label, out, used)
+    return _scored(case, label, out, usage)
 
 
-def _scored(case: Path, label: dict[str, object], out: Path, used: Usage) -> CaseResult:
-    if used.status != 0:
+def _scored(case: Path, label: dict[str, object], out: Path, usage: Usage) -> CaseResult:
+    if usage.status != 0:
         result = score_case(case.name, label, {"verdict": "failed"})
-        result.failure = used.output or "it said nothing"
+        result.failure = usage.output or "no message"
     else:
         answer = json.loads((out / RESULT_FILE).read_text(encoding="utf-8"))
         result = score_case(case.name, label, answer)
         result.removed = removed(case / "heldout", out)
-    result.seconds, result.cpu_s, result.memory_mib = used.seconds, used.cpu_s, used.memory_mib
+    result.seconds, result.cpu_s, result.memory_mib = usage.seconds, usage.cpu_s, usage.memory_mib
     return result
 
 
 def removed(heldout: Path, report: Path) -> dict[str, float]:
     """
-    Return by channel the share of the held-out error 1 s ahead that the correction removes.
+    Return by channel the share of the removable held-out error 1 s ahead that is removed.
 
-    What can be removed is what lies above the noise with which odometry reports that channel;
-    channels in which the simulation is already there (within 1.5 times) are left out.
+    The removable error is the one above the noise of the odometry in that channel; channels in
+    which the simulation error is within 1.5 times the noise are left out.
     """
     if not heldout.exists():
         return {}
@@ -227,9 +227,9 @@ def removed(heldout: Path, report: Path) -> dict[str, float]:
         horizon_rmse(load_surrogate(report / name).content, evidence, HORIZON_S, FIRST_START_S)
         for name in ("simulation.yaml", "corrected.yaml")
     )
-    floor = evidence.noise()[3:]
+    noise = evidence.noise()[3:]
     return {
-        name: float((before[i] - after[i]) / (before[i] - floor[i]))
+        name: float((before[i] - after[i]) / (before[i] - noise[i]))
         for i, name in enumerate(STATE_NAMES)
-        if before[i] > 1.5 * floor[i]
+        if before[i] > 1.5 * noise[i]
     }

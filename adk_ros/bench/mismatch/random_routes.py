@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Roads of our own cases: a fast track and a town, each a random closed course."""
+"""Random closed routes for generated cases: a fast track and a town."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Range = tuple[float, float]
 
 
 class RoadStyle(NamedTuple):
-    """What kind of road it is, and how it is driven; m, degrees, m/s, m/s^2."""
+    """Ranges for the geometry of a road and the speeds on it; m, m/s, m/s²."""
 
     bends: int
     straight: Range
@@ -40,7 +40,7 @@ _TRIES = 200
 
 
 def random_route(rng: np.random.Generator, roads: RoadStyle) -> tuple[list[Segment], float]:
-    """Return the segments of a random closed course and its length, m."""
+    """Return the segments of a random closed route and its length, m."""
     for _ in range(_TRIES):
         signs = np.ones(roads.bends)
         signs[rng.choice(roads.bends - 2, 2, replace=False) + 1] = -1.0
@@ -64,7 +64,7 @@ def random_route(rng: np.random.Generator, roads: RoadStyle) -> tuple[list[Segme
             continue
         if roads.lap[0] < length < roads.lap[1]:
             return segments, length
-    raise ValueError("no random course closes")
+    raise ValueError("no random route closes")
 
 
 def plan_route(
@@ -72,16 +72,16 @@ def plan_route(
     places: list[RoadPatch],
     roads: RoadStyle,
     lateral: float,
-    haste: float = 1.0,
+    speed_factor: float = 1.0,
 ) -> Route:
     """
-    Return the course as a route with its speeds, cornering at `lateral` m/s^2.
+    Return the route with its speed plan, cornering at `lateral` m/s².
 
-    `haste` is a factor on all speeds.
+    `speed_factor` multiplies all speeds.
     """
-    lateral *= haste**2
+    lateral *= speed_factor**2
     plan = SpeedPlan(
-        top=haste * roads.top,
+        top=speed_factor * roads.top,
         lateral_accel=lateral,
         accel=roads.accel,
         brake=roads.brake,

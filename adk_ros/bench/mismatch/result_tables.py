@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a run over many cases leaves on disk: the cases as Markdown and JSON, the bars as text."""
+"""Result files of the benchmark: cases as Markdown and JSON, acceptance criteria as text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bench.mismatch.acceptance import Criterion
-from adk_ros.bench.mismatch.baselines import NAMING, OURS
+from adk_ros.bench.mismatch.baselines import ADK_MISMATCH, NAMING
 from adk_ros.bench.mismatch.case_score import UNKNOWN, CaseResult
 from adk_ros.bench.paper.paper_tables import markdown_line
 from adk_ros.numerics.finite import finite
@@ -25,7 +25,7 @@ _HEADER = (
     "set-F1",
     "label",
     "answer",
-    "parameters off",
+    "parameter errors",
     "in interval",
     "IoU",
     "held-out error removed",
@@ -36,7 +36,7 @@ _HEADER = (
 
 
 def case_row(s: CaseResult) -> list[str]:
-    """Return what the table says of a case."""
+    """Return the table row of a case."""
     return [
         s.case,
         f"{s.right:.2f}",
@@ -65,11 +65,11 @@ def cases_markdown(scores: Sequence[CaseResult]) -> str:
 
 def baseline_results(scores: Sequence[CaseResult]) -> tuple[list[str], list[list[str]]]:
     """
-    Return header and rows of the methods side by side, over all cases that they were run on.
+    Return header and rows of the comparison of methods, over all cases that they were run on.
 
-    Named: share of the cases with something in the catalogue concealed that are named right;
-    abstains: share of the clean ones in which nothing is found; removed: the mean share of the
-    held-out residual in the equation that has most of it, for all cases that have any.
+    Named right: share of the cases with injected catalogue effects; abstains: share of the clean
+    cases without a finding; removed: mean reduction of the held-out residual in the equation with
+    the largest one, over all cases with a significant residual.
     """
     ran = [s for s in scores if s.baselines]
     methods = [row["method"] for row in ran[0].baselines] if ran else []
@@ -77,20 +77,20 @@ def baseline_results(scores: Sequence[CaseResult]) -> tuple[list[str], list[list
     for i, method in enumerate(methods):
         listed = [s.baselines[i] for s in ran if s.kind not in {"none", UNKNOWN}]
         clean = [s.baselines[i] for s in ran if s.kind == "none"]
-        gone = [
+        reductions = [
             row["removed"][row["telling"]]
             for s in ran
             if s.kind != "none"
             for row in (s.baselines[i],)
             if row["telling"]
         ]
-        names = method in (OURS, *NAMING)
+        names = method in (ADK_MISMATCH, *NAMING)
         rows.append(
             [
                 method,
-                _percent([float(r["right"]) for r in listed]) if names else "names nothing",
+                _percent([float(r["right"]) for r in listed]) if names else "names no effect",
                 _percent([float(r["abstains"]) for r in clean]),
-                _percent(gone),
+                _percent(reductions),
             ]
         )
     return ["method", "named right", "abstains on clean", "held-out residual removed"], rows
@@ -101,7 +101,7 @@ def _percent(values: Sequence[float]) -> str:
 
 
 def baselines_markdown(scores: Sequence[CaseResult]) -> str:
-    """Return the methods side by side, overall and by case; empty where none were run."""
+    """Return the comparison of methods, overall and by case; "" if none were run."""
     header, rows = baseline_results(scores)
     if not rows:
         return ""
@@ -114,22 +114,33 @@ def baselines_markdown(scores: Sequence[CaseResult]) -> str:
         ]
         for s in scores for row in s.baselines
     ]  # fmt: skip
-    what = ("case", "label", "method", "names", "abstains", "removed", "telling equation")
-    return f"{markdown(header, rows)}\n{markdown(what, each)}"
+    columns = ("case", "label", "method", "names", "abstains", "removed", "strongest equation")
+    return f"{markdown(header, rows)}\n{markdown(columns, each)}"
 
 
-def as_json(scores: Sequence[CaseResult], bars: Sequence[Criterion]) -> dict[str, Any]:
-    """Return bars and cases as JSON takes them: what is not finite is null."""
-    return {"bars": [asdict(bar) for bar in bars], "cases": [finite(asdict(s)) for s in scores]}
+def case_json(result: CaseResult) -> dict[str, Any]:
+    """Return a case for JSON, under the keys of the first release; not finite values are null."""
+    content = asdict(result)
+    content["said"], content["beside"] = content.pop("reported"), content.pop("baselines")
+    return dict(finite(content))
 
 
-def write_tables(scores: Sequence[CaseResult], bars: Sequence[Criterion], out: Path) -> None:
-    """Write `cases.md`, `cases.json`, `bars.txt`, if peers ran `beside.md`, into a folder."""
+def as_json(scores: Sequence[CaseResult], criteria: Sequence[Criterion]) -> dict[str, Any]:
+    """Return criteria and cases for JSON; values that are not finite become null."""
+    return {
+        "bars": [asdict(criterion) for criterion in criteria],
+        "cases": [case_json(s) for s in scores],
+    }
+
+
+def write_tables(scores: Sequence[CaseResult], criteria: Sequence[Criterion], out: Path) -> None:
+    """Write `cases.md`, `cases.json`, `bars.txt`, and `beside.md` if baselines ran."""
     out.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(as_json(scores, bars), indent=1) + "\n"
+    text = json.dumps(as_json(scores, criteria), indent=1) + "\n"
     (out / SCORES).write_text(text, encoding="utf-8")
     (out / TABLE).write_text(cases_markdown(scores), encoding="utf-8")
-    beside = baselines_markdown(scores)
-    if beside:
-        (out / BASELINES_FILE).write_text(beside, encoding="utf-8")
-    (out / CRITERIA_FILE).write_text("".join(f"{bar}\n" for bar in bars), encoding="utf-8")
+    comparison = baselines_markdown(scores)
+    if comparison:
+        (out / BASELINES_FILE).write_text(comparison, encoding="utf-8")
+    lines = "".join(f"{criterion}\n" for criterion in criteria)
+    (out / CRITERIA_FILE).write_text(lines, encoding="utf-8")

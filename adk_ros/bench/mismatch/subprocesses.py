@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command in processes of its own: what each said and used, and an end to all of them."""
+"""Run the `adk` command in subprocesses: message, resource usage, and termination of all."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "NUMBA
 
 
 class Usage(NamedTuple):
-    """Exit status, last line on stderr, seconds of wall and of CPU, largest memory in MiB."""
+    """Exit status, last line on stderr, wall and CPU time (s), largest resident set (MiB)."""
 
     status: int
     output: str
@@ -27,26 +27,26 @@ class Usage(NamedTuple):
 
 
 class SubprocessEnded(Exception):
-    """A process was not begun, or was ended, since all are to end."""
+    """A process was terminated, or not started, because `end` was called."""
 
 
 class Subprocesses:
-    """Processes that threads wait for, and that another thread may end."""
+    """Processes that threads wait for and that another thread may end."""
 
     def __init__(self) -> None:
         self._running: set[int] = set()
         self._lock = threading.Lock()
-        self._over = False
+        self._ended = False
 
     def adk(self, arguments: Sequence[str]) -> Usage:
         """
         Run the command and wait for it.
 
-        :raises Ended: `end` was called before it was through.
+        :raises SubprocessEnded: `end` was called before it finished.
         """
         command = [sys.executable, "-m", "adk_ros.cli.main", *arguments]
         with self._lock:
-            if self._over:
+            if self._ended:
                 raise SubprocessEnded
             started = time.monotonic()
             process = subprocess.Popen(
@@ -59,16 +59,16 @@ class Subprocesses:
             self._running.add(process.pid)
         assert process.stderr is not None
         with process.stderr:
-            said = process.stderr.read()
-        # Known to have ended, and its number still its own until it is waited for.
+            messages = process.stderr.read()
+        # Wait without reaping: the process id stays reserved until it is removed from the set.
         os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
         with self._lock:
             self._running.discard(process.pid)
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
-        if self._over:
+        if self._ended:
             raise SubprocessEnded
-        lines = said.strip().splitlines()
+        lines = messages.strip().splitlines()
         return Usage(
             process.returncode,
             lines[-1] if lines else "",
@@ -78,8 +78,8 @@ class Subprocesses:
         )
 
     def end(self) -> None:
-        """End all that run, at once; what they leave half done is in folders of the caller's."""
+        """Kill all running processes; their partial output is in folders of the caller."""
         with self._lock:
-            self._over = True
+            self._ended = True
             for pid in self._running:
                 os.kill(pid, signal.SIGKILL)

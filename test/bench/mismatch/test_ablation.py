@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Real recordings: a pedal made a torque, a calibrated stand-in, and terms taken out of it."""
+"""Ablation: pedal to torque conversion, calibrated surrogate, and removal of terms."""
 
 from __future__ import annotations
 
@@ -30,48 +30,49 @@ def with_pedal(e: SensorLog, full: float = 3000.0) -> SensorLog:
     return replace(e, command=e.command * np.array([1.0 / full, 1.0]))
 
 
-def test_a_pedal_is_made_the_torque_that_it_was() -> None:
+def test_a_pedal_position_is_converted_to_its_torque() -> None:
     whole, nominal = case().recording, case().nominal
-    made, said = with_torque(with_pedal(whole), nominal.mass, nominal.wheel_radius)
-    ratio = made.command[:, 0].std() / whole.command[:, 0].std()
+    converted, note = with_torque(with_pedal(whole), nominal.mass, nominal.wheel_radius)
+    ratio = converted.command[:, 0].std() / whole.command[:, 0].std()
     assert ratio == pytest.approx(1.0, abs=0.1)
-    assert "N m at full throttle" in said
+    assert "N·m at full throttle" in note
     flipped = with_pedal(whole, -3000.0)
-    with pytest.raises(DataError, match="does not speed the car up"):
+    with pytest.raises(DataError, match="does not accelerate"):
         with_torque(flipped, nominal.mass, nominal.wheel_radius)
 
 
-def test_a_term_is_taken_out_of_what_was_calibrated() -> None:
-    done = calibrate_surrogate(with_pedal(case().recording), case().nominal)
-    (said,) = done.notes
-    assert "full brake" in said
-    assert done.stand_in.error[[0, 3]].max() < 0.2
-    drag, steering = removals(done.stand_in)
-    less = steering.out_of(done.stand_in)
+def test_a_term_is_removed_from_the_calibrated_surrogate() -> None:
+    calibrated = calibrate_surrogate(with_pedal(case().recording), case().nominal)
+    (note,) = calibrated.notes
+    assert "full brake" in note
+    assert calibrated.stand_in.error[[0, 3]].max() < 0.2
+    drag, steering = removals(calibrated.stand_in)
+    less = steering.out_of(calibrated.stand_in)
     i = INDEX["steer_gain"]
-    assert less.parameters[i] == pytest.approx(done.stand_in.parameters[i] * 2.0 / 3.0)
-    assert drag.out_of(done.stand_in).parameters[INDEX["drag_area"]] == 0.0
+    assert less.parameters[i] == pytest.approx(calibrated.stand_in.parameters[i] * 2.0 / 3.0)
+    assert drag.out_of(calibrated.stand_in).parameters[INDEX["drag_area"]] == 0.0
     label = steering.label(0.0, 10.0)
     (effect,) = label["effects"]
-    assert effect["params"]["scale"] == pytest.approx(1.0 + done.stand_in.parameters[i] / 3.0)
+    assert effect["params"]["scale"] == pytest.approx(
+        1.0 + calibrated.stand_in.parameters[i] / 3.0
+    )
     assert score_case("x", label, {"verdict": "none"}).kind == "single"
 
 
-def test_bars_by_what_was_removed() -> None:
-    def asked(removed: str, right: float, best: str) -> AblationResult:
+def test_criteria_by_removed_term() -> None:
+    def result(removed: str, right: float, best: str) -> AblationResult:
         return AblationResult(
             "a", removed, CaseResult("a", "single", right, right, "", removed), best, 0.1
         )
 
     nothing, drag = ablation_criteria(
-        [asked("", 1.0, "cg_shift"), asked("aero_drag", 1.0, "aero_drag"),
-         asked("aero_drag", 0.0, "aero_drag")]
+        [result("", 1.0, "cg_shift"), result("aero_drag", 1.0, "aero_drag"),
+         result("aero_drag", 0.0, "aero_drag")]
     )  # fmt: skip
     assert (nothing.verdict, nothing.name) == (PASS, "real-nothing-removed")
     assert drag.verdict == FAIL
     assert str(drag) == (
-        "FAIL real-aero_drag-removed 1 of 2 recordings, first of the single effects in 2 (named "
-        "in all)"
+        "FAIL real-aero_drag-removed 1 of 2 recordings, best single effect in 2 (named in all)"
     )
 
 

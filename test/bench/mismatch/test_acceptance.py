@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The bars over many cases, the tables, and a bench that is interrupted or goes on."""
+"""Acceptance criteria, result tables, and interruption and resumption of a run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS
 
 
 def good(kind: str = "single", **changes: object) -> CaseResult:
-    """A case that is right in all."""
+    """Return a case without any error."""
     plain = CaseResult(
         "a",
         kind,
@@ -47,7 +47,7 @@ def bars(*scores: CaseResult) -> dict[str, Criterion]:
     return {bar.name: bar for bar in evaluate_criteria(scores)}
 
 
-def test_a_bar_without_a_case_says_so() -> None:
+def test_a_criterion_without_cases_is_none() -> None:
     for bar in evaluate_criteria([]):
         assert bar.verdict == NONE
         assert str(bar).startswith(f"NONE {bar.name} no case ran (")
@@ -84,12 +84,14 @@ def test_a_bar_without_a_case_says_so() -> None:
         ("memory-a-case", good(), good(memory_mib=2049.0)),
     ],
 )
-def test_each_bar_passes_and_fails(name: str, passing: CaseResult, failing: CaseResult) -> None:
+def test_each_criterion_passes_and_fails(
+    name: str, passing: CaseResult, failing: CaseResult
+) -> None:
     assert bars(passing)[name].verdict == PASS
     assert bars(failing)[name].verdict == FAIL
 
 
-def test_a_bar_is_one_line_with_its_figure() -> None:
+def test_a_criterion_is_one_line_with_its_figure() -> None:
     both = bars(good(), good(right=0.5))
     assert str(both["singles-strength-1"]) == (
         "FAIL singles-strength-1 0.750 of 2 cases (at least 0.95)"
@@ -97,22 +99,23 @@ def test_a_bar_is_one_line_with_its_figure() -> None:
     assert both["false-alarms"].figure == "no case ran"
 
 
-def test_weak_and_clean_cases_do_not_speak_for_another_family() -> None:
+def test_weak_and_clean_cases_do_not_count_for_other_families() -> None:
     other = {"plant": "fourteen_dof"}
     found = bars(good("none", **other), good(strength=0.3, right=0.0, **other))
     assert found["other-family-simulators"].verdict == NONE
 
 
-def test_what_a_sensor_makes_up_is_not_asked_to_be_corrected() -> None:
+def test_sensor_faults_are_not_correctable() -> None:
     found = bars(good(removed={"v_x": 0.0}, correctable=False))
     assert found["held-out-error-removed"].verdict == NONE
 
 
-def test_tables_hold_all_cases(tmp_path: Path) -> None:
-    scores = [good(case="first"), good(case="second", said="a|b")]
+def test_tables_list_all_cases(tmp_path: Path) -> None:
+    scores = [good(case="first"), good(case="second", reported="a|b")]
     write_tables(scores, evaluate_criteria(scores), tmp_path)
     content = json.loads((tmp_path / "cases.json").read_text())
     assert [case["case"] for case in content["cases"]] == ["first", "second"]
+    assert content["cases"][1]["said"] == "a|b"
     table = (tmp_path / "cases.md").read_text().splitlines()
     assert len(table) == 4
     assert "a\\|b" in table[3]
@@ -121,7 +124,7 @@ def test_tables_hold_all_cases(tmp_path: Path) -> None:
     assert lines[0].startswith("PASS singles-strength-1 1.000 of 2 cases")
 
 
-def test_our_own_cases_know_their_group() -> None:
+def test_generated_cases_carry_strength_and_plant() -> None:
     every = list(case_plans())
     assert len({plan.name for plan in every}) == len(every)
     assert {plan.strength for plan in every} == {1.0, 0.3}
@@ -138,7 +141,7 @@ def test_our_own_cases_know_their_group() -> None:
 
 
 class Fake:
-    """Stands for running the tool: right, but for the cases that it is told to stop at."""
+    """Replace the tool: right answers, except for the cases to stop at."""
 
     def __init__(self, stop_at: str = "") -> None:
         self.stop_at = stop_at
@@ -161,7 +164,7 @@ def jobs(tmp_path: Path) -> list[CaseJob]:
     return jobs_of(tmp_path / "cases")
 
 
-def test_an_interrupted_bench_leaves_whole_reports_and_goes_on(
+def test_an_interrupted_run_keeps_complete_reports_and_resumes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, todo = tmp_path / "out", jobs(tmp_path)
@@ -189,7 +192,7 @@ def test_a_changed_case_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert again.ran == ["b"]
 
 
-def test_nothing_is_left_where_nothing_was_finished(
+def test_an_interrupted_first_case_leaves_no_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mismatch_bench, "run_case", Fake("a"))
@@ -198,13 +201,13 @@ def test_nothing_is_left_where_nothing_was_finished(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_of_something_else_is_not_overwritten(tmp_path: Path) -> None:
+def test_a_foreign_folder_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "out" / "b").mkdir(parents=True)
-    with pytest.raises(UsageError, match="no report of this command"):
+    with pytest.raises(UsageError, match="not a report of this command"):
         MismatchBench(tmp_path / "out").run(jobs(tmp_path))
 
 
-def test_ended_processes_do_not_begin() -> None:
+def test_no_process_starts_after_the_end() -> None:
     children = Subprocesses()
     said = children.adk(["--version"])
     assert said.status == 0

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Other methods beside ours: the residuals that all see, what a method names, and the process."""
+"""Baselines: common residuals, naming, and the worker process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pytest
 from helpers.mismatch import case
 
 from adk_ros.bench.mismatch.baseline_worker import METHODS
-from adk_ros.bench.mismatch.baselines import MEANS, OURS, Baselines, matches, named
+from adk_ros.bench.mismatch.baselines import ADK_MISMATCH, MEANS, Baselines, matches, named
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.equation_errors import EquationErrors, equation_errors, slopes
 from adk_ros.bench.mismatch.result_tables import baseline_results, baselines_markdown
@@ -24,6 +24,7 @@ from adk_ros.errors import UsageError
 from adk_ros.mismatch.deployment.surrogate_file import load_surrogate, surrogate_yaml
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.signals.channels import STATE_NAMES
 
 DRAG = {"effect": "aero_drag", "parameters": {"cda": 1.0}}
@@ -46,7 +47,7 @@ for line in sys.stdin:
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A report's models: the nominal car, and the same with drag."""
+    """Write the models of a report: the nominal vehicle, and the same with drag."""
     folder = tmp_path_factory.mktemp("report")
     vector = case().nominal.parameters()
     (folder / "simulation.yaml").write_text(surrogate_yaml(vector))
@@ -54,14 +55,14 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_slopes_are_slopes() -> None:
+def test_slopes_of_a_line() -> None:
     at = 0.01 * np.arange(200)
     np.testing.assert_allclose(slopes(3.0 * at + 1.0)[30:-30], 3.0, atol=1e-9)
     noisy = np.random.default_rng(0).normal(size=20000)
     assert slopes(noisy)[30:-30].std() == pytest.approx(np.sqrt(12.0 / 51) / 0.51, rel=0.05)
 
 
-def test_a_term_changes_its_own_equation_by_what_it_is(report: Path) -> None:
+def test_a_term_changes_its_equation_by_its_value(report: Path) -> None:
     recording = case("aero_drag", cda=1.0).recording
     plain, better = (
         equation_errors(recording, load_surrogate(report / name).content)
@@ -78,10 +79,10 @@ def test_a_term_changes_its_own_equation_by_what_it_is(report: Path) -> None:
     assert (plain.noise > 0.0).all()
 
 
-def test_a_feature_that_is_corrected_is_gone(report: Path) -> None:
+def test_a_corrected_feature_leaves_no_residual(report: Path) -> None:
     model = load_surrogate(report / "simulation.yaml").content
-    text = surrogate_yaml(model.vector(), correction=[
-        {"equation": "yaw_rate", "feature": "constant", "coefficient": 0.5}
+    text = surrogate_yaml(model.vector(), feature_terms=[
+        FeatureTerm("yaw_rate", "constant", 0.5, 0.0)
     ])  # fmt: skip
     (report / "constant.yaml").write_text(text)
     more = load_surrogate(report / "constant.yaml").content
@@ -101,7 +102,7 @@ def equations() -> EquationErrors:
     )
 
 
-def test_what_coefficients_name() -> None:
+def test_coefficients_map_to_effects() -> None:
     names = list(FEATURES)
     coefficients = np.zeros((len(names), 3))
     assert named(equations(), coefficients) == []
@@ -116,14 +117,14 @@ def test_what_coefficients_name() -> None:
     assert matches([("rolling_resistance", "torque_offset")], {"torque_offset"})
 
 
-def test_what_features_mean_is_known() -> None:
+def test_all_feature_meanings_are_effects() -> None:
     for (equation, feature), effects in MEANS.items():
         assert equation in STATE_NAMES
         assert feature in FEATURES
         assert set(effects) <= set(EFFECTS)
 
 
-def test_all_are_asked_for_the_same(report: Path, tmp_path: Path) -> None:
+def test_all_methods_get_the_same_data(report: Path, tmp_path: Path) -> None:
     worker = tmp_path / "worker.py"
     worker.write_text(textwrap.dedent(STAND_IN))
     label: dict[str, Any] = {"effects": [{"name": "aero_drag"}]}
@@ -135,7 +136,7 @@ def test_all_are_asked_for_the_same(report: Path, tmp_path: Path) -> None:
         )
     finally:
         rivals.close()
-    assert [row["method"] for row in rows] == [OURS, *METHODS]
+    assert [row["method"] for row in rows] == [ADK_MISMATCH, *METHODS]
     ours = rows[0]
     assert ours["right"]
     assert ours["telling"] == "v_x"
@@ -152,14 +153,14 @@ def test_all_are_asked_for_the_same(report: Path, tmp_path: Path) -> None:
         ]),
     ]  # fmt: skip
     _, table = baseline_results(scores)
-    assert table[0][:3] == [OURS, "100 % of 1", "0 % of 1"]
-    assert table[3][1] == "names nothing"
+    assert table[0][:3] == [ADK_MISMATCH, "100 % of 1", "0 % of 1"]
+    assert table[3][1] == "names no effect"
     assert baselines_markdown(scores).count("\n") == 3 + len(rows) + 2 + 2 * len(rows)
     assert baselines_markdown([replace(scores[0], baselines=[])]) == ""
 
 
-def test_an_environment_without_them_is_said(report: Path) -> None:
-    """The real worker, under a Python that has none of the libraries."""
+def test_a_missing_environment_is_reported(report: Path) -> None:
+    """The real worker in a Python without the libraries."""
     rivals = Baselines(Path(sys.executable))
     with pytest.raises(UsageError, match="run `make peers`"):
         rivals.compare_baselines(case().recording, report, {"effects": []}, {"verdict": "none"})

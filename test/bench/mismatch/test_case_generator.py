@@ -1,22 +1,57 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cases of our own: what is concealed is there, and only where the label says."""
+"""Generated cases: the injected mismatch acts, and only where the label says."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from adk_ros.bench.mismatch.case_matrix import case_plans
+from adk_ros.bench.mismatch.injected_drive import (
+    PLANTS,
+    InjectedChanges,
+    simulate_injected_drive,
+)
+from adk_ros.bench.mismatch.injectors import UNLISTED, plant_changes
 from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
+from adk_ros.plant.scenario.scenario_file import load_scenario
+from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
 
 BIAS = {"imu_bias": {"ax": 0.2, "ay": -0.1, "gyro": 0.01}}
 
 
 def test_a_bias_begins_at_its_onset() -> None:
     truth, commands = np.zeros((4001, 11)), np.zeros((161, 2))
-    said = simulate_faulty_sensors("still", truth, commands, BIAS, None, onset_s=1.5)
-    late = said.imu_s >= 1.5
+    log = simulate_faulty_sensors("standstill", truth, commands, BIAS, None, onset_s=1.5)
+    late = log.imu_s >= 1.5
     assert 0 < late.sum() < late.size
-    np.testing.assert_array_equal(said.imu[~late], 0.0)
-    np.testing.assert_allclose(said.imu[late], np.tile([0.2, -0.1, 0.01], (late.sum(), 1)))
-    always = simulate_faulty_sensors("still", truth, commands, BIAS, None)
+    np.testing.assert_array_equal(log.imu[~late], 0.0)
+    np.testing.assert_allclose(log.imu[late], np.tile([0.2, -0.1, 0.01], (late.sum(), 1)))
+    always = simulate_faulty_sensors("standstill", truth, commands, BIAS, None)
     np.testing.assert_allclose(always.imu[0], [0.2, -0.1, 0.01])
+
+
+def test_every_planned_change_can_be_injected() -> None:
+    for plan in case_plans():
+        changes = plant_changes(plan.secret.effects, plan.secret.unlisted, 1.0)
+        assert isinstance(changes, InjectedChanges)
+        for name, value in plan.secret.unlisted.items():
+            assert getattr(changes, name) == value
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_change_acts_from_its_onset_on(plant: str) -> None:
+    vehicle, route = load_vehicle("imdv"), load_scenario("town").planned_route()
+
+    def v_x(changes: InjectedChanges) -> np.ndarray:
+        truth, _, _ = simulate_injected_drive(vehicle, vehicle, route, changes, 1, 4.0, plant)
+        return truth[:, 3]
+
+    plain = v_x(InjectedChanges())
+    assert np.isfinite(plain).all()
+    dragged = v_x(plant_changes({}, {"scrub_drag": UNLISTED["scrub_drag"]}, 2.0))
+    braked = v_x(InjectedChanges(onset=2.0, side_drag=400.0))
+    np.testing.assert_array_equal(plain[:2000], dragged[:2000])
+    np.testing.assert_array_equal(plain[:2000], braked[:2000])
+    assert braked[-1] < plain[-1] - 0.05

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How an answer is scored against a label."""
+"""Score of an answer against a label."""
 
 from __future__ import annotations
 
@@ -49,7 +49,9 @@ def answer(verdict: str, *effects: str, **alternatives: list[str]) -> dict[str, 
         (label("unknown"), answer("explained", "aero_drag"), 0.0, 0.0),
     ],
 )
-def test_names(truth: dict[str, Any], said: dict[str, Any], right: float, f1: float) -> None:
+def test_credit_for_names(
+    truth: dict[str, Any], said: dict[str, Any], right: float, f1: float
+) -> None:
     result = score_case("x", truth, said)
     assert (result.right, result.f1) == pytest.approx((right, f1))
 
@@ -63,7 +65,7 @@ def test_parameters_and_times() -> None:
     assert result.iou["aero_drag"] == pytest.approx(0.5, abs=1e-3)
 
 
-def test_overlap_of_nothing_with_nothing_is_whole() -> None:
+def test_overlap_of_empty_sets_is_one() -> None:
     assert overlap([], [], 10.0) == 1.0
     assert overlap([[1.0, 2.0]], [[1.5, 3.0]], 10.0) == pytest.approx(0.25, abs=0.01)
 
@@ -97,7 +99,7 @@ LOCKED = {
         ([], "", False),
     ],
 )
-def test_what_is_unlisted_has_to_be_described(
+def test_unlisted_effects_need_equation_and_variable(
     equations: list[str], text: str, right: bool
 ) -> None:
     said = answer("unknown") | {"unexplained": {"equations": equations, "text": text}}
@@ -106,6 +108,6 @@ def test_what_is_unlisted_has_to_be_described(
     assert result.right == float(right)
 
 
-def test_strength_and_plant_are_the_labels() -> None:
+def test_strength_and_plant_come_from_the_label() -> None:
     result = score_case("x", label("gyro_scale") | {"strength": 0.3, "plant": "p"}, answer("none"))
     assert (result.strength, result.plant, result.correctable) == (0.3, "p", False)

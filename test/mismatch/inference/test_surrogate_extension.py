@@ -35,7 +35,7 @@ from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residu
 from adk_ros.mismatch.surrogate.road_profile import (
     KNOT_SPACING_M,
     RoadProfile,
-    basis,
+    spline_basis,
     zero_profile,
 )
 from adk_ros.mismatch.surrogate.road_profile_fit import graph_colouring
@@ -96,7 +96,7 @@ def drag_on_hills() -> MismatchResult:
 
 
 def test_the_splines_weights_sum_to_one_on_the_road_and_to_none_off_it() -> None:
-    first, weights = basis(np.array([0.0, 3.7, 25.0, np.nan]), KNOT_SPACING_M)
+    first, weights = spline_basis(np.array([0.0, 3.7, 25.0, np.nan]), KNOT_SPACING_M)
     assert weights.sum(axis=0) == pytest.approx([1.0, 1.0, 1.0, 0.0])
     assert list(first[:3]) == [0, 0, 2]
 
@@ -138,6 +138,7 @@ def test_knots_of_one_colour_are_never_felt_together() -> None:
     assert colours.max() < 20
 
 
+@pytest.mark.slow
 def test_the_slopes_of_a_simulated_road_are_learned() -> None:
     course, plain, stand_in = on_hills()
     assert is_underfit(course, plain)
@@ -171,6 +172,7 @@ def test_a_simulation_that_is_met_is_left_as_it_is() -> None:
     assert augment_surrogate(course, plain, start) is plain
 
 
+@pytest.mark.slow
 def test_what_a_recording_on_hills_has_more_is_named() -> None:
     findings = drag_on_hills()
     assert [e.effect.name for e in findings.effects] == ["aero_drag"]
@@ -223,8 +225,9 @@ def test_a_recording_on_another_road_is_judged_without_the_curves(
     assert "drives another" in notes[0]
 
 
+@pytest.mark.slow
 def test_what_no_effect_explains_of_a_simulator_is_learned_as_a_feature() -> None:
-    secret = InjectedMismatch(unlisted={"scrub": UNLISTED["scrub"]})
+    secret = InjectedMismatch(unlisted={"scrub_drag": UNLISTED["scrub_drag"]})
     c = make_case("scrub", secret, 5, seconds=(60.0, 90.0, 30.0), noise=0.02)
     course, start = prepare_residual_problem(c.recording), c.nominal.parameters()
     plain = identify_surrogate(course, start)
@@ -232,7 +235,7 @@ def test_what_no_effect_explains_of_a_simulator_is_learned_as_a_feature() -> Non
     whole = augment_surrogate(course, plain, start)
     assert whole.feature_terms
     assert whole.feature_terms[0].equation == "v_x"
-    assert whole.feature_terms[0].feature in UNLISTED_IN["scrub"][1]
+    assert whole.feature_terms[0].feature in UNLISTED_IN["scrub_drag"][1]
     assert misfit(course, whole) < 0.05 * misfit(course, plain)
     # On a drive that it was not learned on, it is there as well.
     model = SurrogateFile.model_validate(
@@ -243,6 +246,7 @@ def test_what_no_effect_explains_of_a_simulator_is_learned_as_a_feature() -> Non
     assert errors[0][0] < 0.5 * errors[1][0]
 
 
+@pytest.mark.slow
 def test_a_simulators_own_effect_is_learned_and_no_finding() -> None:
     secret = InjectedMismatch({"steering_backlash": {"half_gap": 0.0025}})
     c = make_case("play", secret, 6, seconds=(60.0, 90.0, 30.0), noise=0.02)
