@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of the paper's tables share: boards of made-up scores, and records."""
+"""Helpers for tests of the paper benchmark: tables of synthetic scores, and records."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def case_score(
     rmse: FloatArray | float, worst: FloatArray | float = 9.0, covered: float = 0.9,
     diverged: int = 0, seconds: float = 1.0,
 ) -> CaseScore:  # fmt: skip
-    """A score with the same RMSE in all cells, or with the given ones (5, 3)."""
+    """Return a score with the same RMSE for all horizons and channels, or the given (5, 3)."""
     table = np.ones((5, 3))
     return CaseScore(
         rmse=table * rmse,
@@ -37,7 +37,7 @@ def board_of(
     by_name: Mapping[str, float | Sequence[float]], tests: Sequence[str] = TESTS,
     variants: Sequence[str] = VARIANTS,
 ) -> ScoreTable:  # fmt: skip
-    """A board where each predictor has one RMSE everywhere, or one for each seed."""
+    """Return scores where each predictor has one RMSE everywhere, or one for each seed."""
     board = ScoreTable()
     for variant in variants:
         for test in tests:
@@ -48,13 +48,14 @@ def board_of(
 
 
 def good_board(tests: Sequence[str] = TESTS) -> ScoreTable:
-    """Ours at a tenth of the naive predictors, all rivals at a half."""
-    rivals = dict.fromkeys((MF_TUNED, PYKOOP, PYKOOPMAN), 0.5)
-    return board_of({name: 1.0 for name in NAIVE} | rivals | {ADK_ROS: (0.09, 0.1, 0.11)}, tests)
+    """Return scores: adk_ros at a tenth of the naive predictors, all baselines at a half."""
+    baselines = dict.fromkeys((MF_TUNED, PYKOOP, PYKOOPMAN), 0.5)
+    scores = dict.fromkeys(NAIVE, 1.0) | baselines | {ADK_ROS: (0.09, 0.1, 0.11)}
+    return board_of(scores, tests)
 
 
 def papers_board() -> ScoreTable:
-    """The paper's own figures as if they were ours, clean, one step ahead."""
+    """Return scores with the figures of the paper, clean, one step ahead."""
     board = ScoreTable()
     for test in PAPER_TESTS:
         for name in FIVE:

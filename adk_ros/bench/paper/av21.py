@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Recordings of a real car: our default against the naive predictors, on what it has not seen.
+Real recordings: adk_ros against the naive predictors on held-out data.
 
-Trained on the first 60 % of a recording, a tenth of that spread over it to validate on, tested on
-the rest; and on the whole of each other recording. There is no truth: all is scored against the
-measurement with hindsight, from rows whose past may be learned from.
+Training on the first 60 % of a recording (a tenth of it for validation); tests on its remaining
+40 % and on each other recording as a whole. The reference is the non-causal (two-sided) smoothed
+measurement; predictions start at rows whose history is learnable.
 """
 
 from __future__ import annotations
@@ -32,9 +32,11 @@ from adk_ros.signals.channels import Record
 from adk_ros.signals.score import HORIZON_STEPS, naive_predictions, scorable_rows, score
 
 TRAINED_ON = 0.6
+"""Share of a recording that is trained on."""
 JUDGED = (2, 3, 4)
-"""Horizons that count: 0.5, 1 and 2 s."""
+"""Indices of the horizons in the criterion: 0.5, 1 and 2 s."""
 _STRIDE = 4
+"""Rows between two rollouts."""
 
 
 def find_recordings(folder: Path) -> tuple[Path, ...]:
@@ -54,16 +56,16 @@ def find_recordings(folder: Path) -> tuple[Path, ...]:
 
 
 def recording_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
-    """Train on one recording; "tests" are `trained on / tested on`."""
+    """Train on one recording and test on all; tests are named `trained on / tested on`."""
     outcome = Outcome(job)
     with outcome.clocked("reading"):
         records = [read_recording(path).record for path in plan.recordings]
-    own = next(i for i, path in enumerate(plan.recordings) if path.name == job.about)
-    cut = int(TRAINED_ON * len(records[own]))
-    first, rest = records[own].rows(slice(0, cut)), records[own].rows(slice(cut, None))
+    trained = next(i for i, path in enumerate(plan.recordings) if path.name == job.about)
+    cut = int(TRAINED_ON * len(records[trained]))
+    first, rest = records[trained].rows(slice(0, cut)), records[trained].rows(slice(cut, None))
     predictor = train_default(outcome, [first], plan, folder, tell)
     for i, record in enumerate(records):
-        tested = rest if i == own else record
+        tested = rest if i == trained else record
         with outcome.clocked("predicting"):
             found = against_naive(predictor, tested)
         name = f"{job.about} / {plan.recordings[i].name}"
@@ -73,16 +75,16 @@ def recording_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NotePro
 
 def against_naive(predictor: KoopmanPredictor, record: Record) -> dict[str, CaseScore]:
     """
-    Score ours and the naive predictors from the same rows of a recording.
+    Score adk_ros and the naive predictors from the same rows of a recording.
 
     :raises DataError: the record is too short.
     """
     rows = scorable_rows(record, HISTORY, AHEAD, _STRIDE)
     if not rows.size:
         raise DataError(f"{record.name}: no stretch of 2 s without a gap to test on")
-    said: dict[str, FloatArray] = {ADK_ROS: predictor.predict(record, rows, AHEAD)}
-    said |= naive_predictions(record, rows, AHEAD)
-    return {name: _scored(record, rows, predicted) for name, predicted in said.items()}
+    predictions: dict[str, FloatArray] = {ADK_ROS: predictor.predict(record, rows, AHEAD)}
+    predictions |= naive_predictions(record, rows, AHEAD)
+    return {name: _scored(record, rows, predicted) for name, predicted in predictions.items()}
 
 
 def _scored(record: Record, rows: IntArray, predicted: FloatArray) -> CaseScore:
@@ -96,9 +98,9 @@ def _scored(record: Record, rows: IntArray, predicted: FloatArray) -> CaseScore:
 @dataclass(frozen=True)
 class RecordingScores:
     """
-    By `trained on / tested on`: RMSE over the best naive one's, mean over seeds, (5, 3).
+    Scores by `trained on / tested on`: ratio to the best naive RMSE, mean over seeds, (5, 3).
 
-    `rmse`: the means themselves, by predictor, (5, 3) SI.
+    `rmse`: the mean RMSE by predictor, (5, 3) SI.
     """
 
     ratios: dict[str, FloatArray]
@@ -106,7 +108,7 @@ class RecordingScores:
 
     @staticmethod
     def of(outcomes: list[Outcome]) -> RecordingScores:
-        """Put together what the jobs found."""
+        """Collect the scores of the jobs."""
         found: dict[str, dict[str, list[CaseScore]]] = {}
         for outcome in outcomes:
             for test, name, item in outcome.scores:
@@ -123,9 +125,9 @@ class RecordingScores:
             rmse[test] = mean
         return RecordingScores(ratios, rmse)
 
-    def pairs(self, own: bool) -> dict[str, FloatArray]:
-        """Those tested on the rest of their own recording, or those tested on another."""
+    def pairs(self, same: bool) -> dict[str, FloatArray]:
+        """Return the ratios of tests on the same recording, or on another one."""
         return {
             name: table for name, table in self.ratios.items()
-            if (len(set(name.split(" / "))) == 1) == own
+            if (len(set(name.split(" / "))) == 1) == same
         }  # fmt: skip

@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-pykoop and pykoopman under the contract of the tables, run in an environment of their own.
+Baseline libraries pykoop and pykoopman as predictors of the tables, in a separate environment.
 
-What they require contradicts what adk_ros requires, so `make peers` gives them a Python, and
-`peer_worker.py` runs there as a process that is fitted once and then asked. They see the same
-training records as everybody else: the stretches of samples that may be learned from.
+Their requirements conflict with those of adk_ros, so `make peers` creates an environment for them.
+`baseline_library_worker.py` runs there as a process that is fitted once and then queried. Training
+data are the same as for all predictors: the contiguous learnable samples.
 """
 
 from __future__ import annotations
@@ -33,41 +33,42 @@ PEERS = ("pykoop", "pykoopman")
 WORKER = Path(__file__).with_name("baseline_library_worker.py")
 TIMEOUT_S = 900.0
 MIN_STRETCH = 20
-"""Samples of a stretch below which it is not worth a training episode."""
+"""Samples of the shortest segment that is used as a training episode (0.5 s)."""
 TRUSTED = 1e-6
-"""Largest difference between a batch and the library's own prediction, in usual deviations."""
+"""Largest difference between a batch prediction and that of the library's own function, in
+standard deviations of the channel: far above rounding, far below any error."""
 
 _ENVIRONMENT = Path(".venv-peers", "bin", "python")
-_BESIDE = Path(__file__).resolve().parents[3]
+_SOURCE_FOLDER = Path(__file__).resolve().parents[3]
 _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
 
 
 def find_python(given: str | Path | None = None) -> Path:
     """
-    Return the Python that has the peers: given, or ADK_PEERS_PYTHON's, or that of `make peers`.
+    Return the Python of the baseline libraries: `given`, ADK_PEERS_PYTHON, or of `make peers`.
 
     :raises UsageError: there is none.
     """
     named = given or os.environ.get(VARIABLE)
-    places = [Path(named)] if named else [_BESIDE / _ENVIRONMENT, Path.cwd() / _ENVIRONMENT]
+    places = [Path(named)] if named else [_SOURCE_FOLDER / _ENVIRONMENT, Path.cwd() / _ENVIRONMENT]
     for place in places:
-        # Not resolved: a link into an environment is what makes Python use it.
+        # Not resolved: Python finds its environment by the path of the link.
         if os.access(place, os.X_OK) and place.is_file():
             return place.absolute()
-    where = f"{named} is no executable" if named else "there is no .venv-peers"
+    where = f"{named} is not an executable" if named else "there is no .venv-peers"
     raise UsageError(
-        f"libraries to compare with need an environment of their own and {where}: run"
-        f" `make peers`, or name its Python in {VARIABLE}"
+        f"the baseline libraries need a separate environment and {where}: run `make peers`, or"
+        f" set {VARIABLE} to its Python"
     )
 
 
 @dataclass(frozen=True)
 class Peer:
     """
-    One fitted library; `settings` says what was chosen on the last part of the training records.
+    One fitted library; `settings`: hyperparameters selected on the last part of the training data.
 
-    `check`: the largest difference found between its predictions in batches and those of the
-    library's own function, in usual deviations of the channels.
+    `check`: largest difference between its batch predictions and those of the library's own
+    function, in standard deviations of the channels.
     """
 
     name: str
@@ -76,7 +77,7 @@ class Peer:
     _worker: Worker
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
-        """As `BenchPredictor.predict`; NaN where two samples of past are not there."""
+        """As `BenchPredictor.predict`; NaN where there are not two past samples."""
         answer = self._worker.ask(
             peer=np.array(self.name),
             x=record.x,
@@ -88,14 +89,14 @@ class Peer:
         predicted = np.asarray(answer.get("predicted"), dtype=np.float64)
         if predicted.shape != (rows.shape[0], ahead, 3):
             raise DataError(
-                f"{self.name}: the worker answered with an array of shape {predicted.shape} to"
+                f"{self.name}: the worker returned an array of shape {predicted.shape} for"
                 f" {rows.shape[0]} rows and {ahead} steps"
             )
         return predicted
 
 
 class Worker:
-    """The process under the other Python, and the files that it is asked and answers by."""
+    """Process in the other environment that exchanges requests and answers as files."""
 
     def __init__(
         self, python: Path, script: Path, timeout_s: float, scratch: Path | None = None
@@ -104,7 +105,7 @@ class Worker:
         self._folder = tempfile.TemporaryDirectory(prefix="adk_peers_", dir=scratch)
         self._log = Path(self._folder.name, "log")
         with self._log.open("wb") as log:
-            # Isolated: neither PYTHONPATH nor the user's own packages belong to what is compared.
+            # Isolated from PYTHONPATH and from packages of the user.
             self._process = subprocess.Popen(
                 [str(python), "-I", str(script)],
                 stdin=subprocess.PIPE,
@@ -115,33 +116,35 @@ class Worker:
         self._end = weakref.finalize(self, _end, self._process, self._folder)
 
     def close(self) -> None:
-        """End the process; nothing can be asked any more."""
+        """End the process; later requests fail."""
         self._end()
 
     def ask(self, **job: Any) -> dict[str, Any]:
         """
         Return the answer to a job.
 
-        :raises UsageError: the environment does not hold what it should, or the process is closed.
+        :raises UsageError: the environment is incomplete, or the process is closed.
         :raises DataError: the worker failed, or took too long.
         """
         if not self._end.alive:
-            raise UsageError("the peers were closed: fit them anew")
+            raise UsageError("the baseline libraries were closed: fit them again")
         source, target = (Path(self._folder.name, name) for name in ("job.npz", "answer.npz"))
         np.savez(source, **job)
         target.unlink(missing_ok=True)
-        said = self._exchange(f"{source}\t{target}\n")
-        if said == "done" and target.is_file():
+        status = self._exchange(f"{source}\t{target}\n")
+        if status == "done" and target.is_file():
             with np.load(target) as answer:
                 return dict(answer)
-        why = said.removeprefix("failed ") or self._last_words()
-        if not said or why.startswith(("ImportError", "ModuleNotFoundError")):
+        reason = status.removeprefix("failed ") or self._last_error()
+        if not status or reason.startswith(("ImportError", "ModuleNotFoundError")):
             self.close()
-            raise UsageError(f"the peers' environment does not work ({why}): run `make peers`")
-        raise DataError(f"the peers failed: {why}")
+            raise UsageError(
+                f"the environment of the baseline libraries is broken ({reason}): run `make peers`"
+            )
+        raise DataError(f"the baseline libraries failed: {reason}")
 
     def _exchange(self, line: str) -> str:
-        """What the worker says to a line; "" if it has ended."""
+        """Return the worker's reply to a line; "" if it has ended."""
         pipe_in, pipe_out = self._process.stdin, self._process.stdout
         assert pipe_in is not None
         assert pipe_out is not None
@@ -152,15 +155,19 @@ class Worker:
             return ""
         with selectors.DefaultSelector() as selector:
             selector.register(pipe_out, selectors.EVENT_READ)
-            # It answers in one short line, so that what is readable is whole.
+            # The reply is one short line, which arrives as a whole.
             if not selector.select(self._timeout_s):
                 self.close()
-                raise DataError(f"the peers took more than {self._timeout_s:g} s and were stopped")
+                raise DataError(
+                    f"the baseline libraries took more than {self._timeout_s:g} s and were stopped"
+                )
         return pipe_out.readline().decode(errors="replace").strip()
 
-    def _last_words(self) -> str:
+    def _last_error(self) -> str:
         lines = self._log.read_text(errors="replace").split("\n") if self._log.is_file() else []
-        return next((line for line in reversed(lines) if line.strip()), "it ended without a word")
+        return next(
+            (line for line in reversed(lines) if line.strip()), "it ended without a message"
+        )
 
 
 def _end(process: subprocess.Popen[bytes], folder: tempfile.TemporaryDirectory[str]) -> None:
@@ -175,14 +182,14 @@ def _end(process: subprocess.Popen[bytes], folder: tempfile.TemporaryDirectory[s
 
 class Peers:
     """
-    Both libraries, fitted: `predictors`. A context manager; on leaving, the process ends.
+    Both libraries, fitted: `predictors`. A context manager that ends the process on exit.
 
-    :param train: training records, at least one with `MIN_STRETCH` samples in a row.
-    :param python: the peers' Python; see `find_python`.
-    :param scratch: where their files go for a while; None: among the system's temporary ones.
-    :raises UsageError: there is no such environment, or it does not work.
-    :raises DataError: nothing to learn from, the libraries fail, or their own predictions differ
-        from those in batches.
+    :param train: training records, at least one with `MIN_STRETCH` contiguous samples.
+    :param python: Python of the libraries; see `find_python`.
+    :param scratch: folder for temporary files; None: the one of the system.
+    :raises UsageError: the environment is missing or broken.
+    :raises DataError: no usable training data, a library fails, or its batch predictions differ
+        from those of its own function.
     """
 
     def __init__(
@@ -208,16 +215,16 @@ class Peers:
         try:
             settings, check = str(answer[f"{name}_settings"]), float(answer[f"{name}_check"])
         except KeyError:
-            raise DataError(f"{name}: the worker's answer does not mention it") from None
+            raise DataError(f"{name}: missing in the worker's answer") from None
         if not check <= TRUSTED:
             raise DataError(
-                f"{name}: its predictions in batches are {check:.2g} deviations from its own"
-                " function's, so they would not be its own: pin another version"
+                f"{name}: batch predictions differ by {check:.2g} standard deviations from those"
+                " of the library's own function: pin another version"
             )
         return Peer(name, settings, check, self._worker)
 
     def close(self) -> None:
-        """End the process; the predictors cannot be asked any more."""
+        """End the process; the predictors cannot be used any more."""
         self._worker.close()
 
     def __enter__(self) -> Peers:
@@ -234,9 +241,9 @@ class Peers:
 
 def stretches(records: Sequence[Record]) -> tuple[FloatArray, FloatArray, IntArray]:
     """
-    Return the samples in a row that may be learned from: x (n, 3), u (n, 2), episode (n,).
+    Return contiguous learnable samples: x (n, 3), u (n, 2), episode (n,).
 
-    :raises DataError: no stretch is as long as `MIN_STRETCH`.
+    :raises DataError: no segment has `MIN_STRETCH` samples.
     """
     x, u, numbers = [], [], []
     count = 0
@@ -252,6 +259,6 @@ def stretches(records: Sequence[Record]) -> tuple[FloatArray, FloatArray, IntArr
                 count += 1
     if not count:
         raise DataError(
-            f"the peers have nothing to learn from: no {MIN_STRETCH} good samples in a row"
+            f"no training data for the baseline libraries: no {MIN_STRETCH} good samples in a row"
         )
     return np.concatenate(x), np.concatenate(u), np.concatenate(numbers)

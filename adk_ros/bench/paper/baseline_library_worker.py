@@ -1,18 +1,19 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Fits pykoop and pykoopman and predicts with them: runs under the Python of `make peers`.
+Worker that fits pykoop and pykoopman and predicts with them, under the Python of `make peers`.
 
-Imports nothing of adk_ros, whose requirements contradict theirs. Reads lines `job<TAB>answer` from
-standard input, each naming two .npz files, and says `done` or `failed <why>` on standard output.
-A job to fit has `peers`, `x` (n, 3), `u` (n, 2), `episode` (n,), all rows sound; its answer, by
-peer, `<peer>_settings` and `<peer>_check`. One to predict has `peer`, `x`, `u`, `episode`, `rows`,
-`ahead`; its answer `predicted` (rows, ahead, 3), NaN where a peer diverged or has no past.
+Imports nothing of adk_ros, whose requirements conflict. Reads lines `job<TAB>answer` from standard
+input, each naming two .npz files, and replies `done` or `failed <reason>` on standard output.
+A fit job has `peers`, `x` (n, 3), `u` (n, 2), `episode` (n,), all rows finite; its answer has
+`<peer>_settings` and `<peer>_check` for each library. A prediction job has `peer`, `x`, `u`,
+`episode`, `rows`, `ahead`; its answer `predicted` (rows, ahead, 3), NaN where the prediction
+diverged or history is missing.
 
-Of each library several usual set-ups are fitted to the first 80 % of each episode, and the one
-with the least errors on the rest, over all horizons and channels, is fitted to the whole.
-Predictions are made for all starts at once; `check` is the largest difference, in usual deviations
-of the channels, from what the library's own function gives for some of them.
+Each library is fitted with several common settings to the first 80 % of each episode; the one with
+the smallest errors on the rest, over all horizons and channels, is fitted to all data. Predictions
+are computed for all starts at once; `check` is the largest difference from the library's own
+prediction function for some starts, in standard deviations of the channels.
 """
 
 from __future__ import annotations
@@ -31,26 +32,30 @@ from typing import Any
 import numpy as np
 
 Episodes = list[tuple[Any, Any]]
-"""x (n, 3) and u (n, 2) of each."""
+"""x (n, 3) and u (n, 2) of each episode."""
 
 PAST = 2
+"""Past samples used as delays."""
 HORIZONS = (1, 10, 20, 40, 80)
 VALIDATED = 0.2
+"""Share of each episode used for validation."""
 STARTS = 400
+"""Approximate number of rollouts for validation."""
 CHECKED = 3
-LOST = 1e3
-"""Scaled: what is further off has diverged."""
+"""Starts that are compared with the library's own function."""
+DIVERGED = 1e3
+"""Magnitude of a scaled state above which a prediction has diverged."""
 BATCH = 4096
 _PR_SET_PDEATHSIG = 1
-"""Of linux/prctl.h."""
+"""From linux/prctl.h."""
 
 
 class _Absent(types.ModuleType):
     """
-    Stands for a library that a peer imports at its top and needs only for what is not used here.
+    Placeholder for a module that a library imports but does not need here.
 
-    These are pykoopman's neural networks (torch and lightning, gigabytes) and the semidefinite
-    programs of pykoop's regressors (picos, which has no wheel).
+    These are torch and lightning for the neural networks of pykoopman (gigabytes), and picos for
+    the semidefinite programs of pykoop (no wheel).
     """
 
     def __init__(self, name: str) -> None:
@@ -76,7 +81,7 @@ class Pykoop:
     """
     EDMD with Tikhonov regularisation on two delays and all monomials of degree 2.
 
-    A constant is among the lifted states. `predict_trajectory` lifts anew at each step by default.
+    The lifted states include a constant. `predict_trajectory` re-lifts at each step by default.
     """
 
     labels = "scaler", "alpha"
@@ -118,11 +123,11 @@ class Pykoop:
         out = np.full((n, ahead, 3), np.nan)
         samples = np.concatenate([x, u[:, : PAST + 1]], axis=2).reshape(-1, 5)
         past = self._scale.lift(samples, episode_feature=False).reshape(n, PAST + 1, 5)
-        # The newest sample first, states before inputs: as the delay lifting function has it.
+        # Newest sample first, states before inputs: the order of the delay lifting function.
         states = past[:, ::-1, :3].reshape(n, -1)
         inputs = past[:, ::-1, 3:].reshape(n, -1)
         for step in range(ahead):
-            alive = np.abs(states).max(axis=1) < LOST
+            alive = np.abs(states).max(axis=1) < DIVERGED
             states[~alive] = 0.0
             if step:
                 pad = np.zeros((n, 3))
@@ -134,13 +139,13 @@ class Pykoop:
                 lifted = function.lift(lifted, episode_feature=False)
             new = (lifted @ self._matrix.T)[:, :3]
             states = np.column_stack([new, states[:, :-3]])
-            states[~alive] = 2.0 * LOST
+            states[~alive] = 2.0 * DIVERGED
             out[alive, step] = self._scale.retract_state(new[alive], episode_feature=False)
         return out
 
-    def internal_model(self, x: Any, u: Any) -> Any:
-        """The same of one start by the library's function: x (3, 3), u (2 + ahead, 2)."""
-        # Its last row of inputs is that of the last state predicted, and is not used.
+    def library_prediction(self, x: Any, u: Any) -> Any:
+        """Predict from one start with the library's function: x (3, 3), u (2 + ahead, 2)."""
+        # The function needs an input at the last predicted state, which has no effect.
         padded = np.concatenate([u, u[-1:]])
         return self._model.predict_trajectory(x, padded, episode_feature=False)[PAST + 1 :]
 
@@ -149,9 +154,9 @@ class Pykoopman:
     """
     DMDc and EDMDc on polynomial observables, of the state alone or of two past samples as well.
 
-    Past samples are further states, which its time-delay observables would make of the states but
-    not of the inputs. `simulate` stays in the lifted space; iterating `predict`, which lifts anew
-    at each step, is tried as well.
+    Past samples are appended as states: the library's time-delay observables delay only states,
+    not inputs. `simulate` stays in the lifted space; iterating `predict`, which re-lifts at each
+    step, is tried as well.
     """
 
     labels = "past", "degree", "regressor", "rank share", "lifted anew"
@@ -191,7 +196,7 @@ class Pykoopman:
         observables = self._observables.Polynomial(degree=degree)
         if method == "DMDc":
             size = self._observables.Polynomial(degree=degree).fit(states).n_output_features_
-            # Full rank counts the inputs in, on the side that has them.
+            # The full rank of the regressor side includes the two inputs.
             kept = round(share * size)
             rank = size + 2 if share == 1.0 else kept
             regressor = self._regression.DMDc(svd_rank=rank, svd_output_rank=kept)
@@ -222,14 +227,14 @@ class Pykoopman:
         for step in range(ahead):
             now = scaled_u[:, PAST + step]
             if lifted is None:
-                alive = np.abs(state).max(axis=1) < LOST
+                alive = np.abs(state).max(axis=1) < DIVERGED
                 state[~alive] = 0.0
                 new = self._model.predict(state, now)[:, :3]
                 pasts = [new, state[:, : 3 * self._past]]
                 if self._past:
                     pasts += [now, state[:, 3 * (self._past + 1) : -2]]
                 state = np.column_stack(pasts)
-                state[~alive] = 2.0 * LOST
+                state[~alive] = 2.0 * DIVERGED
             else:
                 alive = np.ones(len(x), dtype=bool)
                 lifted = lifted @ self._model.A.T + now @ self._model.B.T
@@ -237,8 +242,8 @@ class Pykoopman:
             out[alive, step] = (new * self._deviation[0] + self._mean[0])[alive]
         return out
 
-    def own(self, x: Any, u: Any) -> Any:
-        """The same of one start by the library's functions: x (3, 3), u (2 + ahead, 2)."""
+    def library_prediction(self, x: Any, u: Any) -> Any:
+        """Predict from one start with the library's functions: x (3, 3), u (2 + ahead, 2)."""
         scaled_x, scaled_u = self._scaled(x, 0), self._scaled(u, 1)
         if not self._anew:
             state = self._state(scaled_x, scaled_u, np.array([PAST]))[0]
@@ -256,13 +261,13 @@ PEERS: dict[str, Any] = {"pykoop": Pykoop, "pykoopman": Pykoopman}
 
 
 def windows(x: Any, u: Any, rows: Any, ahead: int) -> tuple[Any, Any]:
-    """Past states (n, 3, 3) and past and coming commands (n, 2 + ahead, 2) of each row."""
+    """Return past states (n, 3, 3), and past and future commands (n, 2 + ahead, 2), by row."""
     past = x[rows[:, None] + np.arange(-PAST, 1)]
     return past, u[rows[:, None] + np.arange(-PAST, ahead)]
 
 
 def split(episodes: Episodes) -> tuple[Episodes, Episodes]:
-    """The first 80 % of each episode, and what is left of it."""
+    """Return the first 80 % of each episode, and the rest."""
     at = [round(len(x) * (1.0 - VALIDATED)) for x, _ in episodes]
     first = [(x[:n], u[:n]) for (x, u), n in zip(episodes, at, strict=True)]
     last = [(x[n:], u[n:]) for (x, u), n in zip(episodes, at, strict=True)]
@@ -270,11 +275,11 @@ def split(episodes: Episodes) -> tuple[Episodes, Episodes]:
 
 
 def starts(episodes: Episodes) -> tuple[Any, Any, Any]:
-    """Pasts, commands and truth of starts spread over the episodes, as far ahead as they allow."""
+    """Return histories, commands and future states of rollouts spread over the episodes."""
     longest = max(len(x) for x, _ in episodes)
     ahead = min(HORIZONS[-1], longest - PAST - 1)
     if ahead < 1:
-        raise ValueError("the episodes are too short to choose settings on: give longer drives")
+        raise ValueError("the episodes are too short for validation: use longer recordings")
     total = sum(max(0, len(x) - PAST - ahead) for x, _ in episodes)
     step = max(1, total // STARTS)
     found = []
@@ -286,9 +291,9 @@ def starts(episodes: Episodes) -> tuple[Any, Any, Any]:
 
 
 def choose(peer: Any, episodes: Episodes) -> tuple[tuple[Any, ...], float]:
-    """Fit the best set-up to all episodes; return it, and the check of its batches."""
-    fitted, held = split(episodes)
-    past, commands, truth = starts(held)
+    """Fit the best setting to all episodes; return it and the check of batch predictions."""
+    fitted, validation = split(episodes)
+    past, commands, truth = starts(validation)
     steps = np.array([h for h in HORIZONS if h <= truth.shape[1]]) - 1
     scale = np.concatenate([x for x, _ in episodes]).std(axis=0) + 1e-9
     best: tuple[float, tuple[Any, ...]] | None = None
@@ -298,8 +303,8 @@ def choose(peer: Any, episodes: Episodes) -> tuple[tuple[Any, ...], float]:
             error = (peer.predict(past, commands) - truth)[:, steps] / scale
         except (ValueError, FloatingPointError, np.linalg.LinAlgError):
             continue
-        error = np.nan_to_num(np.abs(error), nan=LOST, posinf=LOST)
-        rmse = np.sqrt(np.square(np.minimum(error, LOST)).mean(axis=0))
+        error = np.nan_to_num(np.abs(error), nan=DIVERGED, posinf=DIVERGED)
+        rmse = np.sqrt(np.square(np.minimum(error, DIVERGED)).mean(axis=0))
         score = float(np.log(np.maximum(rmse, 1e-12)).mean())
         if best is None or score < best[0]:
             best = score, setting
@@ -308,16 +313,16 @@ def choose(peer: Any, episodes: Episodes) -> tuple[tuple[Any, ...], float]:
     peer.fit(episodes, best[1])
     chosen = np.linspace(0, len(past) - 1, CHECKED).astype(int)
     batch = peer.predict(past[chosen], commands[chosen])
-    own = np.array([peer.own(past[i], commands[i]) for i in chosen])
-    both = np.isfinite(batch) & np.isfinite(own)
-    difference = np.abs(np.where(both, batch - own, 0.0)) / scale
-    # Where a prediction grows without bound, so does its rounding.
-    grown = np.maximum(1.0, np.abs(np.where(both, own, 0.0)) / scale)
+    reference = np.array([peer.library_prediction(past[i], commands[i]) for i in chosen])
+    both = np.isfinite(batch) & np.isfinite(reference)
+    difference = np.abs(np.where(both, batch - reference, 0.0)) / scale
+    # Relative where a prediction grows, since its rounding error grows with it.
+    grown = np.maximum(1.0, np.abs(np.where(both, reference, 0.0)) / scale)
     return best[1], float((difference / grown).max())
 
 
 def fit(job: Any, peers: dict[str, Any]) -> dict[str, Any]:
-    """Fit all peers that the job names."""
+    """Fit the libraries named in the job."""
     number = job["episode"]
     cuts = np.flatnonzero(np.diff(number)) + 1
     episodes = list(zip(np.split(job["x"], cuts), np.split(job["u"], cuts), strict=True))
@@ -325,14 +330,14 @@ def fit(job: Any, peers: dict[str, Any]) -> dict[str, Any]:
     for name in job["peers"].tolist():
         peers[name] = PEERS[name]()
         setting, check = choose(peers[name], episodes)
-        said = zip(peers[name].labels, setting, strict=True)
-        answer[f"{name}_settings"] = ", ".join(f"{label} {value}" for label, value in said)
+        pairs = zip(peers[name].labels, setting, strict=True)
+        answer[f"{name}_settings"] = ", ".join(f"{label} {value}" for label, value in pairs)
         answer[f"{name}_check"] = check
     return answer
 
 
 def predict(job: Any, peers: dict[str, Any]) -> dict[str, Any]:
-    """Predict with a fitted peer; a start without its past, or not finite, gives NaN."""
+    """Predict with a fitted library; a start without finite history gives NaN."""
     x, u, episode, rows, ahead = (job[k] for k in ("x", "u", "episode", "rows", "ahead"))
     ahead = int(ahead)
     peer = peers[str(job["peer"])]
@@ -341,14 +346,14 @@ def predict(job: Any, peers: dict[str, Any]) -> dict[str, Any]:
     for first in range(0, len(usable), BATCH):
         part = usable[first : first + BATCH]
         past, commands = windows(x, u, rows[part], ahead)
-        sound = np.isfinite(past).all(axis=(1, 2)) & np.isfinite(commands).all(axis=(1, 2))
-        if sound.any():
-            out[part[sound]] = peer.predict(past[sound], commands[sound])
+        usable_rows = np.isfinite(past).all(axis=(1, 2)) & np.isfinite(commands).all(axis=(1, 2))
+        if usable_rows.any():
+            out[part[usable_rows]] = peer.predict(past[usable_rows], commands[usable_rows])
     return {"predicted": out}
 
 
 def _end_with_parent() -> None:
-    """Have Linux end this process with the one that asks it, in the midst of a job too."""
+    """Make Linux kill this process when its parent ends, even during a job."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
@@ -366,10 +371,10 @@ def main() -> None:
             with np.load(source) as job:
                 answer = fit(job, peers) if "peers" in job else predict(job, peers)
             np.savez(target, **answer)
-            said = "done"
+            status = "done"
         except Exception as error:
-            said = " ".join(f"failed {type(error).__name__}: {error}".split())
-        print(said, file=answers, flush=True)
+            status = " ".join(f"failed {type(error).__name__}: {error}".split())
+        print(status, file=answers, flush=True)
 
 
 if __name__ == "__main__":

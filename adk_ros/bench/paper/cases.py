@@ -1,12 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The drives of the tables: one to train on, ten to test on, each as it was and as sensors tell it.
+Drives of the benchmark: one for training, ten tests, each in a clean and a noisy variant.
 
-Training and the nominal test are the first 70 % and the rest of one drive, as in the paper; the
-other tests are drives of their own, under seeds of their own. In the noisy variant x carries white
-noise and drops out. Predictions start from that and are scored against the truth; training has
-nothing but the measurement, as nobody who records a drive has more.
+Training and the nominal test are the first 70 % and the rest of one drive, as in the paper; each
+other test is a separate drive with its own seed. In the noisy variant x and a carry white noise,
+and samples drop out. Predictions start from the measurement and are scored against the truth;
+training uses only the measurement, as for a real recording.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PAPER_TESTS = (
     NOMINAL, "mass_plus_160", "mass_minus_170", "inertia_plus_142", "inertia_minus_158",
     "mountain", "slalom",
 )  # fmt: skip
-"""Of sections 4.2 to 4.4."""
+"""Tests of sections 4.2 to 4.4 of the paper."""
 OWN_TESTS = ("winter", "gusts", "worn_tyres")
 TESTS = PAPER_TESTS + OWN_TESTS
 CLEAN, NOISY = "clean", "noisy"
@@ -37,23 +37,25 @@ VARIANTS = (CLEAN, NOISY)
 
 TRAINING_SHARE = 0.7
 NOISE = np.array([0.02, 0.02, 0.002])
-"""Deviation of v_x, v_y, yaw rate: m/s, m/s, rad/s."""
+"""Standard deviation of v_x, v_y (m/s) and yaw rate (rad/s), as in `Odometry`."""
 FORCE_NOISE = 0.05
-"""Of a_x and a_y, m/s^2."""
+"""Standard deviation of a_x and a_y, m/s², as in `Imu`."""
 DROPPED = 0.01
-"""Share of the ticks whose x and a are those of the tick before."""
+"""Share of the ticks that repeat x and a of the tick before."""
 
 HISTORY = 8
-"""Samples that lie before any row that is predicted from: as many as the neediest needs."""
+"""Samples before the first predicted row: the longest history that a predictor needs."""
 AHEAD = 80
+"""Longest horizon in ticks: 2 s."""
 PIECES_S = 100.0
+"""Approximate length of the pieces that validation data are taken from, s."""
 _TEST_PIECE_S = 10.0
 _NOISE_SEED = 2026
 
 
 @dataclass(frozen=True)
 class Durations:
-    """Seconds to drive, None for the scenarios' own: `train` for both parts of it."""
+    """Durations, s; None: those of the scenarios. `train` includes the nominal test."""
 
     train: float | None = None
     test: float | None = None
@@ -63,15 +65,15 @@ def simulate_test(
     test: str, durations: Durations, progress: Progress | None = None
 ) -> tuple[SimulatedDrive, int]:
     """
-    Simulate a test's drive, without its readings; and the row at which the test begins.
+    Simulate the drive of a test; return it without readings, and the row where the test begins.
 
-    :raises UsageError: no scenario has that name.
+    :raises UsageError: there is no scenario of that name.
     """
     nominal = test == NOMINAL
     scenario = load_scenario(TRAINING if nominal else test)
     seconds = durations.train if nominal else durations.test
     driven = simulate(scenario, duration_s=seconds, progress=progress)
-    # Half a million readings that nobody here listens to.
+    # The sensor readings, half a million, are not needed here.
     driven = replace(driven, readings=[], streams={}, log_ns=driven.log_ns[:0])
     return driven, _cut(len(driven.x)) if nominal else 0
 
@@ -81,7 +83,7 @@ def _cut(n: int) -> int:
 
 
 def write_truth(folder: Path, test: str, driven: SimulatedDrive) -> None:
-    """Keep what the other processes need of a drive."""
+    """Write the truth of a drive for the other processes."""
     np.savez(folder / f"{test}.npz", stamp_ns=driven.stamp_ns, x=driven.x, u=driven.u, a=driven.a)
 
 
@@ -93,7 +95,7 @@ def _read_truth(folder: Path, test: str) -> Record:
 
 
 def test_record(folder: Path, test: str, variant: str) -> Record:
-    """Return what a test's predictions start from, `x`, and the truth they miss, `x_ref`."""
+    """Return the record of a test: measurement `x`, truth `x_ref`."""
     record = _read_truth(folder, test)
     if test == NOMINAL:
         record = record.rows(slice(_cut(len(record)), None))
@@ -104,7 +106,7 @@ test_record.__test__ = False  # type: ignore[attr-defined]
 
 
 def training_record(folder: Path, variant: str) -> Record:
-    """Return what all are trained on; noisy, `x_ref` is the measurement, NaN where it dropped."""
+    """Return the training record; if noisy, `x_ref` is the measurement, NaN at dropouts."""
     record = _read_truth(folder, NOMINAL)
     record = replace(record.rows(slice(0, _cut(len(record)))), name=TRAINING)
     return record if variant == CLEAN else noisy(record, 0, training=True)
@@ -112,16 +114,16 @@ def training_record(folder: Path, variant: str) -> Record:
 
 def noisy(record: Record, seed: int, training: bool = False) -> Record:
     """
-    Return `record` as sensors tell it: white noise on x and a, and ticks that repeat the last.
+    Add white noise to x and a, and dropouts that repeat the tick before.
 
-    Those are flagged as stale, so that nothing is learned from them. `training`: `x_ref` becomes
-    the measurement as well.
+    Dropouts are flagged as stale, so they are not learned from. `training`: `x_ref` becomes the
+    measurement as well.
     """
     random = np.random.default_rng((_NOISE_SEED, seed))
     x = record.x + NOISE * random.standard_normal(record.x.shape)
     a = record.a + FORCE_NOISE * random.standard_normal(record.a.shape)
     lost = random.random(len(record)) < DROPPED
-    # Somewhere it has to begin.
+    # The first samples have no earlier one to repeat.
     lost[: HISTORY + 1] = False
     last = np.maximum.accumulate(np.where(lost, 0, np.arange(len(record))))
     flags = np.where(lost, record.flags | int(Flag.ODOMETRY_STALE), record.flags)
@@ -132,16 +134,15 @@ def noisy(record: Record, seed: int, training: bool = False) -> Record:
 
 
 def measured(record: Record) -> FloatArray:
-    """What was measured at each tick (n, 3), NaN where nothing was."""
+    """Return the measurement at each tick (n, 3), NaN at dropouts."""
     return np.where(record.learnable[:, None], record.x, np.nan)
 
 
 def rows_of(record: Record, stride: int) -> tuple[IntArray, IntArray]:
     """
-    Rows whose next tick is predicted: every one; and every `stride`-th, from which 2 s are.
+    Return the rows of one-step predictions, and every `stride`-th of them for rollouts of 2 s.
 
-    All that is asked of a row is a past and a future without a break in the grid: a measurement
-    that dropped out is no excuse, the car drives on.
+    History and future of a row must be free of gaps in the grid. Dropouts are not excluded.
     :raises DataError: the record is too short.
     """
     n, episode = len(record), record.episode
@@ -156,10 +157,10 @@ def rows_of(record: Record, stride: int) -> tuple[IntArray, IntArray]:
 
 def pieces(record: Record) -> list[Record]:
     """
-    Cut a training record for `run_training(..., "bags")`: a tenth to validate on, spread over it.
+    Cut a training record for `run_training(..., "bags")`.
 
-    Of each piece of some 100 s the last tenth validates. The last piece, 10 s, is what the
-    training reports on by itself, and nothing here uses.
+    The last tenth of each piece of about 100 s is for validation. The last piece, 10 s, is the
+    test data of the training report, which is not used here.
     """
     n = len(record)
     last = min(round(_TEST_PIECE_S * 40.0), n // 10)

@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How a claim of the paper is judged: as comparisons of our own figures, each true or not.
+Check claims of the paper by comparisons of measured figures, each true or false.
 
 A claim holds if all its comparisons are true, does not hold if none is, and holds in part
-otherwise. The comparisons are in `claims_list`; all are of the clean variant, one step ahead,
-since the paper has no noise and no horizon. Figures are in km/h, km/h, deg/s.
+otherwise. The comparisons are in `claims_list`; all use the clean variant, one step ahead, since
+the paper has neither noise nor longer horizons. Figures are in km/h, km/h, deg/s.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from adk_ros.signals.score import REPORT_SCALE
 
 HOLDS, PART, NOT, UNKNOWN = "holds", "holds in part", "does not hold", "not measured"
 RULE = (
-    "Each claim is broken into comparisons of our own figures (one step ahead, clean, Max and "
+    "Each claim is split into comparisons of figures of this run (one step ahead, clean, Max and "
     "RMSE in km/h, km/h, deg/s), shown with it. It holds if all of them are true, does not hold "
-    "if none is, and holds in part otherwise. Where the paper gives a percentage, ours has to be "
-    "as large; where its tables give less than its text, as large as by its tables."
+    "if none is, and holds in part otherwise. Where the paper gives a percentage, this run must "
+    "reach it; where its tables give less than its text, the value of the tables."
 )
 
 Series = Callable[[str, str], tuple[FloatArray, ...]]
@@ -37,7 +37,7 @@ Series = Callable[[str, str], tuple[FloatArray, ...]]
 
 @dataclass(frozen=True)
 class Comparison:
-    """What was compared, with both figures, and whether it came out as the paper says."""
+    """A comparison with both figures, and whether it agrees with the paper."""
 
     text: str
     true: bool
@@ -46,9 +46,9 @@ class Comparison:
 @dataclass(frozen=True)
 class Claim:
     """
-    A claim: `section` of the paper, its `text`, and the comparisons that it rests on.
+    A claim: `section` of the paper, its `text`, and the comparisons that decide it.
 
-    None of these where a test or predictor was not run.
+    There are no comparisons if a test or predictor was not run.
     """
 
     section: str
@@ -65,7 +65,7 @@ class Claim:
 
 
 def counts(claims: Sequence[Claim]) -> str:
-    """How many claims there are of each verdict, in words."""
+    """Return a sentence with the number of claims by verdict."""
     found = Counter(claim.verdict for claim in claims)
     listed = ", ".join(f"{found[v]} {v}" for v in (HOLDS, PART, NOT, UNKNOWN) if found[v])
     return f"Of {len(claims)} claims: {listed}."
@@ -73,30 +73,30 @@ def counts(claims: Sequence[Claim]) -> str:
 
 @dataclass(frozen=True)
 class ClaimEvidence:
-    """Our figures, as the comparisons ask for them; KeyError for what was not run."""
+    """Measured figures for the comparisons; `KeyError` for a test or predictor not run."""
 
     board: ScoreTable
     series: Series
 
     def rmse(self, test: str, name: str) -> FloatArray:
-        """One step ahead, clean, (3,)."""
+        """Return the RMSE one step ahead, clean, (3,)."""
         return np.asarray(self.board.rmse(CLEAN, test, name)[0] * REPORT_SCALE)
 
     def worst(self, test: str, name: str) -> FloatArray:
-        """Likewise the largest error."""
+        """Return the largest error one step ahead, clean, (3,)."""
         return np.asarray(self.board.worst(CLEAN, test, name)[0] * REPORT_SCALE)
 
     def errors(self, test: str, name: str) -> tuple[FloatArray, FloatArray]:
-        """Time (n,) s from the test's start, and predicted less true (n, 3)."""
+        """Return time (n,) s from the start of the test and the errors (n, 3)."""
         time_s, truth, predicted = self.series(test, name)
         return time_s, np.asarray((predicted - truth) * REPORT_SCALE)
 
     def spread(self, test: str, name: str) -> FloatArray:
-        """Deviation (3,) of the truth itself."""
+        """Return the standard deviation (3,) of the truth."""
         return np.asarray(self.series(test, name)[1].std(axis=0) * REPORT_SCALE)
 
     def tick_us(self, test: str, name: str) -> float:
-        """Microseconds that a tick of the pass took, roll-outs included."""
+        """Return the time per tick including rollouts, µs."""
         item = self.board.seeds(CLEAN, test, name)[0]
         return float(1e6 * item.seconds / max(int(item.count[0]), 1))
 
@@ -106,14 +106,14 @@ Make = Callable[[ClaimEvidence], Sequence[Comparison]]
 
 @dataclass(frozen=True)
 class Statement:
-    """A claim that has not been judged yet."""
+    """A claim before its check; `make` returns its comparisons."""
 
     section: str
     text: str
     make: Make
 
     def check(self, evidence: ClaimEvidence) -> Claim:
-        """Compare, as far as there is something to compare."""
+        """Return the claim with its comparisons, if all figures were measured."""
         try:
             return Claim(self.section, self.text, tuple(self.make(evidence)))
         except KeyError:
@@ -123,7 +123,7 @@ class Statement:
 def less(
     what: str, value: float, than: str, limit: float, quoted: tuple[float, float] | None = None
 ) -> Comparison:
-    """`value` is below `limit`; `quoted`: the same two in the paper."""
+    """Compare: `value` is below `limit`; `quoted`: both values in the paper."""
     text = f"{what} {number(value)} < {than} {number(limit)}"
     if quoted is not None:
         text += f" (paper {quoted[0]:g}, {quoted[1]:g})"
@@ -134,28 +134,28 @@ def by_channel(
     evidence: ClaimEvidence,
     test: str,
     name: str,
-    rival: str,
+    baseline: str,
     what: str = "rmse",
     channels: Sequence[int] = (0, 1, 2),
 ) -> list[Comparison]:
-    """`name`'s RMSE or Max is below `rival`'s on each channel."""
-    ours, theirs = (getattr(evidence, "rmse" if what == "rmse" else "worst")(test, who)
-                    for who in (name, rival))  # fmt: skip
+    """Compare: RMSE or Max of `name` is below that of `baseline` on each channel."""
+    values, limits = (getattr(evidence, "rmse" if what == "rmse" else "worst")(test, who)
+                      for who in (name, baseline))  # fmt: skip
     label = "RMSE" if what == "rmse" else "Max"
     return [
         less(
-            f"{test}, {CHANNELS[c]}: {label} of {name}", float(ours[c]), rival, float(theirs[c]),
-            _quoted(test, name, rival, what, c),
+            f"{test}, {CHANNELS[c]}: {label} of {name}", float(values[c]), baseline,
+            float(limits[c]), _quoted(test, name, baseline, what, c),
         )
         for c in channels
     ]  # fmt: skip
 
 
 def _quoted(
-    test: str, name: str, rival: str, what: str, channel: int
+    test: str, name: str, baseline: str, what: str, channel: int
 ) -> tuple[float, float] | None:
     try:
-        pair = [float(printed(test, who, what)[channel]) for who in (name, rival)]
+        pair = [float(printed(test, who, what)[channel]) for who in (name, baseline)]
     except KeyError:
         return None
     return pair[0], pair[1]
@@ -170,7 +170,7 @@ def lowest(
     channels: Sequence[int] = (0, 1, 2),
     highest: bool = False,
 ) -> list[Comparison]:
-    """Whether `name` has the lowest RMSE or Max of `among`, or the highest, by channel."""
+    """Compare: `name` has the lowest (or highest) RMSE or Max of `among`, by channel."""
     figures = {
         who: getattr(evidence, "rmse" if what == "rmse" else "worst")(test, who) for who in among
     }
@@ -178,13 +178,13 @@ def lowest(
     result = []
     for c in channels:
         others = {who: float(v[c]) for who, v in figures.items() if who != name}
-        rival = (max if highest else min)(others, key=others.__getitem__)
-        own = float(figures[name][c])
-        true = own > others[rival] if highest else own < others[rival]
+        following = (max if highest else min)(others, key=others.__getitem__)
+        value = float(figures[name][c])
+        true = value > others[following] if highest else value < others[following]
         sign = ">" if highest else "<"
         result.append(Comparison(
-            f"{test}, {CHANNELS[c]}: {label} of {name} {number(own)} {sign} the next, {rival} "
-            f"{number(others[rival])}", true,
+            f"{test}, {CHANNELS[c]}: {label} of {name} {number(value)} {sign} the next, "
+            f"{following} {number(others[following])}", true,
         ))  # fmt: skip
     return result
 
@@ -193,22 +193,22 @@ def reduced(
     evidence: ClaimEvidence,
     test: str,
     name: str,
-    rival: str,
+    baseline: str,
     shares: Sequence[float],
     what: str = "rmse",
     channels: Sequence[int] = (0, 1, 2),
 ) -> list[Comparison]:
-    """`name`'s figure is below `rival`'s by at least `shares`, in per cent, as in the paper."""
+    """Compare: `name` is below `baseline` by at least `shares` (per cent, as in the paper)."""
     pick = evidence.rmse if what == "rmse" else evidence.worst
-    ours, theirs = pick(test, name), pick(test, rival)
+    values, limits = pick(test, name), pick(test, baseline)
     label = "RMSE" if what == "rmse" else "Max"
     result = []
     for c, share in zip(channels, shares, strict=True):
-        gain = 100.0 * (1.0 - float(ours[c] / theirs[c]))
+        gain = 100.0 * (1.0 - float(values[c] / limits[c]))
         change = f"{abs(gain):.1f} % {'less' if gain > 0 else 'more'}"
         result.append(Comparison(
-            f"{test}, {CHANNELS[c]}: {label} {number(float(theirs[c]))} of {rival} to "
-            f"{number(float(ours[c]))} of {name}, {change} (paper {share:g} % less)",
+            f"{test}, {CHANNELS[c]}: {label} {number(float(limits[c]))} of {baseline} to "
+            f"{number(float(values[c]))} of {name}, {change} (paper {share:g} % less)",
             gain >= share,
         ))  # fmt: skip
     return result

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's claims, from sections 4.2 to 5, each with the comparisons that decide it."""
+"""The claims of sections 4.2 to 5 of the paper, each with the comparisons that decide it."""
 
 from __future__ import annotations
 
@@ -157,13 +157,13 @@ STATEMENTS = (
 
 
 def check_claims(board: ScoreTable, series: Series) -> list[Claim]:
-    """Judge all claims by what was measured."""
+    """Check all claims against the measured scores."""
     evidence = ClaimEvidence(board, series)
     return [statement.check(evidence) for statement in STATEMENTS]
 
 
 def compared_with(board: ScoreTable) -> list[str]:
-    """What the paper does not ask of its methods, in sentences: against no model, and ahead."""
+    """Compare the paper's methods with naive predictors, also for longer horizons (sentences)."""
     result = []
     for name in (ALDK, SWLS):
         ratios = {
@@ -176,7 +176,7 @@ def compared_with(board: ScoreTable) -> list[str]:
             continue
         result.append(
             f"{name}, clean: one step ahead its RMSE is below the best naive predictor's in "
-            f"{sum(r < 1.0 for r in one)} of {len(one)} cells (median ratio "
+            f"{sum(r < 1.0 for r in one)} of {len(one)} combinations (median ratio "
             f"{number(float(np.median(one)))}); from 0.25 to 2 s in {sum(r < 1.0 for r in far)} "
             f"of {len(far)} (median ratio {number(float(np.median(far)))})."
         )

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The comparisons that decide the paper's claims, where they are more than one line."""
+"""Comparisons that decide the paper's claims: those that are longer than one line."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ CHANGED = PAPER_TESTS[1:5]
 OTHERS = PAPER_TESTS[1:]
 DATA_DRIVEN = (ALDK, RLS, FFRLS, SWLS)
 _WINDOW_S = 1.25
-"""50 ticks: until then the window is not full and SWLS is recursive least squares."""
+"""Length of the SWLS window, s: 50 ticks. Until it is full, SWLS is recursive least squares."""
 _TICK_US = TICK_NS * 1e-3
+"""Duration of a tick, µs."""
 
 
 def trend(e: ClaimEvidence) -> list[Comparison]:
     spread = e.spread(NOMINAL, ALDK)
     return [
         less(f"{CHANNELS[c]}: RMSE of {name}", float(e.rmse(NOMINAL, name)[c]),
-             "a tenth of the channel's own deviation,", 0.1 * float(spread[c]))
+             "a tenth of the channel's standard deviation,", 0.1 * float(spread[c]))
         for name in (DK, ALDK) for c in range(3)
     ]  # fmt: skip
 
@@ -42,11 +43,11 @@ def dk_yaw(e: ClaimEvidence) -> list[Comparison]:
 
 
 def rls_same(e: ClaimEvidence, test: str) -> list[Comparison]:
-    """As much as a factor of 0.7 is no notable improvement: the paper's own smallest is 0.71."""
-    ours, theirs = e.rmse(test, RLS), e.rmse(test, ALDK)
+    """Compare: RLS improves by less than a factor of 0.7; in the paper the smallest is 0.71."""
+    rls, aldk = e.rmse(test, RLS), e.rmse(test, ALDK)
     return [
-        less(f"{test}, {CHANNELS[c]}: 0.7 times {ALDK}'s RMSE", 0.7 * float(theirs[c]),
-             f"{RLS}'s", float(ours[c]))
+        less(f"{test}, {CHANNELS[c]}: 0.7 times {ALDK}'s RMSE", 0.7 * float(aldk[c]),
+             f"{RLS}'s", float(rls[c]))
         for c in range(3)
     ]  # fmt: skip
 
@@ -64,24 +65,24 @@ def rls_max(e: ClaimEvidence) -> list[Comparison]:
 
 
 def oscillation(e: ClaimEvidence) -> list[Comparison]:
-    def shake(name: str) -> FloatArray:
+    def change_rms(name: str) -> FloatArray:
         time_s, error = e.errors(NOMINAL, name)
         within = error[(time_s >= 50.0) & (time_s <= 100.0)]
         if len(within) < 2:
             raise KeyError(NOMINAL)
         return np.asarray(np.sqrt(np.mean(np.diff(within, axis=0) ** 2, axis=0)))
 
-    calm = shake(SWLS)
+    reference = change_rms(SWLS)
     return [
         less(f"50 to 100 s, {CHANNELS[c]}: twice {SWLS}'s change of error from tick to tick",
-             2.0 * float(calm[c]), f"{name}'s", float(shake(name)[c]))
+             2.0 * float(reference[c]), f"{name}'s", float(change_rms(name)[c]))
         for name in (RLS, FFRLS) for c in range(3)
     ]  # fmt: skip
 
 
 def efficient(e: ClaimEvidence) -> list[Comparison]:
-    return [less("a tick's microseconds with SWLS", e.tick_us(NOMINAL, SWLS),
-                 "a tenth of the tick's", 0.1 * _TICK_US)]  # fmt: skip
+    return [less("computing time per tick with SWLS, µs,", e.tick_us(NOMINAL, SWLS),
+                 "a tenth of the tick", 0.1 * _TICK_US)]  # fmt: skip
 
 
 def mass_up(e: ClaimEvidence) -> list[Comparison]:
@@ -103,14 +104,14 @@ def worst_first(e: ClaimEvidence) -> list[Comparison]:
     time_s, error = e.errors(INERTIA_UP, SWLS)
     when = time_s[np.argmax(np.abs(error), axis=0)]
     return [
-        less(f"{INERTIA_UP}, {CHANNELS[c]}: SWLS's largest error comes at s", float(when[c]),
-             "the window's length, s", _WINDOW_S)
+        less(f"{INERTIA_UP}, {CHANNELS[c]}: time of SWLS's largest error, s,", float(when[c]),
+             "length of the window, s,", _WINDOW_S)
         for c in range(3)
     ]  # fmt: skip
 
 
 def table_shares(test: str) -> FloatArray:
-    # Whole per cent, downwards: its own figures must not miss what is made of them.
+    # Rounded down to whole per cent, so that the paper's rounded figures meet them.
     return np.asarray(np.floor(100.0 * (1.0 - printed(test, SWLS) / printed(test, ALDK))))
 
 
@@ -128,7 +129,7 @@ def robust(e: ClaimEvidence) -> list[Comparison]:
 
 
 def far_off(e: ClaimEvidence, test: str) -> list[Comparison]:
-    """The three others miss v_x by more than twice as much as on the training road."""
+    """Compare: the v_x error of three methods is over twice that on the training road."""
     return [
         less(f"v_x: twice {name}'s RMSE, nominal,", 2.0 * float(e.rmse(NOMINAL, name)[0]),
              f"{test}'s", float(e.rmse(test, name)[0]))
@@ -144,10 +145,12 @@ def fast_and_slow(e: ClaimEvidence) -> list[Comparison]:
         if not (fast.any() and slow.any()):
             raise KeyError(SLALOM)
         for c in range(3):
-            calm, wild = (float(np.sqrt(np.mean(error[part, c] ** 2))) for part in (slow, fast))
+            slow_rmse, fast_rmse = (
+                float(np.sqrt(np.mean(error[part, c] ** 2))) for part in (slow, fast)
+            )
             result.append(less(
-                f"{CHANNELS[c]}: RMSE of {name} from 50 to 100 s", calm,
-                "half of that from 15 to 50 s,", 0.5 * wild,
+                f"{CHANNELS[c]}: RMSE of {name} from 50 to 100 s", slow_rmse,
+                "half of that from 15 to 50 s,", 0.5 * fast_rmse,
             ))  # fmt: skip
     return result
 
@@ -160,19 +163,22 @@ def slalom_mf(e: ClaimEvidence) -> list[Comparison]:
 
 
 def best_overall(e: ClaimEvidence) -> list[Comparison]:
-    """In how many cells SWLS has the lowest RMSE of the five, and in how many in the paper."""
-    ours = theirs = 0
+    """Compare how often SWLS has the lowest RMSE of the five, here and in the paper."""
+    here_count = paper_count = 0
     for test in PAPER_TESTS:
         here = np.array([e.rmse(test, name) for name in FIVE])
         there = np.array([printed(test, name) for name in FIVE])
-        ours += int((here.argmin(axis=0) == FIVE.index(SWLS)).sum())
-        theirs += int((there.argmin(axis=0) == FIVE.index(SWLS)).sum())
-    cells = 3 * len(PAPER_TESTS)
+        here_count += int((here.argmin(axis=0) == FIVE.index(SWLS)).sum())
+        paper_count += int((there.argmin(axis=0) == FIVE.index(SWLS)).sum())
+    total = 3 * len(PAPER_TESTS)
     return [Comparison(
-        f"lowest RMSE of the five in {ours} of {cells} cells of Tables 4 to 8 (paper {theirs})",
-        ours >= theirs,
+        f"lowest RMSE of the five in {here_count} of {total} entries of Tables 4 to 8 (paper "
+        f"{paper_count})",
+        here_count >= paper_count,
     )]  # fmt: skip
 
 
-def throughout(tests: Sequence[str], name: str, rival: str, e: ClaimEvidence) -> list[Comparison]:
-    return [item for test in tests for item in by_channel(e, test, name, rival)]
+def throughout(
+    tests: Sequence[str], name: str, baseline: str, e: ClaimEvidence
+) -> list[Comparison]:
+    return [item for test in tests for item in by_channel(e, test, name, baseline)]

@@ -1,10 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the default predictor has to reach, and whether it did: one line each, PASS or FAIL.
+Acceptance criteria of the default predictor: one line each, PASS or FAIL.
 
-A cell is a test, a channel, a horizon and a variant; all ten tests count, the paper's seven and
-our three. Ratios are of RMSE over the best naive predictor's in the same cell.
+They count combinations of variant, test, horizon and channel, over all ten tests (seven of the
+paper, three additional ones). A ratio is the RMSE divided by that of the best naive predictor in
+the same combination.
 """
 
 from __future__ import annotations
@@ -19,19 +20,29 @@ from adk_ros.bench.paper.av21 import JUDGED, RecordingScores
 from adk_ros.bench.paper.cases import CLEAN
 from adk_ros.bench.paper.paper_results import TABLES, effect
 from adk_ros.bench.paper.predictors import ADK_ROS, ALDK, MF_TUNED, PYKOOP, PYKOOPMAN, SWLS
-from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Cell, ScoreTable, cells_text
+from adk_ros.bench.paper.scores import (
+    CHANNELS,
+    HORIZONS,
+    Combination,
+    ScoreTable,
+    combinations_text,
+)
 from adk_ros.numerics.arrays import FloatArray
 
 MEAN_MOST = 0.25
+"""Largest geometric mean of all ratios: a quarter of the best model-free error."""
 AHEAD_LEAST = 0.9
+"""Smallest share of combinations in which adk_ros must be better than a baseline."""
 COVERAGE = 0.85, 0.95
+"""Admissible coverage of the 90 % intervals."""
 _LONG = 100
+"""Characters from which on a list of combinations is dropped from a short text."""
 PASS, FAIL, INFO = "PASS", "FAIL", "INFO"
 
 
 @dataclass(frozen=True)
 class PaperCriterion:
-    """One line: `verdict` is PASS, FAIL or, where nothing was asked, INFO."""
+    """One result: `verdict` is PASS, FAIL, or INFO if there is no criterion."""
 
     verdict: str
     name: str
@@ -44,7 +55,7 @@ class PaperCriterion:
 def evaluate_paper_criteria(
     board: ScoreTable, recorded: RecordingScores | None, without: str = ""
 ) -> list[PaperCriterion]:
-    """Return all bars; `without` says why the peers did not take part."""
+    """Evaluate all criteria; `without`: the reason why the baseline libraries were not run."""
     return [
         _mean(board),
         _none_above(board),
@@ -57,16 +68,16 @@ def evaluate_paper_criteria(
 
 
 def brief(text: str) -> str:
-    """Return a bar's text less the long list of cells at its end, if it has one."""
-    head, colon, cells = text.partition(": ")
-    if not colon or len(cells) <= _LONG:
+    """Return a criterion's text without a long list of combinations at its end."""
+    head, colon, combos = text.partition(": ")
+    if not colon or len(combos) <= _LONG:
         return text
-    said, _, begun = head.rpartition("; ")
-    # "; outside", without those that are.
-    return head if re.search(r"\d", begun) else said
+    complete, _, last = head.rpartition("; ")
+    # Drop a last clause such as "; outside" whose list was removed.
+    return head if re.search(r"\d", last) else complete
 
 
-def _bar(passed: bool, name: str, figure: str) -> PaperCriterion:
+def _criterion(passed: bool, name: str, figure: str) -> PaperCriterion:
     return PaperCriterion(PASS if passed else FAIL, name, figure)
 
 
@@ -74,13 +85,13 @@ def _mean(board: ScoreTable) -> PaperCriterion:
     ratios = board.ratios(ADK_ROS)
     mean = _geometric(list(ratios.values()))
     parts = {
-        v: _geometric([r for cell, r in ratios.items() if cell.variant == v])
+        v: _geometric([r for combo, r in ratios.items() if combo.variant == v])
         for v in board.variants()
     }
     text = ", ".join(f"{variant} {value:.3f}" for variant, value in parts.items())
-    return _bar(
+    return _criterion(
         mean <= MEAN_MOST, "geometric-mean",
-        f"{mean:.3f} of the best naive predictor's RMSE over {len(ratios)} cells, at most "
+        f"{mean:.3f} of the best naive predictor's RMSE over {len(ratios)} combinations, at most "
         f"{MEAN_MOST} ({text})",
     )  # fmt: skip
 
@@ -90,34 +101,35 @@ def _geometric(ratios: list[FloatArray]) -> float:
     return float(np.exp(np.log(np.maximum(means, 1e-12)).mean()))
 
 
-def cells_above_one(board: ScoreTable) -> dict[Cell, FloatArray]:
-    """Return the lost cells: even the best of the seeds is above the best naive predictor."""
-    return {cell: r for cell, r in board.ratios(ADK_ROS).items() if r.min() > 1.0}
+def lost_combinations(board: ScoreTable) -> dict[Combination, FloatArray]:
+    """Return the lost combinations: even the best seed is above the best naive predictor."""
+    return {combo: r for combo, r in board.ratios(ADK_ROS).items() if r.min() > 1.0}
 
 
-def behind_of(board: ScoreTable, rival: str) -> dict[Cell, float]:
-    """Return the cells in which a rival's RMSE is not above ours, with ours over theirs."""
-    return {cell: r for cell, r in board.against(ADK_ROS, rival).items() if not r < 1.0}
+def behind_of(board: ScoreTable, baseline: str) -> dict[Combination, float]:
+    """Return the combinations in which a baseline is at least as good, with the RMSE ratio."""
+    return {combo: r for combo, r in board.against(ADK_ROS, baseline).items() if not r < 1.0}
 
 
 def _none_above(board: ScoreTable) -> PaperCriterion:
     ratios = board.ratios(ADK_ROS)
-    lost = cells_above_one(board)
-    within = [cell for cell, r in ratios.items() if r.min() <= 1.0 < r.mean()]
-    floored = oracle_notes.at_oracle(board, [*lost, *within])
-    figure = f"{len(lost)} of {len(ratios)} cells, all seeds above 1.0"
+    lost = lost_combinations(board)
+    within = [combo for combo, r in ratios.items() if r.min() <= 1.0 < r.mean()]
+    at_oracle = oracle_notes.at_oracle(board, [*lost, *within])
+    figure = f"{len(lost)} of {len(ratios)} combinations, all seeds above 1.0"
     if lost:
-        figure += oracle_notes.oracle_note(floored & set(lost))
-        shown = {c: oracle_notes.marked(_spread(r), c, floored) for c, r in lost.items()}
-        figure += f": {cells_text(list(lost), shown)}"
+        figure += oracle_notes.oracle_note(at_oracle & set(lost))
+        shown = {c: oracle_notes.marked(_spread(r), c, at_oracle) for c, r in lost.items()}
+        figure += f": {combinations_text(list(lost), shown)}"
     if within:
-        shown = {c: oracle_notes.marked(_spread(ratios[c]), c, floored) for c in within}
-        figure += f"; above in the mean but within the spread: {cells_text(within, shown)}"
-    return _bar(not lost, "no-cell-above-1", figure)
+        shown = {c: oracle_notes.marked(_spread(ratios[c]), c, at_oracle) for c in within}
+        figure += "; above 1 in the mean but not for all seeds: "
+        figure += combinations_text(within, shown)
+    return _criterion(not lost, "no-cell-above-1", figure)
 
 
 def _spread(ratio: FloatArray) -> str:
-    # Above 1 by less than a hundredth is still above 1, and has to look so.
+    # A value just above 1 must not be rounded to 1.
     digits = 3 if abs(ratio - 1.0).min() < 0.01 else 2
     if ratio.size == 1:
         return f"{ratio[0]:.{digits}f}"
@@ -132,25 +144,26 @@ def _peer(board: ScoreTable, name: str, without: str) -> PaperCriterion:
     return _ahead(board, name, f"ahead-of-{name}")
 
 
-def _ahead(board: ScoreTable, rival: str, name: str) -> PaperCriterion:
-    ratios = board.against(ADK_ROS, rival)
+def _ahead(board: ScoreTable, baseline: str, name: str) -> PaperCriterion:
+    ratios = board.against(ADK_ROS, baseline)
     if not ratios:
         return PaperCriterion(FAIL, name, "not measured: it was not run")
-    behind = behind_of(board, rival)
+    behind = behind_of(board, baseline)
     share = 1.0 - len(behind) / len(ratios)
-    figure = f"{100.0 * share:.1f} % of {len(ratios)} cells, at least {100.0 * AHEAD_LEAST:.0f} %"
+    figure = f"{100.0 * share:.1f} % of {len(ratios)} combinations, "
+    figure += f"at least {100.0 * AHEAD_LEAST:.0f} %"
     if behind:
-        floored = oracle_notes.at_oracle(board, behind)
-        shown = {c: oracle_notes.marked(f"{r:.2f}", c, floored) for c, r in behind.items()}
-        figure += f"; behind in {len(behind)}{oracle_notes.oracle_note(floored)}: "
-        figure += cells_text(list(behind), shown)
-    return _bar(share >= AHEAD_LEAST, name, figure)
+        at_oracle = oracle_notes.at_oracle(board, behind)
+        shown = {c: oracle_notes.marked(f"{r:.2f}", c, at_oracle) for c, r in behind.items()}
+        figure += f"; behind in {len(behind)}{oracle_notes.oracle_note(at_oracle)}: "
+        figure += combinations_text(list(behind), shown)
+    return _criterion(share >= AHEAD_LEAST, name, figure)
 
 
-def pooled_coverage(board: ScoreTable) -> dict[Cell, float]:
-    """Return the share within the 90 % intervals over all tests and seeds, NaN where unknown."""
+def pooled_coverage(board: ScoreTable) -> dict[Combination, float]:
+    """Return the coverage of the 90 % intervals over all tests and seeds, NaN if unknown."""
     return {
-        Cell(variant, "all tests", i, c): float(board.coverage(variant)[i, c])
+        Combination(variant, "all tests", i, c): float(board.coverage(variant)[i, c])
         for variant in board.variants()
         for i in range(len(HORIZONS))
         for c in range(3)
@@ -158,13 +171,13 @@ def pooled_coverage(board: ScoreTable) -> dict[Cell, float]:
 
 
 def _coverage(board: ScoreTable) -> list[PaperCriterion]:
-    """Each variant, horizon and channel, over all tests and seeds, must be within the bounds."""
+    """Check the coverage by variant, horizon and channel, over all tests and seeds."""
     low, high = COVERAGE
     pooled = pooled_coverage(board)
     known = [value for value in pooled.values() if value == value]
     if not known:
         return [PaperCriterion(FAIL, "coverage", "not measured: the model gave no covariance")]
-    outside = {cell: value for cell, value in pooled.items() if not low <= value <= high}
+    outside = {combo: value for combo, value in pooled.items() if not low <= value <= high}
     figure = (
         f"90 % intervals cover {100.0 * min(known):.1f} to {100.0 * max(known):.1f} % on the "
         f"held-out drives, {len(pooled) - len(outside)} of {len(pooled)} (variant, horizon, "
@@ -173,41 +186,45 @@ def _coverage(board: ScoreTable) -> list[PaperCriterion]:
     if outside:
         figure += f"; outside: {_percent(outside)}"
     by_test = {
-        Cell(variant, test, i, c): float(board.coverage(variant, test)[i, c])
+        Combination(variant, test, i, c): float(board.coverage(variant, test)[i, c])
         for variant in board.variants()
         for test in board.tests()
         for i in range(len(HORIZONS))
         for c in range(3)
     }
-    lost = {cell: value for cell, value in by_test.items() if not low <= value <= high}
-    told = f"{len(by_test) - len(lost)} of {len(by_test)} cells within"
+    lost = {combo: value for combo, value in by_test.items() if not low <= value <= high}
+    detail = f"{len(by_test) - len(lost)} of {len(by_test)} combinations within"
     if lost:
-        told += f"; outside: {_percent(lost)}"
-    return [_bar(not outside, "coverage", figure), PaperCriterion(INFO, "coverage-by-cell", told)]
+        detail += f"; outside: {_percent(lost)}"
+    return [
+        _criterion(not outside, "coverage", figure),
+        PaperCriterion(INFO, "coverage-by-cell", detail),
+    ]
 
 
-def _percent(values: dict[Cell, float]) -> str:
-    return cells_text(list(values), {c: f"{100.0 * v:.1f} %" for c, v in values.items()})
+def _percent(values: dict[Combination, float]) -> str:
+    return combinations_text(list(values), {c: f"{100.0 * v:.1f} %" for c, v in values.items()})
 
 
 def _recordings(recorded: RecordingScores | None) -> list[PaperCriterion]:
     if recorded is None:
         return [PaperCriterion(FAIL, "av21", "not measured: give --recordings DIR")]
-    own, other = recorded.pairs(own=True), recorded.pairs(own=False)
-    bars = []
-    total, lost = _lost(own)
-    figure = f"below the best naive predictor in {total - len(lost)} of {total} cells"
-    figure += f" of {len(own)} recordings (0.5, 1, 2 s)"
+    same, other = recorded.pairs(same=True), recorded.pairs(same=False)
+    results = []
+    total, lost = _lost(same)
+    figure = f"below the best naive predictor in {total - len(lost)} of {total} combinations"
+    figure += f" of {len(same)} recordings (0.5, 1, 2 s)"
     if lost:
         figure += f"; not below: {', '.join(lost)}"
-    bars.append(_bar(not lost, "av21", figure))
+    results.append(_criterion(not lost, "av21", figure))
     if other:
         total, lost = _lost(other)
-        figure = f"{total - len(lost)} of {total} cells, trained on one and tested on another"
+        figure = f"{total - len(lost)} of {total} combinations, trained on one recording and"
+        figure += " tested on another"
         if lost:
             figure += f"; not below: {', '.join(lost)}"
-        bars.append(PaperCriterion(INFO, "av21-across", figure))
-    return bars
+        results.append(PaperCriterion(INFO, "av21-across", figure))
+    return results
 
 
 def _lost(tables: dict[str, FloatArray]) -> tuple[int, list[str]]:
@@ -221,31 +238,32 @@ def _lost(tables: dict[str, FloatArray]) -> tuple[int, list[str]]:
     return len(tables) * 3 * len(JUDGED), lost
 
 
-def papers_effect(board: ScoreTable) -> dict[Cell, tuple[float, float]]:
-    """Return by how much SWLS's RMSE is below ALDK's, and the paper's share: one step, clean."""
+def papers_effect(board: ScoreTable) -> dict[Combination, tuple[float, float]]:
+    """Return the reduction of RMSE from ALDK to SWLS here and in the paper: one step, clean."""
     found = {}
     for test in (test for pair in list(TABLES.values())[1:] for test in pair):
         if (CLEAN, test, SWLS) not in board.scores:
             continue
-        ours = 1.0 - board.rmse(CLEAN, test, SWLS)[0] / board.rmse(CLEAN, test, ALDK)[0]
-        for c, (here, there) in enumerate(zip(ours, effect(test), strict=True)):
-            found[Cell(CLEAN, test, 0, c)] = float(here), float(there)
+        reduction = 1.0 - board.rmse(CLEAN, test, SWLS)[0] / board.rmse(CLEAN, test, ALDK)[0]
+        for c, (here, there) in enumerate(zip(reduction, effect(test), strict=True)):
+            found[Combination(CLEAN, test, 0, c)] = float(here), float(there)
     return found
 
 
 def _effect(board: ScoreTable) -> PaperCriterion:
-    """As much better as in the paper's own tables."""
+    """Check that adaptation reduces the RMSE by as much as in the paper's tables."""
     found = papers_effect(board)
     if not found:
         return PaperCriterion(FAIL, "papers-effect", "not measured: ALDK-SWLS was not run")
     short = [
-        f"{cell.test} {CHANNELS[cell.channel]} {100.0 * here:.2f} % (paper {100.0 * there:.2f} %)"
-        for cell, (here, there) in found.items() if not here >= there
+        f"{combo.test} {CHANNELS[combo.channel]} {100.0 * here:.2f} % "
+        f"(paper {100.0 * there:.2f} %)"
+        for combo, (here, there) in found.items() if not here >= there
     ]  # fmt: skip
     figure = (
         f"ALDK-SWLS's one-step RMSE below ALDK's by at least the paper's share in "
-        f"{len(found) - len(short)} of {len(found)} cells of Tables 4 to 8"
+        f"{len(found) - len(short)} of {len(found)} entries of Tables 4 to 8"
     )
     if short:
-        figure += f"; short: {', '.join(short)}"
-    return _bar(not short, "papers-effect", figure)
+        figure += f"; less: {', '.join(short)}"
+    return _criterion(not short, "papers-effect", figure)

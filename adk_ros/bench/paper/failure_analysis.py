@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Why a bar is not reached, in sentences made of the run's own figures.
+Explain failed acceptance criteria in sentences computed from the scores.
 
-Which cells do it, how large the errors are there beside the sensors' noise and the floor's, which
-rival leads and where, and where it diverges. Nothing is said that the scores do not hold.
+They say in which combinations a criterion fails, how large the errors are compared with sensor
+noise and oracle, which baseline leads where, and where it diverges.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from adk_ros.bench.paper.cases import CLEAN, NOISY
 from adk_ros.bench.paper.failed_combinations import (
     SHOWN,
     best_naive,
-    cell_location,
+    combination_location,
     distribution,
     divergence,
     error_magnitudes,
@@ -39,7 +39,7 @@ from adk_ros.bench.paper.predictors import (
     SWLS,
 )
 from adk_ros.bench.paper.ratios import geometric_means
-from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, Cell, ScoreTable
+from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, UNITS, Combination, ScoreTable
 from adk_ros.signals.score import REPORT_SCALE
 
 
@@ -48,10 +48,10 @@ def explain_failures(
     recorded: RecordingScores | None,
     judged: Collection[criteria.PaperCriterion],
 ) -> dict[str, str]:
-    """Return a paragraph for each bar that failed, by its name; none for what was not run."""
+    """Return a paragraph for each failed criterion, by name; none for what was not measured."""
     makers: dict[str, Callable[[], list[str]]] = {
         "geometric-mean": lambda: _mean(board),
-        "no-cell-above-1": lambda: _above(board),
+        "no-cell-above-1": lambda: _lost(board),
         "ahead-of-pykoop": lambda: _behind(board, PYKOOP),
         "ahead-of-pykoopman": lambda: _behind(board, PYKOOPMAN),
         "ahead-of-tuned-7dof": lambda: _behind(board, MF_TUNED),
@@ -60,91 +60,94 @@ def explain_failures(
         "papers-effect": lambda: _effect(board),
     }
     return {
-        bar.name: " ".join(makers[bar.name]())
-        for bar in judged
-        if bar.verdict == criteria.FAIL and not bar.figure.startswith("not measured")
+        criterion.name: " ".join(makers[criterion.name]())
+        for criterion in judged
+        if criterion.verdict == criteria.FAIL and not criterion.figure.startswith("not measured")
     }
 
 
 def _mean(board: ScoreTable) -> list[str]:
-    said = []
+    sentences = []
     means = geometric_means(board, ADK_ROS)
-    floor = geometric_means(board, ORACLE)
+    oracle = geometric_means(board, ORACLE)
     for variant in board.variants():
         listed = ", ".join(f"{number(means[variant, i])} at {h}" for i, h in enumerate(HORIZONS))
-        said.append(f"{variant.capitalize()}, the mean is {listed}.")
-    if (NOISY, 0) in floor:
-        listed = ", ".join(f"{number(floor[NOISY, i])} at {h}" for i, h in enumerate(HORIZONS))
-        said.append(
-            f"The noisy floor (the plant itself, started from the same sample) has {listed}."
+        sentences.append(f"{variant.capitalize()}, the mean is {listed}.")
+    if (NOISY, 0) in oracle:
+        listed = ", ".join(f"{number(oracle[NOISY, i])} at {h}" for i, h in enumerate(HORIZONS))
+        sentences.append(
+            f"Noisy, that of the oracle (the plant itself, started from the same sample) is "
+            f"{listed}."
         )
-    ratios = {cell: float(np.log(r.mean())) for cell, r in board.ratios(ADK_ROS).items()}
+    ratios = {combo: float(np.log(r.mean())) for combo, r in board.ratios(ADK_ROS).items()}
     whole = float(np.exp(np.mean(list(ratios.values()))))
     by_test = {
         test: float(np.exp(np.mean([v for c, v in ratios.items() if c.test == test])))
         for test in board.tests()
     }
     by_channel = [
-        np.exp(np.mean([v for cell, v in ratios.items() if cell.channel == c]))
+        np.exp(np.mean([v for combo, v in ratios.items() if combo.channel == c]))
         for c in range(len(CHANNELS))
     ]
     listed = ", ".join(f"{v:.3f} for {c}" for c, v in zip(CHANNELS, by_channel, strict=True))
-    said.append(f"By channel it is {listed}.")
+    sentences.append(f"By channel it is {listed}.")
     worst = sorted(by_test, key=by_test.__getitem__, reverse=True)[:SHOWN]
     named = ", ".join(f"{test} ({by_test[test]:.3f})" for test in worst)
     rest = [v for c, v in ratios.items() if c.test not in worst]
     if rest:
-        said.append(
+        sentences.append(
             f"By test it is highest in {named}; over the other tests it is "
             f"{np.exp(np.mean(rest)):.3f} instead of {whole:.3f}."
         )
-    return said
+    return sentences
 
 
-def _above(board: ScoreTable) -> list[str]:
-    lost = criteria.cells_above_one(board)
-    best = Counter(best_naive(board, cell) for cell in lost)
+def _lost(board: ScoreTable) -> list[str]:
+    lost = criteria.lost_combinations(board)
+    best = Counter(best_naive(board, combo) for combo in lost)
     who = ", ".join(f"{name} in {n}" for name, n in best.most_common())
     return [
-        *cell_location(board, lost, "A naive predictor wins in"),
+        *combination_location(board, lost, "A naive predictor wins in"),
         f"The best naive predictor there is {who}.",
         *error_magnitudes(board, lost),
-        worst_cells(board, {cell: float(r.mean()) for cell, r in lost.items()}),
+        worst_cells(board, {combo: float(r.mean()) for combo, r in lost.items()}),
     ]
 
 
-def _behind(board: ScoreTable, rival: str) -> list[str]:
-    behind = criteria.behind_of(board, rival)
+def _behind(board: ScoreTable, baseline: str) -> list[str]:
+    behind = criteria.behind_of(board, baseline)
     return [
-        *cell_location(board, behind, f"{rival} leads in"),
-        distribution(board, behind, rival),
-        divergence(board, rival),
-        *error_magnitudes(board, behind, rival),
-        worst_cells(board, behind, rival),
+        *combination_location(board, behind, f"{baseline} leads in"),
+        distribution(board, behind, baseline),
+        divergence(board, baseline),
+        *error_magnitudes(board, behind, baseline),
+        worst_cells(board, behind, baseline),
     ]
 
 
 def _coverage(board: ScoreTable) -> list[str]:
     low, high = criteria.COVERAGE
-    said = []
-    for cell, value in criteria.pooled_coverage(board).items():
+    sentences = []
+    for combo, value in criteria.pooled_coverage(board).items():
         if low <= value <= high:
             continue
-        i, c = cell.horizon, cell.channel
-        by_test = {test: float(board.coverage(cell.variant, test)[i, c]) for test in board.tests()}
+        i, c = combo.horizon, combo.channel
+        by_test = {
+            test: float(board.coverage(combo.variant, test)[i, c]) for test in board.tests()
+        }
         least, most = (pick(by_test, key=by_test.__getitem__) for pick in (min, max))
         width = "narrow" if value < low else "wide"
-        said.append(
-            f"{cell.variant} {CHANNELS[c]} at {HORIZONS[i]}: the intervals are too {width}, "
-            f"{100 * value:.1f} % are within; by test from {100 * by_test[least]:.1f} % "
+        sentences.append(
+            f"{combo.variant} {CHANNELS[c]} at {HORIZONS[i]}: the intervals are too {width}, "
+            f"coverage {100 * value:.1f} %; by test from {100 * by_test[least]:.1f} % "
             f"({least}) to {100 * by_test[most]:.1f} % ({most})."
         )
-    return said
+    return sentences
 
 
 def _recordings(recorded: RecordingScores | None) -> list[str]:
-    said = []
-    for test, ratio in (recorded.pairs(own=True) if recorded else {}).items():
+    sentences = []
+    for test, ratio in (recorded.pairs(same=True) if recorded else {}).items():
         by_name = recorded.rmse.get(test, {}) if recorded else {}
         for i in JUDGED:
             for c in range(3):
@@ -152,40 +155,40 @@ def _recordings(recorded: RecordingScores | None) -> list[str]:
                     continue
                 naive = {n: float(by_name[n][i, c]) for n in NAIVE if n in by_name}
                 best = min(naive, key=naive.__getitem__)
-                ours = float(by_name[ADK_ROS][i, c] * REPORT_SCALE[c])
-                said.append(
-                    f"{test.split(' / ')[0]}, {CHANNELS[c]} at {HORIZONS[i]}: ours "
-                    f"{number(ours)}, {best} {number(naive[best] * float(REPORT_SCALE[c]))} "
-                    f"{UNITS[c]}; one step ahead our ratio is {ratio[0, c]:.2f}."
+                rmse = float(by_name[ADK_ROS][i, c] * REPORT_SCALE[c])
+                sentences.append(
+                    f"{test.split(' / ')[0]}, {CHANNELS[c]} at {HORIZONS[i]}: {ADK_ROS} "
+                    f"{number(rmse)}, {best} {number(naive[best] * float(REPORT_SCALE[c]))} "
+                    f"{UNITS[c]}; one step ahead the ratio is {ratio[0, c]:.2f}."
                 )
-    return said
+    return sentences
 
 
 def _effect(board: ScoreTable) -> list[str]:
-    """Whether ALDK is better than the paper's, which leaves less to gain, or SWLS worse."""
+    """Say whether ALDK is better than in the paper, which leaves less to gain, or SWLS worse."""
     found = criteria.papers_effect(board)
-    short = [cell for cell, (here, there) in found.items() if not here >= there]
+    short = [combo for combo, (here, there) in found.items() if not here >= there]
 
-    def against(name: str) -> dict[Cell, float]:
-        """Ours over the paper's RMSE."""
+    def against(name: str) -> dict[Combination, float]:
+        """Return the RMSE here over the one in the paper."""
         return {
-            cell: float(
-                board.rmse(CLEAN, cell.test, name)[0, cell.channel]
-                * REPORT_SCALE[cell.channel] / printed(cell.test, name)[cell.channel]
+            combo: float(
+                board.rmse(CLEAN, combo.test, name)[0, combo.channel]
+                * REPORT_SCALE[combo.channel] / printed(combo.test, name)[combo.channel]
             )
-            for cell in short
+            for combo in short
         }  # fmt: skip
 
     aldk, swls = against(ALDK), against(SWLS)
-    better = [cell for cell in short if aldk[cell] < 1.0]
-    worse = [cell for cell in short if swls[cell] > 1.0]
-    missing = [100.0 * (found[cell][1] - found[cell][0]) for cell in short]
+    better = [combo for combo in short if aldk[combo] < 1.0]
+    worse = [combo for combo in short if swls[combo] > 1.0]
+    missing = [100.0 * (found[combo][1] - found[combo][0]) for combo in short]
     return [
-        f"In {len(better)} of the {len(short)} cells {ALDK} without adaptation is more accurate "
+        f"In {len(better)} of the {len(short)} entries {ALDK} without adaptation is more accurate "
         f"here than in the paper ({number(float(np.median(list(aldk.values()))))} times its RMSE "
         f"in the median), which leaves adaptation less to gain. {SWLS} has "
         f"{number(float(np.median(list(swls.values()))))} times the paper's RMSE in the median, "
-        f"and is less accurate than the paper's in {len(worse)}.",
-        f"What is missing is {min(missing):.1f} to {max(missing):.1f} percentage points. The car "
-        f"and the roads are not the paper's.",
+        f"and is less accurate than in the paper in {len(worse)}.",
+        f"The difference is {min(missing):.1f} to {max(missing):.1f} percentage points. Vehicle "
+        f"and roads differ from those of the paper.",
     ]

@@ -1,12 +1,13 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Least squares without lifting: what the network has to beat to be worth its name.
+Least squares without lifting: the linear baseline of the Koopman model.
 
     x_(k+1) = x_k + s (theta phi_k),   phi_k = [x_k; u_k; 1]
 
-in scaled units, s the usual change of x in a tick: the default predictor's form, less features,
-past samples and disturbance. Offline, or adapted each tick by the same windowed ridge solver.
+in scaled units, where s is the standard deviation of the change of x per tick. The form of the
+default predictor without features, past samples and disturbance. Offline, or adapted each tick by
+the same windowed ridge solver.
 """
 
 from __future__ import annotations
@@ -23,16 +24,17 @@ from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.signals.channels import Record
 
 _MAX_PAIR = 1e3
-"""Scaled: a pair further off is no driving, and would leave its rounding in the Gram."""
+"""Largest scaled entry of a training pair: a larger one is a fault, and its rounding error would
+remain in the Gram matrix of the window."""
 
 
 @dataclass(frozen=True)
 class LeastSquares:
     """
-    Affine least squares of the scaled increment; `theta` (3, 6), rolled out by iteration.
+    Affine least squares of the scaled increment, `theta` (3, 6), rolled out by iteration.
 
-    With `online` the matrix is adapted: at a row it knows the pairs up to that row, over breaks of
-    the grid as well, across which no pair is formed.
+    With `online` the matrix is adapted with all pairs up to a row; no pair spans a gap in the
+    grid.
     """
 
     scaling: Scaling
@@ -60,8 +62,8 @@ class LeastSquares:
         )
         if now.shape[0] < 10:
             raise DataError(
-                f"least squares needs ten pairs of samples to fit and the records have "
-                f"{now.shape[0]}: give longer drives"
+                f"least squares needs at least ten pairs of samples and the records have "
+                f"{now.shape[0]}: use longer recordings"
             )
         scaling = Scaling.standard(now, command, step)
         phi = _phi(scaling, now, command)
@@ -71,7 +73,7 @@ class LeastSquares:
         return LeastSquares(scaling, np.ascontiguousarray(theta), online, given)
 
     def matrices(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """A (3, 3), B (3, 2) and c (3,) in SI units: x_(k+1) = A x_k + B u_k + c, offline."""
+        """Return A (3, 3), B (3, 2), c (3,) of x_(k+1) = A x_k + B u_k + c, SI, not adapted."""
         s = self.scaling
         gain = (s.x_scale * s.step_scale)[:, None] * self.theta
         a = np.eye(3) + gain[:, :3] / s.x_scale
@@ -88,7 +90,7 @@ class LeastSquares:
         out = np.empty((rows.shape[0], ahead, 3))
         x = record.x[rows]
         unit = self.scaling.x_scale * self.scaling.step_scale
-        # One that diverges does so quietly, and is scored for it.
+        # A diverging rollout is scored as such and needs no warning.
         with np.errstate(over="ignore", invalid="ignore"):
             for step in range(ahead):
                 phi = _phi(self.scaling, x, record.u[rows + step])
@@ -97,7 +99,7 @@ class LeastSquares:
         return out
 
     def _adapted(self, record: Record, rows: IntArray, settings: OnlineSettings) -> FloatArray:
-        """Theta as it stands at each row, (n, 3, 6)."""
+        """Return the adapted theta at each row, (n, 3, 6)."""
         solver = WindowedRidge(self.theta, settings)
         kept = np.empty((rows.shape[0], *self.theta.shape))
         last = int(rows[-1]) if rows.size else 0
@@ -117,7 +119,7 @@ class LeastSquares:
 
 
 def pairs(record: Record) -> BoolArray:
-    """Whether row k and the next make a pair that may be learned from, (len - 1,)."""
+    """Return a mask (len - 1,): rows k and k + 1 form a learnable pair."""
     good = record.learnable & np.isfinite(record.x).all(axis=1)
     both = good[:-1] & good[1:] & (record.episode[1:] == record.episode[:-1])
     return np.asarray(both & np.isfinite(record.u[:-1]).all(axis=1))

@@ -1,10 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where the plant itself, started from the same sample, does no better than we do.
+Combinations in which the oracle is no better than adk_ros.
 
-It takes the sample at its word, its noise and its being stale included. Who smooths noise can be
-below it, most of all one step ahead: it is a floor for the model, not for the filter.
+The oracle (the plant restarted from the same sample) uses the sample as it is, with its noise and
+its age. A predictor that filters the noise can be better, above all one step ahead: the oracle
+bounds the model error, not the state estimation error.
 """
 
 from __future__ import annotations
@@ -15,42 +16,43 @@ import numpy as np
 
 from adk_ros.bench.paper.cases import CLEAN
 from adk_ros.bench.paper.predictors import ADK_ROS, ORACLE
-from adk_ros.bench.paper.scores import Cell, ScoreTable
+from adk_ros.bench.paper.scores import Combination, ScoreTable
 
 WITHIN = 0.03
-"""Ours is at the floor if the floor's RMSE is not lower than ours by more than this share."""
+"""Relative difference within which adk_ros counts as equal to the oracle: about the spread between
+seeds."""
 
 
-def over_oracle(board: ScoreTable, cell: Cell) -> float:
+def over_oracle(board: ScoreTable, combo: Combination) -> float:
     """
-    Our RMSE over the floor's, mean of seeds; NaN where there is no such thing.
+    Return the RMSE of adk_ros over that of the oracle, mean of seeds; NaN without an oracle.
 
-    Started from the truth the plant is exact, and so no floor to be compared with.
+    On clean tests the oracle is exact, and a ratio has no meaning.
     """
-    key = cell.variant, cell.test
-    if cell.variant == CLEAN or (*key, ORACLE) not in board.scores:
+    key = combo.variant, combo.test
+    if combo.variant == CLEAN or (*key, ORACLE) not in board.scores:
         return float("nan")
-    ours, floor = (
-        board.rmse(*key, name)[cell.horizon, cell.channel] for name in (ADK_ROS, ORACLE)
+    adk_ros, oracle = (
+        board.rmse(*key, name)[combo.horizon, combo.channel] for name in (ADK_ROS, ORACLE)
     )
-    return float(ours / max(floor, np.finfo(float).tiny))
+    return float(adk_ros / max(oracle, np.finfo(float).tiny))
 
 
-def at_oracle(board: ScoreTable, cells: Iterable[Cell]) -> set[Cell]:
-    """Those cells in which the floor is not better than ours by more than `WITHIN`."""
-    return {cell for cell in cells if over_oracle(board, cell) <= 1.0 / (1.0 - WITHIN)}
+def at_oracle(board: ScoreTable, combos: Iterable[Combination]) -> set[Combination]:
+    """Return the combinations in which the oracle is better by at most `WITHIN`."""
+    return {combo for combo in combos if over_oracle(board, combo) <= 1.0 / (1.0 - WITHIN)}
 
 
-def oracle_note(cells: set[Cell]) -> str:
-    """What to add to a count of cells; nothing where none is at the floor."""
-    if not cells:
+def oracle_note(combos: set[Combination]) -> str:
+    """Return the remark after a number of combinations, "" if none is at the oracle."""
+    if not combos:
         return ""
     return (
-        f" ({len(cells)} of them at the floor, where the plant itself, started from the "
-        f"same sample, does no better)"
+        f" ({len(combos)} of them at the oracle, where the plant itself, started from the "
+        f"same sample, is no better)"
     )
 
 
-def marked(text: str, cell: Cell, cells: set[Cell]) -> str:
-    """A cell's figure, with a word where it is at the floor."""
-    return f"{text} at the floor" if cell in cells else text
+def marked(text: str, combo: Combination, combos: set[Combination]) -> str:
+    """Append a remark to the figure of a combination that is at the oracle."""
+    return f"{text} at the oracle" if combo in combos else text

@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The figures that the paper printed: Tables 3 to 8, Max and RMSE in km/h, km/h, deg/s.
+Published results of the paper: Tables 3 to 8, Max and RMSE in km/h, km/h, deg/s.
 
-Quoted from Zhang, He, Chen, "Physics-Informed Adaptive Deep Koopman Operator Modeling for
-Autonomous Vehicle Dynamics", to be set beside ours.
+Quoted for comparison from Zhang, He, Chen, "Physics-Informed Adaptive Deep Koopman Operator
+Modeling for Autonomous Vehicle Dynamics".
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ TABLES = {
     7: ("mountain",),
     8: ("slalom",),
 }
-"""Which test or tests each of the paper's tables is about."""
+"""Tests in each table of the paper."""
 
 TITLES = {
     3: "deep Koopman model with acceleration loss",
@@ -94,9 +94,9 @@ _TABLE_3: dict[str, Entry] = {
 }
 
 FIVE = (MF, ALDK, RLS, FFRLS, SWLS)
-"""The paper's five approaches, in its order."""
+"""The five approaches of the paper, in its order."""
 NOMINAL_EFFECT = (0.95, 0.91, 0.91)
-"""SWLS's gain over ALDK in section 4.2.2's own words; its Table 4 rounds v_y to 93 %."""
+"""RMSE reduction from ALDK to SWLS as stated in section 4.2.2; by Table 4 that of v_y is 93 %."""
 
 
 def published(table: int, test: str) -> dict[str, Entry]:
@@ -105,13 +105,13 @@ def published(table: int, test: str) -> dict[str, Entry]:
 
 
 def printed(test: str, name: str, what: str = "rmse") -> FloatArray:
-    """Return the paper's `rmse` or `max` (3,), km/h, km/h, deg/s; KeyError where it has none."""
+    """Return the paper's `rmse` or `max` (3,), km/h, km/h, deg/s; KeyError if it has none."""
     entry = _TABLE_3[name] if (test == NOMINAL and name == DK) else _FIVE[test][name]
     return np.array([pair[what == "rmse"] for pair in entry])
 
 
 def effect(test: str) -> FloatArray:
-    """By how much SWLS's RMSE is below ALDK's in the paper, (3,), 0 to 1."""
+    """Return the relative RMSE reduction from ALDK to SWLS in the paper, (3,)."""
     if test == NOMINAL:
         return np.array(NOMINAL_EFFECT)
     return np.asarray(1.0 - printed(test, SWLS) / printed(test, ALDK))

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every predictor in the tables has to offer, and what it may know."""
+"""Interface of all predictors in the tables, and the data that they may use."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from adk_ros.signals.channels import Record
 
 
 class BenchPredictor(Protocol):
-    """A predictor under a name."""
+    """A named predictor."""
 
     @property
     def name(self) -> str:
-        """As the tables print it."""
+        """Name in the tables."""
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
         """
         Predict `ahead` steps from each of `rows` (n,), which are in ascending order.
 
-        Returns (n, ahead, 3) in SI units, entry j - 1 the state at row + j. From a row only
-        `record.x`, `.u` and `.a` up to it may be used, and the commands ahead, `record.u[row + j]`
-        (`u[k]` is in force from tick k on, so that `x[k + 1]` depends on it); never `x_ref`.
-        `record.episode` tells where the grid breaks. A predictor that adapts runs through the
-        rows before in order. What is not finite is scored as diverged.
+        Returns (n, ahead, 3) in SI units; entry j - 1 is the state at row + j. A prediction may
+        use `record.x`, `.u` and `.a` up to its row and the future commands `record.u[row + j]`
+        (`u[k]` is in force from tick k on, so `x[k + 1]` depends on it), never `x_ref`.
+        `record.episode` marks gaps of the grid. An adaptive predictor processes the earlier rows
+        in order. Values that are not finite are scored as diverged.
         """

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Predictors of the tables that are no libraries of others, and one pass of any over a test."""
+"""Predictors of the tables, except those of other libraries, and one pass over a test."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from adk_ros.signals.score import HORIZON_STEPS, imu_integration, linear_extrapo
 
 DK, ALDK, RLS, FFRLS, SWLS = "DK", "ALDK", "ALDK-RLS", "ALDK-FFRLS", "ALDK-SWLS"
 MF, MF_TUNED = "7 DoF-MF", "7 DoF-MF tuned"
-ADK_ROS, ORACLE = "adk_ros", "floor (the plant)"
+ADK_ROS, ORACLE = "adk_ros", "oracle (the plant)"
 LINEAR, LINEAR_ADAPTED = "least squares", "least squares, adapted"
 PYKOOP, PYKOOPMAN = "pykoop", "pykoopman"
 NAIVE = ("persistence", "straight line", "IMU integration")
 PAPERS = (DK, MF, ALDK, RLS, FFRLS, SWLS)
-"""The paper's own, in its order."""
+"""Predictors of the paper, in its order."""
 ORDER = (
     *PAPERS, MF_TUNED, *NAIVE, LINEAR, LINEAR_ADAPTED, PYKOOP, PYKOOPMAN, ADK_ROS, ORACLE,
 )  # fmt: skip
-"""As the tables list them."""
+"""Order of the predictors in the tables."""
 METHODS = {ALDK: "constant", RLS: "rls", FFRLS: "ffrls", SWLS: "swls"}
 
 Tell = Callable[[float], None]
@@ -42,10 +42,10 @@ _PROGRESS_STRIDE = 500
 @dataclass(frozen=True)
 class PredictionsOnTest:
     """
-    What a predictor said on its way through a test, SI.
+    Predictions of one predictor on a test, SI.
 
-    `one` (n, 3) of the rows' next ticks, `ahead` (m, 80, 3) from the starts, and, of one that
-    says how sure it is, the `variance` (m, 5, 3) it gave there to its errors by horizon.
+    `one` (n, 3): one step ahead of each row; `ahead` (m, 80, 3): rollouts from the starts;
+    `variance` (m, 5, 3): predicted error variance by horizon, None if the predictor has none.
     """
 
     one: FloatArray
@@ -55,7 +55,7 @@ class PredictionsOnTest:
 
 @dataclass(frozen=True)
 class NaivePredictor:
-    """One of those that need no model."""
+    """A model-free predictor."""
 
     name: str
 
@@ -69,43 +69,43 @@ class NaivePredictor:
 
 @dataclass(frozen=True)
 class OraclePredictor:
-    """The plant itself from the same measurements; the test begins at row `begin` of the drive."""
+    """The plant restarted from the measurements; the test begins at row `begin` of the drive."""
 
     drive: SimulatedDrive
     begin: int
     name: str = ORACLE
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
-        """As `BenchPredictor.predict`, but that it knows the plant."""
+        """As `BenchPredictor.predict`, but with exact knowledge of the plant and its state."""
         return oracle_rollout(self.drive, rows + self.begin, record.x[rows], ahead)
 
 
 @dataclass(frozen=True)
 class KoopmanPredictor:
-    """A trained model, adapted by `online` as it goes."""
+    """A trained Koopman model, adapted with `online`."""
 
     name: str
     model: KoopmanModel
     online: OnlineSettings | None = None
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
-        """As `BenchPredictor.predict`; its steps are 1 to `AHEAD`."""
+        """As `BenchPredictor.predict`, up to `AHEAD` steps."""
         return self.run(record, rows[:0], rows).ahead[:, :ahead]
 
     def run(
         self, record: Record, rows: IntArray, starts: IntArray, tell: Tell | None = None
     ) -> PredictionsOnTest:
         """
-        Go through the record once: one-step predictions at `rows`, roll-outs from `starts`.
+        Process the record once: one-step predictions at `rows`, rollouts from `starts`.
 
-        One step is the same either way: it is made under the command in force, which is known.
+        The first step of a rollout equals the one-step prediction: its command is known.
         """
         one = np.full((len(record), 3), np.nan)
         last = int(max(rows[-1] if rows.size else -1, starts[-1] if starts.size else -1))
         ahead = np.full((starts.size, AHEAD, 3), np.nan)
         variance = np.full((starts.size, len(HORIZON_STEPS), 3), np.nan)
-        place = np.full(len(record), -1)
-        place[starts] = np.arange(starts.size)
+        start_of_row = np.full(len(record), -1)
+        start_of_row[starts] = np.arange(starts.size)
         index = np.array(HORIZON_STEPS) - 1
         predictor = Predictor(self.model, self.online, horizon_steps=0)
         for row in range(last + 1):
@@ -115,12 +115,14 @@ class KoopmanPredictor:
             if prediction is None:
                 continue
             one[row] = prediction.x
-            if place[row] >= 0:
-                ahead[place[row]] = predictor.rollout(record.u[row : row + AHEAD])
+            if start_of_row[row] >= 0:
+                ahead[start_of_row[row]] = predictor.rollout(record.u[row : row + AHEAD])
                 table = predictor.horizon_covariance
                 if len(table) >= AHEAD:
-                    variance[place[row]] = np.diagonal(table[index], axis1=1, axis2=2)
-        return PredictionsOnTest(one[rows], ahead, variance if np.isfinite(variance).any() else None)
+                    variance[start_of_row[row]] = np.diagonal(table[index], axis1=1, axis2=2)
+        return PredictionsOnTest(
+            one[rows], ahead, variance if np.isfinite(variance).any() else None
+        )
 
 
 def run(
@@ -130,7 +132,7 @@ def run(
     starts: IntArray,
     tell: Tell | None = None,
 ) -> PredictionsOnTest:
-    """Take a predictor through a test."""
+    """Run a predictor on a test."""
     if isinstance(predictor, KoopmanPredictor):
         return predictor.run(record, rows, starts, tell)
     one = predictor.predict(record, rows, 1)[:, 0]

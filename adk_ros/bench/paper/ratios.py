@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""RMSE over the best naive predictor's: means over tests and channels, and test by test."""
+"""RMSE divided by that of the best naive predictor: means over tests and channels, and by test."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import numpy as np
 from adk_ros.bench.paper.cases import CLEAN
 from adk_ros.bench.paper.paper_tables import NONE, Table, number, strong
 from adk_ros.bench.paper.predictors import ADK_ROS, ORACLE
-from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Cell, ScoreTable
+from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Combination, ScoreTable
 
 
 def geometric_means(board: ScoreTable, name: str) -> dict[tuple[str, int], float]:
     """
-    By variant and horizon, over tests and channels, seeds averaged first.
+    Return geometric means by variant and horizon, over tests and channels; seeds averaged first.
 
-    The floor has none where it starts from the truth: its errors are rounding.
+    There is none for the oracle on clean tests, where its errors are rounding errors.
     """
     gathered: dict[tuple[str, int], list[float]] = {}
-    for cell, ratio in board.ratios(name).items():
-        if name == ORACLE and cell.variant == CLEAN:
+    for combo, ratio in board.ratios(name).items():
+        if name == ORACLE and combo.variant == CLEAN:
             continue
-        gathered.setdefault((cell.variant, cell.horizon), []).append(float(ratio.mean()))
+        gathered.setdefault((combo.variant, combo.horizon), []).append(float(ratio.mean()))
     return {
         key: float(np.exp(np.mean(np.log(np.maximum(values, 1e-12)))))
         for key, values in gathered.items()
@@ -32,7 +32,7 @@ def geometric_means(board: ScoreTable, name: str) -> dict[tuple[str, int], float
 
 
 def lost_tests(board: ScoreTable, name: str) -> dict[tuple[str, int], int]:
-    """Return, by variant and horizon, in how many tests at least one prediction diverged."""
+    """Return by variant and horizon the number of tests with a diverged prediction."""
     return {
         (variant, i): sum(
             bool(board.diverged(variant, test, name)[0][i])
@@ -45,7 +45,7 @@ def lost_tests(board: ScoreTable, name: str) -> dict[tuple[str, int], int]:
 
 
 def mean_text(mean: float | None, lost: int) -> str:
-    """A geometric mean with three digits; a bound from below where predictions diverged."""
+    """Format a geometric mean with three digits, as a lower bound if predictions diverged."""
     if mean is None:
         return NONE
     text = f"{mean:#.3g}" if 1e-4 <= mean < 0.9995 else number(mean)
@@ -53,7 +53,7 @@ def mean_text(mean: float | None, lost: int) -> str:
 
 
 def summary_table(board: ScoreTable) -> Table:
-    """Return geometric means over tests and channels of RMSE over the best naive one's."""
+    """Return the table of geometric means over tests and channels."""
     header = ["predictor"]
     header += [f"{v} {h}" for v in board.variants() for h in HORIZONS]
     rows = []
@@ -67,8 +67,8 @@ def summary_table(board: ScoreTable) -> Table:
         {n: means[n][key] for n in names if key in means[n] and not lost[n][key]} for key in keys
     ]
     title = (
-        "RMSE over the best naive predictor's: geometric mean over all tests and channels; "
-        "> a (n): predictions diverged in n tests"
+        "RMSE divided by that of the best naive predictor: geometric mean over all tests and "
+        "channels; > a (n): predictions diverged in n tests"
     )
     best = best_cells(names, columns)
     return Table("summary", title, header, rows, strong(names), best)
@@ -78,10 +78,9 @@ def best_cells(
     names: Sequence[str], columns: Sequence[Mapping[str, float]]
 ) -> frozenset[tuple[int, int]]:
     """
-    Return (row, column) of the lowest ratio in each column, the names' column being 0.
+    Return (row, column) of the lowest ratio in each column; column 0 holds the names.
 
-    The floor is no predictor, and what is not below 1 is not worth being seen. Bounds, of those
-    that diverged, do not belong into the columns.
+    The oracle and ratios of 1 or more are excluded. `columns` must not contain lower bounds.
     """
     found = set()
     for j, column in enumerate(columns):
@@ -93,18 +92,18 @@ def best_cells(
 
 
 def ratio_tables(board: ScoreTable) -> list[Table]:
-    """Return our RMSE over the best naive predictor's in every cell, a table a variant."""
+    """Return one table per variant: the ratio of adk_ros by test, channel and horizon."""
     result = []
-    ours = board.ratios(ADK_ROS)
+    ratios = board.ratios(ADK_ROS)
     for variant in board.variants():
         header = ["test", *(f"{c} {h}" for c in CHANNELS for h in HORIZONS)]
         rows = [
             [test, *(
-                number(float(ours[Cell(variant, test, i, c)].mean()))
+                number(float(ratios[Combination(variant, test, i, c)].mean()))
                 for c in range(len(CHANNELS)) for i in range(len(HORIZONS))
             )]
             for test in board.tests() if (variant, test, ADK_ROS) in board.scores
         ]  # fmt: skip
-        title = f"{ADK_ROS}, {variant}: RMSE over the best naive predictor's, test by test"
+        title = f"{ADK_ROS}, {variant}: RMSE divided by that of the best naive predictor, by test"
         result.append(Table(f"ratios_{variant}", title, header, rows))
     return result

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What was missed by how much: one test's errors of one predictor, and the board of all."""
+"""Errors of a predictor on a test, and the table of all scores."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from adk_ros.signals.score import HORIZON_STEPS, REPORT_SCALE, TICK_S, score
 HORIZONS = ("1 step", "0.25 s", "0.5 s", "1 s", "2 s")
 CHANNELS = ("v_x", "v_y", "yaw rate")
 UNITS = ("km/h", "km/h", "deg/s")
-_LEAST = 1e-12
+_MIN_RMSE = 1e-12
+"""Smallest RMSE in a denominator, SI: far below any measured error."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +31,9 @@ class CaseScore:
     """
     Errors of a predictor on one test, SI: `rmse`, `worst` (5, 3) by horizon and channel.
 
-    `count` and `diverged` (5,): predictions made, and those of them that `signals.score` holds to
-    have diverged. `covered` of `claimed` (5, 3): measurements within the 90 % interval given for
-    them, and all for which one was given. `seconds`: what the pass took.
+    `count` and `diverged` (5,): predictions, and how many of them diverged (see `signals.score`).
+    `covered` of `claimed` (5, 3): measurements within the predicted 90 % interval, of all with
+    such an interval. `seconds`: duration of the pass over the test.
     """
 
     rmse: FloatArray
@@ -45,9 +46,13 @@ class CaseScore:
 
 
 def score_case(
-    record: Record, rows: IntArray, starts: IntArray, passed: PredictionsOnTest, seconds: float = 0.0
+    record: Record,
+    rows: IntArray,
+    starts: IntArray,
+    passed: PredictionsOnTest,
+    seconds: float = 0.0,
 ) -> CaseScore:
-    """Score a pass: one step ahead at all `rows`, further from the `starts`."""
+    """Score a pass over a test: one step ahead at all `rows`, longer horizons at `starts`."""
     parts = [score(record, rows, passed.one[:, None], (1,))]
     parts += [score(record, starts, passed.ahead, (step,)) for step in HORIZON_STEPS[1:]]
     covered = np.zeros((len(HORIZON_STEPS), 3), dtype=np.int64)
@@ -56,7 +61,7 @@ def score_case(
         index = np.array(HORIZON_STEPS)
         error = passed.ahead[:, index - 1] - measured(record)[starts[:, None] + index]
         known = ~np.isnan(error) & np.isfinite(passed.variance)
-        # One that diverged is as far from its interval as can be.
+        # A diverged prediction counts as outside of its interval.
         known |= np.isfinite(passed.variance) & ~np.isfinite(passed.ahead[:, index - 1])
         within = np.abs(error) <= QUANTILE_90 * np.sqrt(passed.variance)
         claimed, covered = known.sum(axis=0), (known & within).sum(axis=0)
@@ -71,8 +76,8 @@ def score_case(
     )
 
 
-class Cell(NamedTuple):
-    """A cell of the bars: which test, how far ahead, which channel."""
+class Combination(NamedTuple):
+    """A combination of variant, test, horizon and channel, with one error each."""
 
     variant: str
     test: str
@@ -82,36 +87,36 @@ class Cell(NamedTuple):
 
 @dataclass
 class ScoreTable:
-    """Scores by variant, test and predictor, one a seed where there are several."""
+    """Scores by variant, test and predictor, one per seed."""
 
     scores: dict[tuple[str, str, str], list[CaseScore]] = field(default_factory=dict)
 
     def add(self, variant: str, test: str, name: str, item: CaseScore) -> None:
-        """Add one seed's score."""
+        """Add the score of one seed."""
         self.scores.setdefault((variant, test, name), []).append(item)
 
     def drop(self, *names: str) -> None:
-        """Forget predictors."""
+        """Remove predictors."""
         self.scores = {key: items for key, items in self.scores.items() if key[2] not in names}
 
     def has(self, name: str) -> bool:
-        """Whether a predictor took part."""
+        """Whether there are scores of a predictor."""
         return any(key[2] == name for key in self.scores)
 
     def tests(self) -> list[str]:
-        """Tests in the order they came."""
+        """Return the tests in the order of their scores."""
         return list(dict.fromkeys(key[1] for key in self.scores))
 
     def variants(self) -> list[str]:
-        """Variants there are, clean first."""
+        """Return the variants with scores, clean first."""
         return [v for v in VARIANTS if any(key[0] == v for key in self.scores)]
 
     def names(self) -> list[str]:
-        """Predictors, as the tables list them."""
+        """Return the predictors with scores, in the order of the tables."""
         return [name for name in ORDER if self.has(name)]
 
     def seeds(self, variant: str, test: str, name: str) -> list[CaseScore]:
-        """Raises KeyError where that predictor was not run."""
+        """Return the scores of all seeds; raise `KeyError` if the predictor was not run."""
         return self.scores[variant, test, name]
 
     def rmse(self, variant: str, test: str, name: str) -> FloatArray:
@@ -125,7 +130,7 @@ class ScoreTable:
         return np.asarray(np.mean([item.worst for item in items], axis=0))
 
     def diverged(self, variant: str, test: str, name: str) -> tuple[IntArray, IntArray]:
-        """Return how many predictions diverged and how many there were, (5,), over all seeds."""
+        """Return the numbers of diverged and of all predictions, (5,), over all seeds."""
         items = self.seeds(variant, test, name)
         return (
             np.asarray(np.sum([item.diverged for item in items], axis=0)),
@@ -133,36 +138,36 @@ class ScoreTable:
         )
 
     def naive(self, variant: str, test: str) -> FloatArray:
-        """Smallest RMSE of any naive predictor, cell by cell, (5, 3) SI."""
+        """Return the smallest RMSE of the naive predictors by horizon and channel, (5, 3) SI."""
         found = [
             self.rmse(variant, test, name)
             for name in NAIVE if (variant, test, name) in self.scores
         ]  # fmt: skip
-        return np.asarray(np.maximum(np.min(found, axis=0), _LEAST))
+        return np.asarray(np.maximum(np.min(found, axis=0), _MIN_RMSE))
 
-    def ratios(self, name: str) -> dict[Cell, FloatArray]:
-        """RMSE over the best naive predictor's in every cell, (seeds,)."""
+    def ratios(self, name: str) -> dict[Combination, FloatArray]:
+        """Return the RMSE divided by that of the best naive predictor, (seeds,) each."""
         result = {}
         for (variant, test, who), items in self.scores.items():
             if who == name:
                 table = np.array([item.rmse for item in items]) / self.naive(variant, test)
-                for cell in _cells(variant, test):
-                    result[cell] = np.asarray(table[:, cell.horizon, cell.channel])
+                for combo in _cells(variant, test):
+                    result[combo] = np.asarray(table[:, combo.horizon, combo.channel])
         return result
 
-    def against(self, name: str, rival: str) -> dict[Cell, float]:
-        """RMSE of one predictor over another's in every cell that both have."""
+    def against(self, name: str, baseline: str) -> dict[Combination, float]:
+        """Return the RMSE of `name` over that of `baseline`, where both were run."""
         result = {}
         for variant, test, who in self.scores:
-            if who == name and (variant, test, rival) in self.scores:
-                theirs = np.maximum(self.rmse(variant, test, rival), _LEAST)
-                table = self.rmse(variant, test, name) / theirs
-                for cell in _cells(variant, test):
-                    result[cell] = float(table[cell.horizon, cell.channel])
+            if who == name and (variant, test, baseline) in self.scores:
+                reference = np.maximum(self.rmse(variant, test, baseline), _MIN_RMSE)
+                table = self.rmse(variant, test, name) / reference
+                for combo in _cells(variant, test):
+                    result[combo] = float(table[combo.horizon, combo.channel])
         return result
 
     def coverage(self, variant: str | None = None, test: str | None = None) -> FloatArray:
-        """Share (5, 3) of measurements within our 90 % intervals; NaN where there are none."""
+        """Return the share (5, 3) of measurements in adk_ros's 90 % intervals; NaN if none."""
         chosen = [
             item
             for (v, t, name), items in self.scores.items()
@@ -174,7 +179,7 @@ class ScoreTable:
         return np.asarray(np.where(claimed > 0, covered / np.maximum(claimed, 1), np.nan))
 
     def write_csv(self, path: Path) -> None:
-        """One line a cell and seed: SI units, and those of the tables."""
+        """Write one line per combination and seed, in SI units and in those of the tables."""
         with path.open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow([
@@ -183,18 +188,18 @@ class ScoreTable:
             ])  # fmt: skip
             for (variant, test, name), items in self.scores.items():
                 for seed, item in enumerate(items):
-                    for cell in _cells(variant, test):
-                        writer.writerow([variant, test, name, seed, *_row(item, cell)])
+                    for combo in _cells(variant, test):
+                        writer.writerow([variant, test, name, seed, *_row(item, combo)])
 
 
-def _cells(variant: str, test: str) -> Iterator[Cell]:
+def _cells(variant: str, test: str) -> Iterator[Combination]:
     for horizon in range(len(HORIZON_STEPS)):
         for channel in range(3):
-            yield Cell(variant, test, horizon, channel)
+            yield Combination(variant, test, horizon, channel)
 
 
-def _row(item: CaseScore, cell: Cell) -> list[str]:
-    i, c = cell.horizon, cell.channel
+def _row(item: CaseScore, combo: Combination) -> list[str]:
+    i, c = combo.horizon, combo.channel
     rmse, worst, scale = item.rmse[i, c], item.worst[i, c], REPORT_SCALE[c]
     claimed = item.claimed[i, c]
     return [
@@ -204,12 +209,14 @@ def _row(item: CaseScore, cell: Cell) -> list[str]:
     ]  # fmt: skip
 
 
-def cells_text(cells: list[Cell], values: dict[Cell, str] | None = None) -> str:
+def combinations_text(
+    combos: list[Combination], values: dict[Combination, str] | None = None
+) -> str:
     """Cells in words, those of a test together: `noisy winter (v_x 1 step; v_y 2 s)`."""
     grouped: dict[tuple[str, str], list[str]] = {}
-    for cell in sorted(cells, key=lambda c: (c.variant == NOISY, c.test, c.channel, c.horizon)):
-        text = f"{CHANNELS[cell.channel]} {HORIZONS[cell.horizon]}"
+    for combo in sorted(combos, key=lambda c: (c.variant == NOISY, c.test, c.channel, c.horizon)):
+        text = f"{CHANNELS[combo.channel]} {HORIZONS[combo.horizon]}"
         if values is not None:
-            text += f" {values[cell]}"
-        grouped.setdefault((cell.variant, cell.test), []).append(text)
+            text += f" {values[combo]}"
+        grouped.setdefault((combo.variant, combo.test), []).append(text)
     return ", ".join(f"{v} {t} ({'; '.join(texts)})" for (v, t), texts in grouped.items())

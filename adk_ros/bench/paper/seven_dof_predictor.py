@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's 7 DoF-MF as a predictor: the vehicle as its data sheet has it, or as tuned."""
+"""The paper's 7 DoF-MF as a predictor, with nominal or with identified vehicle parameters."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _BATCH = 4096
 
 @dataclass(frozen=True)
 class SevenDof:
-    """Seven degrees of freedom with Magic Formula tyres, on a flat road of friction `mu`."""
+    """Seven-degree-of-freedom model with Magic Formula tyres, on a flat road of friction `mu`."""
 
     vehicle: Vehicle
     mu: float = 1.0
@@ -31,9 +31,9 @@ class SevenDof:
         vehicle: Vehicle, records: Sequence[Record], mu: float = 1.0, name: str = "7 DoF-MF tuned"
     ) -> SevenDof:
         """
-        Identify the vehicle on `records`, from `vehicle` on.
+        Identify the vehicle on `records`, starting from `vehicle`.
 
-        :raises DataError: the records hold too few starts.
+        :raises DataError: too few rollouts fit into the records.
         """
         return SevenDof(identify_vehicle(vehicle, records, mu=mu).vehicle, mu, name)
 

@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The pieces of the run that do not depend on each other: fit a predictor, take it through all tests.
+Independent jobs of the benchmark: fit a predictor and evaluate it on all tests.
 
-A job reads the drives from the folder that the simulation left them in and hands back scores; one
-step predictions, which the figures need, go into files beside the drives.
+A job reads the simulated drives from a folder and returns scores; one-step predictions, which the
+figures need, are written to the same folder.
 """
 
 from __future__ import annotations
@@ -50,16 +50,16 @@ from adk_ros.train.train_settings import PaperSettings, TrainSettings
 from adk_ros.train.training_run import run_training
 
 ADAPTED = OnlineSettings("windowed", window=2000, ridge=300.0)
-"""Of the least squares without lifting: a window as long as the default predictor's."""
+"""Online method of the least squares without lifting: the window of the default predictor."""
 TRAINED_SHARE = 0.8
-"""Of a job's progress, where it trains; nobody depends on it."""
+"""Share of a job's progress bar for the training; cosmetic."""
 
 NoteProgress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
 class BenchPlan:
-    """What is to be run, with which effort."""
+    """Tests to run and training effort."""
 
     quick: bool = False
     seeds: int = 3
@@ -75,7 +75,7 @@ class BenchPlan:
 
 @dataclass(frozen=True)
 class TrainingJob:
-    """One of `KINDS`; `about` is a test to simulate, or the number of a recording."""
+    """A job of one of `KINDS`; `about` is a test to simulate, or the name of a recording."""
 
     kind: str
     variant: str = cases.CLEAN
@@ -84,7 +84,7 @@ class TrainingJob:
 
     @property
     def name(self) -> str:
-        """As progress and the table of times show it."""
+        """Name in the progress bar and in the table of times."""
         seed = f" seed {self.seed}" if self.kind in ("default", "recording") else ""
         where = self.about if self.kind in ("simulate", "recording") else self.variant
         return f"{self.kind} {where}{seed}"
@@ -93,9 +93,9 @@ class TrainingJob:
 @dataclass
 class Outcome:
     """
-    What a job found: (test, predictor, score), notes for the report, seconds spent by part.
+    Result of a job: (test, predictor, score), notes for the report, seconds by phase.
 
-    `failed`: why nothing was found, where the run can do without.
+    `failed`: the reason of a failure that does not end the run, or "".
     """
 
     job: TrainingJob
@@ -106,7 +106,7 @@ class Outcome:
 
     @contextmanager
     def clocked(self, part: str) -> Iterator[None]:
-        """Add what passes to a part's seconds."""
+        """Add the duration of the block to the seconds of a phase."""
         started = time.monotonic()
         try:
             yield
@@ -115,12 +115,12 @@ class Outcome:
 
 
 def series_path(folder: Path, variant: str, test: str, name: str) -> Path:
-    """Where the one-step predictions of a test are kept for the figures."""
+    """Return the file of the one-step predictions of a test, for the figures."""
     return folder / f"{variant}_{test}_{name.replace(' ', '_')}.npy"
 
 
 def simulate_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
-    """Make one drive."""
+    """Simulate one drive."""
     outcome = Outcome(job)
     with outcome.clocked("simulating"):
         driven, _ = cases.simulate_test(
@@ -131,7 +131,7 @@ def simulate_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProg
 
 
 def naive_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
-    """Those that need no training, or a moment's."""
+    """Run the predictors with little or no training: naive, least squares, nominal physics."""
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant)
     with outcome.clocked("fitting"):
@@ -144,7 +144,7 @@ def naive_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgres
 
 
 def _friction() -> float:
-    """The training road's: a model that is told anything else would have to measure it first."""
+    """Return the friction of the training road, which the physics model is given."""
     return load_scenario(cases.TRAINING).mu
 
 
@@ -153,7 +153,7 @@ def _scenario_vehicle() -> str:
 
 
 def tuned_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
-    """The seven degrees of freedom, their parameters identified on the training drive."""
+    """Run the seven-degree-of-freedom model with parameters identified on the training drive."""
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant)
     with outcome.clocked("fitting"):
@@ -165,7 +165,7 @@ def tuned_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgres
 
 
 def paper_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
-    """DK; or ALDK, and the same model adapted in three ways."""
+    """Train and run DK, or ALDK with its three online methods."""
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant)
     settings = PaperSettings(
@@ -177,7 +177,7 @@ def paper_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgres
 
     with outcome.clocked("training"):
         built = fit_paper([train], settings, on_step)
-        # Through the artefact, as anybody else who runs such a model.
+        # Via the model folder, as in normal use.
         where = folder / f"{job.kind}_{job.variant}"
         artefact.save(where, built.program, built.model, {"kind": job.kind})
     model = artefact.load(where).model
@@ -191,7 +191,7 @@ def paper_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgres
 
 
 def default_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
-    """Train our own under one seed, a tenth of the drive validating, and run it."""
+    """Train and run the adk_ros model with one seed; a tenth of the drive is for validation."""
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant)
     model = train_default(outcome, [train], plan, folder, tell)
@@ -202,7 +202,7 @@ def default_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgr
 def train_default(
     outcome: Outcome, records: list[Record], plan: BenchPlan, folder: Path, tell: NoteProgress
 ) -> KoopmanPredictor:
-    """Return our default, trained on pieces of `records`."""
+    """Return the adk_ros predictor, trained on pieces of `records`."""
     job = outcome.job
 
     def on_step(step: Step) -> None:
@@ -221,7 +221,7 @@ def train_default(
 
 
 def peers_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
-    """Other people's libraries, in their own environment."""
+    """Fit and run the baseline libraries in their separate environment."""
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant)
     try:
@@ -235,13 +235,13 @@ def peers_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgres
                 outcome, peers.predictors, plan, folder, lambda share: tell(0.5 + 0.5 * share)
             )
     except AdkError as error:
-        # Libraries of others in an environment of theirs: not worth losing the rest for.
+        # An external library in a separate environment: its failure must not end the run.
         return Outcome(job, failed=str(error), seconds=outcome.seconds)
     return outcome
 
 
 def floor_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
-    """The plant itself, from the same measurements."""
+    """Run the oracle: the plant itself, restarted from the same measurements."""
     outcome = Outcome(job)
     for number, test in enumerate(plan.tests):
         with outcome.clocked("simulating"):
@@ -259,7 +259,7 @@ def _evaluate_on_all_tests(
     folder: Path,
     tell: NoteProgress,
 ) -> None:
-    """Take each through all tests, score it, keep its one-step predictions for the figures."""
+    """Run and score each predictor on all tests; keep one-step predictions for the figures."""
     job = outcome.job
     total = len(plan.tests) * len(everybody)
     done = 0
@@ -288,11 +288,11 @@ def _evaluation_rest(tell: NoteProgress) -> NoteProgress:
 
 
 def _nothing(share: float) -> None:
-    """Where progress is told otherwise."""
+    """Ignore the progress."""
 
 
 def read_series(folder: Path, plan: BenchPlan, test: str, name: str) -> tuple[FloatArray, ...]:
-    """Return time (n,) s, truth and one-step prediction (n, 3) SI; KeyError where not run."""
+    """Return time (n,) s, truth and one-step prediction (n, 3) SI; raise KeyError if not run."""
     path = series_path(folder, cases.CLEAN, test, name)
     if not path.is_file():
         raise KeyError(name)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The peers: what is asked of another Python and what it answers, with a stand-in for them."""
+"""Baseline libraries: requests to the other environment and its replies, with a fake library."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_job_and_answer(tmp_path: Path) -> None:
         both.predictors[0].predict(test, rows, 4)
 
 
-def test_only_good_stretches_are_learned_from() -> None:
+def test_only_contiguous_good_samples_are_learned_from() -> None:
     drive = record(200)
     flags, episode, x, u = (v.copy() for v in (drive.flags, drive.episode, drive.x, drive.u))
     flags[40:45] = int(Flag.FROZEN)
@@ -97,21 +97,21 @@ def test_only_good_stretches_are_learned_from() -> None:
     assert np.isfinite(found_u).all()
     np.testing.assert_array_equal(found_x[-200:], drive.x)
     np.testing.assert_array_equal(found_x[40:65], drive.x[45:70])
-    with pytest.raises(DataError, match="nothing to learn from"):
+    with pytest.raises(DataError, match="no training data"):
         stretches([drive.rows(slice(0, 10))])
 
 
-def test_an_environment_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_environment_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(baseline_libraries.VARIABLE, raising=False)
-    monkeypatch.setattr(baseline_libraries, "_BESIDE", tmp_path)
+    monkeypatch.setattr(baseline_libraries, "_SOURCE_FOLDER", tmp_path)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UsageError, match=r"no \.venv-peers: run `make peers`") as caught:
         Peers([record()])
     assert "\n" not in str(caught.value)
     monkeypatch.setenv(baseline_libraries.VARIABLE, str(tmp_path / "none"))
-    with pytest.raises(UsageError, match="none is no executable"):
+    with pytest.raises(UsageError, match="none is not an executable"):
         find_python()
-    with pytest.raises(UsageError, match="is no executable"):
+    with pytest.raises(UsageError, match="is not an executable"):
         find_python(tmp_path)
     monkeypatch.setenv(baseline_libraries.VARIABLE, sys.executable)
     assert find_python() == Path(sys.executable)
@@ -122,9 +122,9 @@ def test_an_environment_that_is_not_there(tmp_path: Path, monkeypatch: pytest.Mo
     assert find_python() == made
 
 
-def test_an_environment_without_the_peers(tmp_path: Path) -> None:
-    """The real worker, under a Python that has neither."""
-    pattern = r"does not work \(ModuleNotFoundError: No module named 'no_such_peer'\): run `make"
+def test_an_environment_without_the_libraries_is_refused(tmp_path: Path) -> None:
+    """The real worker in a Python without the libraries."""
+    pattern = r"is broken \(ModuleNotFoundError: No module named 'no_such_peer'\): run `make"
     text = baseline_libraries.WORKER.read_text().replace('"pykoop"', '"no_such_peer"')
     with pytest.raises(UsageError, match=pattern):
         Peers([record()], sys.executable, worker=script(tmp_path, text), names=["no_such_peer"])
@@ -135,23 +135,25 @@ def test_an_environment_without_the_peers(tmp_path: Path) -> None:
     [
         ("raise SystemExit('broken for a reason')", UsageError, "broken for a reason.*make peers"),
         ("input(); print('failed ValueError: bad data', flush=True)", DataError, "bad data"),
-        ("input(); print('done', flush=True); input()", DataError, "peers failed"),
+        ("input(); print('done', flush=True); input()", DataError, "baseline libraries failed"),
     ],
 )
-def test_a_worker_that_fails(tmp_path: Path, text: str, error: type[Exception], said: str) -> None:
+def test_a_failing_worker_is_reported(
+    tmp_path: Path, text: str, error: type[Exception], said: str
+) -> None:
     with pytest.raises(error, match=said):
         fitted(tmp_path, text)
 
 
-def test_a_worker_that_hangs_is_stopped(tmp_path: Path) -> None:
+def test_a_hanging_worker_is_stopped(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"more than 0.5 s"):
         fitted(tmp_path, "import time; time.sleep(60)", timeout_s=0.5)
 
 
 @pytest.mark.parametrize("check", [1e-3, float("nan")])
-def test_batches_that_are_not_the_librarys_own_are_refused(tmp_path: Path, check: float) -> None:
+def test_batches_that_differ_from_the_library_are_refused(tmp_path: Path, check: float) -> None:
     text = STAND_IN.replace("CHECK", f"float('{check}')")
-    with pytest.raises(DataError, match="would not be its own"):
+    with pytest.raises(DataError, match="batch predictions differ"):
         fitted(tmp_path, text)
 
 
@@ -162,7 +164,7 @@ def test_an_answer_of_another_shape_is_refused(tmp_path: Path) -> None:
 
 
 class Linear:
-    """A peer of one setting that matters, to run the worker's own code with."""
+    """A fake library with one relevant setting, for the code of the worker."""
 
     labels = ("ridge",)
     tried: list[float]
@@ -188,7 +190,7 @@ class Linear:
             out.append(state)
         return np.stack(out, axis=1)
 
-    def own(self, x: Any, u: Any) -> Any:
+    def library_prediction(self, x: Any, u: Any) -> Any:
         return self.predict(x[None], u[None])[0]
 
 
@@ -202,7 +204,7 @@ def linear_drive(n: int, seed: int) -> Record:
     return dataclasses.replace(drive, x=x, x_ref=x)
 
 
-def test_the_worker_chooses_on_the_last_part_and_predicts(tmp_path: Path) -> None:
+def test_the_worker_validates_on_the_last_part(tmp_path: Path) -> None:
     worker = runpy.run_path(str(baseline_libraries.WORKER), run_name="worker")
     worker["PEERS"]["linear"] = Linear
     x, u, episode = stretches([linear_drive(600, 1), linear_drive(500, 2)])
@@ -231,7 +233,7 @@ def test_the_worker_chooses_on_the_last_part_and_predicts(tmp_path: Path) -> Non
     np.testing.assert_allclose(predicted[~lacks_past], truth[~lacks_past], atol=1e-8)
 
 
-def test_the_worker_asks_for_nothing_but_numpy_and_the_peers() -> None:
+def test_the_worker_needs_only_numpy_and_the_libraries() -> None:
     text = baseline_libraries.WORKER.read_text()
     names = {
         line.split()[1].split(".")[0]

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The drives of the tables: split, noise, dropouts, and the rows that are predicted from."""
+"""Drives of the benchmark: split, noise, dropouts and predicted rows."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def wave(n: int = 4000) -> Record:
     return replace(record, a=np.zeros((n, 2)))
 
 
-def test_all_tests_have_a_scenario_and_a_seed_of_their_own() -> None:
+def test_every_test_has_its_own_scenario_and_seed() -> None:
     names = [cases.TRAINING, *(test for test in cases.TESTS if test != cases.NOMINAL)]
     assert set(names) <= set(scenarios())
     seeds = [load_scenario(name).seed for name in names]
@@ -43,7 +43,7 @@ def test_all_tests_have_a_scenario_and_a_seed_of_their_own() -> None:
     assert cases.TESTS[:7] == cases.PAPER_TESTS
 
 
-def test_the_nominal_test_is_what_was_not_trained_on(folder: Path) -> None:
+def test_the_nominal_test_is_held_out(folder: Path) -> None:
     train = cases.training_record(folder, cases.CLEAN)
     test = cases.test_record(folder, cases.NOMINAL, cases.CLEAN)
     driven, begin = cases.simulate_test(cases.NOMINAL, SHORT)
@@ -56,7 +56,7 @@ def test_the_nominal_test_is_what_was_not_trained_on(folder: Path) -> None:
     np.testing.assert_array_equal(cases.test_record(folder, "slalom", cases.CLEAN).u, other.u)
 
 
-def test_noise_and_dropouts_are_as_they_are_said_to_be() -> None:
+def test_noise_and_dropout_statistics() -> None:
     clean = wave(40_000)
     heard = cases.noisy(clean, 3)
     lost = heard.flags == int(Flag.ODOMETRY_STALE)
@@ -77,7 +77,7 @@ def test_noise_and_dropouts_are_as_they_are_said_to_be() -> None:
     assert (cases.noisy(clean, 4).x != heard.x).any()
 
 
-def test_training_has_no_truth_but_the_measurement() -> None:
+def test_training_uses_only_the_measurement() -> None:
     heard = cases.noisy(wave(), 0, training=True)
     lost = ~heard.learnable
     assert lost.any()
@@ -85,7 +85,7 @@ def test_training_has_no_truth_but_the_measurement() -> None:
     np.testing.assert_array_equal(heard.x_ref[~lost], heard.x[~lost])
 
 
-def test_every_tick_with_a_past_is_predicted_dropouts_included() -> None:
+def test_all_rows_with_history_are_predicted() -> None:
     record = cases.noisy(wave(1000), 5)
     rows, starts = cases.rows_of(record, 20)
     np.testing.assert_array_equal(rows, np.arange(8, 999))
@@ -100,7 +100,7 @@ def test_every_tick_with_a_past_is_predicted_dropouts_included() -> None:
         cases.rows_of(wave(60), 20)
 
 
-def test_a_tenth_of_the_training_validates_spread_over_it() -> None:
+def test_validation_data_are_a_tenth_spread_over_the_drive() -> None:
     record = wave(40_000)
     cut = cases.pieces(record)
     np.testing.assert_array_equal(np.concatenate([piece.x for piece in cut]), record.x)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The bars and the claims: each rule on scores that are made to pass and to fail it."""
+"""Acceptance criteria and claims: each rule on scores that pass and that fail it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def changed(
     board: ScoreTable, test: str, name: str, variant: str = CLEAN, seed: int | None = None,
     cell: tuple[int, int] = (0, 0), rmse: float = 2.0, covered: int | None = None,
 ) -> ScoreTable:  # fmt: skip
-    """The board with one cell of a predictor altered, in one seed or in all."""
+    """Return the scores with one combination of a predictor altered, in one seed or in all."""
     items = board.scores[variant, test, name]
     for i, item in enumerate(items):
         if seed in (None, i):
@@ -45,22 +45,22 @@ def changed(
     return board
 
 
-def test_a_good_board_passes() -> None:
+def test_good_scores_pass() -> None:
     found = bars(good_board())
     assert found["geometric-mean"].verdict == PASS
     assert found["geometric-mean"].figure.startswith(
-        "0.100 of the best naive predictor's RMSE over 300 cells, at most 0.25"
+        "0.100 of the best naive predictor's RMSE over 300 combinations, at most 0.25"
     )
-    assert found["no-cell-above-1"].figure == "0 of 300 cells, all seeds above 1.0"
+    assert found["no-cell-above-1"].figure == "0 of 300 combinations, all seeds above 1.0"
     for name in ("no-cell-above-1", "ahead-of-pykoop", "ahead-of-pykoopman", "coverage"):
         assert found[name].verdict == PASS, name
-    assert found["ahead-of-tuned-7dof"].figure == "100.0 % of 300 cells, at least 90 %"
+    assert found["ahead-of-tuned-7dof"].figure == "100.0 % of 300 combinations, at least 90 %"
     assert found["coverage-by-cell"].verdict == INFO
     assert str(found["av21"]) == "FAIL av21 not measured: give --recordings DIR"
     assert found["papers-effect"].verdict == FAIL
 
 
-def test_the_mean_is_geometric_and_over_all_cells() -> None:
+def test_the_mean_is_geometric_and_over_all_combinations() -> None:
     found = bars(board_of({name: 1.0 for name in NAIVE} | {ADK_ROS: 0.3}))
     assert found["geometric-mean"].verdict == FAIL
     assert "0.300 of" in found["geometric-mean"].figure
@@ -74,38 +74,40 @@ def test_the_mean_is_geometric_and_over_all_cells() -> None:
     assert "(clean 0.100, noisy 0.500)" in figure.figure
 
 
-def test_a_cell_is_lost_if_even_the_best_seed_is_above() -> None:
+def test_a_combination_is_lost_if_all_seeds_are_above() -> None:
     board = changed(good_board(), "winter", ADK_ROS, NOISY, seed=1, cell=(2, 1), rmse=9.0)
     found = bars(board)["no-cell-above-1"]
     assert found.verdict == PASS
-    assert "within the spread: noisy winter (v_y 0.5 s 3.07 (0.09 to 9.00))" in found.figure
+    assert "not for all seeds: noisy winter (v_y 0.5 s 3.07 (0.09 to 9.00))" in found.figure
     found = bars(changed(board, "gusts", ADK_ROS, cell=(4, 0), rmse=1.5))["no-cell-above-1"]
     assert found.verdict == FAIL
-    assert found.figure.startswith("1 of 300 cells, all seeds above 1.0: clean gusts (v_x 2 s 1.5")
+    assert found.figure.startswith(
+        "1 of 300 combinations, all seeds above 1.0: clean gusts (v_x 2 s 1.5"
+    )
 
 
-def test_ahead_in_nine_of_ten_cells_is_enough_and_the_others_are_named() -> None:
+def test_nine_of_ten_combinations_suffice_and_the_others_are_named() -> None:
     board = good_board()
     for test in TESTS:
         board = changed(board, test, PYKOOP, cell=(0, 0), rmse=0.05)
     found = bars(board)["ahead-of-pykoop"]
     assert found.verdict == PASS
-    assert found.figure.startswith("96.7 % of 300 cells")
+    assert found.figure.startswith("96.7 % of 300 combinations")
     assert "behind in 10: clean gusts (v_x 1 step 2.00)" in found.figure
     for test in TESTS:
         for cell in ((1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (1, 1)):
             board = changed(board, test, PYKOOP, cell=cell, rmse=0.05)
     found = bars(board)["ahead-of-pykoop"]
     assert found.verdict == FAIL
-    assert found.figure.startswith("76.7 % of 300 cells")
+    assert found.figure.startswith("76.7 % of 300 combinations")
 
 
-def test_as_good_is_not_ahead() -> None:
+def test_a_tie_does_not_count_as_ahead() -> None:
     board = board_of({name: 1.0 for name in NAIVE} | {ADK_ROS: 0.2, PYKOOP: 0.2})
     assert bars(board)["ahead-of-pykoop"].figure.startswith("0.0 %")
 
 
-def test_without_peers_the_bar_says_how_to_get_them() -> None:
+def test_missing_libraries_are_explained() -> None:
     board = good_board()
     board.drop(PYKOOP, PYKOOPMAN)
     found = bars(board, without="there is no .venv-peers: run `make peers`")
@@ -128,16 +130,16 @@ def test_coverage_must_be_within_both_bounds() -> None:
     )
 
 
-def test_one_tests_coverage_is_told_but_not_judged() -> None:
+def test_coverage_by_test_is_informative_only() -> None:
     board = changed(good_board(), "winter", ADK_ROS, CLEAN, cell=(0, 0), rmse=0.1, covered=500)
     found = bars(board)
     assert found["coverage"].verdict == PASS
-    assert "299 of 300 cells within; outside: clean winter (v_x 1 step 50.0 %)" in (
+    assert "299 of 300 combinations within; outside: clean winter (v_x 1 step 50.0 %)" in (
         found["coverage-by-cell"].figure
     )
 
 
-def test_no_covariance_is_no_coverage() -> None:
+def test_coverage_needs_a_covariance() -> None:
     board = good_board()
     for items in board.scores.values():
         for i, item in enumerate(items):
@@ -145,16 +147,16 @@ def test_no_covariance_is_no_coverage() -> None:
     assert bars(board)["coverage"].figure.startswith("not measured")
 
 
-def test_recordings() -> None:
+def test_criteria_on_real_recordings() -> None:
     good, bad = np.full((5, 3), 0.6), np.full((5, 3), 0.6)
     # One step does not count; 0.5 s does.
     good[0] = 3.0
     bad[2, 1] = 1.2
     found = bars(good_board(), RecordingScores({"a / a": good, "b / b": good, "a / b": bad}))
     assert found["av21"].verdict == PASS
-    assert "18 of 18 cells of 2 recordings" in found["av21"].figure
+    assert "18 of 18 combinations of 2 recordings" in found["av21"].figure
     assert found["av21-across"].verdict == INFO
-    assert found["av21-across"].figure.startswith("8 of 9 cells")
+    assert found["av21-across"].figure.startswith("8 of 9 combinations")
     assert found["av21-across"].figure.endswith("not below: a / b v_y 0.5 s 1.20")
     found = bars(good_board(), RecordingScores({"a / a": bad}))
     assert found["av21"].verdict == FAIL
@@ -162,16 +164,16 @@ def test_recordings() -> None:
     assert "av21-across" not in found
 
 
-def test_the_papers_effect_in_the_papers_own_figures() -> None:
+def test_papers_effect_with_the_papers_figures() -> None:
     found = bars(_with_ours(papers_board()))["papers-effect"]
     assert found.verdict == PASS
-    assert "21 of 21 cells" in found.figure
+    assert "21 of 21 entries" in found.figure
     board = papers_board()
     changed(board, "mountain", SWLS, cell=(0, 2), rmse=0.04 * np.pi / 180.0)
     found = bars(_with_ours(board))["papers-effect"]
     assert found.verdict == FAIL
     assert found.figure.endswith(
-        "20 of 21 cells of Tables 4 to 8; short: mountain yaw rate 51.81 % (paper 91.57 %)"
+        "20 of 21 entries of Tables 4 to 8; less: mountain yaw rate 51.81 % (paper 91.57 %)"
     )
 
 
@@ -183,7 +185,7 @@ def _with_ours(board: ScoreTable) -> ScoreTable:
 
 
 def series(test: str, name: str) -> tuple[FloatArray, ...]:
-    """100 s in which only the first second is off, and 15 to 50 s a little."""
+    """100 s with errors in the first second, and small ones from 15 to 50 s."""
     time_s = np.arange(1, 4001) * 0.025
     truth = np.stack([20 + 9 * np.sin(time_s), np.sin(time_s), np.sin(time_s)], axis=1)
     error = np.where(time_s < 1.0, 0.1, np.where((time_s > 15) & (time_s < 50), 1e-2, 1e-4))
@@ -193,7 +195,7 @@ def series(test: str, name: str) -> tuple[FloatArray, ...]:
 
 
 def papers_claims() -> list[Claim]:
-    """The claims, judged by the paper's own tables."""
+    """Check the claims with the figures of the paper."""
     board = papers_board()
     for name, rmse in ((DK, (0.620, 0.090, 1.552)), (ALDK, (0.220, 0.014, 0.282))):
         if name == DK:
@@ -202,7 +204,7 @@ def papers_claims() -> list[Claim]:
     return judge_claims(board, series)
 
 
-def test_most_claims_hold_by_the_papers_own_tables() -> None:
+def test_most_claims_hold_with_the_papers_figures() -> None:
     found = papers_claims()
     assert len(found) == len(STATEMENTS) > 30
     verdicts = {claim.text: claim.verdict for claim in found}
@@ -218,7 +220,7 @@ def test_most_claims_hold_by_the_papers_own_tables() -> None:
     assert by_start["ALDK-SWLS's RMSE is below ALDK's by 95, "] == HOLDS
 
 
-def test_verdicts_are_counted_in_words() -> None:
+def test_claim_counts_as_text() -> None:
     found = papers_claims()
     n = len(found)
     said = f"Of {n} claims: {n - 3} holds, 2 holds in part, 1 not measured."
@@ -243,7 +245,7 @@ def test_verdicts_follow_the_figures() -> None:
     ("true", "verdict"),
     [((True, True), HOLDS), ((True, False), PART), ((False, False), NOT), ((), UNKNOWN)],
 )
-def test_the_rule(true: tuple[bool, ...], verdict: str) -> None:
+def test_verdict_of_a_claim(true: tuple[bool, ...], verdict: str) -> None:
     made = Claim("4", "it is so", tuple(Comparison("a < b", value) for value in true))
     assert made.verdict == verdict
 
@@ -264,10 +266,10 @@ def test_comparisons_show_both_figures_and_the_papers() -> None:
     assert item.text == "slalom, v_x: RMSE of 7 DoF-MF 0.027 < the next, ALDK-SWLS 0.173"
 
 
-def test_what_the_paper_does_not_ask() -> None:
+def test_comparison_with_naive_predictors() -> None:
     board = board_of({name: 1.0 for name in NAIVE} | {ALDK: 3.0, SWLS: 0.5})
     first, second = compared_with(board)
-    assert "0 of 30 cells (median ratio 3.00)" in first
-    assert "30 of 30 cells (median ratio 0.5)" in second
+    assert "0 of 30 combinations (median ratio 3.00)" in first
+    assert "30 of 30 combinations (median ratio 0.5)" in second
     assert "120 of 120" in second
     assert compared_with(ScoreTable()) == []

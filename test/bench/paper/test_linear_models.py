@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Least squares without lifting, on linear systems that are known; the contract of predictors."""
+"""Least squares without lifting on known linear systems; the predictor protocol."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ C = np.array([0.15, 0.0, 0.01])
 def record(
     n: int = 400, a: FloatArray = A, b: FloatArray = B, seed: int = 0, noise: float = 0.0
 ) -> Record:
-    """A drive of x_(k+1) = a x_k + b u_k + C, some 15 m/s fast."""
+    """Return a record of x_(k+1) = a x_k + b u_k + C at about 15 m/s."""
     random = np.random.default_rng(seed)
     u = random.normal(0.0, [300.0, 0.03], (n, 2)).cumsum(axis=0) * 0.1
     u -= u.mean(axis=0)
@@ -44,7 +44,7 @@ def truth(drive: Record, rows: np.ndarray, ahead: int) -> FloatArray:
     return drive.x_ref[rows[:, None] + np.arange(1, ahead + 1)]
 
 
-def test_a_linear_system_is_found_exactly() -> None:
+def test_a_linear_system_is_identified_exactly() -> None:
     drive = record()
     fitted = LeastSquares.fit([drive])
     a, b, c = fitted.matrices()
@@ -56,7 +56,7 @@ def test_a_linear_system_is_found_exactly() -> None:
     np.testing.assert_allclose(predicted, truth(drive, rows, 80), atol=1e-8)
 
 
-def test_what_may_not_be_learned_is_left_out() -> None:
+def test_unlearnable_samples_are_left_out() -> None:
     drive = record()
     wrong = drive.x.copy()
     wrong[50:60] += 3.0
@@ -77,13 +77,13 @@ def test_what_may_not_be_learned_is_left_out() -> None:
 
 
 def test_too_little_is_refused() -> None:
-    with pytest.raises(DataError, match=r"ten pairs .* give longer drives"):
+    with pytest.raises(DataError, match=r"ten pairs .* use longer recordings"):
         LeastSquares.fit([record().rows(slice(0, 8))])
     with pytest.raises(DataError, match="have 0"):
         LeastSquares.fit([])
 
 
-def test_adapting_finds_a_system_that_has_changed() -> None:
+def test_adaptation_identifies_a_changed_system() -> None:
     changed = A + np.array([[0.0, 0.0, 0.0], [0.0, -0.1, 0.05], [0.0, 0.0, -0.1]])
     train, drive = record(), record(n=1500, a=changed, seed=2)
     settings = OnlineSettings(window=400, ridge=1e-3)
@@ -97,7 +97,7 @@ def test_adapting_finds_a_system_that_has_changed() -> None:
     assert (errors[1] < 1e-3 * errors[0]).all(), errors
 
 
-def test_adapting_is_the_windowed_problem_solved_anew() -> None:
+def test_adaptation_equals_the_batch_solution_of_the_window() -> None:
     train, drive = record(), record(n=700, seed=3, noise=0.05)
     settings = OnlineSettings(window=150, ridge=2.0)
     fitted = LeastSquares.fit([train], settings)
@@ -121,8 +121,8 @@ def predictors() -> list[BenchPredictor]:
 
 
 @pytest.mark.parametrize("predictor", predictors(), ids=lambda p: p.name)
-def test_the_contract(predictor: BenchPredictor) -> None:
-    """Shapes, no rows at all, and nothing known of what comes but the commands."""
+def test_predictor_protocol(predictor: BenchPredictor) -> None:
+    """Shapes, empty rows, and no use of future data but commands."""
     drive = record(seed=5, noise=0.02)
     rows = np.arange(20, 200, 9)
     predicted = predictor.predict(drive, rows, 30)
@@ -148,7 +148,7 @@ def test_the_contract(predictor: BenchPredictor) -> None:
 
 
 @pytest.mark.parametrize("predictor", predictors(), ids=lambda p: p.name)
-def test_unknown_samples_spoil_their_own_starts_alone(predictor: BenchPredictor) -> None:
+def test_nan_samples_affect_only_their_own_starts(predictor: BenchPredictor) -> None:
     drive = record(seed=6)
     x = drive.x.copy()
     x[40] = np.nan
@@ -161,7 +161,7 @@ def test_unknown_samples_spoil_their_own_starts_alone(predictor: BenchPredictor)
     assert np.isnan(predicted[1]).any()
 
 
-def test_the_vehicle_model_starts_its_actuators_afresh_at_a_break() -> None:
+def test_actuator_states_restart_at_a_gap() -> None:
     drive = record(seed=7)
     u = np.zeros_like(drive.u)
     u[:50] = [2000.0, 0.1]

@@ -303,7 +303,7 @@ def test_recordings_are_found_and_scored(tmp_path: Path, monkeypatch: pytest.Mon
         for path in found
     ]
     recorded = av21.RecordingScores.of(outcomes)
-    assert len(recorded.pairs(own=True)) == len(recorded.pairs(own=False)) == 2
+    assert len(recorded.pairs(same=True)) == len(recorded.pairs(same=False)) == 2
     for table in recorded.ratios.values():
         assert table.shape == (5, 3)
         assert np.isfinite(table).all()

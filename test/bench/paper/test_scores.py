@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scores against records whose errors are known, and the tables that they make."""
+"""Scores on records with known errors, and the tables of scores."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from adk_ros.bench.paper.predictors import (
     run,
 )
 from adk_ros.bench.paper.ratios import geometric_means, summary_table
-from adk_ros.bench.paper.scores import Cell, ScoreTable, cells_text, score_case
+from adk_ros.bench.paper.scores import Combination, ScoreTable, combinations_text, score_case
 from adk_ros.signals.channels import Flag, Record
 from adk_ros.signals.score import DIVERGED, HORIZON_STEPS
 
@@ -49,7 +49,7 @@ def ramp(n: int = 400) -> Record:
     return replace(made_record(x), a=np.tile([ACCELERATION, 0.0], (n, 1)))
 
 
-def test_naive_predictors_score_what_arithmetic_says() -> None:
+def test_scores_of_naive_predictors_are_exact() -> None:
     record = ramp()
     rows, starts = rows_of(record, 20)
     items = {
@@ -67,7 +67,7 @@ def test_naive_predictors_score_what_arithmetic_says() -> None:
     assert not items["persistence"].claimed.any()
 
 
-def test_what_is_lost_is_counted_by_horizon() -> None:
+def test_diverged_predictions_are_counted_by_horizon() -> None:
     record = ramp()
     rows, starts = rows_of(record, 20)
     passed = run(NaivePredictor("straight line"), record, rows, starts)
@@ -80,7 +80,7 @@ def test_what_is_lost_is_counted_by_horizon() -> None:
     assert item.rmse[3, 0] == pytest.approx(DIVERGED / np.sqrt(starts.size))
 
 
-def test_intervals_are_held_against_measurements_that_there_are() -> None:
+def test_coverage_counts_only_existing_measurements() -> None:
     record = ramp()
     rows, starts = rows_of(record, 10)
     passed = run(NaivePredictor("persistence"), record, rows, starts)
@@ -98,11 +98,11 @@ def test_intervals_are_held_against_measurements_that_there_are() -> None:
     assert item.claimed[1].tolist() == [starts.size - 1] * 3
 
 
-def test_ratios_are_to_the_best_naive_of_the_cell() -> None:
+def test_ratios_refer_to_the_best_naive_predictor() -> None:
     board = board_of({"persistence": 2.0, "straight line": 4.0, ADK_ROS: (1.0, 3.0)}, ["nominal"])
     ratios = board.ratios(ADK_ROS)
     assert len(ratios) == 2 * 5 * 3
-    assert ratios[Cell(CLEAN, "nominal", 0, 0)].tolist() == [0.5, 1.5]
+    assert ratios[Combination(CLEAN, "nominal", 0, 0)].tolist() == [0.5, 1.5]
     assert board.rmse(NOISY, "nominal", ADK_ROS)[4, 2] == 2.0
     assert set(board.against(ADK_ROS, "straight line").values()) == {0.5}
     assert board.names() == ["persistence", "straight line", ADK_ROS]
@@ -110,12 +110,19 @@ def test_ratios_are_to_the_best_naive_of_the_cell() -> None:
     assert not board.has(ADK_ROS)
 
 
-def test_cells_in_words() -> None:
-    cells = [Cell(NOISY, "winter", 4, 1), Cell(NOISY, "winter", 0, 0), Cell(CLEAN, "gusts", 1, 2)]
-    assert cells_text(cells) == "clean gusts (yaw rate 0.25 s), noisy winter (v_x 1 step; v_y 2 s)"
+def test_combinations_as_text() -> None:
+    cells = [
+        Combination(NOISY, "winter", 4, 1),
+        Combination(NOISY, "winter", 0, 0),
+        Combination(CLEAN, "gusts", 1, 2),
+    ]
+    assert (
+        combinations_text(cells)
+        == "clean gusts (yaw rate 0.25 s), noisy winter (v_x 1 step; v_y 2 s)"
+    )
 
 
-def test_the_papers_figures_are_the_papers() -> None:
+def test_published_figures_are_quoted_correctly() -> None:
     assert published(3, "nominal")["DK"][2] == (4.844, 1.552)
     assert published(4, "nominal")[ALDK][0] == (1.839, 0.220)
     assert printed("slalom", SWLS).tolist() == [0.173, 0.009, 0.080]
@@ -131,7 +138,7 @@ def test_the_papers_figures_are_the_papers() -> None:
         printed("slalom", "DK")
 
 
-def test_one_step_tables_have_ours_beside_the_papers() -> None:
+def test_one_step_tables_compare_with_the_paper() -> None:
     tables = {table.name: table for table in one_step_tables(papers_board())}
     assert list(tables) == [f"table_{i}_clean" for i in range(3, 9)]
     five = tables["table_5_clean"]
@@ -146,7 +153,7 @@ def test_one_step_tables_have_ours_beside_the_papers() -> None:
     assert next(r for r in tables["table_3_clean"].rows if r[0] == MF)[2] == "-"
 
 
-def test_all_predictors_are_in_every_table_and_the_floor_is_last() -> None:
+def test_tables_list_all_predictors_with_the_oracle_last() -> None:
     board = good_board()
     for variant in (CLEAN, NOISY):
         for test in board.tests():
@@ -167,7 +174,7 @@ def test_all_predictors_are_in_every_table_and_the_floor_is_last() -> None:
     assert geometric_means(board, ORACLE)[NOISY, 0] == pytest.approx(0.01)
 
 
-def test_diverged_is_said_in_words() -> None:
+def test_divergence_is_marked_in_tables() -> None:
     board = board_of({"persistence": 1.0}, ["slalom"])
     board.add(CLEAN, "slalom", PYKOOP, case_score(40.0, diverged=3))
     shown = next(row for row in horizon_tables(board)[0].rows if row[0] == PYKOOP)
@@ -182,7 +189,7 @@ def test_numbers_are_short() -> None:
     assert texts == ["1234", "12.3", "1.23", "0.123", "0.0123", "1.2e-05", "0"]
 
 
-def test_files(tmp_path: Path) -> None:
+def test_table_files(tmp_path: Path) -> None:
     board = good_board(["nominal", "gusts"])
     table = one_step_tables(board)[0]
     table.write(tmp_path)
