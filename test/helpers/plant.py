@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of the fourteen-degree-of-freedom plant share: driving it, loads, energy."""
+"""Helpers for tests of the fourteen-degree-of-freedom plant: simulation, loads, energy."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from adk_ros.plant.vehicle.vehicle_parameters import Constants, Vehicle, load_ve
 
 
 class Car(NamedTuple):
-    """A vehicle as the kernels take it."""
+    """A vehicle in the form for the kernels."""
 
     c: Constants
     b: SprungMass
@@ -51,7 +51,7 @@ def car(vehicle: Vehicle) -> Car:
 
 
 def changed(name: str = "imdv", *, chassis: dict[str, float] | None = None, **own: object) -> Car:
-    """A packaged vehicle with other parameters."""
+    """Return a packaged vehicle with changed parameters."""
     vehicle = load_vehicle(name)
     content = vehicle.model_dump() | own
     if chassis is not None:
@@ -78,7 +78,7 @@ def go(
     planes: FloatArray = LEVEL,
     wind: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[FloatArray, FloatArray]:
-    """Drive from a copy of `state`; rows as `fourteen_dof.advance` has them."""
+    """Simulate from a copy of `state`; rows as in `fourteen_dof.advance`."""
     states = np.empty((len(commands) + 1, STATE_SIZE))
     forces = np.empty((len(commands) + 1, 2))
     u = np.array(commands, dtype=np.float64)
@@ -91,12 +91,12 @@ def rolling(car: Car, v_x: float, planes: FloatArray = LEVEL, **where: float) ->
 
 
 def settled(car: Car, planes: FloatArray = LEVEL, v_x: float = 0.0) -> FloatArray:
-    """The state two seconds later, straight ahead: springs and tyres have found their rest."""
+    """Return the state after 2 s straight ahead, when springs and tyres are at rest."""
     return go(car, rolling(car, v_x, planes), [(0.0, 0.0)] * 80, planes=planes)[0][-1]
 
 
 def attitude(state: FloatArray) -> FloatArray:
-    """Body to map, (3, 3)."""
+    """Return the rotation from body to map, (3, 3)."""
     h, p, r = state[[HEADING, PITCH, ROLL]]
     about_z = np.array([[math.cos(h), -math.sin(h), 0], [math.sin(h), math.cos(h), 0], [0, 0, 1]])
     about_y = np.array([[math.cos(p), 0, math.sin(p)], [0, 1, 0], [-math.sin(p), 0, math.cos(p)]])
@@ -105,7 +105,7 @@ def attitude(state: FloatArray) -> FloatArray:
 
 
 def hubs(car: Car, state: FloatArray) -> FloatArray:
-    """The wheel centres against P in body axes, (4, 3)."""
+    """Return the wheel centres relative to P in body axes, (4, 3)."""
     c = car.c
     half = 0.5 * c.track_width
     x = [c.cg_to_front_axle] * 2 + [-c.cg_to_rear_axle] * 2
@@ -114,7 +114,7 @@ def hubs(car: Car, state: FloatArray) -> FloatArray:
 
 
 def tyre_forces(car: Car, state: FloatArray, planes: FloatArray = LEVEL) -> FloatArray:
-    """Loads of the four wheels, steered straight, N."""
+    """Return the loads of the four wheels at zero steering, N."""
     turn, at = attitude(state), hubs(car, state)
     rates = state[[ROLL_RATE, PITCH_RATE, YAW_RATE]]
     moving = state[[V_X, V_Y, V_Z]] + np.cross(rates, at)
@@ -132,7 +132,7 @@ def tyre_forces(car: Car, state: FloatArray, planes: FloatArray = LEVEL) -> Floa
 
 
 def energy(car: Car, state: FloatArray, planes: FloatArray = LEVEL) -> float:
-    """Kinetic energy, gravity's, and what springs, bars, stops and tyres hold, J."""
+    """Return kinetic, gravitational and elastic energy (springs, bars, stops, tyres), J."""
     c, b = car
     turn, at = attitude(state), hubs(car, state)
     v = state[[V_X, V_Y, V_Z]]
@@ -169,7 +169,7 @@ def energy(car: Car, state: FloatArray, planes: FloatArray = LEVEL) -> float:
 
 
 def offsets(drive: SimulatedDrive) -> np.ndarray:
-    """Metres to the left of the route, a row a tick."""
+    """Return the lateral offset from the route at each tick, left positive, m."""
     table, spacing = drive.route.table, drive.route.spacing
     places = zip(drive.arc_length, drive.pose, strict=True)
     return np.array([locate(table, spacing, s, x, y)[1] for s, (x, y, _) in places])

@@ -1,18 +1,18 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The physics model as a predictor: from measured (v_x, v_y, yaw rate) under known commands.
+Physics model as a predictor: rollouts from measured (v_x, v_y, yaw rate) under known commands.
 
-Same tyres, loads, air and actuators as the plant, but quasi-static wheels, since a measurement
-knows no wheel spins: a wheel's f_x is its torque over its radius, and what the spins take up moves
-to the other side as mass,
+Tyres, loads, aerodynamics and actuators are those of the plant. Wheel spins are not measured, so
+the wheels are quasi-static: f_x is the wheel torque over the radius, and the rotating inertia
+counts as mass,
 
-    (m + 4 I_w / R^2) dv_x/dt = F_x + m v_y r + m g_x,
+    (m + 4 I_w / R^2) dv_x/dt = F_x + m v_y r + m g_x.
 
-and the longitudinal slip is the one at which the combined Magic Formula gives that f_x, as much as
-friction allows: spinning and locked wheels end there. States that no sensor reports start where
-the given ones would hold them in steady driving: lateral forces, wheel loads (a_y = v_x r, a_x
-from the torque). The actuators' states follow from the commands so far: `actuator_states`.
+The longitudinal slip is the one at which the combined Magic Formula gives that f_x, limited by
+friction. Unmeasured states start at their steady-state values: lateral forces, and wheel loads
+(a_y = v_x r, a_x from the torque). Actuator states follow from the past commands, see
+`actuator_states`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from adk_ros.plant.vehicle.vehicle_parameters import Constants, Vehicle
 from adk_ros.signals.channels import TICK_NS
 
 MAX_STEP = 12.5e-3
-"""Longest integration step, s: half a tick, which costs no accuracy in two seconds' prediction."""
+"""Longest integration step, s: half a tick, without loss of accuracy over 2 s."""
 
 _F_Y_UTIL = 3
 _LOAD_A_X, _LOAD_A_Y = 7, 8
@@ -56,15 +56,16 @@ _SIZE = 11
 _LIMIT = np.array([150.0, 150.0, 30.0] + [1.0] * 4 + [100.0, 100.0, 1e6, 1.5])
 
 _SLIP_X_MAX = 1.5
-"""Normalised longitudinal slip near the curve's peak: torque that asks for more is lost."""
+"""Largest normalised longitudinal slip, near the peak of the curve: more torque has no effect."""
 
 
 @strict_kernel
 def driven_shares(tyre: AxleTyre, wanted: float, s_y: float) -> tuple[float, float]:
     """
-    Return (n_x, n_y) of a tyre that is asked for n_x = `wanted` at normalised lateral slip `s_y`.
+    Return the utilisation (n_x, n_y) for n_x = `wanted` at normalised lateral slip `s_y`.
 
-    Solves wanted = s_x curve(s) / s for s_x by three fixed-point steps, stopped at the peak.
+    Solves wanted = s_x magic_formula(s) / s for s_x by three fixed-point steps, limited to the
+    peak.
     """
     s_x = clip(wanted / tyre.c_x, _SLIP_X_MAX)
     for _ in range(3):
@@ -83,7 +84,7 @@ def _derivative(
     out: FloatArray,
     steady: FloatArray,
 ) -> None:
-    """Write d(state)/dt into `out`, and into `steady` (4,) what the lateral shares tend to."""
+    """Write d(state)/dt to `out` and the steady-state lateral utilisation to `steady` (4,)."""
     v_x, v_y, yaw_rate = state[0], state[1], state[2]
     mu = min(max(road[0], 0.01), 2.0)
     grade, bank = road[1], road[2]
@@ -188,16 +189,15 @@ def rollout(
     """
     Predict (v_x, v_y, yaw rate) for a batch of starts, each under its own commands.
 
-    `x0` (n, 3); `u` (n, h, 2) commands (torque N m, delta rad), entry k held from k dt to
-    (k + 1) dt; `actuators` (n, 2) what torque and angle have reached at the start, as
-    `actuator_states` gives them (else `u[:, 0]`: they start settled); `mu` the road's friction,
-    `grade` its slope in rad, climb positive.
+    `x0` (n, 3); `u` (n, h, 2): commands (torque in N·m, delta in rad), entry k constant from k dt
+    to (k + 1) dt; `actuators` (n, 2): torque and angle at the start, see `actuator_states`
+    (default: `u[:, 0]`, steady state); `mu`: friction of the road; `grade`: rad, uphill positive.
 
-    Returns (n, h, 3), entry k the state at (k + 1) dt. Each start is computed by itself: a batch
-    equals its single rollouts bit for bit. Finite for finite input: starts are held within
-    150 m/s and 30 rad/s, commands within the actuators' limits. A NaN spoils its own row only.
+    Returns (n, h, 3), entry k is the state at (k + 1) dt. A batch is bit-identical to its single
+    rollouts. Finite for finite input: starts are clamped to 150 m/s and 30 rad/s, commands to the
+    actuators' limits. A NaN affects only its own row.
 
-    Raises `ValueError` for shapes that do not fit and for a `dt` out of range.
+    :raises ValueError: shapes that do not match, or `dt` out of range.
     """
     start = np.ascontiguousarray(x0, dtype=np.float64)
     commands = np.ascontiguousarray(u, dtype=np.float64)
@@ -226,9 +226,9 @@ def actuator_states(
     vehicle: Vehicle | Constants, u: FloatArray, dt: float = TICK_NS * 1e-9
 ) -> FloatArray:
     """
-    Return what torque and road-wheel angle have reached as each command begins, shape (n, 2).
+    Return torque and road-wheel angle at the start of each command, (n, 2).
 
-    `u` (n, 2) are successive commands, each held for `dt`; the first row counts as settled.
+    `u` (n, 2): successive commands, each constant for `dt`; the first row is in steady state.
     """
     c = vehicle.constants() if isinstance(vehicle, Vehicle) else vehicle
     commands = np.asarray(u, dtype=np.float64)

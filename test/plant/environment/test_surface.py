@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Roads in three dimensions: profiles that close, planes that touch, a car that feels them."""
+"""Three-dimensional roads: closed profiles, tangent planes, and a vehicle on them."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_packaged_roads_close_in_height(name: str) -> None:
     np.testing.assert_allclose(table[:, ROAD_SLOPE], np.tan(table[:, ROAD_GRADE]), atol=1e-12)
 
 
-def test_the_profile_goes_through_its_heights() -> None:
+def test_the_profile_interpolates_its_heights() -> None:
     knots = [Height(at=at, height=h) for at, h in ((0, 2.0), (300, 9.0), (700, -4.0), (1000, 3.0))]
     road = route(heights=knots)
     s = road.spacing * np.arange(len(road.table))
@@ -82,7 +82,7 @@ def test_profiles_that_do_not_fit_are_refused(more: dict[str, object], said: str
         route(**more)
 
 
-def test_the_planes_touch_the_road() -> None:
+def test_planes_are_tangent_to_the_road() -> None:
     road = route(
         heights=[Height(at=a, height=h) for a, h in ((0, 0), (400, 12), (900, -5), (1300, 2))],
         places=[RoadPatch(start=20.0, end=600.0, bank=0.05, mu=0.6)],
@@ -107,7 +107,7 @@ def test_the_planes_touch_the_road() -> None:
         assert side == pytest.approx(left, abs=1e-6)
 
 
-def test_a_road_whose_places_climb_goes_on_climbing() -> None:
+def test_a_road_of_rising_patches_keeps_rising() -> None:
     road = route(places=[RoadPatch(start=100.0, end=300.0, grade=0.05, blend=20.0)])
     climb = road.table[-1, ROAD_HEIGHT]
     assert climb == pytest.approx(180.0 * np.tan(0.05), rel=0.01)
@@ -120,7 +120,7 @@ def test_a_road_whose_places_climb_goes_on_climbing() -> None:
         assert height / plane[3] == pytest.approx(lap * climb, abs=1e-9)
 
 
-def test_each_wheel_stands_on_its_own_road() -> None:
+def test_each_wheel_has_its_own_road_plane() -> None:
     road = route(undulations=[WAVES])
     planes = np.empty((4, 5))
     planes_under(IMDV.c, road.table, road.spacing, 110.0, (110.0, 0.0, 0.0), planes)
@@ -131,7 +131,7 @@ def test_each_wheel_stands_on_its_own_road() -> None:
     assert abs(height[0] - height[2]) > 0.05
 
 
-def test_planes_of_one_slope() -> None:
+def test_constant_slope_gives_identical_planes() -> None:
     planes = even_planes(0.8, 0.1, 0.02, heading=np.pi / 2)
     assert planes[0, 2] / planes[0, 3] == pytest.approx(-np.tan(0.1))
     assert planes[0, 1] / planes[0, 3] == pytest.approx(np.tan(0.02)), "left of north is west"
@@ -148,7 +148,7 @@ def quiet(**more: object) -> Scenario:
     return Scenario.model_validate(content | more)
 
 
-def test_over_waves_the_body_follows_and_the_springs_work() -> None:
+def test_the_body_follows_undulations_and_springs_deflect() -> None:
     drive = simulate(quiet(undulations=[WAVES.model_dump()]))
     rows = (drive.arc_length > 90.0) & (drive.arc_length < 250.0)
     s, table = drive.arc_length[rows], drive.route.table

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The floor: the plant driven on from its own states is the drive itself."""
+"""Oracle predictor: the plant continued from its own states reproduces the drive."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def drive(request: pytest.FixtureRequest) -> SimulatedDrive:
     return simulate(load_scenario(request.param), duration_s=40.0)
 
 
-def test_from_the_truth_it_is_the_drive(drive: SimulatedDrive) -> None:
+def test_started_from_the_truth_the_oracle_is_the_drive(drive: SimulatedDrive) -> None:
     rows = np.array([0, 1, 7, 400, 777, 1200, len(drive.x) - 1 - AHEAD])
     driven = oracle_rollout(drive, rows, drive.x[rows], AHEAD)
     truth = np.stack([drive.x[row + 1 : row + 1 + AHEAD] for row in rows])
@@ -29,7 +29,7 @@ def test_from_the_truth_it_is_the_drive(drive: SimulatedDrive) -> None:
     assert np.ptp(truth[:, :, 0]) > 1.0
 
 
-def test_a_measurement_in_error_is_all_that_separates_them(drive: SimulatedDrive) -> None:
+def test_only_the_measurement_error_separates_oracle_and_drive(drive: SimulatedDrive) -> None:
     rows = np.arange(100, 1500, 100)
     rng = np.random.default_rng(0)
     noise = rng.normal(0.0, [0.02, 0.02, 0.002], (len(rows), 3))
@@ -55,7 +55,7 @@ def test_starts_are_independent(drive: SimulatedDrive) -> None:
     np.testing.assert_array_equal(drive.states, before)
 
 
-def test_what_is_not_measured_is_not_predicted(drive: SimulatedDrive) -> None:
+def test_a_nan_measurement_gives_a_nan_prediction(drive: SimulatedDrive) -> None:
     x0 = drive.x[[10, 20]].copy()
     x0[0, 1] = np.nan
     driven = oracle_rollout(drive, np.array([10, 20]), x0, 5)
@@ -63,14 +63,14 @@ def test_what_is_not_measured_is_not_predicted(drive: SimulatedDrive) -> None:
     assert np.isfinite(driven[1]).all()
 
 
-def test_past_the_end_the_last_command_holds(drive: SimulatedDrive) -> None:
+def test_after_the_end_the_last_command_holds(drive: SimulatedDrive) -> None:
     last = len(drive.x) - 1
     driven = oracle_rollout(drive, np.array([last]), drive.x[[last]], 40)
     assert np.isfinite(driven).all()
     assert np.abs(np.diff(driven[0], axis=0)).max() < 1.0
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_invalid_arguments_are_refused() -> None:
     drive = simulate(load_scenario("town"), duration_s=2.0)
     none = np.array([], dtype=np.int64)
     assert oracle_rollout(drive, none, np.empty((0, 3)), 5).shape == (0, 5, 3)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The packaged scenarios of the fourteen-degree-of-freedom plant, and what their files may say."""
+"""Packaged scenarios of the fourteen-degree-of-freedom plant, and the scenario file format."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def written(folder: Path, text: str, name: str = "own.yaml") -> Path:
     return path
 
 
-def test_all_that_the_paper_drives_is_there() -> None:
+def test_every_test_of_the_paper_has_a_scenario() -> None:
     paper = {"xyz_edges", "mass_plus_160", "mass_minus_170", "inertia_plus_142",
              "inertia_minus_158", "mountain", "slalom"}  # fmt: skip
     assert {*paper, "winter", "gusts", "worn_tyres"} == set(FOURTEEN)
@@ -42,7 +42,7 @@ def test_all_that_the_paper_drives_is_there() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", STEERED)
-def test_the_driver_keeps_to_the_road(name: str) -> None:
+def test_the_driver_stays_on_the_road(name: str) -> None:
     drive = simulate(load_scenario(name), duration_s=100.0)
     assert np.abs(offsets(drive)).max() < 0.8
     assert drive.x[:, 0].min() > 3.0
@@ -56,7 +56,7 @@ def test_the_driver_keeps_to_the_road(name: str) -> None:
         ("light_truck", "mountain", "{lateral_accel: 2.5, accel: 1.2, brake: 2.0}"),
     ],
 )
-def test_other_vehicles_keep_to_it_too(
+def test_other_vehicles_stay_on_the_road(
     tmp_path: Path, vehicle: str, base: str, speed: str
 ) -> None:
     path = written(tmp_path, f"base: {base}\nvehicle: {vehicle}\nspeed: {speed}\n")
@@ -65,7 +65,7 @@ def test_other_vehicles_keep_to_it_too(
     assert np.abs(offsets(drive)).max() < 0.8
 
 
-def test_a_sweep_of_the_data_road_is_normal_driving() -> None:
+def test_a_lap_of_the_training_road_is_normal_driving() -> None:
     drive = simulate(load_scenario("xyz_edges"), duration_s=250.0)
     assert drive.arc_length[-1] > drive.route.length, "a lap and more"
     assert np.abs(drive.a[:, 1]).max() < 5.5
@@ -115,7 +115,7 @@ def test_a_swept_sine_has_its_frequencies() -> None:
         SweptSine(amplitude=0.1, fast_from=40.0, fast_until=41.0)
 
 
-def test_gusts_come_with_time_and_seed() -> None:
+def test_gusts_depend_on_time_and_seed() -> None:
     wind = Wind(x=1.0, y=-2.0, gust=4.0, gust_bandwidth_hz=0.3)
     series = wind_series(np.random.default_rng(1), wind, 40000)
     np.testing.assert_allclose(series.mean(axis=0), [1.0, -2.0], atol=0.5)
@@ -131,7 +131,7 @@ def test_gusts_come_with_time_and_seed() -> None:
     assert np.abs(simulate(calm, duration_s=20.0).x[:, 1] - drive.x[:, 1]).max() > 0.01
 
 
-def test_worn_tyres_and_winter_are_what_they_say() -> None:
+def test_worn_tyres_and_winter_have_less_grip() -> None:
     new, worn = load_scenario("xyz_edges").car(), load_scenario("worn_tyres").car()
     assert worn.front_tyre.mu < new.front_tyre.mu
     assert worn.front_tyre.c_y == new.front_tyre.c_y, "single keys of a tyre are replaced"
@@ -141,8 +141,8 @@ def test_worn_tyres_and_winter_are_what_they_say() -> None:
     assert mu.max() > 0.5
 
 
-def test_planar_scenarios_are_as_they_were() -> None:
-    """What is drawn from them, in README and bags, must not move when the plant grows."""
+def test_planar_scenarios_do_not_change() -> None:
+    """README figures and sample bags depend on them."""
     drive = simulate(load_scenario("handling"), duration_s=60.0, seed=5)
     first = [round(float(value), 9) for value in drive.x[1234]]
     assert drive.plant == "seven_dof"
@@ -150,7 +150,7 @@ def test_planar_scenarios_are_as_they_were() -> None:
     assert first == [14.201235905, -0.029716407, -0.224276684]
 
 
-def test_a_base_is_what_holds_where_nothing_is_said(tmp_path: Path) -> None:
+def test_a_base_supplies_missing_keys(tmp_path: Path) -> None:
     base = load_scenario("xyz_edges")
     own = load_scenario(written(tmp_path, "base: xyz_edges\nspeed: {top: 20.0}\nseed: 5\n"))
     assert own.name == "own"
@@ -183,7 +183,7 @@ def test_a_base_is_what_holds_where_nothing_is_said(tmp_path: Path) -> None:
         ("base: slalom\nsteering: {fast_hz: 0}\n", r"steering\.fast_hz: "),
     ],
 )
-def test_a_bad_file_is_one_line(tmp_path: Path, text: str, said: str) -> None:
+def test_a_bad_file_gives_a_one_line_message(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(UsageError, match=said) as caught:
         load_scenario(written(tmp_path, text))
     assert "\n" not in str(caught.value)
@@ -197,7 +197,7 @@ def test_a_start_speed_rises_at_the_plans_rate(tmp_path: Path) -> None:
     assert drive.x[:, 0].max() < 20.0
 
 
-def test_commands_in_step_with_the_drive() -> None:
+def test_a_command_stream_without_phase_starts_at_zero() -> None:
     """With no phase a command is given at the start, and it is the one in force."""
     scenario = load_scenario("town")
     command = scenario.sensors.command.model_copy(update={"phase_s": 0.0})
@@ -209,7 +209,7 @@ def test_commands_in_step_with_the_drive() -> None:
     assert np.all(drive.command_step[1:] * 1_000_000 % TICK_NS == 0)
 
 
-def test_twenty_seconds_take_little() -> None:
+def test_simulation_speed_on_the_mountain() -> None:
     """1400 s in 15 s are 0.21 s; five times that is allowed on a loaded machine."""
     scenario: Scenario = load_scenario("xyz_edges")
     simulate(scenario, duration_s=0.2)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scenarios driven: repeatability, the route, the sensors, and the bag that comes of it."""
+"""Simulated scenarios: repeatability, route, sensors and the written bag."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def clean(scenario: Scenario, **sensors: object) -> Scenario:
     )
 
 
-def test_a_seed_is_a_drive(drive: SimulatedDrive) -> None:
+def test_a_seed_determines_the_drive(drive: SimulatedDrive) -> None:
     again = simulate(load_scenario("handling"), duration_s=120.0)
     np.testing.assert_array_equal(again.x, drive.x)
     np.testing.assert_array_equal(again.log_ns, drive.log_ns)
@@ -53,13 +53,13 @@ def test_a_seed_is_a_drive(drive: SimulatedDrive) -> None:
     assert np.abs(other.u[:800] - drive.u[:800]).max() > 1.0
 
 
-def test_sensor_settings_do_not_touch_the_drive(drive: SimulatedDrive) -> None:
+def test_sensor_settings_do_not_change_the_motion(drive: SimulatedDrive) -> None:
     heard_better = simulate(clean(load_scenario("handling")), duration_s=120.0)
     np.testing.assert_array_equal(heard_better.x, drive.x)
     np.testing.assert_array_equal(heard_better.u, drive.u)
 
 
-def test_the_drive_is_rich(drive: SimulatedDrive) -> None:
+def test_the_drive_excites_all_channels(drive: SimulatedDrive) -> None:
     v_x, a_x, a_y = drive.x[:, 0], drive.a[:, 0], drive.a[:, 1]
     assert v_x.min() < 9.0
     assert v_x.max() > 29.0
@@ -70,7 +70,7 @@ def test_the_drive_is_rich(drive: SimulatedDrive) -> None:
     assert a_x.max() > 1.5
 
 
-def test_the_grid_is_the_tick(drive: SimulatedDrive) -> None:
+def test_truth_is_on_the_tick_grid(drive: SimulatedDrive) -> None:
     assert drive.stamp_ns[0] == START_NS
     assert np.all(drive.stamp_ns % TICK_NS == 0)
     assert np.all(np.diff(drive.stamp_ns) == TICK_NS)
@@ -81,14 +81,14 @@ def test_the_grid_is_the_tick(drive: SimulatedDrive) -> None:
 
 
 @pytest.mark.parametrize("name", ["handling", "town"])
-def test_the_driver_keeps_to_the_route(name: str) -> None:
+def test_the_driver_stays_on_the_route(name: str) -> None:
     scenario = load_scenario(name)
     drive = simulate(scenario, duration_s=240.0)
     assert drive.arc_length[-1] > 1.1 * drive.route.length, "more than one lap"
     assert np.abs(offsets(drive)).max() < 1.5
 
 
-def test_routes_close_and_bend_as_written() -> None:
+def test_routes_close_and_have_the_given_bends() -> None:
     for name in scenarios():
         scenario = load_scenario(name)
         table = scenario.planned_route().table
@@ -137,7 +137,7 @@ def test_velocity_is_the_integral_of_force_and_gravity() -> None:
     assert np.abs(np.diff(drift[::40], axis=0)).max() < 0.02, "m/s a second"
 
 
-def test_streams_have_their_rates_and_are_not_in_step(drive: SimulatedDrive) -> None:
+def test_streams_have_their_rates_and_phases(drive: SimulatedDrive) -> None:
     stamps = {source: stream.stamp_ns for source, stream in drive.streams.items()}
     for source, hertz in ((Source.IMU, 200), (Source.ODOMETRY, 50), (Source.COMMAND, 40)):
         assert np.median(np.diff(stamps[source])) == pytest.approx(1e9 / hertz, abs=1.0)
@@ -176,7 +176,7 @@ def test_noise_bias_and_loss_are_as_set() -> None:
     assert np.all(np.abs(error.mean(axis=0) - [0.0, 0.3, 0.0]) < [3e-3, 3e-3, 3e-4])
 
 
-def test_clean_sensors_tell_the_truth() -> None:
+def test_clean_sensors_report_the_truth() -> None:
     scenario = load_scenario("town")
     imu = scenario.sensors.imu
     assert imu is not None
@@ -199,7 +199,7 @@ def test_clean_sensors_tell_the_truth() -> None:
     np.testing.assert_array_equal(drive.u, commands.values[given])
 
 
-def test_a_car_without_an_imu() -> None:
+def test_a_vehicle_without_an_imu() -> None:
     scenario = load_scenario("town")
     sensors = scenario.sensors.model_copy(update={"imu": None})
     drive = simulate(scenario.model_copy(update={"sensors": sensors}), duration_s=5.0)
@@ -207,7 +207,7 @@ def test_a_car_without_an_imu() -> None:
     assert not any(reading.source is Source.IMU for reading in drive.readings)
 
 
-def test_progress_is_told_to_the_end() -> None:
+def test_progress_is_reported_to_the_end() -> None:
     told: list[tuple[float, float]] = []
     simulate(load_scenario("town"), duration_s=12.0, progress=lambda *at: told.append(at))
     assert [seconds for _, seconds in told] == [12.0] * len(told)
@@ -226,7 +226,7 @@ def test_a_negative_seed_is_refused() -> None:
         simulate(load_scenario("town"), seed=-1)
 
 
-def test_220_seconds_take_under_two_and_more() -> None:
+def test_simulation_speed_of_the_planar_plant() -> None:
     """Wall time on a loaded machine is no property of the code: twice the aim is allowed here."""
     scenario = load_scenario("handling")
     simulate(scenario, duration_s=0.2)
@@ -236,7 +236,7 @@ def test_220_seconds_take_under_two_and_more() -> None:
 
 
 @pytest.mark.parametrize(("storage", "compression"), [("mcap", "zstd"), ("sqlite3", None)])
-def test_a_bag_holds_what_the_sensors_sent(
+def test_a_bag_contains_the_sensor_messages(
     tmp_path: Path, storage: str, compression: str | None
 ) -> None:
     drive = simulate(load_scenario("town"), duration_s=5.0)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The chassis in vehicle files: what is packaged, what is derived, what is refused."""
+"""Chassis section of vehicle files: packaged values, defaults and refusals."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_the_papers_vehicle_has_its_sprung_mass() -> None:
 
 
 @pytest.mark.parametrize("name", vehicles())
-def test_masses_are_where_the_planar_car_has_them(name: str) -> None:
+def test_centre_of_gravity_equals_that_of_the_planar_model(name: str) -> None:
     vehicle = load_vehicle(name)
     b = resolve(vehicle)
     unsprung = 2.0 * (b.unsprung_f + b.unsprung_r)
@@ -51,7 +51,7 @@ def test_masses_are_where_the_planar_car_has_them(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", vehicles())
-def test_modes_are_those_of_a_car(name: str) -> None:
+def test_modal_frequencies_are_typical_of_a_car(name: str) -> None:
     """Body modes between 1 and 7 Hz, wheel hop above; all damped, none near the limit."""
     vehicle = load_vehicle(name)
     modes = vertical_modes(vehicle, resolve(vehicle))
@@ -63,7 +63,7 @@ def test_modes_are_those_of_a_car(name: str) -> None:
     assert np.abs(modes).max() < 0.2 * MAX_RATE
 
 
-def test_what_is_left_out_is_a_passenger_cars(tmp_path: Path) -> None:
+def test_defaults_are_those_of_a_passenger_car(tmp_path: Path) -> None:
     path = tmp_path / "car.yaml"
     path.write_text(CAR)
     vehicle = load_vehicle(path)
@@ -95,7 +95,7 @@ def test_what_is_left_out_is_a_passenger_cars(tmp_path: Path) -> None:
         ("7", "chassis: .*"),
     ],
 )
-def test_a_bad_chassis_is_one_line(tmp_path: Path, chassis: str, said: str) -> None:
+def test_a_bad_chassis_gives_a_one_line_message(tmp_path: Path, chassis: str, said: str) -> None:
     path = tmp_path / "car.yaml"
     path.write_text(CAR + f"chassis: {chassis}\n")
     with pytest.raises(UsageError, match=said) as caught:
@@ -104,8 +104,8 @@ def test_a_bad_chassis_is_one_line(tmp_path: Path, chassis: str, said: str) -> N
     assert "\n" not in str(caught.value)
 
 
-def test_a_car_that_only_the_planar_plant_can_drive(tmp_path: Path) -> None:
-    """A yaw inertia that no body above those wheels can have: said when the plant is chosen."""
+def test_an_impossible_chassis_is_refused_with_the_plant(tmp_path: Path) -> None:
+    """The yaw inertia is below that of the unsprung masses: refused when the plant is chosen."""
     (tmp_path / "odd.yaml").write_text(CAR.replace("3000.0", "500.0"))
     assert load_vehicle(tmp_path / "odd.yaml").yaw_inertia == 500.0
     trip = tmp_path / "trip.yaml"

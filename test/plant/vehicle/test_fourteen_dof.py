@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The fourteen-degree-of-freedom plant as physics: symmetry, balances, closed forms, limits."""
+"""Physics of the fourteen-degree-of-freedom plant: symmetry, balances, closed forms, limits."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ def test_at_rest_the_wheels_carry_the_weight(name: str) -> None:
     np.testing.assert_allclose(rest[[ROLL, PITCH]], 0.0, atol=1e-5)
 
 
-def test_loads_balance_what_moves_up_and_down() -> None:
-    """The vertical momentum of body and wheels changes by loads and lift less the weight."""
+def test_wheel_loads_balance_the_vertical_momentum() -> None:
+    """d(vertical momentum of body and wheels)/dt = loads + lift - weight."""
     c, b = AIRLESS
     start = rolling(AIRLESS, 20.0)
     start[Z] += 0.04
@@ -139,8 +139,8 @@ def test_coasting_never_gains_energy(
     assert total[-1] < total[0] - 1e-3 * kinetic
 
 
-def test_what_is_lost_on_rolling_is_the_drag() -> None:
-    """Straight ahead, work of air and rolling resistance is all that leaves the car."""
+def test_energy_loss_while_coasting_equals_drag_work() -> None:
+    """Straight ahead, energy is dissipated only by air drag and rolling resistance."""
     c = IMDV.c
     states, _ = go(IMDV, settled(IMDV, v_x=30.0), [(0.0, 0.0)] * 400)
     total = np.array([energy(IMDV, state) for state in states])
@@ -153,7 +153,7 @@ def test_what_is_lost_on_rolling_is_the_drag() -> None:
 
 @pytest.mark.parametrize("v_x", [8.0, 15.0, 25.0])
 def test_steady_circle_has_the_closed_form_understeer(v_x: float) -> None:
-    """As with the planar car: r = v delta / (L + K v^2), where the body rolls but little."""
+    """As the planar model at small roll: r = v delta / (L + K v²)."""
     c = AIRLESS.c
     gradient = understeer_gradient(c)
     delta = 0.3 * (WHEELBASE / v_x**2 + gradient)
@@ -203,7 +203,7 @@ def test_the_integrator_is_of_fourth_order() -> None:
     assert errors[0] < 1e-7, "the plant's own step of 1 ms"
 
 
-def test_stiffly_sprung_it_is_the_planar_car() -> None:
+def test_with_stiff_springs_it_equals_the_planar_model() -> None:
     stiff = {
         f"{part}_{axle}": value
         for axle in ("front", "rear")
@@ -232,7 +232,7 @@ def test_stiffly_sprung_it_is_the_planar_car() -> None:
     assert np.all(apart[1:] > 3.0 * error[1:]), "what springs change is more than that"
 
 
-def test_an_accelerometer_feels_the_road_hold_the_car_on_a_slope() -> None:
+def test_specific_force_on_a_slope() -> None:
     grade = 0.08
     planes = even_planes(1.0, grade)
     torque = AIRLESS.c.mass * GRAVITY * math.sin(grade) * AIRLESS.c.wheel_radius
@@ -250,7 +250,7 @@ def test_an_accelerometer_feels_the_road_hold_the_car_on_a_slope() -> None:
     np.testing.assert_allclose(climbed, v[161:] * math.sin(grade), rtol=2e-3)
 
 
-def test_on_a_bank_the_road_pushes_sideways() -> None:
+def test_specific_force_on_a_bank() -> None:
     """Held straight by steering, the accelerometer reads g sin(bank), roll included."""
     bank = 0.06
     planes = even_planes(1.0, 0.0, bank)
@@ -267,7 +267,7 @@ def test_on_a_bank_the_road_pushes_sideways() -> None:
     assert loads[1] + loads[3] > loads[0] + loads[2], "the lower side carries more"
 
 
-def test_a_push_makes_it_heave_as_the_quarter_car_says() -> None:
+def test_heave_has_the_quarter_car_eigenvalue() -> None:
     """One spring and one mass over the tyre's spring: damped eigenvalue of two masses."""
     vehicle = load_vehicle("imdv")
     even = {
@@ -303,7 +303,7 @@ def test_a_push_makes_it_heave_as_the_quarter_car_says() -> None:
     assert hertz == pytest.approx(1.3, abs=0.15)
 
 
-def test_wings_press_the_car_down() -> None:
+def test_downforce_increases_wheel_loads() -> None:
     here = changed("race_car")
     states, _ = go(here, settled(here, v_x=60.0), [(900.0, 0.0)] * 80)
     v = states[-1, V_X]
@@ -313,7 +313,7 @@ def test_wings_press_the_car_down() -> None:
     assert loads.sum() == pytest.approx(here.c.mass * GRAVITY + pressed, rel=2e-3)
 
 
-def test_a_wheel_may_lift_but_does_not_pull() -> None:
+def test_wheel_load_is_never_negative() -> None:
     tall = changed(cg_height=0.9, chassis={"anti_roll_front": 1.2e5, "anti_roll_rear": 0.0})
     states, _ = go(tall, settled(tall, v_x=18.0), [(0.0, 0.07)] * 120)
     loads = np.array([tyre_forces(tall, state) for state in states])
@@ -331,7 +331,7 @@ def test_a_wheel_may_lift_but_does_not_pull() -> None:
     np.testing.assert_allclose(falling, -0.5 * GRAVITY * (0.005 * np.arange(41)) ** 2, atol=1e-4)
 
 
-def test_motors_brake_first_and_brakes_do_the_rest() -> None:
+def test_friction_brakes_complement_the_motors() -> None:
     states, _ = go(IMDV, settled(IMDV, v_x=30.0), [(-2400.0, 0.0)] * 20)
     np.testing.assert_allclose(states[-1, MOTOR : MOTOR + 4], -600.0, rtol=1e-3)
     assert states[-1, BRAKE : BRAKE + 4].max() == 0.0
@@ -358,12 +358,12 @@ def test_brakes_hold_and_motors_reverse() -> None:
     assert states[-1, YAW_RATE] < 0.0, "backwards with the wheels to the left"
 
 
-def test_standstill_stays() -> None:
+def test_standstill_is_an_equilibrium() -> None:
     states, _ = go(IMDV, rolling(IMDV, 0.0), [(0.0, 0.3)] * 80)
     assert np.abs(states[:, [V_X, V_Y, YAW_RATE, V_Z]]).max() < 1e-9
 
 
-def test_wind_from_the_side_pushes_and_rolls() -> None:
+def test_crosswind_causes_drift_and_roll() -> None:
     states, forces = go(IMDV, settled(IMDV, v_x=25.0), [(150.0, 0.0)] * 40, wind=(0.0, -12.0))
     pressure = 0.5 * AIR_DENSITY * math.hypot(states[1, V_X], 12.0)
     blown = -pressure * IMDV.c.side_force_area * 12.0 / IMDV.c.mass
@@ -372,7 +372,7 @@ def test_wind_from_the_side_pushes_and_rolls() -> None:
     assert states[-1, ROLL] > 1e-4, "away from the wind, about tyres that hold"
 
 
-def test_it_costs_less_than_three_planar_cars() -> None:
+def test_cost_is_below_three_planar_plants() -> None:
     """By ratio, on the same machine at the same time; 1400 s in 15 s leave more than that."""
     commands = [(300.0, 0.02)] * 400
     u, road = np.array(commands), np.array([1.0, 0.0, 0.0, 0.0, 0.0])
@@ -422,7 +422,7 @@ def test_finite_for_any_finite_input(
     roll_centre=st.floats(-0.5, 1.0),
     lift=st.floats(-20.0, 20.0),
 )
-def test_finite_for_any_vehicle_that_is_one(
+def test_finite_for_any_valid_vehicle(
     mass: float,
     gyration: float,
     front: float,
@@ -432,7 +432,7 @@ def test_finite_for_any_vehicle_that_is_one(
     roll_centre: float,
     lift: float,
 ) -> None:
-    """What is left out follows the masses: an unusual vehicle needs no more keys than a car."""
+    """Defaults follow the masses: an unusual vehicle needs no additional keys."""
     rear = front * share
     content = {
         "mass": mass, "yaw_inertia": min(max(mass * gyration * front * rear, 10.0), 1e6),
@@ -456,7 +456,7 @@ def test_finite_for_any_vehicle_that_is_one(
     assert np.isfinite(forces).all()
 
 
-def test_left_as_it_is_it_rests() -> None:
+def test_vehicles_at_rest_stay_at_rest() -> None:
     """Every packaged vehicle stands still where it was put, on a plane in any direction."""
     for name in ("imdv", "race_car", "light_truck"):
         here = changed(name)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Against code nobody here wrote: CommonRoad's multi-body model with the same vehicle."""
+"""Comparison with an independent model: CommonRoad's multi-body model of the same vehicle."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def upright(script: ModuleType) -> dict[tuple[str, str], Any]:
     return {(d.manoeuvre, d.quantity): d for d in found}
 
 
-def test_the_vehicle_is_theirs(script: ModuleType) -> None:
+def test_the_vehicle_equals_the_reference(script: ModuleType) -> None:
     p = script.parameters()
     vehicle = script.equivalent(p)
     body = resolve(vehicle)
@@ -53,8 +53,8 @@ def test_the_vehicle_is_theirs(script: ModuleType) -> None:
     assert front * slip == pytest.approx(-p.tire.p_ky1 * theirs, rel=1e-6)
 
 
-def test_the_tyres_are_theirs(script: ModuleType) -> None:
-    """Pure slip at the static load, over all of it; theirs has its y to the other side."""
+def test_the_tyres_equal_the_reference(script: ModuleType) -> None:
+    """Pure slip at the static load; the y axis of the reference points to the other side."""
     from vehiclemodels.utils.tire_model import formula_lateral, formula_longitudinal
 
     p = script.parameters(shifts=False)
@@ -74,6 +74,7 @@ def test_the_tyres_are_theirs(script: ModuleType) -> None:
         assert ours == pytest.approx(along, rel=0.03 if slip < 0.05 else 0.12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("circle", ["circle, 15 m/s, 2.3 deg", "circle, 20 m/s, 2.3 deg"])
 def test_circles_agree(upright: dict[tuple[str, str], Any], circle: str) -> None:
     assert abs(upright[circle, "yaw_rate"].at_end) < 0.01
@@ -104,8 +105,9 @@ def test_braking_agrees(upright: dict[tuple[str, str], Any], braking: str) -> No
     assert upright[braking, "pitch"].on_the_way < 0.12
 
 
-def test_as_published_their_tyres_shift_the_circle_a_little(script: ModuleType) -> None:
-    """Camber, conicity and ply-steer, which ours have not: the price of leaving them out."""
+@pytest.mark.slow
+def test_published_reference_tyres_shift_the_circle_slightly(script: ModuleType) -> None:
+    """The effect of camber, conicity and ply-steer, which this tyre model leaves out."""
     found = {(d.manoeuvre, d.quantity): d for d in script.compare()}
     for circle in ("circle, 15 m/s, 2.3 deg", "circle, 20 m/s, 2.3 deg"):
         assert abs(found[circle, "yaw_rate"].at_end) < 0.05

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The plant as physics: symmetry, balances, closed forms, order of convergence, finiteness."""
+"""Physics of the seven-degree-of-freedom plant: symmetry, balances, closed forms, convergence."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_wheel_loads_sum_to_the_weight(a_x: float, a_y: float, weight: float) ->
     assert min(loads) >= LOAD_MIN * (1.0 - 1e-12)
 
 
-def test_wheel_loads_move_as_a_rigid_body_tips() -> None:
+def test_load_transfer_is_that_of_a_rigid_body() -> None:
     weight = CAR.mass * GRAVITY
     still = np.array(wheel_loads(CAR, 0.0, 0.0, weight))
     np.testing.assert_allclose(still[:2].sum(), weight * CAR.cg_to_rear_axle / WHEELBASE)
@@ -115,7 +115,7 @@ def test_weight_on_a_bank() -> None:
 
 
 @given(s_x=st.floats(-1e3, 1e3), s_y=st.floats(-1e3, 1e3))
-def test_combined_force_stays_within_the_grip(s_x: float, s_y: float) -> None:
+def test_combined_force_stays_within_the_friction_limit(s_x: float, s_y: float) -> None:
     n_x, n_y = combined_slip_utilisation(axle_tyre(CAR, True), s_x, s_y)
     assert math.hypot(n_x, n_y) <= 1.0 + 1e-9
     assert n_x * s_x >= 0.0
@@ -188,14 +188,14 @@ def test_coast_down_under_drag_alone_has_the_closed_form() -> None:
     np.testing.assert_allclose(states[:, V_X], 30.0 / (1.0 + k * 30.0 * t / SPUN_MASS), rtol=2e-4)
 
 
-def test_constant_torque_accelerates_mass_and_wheels() -> None:
+def test_constant_torque_accelerates_mass_and_rotating_inertia() -> None:
     states, forces = go(FRICTIONLESS, rolling_state(CAR, 10.0), [(1000.0, 0.0)] * 120)
     accel = (states[120, V_X] - states[40, V_X]) / 2.0
     assert accel == pytest.approx(1000.0 / CAR.wheel_radius / SPUN_MASS, rel=2e-3)
     assert forces[-1, 0] == pytest.approx(accel, rel=1e-2)
 
 
-def test_an_accelerometer_feels_the_road_hold_the_car_on_a_slope() -> None:
+def test_specific_force_on_a_slope() -> None:
     """Driven uphill at constant speed it reads +g sin(grade); rolling freely it reads nothing."""
     grade = 0.05
     torque = CAR.mass * GRAVITY * math.sin(grade) * CAR.wheel_radius
@@ -208,13 +208,13 @@ def test_an_accelerometer_feels_the_road_hold_the_car_on_a_slope() -> None:
     assert free[-1, 0] == pytest.approx(spins * GRAVITY * math.sin(grade), rel=0.02)
 
 
-def test_braking_hard_locks_no_more_than_grip() -> None:
+def test_hard_braking_is_limited_by_friction() -> None:
     _, forces = go(CAR, rolling_state(CAR, 25.0), [(-9000.0, 0.0)] * 40, road=(0.5, 0, 0, 0, 0))
     grip = 0.5 * CAR.mu_f * GRAVITY
     assert -1.1 * grip < forces[20:40, 0].min() < -0.6 * grip
 
 
-def test_wind_from_the_side_pushes_and_turns() -> None:
+def test_crosswind_causes_drift_and_yaw() -> None:
     f_x, f_y, m_z = aerodynamic_forces(CAR, 20.0, 0.0, 0.0, -8.0)
     pressure = 0.5 * AIR_DENSITY * math.hypot(20.0, 8.0)
     assert f_x == pytest.approx(-pressure * CAR.cda * 20.0)
@@ -237,7 +237,7 @@ def test_the_integrator_is_of_fourth_order() -> None:
     assert errors[0] < 1e-8, "the plant's own step of 1 ms"
 
 
-def test_standstill_stays_and_reverse_drives() -> None:
+def test_standstill_and_reverse() -> None:
     states, _ = go(CAR, rolling_state(CAR, 0.0), [(0.0, 0.3)] * 80)
     assert np.abs(states[:, [V_X, V_Y, YAW_RATE]]).max() < 1e-9
     states, _ = go(CAR, rolling_state(CAR, 0.0), [(-600.0, 0.2)] * 160)

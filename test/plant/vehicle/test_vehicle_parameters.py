@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Vehicle and scenario files: what is accepted, and the one line that says what is not."""
+"""Vehicle and scenario files: accepted content and one-line refusals."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ def test_table_1_vehicle_is_packaged() -> None:
     assert vehicle.track_width == 1.715
 
 
-def test_masses_and_lengths_alone_are_a_vehicle(tmp_path: Path) -> None:
+def test_masses_and_lengths_suffice_for_a_vehicle(tmp_path: Path) -> None:
     vehicle = load_vehicle(write(tmp_path, LENGTHS_AND_MASSES))
     assert vehicle.mass == 1800.0
     assert vehicle.yaw_inertia == 3000.0
     assert vehicle.front_tyre.b_y < vehicle.rear_tyre.b_y, "the default car understeers"
 
 
-def test_constants_hold_every_parameter() -> None:
+def test_constants_contain_every_parameter() -> None:
     vehicle = load_vehicle("imdv")
     constants = vehicle.constants()
     assert constants.mass == vehicle.mass
@@ -88,9 +88,7 @@ def test_constants_hold_every_parameter() -> None:
         ("", "expected a mapping"),
     ],
 )
-def test_a_bad_vehicle_is_one_line_naming_file_and_key(
-    tmp_path: Path, text: str, said: str
-) -> None:
+def test_a_bad_vehicle_message_names_file_and_key(tmp_path: Path, text: str, said: str) -> None:
     path = write(tmp_path, text)
     with pytest.raises(UsageError, match=said) as caught:
         load_vehicle(path)
@@ -98,7 +96,7 @@ def test_a_bad_vehicle_is_one_line_naming_file_and_key(
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_not_there_or_not_text_is_said(tmp_path: Path) -> None:
+def test_missing_and_binary_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"no such vehicle file"):
         load_vehicle(tmp_path / "none.yaml")
     with pytest.raises(UsageError, match=r"ghost: no such vehicle; .*imdv"):
@@ -124,7 +122,7 @@ def test_packaged_scenarios_load(name: str) -> None:
     assert scenario.planned_route().length > 500.0
 
 
-def test_a_scenario_finds_its_vehicle_beside_itself(tmp_path: Path) -> None:
+def test_a_vehicle_path_is_relative_to_the_scenario(tmp_path: Path) -> None:
     write(tmp_path, LENGTHS_AND_MASSES, "car.yaml")
     scenario = load_scenario(write(tmp_path, "vehicle: car.yaml\n" + ROUTE, "trip.yaml"))
     assert scenario.car().mass == 1800.0
@@ -158,7 +156,7 @@ def test_single_parameters_of_the_vehicle_can_be_changed(tmp_path: Path) -> None
         (ROUTE.replace("duration_s: 5.0", "duration_s: 0"), "duration_s: .*greater than 0.1"),
     ],
 )
-def test_a_bad_scenario_is_one_line(tmp_path: Path, text: str, said: str) -> None:
+def test_a_bad_scenario_gives_a_one_line_message(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(UsageError, match=said) as caught:
         load_scenario(write(tmp_path, text))
     assert "\n" not in str(caught.value)
