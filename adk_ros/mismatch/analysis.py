@@ -1,31 +1,28 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The whole way from two recordings to findings."""
+"""The mismatch analysis: from a simulation and a recording to a result."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
+import yaml  # type: ignore[import-untyped, unused-ignore]
 
 from adk_ros.files.yaml_file import validate
+from adk_ros.mismatch.deployment.corrected_model import corrected_yaml
 from adk_ros.mismatch.deployment.open_loop import horizon_rmse
-from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile, surrogate_yaml
+from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile, simulation_yaml
 from adk_ros.mismatch.inference.decision import Decision, decide
 from adk_ros.mismatch.inference.experiment_design import (
     Discriminability,
     most_discriminating_manoeuvre,
 )
+from adk_ros.mismatch.inference.feature_effect import catalogue_effects
+from adk_ros.mismatch.inference.fit_budget import HELD_OUT
 from adk_ros.mismatch.inference.forward_selection import select_effects
-from adk_ros.mismatch.inference.likelihood import (
-    N_FIXED_NUISANCES,
-    TOLERANCE_PARAMETERS,
-    ActiveEffect,
-    Hypothesis,
-    Likelihood,
-)
+from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
 from adk_ros.mismatch.inference.observability import (
     ObservableEffects,
     longest_moving_segment,
@@ -39,10 +36,13 @@ from adk_ros.mismatch.inference.result import (
     ResidualSeries,
 )
 from adk_ros.mismatch.inference.surrogate_extension import augment_surrogate
-from adk_ros.mismatch.inference.unmodelled import MARK, UnmodelledDynamics
 from adk_ros.mismatch.library.catalogue import EFFECTS
-from adk_ros.mismatch.library.effect import PLACE
-from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW
+from adk_ros.mismatch.library.criteria import (
+    HELD_OUT_SHARE,
+    MIN_ROAD_COVERAGE,
+    SURROGATE_ERROR_AS_NOISE,
+)
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.checks import (
     check_recording,
     check_same_vehicle,
@@ -59,16 +59,19 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STATE_NAMES
 
 HORIZON_S = 1.0
+"""Horizon of the reported errors, s."""
 DEFAULT_WHEEL_RADIUS = 0.325
-"""m, where no vehicle is given: mass and radius act as one on torque."""
-SURROGATE_ERROR_AS_NOISE = 0.5
-"""Share of the error of a stand-in that was calibrated elsewhere, to be taken for noise."""
-MIN_ROAD_COVERAGE = 0.8
-"""Share of a recording that must lie on the simulator's road for its curves to be of use."""
-HELD_OUT_SHARE = 0.25
-"""Last share of the recording, on which the improvement is measured."""
+"""m, where no vehicle is given: torque over mass and wheel radius are not identifiable apart."""
+_DEFAULT_MASS = 1600.0
+_MASS_RANGE = (200.0, 4e4)
+"""kg: default and range of the mass of a vehicle that is not given."""
+_INERTIA_PER_MASS, _CG_TO_FRONT, _CG_TO_REAR, _TRACK_WIDTH = 1.75, 1.3, 1.4, 1.6
+"""m² and m, of a mid-size car."""
 
 Progress = Callable[[float, float, str], None]
+_TOTAL = 10.0
+_IDENTIFIED, _SELECTED, _DECIDED = 2.0, 7.0, 9.0
+"""Progress, of `_TOTAL`, after the stages of an analysis."""
 
 
 def identify_mismatch(
@@ -78,291 +81,276 @@ def identify_mismatch(
     progress: Progress | None = None,
 ) -> MismatchResult:
     """
-    Find out what `recording` has that `simulation` leaves out.
+    Identify the effects in `recording` that `simulation` lacks.
 
-    The simulation may be a stand-in that is known already. Of a recording without an IMU, or
-    without torques, less is asked: see `scope`. Without a `nominal` vehicle one is assumed, and
-    its masses and lengths are identified as far as the simulation shows them. `progress` is
-    called with (done, total, what). Raises
-    `DataError` for recordings that no finding can be drawn from.
+    The simulation may be a surrogate that is already identified. Without an IMU or a torque
+    command, fewer effects are examined (see `inference.observability`). Without a `nominal`
+    vehicle, mass and lengths are identified from the simulation as far as possible. `progress` is
+    called with (done, total, stage).
+
+    Raises `DataError` for recordings that do not allow an analysis.
     """
-    tell = progress or (lambda done, total, text: None)
+    report = progress or (lambda done, total, text: None)
     has_imu = recording.imu_s.size > 0
     recording = recording if has_imu else with_pseudo_imu(longest_moving_segment(recording))
     check_recording(recording)
-    notes: list[str] = []
     if isinstance(simulation, SurrogateModel):
-        stand_in = simulation
+        surrogate, notes = simulation, _notes_on_known(simulation)
+        noise = np.maximum(recording.noise(), _error_as_noise(simulation))
     else:
         check_recording(simulation)
         check_same_vehicle(simulation, recording)
         if nominal is not None:
             check_vehicle(nominal, simulation)
-        tell(0.0, 10.0, "identifying the simulator")
-        stand_in, notes = surrogate_of(simulation, recording, nominal, tell)
-    mass, radius = (float(stand_in.parameters[INDEX[k]]) for k in ("mass", "wheel_radius"))
-    scope = observable_effects(recording, mass, radius, has_imu)
-    known = isinstance(simulation, SurrogateModel)
-    # Much of a calibrated model's own error would be cut off as outliers of a quiet sensor.
-    own = SURROGATE_ERROR_AS_NOISE * stand_in.error if known else np.zeros(6)
-    course = prepare_residual_problem(recording, np.maximum(recording.noise(), own))
-    lap = find_lap(course)
-    likelihood = scope.masked(Likelihood.of(course, scope.with_yaw_filter(stand_in)))
-    found = select_effects(
-        likelihood, lap, lambda done, total, text: tell(2.0 + 5.0 * done / total, 10.0, text)
+        report(0.0, _TOTAL, "identifying the simulator")
+        surrogate, notes = surrogate_of(simulation, recording, nominal, report)
+        notes += _notes_on_default_vehicle(nominal)
+        noise = recording.noise()
+    analysis = _Analysis.of(surrogate, prepare_residual_problem(recording, noise), has_imu)
+    lap, likelihood = analysis.lap, analysis.likelihood()
+    path = select_effects(
+        likelihood,
+        lap,
+        lambda done, total, text: report(
+            _IDENTIFIED + (_SELECTED - _IDENTIFIED) * done / total, _TOTAL, text
+        ),
     )
-    tell(7.0, 10.0, "judging rivals")
-    verdict = scope.withhold_if_underexplained(decide(likelihood, found), likelihood, found)
-    tell(9.0, 10.0, "driving on held-out data")
-    corrected = _corrected_yaml(stand_in, verdict, verdict.hypothesis, lap)
-    before, after, early = _improvement(likelihood, stand_in, verdict, lap, scope)
-    groups = [[e.effect.name, *e.alternatives] for e in verdict.effects if e.alternatives]
-    separations = _discriminability(stand_in, verdict, course)
-    suggestions = [_suggested_manoeuvre(e, separations) for e in verdict.effects if e.alternatives]
-    tell(10.0, 10.0, "done")
-    effects = [replace(e, lap_m=None if lap is None else lap.length) for e in verdict.effects]
+    report(_SELECTED, _TOTAL, "comparing competing effects")
+    decision = analysis.observable.withhold_if_underexplained(
+        decide(likelihood, path), likelihood, path
+    )
+    report(_DECIDED, _TOTAL, "predicting held-out data")
+    improvement = analysis.improvement(decision.hypothesis)
+    discriminability = _discriminability(surrogate, decision, analysis.problem)
+    tied = [e for e in decision.effects if e.alternatives]
+    suggestions = [_suggested_manoeuvre(e, discriminability) for e in tied]
+    report(_TOTAL, _TOTAL, "done")
     return MismatchResult(
-        effects=effects,
-        verdict=verdict.verdict,
-        unexplained=verdict.unexplained,
+        effects=[replace(e, lap_m=None if lap is None else lap.length) for e in decision.effects],
+        verdict=decision.verdict,
+        unexplained=decision.unexplained,
         horizon_s=HORIZON_S,
-        before=before,
-        after=after,
-        groups=groups,
+        before=improvement.before,
+        after=improvement.after,
+        groups=[[e.effect.name, *e.alternatives] for e in tied],
         suggestion="; ".join(dict.fromkeys(s for s in suggestions if s)),
-        simulation_yaml=surrogate_yaml(stand_in.parameters, simulator=stand_in),
-        corrected_yaml=corrected,
-        series=_series(course, likelihood, verdict.hypothesis, lap),
-        surrogate_error=dict(zip(CHANNELS, (float(x) for x in stand_in.error), strict=True)),
-        losses=[("+".join(level[0].names) or NONE, level[0].cost) for level in found.levels],
-        expected_loss=found.expected_loss,
+        simulation_yaml=simulation_yaml(surrogate),
+        corrected_yaml=corrected_yaml(surrogate, decision.hypothesis, lap),
+        series=_series(likelihood, decision.hypothesis, lap),
+        surrogate_error=dict(zip(CHANNELS, (float(x) for x in surrogate.error), strict=True)),
+        losses=[("+".join(level[0].names) or NONE, level[0].loss) for level in path.levels],
+        expected_loss=path.expected_loss,
         lap_m=None if lap is None else lap.length,
-        profiles=found.profiles,
-        notes=notes + _notes(nominal is None and not known, lap),
-        held_out_yaml=early,
-        missing_channels=scope.missing_channels(),
-        not_judged=sorted(scope.unobservable & set(EFFECTS)),
-        discriminability=separations,
+        profiles=path.profiles,
+        notes=notes + _notes_on_lap(lap),
+        held_out_yaml=improvement.held_out_yaml,
+        missing_channels=analysis.observable.missing_channels(),
+        not_judged=sorted(analysis.observable.unobservable & set(EFFECTS)),
+        discriminability=discriminability,
     )
 
 
 def surrogate_of(
-    simulation: SensorLog, recording: SensorLog, nominal: NominalVehicle | None, tell: Progress
+    simulation: SensorLog,
+    recording: SensorLog,
+    nominal: NominalVehicle | None,
+    report: Progress,
 ) -> tuple[SurrogateModel, list[str]]:
-    """Return the simulator's stand-in, with what acts where the recording drives, and notes."""
-    course, known = prepare_residual_problem(simulation), nominal is not None
-    begun = (nominal or default_vehicle(simulation)).parameters()
+    """Identify the simulator's surrogate, extended where it underfits; return it with notes."""
+    problem, body_known = prepare_residual_problem(simulation), nominal is not None
+    start = (nominal or default_vehicle(simulation)).parameters()
     plain = identify_surrogate(
-        course,
-        begun,
-        lambda done, total: tell(done / total, 10.0, "identifying the simulator"),
-        known,
+        problem,
+        start,
+        lambda done, total: report(done / total, _TOTAL, "identifying the simulator"),
+        body_known,
     )
-    whole = augment_surrogate(
-        course,
+    extended = augment_surrogate(
+        problem,
         plain,
-        begun,
-        known,
-        lambda done, total: tell(1.0 + done / total, 10.0, "learning the rest of the simulator"),
+        start,
+        body_known,
+        lambda done, total: report(1.0 + done / total, _TOTAL, "extending the surrogate"),
     )
-    if (
-        whole.road is not None
-        and whole.road.covered_share(prepare_residual_problem(recording)) < MIN_ROAD_COVERAGE
-    ):
-        return plain, [
-            "the simulated road was learned, but the recording drives another, or its poses have "
-            "another origin: nothing of it is used"
-        ]
-    if not whole.augmentation_notes:
+    road = extended.road
+    if road is not None:
+        coverage = road.covered_share(prepare_residual_problem(recording))
+        if coverage < MIN_ROAD_COVERAGE:
+            return plain, [
+                "the recording is on another road than the simulation, or their pose frames "
+                "differ: the identified road profile is ignored"
+            ]
+    if not extended.augmentation_notes:
         return plain, []
-    return whole, [
-        "tyres and body alone do not meet the simulation; what was learned of it besides: "
-        f"{'; '.join(whole.augmentation_notes)}"
+    return extended, [
+        "the surrogate needed more than tyres and body to reproduce the simulation; it also has: "
+        f"{'; '.join(extended.augmentation_notes)}"
     ]
+
+
+@dataclass(frozen=True)
+class _Improvement:
+    """RMSE ahead before and after on the held-out part, and the corrected model that was used."""
+
+    before: dict[str, float]
+    after: dict[str, float]
+    held_out_yaml: str
+
+
+@dataclass(frozen=True)
+class _Analysis:
+    """A surrogate and a recording's residual problem, with what the channels show, and the lap."""
+
+    surrogate: SurrogateModel
+    problem: ResidualProblem
+    observable: ObservableEffects
+    lap: Lap | None
+
+    @classmethod
+    def of(cls, surrogate: SurrogateModel, problem: ResidualProblem, has_imu: bool) -> _Analysis:
+        mass, radius = (float(surrogate.parameters[INDEX[k]]) for k in ("mass", "wheel_radius"))
+        observable = observable_effects(problem.log, mass, radius, has_imu)
+        return cls(surrogate, problem, observable, find_lap(problem))
+
+    def likelihood(self, until_s: float = np.inf) -> Likelihood:
+        """Return the likelihood of the recording, or of its part before `until_s`."""
+        filtered = self.observable.with_yaw_filter(self.surrogate)
+        return self.observable.masked(Likelihood.of(self.problem, filtered, until_s))
+
+    def improvement(self, h: Hypothesis) -> _Improvement:
+        """Fit a hypothesis to the first part of the recording and predict the last part."""
+        log = self.problem.log
+        from_s = log.duration_s * (1.0 - HELD_OUT_SHARE)
+        fitted = self.likelihood(from_s).fit(h.effects, nuisances=h.nuisances, budget=HELD_OUT)
+        held_out_yaml = corrected_yaml(self.surrogate, fitted, self.lap)
+        before, after = (
+            horizon_rmse(_parsed(text), log, HORIZON_S, from_s)
+            for text in (simulation_yaml(self.surrogate), held_out_yaml)
+        )
+        if not self.observable.torque:
+            before[0] = after[0] = np.nan
+        return _Improvement(_by_state(before), _by_state(after), held_out_yaml)
+
+
+def _error_as_noise(surrogate: SurrogateModel) -> FloatArray:
+    """
+    Return the part (6,) of a known surrogate's error that counts as sensor noise.
+
+    Not for a surrogate from a file, which was identified on a noise-free simulation.
+    """
+    if surrogate.autocovariance is not None:
+        return np.zeros(len(CHANNELS))
+    return np.asarray(SURROGATE_ERROR_AS_NOISE * surrogate.error)
 
 
 def _discriminability(
-    stand_in: SurrogateModel, verdict: Decision, course: ResidualProblem
+    surrogate: SurrogateModel, decision: Decision, problem: ResidualProblem
 ) -> list[Discriminability]:
-    """Return for each pair that the drive cannot tell apart what would, if anything."""
-    actives = [a for a in verdict.hypothesis.actives if not a.effect.name.startswith(MARK)]
-    place = {a.effect.name: i for i, a in enumerate(actives)}
+    """Return the best manoeuvre for each pair of indistinguishable effects."""
+    effects = catalogue_effects(decision.hypothesis.effects)
+    index = {a.effect.name: i for i, a in enumerate(effects)}
     return [
         most_discriminating_manoeuvre(
-            stand_in.parameters, actives, place[found.effect.name], rival.fitted, course.bin_noise
+            surrogate.parameters,
+            effects,
+            index[identified.effect.name],
+            competitor.fitted,
+            problem.bin_noise,
         )
-        for found in verdict.effects
-        if found.effect.name in place
-        for rival in found.competitors
-        if rival.alternative
+        for identified in decision.effects
+        if identified.effect.name in index
+        for competitor in identified.competitors
+        if competitor.alternative
     ]
 
 
-def _suggested_manoeuvre(found: IdentifiedEffect, separations: list[Discriminability]) -> str:
-    """Return what tells an effect from what it is tied with: simulated, or what is known."""
-    told = [s.manoeuvre for s in separations if s.of == found.effect.name and s.distinguishes]
-    known = [EFFECTS[name].manoeuvre for name in found.alternatives if name in EFFECTS]
-    return "; ".join(dict.fromkeys(told or known))
+def _suggested_manoeuvre(
+    identified: IdentifiedEffect, discriminability: list[Discriminability]
+) -> str:
+    """Return the manoeuvres that distinguish an effect: simulated, or from the catalogue."""
+    simulated = [
+        d.manoeuvre for d in discriminability if d.of == identified.effect.name and d.distinguishes
+    ]
+    listed = [EFFECTS[name].manoeuvre for name in identified.alternatives if name in EFFECTS]
+    return "; ".join(dict.fromkeys(simulated or listed))
 
 
 def default_vehicle(simulation: SensorLog) -> NominalVehicle:
-    """Return a middling car as heavy as the simulation's answer to torque says."""
-    mass = min(max(effective_mass(simulation, DEFAULT_WHEEL_RADIUS) or 1600.0, 200.0), 4e4)
+    """Return a mid-size car of the mass that the simulation's torque response implies."""
+    identified = effective_mass(simulation, DEFAULT_WHEEL_RADIUS) or _DEFAULT_MASS
+    mass = min(max(identified, _MASS_RANGE[0]), _MASS_RANGE[1])
     return NominalVehicle(
         mass=mass,
-        yaw_inertia=1.75 * mass,
-        cg_to_front_axle=1.3,
-        cg_to_rear_axle=1.4,
-        track_width=1.6,
+        yaw_inertia=_INERTIA_PER_MASS * mass,
+        cg_to_front_axle=_CG_TO_FRONT,
+        cg_to_rear_axle=_CG_TO_REAR,
+        track_width=_TRACK_WIDTH,
         wheel_radius=DEFAULT_WHEEL_RADIUS,
     )
 
 
-def _notes(assumes: bool, lap: Lap | None) -> list[str]:
-    notes = []
-    if assumes:
-        notes.append(
-            "no --vehicle: masses and lengths are what the simulation shows of them, with wheels "
-            f"of {DEFAULT_WHEEL_RADIUS:g} m"
-        )
-    if lap is None:
-        notes.append("no place is passed twice: nothing can be said of what is bound to a place")
-    return notes
-
-
-def _activation_dict(active: ActiveEffect, lap: Lap | None) -> dict[str, Any]:
-    gate = active.activation
-    if gate.kind != PLACE or lap is None:
-        out: dict[str, Any] = {"kind": gate.kind}
-        if gate.onset_s is not None:
-            out["onset_s"] = round(gate.onset_s, 3)
-        return out
-    line = np.column_stack([lap.line_s, lap.line])
-    return {
-        "kind": PLACE,
-        "lap": round(lap.length, 3),
-        "stretches": [[round(a, 2), round(b, 2)] for a, b in gate.segments],
-        "edge": gate.transition_length,
-        "line": [[round(float(x), 4) for x in row] for row in line],
-    }
-
-
-def _corrected_yaml(
-    stand_in: SurrogateModel, verdict: Decision, h: Hypothesis, lap: Lap | None
-) -> str:
-    """Return the corrected model's file: stand-in, build tolerances, vehicle effects."""
-    k = len(TOLERANCE_PARAMETERS)
-    vector = np.clip(
-        stand_in.parameters + h.tolerances[N_FIXED_NUISANCES:] @ stand_in.weak_directions,
-        LOW,
-        HIGH,
-    )
-    terms = [
-        {
-            "effect": a.effect.name,
-            "parameters": {name: float(f"{value:.8g}") for name, value in a.values().items()},
-            "where": _activation_dict(a, lap),
-        }
-        for a in h.actives
-        # What a sensor makes up is not the vehicle's.
-        if not a.effect.sensor and not a.effect.name.startswith(MARK)
-    ]
-    return surrogate_yaml(
-        vector,
-        dict(zip(TOLERANCE_PARAMETERS, (float(x) for x in h.tolerances[:k]), strict=True)),
-        terms,
-        _feature_terms(verdict.unmodelled, h),
-        stand_in,
-    )
-
-
-def _feature_terms(remainder: UnmodelledDynamics | None, h: Hypothesis) -> list[dict[str, Any]]:
-    if remainder is None:
+def _notes_on_known(surrogate: SurrogateModel) -> list[str]:
+    if np.any(surrogate.error > 0.0):
         return []
-    fitted = {a.effect.name: a.theta[0] for a in remainder.hypothesis.actives}
-    now = {a.effect.name: a.theta[0] for a in h.actives}
-    out = []
-    for piece in remainder.terms:
-        name = f"{MARK}{piece.equation}:{piece.feature}"
-        # The same scale as when the piece was found, the coefficient as it is fitted now.
-        share = now[name] / fitted[name] if fitted[name] else 1.0
-        out.append(
-            {
-                "equation": piece.equation,
-                "feature": piece.feature,
-                "coefficient": float(f"{piece.coefficient * share:.8g}"),
-            }
-        )
-    return out
+    return [
+        "the surrogate's file does not hold its error on the simulation: effects may be reported "
+        "with too much confidence; write the file again from the simulation's bag"
+    ]
+
+
+def _notes_on_default_vehicle(nominal: NominalVehicle | None) -> list[str]:
+    if nominal is not None:
+        return []
+    return [
+        "no --vehicle: masses and lengths are identified from the simulation, for wheels of "
+        f"{DEFAULT_WHEEL_RADIUS:g} m radius"
+    ]
+
+
+def _notes_on_lap(lap: Lap | None) -> list[str]:
+    if lap is not None:
+        return []
+    return [
+        "no part of the route is driven twice, so local effects (grade, bank, friction patches) "
+        "cannot be identified"
+    ]
 
 
 def _parsed(text: str) -> SurrogateFile:
-    import yaml  # type: ignore[import-untyped, unused-ignore]
-
     return validate("model", yaml.safe_load(text), SurrogateFile)
 
 
-def _improvement(
-    likelihood: Likelihood,
-    stand_in: SurrogateModel,
-    verdict: Decision,
-    lap: Lap | None,
-    scope: ObservableEffects,
-) -> tuple[dict[str, float], dict[str, float], str]:
-    """
-    Return the errors ahead before and after, on the last part of the recording, and the model.
-
-    What was found is fitted anew to the part before it.
-    """
-    course = likelihood.problem
-    from_s = course.log.duration_s * (1.0 - HELD_OUT_SHARE)
-    part = scope.masked(Likelihood.of(course, scope.with_yaw_filter(stand_in), from_s))
-    h = verdict.hypothesis
-    early = part.fit(h.actives, h.tolerances, 3, None, 1e-4)
-    before = horizon_rmse(
-        _parsed(surrogate_yaml(stand_in.parameters, simulator=stand_in)),
-        course.log,
-        HORIZON_S,
-        from_s,
-    )
-    model = _corrected_yaml(stand_in, verdict, early, lap)
-    after = horizon_rmse(_parsed(model), course.log, HORIZON_S, from_s)
-    if not scope.torque:
-        before[0] = after[0] = np.nan
-    return _named(before), _named(after), model
-
-
-def _named(values: FloatArray) -> dict[str, float]:
+def _by_state(values: FloatArray) -> dict[str, float]:
     return dict(zip(STATE_NAMES, (float(x) for x in values), strict=True))
 
 
-def _binned(course: ResidualProblem, values: FloatArray) -> FloatArray:
-    row = np.minimum(
-        ((course.middle_s - course.start_s) / BIN_S + 1e-6).astype(np.int64), course.bins - 1
-    )
-    count = np.maximum(np.bincount(row, minlength=course.bins), 1)
-    return np.asarray(np.bincount(row, values, course.bins) / count)
+def _binned(problem: ResidualProblem, values: FloatArray) -> FloatArray:
+    """Return the mean of a signal (n,) in each bin (b,)."""
+    since_start = (problem.middle_s - problem.start_s) / BIN_S
+    row = np.minimum((since_start + 1e-6).astype(np.int64), problem.bins - 1)
+    count = np.maximum(np.bincount(row, minlength=problem.bins), 1)
+    return np.asarray(np.bincount(row, values, problem.bins) / count)
 
 
-def _series(
-    course: ResidualProblem, likelihood: Likelihood, h: Hypothesis, lap: Lap | None
-) -> ResidualSeries:
-    judged = likelihood.weights > 0.0
-    p, terms = likelihood.simulation_inputs(h.tolerances, h.actives)
-    out = course.run(p, terms)
-    signals = {name: _binned(course, x) for name, x in feature_signals(course, out).items()}
+def _series(likelihood: Likelihood, h: Hypothesis, lap: Lap | None) -> ResidualSeries:
+    problem = likelihood.problem
+    counted = likelihood.weights > 0.0
+    p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
+    out = problem.run(p, terms)
+    signals = {name: _binned(problem, x) for name, x in feature_signals(problem, out).items()}
     without = {}
-    for i, active in enumerate(h.actives if len(h.actives) > 1 else ()):
-        others = likelihood.simulation_inputs(h.tolerances, [*h.actives[:i], *h.actives[i + 1 :]])
-        without[active.effect.name.removeprefix(MARK)] = judged * course.residuals(*others)
+    for i, active in enumerate(h.effects if len(h.effects) > 1 else ()):
+        others = [*h.effects[:i], *h.effects[i + 1 :]]
+        inputs = likelihood.simulation_inputs(h.nuisances, others)
+        without[active.effect.name] = counted * problem.residuals(*inputs)
     return ResidualSeries(
-        time_s=course.bin_s,
-        x=_binned(course, course.pose[:, 0]),
-        y=_binned(course, course.pose[:, 1]),
+        time_s=problem.bin_s,
+        x=_binned(problem, problem.pose[:, 0]),
+        y=_binned(problem, problem.pose[:, 1]),
         signals=signals,
-        before=judged * course.residuals(likelihood.parameters, likelihood.fixed_terms),
-        after=judged * course.residuals(p, terms, out=out),
-        noise=course.bin_noise,
-        distance=None if lap is None else _binned(course, lap.unwrapped) % lap.length,
+        before=counted * problem.residuals(likelihood.parameters, likelihood.fixed_terms),
+        after=counted * problem.residuals(p, terms, out=out),
+        noise=problem.bin_noise,
+        distance=None if lap is None else _binned(problem, lap.unwrapped) % lap.length,
         without=without,
     )

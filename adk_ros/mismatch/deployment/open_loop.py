@@ -1,33 +1,38 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Open-loop predictions by the stand-in: from what was measured so far, under known commands.
+Open-loop predictions by the surrogate model, under known commands.
 
-Up to each start the model runs along with odometry, drawn towards each message by a fixed gain;
-from there on it runs alone. Measurements after a start are not used by it. A place is where the
-car comes to by its own predicted speed.
+Up to each start the model follows odometry: every message corrects the state by a fixed gain. From
+the start on it runs open loop; later measurements are not used. Position-dependent terms are
+evaluated at the predicted position.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from adk_ros.errors import DataError
+from adk_ros.mismatch.deployment.position_terms import PositionTerms
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
-from adk_ros.mismatch.inference.likelihood import MIN_SPEED
+from adk_ros.mismatch.library.criteria import MIN_SPEED
 from adk_ros.mismatch.library.features import feature_matrix
 from adk_ros.mismatch.recording.sensor_log import SensorLog
-from adk_ros.mismatch.surrogate.activation import inside_segments
+from adk_ros.mismatch.surrogate.command_integrals import integrate_commands
 from adk_ros.mismatch.surrogate.equations_of_motion import integrate
-from adk_ros.mismatch.surrogate.lap import distance_on_lap
-from adk_ros.mismatch.surrogate.residuals import COMMAND_GRID_S, cumulative_command
+from adk_ros.mismatch.surrogate.run_inputs import (
+    ActiveTerms,
+    RunBuffers,
+    RunInputs,
+    open_loop_inputs,
+    run_buffers,
+)
 from adk_ros.mismatch.surrogate.state_index import (
     A_X,
     A_Y,
-    OUTPUTS,
+    E_X,
     S_HEADING,
+    S_PLAY,
     S_STEER,
     S_STEER_MORE,
     S_V_X,
@@ -40,242 +45,191 @@ from adk_ros.mismatch.surrogate.state_index import (
     V_Y,
     YAW_RATE,
 )
-from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS
 
 FIRST_START_S = 2.0
+"""s. Earlier starts would have too few measurements before them."""
 STEP_S = 0.005
 STEPS_PER_TICK = 5
 ASSIMILATION_GAINS = np.array([0.1, 0.15, 0.15])
-"""Share of a message's difference that is made up at once: v_x, v_y, yaw rate."""
-_MAX_DISTANCE_TO_LINE_M = 30.0
-"""m; farther than this from a place's line, the car is somewhere else."""
+"""Share of the innovation that a message corrects: v_x, v_y, yaw rate. Empirical."""
+_WARM_UP_S = 3.0
+"""s of measurements assimilated before the first start."""
+_MAX_ODOMETRY_AGE_S = 0.1
+"""s. A start needs a measurement at most this old."""
 _PASSES = 2
-_ROAD_STRIDE = 20
-"""Steps between two places of the road that are looked up."""
-_BACKLASH_STATE = S_STEER_MORE + 1
-
-
-@dataclass(frozen=True)
-class _TermsAtActivation:
-    """Terms at places: entries, amounts, and of each which place."""
-
-    index: IntArray
-    amount: FloatArray
-    gate: IntArray
+"""Runs repeated with the position and features of the run before."""
 
 
 class OpenLoopPredictor:
-    """A stand-in's file ready to predict along one drive."""
+    """A surrogate's file prepared for predictions along one recording."""
 
-    def __init__(self, model: SurrogateFile, evidence: SensorLog) -> None:
-        self.model = model
-        self.evidence = evidence
-        e = evidence
-        end = float(max(e.odometry_s[-1], e.command_s[-1])) + 1.0
-        self.torques = cumulative_command(e.command_s, e.command[:, 0], COMMAND_GRID_S, end)
-        self.angles = cumulative_command(e.command_s, e.command[:, 1], COMMAND_GRID_S, end)
-        placed = [term for term in model.terms if term.where.kind == "place"]
-        self.places = [term.where for term in placed]
-        base = model.vector()
-        index, amount, gate = [], [], []
-        for term in placed:
-            for i, size in term.amounts(base):
-                index.append(i)
-                amount.append(size)
-                gate.append(1 + self.places.index(term.where))
-        self.road = model.road()
-        if self.road is not None:
-            # The curves along the simulator's road, in rows of gates after the places'.
-            index += [int(i) for i in self.road.index]
-            amount += [1.0] * len(self.road.entries)
-            gate += [1 + len(self.places) + k for k in range(len(self.road.entries))]
-        self.vector = model.acting()
-        self.gated = _TermsAtActivation(
-            np.array(index, dtype=np.int64),
-            np.array(amount, dtype=np.float64),
-            np.array(gate, dtype=np.int64),
-        )
-        self.names, self.coefficients = model.coefficients()
-        self.lines = [np.array(place.line) for place in self.places]
+    def __init__(self, model: SurrogateFile, log: SensorLog) -> None:
+        self.log = log
+        end_s = float(max(log.odometry_s[-1], log.command_s[-1])) + 1.0
+        self.commands = integrate_commands(log.command_s, log.command, end_s)
+        self.parameters = model.vector_with_terms()
+        self.position_terms = PositionTerms(model)
+        self.features, self.coefficients = model.feature_coefficients()
 
-    def _gates(self, s_of: list[FloatArray], poses: FloatArray) -> FloatArray:
-        n = poses.shape[0]
-        gates = np.ones((1 + len(self.places), n))
-        for row, (place, s) in enumerate(zip(self.places, s_of, strict=True), start=1):
-            where = tuple((a, b) for a, b in place.stretches)
-            gates[row] = np.nan_to_num(inside_segments(s, where, place.lap or 1.0, place.edge))
-        if self.road is None:
-            return gates
-        return np.vstack([gates, self.road.values_along(poses, _ROAD_STRIDE)])
-
-    def _run(
-        self,
-        state: FloatArray,
-        start: float,
-        n: int,
-        measured: FloatArray,
-        gates: FloatArray,
-        extra: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        out, states = np.empty((OUTPUTS, n)), np.empty((n + 1, 6))
-        integrate(
-            self.vector,
-            self.gated.index,
-            self.gated.amount,
-            self.gated.gate,
-            gates,
-            self.torques,
-            self.angles,
-            COMMAND_GRID_S,
-            start - float(self.evidence.command_s[0]),
-            STEP_S,
-            np.empty(0),
-            measured,
-            ASSIMILATION_GAINS,
-            extra,
-            state,
-            out,
-            states,
-        )
-        return out, states
-
-    def _extra(self, out: FloatArray, start: float) -> FloatArray:
-        """Return the correction (n, 3) along a run that was made without it, or with an older."""
-        n = out.shape[1]
-        at = start - float(self.evidence.command_s[0]) + STEP_S * np.arange(n + 1)
-        grid = COMMAND_GRID_S * np.arange(self.torques.shape[0])
-        torque = np.diff(np.interp(at, grid, self.torques)) / STEP_S
-        delta = np.diff(np.interp(at, grid, self.angles)) / STEP_S
-        signals = {
-            "v_x": out[V_X],
-            "v_y": out[V_Y],
-            "yaw_rate": out[YAW_RATE],
-            "a_x": out[A_X],
-            "a_y": out[A_Y],
-            "torque": torque,
-            "delta": delta,
-        }
-        return np.ascontiguousarray(feature_matrix(self.names, signals) @ self.coefficients)
-
-    def predict(self, starts_s: FloatArray, ticks: int, ticks_phase_s: float = 0.0) -> FloatArray:
+    def predict(self, starts_s: FloatArray, ticks: int) -> FloatArray:
         """
         Return (n, ticks, 3): v_x, v_y, yaw rate at 1 to `ticks` ticks after each start.
 
         `starts_s` (n,) ascending, seconds from the bag's first message.
         """
-        e = self.evidence
         out = np.empty((starts_s.shape[0], ticks, 3))
-        now = max(float(starts_s[0]) - 3.0, float(e.odometry_s[0]))
-        now = float(starts_s[0]) - STEP_S * np.floor((float(starts_s[0]) - now) / STEP_S)
-        state = np.zeros(STATE_SIZE)
-        first = max(int(np.searchsorted(e.odometry_s, now + 1e-9)) - 1, 0)
-        state[[S_V_X, S_V_Y, S_YAW_RATE]] = e.odometry[first]
-        angle = e.command[max(int(np.searchsorted(e.command_s, now + 1e-9)) - 1, 0), 1]
-        state[[S_STEER, S_STEER_MORE, _BACKLASH_STATE]] = angle
-        ahead = ticks * STEPS_PER_TICK
-        silent = np.full((ahead, 3), np.nan)
-        none = np.empty((0, 3))
+        now, state = self._initial_state(float(starts_s[0]))
         for i, start in enumerate(starts_s):
             n = round((start - now) / STEP_S)
             if n > 0:
                 state = self._assimilate(state, now, n)
             now = float(start)
-            s0 = self._places_at(now)
-            way = state[S_V_X] * STEP_S * (np.arange(ahead) + 0.5)
-            along = [s + way for s in s0]
-            state[[S_X, S_Y, S_HEADING]] = self._pose_at(now)
-            poses = np.repeat(state[None, [S_X, S_Y, S_HEADING]], ahead, axis=0)
-            poses[:, 0] += way * np.cos(poses[:, 2])
-            poses[:, 1] += way * np.sin(poses[:, 2])
-            extra = none
-            bound = self.places or self.names or self.road is not None
-            for _ in range(1 + (_PASSES if bound else 0)):
-                run, states = self._run(
-                    state.copy(), now, ahead, silent, self._gates(along, poses), extra
-                )
-                along = [s + np.cumsum(run[V_X]) * STEP_S for s in s0]
-                poses = states[:-1, 3:]
-                if self.names:
-                    extra = self._extra(run, now)
+            states = self._predict_from(state, now, ticks * STEPS_PER_TICK)
             out[i] = states[STEPS_PER_TICK::STEPS_PER_TICK, :3]
         return out
 
+    def _initial_state(self, first_start: float) -> tuple[float, FloatArray]:
+        """Return the time and state (STATE_SIZE,) at which assimilation begins."""
+        log = self.log
+        earliest = max(first_start - _WARM_UP_S, float(log.odometry_s[0]))
+        now = first_start - STEP_S * np.floor((first_start - earliest) / STEP_S)
+        state = np.zeros(STATE_SIZE)
+        state[[S_V_X, S_V_Y, S_YAW_RATE]] = log.odometry[_last_before(log.odometry_s, now)]
+        angle = log.command[_last_before(log.command_s, now), 1]
+        state[[S_STEER, S_STEER_MORE, S_PLAY]] = angle
+        return now, state
+
+    def _predict_from(self, state: FloatArray, now: float, n: int) -> FloatArray:
+        """Return the end states (n + 1, 6) of an open-loop run; sets the pose of `state`."""
+        at_start = self._distances_at(now)
+        travelled = state[S_V_X] * STEP_S * (np.arange(n) + 0.5)
+        distances = [s + travelled for s in at_start]
+        pose_entries = [S_X, S_Y, S_HEADING]
+        state[pose_entries] = self._pose_at(now)
+        poses = np.repeat(state[None, pose_entries], n, axis=0)
+        poses[:, 0] += travelled * np.cos(poses[:, 2])
+        poses[:, 1] += travelled * np.sin(poses[:, 2])
+        extra = np.empty((0, 3))
+        is_iterative = bool(self.features) or not self.position_terms.is_empty
+        for _ in range(1 + (_PASSES if is_iterative else 0)):
+            inputs = open_loop_inputs(
+                self.commands, self._since_first_command(now), STEP_S, n, extra
+            )
+            run = self._run(state.copy(), self.position_terms.along(distances, poses), inputs)
+            distances = [s + np.cumsum(run.output[V_X]) * STEP_S for s in at_start]
+            poses = run.end_states[:-1, E_X:]
+            if self.features:
+                extra = self._feature_accelerations(run.output, now)
+        return run.end_states
+
     def _assimilate(self, state: FloatArray, now: float, n: int) -> FloatArray:
-        """Return the state after `n` steps along with the measurements of that time."""
-        e = self.evidence
+        """Return the state after `n` steps with the measurements of that time."""
+        log = self.log
         measured = np.full((n, 3), np.nan)
-        first, last = np.searchsorted(e.odometry_s, [now + 1e-9, now + n * STEP_S + 1e-9])
-        # A message counts in the step that it falls into: never before it is there.
-        row = np.clip(((e.odometry_s[first:last] - now) / STEP_S - 1e-6).astype(int), 0, n - 1)
-        measured[row] = e.odometry[first:last]
-        along = [
+        first, last = np.searchsorted(log.odometry_s, [now + 1e-9, now + n * STEP_S + 1e-9])
+        # A message counts in the step that contains its stamp, never earlier.
+        row = np.clip(((log.odometry_s[first:last] - now) / STEP_S - 1e-6).astype(int), 0, n - 1)
+        measured[row] = log.odometry[first:last]
+        distances = [
             np.full(n, s) + state[S_V_X] * STEP_S * (np.arange(n) + 0.5)
-            for s in self._places_at(now)
+            for s in self._distances_at(now)
         ]
-        gates = self._gates(
-            along, self._poses_until(np.asarray(now + STEP_S * np.arange(1, n + 1)))
+        poses = self._poses_until(np.asarray(now + STEP_S * np.arange(1, n + 1)))
+        terms = self.position_terms.along(distances, poses)
+        inputs = RunInputs(
+            self.commands,
+            self._since_first_command(now),
+            STEP_S,
+            prescribed_v_x=np.empty(0),
+            measured=measured,
+            observer_gains=ASSIMILATION_GAINS,
+            extra=np.empty((0, 3)),
         )
         before = state.copy()
-        out, _ = self._run(state, now, n, measured, gates, np.empty((0, 3)))
-        if self.names:
-            state = before
-            self._run(state, now, n, measured, gates, self._extra(out, now))
-        return state
+        run = self._run(state, terms, inputs)
+        if self.features:
+            extra = self._feature_accelerations(run.output, now)
+            run = self._run(before, terms, inputs._replace(extra=extra))
+        return run.state
+
+    def _run(self, state: FloatArray, terms: ActiveTerms, inputs: RunInputs) -> RunBuffers:
+        """Run from `state`, which is advanced in place."""
+        buffers = run_buffers(state, terms.activations.shape[1], keep_end_states=True)
+        integrate(self.parameters, terms, inputs, buffers)
+        return buffers
+
+    def _feature_accelerations(self, output: FloatArray, start: float) -> FloatArray:
+        """Return what the features add to the accelerations (n, 3), from an earlier run."""
+        n = output.shape[1]
+        at_s = self._since_first_command(start) + STEP_S * np.arange(n + 1)
+        grid_s = self.commands.spacing * np.arange(self.commands.torque.shape[0])
+        signals = {
+            "v_x": output[V_X],
+            "v_y": output[V_Y],
+            "yaw_rate": output[YAW_RATE],
+            "a_x": output[A_X],
+            "a_y": output[A_Y],
+            "torque": np.diff(np.interp(at_s, grid_s, self.commands.torque)) / STEP_S,
+            "delta": np.diff(np.interp(at_s, grid_s, self.commands.angle)) / STEP_S,
+        }
+        return np.ascontiguousarray(feature_matrix(self.features, signals) @ self.coefficients)
+
+    def _since_first_command(self, now: float) -> float:
+        return now - float(self.log.command_s[0])
 
     def _poses_until(self, at_s: FloatArray) -> FloatArray:
-        """Return the poses (n, 3) at times, by what was measured until the last of them."""
-        e = self.evidence
-        last = max(int(np.searchsorted(e.odometry_s, at_s[-1] + 1e-9)), 1)
-        first = max(int(np.searchsorted(e.odometry_s, at_s[0])) - 1, 0)
-        seen = slice(min(first, last - 1), last)
+        """Return the poses (n, 3) at times, from measurements until the last of them."""
+        log = self.log
+        last = max(int(np.searchsorted(log.odometry_s, at_s[-1] + 1e-9)), 1)
+        first = max(int(np.searchsorted(log.odometry_s, at_s[0])) - 1, 0)
+        known = slice(min(first, last - 1), last)
         return np.column_stack(
-            [np.interp(at_s, e.odometry_s[seen], e.pose[seen, i]) for i in range(3)]
+            [np.interp(at_s, log.odometry_s[known], log.pose[known, i]) for i in range(3)]
         )
 
     def _pose_at(self, now: float) -> FloatArray:
-        """Return the last pose (3,) before `now`, moved on by its velocity since."""
-        e = self.evidence
-        i = max(int(np.searchsorted(e.odometry_s, now + 1e-9)) - 1, 0)
-        x, y, heading = e.pose[i]
-        since, (v_x, v_y, rate) = now - e.odometry_s[i], e.odometry[i]
+        """Return the last pose (3,) before `now`, extrapolated by its velocity."""
+        log = self.log
+        i = _last_before(log.odometry_s, now)
+        x, y, heading = log.pose[i]
+        age, (v_x, v_y, rate) = now - log.odometry_s[i], log.odometry[i]
         cos, sin = np.cos(heading), np.sin(heading)
-        moved = [v_x * cos - v_y * sin, v_x * sin + v_y * cos, rate]
-        return np.asarray([x, y, heading] + since * np.array(moved))
+        velocity = [v_x * cos - v_y * sin, v_x * sin + v_y * cos, rate]
+        return np.asarray([x, y, heading] + age * np.array(velocity))
 
-    def _places_at(self, now: float) -> list[FloatArray]:
+    def _distances_at(self, now: float) -> list[FloatArray]:
         """Return the distance along each place's lap by the last pose before `now`, or NaN."""
-        e = self.evidence
-        i = max(int(np.searchsorted(e.odometry_s, now + 1e-9)) - 1, 0)
-        since = now - e.odometry_s[i]
-        return [
-            np.asarray(
-                distance_on_lap(line, place.lap or 1.0, e.pose[i], _MAX_DISTANCE_TO_LINE_M)
-                + since * e.odometry[i, 0]
-            )
-            for place, line in zip(self.places, self.lines, strict=True)
-        ]
+        log = self.log
+        i = _last_before(log.odometry_s, now)
+        age = now - log.odometry_s[i]
+        return self.position_terms.distances_at(log.pose[i], age * log.odometry[i, 0])
 
 
-def start_times_of(evidence: SensorLog, ticks: int, stride_s: float, from_s: float) -> FloatArray:
+def _last_before(stamps_s: FloatArray, now: float) -> int:
+    """Return the index of the last stamp up to `now`, or 0."""
+    return max(int(np.searchsorted(stamps_s, now + 1e-9)) - 1, 0)
+
+
+def start_times_of(log: SensorLog, ticks: int, stride_s: float, from_s: float) -> FloatArray:
     """
-    Return starts (n,): every `stride_s` from `from_s` on, on the tick grid, commands known.
+    Return starts (n,) on the tick grid, every `stride_s` from `from_s` on, with known commands.
 
     Raises `DataError` where there is none.
     """
-    phase = (-evidence.start_ns % TICK_NS) * 1e-9
+    phase = (-log.start_ns % TICK_NS) * 1e-9
     tick = TICK_NS * 1e-9
-    last = min(evidence.duration_s, float(evidence.command_s[-1]) + 2.0 * tick) - ticks * tick
+    last = min(log.duration_s, float(log.command_s[-1]) + 2.0 * tick) - ticks * tick
     wanted = np.arange(from_s, last + 1e-9, stride_s)
     starts = np.unique(phase + tick * np.ceil((wanted - phase) / tick - 1e-6))
     starts = starts[starts <= last + 1e-9]
-    # A start needs a measurement just before it.
-    before = np.searchsorted(evidence.odometry_s, starts + 1e-9) - 1
-    fresh = (before >= 0) & (starts - evidence.odometry_s[np.maximum(before, 0)] < 0.1)
-    starts = starts[fresh]
+    before = np.searchsorted(log.odometry_s, starts + 1e-9) - 1
+    age = starts - log.odometry_s[np.maximum(before, 0)]
+    starts = starts[(before >= 0) & (age < _MAX_ODOMETRY_AGE_S)]
     if starts.size == 0:
         raise DataError(
-            f"{evidence.name}: from no start after {from_s:g} s are commands known for "
+            f"{log.name}: no start after {from_s:g} s has commands for "
             f"{ticks * tick:g} s: give a longer bag, or a shorter --horizon"
         )
     return np.asarray(starts)
@@ -283,26 +237,26 @@ def start_times_of(evidence: SensorLog, ticks: int, stride_s: float, from_s: flo
 
 def horizon_rmse(
     model: SurrogateFile,
-    evidence: SensorLog,
+    log: SensorLog,
     horizon_s: float,
     from_s: float,
     stride_s: float = 0.5,
 ) -> FloatArray:
     """
-    Return the root mean square error (3,) at the end of the horizon, on a part of a drive.
+    Return the RMSE (3,) of v_x, v_y, yaw rate at the end of the horizon, from `from_s` on.
 
-    Of a car that moves; NaN where it stands all the time.
+    Only where the car is faster than `MIN_SPEED`; NaN where it never is.
     """
     ticks = round(horizon_s / (TICK_NS * 1e-9))
-    starts = start_times_of(evidence, ticks, stride_s, max(from_s, FIRST_START_S))
-    predicted = OpenLoopPredictor(model, evidence).predict(starts, ticks)[:, -1]
-    at = starts + horizon_s
-    inside = at <= evidence.odometry_s[-1]
+    starts = start_times_of(log, ticks, stride_s, max(from_s, FIRST_START_S))
+    predicted = OpenLoopPredictor(model, log).predict(starts, ticks)[:, -1]
+    at_s = starts + horizon_s
+    counted = at_s <= log.odometry_s[-1]
     measured = np.column_stack(
-        [np.interp(at, evidence.odometry_s, evidence.odometry[:, i]) for i in range(3)]
+        [np.interp(at_s, log.odometry_s, log.odometry[:, i]) for i in range(3)]
     )
-    begun = np.interp(starts, evidence.odometry_s, evidence.odometry[:, 0])
-    inside &= np.minimum(np.abs(measured[:, 0]), np.abs(begun)) > MIN_SPEED
-    if not inside.any():
+    start_speed = np.interp(starts, log.odometry_s, log.odometry[:, 0])
+    counted &= np.minimum(np.abs(measured[:, 0]), np.abs(start_speed)) > MIN_SPEED
+    if not counted.any():
         return np.full(3, np.nan)
-    return np.asarray(np.sqrt(np.mean((predicted - measured)[inside] ** 2, axis=0)))
+    return np.asarray(np.sqrt(np.mean((predicted - measured)[counted] ** 2, axis=0)))

@@ -1,16 +1,17 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A stand-in driven along a scenario's route, as `adk simulate` drives a vehicle.
+The surrogate model as the car of a scenario, as `adk simulate` drives a vehicle.
 
-The scenario says road, wind, driver, excitation and sensors; the stand-in's file, with what was
-found in a recording, is the car. Between two commands the stand-in runs on its own. What was bound
-to a place belongs to the recording's road and is left out; what began at a time acts throughout.
+The scenario gives road, wind, driver, excitation and sensors; the surrogate's file gives the car.
+Between two commands the surrogate runs open loop. Position-dependent terms belong to the
+recording's road and are left out; terms that begin at a time act throughout.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,12 +20,18 @@ from adk_ros.files.yaml_file import validate
 from adk_ros.mismatch.deployment.surrogate_file import NamedSurrogate, SurrogateFile
 from adk_ros.mismatch.library.features import feature_matrix
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.surrogate.command_integrals import COMMAND_GRID_S, CommandIntegrals
 from adk_ros.mismatch.surrogate.equations_of_motion import integrate
-from adk_ros.mismatch.surrogate.residuals import COMMAND_GRID_S
+from adk_ros.mismatch.surrogate.run_inputs import no_terms, open_loop_inputs, run_buffers
 from adk_ros.mismatch.surrogate.state_index import (
     A_X,
     A_Y,
-    OUTPUTS,
+    E_HEADING,
+    E_V_X,
+    E_V_Y,
+    E_X,
+    E_Y,
+    E_YAW_RATE,
     S_HEADING,
     S_PLAY,
     S_STEER,
@@ -62,17 +69,23 @@ from adk_ros.plant.scenario.simulate import Progress
 from adk_ros.plant.vehicle.seven_dof import STEP
 from adk_ros.plant.vehicle.vehicle_parameters import Dimensions, Vehicle
 
-PLANT = "stand_in"
+PLANT = "surrogate"
 _MAX_STEP_S = 0.005
 _COMMAND_HOLD_S = 0.3
-"""How far ahead a command is taken to hold: a fitted dead time may be a little negative."""
+"""s that a command is held ahead of the present: an identified delay may be slightly negative."""
 _MAX_OFF_ROUTE_M = 30.0
+"""m from the route at which the car has left the road."""
+_MIN_START_SPEED = 0.5
+"""m/s, to keep slip finite."""
+_PROGRESS_COMMANDS = 200
 
 
 def position_dependent_terms(model: SurrogateFile) -> list[str]:
-    """Return what of a file is bound to a place, which a scenario's road has not."""
-    road = model.own.road
-    curves = [] if road is None else [f"the {name} of its own road" for name in road.curves]
+    """Return the terms that depend on a position on the recording's or the simulator's road."""
+    road = model.extras.road
+    curves = (
+        [] if road is None else [f"the {name} of the simulator's road" for name in road.curves]
+    )
     return curves + [term.effect for term in model.terms if term.where.kind == "place"]
 
 
@@ -84,16 +97,16 @@ def simulate_scenario(
     progress: Progress | None = None,
 ) -> SimulatedDrive:
     """
-    Drive `scenario` with a stand-in as its car; as `plant.simulate.simulate` otherwise.
+    Drive `scenario` with a surrogate as its car; otherwise like `plant.scenario.simulate`.
 
     :raises UsageError: as there.
     :raises DataError: the car leaves the road.
     """
     model = source.content
-    setting, route = set_up_run(scenario, seed, duration_s), scenario.planned_route()
-    driver = _driver(scenario, model)
-    c = driver.constants()
-    run = _Run(model, setting.seconds)
+    setup, route = set_up_run(scenario, seed, duration_s), scenario.planned_route()
+    driver = _driver_vehicle(scenario, model)
+    constants = driver.constants()
+    run = _SurrogateRun(model, setup.seconds)
     s = scenario.start % route.length
     x, y, heading, speed = (
         lookup(route.table, route.spacing, s, column)
@@ -101,52 +114,55 @@ def simulate_scenario(
     )
     if scenario.start_speed is not None:
         speed = scenario.start_speed
-    run.state[[S_V_X, S_X, S_Y, S_HEADING]] = max(speed, 0.5), x, y, heading
-    stamped = np.maximum(setting.command_steps(), 0)
-    ends = np.append(stamped[1:], setting.steps)
-    commands = np.zeros((setting.count, 2))
-    places = np.zeros(setting.count)
+    run.state[[S_V_X, S_X, S_Y, S_HEADING]] = max(speed, _MIN_START_SPEED), x, y, heading
+    stamps = np.maximum(setup.command_steps(), 0)
+    ends = np.append(stamps[1:], setup.steps)
+    commands = np.zeros((setup.count, 2))
+    distances = np.zeros(setup.count)
     integral = 0.0
-    for k in range(setting.count):
+    for k in range(setup.count):
         state = run.state
         s, across, road_heading = locate(route.table, route.spacing, s, state[S_X], state[S_Y])
-        places[k] = s
+        distances[k] = s
         if abs(across) > _MAX_OFF_ROUTE_M or not np.isfinite(state).all():
             raise DataError(
                 f"{source.name}: the car leaves the road of {scenario.name} after "
-                f"{stamped[k] * STEP:.0f} s: the scenario is driven harder than this car can"
+                f"{stamps[k] * STEP:.0f} s: the scenario's speeds are too high for this car"
             )
         torque, delta, integral = driver_command(
-            c,
+            constants,
             route.table,
             route.spacing,
             (s, across, road_heading),
             (state[S_V_X], state[S_V_Y]),
             state[S_HEADING],
-            setting.added[k],
+            setup.added[k],
             integral,
-            setting.every * STEP,
+            setup.every * STEP,
         )
-        if setting.angles.shape[0]:
-            delta = min(max(setting.angles[k], -c.max_steer), c.max_steer)
+        if setup.angles.shape[0]:
+            delta = min(max(setup.angles[k], -constants.max_steer), constants.max_steer)
         commands[k] = torque, delta
         if k == 0:
             run.begin(delta)
-        road = [lookup(route.table, route.spacing, s, i) for i in (ROAD_MU, ROAD_GRADE, ROAD_BANK)]
-        wind = wind_at(setting.wind, int(stamped[k]), TICK)
-        run.advance(stamped[k] * STEP, ends[k] * STEP, torque, delta, road, wind)
-        if progress is not None and k % 200 == 0:
-            progress(stamped[k] * STEP, setting.seconds)
-    truth = run.truth(
-        setting.steps, np.interp(STEP * np.arange(setting.steps + 1), stamped * STEP, places)
-    )
+        friction, grade, bank = (
+            lookup(route.table, route.spacing, s, i) for i in (ROAD_MU, ROAD_GRADE, ROAD_BANK)
+        )
+        environment = _Environment(
+            friction, grade, bank, wind_at(setup.wind, int(stamps[k]), TICK)
+        )
+        run.advance((stamps[k] * STEP, ends[k] * STEP), (torque, delta), environment)
+        if progress is not None and k % _PROGRESS_COMMANDS == 0:
+            progress(stamps[k] * STEP, setup.seconds)
+    step_s = STEP * np.arange(setup.steps + 1, dtype=np.float64)
+    truth = run.truth(step_s, np.interp(step_s, stamps * STEP, distances))
     return simulate_sensors(
-        scenario, setting, truth, commands, driver, route, PLANT, np.empty((0, 0))
+        scenario, setup, truth, commands, driver, route, PLANT, np.empty((0, 0))
     )
 
 
-def _driver(scenario: Scenario, model: SurrogateFile) -> Vehicle:
-    """Return the car that the driver takes it for: the scenario's, of the stand-in's size."""
+def _driver_vehicle(scenario: Scenario, model: SurrogateFile) -> Vehicle:
+    """Return the vehicle that the driver model assumes: the scenario's, with known parameters."""
     p = model.vector()
     content = scenario.car().model_dump()
     content |= {name: float(p[INDEX[name]]) for name in Dimensions.model_fields}
@@ -159,127 +175,116 @@ def _driver(scenario: Scenario, model: SurrogateFile) -> Vehicle:
         tyre = content[axle]
         tyre["b_y"] = float(p[INDEX[f"stiffness_{end}"]]) / (tyre["c_y"] * tyre["mu"])
     try:
-        return validate("stand-in", content, Vehicle)
+        return validate("surrogate", content, Vehicle)
     except UsageError:
-        # A fitted stiffness may lie outside of what a vehicle file may say.
+        # An identified stiffness may exceed the limits of a vehicle file.
         return scenario.car()
 
 
-class _Run:
-    """The stand-in's run so far: its state, and what it went through."""
+class _Environment(NamedTuple):
+    """Road and wind at the car: friction, grade and bank, rad; wind (x, y) of the map, m/s."""
+
+    friction: float
+    grade: float
+    bank: float
+    wind: tuple[float, float]
+
+
+class _SurrogateRun:
+    """The surrogate's state along a scenario, and its history."""
 
     def __init__(self, model: SurrogateFile, seconds: float) -> None:
         self.state = np.zeros(STATE_SIZE)
-        self._base = model.acting()
+        self._parameters = model.vector_with_terms()
         grid = math.ceil((seconds + 1.0) / COMMAND_GRID_S) + 1
-        self._torques, self._angles = np.zeros(grid), np.zeros(grid)
-        self._names, self._coefficients = model.coefficients()
-        self._felt = np.zeros(2)
+        self._commands = CommandIntegrals(np.zeros(grid), np.zeros(grid), COMMAND_GRID_S)
+        self._features, self._coefficients = model.feature_coefficients()
+        self._acceleration = np.zeros(2)
         self._ends: list[FloatArray] = []
         self._ends_s: list[FloatArray] = []
         self._middles: list[FloatArray] = []
         self._middles_s: list[FloatArray] = []
 
     def begin(self, delta: float) -> None:
-        """Let the steering stand where the first command wants it."""
-        self.state[[S_PLAY, S_STEER, S_STEER_MORE]] = self._base[INDEX["steer_gain"]] * delta
+        """Start with the steering at the first command."""
+        angle = self._parameters[INDEX["steer_gain"]] * delta
+        self.state[[S_PLAY, S_STEER, S_STEER_MORE]] = angle
 
     def advance(
         self,
-        begin_s: float,
-        end_s: float,
-        torque: float,
-        delta: float,
-        road: list[float],
-        wind: tuple[float, float],
+        interval_s: tuple[float, float],
+        command: tuple[float, float],
+        environment: _Environment,
     ) -> None:
-        """Run from one command to the next."""
-        self._hold(begin_s, torque, delta)
+        """Run from one command (torque, angle) to the next."""
+        begin_s, end_s = interval_s
+        self._hold(begin_s, command)
         if end_s <= begin_s:
             return
         n = math.ceil((end_s - begin_s) / _MAX_STEP_S - 1e-9)
         step = (end_s - begin_s) / n
-        p = self._base.copy()
-        p[INDEX["friction"]] *= road[0]
-        p[INDEX["grade"]] += road[1]
-        p[INDEX["bank"]] += road[2]
-        cos, sin = math.cos(self.state[S_HEADING]), math.sin(self.state[S_HEADING])
-        p[INDEX["wind_x"]] += wind[0] * cos + wind[1] * sin
-        p[INDEX["wind_y"]] += wind[1] * cos - wind[0] * sin
-        out, states = np.empty((OUTPUTS, n)), np.empty((n + 1, 6))
-        none = np.empty(0, dtype=np.int64)
-        integrate(
-            p,
-            none,
-            np.empty(0),
-            none,
-            np.ones((1, n)),
-            self._torques,
-            self._angles,
-            COMMAND_GRID_S,
-            begin_s,
-            step,
-            np.empty(0),
-            np.full((n, 3), np.nan),
-            np.zeros(3),
-            self._extra(n, torque, delta),
-            self.state,
-            out,
-            states,
-        )
-        self._felt = out[[A_X, A_Y], -1]
-        self._ends.append(states[:-1])
+        p = self._in_environment(environment)
+        extra = self._feature_accelerations(n, command)
+        buffers = run_buffers(self.state, n, keep_end_states=True)
+        inputs = open_loop_inputs(self._commands, begin_s, step, n, extra)
+        integrate(p, no_terms(n), inputs, buffers)
+        self._acceleration = buffers.output[[A_X, A_Y], -1]
+        self._ends.append(buffers.end_states[:-1])
         self._ends_s.append(begin_s + step * np.arange(n, dtype=np.float64))
-        self._middles.append(out[[A_X, A_Y]].T)
+        self._middles.append(buffers.output[[A_X, A_Y]].T)
         self._middles_s.append(begin_s + step * (np.arange(n, dtype=np.float64) + 0.5))
 
-    def _hold(self, begin_s: float, torque: float, delta: float) -> None:
-        """Let a command hold from now on, in the integrals that the kernel takes them from."""
-        first = min(round(begin_s / COMMAND_GRID_S), self._torques.shape[0] - 1)
-        last = min(first + math.ceil(_COMMAND_HOLD_S / COMMAND_GRID_S), self._torques.shape[0] - 1)
-        ahead = COMMAND_GRID_S * np.arange(last - first + 1)
-        self._torques[first : last + 1] = self._torques[first] + torque * ahead
-        self._angles[first : last + 1] = self._angles[first] + delta * ahead
+    def _in_environment(self, environment: _Environment) -> FloatArray:
+        """Return the parameters on this road and in this wind."""
+        wind_x, wind_y = environment.wind
+        p: FloatArray = self._parameters.copy()
+        p[INDEX["friction"]] *= environment.friction
+        p[INDEX["grade"]] += environment.grade
+        p[INDEX["bank"]] += environment.bank
+        cos, sin = math.cos(self.state[S_HEADING]), math.sin(self.state[S_HEADING])
+        p[INDEX["wind_x"]] += wind_x * cos + wind_y * sin
+        p[INDEX["wind_y"]] += wind_y * cos - wind_x * sin
+        return p
 
-    def _extra(self, n: int, torque: float, delta: float) -> FloatArray:
-        """Return what features add to the accelerations (n, 3), by the state of now."""
-        if not self._names:
+    def _hold(self, begin_s: float, command: tuple[float, float]) -> None:
+        """Continue the command integrals with a command held from `begin_s` on."""
+        for integral, value in zip(
+            (self._commands.torque, self._commands.angle), command, strict=True
+        ):
+            first = min(round(begin_s / COMMAND_GRID_S), integral.shape[0] - 1)
+            last = min(first + math.ceil(_COMMAND_HOLD_S / COMMAND_GRID_S), integral.shape[0] - 1)
+            ahead = COMMAND_GRID_S * np.arange(last - first + 1)
+            integral[first : last + 1] = integral[first] + value * ahead
+
+    def _feature_accelerations(self, n: int, command: tuple[float, float]) -> FloatArray:
+        """Return what the features add to the accelerations (n, 3), at the present state."""
+        if not self._features:
             return np.empty((0, 3))
-        now = {
+        signals = {
             "v_x": self.state[S_V_X],
             "v_y": self.state[S_V_Y],
             "yaw_rate": self.state[S_YAW_RATE],
-            "a_x": self._felt[0],
-            "a_y": self._felt[1],
-            "torque": torque,
-            "delta": delta,
+            "a_x": self._acceleration[0],
+            "a_y": self._acceleration[1],
+            "torque": command[0],
+            "delta": command[1],
         }
-        row = (
-            feature_matrix(self._names, {k: np.array([x]) for k, x in now.items()})
-            @ self._coefficients
-        )
-        return np.ascontiguousarray(np.repeat(row, n, axis=0))
+        table = feature_matrix(self._features, {k: np.array([x]) for k, x in signals.items()})
+        return np.ascontiguousarray(np.repeat(table @ self._coefficients, n, axis=0))
 
-    def truth(self, steps: int, place: FloatArray) -> FloatArray:
-        """Return what was gone through every millisecond, as `plant.heard` takes it."""
-        at = STEP * np.arange(steps + 1)
+    def truth(self, at_s: FloatArray, distance: FloatArray) -> FloatArray:
+        """Return the history (len, TRUTH_SIZE) that `simulate_sensors` takes, at times `at_s`."""
         last = self.state[[S_V_X, S_V_Y, S_YAW_RATE, S_X, S_Y, S_HEADING]]
         ends = np.vstack([*self._ends, last])
-        ends_s = np.append(np.concatenate(self._ends_s), at[-1])
+        ends_s = np.append(np.concatenate(self._ends_s), at_s[-1])
         middles, middles_s = np.vstack(self._middles), np.concatenate(self._middles_s)
-        truth = np.empty((steps + 1, TRUTH_SIZE))
-        for column, (values_, when) in enumerate(
-            (
-                (middles[:, 0], middles_s),
-                (middles[:, 1], middles_s),
-                (ends[:, 2], ends_s),
-                (ends[:, 0], ends_s),
-                (ends[:, 1], ends_s),
-                (ends[:, 3], ends_s),
-                (ends[:, 4], ends_s),
-                (ends[:, 5], ends_s),
-            )
-        ):
-            truth[:, column] = np.interp(at, when, values_)
-        truth[:, TRUTH_SIZE - 1] = place
+        columns = [
+            (middles[:, 0], middles_s),
+            (middles[:, 1], middles_s),
+            *((ends[:, i], ends_s) for i in (E_YAW_RATE, E_V_X, E_V_Y, E_X, E_Y, E_HEADING)),
+        ]
+        truth: FloatArray = np.empty((at_s.shape[0], TRUTH_SIZE))
+        for column, (values, stamps_s) in enumerate(columns):
+            truth[:, column] = np.interp(at_s, stamps_s, values)
+        truth[:, TRUTH_SIZE - 1] = distance
         return truth

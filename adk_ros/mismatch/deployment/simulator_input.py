@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A simulator that is given as a file and not as its recording: a vehicle's YAML, or a stand-in's.
+A simulator given as a file instead of a recording: a vehicle's YAML, or a surrogate's.
 
-A vehicle (the seven degrees of freedom of `adk simulate`) is driven, without noise, over a course
-as fast and as hard as the recording was, and looked at as a recording is. A stand-in (an earlier
-report's `simulation.yaml`) needs no looking at.
+A vehicle (the 7-DoF model of `adk simulate`) is simulated noise-free at the recording's speed and
+acceleration levels, and the result is analysed like a simulator's bag. A surrogate (an earlier
+report's `simulation.yaml`) is used as it is.
 """
 
 from __future__ import annotations
@@ -34,20 +34,34 @@ from adk_ros.signals.channels import Source
 DURATION_S = 180.0
 _SCENARIO = "handling"
 _REFERENCE_MASS = 2000.0
-"""kg, of the car that the course's excitation is meant for."""
+"""kg, of the car that the scenario's torque excitation is meant for."""
 _ENVELOPE_MARGINS = (1.25, 1.1, 0.95, 0.8)
 """
-How much harder than the recording is driven, less where the car spins: what a simulator does not
-show is not known, and what it shows of a spin is of no use.
+Factors on the recording's accelerations, tried until the car does not spin: the simulation must
+cover the recording, but a spin carries no usable information.
 """
 _MAX_SIDESLIP = 0.35
-"""A sideslip, rad, that no car on its course has."""
-_WINDOW = 25
+"""rad. A larger sideslip is a spin."""
+_MIN_SIDESLIP_SPEED = 3.0
+"""m/s, below which sideslip is computed with this speed."""
+_EXTREME_PERCENTILE = 99.0
+_SPEED_RANGE = (5.0, 90.0)
+_LATERAL_RANGE = (1.0, 20.0)
+_FORWARD_RANGE = (0.5, 10.0)
+_BRAKING_RANGE = (0.5, 12.0)
+"""Limits of a recording's envelope, m/s and m/s²: beyond, the estimate is noise."""
+_TOP_SPEED_FACTOR, _MAX_TOP_SPEED = 1.05, 80.0
+_MAX_LATERAL = 12.0
+_PLAN_FORWARD_RANGE = (1.0, 8.0)
+_PLAN_BRAKING_RANGE = (1.0, 10.0)
+"""Limits of a speed plan, m/s and m/s²."""
+_SIZE_RANGE = (0.4, 50.0)
+"""Scale of the route: its tightest bend has a radius of 16 m, and none may be below 6 m."""
 
 
 @dataclass(frozen=True)
 class DrivingEnvelope:
-    """How a recording was driven: its top speed, m/s, and its accelerations, m/s^2."""
+    """A recording's top speed, m/s, and accelerations, m/s² (99th percentiles)."""
 
     top: float
     lateral: float
@@ -61,15 +75,16 @@ def is_simulator_file(path: Path) -> bool:
 
 
 def driving_envelope(recording: SensorLog) -> DrivingEnvelope:
-    """Return how a recording was driven: what it exceeds for one second in a hundred."""
-    e = recording
-    v_x, rate = (savitzky_golay(e.odometry[:, i], _WINDOW) for i in (0, 2))
-    along = np.gradient(v_x, e.odometry_s)
+    """Return the speed and accelerations that a recording exceeds 1 % of the time."""
+    log = recording
+    v_x, rate = (savitzky_golay(log.odometry[:, i], log.odometry_period_s) for i in (0, 2))
+    acceleration = np.gradient(v_x, log.odometry_s)
+    high, low = _EXTREME_PERCENTILE, 100.0 - _EXTREME_PERCENTILE
     return DrivingEnvelope(
-        top=float(np.clip(np.percentile(v_x, 99.0), 5.0, 90.0)),
-        lateral=float(np.clip(np.percentile(np.abs(v_x * rate), 99.0), 1.0, 20.0)),
-        forward=float(np.clip(np.percentile(along, 99.0), 0.5, 10.0)),
-        braking=float(np.clip(-np.percentile(along, 1.0), 0.5, 12.0)),
+        top=float(np.clip(np.percentile(v_x, high), *_SPEED_RANGE)),
+        lateral=float(np.clip(np.percentile(np.abs(v_x * rate), high), *_LATERAL_RANGE)),
+        forward=float(np.clip(np.percentile(acceleration, high), *_FORWARD_RANGE)),
+        braking=float(np.clip(-np.percentile(acceleration, low), *_BRAKING_RANGE)),
     )
 
 
@@ -77,48 +92,47 @@ def load_simulator(path: Path) -> Vehicle | SurrogateModel:
     """
     Load a simulator's file.
 
-    Raises `UsageError`, one line naming the file and the key; for a stand-in that has terms
-    added, since those need not be a simulator's.
+    Raises `UsageError`, one line naming the file and the key; also for a surrogate with terms
+    identified from a recording, since those are not the simulator's.
     """
     if not path.is_file():
-        raise UsageError(f"{path} is not there: give a bag, a vehicle's YAML or a stand-in's")
+        raise UsageError(f"{path} does not exist: give a bag, a vehicle's YAML or a surrogate's")
     if not is_surrogate_file(path):
         return load_vehicle(path)
     content = load_surrogate(path).content
-    if content.terms or content.correction:
+    if content.terms or content.feature_terms:
         raise UsageError(
-            f"{path}: it has terms that were found in a recording: give the simulation.yaml that "
-            "lies beside it"
+            f"{path}: it has terms that were identified from a recording: give the "
+            "simulation.yaml in the same folder"
         )
-    return content.simulator()
+    return content.surrogate()
 
 
 def simulate_matched_drive(
     vehicle: Vehicle, recording: SensorLog, name: str = "simulation"
 ) -> SensorLog:
     """
-    Return what perfect sensors say of a vehicle that is driven like a recording.
+    Return the noise-free sensor log of a vehicle driven at a recording's speed and accelerations.
 
-    The course is the packaged handling course, as large as it takes to reach the recording's
-    speed at its lateral acceleration. Raises `UsageError` for a vehicle that cannot drive it.
+    The route is the packaged handling course, scaled so that the recording's speed gives its
+    lateral acceleration. Raises `UsageError` for a vehicle that cannot drive it.
     """
-    how = driving_envelope(recording)
+    envelope = driving_envelope(recording)
     for margin in _ENVELOPE_MARGINS:
-        driven = _simulate(vehicle, how, margin, name)
-        v_x, v_y = driven.odometry[:, 0], driven.odometry[:, 1]
-        if np.all(np.abs(v_y) < np.tan(_MAX_SIDESLIP) * np.maximum(v_x, 3.0)):
+        log = _simulate(vehicle, envelope, margin, name)
+        v_x, v_y = log.odometry[:, 0], log.odometry[:, 1]
+        if np.all(np.abs(v_y) < np.tan(_MAX_SIDESLIP) * np.maximum(v_x, _MIN_SIDESLIP_SPEED)):
             break
-    return driven
+    return log
 
 
-def _simulate(vehicle: Vehicle, how: DrivingEnvelope, margin: float, name: str) -> SensorLog:
+def _simulate(vehicle: Vehicle, envelope: DrivingEnvelope, margin: float, name: str) -> SensorLog:
     base = load_scenario(_SCENARIO)
-    # Held within what a speed plan may ask for.
-    lateral, top = min(margin * how.lateral, 12.0), min(1.05 * how.top, 80.0)
+    lateral = min(margin * envelope.lateral, _MAX_LATERAL)
+    top = min(_TOP_SPEED_FACTOR * envelope.top, _MAX_TOP_SPEED)
     size = (top / base.speed.top) ** 2 * base.speed.lateral_accel / lateral
-    # Its tightest bend has a radius of 16 m, and none may have less than 6 m.
-    size = float(np.clip(size, 0.4, 50.0))
-    heavy = vehicle.mass / _REFERENCE_MASS
+    size = float(np.clip(size, *_SIZE_RANGE))
+    mass_ratio = vehicle.mass / _REFERENCE_MASS
     scenario = Scenario(
         name=name,
         plant="seven_dof",
@@ -130,10 +144,12 @@ def _simulate(vehicle: Vehicle, how: DrivingEnvelope, margin: float, name: str) 
             top=top,
             lateral_accel=lateral,
             variation=0.05,
-            accel=float(np.clip(margin * how.forward, 1.0, 8.0)),
-            brake=float(np.clip(margin * how.braking, 1.0, 10.0)),
+            accel=float(np.clip(margin * envelope.forward, *_PLAN_FORWARD_RANGE)),
+            brake=float(np.clip(margin * envelope.braking, *_PLAN_BRAKING_RANGE)),
         ),
-        excitation=Excitation(steer=0.003, torque=150.0 * heavy, torque_step=200.0 * heavy),
+        excitation=Excitation(
+            steer=0.003, torque=150.0 * mass_ratio, torque_step=200.0 * mass_ratio
+        ),
         sensors=Sensors(
             imu=Imu(rate_hz=100.0, phase_s=0.005),
             odometry=Odometry(rate_hz=50.0, phase_s=0.005),
@@ -145,22 +161,22 @@ def _simulate(vehicle: Vehicle, how: DrivingEnvelope, margin: float, name: str) 
 
 
 def sensor_log_of(drive: SimulatedDrive) -> SensorLog:
-    """Return what a simulated drive's sensors say, as a bag of it would be read."""
-    at, values = {}, {}
+    """Return the sensor log of a simulated drive, as it would be read from its bag."""
+    stamps, values = {}, {}
     for source, stream in drive.streams.items():
-        at[source], values[source] = _seconds(stream.stamp_ns), stream.values
+        stamps[source], values[source] = _seconds(stream.stamp_ns), stream.values
     odometry = values[Source.ODOMETRY]
     pose = odometry[:, 3:6].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
     return SensorLog(
         drive.name,
         float(_seconds(drive.stamp_ns)[-1]),
-        at[Source.IMU],
+        stamps[Source.IMU],
         values[Source.IMU],
-        at[Source.ODOMETRY],
+        stamps[Source.ODOMETRY],
         np.ascontiguousarray(odometry[:, :3]),
         pose,
-        at[Source.COMMAND],
+        stamps[Source.COMMAND],
         values[Source.COMMAND],
     )
 
@@ -170,7 +186,7 @@ def _seconds(stamp_ns: IntArray) -> FloatArray:
 
 
 def _scaled(part: dict[str, Any], size: float) -> dict[str, Any]:
-    """Return a segment of the course that many times as large, its angles kept."""
+    """Return a segment of the route with its lengths scaled, its angles kept."""
     out: dict[str, Any] = {}
     for key, value in part.items():
         if isinstance(value, dict):

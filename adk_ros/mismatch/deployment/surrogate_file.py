@@ -1,16 +1,21 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The stand-in as a YAML file, with the terms that were found, and back.
+The surrogate model as a YAML file: `simulation.yaml` and `corrected.yaml`.
 
-A file holds every entry of the parameter vector by name; the build tolerances that the recording
-showed (relative); terms, each an effect of the catalogue with its parameters and where it acts;
-and a correction by features, for what no effect explains. What the simulator itself has beyond the
-model family is `own`: curves along its road, and a correction by features of its own.
+A file holds every parameter by name; the build tolerances identified from the recording
+(relative); `terms`, effects of the catalogue with their parameters and where they act; and
+`feature_terms` for unmodelled dynamics. `extras` are the simulator's own: a road profile and
+feature terms. `identification` is how well the surrogate fits its simulation, which the next
+analysis with this file needs.
+
+Schema 1 called the kind `stand_in`, the feature terms `correction` and the extras `own`, and had
+no `identification`; such files load as well.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -29,24 +34,32 @@ from adk_ros.mismatch.library.surrogate_parameters import (
     SURROGATE_PARAMETERS,
     default_parameters,
 )
+from adk_ros.mismatch.recording.sensor_log import CHANNELS
 from adk_ros.mismatch.surrogate.activation import TRANSITION_LENGTH_M
+from adk_ros.mismatch.surrogate.error_autocovariance import MAX_LAG, ErrorAutocovariance
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.road_profile import KNOT_SPACING_M, RoadProfile
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STATE_NAMES
 
-KIND = "stand_in"
+KIND, SCHEMA = "surrogate", 2
+_KIND_1 = "stand_in"
+_MAX_WEAK_DIRECTIONS = 32
+_MAX_CLIP_LIMITS = 16
+_UNKNOWN_ERROR_BINS = 100
+"""Bins of zero residuals of a surrogate whose error is unknown."""
+
+Channel = Literal["imu_a_x", "imu_a_y", "imu_yaw_rate", "v_x", "v_y", "yaw_rate"]
 
 
 class ActivationEntry(FileModel):
     """
     Where a term acts.
 
-    At a place: stretches (begin, end) in m along a lap, whose line is given as rows of distance,
-    x, y (m) and heading (rad) in the frame of the recording's odometry; `edge` is how gradually it
-    begins, m. From a time on, a term
-    found in one recording acts throughout any other.
+    At a place: `stretches` (begin, end) in m along a lap of `lap` m, whose `line` has rows of
+    distance, x, y (m) and heading (rad) in the frame of the recording's odometry; `edge` is the
+    transition length, m. A term that acts from a time on in one recording acts throughout others.
     """
 
     kind: Literal["always", "place", "time"] = "always"
@@ -68,7 +81,7 @@ class ActivationEntry(FileModel):
 
 
 class EffectTermEntry(FileModel):
-    """An effect of the catalogue at work."""
+    """An effect of the catalogue with its parameters and activation."""
 
     effect: str
     parameters: dict[str, float]
@@ -78,13 +91,13 @@ class EffectTermEntry(FileModel):
     def _known(self) -> EffectTermEntry:
         if self.effect not in EFFECTS:
             raise ValueError(f"effect '{self.effect}' is not in the catalogue")
-        wanted = {p.name for p in EFFECTS[self.effect].parameters}
-        if set(self.parameters) != wanted:
-            raise ValueError(f"effect '{self.effect}' takes {', '.join(sorted(wanted))}")
+        expected = {p.name for p in EFFECTS[self.effect].parameters}
+        if set(self.parameters) != expected:
+            raise ValueError(f"effect '{self.effect}' takes {', '.join(sorted(expected))}")
         return self
 
     def amounts(self, base: FloatArray) -> list[tuple[int, float]]:
-        """Return (index, amount) pairs that the term adds to the vector `base`."""
+        """Return (index, amount) pairs that the term adds to the parameters `base`."""
         return [
             pair
             for parameter in EFFECTS[self.effect].parameters
@@ -93,7 +106,7 @@ class EffectTermEntry(FileModel):
 
 
 class FeatureTermEntry(FileModel):
-    """What a feature adds to an equation: `coefficient` times the feature, SI."""
+    """A feature in an equation: adds `coefficient` times the feature, SI."""
 
     equation: Literal["v_x", "v_y", "yaw_rate"]
     feature: str
@@ -108,9 +121,9 @@ class FeatureTermEntry(FileModel):
 
 class RoadEntry(FileModel):
     """
-    Curves along a road: knots of uniform cubic B-splines, `spacing` m apart.
+    A road profile: knots of uniform cubic B-splines, `spacing` m apart.
 
-    The line's rows are distance, x, y (m) and heading (rad) in the frame of odometry's pose.
+    The line's rows are distance, x, y (m) and heading (rad) in the frame of the odometry's pose.
     """
 
     line: list[list[float]] = Field(min_length=1)
@@ -122,13 +135,13 @@ class RoadEntry(FileModel):
         if any(len(row) != 4 for row in self.line):
             raise ValueError("a row of the line is [distance, x, y, heading]")
         if len({len(knots) for knots in self.curves.values()}) != 1:
-            raise ValueError("all curves need as many knots")
+            raise ValueError("all curves need the same number of knots")
         if min(len(knots) for knots in self.curves.values()) < 4:
-            raise ValueError("a curve needs four knots at least")
+            raise ValueError("a curve needs at least four knots")
         return self
 
-    def map(self) -> RoadProfile:
-        """Return the road as it is computed with."""
+    def profile(self) -> RoadProfile:
+        """Return the road profile."""
         return RoadProfile(
             np.array(self.line),
             tuple(self.curves),
@@ -138,22 +151,111 @@ class RoadEntry(FileModel):
 
 
 class SimulatorExtras(FileModel):
-    """What the simulator has beyond the model family's parameters."""
+    """Parts of the simulator beyond the surrogate's parameters."""
 
     road: RoadEntry | None = None
-    correction: list[FeatureTermEntry] = Field(default_factory=list)
+    feature_terms: list[FeatureTermEntry] = Field(default_factory=list)
+
+
+class AutocovarianceEntry(FileModel):
+    """
+    Autocovariance of one channel's residuals on the simulation.
+
+    `values` has a row for each of the clip `limits`, with lags of 0 to 30 bins of 40 ms.
+    """
+
+    limits: list[float] = Field(min_length=1, max_length=_MAX_CLIP_LIMITS)
+    values: list[list[float]]
+
+    @model_validator(mode="after")
+    def _complete(self) -> AutocovarianceEntry:
+        pairs = zip(self.limits, self.limits[1:], strict=False)
+        if self.limits[0] <= 0.0 or any(a >= b for a, b in pairs):
+            raise ValueError("limits must be positive and ascending")
+        if len(self.values) != len(self.limits):
+            raise ValueError("each limit needs a row of values")
+        if any(len(row) != MAX_LAG + 1 or row[0] < 0.0 for row in self.values):
+            raise ValueError(f"a row has {MAX_LAG + 1} values, the first a variance")
+        return self
+
+
+class IdentificationEntry(FileModel):
+    """
+    How well the surrogate fits its simulation.
+
+    `error`: RMS residual of 40 ms bins, SI. `weak_directions`: parameter changes of one standard
+    deviation that the simulation hardly determines.
+    """
+
+    error: dict[Channel, float]
+    autocovariance: dict[Channel, AutocovarianceEntry]
+    weak_directions: list[dict[str, float]] = Field(
+        default_factory=list, max_length=_MAX_WEAK_DIRECTIONS
+    )
+
+    @model_validator(mode="after")
+    def _complete(self) -> IdentificationEntry:
+        if set(self.error) != set(CHANNELS) or set(self.autocovariance) != set(CHANNELS):
+            raise ValueError(f"error and autocovariance need {', '.join(CHANNELS)}")
+        if len({len(entry.limits) for entry in self.autocovariance.values()}) != 1:
+            raise ValueError("all channels need the same number of limits")
+        for name in (name for row in self.weak_directions for name in row):
+            if name not in INDEX:
+                raise ValueError(f"parameter '{name}' is unknown")
+        return self
+
+    def errors(self) -> FloatArray:
+        """Return the error (6,) by channel."""
+        by_name = {str(name): value for name, value in self.error.items()}
+        return np.array([by_name[name] for name in CHANNELS])
+
+    def error_autocovariance(self) -> ErrorAutocovariance:
+        """Return the autocovariance of the error."""
+        by_name = {str(name): entry for name, entry in self.autocovariance.items()}
+        entries = [by_name[name] for name in CHANNELS]
+        return ErrorAutocovariance(
+            np.array([entry.limits for entry in entries]),
+            np.array([entry.values for entry in entries]),
+        )
+
+    def directions(self) -> FloatArray:
+        """Return the weak directions (k, SIZE)."""
+        out = np.zeros((len(self.weak_directions), SIZE))
+        for row, entry in zip(out, self.weak_directions, strict=True):
+            for name, value in entry.items():
+                row[INDEX[name]] = value
+        return out
 
 
 class SurrogateFile(FileModel):
     """The content of `simulation.yaml` and `corrected.yaml`."""
 
-    kind: Literal["stand_in"]
-    schema_version: Literal[1] = Field(default=1, alias="schema")
+    kind: Literal["surrogate"]
+    schema_version: Literal[2] = Field(default=2, alias="schema")
     parameters: dict[str, float]
     tolerances: dict[str, float] = Field(default_factory=dict)
     terms: list[EffectTermEntry] = Field(default_factory=list)
-    correction: list[FeatureTermEntry] = Field(default_factory=list)
-    own: SimulatorExtras = SimulatorExtras()
+    feature_terms: list[FeatureTermEntry] = Field(default_factory=list)
+    extras: SimulatorExtras = SimulatorExtras()
+    identification: IdentificationEntry | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_schema_1(cls, content: Any) -> Any:
+        if not isinstance(content, dict) or content.get("kind") != _KIND_1:
+            return content
+        if content.get("schema", 1) != 1:
+            raise ValueError(f"a file of kind '{_KIND_1}' has schema 1")
+        out = {**content, "kind": KIND, "schema": SCHEMA}
+        if "correction" in out:
+            out["feature_terms"] = out.pop("correction")
+        if "own" in out:
+            extras = out.pop("own")
+            if isinstance(extras, dict) and "correction" in extras:
+                extras = dict(extras)
+                extras["feature_terms"] = extras.pop("correction")
+            out["extras"] = extras
+        return out
 
     @model_validator(mode="after")
     def _names(self) -> SurrogateFile:
@@ -167,7 +269,7 @@ class SurrogateFile(FileModel):
         return self
 
     def vector(self) -> FloatArray:
-        """Return the parameter vector with the tolerances, terms apart."""
+        """Return the parameters (SIZE,) with the tolerances, without the terms."""
         p = default_parameters()
         for name, value in self.parameters.items():
             p[INDEX[name]] = value
@@ -175,8 +277,8 @@ class SurrogateFile(FileModel):
             p[INDEX[name]] *= 1.0 + share
         return p
 
-    def acting(self) -> FloatArray:
-        """Return the same with the terms that are bound to no place."""
+    def vector_with_terms(self) -> FloatArray:
+        """Return the parameters (SIZE,) with all terms that do not depend on position."""
         base = self.vector()
         p: FloatArray = base.copy()
         for term in self.terms:
@@ -185,37 +287,54 @@ class SurrogateFile(FileModel):
                     p[i] += size
         return p
 
-    def coefficients(self) -> tuple[list[str], FloatArray]:
-        """Return the corrections' features and what they add to the accelerations, (k, 3)."""
-        every = [*self.own.correction, *self.correction]
-        names = sorted({c.feature for c in every})
+    def feature_coefficients(self) -> tuple[list[str], FloatArray]:
+        """Return all features, and their coefficients (k, 3) in the three accelerations."""
+        terms = [*self.extras.feature_terms, *self.feature_terms]
+        names = sorted({term.feature for term in terms})
         table = np.zeros((len(names), 3))
-        for c in every:
-            table[names.index(c.feature), STATE_NAMES.index(c.equation)] += c.coefficient
+        for term in terms:
+            table[names.index(term.feature), STATE_NAMES.index(term.equation)] += term.coefficient
         return names, table
 
     def road(self) -> RoadProfile | None:
-        """Return the road that the simulator drives on, where it was learned."""
-        return None if self.own.road is None else self.own.road.map()
+        """Return the profile of the simulator's road, if it was identified."""
+        return None if self.extras.road is None else self.extras.road.profile()
 
-    def simulator(self) -> SurrogateModel:
-        """Return the stand-in of the simulator: nothing that was found in a recording."""
-        pieces = tuple(
-            FeatureTerm(c.equation, c.feature, c.coefficient, 0.0) for c in self.own.correction
+    def surrogate(self) -> SurrogateModel:
+        """
+        Return the surrogate of the simulator, without terms identified from a recording.
+
+        Its error is zero, and its residuals are, where the file holds no `identification`.
+        """
+        features = tuple(
+            FeatureTerm(c.equation, c.feature, c.coefficient, 0.0)
+            for c in self.extras.feature_terms
         )
+        entry = self.identification
+        if entry is None:
+            unknown = np.zeros((len(CHANNELS), _UNKNOWN_ERROR_BINS))
+            return SurrogateModel(
+                self.vector(),
+                np.zeros(len(CHANNELS)),
+                unknown,
+                np.empty((0, SIZE)),
+                self.road(),
+                features,
+            )
         return SurrogateModel(
             self.vector(),
-            np.zeros(6),
-            np.zeros((6, 100)),
-            np.empty((0, SIZE)),
+            entry.errors(),
+            np.empty((len(CHANNELS), 0)),
+            entry.directions(),
             self.road(),
-            pieces,
+            features,
+            autocovariance=entry.error_autocovariance(),
         )
 
 
 @dataclass(frozen=True)
 class NamedSurrogate:
-    """A model that was loaded, with its name for messages."""
+    """A loaded file, with its name for messages."""
 
     name: str
     content: SurrogateFile
@@ -223,71 +342,116 @@ class NamedSurrogate:
 
 def is_surrogate_file(path: Path) -> bool:
     """
-    Whether a YAML file is a stand-in's and not a vehicle's.
+    Whether a YAML file describes a surrogate and not a vehicle.
 
     Raises `UsageError` for a file that cannot be read.
     """
-    return path.is_file() and read(path, "model")[1].get("kind") == KIND
+    return path.is_file() and read(path, "model")[1].get("kind") in {KIND, _KIND_1}
 
 
 def load_surrogate(path: Path) -> NamedSurrogate:
     """
-    Load a stand-in's YAML.
+    Load a surrogate's YAML file.
 
     Raises `UsageError`, one line naming the file and the key.
     """
-    return NamedSurrogate(path.name, load(path, "stand-in", SurrogateFile))
+    return NamedSurrogate(path.name, load(path, "surrogate", SurrogateFile))
 
 
 def surrogate_yaml(
-    vector: FloatArray,
+    parameters: FloatArray,
     tolerances: dict[str, float] | None = None,
     terms: list[dict[str, Any]] | None = None,
-    correction: list[dict[str, Any]] | None = None,
-    simulator: SurrogateModel | None = None,
+    feature_terms: Sequence[FeatureTerm] = (),
+    surrogate: SurrogateModel | None = None,
 ) -> str:
-    """Return a stand-in's file as text, with what its `simulator` has of its own."""
-    content: dict[str, Any] = {
-        "kind": KIND,
-        "schema": 1,
-        "parameters": {name: _short(vector[i]) for i, name in enumerate(NAMES)},
-    }
-    if tolerances:
-        content["tolerances"] = {name: _short(x) for name, x in tolerances.items()}
-    if terms:
-        content["terms"] = terms
-    if correction:
-        content["correction"] = correction
-    own = {} if simulator is None else _own(simulator)
-    if own:
-        content["own"] = own
+    """Return a file's text; the extras are those of `surrogate`."""
+    return _dump(_content(parameters, tolerances, terms, feature_terms, surrogate))
+
+
+def simulation_yaml(surrogate: SurrogateModel) -> str:
+    """Return the text of a surrogate's own file, with its identification if that is known."""
+    content = _content(surrogate.parameters, surrogate=surrogate)
+    if np.any(surrogate.error > 0.0):
+        content["identification"] = _identification(surrogate)
+    return _dump(content)
+
+
+def _dump(content: dict[str, Any]) -> str:
     text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=96)
     return text
 
 
-def _own(simulator: SurrogateModel) -> dict[str, Any]:
-    own: dict[str, Any] = {}
-    road = simulator.road
+def _content(
+    parameters: FloatArray,
+    tolerances: dict[str, float] | None = None,
+    terms: list[dict[str, Any]] | None = None,
+    feature_terms: Sequence[FeatureTerm] = (),
+    surrogate: SurrogateModel | None = None,
+) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        "kind": KIND,
+        "schema": SCHEMA,
+        "parameters": {name: _rounded(parameters[i]) for i, name in enumerate(NAMES)},
+    }
+    if tolerances:
+        content["tolerances"] = {name: _rounded(x) for name, x in tolerances.items()}
+    if terms:
+        content["terms"] = terms
+    if feature_terms:
+        content["feature_terms"] = _feature_entries(feature_terms)
+    extras = {} if surrogate is None else _extras(surrogate)
+    if extras:
+        content["extras"] = extras
+    return content
+
+
+def _extras(surrogate: SurrogateModel) -> dict[str, Any]:
+    extras: dict[str, Any] = {}
+    road = surrogate.road
     if road is not None:
-        own["road"] = {
+        extras["road"] = {
             "spacing": road.spacing,
             "curves": {
-                name: [_short(x) for x in knots]
+                name: [_rounded(x) for x in knots]
                 for name, knots in zip(road.entries, road.coefficients, strict=True)
             },
             "line": [[round(float(x), 4) for x in row] for row in road.line],
         }
-    if simulator.feature_terms:
-        own["correction"] = [
-            {
-                "equation": piece.equation,
-                "feature": piece.feature,
-                "coefficient": _short(piece.coefficient),
+    if surrogate.feature_terms:
+        extras["feature_terms"] = _feature_entries(surrogate.feature_terms)
+    return extras
+
+
+def _feature_entries(terms: Sequence[FeatureTerm]) -> list[dict[str, Any]]:
+    return [
+        {
+            "equation": term.equation,
+            "feature": term.feature,
+            "coefficient": _rounded(term.coefficient),
+        }
+        for term in terms
+    ]
+
+
+def _identification(surrogate: SurrogateModel) -> dict[str, Any]:
+    error = surrogate.autocovariance or ErrorAutocovariance.of(surrogate.residuals)
+    return {
+        "error": dict(zip(CHANNELS, map(_rounded, surrogate.error), strict=True)),
+        "autocovariance": {
+            name: {
+                "limits": [_rounded(x) for x in error.limits[i]],
+                "values": [[_rounded(x) for x in row] for row in error.values[i]],
             }
-            for piece in simulator.feature_terms
-        ]
-    return own
+            for i, name in enumerate(CHANNELS)
+        },
+        "weak_directions": [
+            {name: _rounded(row[INDEX[name]]) for name in NAMES if row[INDEX[name]] != 0.0}
+            for row in surrogate.weak_directions
+        ],
+    }
 
 
-def _short(value: float) -> float:
+def _rounded(value: float) -> float:
+    """Return a value to eight significant digits."""
     return float(np.format_float_positional(value, 8, unique=False, fractional=False))

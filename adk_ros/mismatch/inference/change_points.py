@@ -1,52 +1,50 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Effects that begin in the middle of a recording: a scan over when."""
+"""Change-point detection: the time from which an effect acts."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from adk_ros.mismatch.inference.likelihood import ActiveEffect
-from adk_ros.mismatch.inference.score_test import LinearisedProblem
+from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
+from adk_ros.mismatch.library.criteria import MIN_DISTANCE_TO_END_S
 from adk_ros.mismatch.surrogate.activation import Activation
 
-MIN_DISTANCE_TO_END_S = 15.0
-"""A beginning nearer than this to either end of the recording is not looked for."""
+_MIN_COLUMN_ENERGY = 1e-6
 
 
-def locate_change_point(
-    screen: LinearisedProblem, active: ActiveEffect
-) -> tuple[float, ActiveEffect] | None:
+def locate_change_point(linearised: LinearisedProblem, active: ActiveEffect) -> Candidate | None:
     """
-    Return the linear gain and the effect with the onset at which it gains most, or None.
+    Return the effect with the onset of the largest linearised gain, or None.
 
-    `active` gives the size at which the derivative is taken. With s the effect's column and e what
-    is left, the gain of acting from t on is (sum over later s e)^2 / (sum over later s^2).
+    `active` gives the size at which the derivative is taken. With s the effect's column and e the
+    projected residuals, an onset at t gains (sum over later s e)^2 / (sum over later s^2).
     """
-    likelihood = screen.likelihood
-    course = likelihood.problem
-    column = screen.column(active)
-    bins = course.bins
-    size = 6 * bins
-    s = column[:size].reshape(6, bins)
-    e = screen.left[:size].reshape(6, bins)
-    both = np.cumsum((s * e).sum(axis=0)[::-1])[::-1]
-    own = np.cumsum((s * s).sum(axis=0)[::-1])[::-1]
-    gain = np.where(own > 1e-6, both**2 / np.maximum(own, 1e-6), 0.0)
-    share = -both / np.maximum(own, 1e-6)
-    at = course.bin_s
+    problem = linearised.likelihood.problem
+    column = linearised.column(active)
+    bins = problem.bins
+    n = 6 * bins
+    s = column[:n].reshape(6, bins)
+    e = linearised.projected[:n].reshape(6, bins)
+    product = np.cumsum((s * e).sum(axis=0)[::-1])[::-1]
+    energy = np.cumsum((s * s).sum(axis=0)[::-1])[::-1]
+    bounded = np.maximum(energy, _MIN_COLUMN_ENERGY)
+    gain = np.where(energy > _MIN_COLUMN_ENERGY, product**2 / bounded, 0.0)
+    share = -product / bounded
+    onset_s = problem.bin_s
     allowed = (
-        (at > course.start_s + MIN_DISTANCE_TO_END_S)
-        & (at < at[-1] - MIN_DISTANCE_TO_END_S)
+        (onset_s > problem.start_s + MIN_DISTANCE_TO_END_S)
+        & (onset_s < onset_s[-1] - MIN_DISTANCE_TO_END_S)
         & (share > 0.0)
     )
     if not allowed.any():
         return None
     best = int(np.argmax(np.where(allowed, gain, -1.0)))
-    gate = Activation(onset_s=float(at[best]))
-    inner = []
+    activation = Activation(onset_s=float(onset_s[best]))
+    theta = []
     for parameter, x in zip(active.effect.parameters, active.theta, strict=True):
         neutral = parameter.theta_neutral
         value = x if parameter.starts else neutral + (x - neutral) * float(share[best])
-        inner.append(float(np.clip(value, *parameter.bounds())))
-    return float(gain[best]), ActiveEffect(active.effect, tuple(inner), gate)
+        theta.append(float(np.clip(value, *parameter.bounds())))
+    return Candidate(ActiveEffect(active.effect, tuple(theta), activation), float(gain[best]))

@@ -1,13 +1,16 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From the search's hypotheses to what is said: effects with intervals, or what is unknown."""
+"""Decision: identified effects with confidence intervals, or unmodelled dynamics."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from adk_ros.mismatch.inference.feature_effect import FeatureEffect
+from adk_ros.mismatch.inference.fit_budget import FINAL, REPLACEMENT
 from adk_ros.mismatch.inference.forward_selection import SelectionPath, min_required_gain
 from adk_ros.mismatch.inference.identifiability import (
     Identifiability,
@@ -23,35 +26,28 @@ from adk_ros.mismatch.inference.result import (
     Interval,
     UnexplainedResidual,
 )
-from adk_ros.mismatch.inference.unmodelled import (
-    UnmodelledDynamics,
-    catalogue_effects,
-    fit_feature_expansion,
+from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics, fit_feature_expansion
+from adk_ros.mismatch.library.criteria import (
+    COLOURED_NOISE_INFLATION,
+    FEATURE_PREFERENCE_RATIO,
+    MAX_EXCESS_PER_NOISE,
+    MAX_EXCESS_PER_NULL_EXCESS,
+    MAX_REPLACEMENTS,
+    MAX_UNSTRUCTURED_EXCESS,
+    MIN_SEGMENT_TRANSITIONS,
+    MIN_UNSTRUCTURED_EXCESS,
+    REPLACEMENT_LOSS,
+    SYSTEMATIC_ERROR_PER_MATERIALITY,
+    SYSTEMATIC_ERROR_SHARE,
 )
-from adk_ros.mismatch.library.catalogue import EFFECTS
-from adk_ros.mismatch.library.effect import PLACE, TIME
+from adk_ros.mismatch.library.effect import EffectParameter
 from adk_ros.mismatch.surrogate.activation import TRANSITION_LENGTH_M
 from adk_ros.numerics.constants import GRAVITY, QUANTILE_90
-
-SYSTEMATIC_ERROR_SHARE = 0.012
-"""Share of an effect's size by which it may be off however long the drive: no form is exact."""
-COLOURED_NOISE_INFLATION = 1.4
-"""Factor on statistical deviations for what the whitening misses."""
-
-_MAX_EXCESS_PER_NOISE, _MAX_EXCESS_PER_NULL_EXCESS = 0.04, 0.06
-"""Shares of the noise and of all that there was; where less is left, nothing is unexplained."""
-_MAX_UNSTRUCTURED_EXCESS = 0.35
-"""Share of all that effects may leave if what is left depends on nothing."""
-_MIN_UNSTRUCTURED_EXCESS = 0.25
-"""Share of the noise that must be left to be said where no effect and no feature lessens it."""
-_MAX_REPLACEMENTS = 2
-_REPLACEMENT_LOSS = 8.0
-"""A rival that is better by this much takes the place of what was found."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What is said: the effects, the remainder, and the hypothesis that the figures are of."""
+    """The verdict with its effects and unmodelled dynamics, and the hypothesis behind them."""
 
     verdict: str
     effects: list[IdentifiedEffect]
@@ -60,207 +56,216 @@ class Decision:
     unmodelled: UnmodelledDynamics | None
 
 
-def decide(likelihood: Likelihood, found: SelectionPath) -> Decision:
-    """Judge the search's best hypothesis."""
-    best = found.best()
-    remainder = _unmodelled_dynamics(likelihood, found, best)
-    if remainder is not None:
-        kept = catalogue_effects(remainder.hypothesis)
-        best = remainder.hypothesis
-    else:
-        kept = best.actives
-    if not kept and remainder is None:
+def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
+    """Decide between no mismatch, effects, and unmodelled dynamics."""
+    best = path.best()
+    unmodelled = _unmodelled_dynamics(likelihood, path, best)
+    if unmodelled is not None:
+        best = unmodelled.hypothesis
+    elif not best.effects:
         return Decision(NONE, [], None, best, None)
-    edges = any(a.activation.kind in {PLACE, TIME} for a in kept)
-    final = likelihood.fit(best.actives, best.tolerances, 6, None, 1e-6, edges=edges)
-    final, standings = _resolve_competitors(
-        likelihood, _canonicalised(likelihood, final, edges), edges
-    )
-    worthy = _significant(likelihood, final, edges)
-    if len(worthy) < len(final.actives):
-        final = likelihood.fit(worthy, final.tolerances, 6, None, 1e-6, edges=edges)
-        final, standings = _resolve_competitors(likelihood, final, edges)
-    if not final.actives:
+    final = _fit_final(likelihood, best.effects, best)
+    final, identifiability = _resolve_competitors(likelihood, _canonicalised(likelihood, final))
+    significant = _significant(final)
+    if len(significant) < len(final.effects):
+        final = _fit_final(likelihood, significant, final)
+        final, identifiability = _resolve_competitors(likelihood, final)
+    if not final.effects:
         return Decision(NONE, [], None, final, None)
-    deviation = _deviations(likelihood, final, edges)
+    deviations = final.standard_deviations()
     effects = [
-        _effect(likelihood, active, deviation[i], standings[i])
-        for i, active in enumerate(final.actives)
-        if i in standings
+        _identified(likelihood, active, deviations[i], identifiability[i])
+        for i, active in enumerate(final.effects)
+        if i in identifiability
     ]
-    if remainder is None:
+    if unmodelled is None:
         return Decision(EXPLAINED, effects, None, final, None)
-    said = UnexplainedResidual(
-        remainder.equations,
-        round(remainder.share, 3),
-        remainder.text(),
-        remainder.expression(),
-        remainder.terms,
-    )
-    return Decision(UNKNOWN, effects, said, final, remainder)
+    return Decision(UNKNOWN, effects, unmodelled.unexplained(), final, unmodelled)
 
 
-def _significant(likelihood: Likelihood, h: Hypothesis, edges: bool) -> list[ActiveEffect]:
+def _fit_final(
+    likelihood: Likelihood, effects: Sequence[ActiveEffect], start: Hypothesis
+) -> Hypothesis:
+    return likelihood.fit(effects, nuisances=start.nuisances, budget=FINAL, fit_activation=True)
+
+
+def _significant(h: Hypothesis) -> list[ActiveEffect]:
     """
-    Return what is worth a name: more than build tolerance, surely not nothing, and somewhere.
+    Return the effects that are material, significantly non-zero, and in segments of some length.
 
-    Next to a large effect a small one may lessen the loss only because the large one's form is
-    inexact: it is then of no sure size, or its place has shrunk to less than its own edges.
+    Beside a large effect whose equation is inexact, a small one may reduce the loss without being
+    present; its size is then uncertain, or its segments shrink to less than their transitions.
     """
+    shortest = MIN_SEGMENT_TRANSITIONS * TRANSITION_LENGTH_M
     kept = []
-    for active, deviation in zip(h.actives, _deviations(likelihood, h, edges), strict=True):
-        sure = active.is_material() and any(
-            abs(inner - parameter.theta_neutral) > QUANTILE_90 * COLOURED_NOISE_INFLATION * one
-            for parameter, inner, one in zip(
+    for active, deviation in zip(h.effects, h.standard_deviations(), strict=True):
+        non_zero = any(
+            abs(theta - parameter.theta_neutral) > QUANTILE_90 * COLOURED_NOISE_INFLATION * sigma
+            for parameter, theta, sigma in zip(
                 active.effect.parameters, active.theta, deviation, strict=True
             )
         )
-        stretches = active.activation.segments
-        somewhere = not stretches or any(b - a > 2.0 * TRANSITION_LENGTH_M for a, b in stretches)
-        if active.effect.name not in EFFECTS or (sure and somewhere):
+        segments = active.activation.segments
+        extended = not segments or any(b - a > shortest for a, b in segments)
+        if isinstance(active.effect, FeatureEffect) or (
+            active.is_material() and non_zero and extended
+        ):
             kept.append(active)
     return kept
 
 
 def _resolve_competitors(
-    likelihood: Likelihood, h: Hypothesis, edges: bool
+    likelihood: Likelihood, h: Hypothesis
 ) -> tuple[Hypothesis, dict[int, Identifiability]]:
-    """Return the hypothesis in which no rival does better than what it has, and how all stand."""
-    for _ in range(_MAX_REPLACEMENTS + 1):
-        standings = {
+    """
+    Replace effects by competing ones that are clearly better.
+
+    Return the hypothesis, and the identifiability of its effects by index.
+    """
+    for _ in range(MAX_REPLACEMENTS + 1):
+        identifiability = {
             i: assess_identifiability(likelihood, h, i)
-            for i, active in enumerate(h.actives)
-            if active.effect.name in EFFECTS
+            for i, active in enumerate(h.effects)
+            if not isinstance(active.effect, FeatureEffect)
         }
-        ahead = [
-            (r.loss_difference, i, j)
-            for i, s in standings.items()
-            for j, r in enumerate(s.competitors)
-            if r.fitted.is_material()
+        ranked = [
+            (competitor.loss_difference, i, j)
+            for i, one in identifiability.items()
+            for j, competitor in enumerate(one.competitors)
+            if competitor.fitted.is_material()
         ]
-        behind, which, rival = min(ahead, default=(0.0, 0, 0))
-        if behind > -_REPLACEMENT_LOSS:
+        difference, which, best = min(ranked, default=(0.0, 0, 0))
+        if difference > -REPLACEMENT_LOSS:
             break
-        actives = list(h.actives)
-        actives[which] = standings[which].competitors[rival].fitted
-        h = likelihood.fit(actives, h.tolerances, 8, None, 1e-6, edges=edges)
-    return h, standings
+        effects = list(h.effects)
+        effects[which] = identifiability[which].competitors[best].fitted
+        h = likelihood.fit(effects, nuisances=h.nuisances, budget=REPLACEMENT, fit_activation=True)
+    return h, identifiability
 
 
 def _unmodelled_dynamics(
-    likelihood: Likelihood, found: SelectionPath, best: Hypothesis
+    likelihood: Likelihood, path: SelectionPath, best: Hypothesis
 ) -> UnmodelledDynamics | None:
-    """Return what is left where that is material, described from nothing or from `best`."""
-    left = best.cost - found.expected_loss
-    bound = any(
+    """
+    Return the unmodelled dynamics if the excess loss is material, otherwise None.
+
+    Candidates are an expression alone, and an expression in addition to the effects of `best`.
+    """
+    excess = best.loss - path.expected_loss
+    small = (
+        excess < MAX_EXCESS_PER_NOISE * path.expected_loss
+        or excess < MAX_EXCESS_PER_NULL_EXCESS * path.null_excess_loss
+    )
+    if small and not best.effects:
+        return None
+    alone = fit_feature_expansion(
+        likelihood, path.levels[0][0], path.expected_loss, path.null_excess_loss
+    )
+    if not best.effects:
+        # An excess that no effect and no feature reduces is the surrogate's error on this route.
+        structured = alone.terms or excess > MIN_UNSTRUCTURED_EXCESS * path.expected_loss
+        return alone if structured else None
+    if prefers_feature_model(alone, best, path):
+        return alone
+    at_bound = _is_at_bound(best)
+    if small and not at_bound:
+        return None
+    if at_bound:
+        return alone if alone.terms else None
+    combined = fit_feature_expansion(likelihood, best, path.expected_loss, path.null_excess_loss)
+    excess_alone = alone.hypothesis.loss - path.expected_loss
+    excess_combined = combined.hypothesis.loss - path.expected_loss
+    # Effects that a short expression does without only mimic it.
+    if excess_alone < FEATURE_PREFERENCE_RATIO * max(
+        excess_combined, MAX_EXCESS_PER_NOISE * path.expected_loss
+    ):
+        return alone
+    # Effects explain most, and the residual depends on no feature: their equations are inexact.
+    if not combined.terms and excess < MAX_UNSTRUCTURED_EXCESS * path.null_excess_loss:
+        return None
+    return combined
+
+
+def _is_at_bound(h: Hypothesis) -> bool:
+    """Whether a fitted variable of an effect has stopped at its bound."""
+    return any(
         x <= p.bounds()[0] + 1e-9 or x >= p.bounds()[1] - 1e-9
-        for a in best.actives
+        for a in h.effects
         for p, x in zip(a.effect.parameters, a.theta, strict=True)
         if not p.inverse and x != p.theta_neutral
     )
-    small = (
-        left < _MAX_EXCESS_PER_NOISE * found.expected_loss
-        or left < _MAX_EXCESS_PER_NULL_EXCESS * found.null_excess_loss
-    )
-    if small and not best.actives:
-        return None
-    nothing = found.levels[0][0]
-    plain = fit_feature_expansion(likelihood, nothing, found.expected_loss, found.null_excess_loss)
-    if not best.actives:
-        # What no effect and no feature lessens is the stand-in's own error on another route.
-        return (
-            plain if plain.terms or left > _MIN_UNSTRUCTURED_EXCESS * found.expected_loss else None
-        )
-    if prefers_feature_model(plain, best, found):
-        return plain
-    if small and not bound:
-        return None
-    if bound:
-        return plain if plain.terms else None
-    more = fit_feature_expansion(likelihood, best, found.expected_loss, found.null_excess_loss)
-    # Effects that a short expression does without were its disguise.
-    rest_plain = plain.hypothesis.cost - found.expected_loss
-    rest_more = more.hypothesis.cost - found.expected_loss
-    if rest_plain < 1.5 * max(rest_more, _MAX_EXCESS_PER_NOISE * found.expected_loss):
-        return plain
-    # Effects that explain most, and what they leave depends on nothing: their form is inexact.
-    if not more.terms and left < _MAX_UNSTRUCTURED_EXCESS * found.null_excess_loss:
-        return None
-    return more
 
 
 def prefers_feature_model(
-    plain: UnmodelledDynamics, best: Hypothesis, found: SelectionPath
+    features: UnmodelledDynamics, effects: Hypothesis, path: SelectionPath
 ) -> bool:
     """
-    Whether an expression of no more terms than there are effects does better than these.
+    Whether an expression with no more terms than there are effects fits better than these.
 
-    A listed effect that is there meets the noise, and no expression can do more; of one that is
-    not, several effects together are the disguise.
+    A catalogue effect that is present fits to the noise, and no expression can do better; several
+    wrong effects only mimic a missing term.
     """
-    if not plain.terms or len(plain.terms) > len(best.actives):
+    if not features.terms or len(features.terms) > len(effects.effects):
         return False
-    return plain.hypothesis.cost + min_required_gain(best, found) < best.cost
+    return features.hypothesis.loss + min_required_gain(effects, path) < effects.loss
 
 
-def _canonicalised(likelihood: Likelihood, h: Hypothesis, edges: bool) -> Hypothesis:
-    """Return the hypothesis with what is rather called by another name called so."""
-    deviation = _deviations(likelihood, h, edges)
-    actives = list(h.actives)
+def _canonicalised(likelihood: Likelihood, h: Hypothesis) -> Hypothesis:
+    """Replace effects by their canonical equivalents."""
+    deviations = h.standard_deviations()
+    effects = list(h.effects)
     changed = False
-    for i, active in enumerate(actives):
-        effect = canonical_effect(active, tuple(deviation[i]))
+    for i, active in enumerate(effects):
+        effect = canonical_effect(active, deviations[i])
         if effect is not active.effect:
-            # Tilt by the biases: roll from a_y, pitch from a_x.
-            inner = (active.theta[1] / GRAVITY, -active.theta[0] / GRAVITY)
-            actives[i] = ActiveEffect(effect, inner, active.activation)
+            # Roll from the bias of a_y, pitch from that of a_x.
+            theta = (active.theta[1] / GRAVITY, -active.theta[0] / GRAVITY)
+            effects[i] = ActiveEffect(effect, theta, active.activation)
             changed = True
-    if not changed:
-        return h
-    return likelihood.fit(actives, h.tolerances, 6, None, 1e-6, edges=edges)
+    return _fit_final(likelihood, effects, h) if changed else h
 
 
-def _deviations(likelihood: Likelihood, h: Hypothesis, edges: bool) -> list[list[float]]:
-    """Return the standard deviations of each effect's fitted variables."""
-    assert h.fit is not None
-    every = h.fit.deviation()
-    at = likelihood.n_nuisances
-    out = []
-    for active in h.actives:
-        count = len(active.theta)
-        out.append([float(x) for x in every[at : at + count]])
-        at += count + (len(active.activation.variables()) if edges else 0)
-    return out
-
-
-def _effect(
-    likelihood: Likelihood, active: ActiveEffect, deviation: list[float], stands: Identifiability
+def _identified(
+    likelihood: Likelihood,
+    active: ActiveEffect,
+    deviation: Sequence[float],
+    identifiability: Identifiability,
 ) -> IdentifiedEffect:
-    parameters = {}
-    for parameter, inner, one in zip(
-        active.effect.parameters, active.theta, deviation, strict=True
-    ):
-        systematic = SYSTEMATIC_ERROR_SHARE * abs(inner - parameter.theta_neutral)
-        if not parameter.inverse:
-            systematic = float(np.hypot(systematic, 0.1 * parameter.materiality_threshold))
-        half = QUANTILE_90 * float(np.hypot(COLOURED_NOISE_INFLATION * one, systematic))
-        ends = sorted(
-            parameter.value(max(x, 1e-12) if parameter.inverse else x)
-            for x in (inner - half, inner + half)
+    parameters = {
+        parameter.name: confidence_interval(parameter, theta, sigma)
+        for parameter, theta, sigma in zip(
+            active.effect.parameters, active.theta, deviation, strict=True
         )
-        parameters[parameter.name] = Interval(
-            parameter.value(inner), ends[0], ends[1], parameter.unit
-        )
-    gate = active.activation
+    }
+    activation = active.activation
     return IdentifiedEffect(
         active.effect,
         parameters,
-        round(stands.confidence(), 3),
-        stands.alternatives,
-        gate.kind,
-        gate.intervals(likelihood.problem),
-        stands.gain,
-        stands.competitors,
-        gate.segments,
-        gate.onset_s,
+        round(identifiability.confidence(), 3),
+        identifiability.alternatives,
+        activation.kind,
+        activation.intervals(likelihood.problem),
+        identifiability.gain,
+        identifiability.competitors,
+        activation.segments,
+        activation.onset_s,
     )
+
+
+def confidence_interval(parameter: EffectParameter, theta: float, sigma: float) -> Interval:
+    """
+    Return a parameter's 90 % confidence interval.
+
+    The variance of theta is (inflation sigma)^2 + (share |theta - neutral|)^2 + (share
+    threshold)^2: statistical, from the inexact equation, and from the materiality threshold.
+    """
+    systematic = SYSTEMATIC_ERROR_SHARE * abs(theta - parameter.theta_neutral)
+    if not parameter.inverse:
+        floor = SYSTEMATIC_ERROR_PER_MATERIALITY * parameter.materiality_threshold
+        systematic = float(np.hypot(systematic, floor))
+    half = QUANTILE_90 * float(np.hypot(COLOURED_NOISE_INFLATION * sigma, systematic))
+    ends = sorted(
+        parameter.value(max(x, 1e-12) if parameter.inverse else x)
+        for x in (theta - half, theta + half)
+    )
+    return Interval(parameter.value(theta), ends[0], ends[1], parameter.unit)

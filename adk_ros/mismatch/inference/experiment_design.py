@@ -1,67 +1,66 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What to drive next: manoeuvres, simulated, that would tell apart what this drive could not.
+Experiment design: the manoeuvre that best discriminates between two competing effects.
 
-The corrected model drives each manoeuvre twice, once with an effect and once with what stands in
-its place, of the sizes that both had on the recording. What differs counts in units of the noise,
-less what build tolerances and 3 % of the rival's size could make up:
+The corrected model drives each manoeuvre with the identified effect and with the competing one, at
+the sizes fitted to the recording, and both are observed through the sensor model. With d the
+difference over the noise of a 40 ms bin, and J its derivatives with respect to nuisance parameters
+t (build tolerances, sensor offsets, the competing effect's size) in prior standard deviations,
 
-    loss = min over t of  1/2 |d - J t|^2 + 1/2 |t|^2        d: difference over noise, a 40 ms bin
+    loss = 1/2 min over t of |d - J t|^2 + |t|^2
 
-with J what a tolerance of its usual size changes. It tells them apart where that loss is
-`ENOUGH`, five times what chance allows a rival on a recording (`ambiguity.MARGIN`).
+is the loss by which a recording of the manoeuvre would discriminate between them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adk_ros.mismatch.inference.identifiability import INDISTINGUISHABLE_LOSS
-from adk_ros.mismatch.inference.likelihood import (
-    TOLERANCE_PARAMETERS,
+from adk_ros.mismatch.inference.likelihood import TOLERANCE_PARAMETERS, ActiveEffect
+from adk_ros.mismatch.library.criteria import (
+    COMPETITOR_SIZE_SIGMA,
+    DISCRIMINATION_LOSS,
+    MIN_SPEED,
+    SENSOR_OFFSET_PRIORS,
     TOLERANCE_SIGMA,
-    ActiveEffect,
 )
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.surrogate.command_integrals import integrate_commands
 from adk_ros.mismatch.surrogate.equations_of_motion import integrate
-from adk_ros.mismatch.surrogate.residuals import BIN_S, COMMAND_GRID_S, cumulative_command
+from adk_ros.mismatch.surrogate.residuals import (
+    BIN_S,
+    STEP_S,
+    ResidualProblem,
+    prepare_residual_problem,
+)
+from adk_ros.mismatch.surrogate.run_inputs import open_loop_inputs, run_buffers
 from adk_ros.mismatch.surrogate.state_index import (
-    A_X,
-    A_Y,
-    OUTPUTS,
     S_PLAY,
     S_STEER,
     S_STEER_MORE,
     S_V_X,
     STATE_SIZE,
     V_X,
-    V_Y,
-    YAW_RATE,
 )
 from adk_ros.numerics.arrays import FloatArray
 
-DISCRIMINATION_LOSS = 5.0 * INDISTINGUISHABLE_LOSS
-STEP_S = 0.005
+COMMAND_PERIOD_S = 0.005
 DURATION_S = 20.0
-_MIN_SPEED = 3.0
-"""m/s, below which nothing is compared."""
-_ROWS = (A_X, A_Y, YAW_RATE, V_X, V_Y, YAW_RATE)
-"""Of a run's output, for `evidence.CHANNELS`."""
-_COMPETITOR_SIGMA = 0.03
-_BIN_STEPS = round(BIN_S / STEP_S)
-_SETTLING_STEPS = round(0.5 / STEP_S)
+_SETTLING_S = 0.5
+"""s at the start of a manoeuvre that do not count: the state settles."""
 
 
 @dataclass(frozen=True)
 class Manoeuvre:
     """
-    Commands along time.
+    Requests along time, one every `COMMAND_PERIOD_S`.
 
-    `speed` (m/s) at the start; `push` (n,) longitudinal acceleration asked for, m/s^2; `angle`
+    `speed` at the start, m/s; `acceleration_request` (n,) longitudinal, m/s²; `steering_request`
     (n,) of the road wheels, rad.
     """
 
@@ -74,9 +73,9 @@ class Manoeuvre:
 @dataclass(frozen=True)
 class Discriminability:
     """
-    How the best of all manoeuvres tells `of` from `other`.
+    The manoeuvre that best discriminates between effects `of` and `other`.
 
-    `loss` of that, against `ENOUGH`; `tried` manoeuvres were simulated.
+    `loss` of that manoeuvre; `tried`: number of simulated manoeuvres.
     """
 
     of: str
@@ -87,13 +86,13 @@ class Discriminability:
 
     @property
     def distinguishes(self) -> bool:
-        """Whether it does."""
+        """Whether the loss suffices."""
         return self.loss >= DISCRIMINATION_LOSS
 
 
 def manoeuvres() -> tuple[Manoeuvre, ...]:
-    """Return what is tried, gentle enough for a car on a dry road."""
-    t = STEP_S * np.arange(round(DURATION_S / STEP_S))
+    """Return the manoeuvres that are compared, moderate enough for a car on a dry road."""
+    t = COMMAND_PERIOD_S * np.arange(round(DURATION_S / COMMAND_PERIOD_S))
     none, on = np.zeros_like(t), np.asarray(t > 1.0, dtype=np.float64)
     square = on * np.sign(np.sin(2.0 * np.pi * t / 4.0))
     sweep = np.sin(2.0 * np.pi * (0.2 * t + 0.5 * (1.5 - 0.2) / DURATION_S * t**2))
@@ -101,9 +100,9 @@ def manoeuvres() -> tuple[Manoeuvre, ...]:
         Manoeuvre("coasting down from 25 m/s on a straight", 25.0, none, none),
         Manoeuvre("full acceleration from walking pace on a straight", 4.0, 2.5 * on, none),
         Manoeuvre("firm braking from 30 m/s on a straight", 30.0, -3.0 * on, none),
-        Manoeuvre("steps of torque to and fro at 10 m/s", 10.0, 1.5 * square, none),
-        Manoeuvre("step steers to and fro at 12 m/s", 12.0, none, 0.05 * square),
-        Manoeuvre("step steers to and fro at 25 m/s", 25.0, none, 0.015 * square),
+        Manoeuvre("alternating torque steps at 10 m/s", 10.0, 1.5 * square, none),
+        Manoeuvre("alternating step steers at 12 m/s", 12.0, none, 0.05 * square),
+        Manoeuvre("alternating step steers at 25 m/s", 25.0, none, 0.015 * square),
         Manoeuvre("a swept slalom at 15 m/s, 0.2 to 1.5 Hz", 15.0, none, 0.03 * sweep),
         Manoeuvre("a slowly tightening bend at 15 m/s", 15.0, none, 0.006 * np.maximum(t - 1, 0)),
         Manoeuvre("a circle at walking pace, lock to lock", 4.0, none, 0.35 * square),
@@ -112,101 +111,123 @@ def manoeuvres() -> tuple[Manoeuvre, ...]:
 
 def most_discriminating_manoeuvre(
     base: FloatArray,
-    actives: Sequence[ActiveEffect],
+    effects: Sequence[ActiveEffect],
     which: int,
-    rival: ActiveEffect,
+    competitor: ActiveEffect,
     noise: FloatArray,
 ) -> Discriminability:
     """
-    Return the manoeuvre that best tells effect `which` of a hypothesis from its rival.
+    Return the manoeuvre that best discriminates effect `which` from its competing effect.
 
-    `base`: the stand-in's parameters; `noise` (6,) of a bin, by channel.
+    `base`: the surrogate's parameters; `noise` (6,) of a bin, by channel.
     """
-    mine = parameters_with_effects(base, actives)
-    others = [a for i, a in enumerate(actives) if i != which]
-    theirs = parameters_with_effects(base, [*others, rival])
-    larger = parameters_with_effects(base, [*others, _scaled(rival, 1.0 + _COMPETITOR_SIGMA)])
-    mass, radius = base[INDEX["mass"]], base[INDEX["wheel_radius"]]
-    best, name = -1.0, ""
-    tried = manoeuvres()
-    for manoeuvre in tried:
-        torque = manoeuvre.acceleration_request * mass * radius
-        first = _run(mine, manoeuvre, torque)
-        difference = _run(theirs, manoeuvre, torque) - first
-        columns = [_run(larger, manoeuvre, torque) - first - difference]
-        for entry in TOLERANCE_PARAMETERS:
-            changed = mine.copy()
-            changed[INDEX[entry]] *= 1.0 + TOLERANCE_SIGMA
-            columns.append(_run(changed, manoeuvre, torque) - first)
-        scaled = np.stack([difference, *columns]) / noise[:, None]
-        fair = np.isfinite(scaled).all(axis=(0, 1))
-        left = scaled[0][:, fair].ravel()
-        free = scaled[1:][:, :, fair].reshape(len(columns), -1).T
-        taken = np.linalg.solve(free.T @ free + np.eye(free.shape[1]), free.T @ left)
-        loss = 0.5 * float(left @ left - left @ free @ taken)
+    others = [a for i, a in enumerate(effects) if i != which]
+    identified = parameters_with_effects(base, effects)
+    competing = parameters_with_effects(base, [*others, competitor])
+    larger = _scaled(competitor, 1.0 + COMPETITOR_SIZE_SIGMA)
+    resized = parameters_with_effects(base, [*others, larger])
+    mass, radius = float(base[INDEX["mass"]]), float(base[INDEX["wheel_radius"]])
+    best, text = -1.0, ""
+    candidates = manoeuvres()
+    for manoeuvre in candidates:
+        run = _ManoeuvreRun(manoeuvre, mass * radius)
+        observed = run.observe(identified)
+        difference = run.observe(competing) - observed
+        columns = [run.observe(resized) - observed - difference]
+        columns += [run.observe(p) - observed for p in _perturbed(identified)]
+        loss = _discrimination_loss(np.stack([difference, *columns]) / noise[:, None])
         if loss > best:
-            best, name = loss, manoeuvre.text
+            best, text = loss, manoeuvre.text
     return Discriminability(
-        actives[which].effect.name, rival.effect.name, name, max(best, 0.0), len(tried)
+        effects[which].effect.name, competitor.effect.name, text, max(best, 0.0), len(candidates)
     )
 
 
-def parameters_with_effects(base: FloatArray, actives: Sequence[ActiveEffect]) -> FloatArray:
-    """Return the parameters with effects at work, wherever they were found."""
+def _discrimination_loss(scaled: FloatArray) -> float:
+    """
+    Return the loss of rows (1 + k, 6, bins): the difference, then nuisance derivatives.
+
+    Bins with NaN in any row do not count.
+    """
+    counted = np.isfinite(scaled).all(axis=(0, 1))
+    d = scaled[0][:, counted].ravel()
+    jacobian = scaled[1:][:, :, counted].reshape(scaled.shape[0] - 1, -1).T
+    normal = jacobian.T @ jacobian + np.eye(jacobian.shape[1])
+    explained = np.linalg.solve(normal, jacobian.T @ d)
+    return 0.5 * float(d @ d - d @ jacobian @ explained)
+
+
+def _perturbed(p: FloatArray) -> list[FloatArray]:
+    """Return the parameters with one nuisance parameter each at one standard deviation."""
+    out = []
+    for name in TOLERANCE_PARAMETERS:
+        changed = p.copy()
+        changed[INDEX[name]] *= 1.0 + TOLERANCE_SIGMA
+        out.append(changed)
+    for name, (sigma, _) in SENSOR_OFFSET_PRIORS.items():
+        changed = p.copy()
+        changed[INDEX[name]] += sigma
+        out.append(changed)
+    return out
+
+
+def parameters_with_effects(base: FloatArray, effects: Sequence[ActiveEffect]) -> FloatArray:
+    """Return the parameters with effects active throughout, wherever they were identified."""
     p: FloatArray = base.copy()
-    for active in actives:
-        for parameter, inner in zip(active.effect.parameters, active.theta, strict=True):
-            for i, amount in parameter.amounts(inner, base):
+    for active in effects:
+        for parameter, theta in zip(active.effect.parameters, active.theta, strict=True):
+            for i, amount in parameter.amounts(theta, base):
                 p[i] += amount
     return p
 
 
-def _scaled(active: ActiveEffect, share: float) -> ActiveEffect:
-    inner = tuple(
-        p.theta_neutral + share * (x - p.theta_neutral)
+def _scaled(active: ActiveEffect, factor: float) -> ActiveEffect:
+    theta = tuple(
+        p.theta_neutral + factor * (x - p.theta_neutral)
         for p, x in zip(active.effect.parameters, active.theta, strict=True)
     )
-    return ActiveEffect(active.effect, inner, active.activation)
+    return replace(active, theta=theta)
 
 
-def _run(p: FloatArray, manoeuvre: Manoeuvre, torque: FloatArray) -> FloatArray:
-    """Return a run's channels (6, bins), NaN where the car is all but standing."""
-    n = torque.shape[0]
-    at = STEP_S * np.arange(n, dtype=np.float64)
-    torques, angles = (
-        cumulative_command(at, values, COMMAND_GRID_S, DURATION_S)
-        for values in (torque, manoeuvre.steering_request)
-    )
-    state = np.zeros(STATE_SIZE)
-    state[S_V_X] = manoeuvre.speed
-    state[[S_PLAY, S_STEER, S_STEER_MORE]] = p[INDEX["steer_gain"]] * manoeuvre.steering_request[0]
-    out, none = np.empty((OUTPUTS, n)), np.empty(0, dtype=np.int64)
-    integrate(
-        p,
-        none,
-        np.empty(0),
-        none,
-        np.ones((1, n)),
-        torques,
-        angles,
-        COMMAND_GRID_S,
-        0.0,
-        STEP_S,
-        np.empty(0),
-        np.full((n, 3), np.nan),
-        np.zeros(3),
-        np.empty((0, 3)),
-        state,
-        out,
-        np.empty((0, 0)),
-    )
-    heard = out[list(_ROWS)]
-    # As sensors would say it: a bias or a scale of theirs tells effects apart too.
-    heard[0] += p[INDEX["bias_a_x"]]
-    heard[1] += p[INDEX["bias_a_y"]]
-    heard[2] = heard[2] * p[INDEX["gyro_gain"]] + p[INDEX["bias_gyro"]]
-    heard[3] *= p[INDEX["odometry_gain"]]
-    heard[:, out[V_X] < _MIN_SPEED] = np.nan
-    heard[:, :_SETTLING_STEPS] = 0.0
-    bins = n // _BIN_STEPS
-    return np.asarray(heard[:, : bins * _BIN_STEPS].reshape(6, bins, _BIN_STEPS).mean(axis=2))
+class _ManoeuvreRun:
+    """A manoeuvre prepared for open-loop runs; `torque_factor` N·m per m/s²."""
+
+    def __init__(self, manoeuvre: Manoeuvre, torque_factor: float) -> None:
+        self._speed = manoeuvre.speed
+        self._first_angle = float(manoeuvre.steering_request[0])
+        n = manoeuvre.steering_request.shape[0]
+        command_s = COMMAND_PERIOD_S * np.arange(n, dtype=np.float64)
+        torque = manoeuvre.acceleration_request * torque_factor
+        command = np.column_stack([torque, manoeuvre.steering_request])
+        self._commands = integrate_commands(command_s, command, DURATION_S)
+        self._problem = _sensor_problem(manoeuvre.text, command_s, command)
+
+    def observe(self, p: FloatArray) -> FloatArray:
+        """
+        Return the channels (6, bins) as the sensors report them.
+
+        Zero while the state settles, NaN where the car is slower than `MIN_SPEED`.
+        """
+        problem = self._problem
+        state = np.zeros(STATE_SIZE)
+        state[S_V_X] = self._speed
+        state[[S_PLAY, S_STEER, S_STEER_MORE]] = p[INDEX["steer_gain"]] * self._first_angle
+        inputs = open_loop_inputs(self._commands, problem.start_s, STEP_S, problem.steps)
+        buffers = run_buffers(state, problem.steps)
+        integrate(p, problem.no_terms(), inputs, buffers)
+        # The measurements are zero: the residuals are the negative simulated signals.
+        channels = -problem.residuals(p, out=buffers.output)
+        steps_per_bin = round(BIN_S / STEP_S)
+        bin_of = np.minimum(np.arange(problem.steps) // steps_per_bin, problem.bins - 1)
+        slow = np.bincount(bin_of, buffers.output[V_X] < MIN_SPEED, problem.bins) > 0
+        channels[:, slow] = np.nan
+        channels[:, problem.bin_s < _SETTLING_S] = 0.0
+        return channels
+
+
+def _sensor_problem(name: str, command_s: FloatArray, command: FloatArray) -> ResidualProblem:
+    """Return the residual problem of sensors that report zero, one sample per step."""
+    at_s = STEP_S * (np.arange(round(DURATION_S / STEP_S), dtype=np.float64) + 0.5)
+    zero = np.zeros((at_s.size, 3))
+    log = SensorLog(name, DURATION_S, at_s, zero, at_s, zero, zero, command_s, command)
+    return prepare_residual_problem(log, np.ones(6))

@@ -1,40 +1,48 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a drive cannot tell apart: for each effect found, others that would explain as much.
+Identifiability: which other effects explain a recording as well as an identified one.
 
-Each rival takes the effect's place in the hypothesis and is fitted. It is an alternative if its
-loss is no more than a margin above: the margin is what chance allows, plus what the inexact form
-of the effect's equation allows (a share of what the effect explains). Some pairs are the same
-physics on any drive, and are alternatives in any case.
+Each competing effect takes the identified effect's place in the hypothesis and is fitted. It is an
+alternative if its loss exceeds the identified one's by less than a margin: statistical fluctuation
+plus a share of the identified effect's gain, since no effect's equation is exact. Structurally
+equivalent effects are alternatives on any recording.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from adk_ros.mismatch.inference.fit_budget import ABLATION, COMPETITOR, COMPETITOR_REFIT
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
-from adk_ros.mismatch.inference.score_test import LinearisedProblem
+from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import (
+    COMPETITOR_REFIT_MARGINS,
+    CONFIDENCE_MARGINS,
+    CONFIDENCE_NULL_LOSS,
+    CONFUSABLE_GAIN_FACTOR,
+    GYRO_BIAS_SIGMAS,
+    INDISTINGUISHABLE_LOSS,
+    INDISTINGUISHABLE_LOSS_SHARE,
+    MAX_COMPETITORS,
+    MAX_CONFIDENCE,
+)
 from adk_ros.mismatch.library.effect import ALWAYS, PLACE, Effect
-
-INDISTINGUISHABLE_LOSS = 12.0
-INDISTINGUISHABLE_LOSS_SHARE = 2e-4
-_MAX_COMPETITORS = 4
-_QUICK_ITERATIONS = 5
 
 STRUCTURALLY_EQUIVALENT: dict[str, tuple[str, ...]] = {
     "drive_torque_gain": ("wheel_radius",),
     "wheel_radius": ("drive_torque_gain",),
 }
-"""What no drive of one car can tell apart."""
+"""Effects that no recording of the same channels can distinguish."""
 
 
 @dataclass(frozen=True)
 class CompetingEffect:
-    """A hypothesis that was beaten by `behind` in loss, with another effect in one's place."""
+    """Effect `name`, fitted in place of effect `of`; `loss_difference` above the latter's loss."""
 
     of: str
     name: str
@@ -45,92 +53,113 @@ class CompetingEffect:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """How sure an effect is: what its absence would cost, and its rivals, closest first."""
+    """The loss an effect saves, and its competing effects, closest first."""
 
     gain: float
     competitors: tuple[CompetingEffect, ...]
 
     @property
     def alternatives(self) -> list[str]:
-        """Names that the data cannot tell from it."""
-        return [rival.name for rival in self.competitors if rival.alternative]
+        """Names of effects that the data do not distinguish from it."""
+        return [competitor.name for competitor in self.competitors if competitor.alternative]
 
     def confidence(self) -> float:
-        """Return the share of belief, between 0 and 1, that the name is the right one."""
+        """Return a heuristic score between 0 and 1 that the name is right: no probability."""
         scale = (
-            2.0 * (1.0 + INDISTINGUISHABLE_LOSS_SHARE * self.gain / INDISTINGUISHABLE_LOSS) * 3.0
+            2.0
+            * (1.0 + INDISTINGUISHABLE_LOSS_SHARE * self.gain / INDISTINGUISHABLE_LOSS)
+            * CONFIDENCE_MARGINS
         )
-        others = sum(float(np.exp(-max(r.loss_difference, 0.0) / scale)) for r in self.competitors)
-        chance = float(np.exp(-max(self.gain, 0.0) / 20.0))
-        return min(0.99, 1.0 / (1.0 + others + chance))
+        others = sum(float(np.exp(-max(c.loss_difference, 0.0) / scale)) for c in self.competitors)
+        null = float(np.exp(-max(self.gain, 0.0) / CONFIDENCE_NULL_LOSS))
+        return min(MAX_CONFIDENCE, 1.0 / (1.0 + others + null))
 
 
 def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) -> Identifiability:
-    """Return how sure effect `which` of a hypothesis is."""
-    active = h.actives[which]
-    others = [a for i, a in enumerate(h.actives) if i != which]
-    without = likelihood.fit(others, h.tolerances, 6, None, 1e-4)
-    gain = without.cost - h.cost
+    """Fit the most similar effects in place of effect `which` of a hypothesis."""
+    active = h.effects[which]
+    others = [a for i, a in enumerate(h.effects) if i != which]
+    without = likelihood.fit(others, nuisances=h.nuisances, budget=ABLATION)
+    gain = without.loss - h.loss
     margin = INDISTINGUISHABLE_LOSS + INDISTINGUISHABLE_LOSS_SHARE * max(gain, 0.0)
-    known = likelihood.nuisance_jacobian(h)
-    screen = LinearisedProblem(likelihood, without, likelihood.nuisance_jacobian(without))
-    scope = PLACE if active.activation.kind == PLACE else ALWAYS
-    tried: list[tuple[float, ActiveEffect]] = []
-    taken = {a.effect.name for a in h.actives} | likelihood.unobservable
+    jacobian = likelihood.nuisance_jacobian(h)
+    linearised = LinearisedProblem(likelihood, without, likelihood.nuisance_jacobian(without))
+    excluded = {a.effect.name for a in h.effects} | likelihood.unobservable
+    equivalent = STRUCTURALLY_EQUIVALENT.get(active.effect.name, ())
+    competitors = []
+    for candidate in _similar_effects(linearised, active, excluded)[:MAX_COMPETITORS]:
+        fitted = likelihood.fit(
+            [*others, candidate.active],
+            nuisances=h.nuisances,
+            budget=COMPETITOR,
+            jacobian=jacobian,
+        )
+        difference = fitted.loss - h.loss
+        if difference < COMPETITOR_REFIT_MARGINS * margin:
+            fitted = likelihood.fit(
+                fitted.effects, nuisances=fitted.nuisances, budget=COMPETITOR_REFIT
+            )
+            difference = fitted.loss - h.loss
+        name = candidate.active.effect.name
+        competitor = fitted.effects[-1]
+        overparameterised = has_inactive_parameter(competitor, active)
+        alternative = (
+            (difference < margin or name in equivalent)
+            and competitor.is_material()
+            and not overparameterised
+        )
+        if overparameterised:
+            difference += margin
+        competitors.append(
+            CompetingEffect(active.effect.name, name, difference, competitor, alternative)
+        )
+    competitors.sort(key=lambda c: c.loss_difference)
+    return Identifiability(gain, tuple(competitors))
+
+
+def _similar_effects(
+    linearised: LinearisedProblem, active: ActiveEffect, excluded: set[str]
+) -> list[Candidate]:
+    """Return effects with the same activation, by linearised gain; confusable ones count more."""
+    kind = PLACE if active.activation.kind == PLACE else ALWAYS
+    likely = {
+        *active.effect.confusables,
+        *STRUCTURALLY_EQUIVALENT.get(active.effect.name, ()),
+    }
+    candidates = []
     for effect in EFFECTS.values():
-        if effect.name in taken or scope not in effect.activations:
+        if effect.name in excluded or kind not in effect.activations:
             continue
-        first = screen.screen_effect(effect, active.activation)[0]
-        likely = (
-            effect.name in active.effect.confusables
-            or effect.name in STRUCTURALLY_EQUIVALENT.get(active.effect.name, ())
-        )
-        tried.append((first.gain * (4.0 if likely else 1.0), first.active))
-    tried.sort(key=lambda x: -x[0])
-    rivals = []
-    for _, start in tried[:_MAX_COMPETITORS]:
-        fitted = likelihood.fit([*others, start], h.tolerances, _QUICK_ITERATIONS, known, 1e-5)
-        behind = fitted.cost - h.cost
-        if behind < 20.0 * margin:
-            fitted = likelihood.fit(fitted.actives, fitted.tolerances, 6, None, 1e-5)
-            behind = fitted.cost - h.cost
-        name = start.effect.name
-        same = name in STRUCTURALLY_EQUIVALENT.get(active.effect.name, ())
-        rival = fitted.actives[-1]
-        near = (
-            (behind < margin or same)
-            and rival.is_material()
-            and not has_inactive_parameter(rival, active)
-        )
-        if has_inactive_parameter(rival, active):
-            behind += margin
-        rivals.append(CompetingEffect(active.effect.name, name, behind, rival, near))
-    rivals.sort(key=lambda r: r.loss_difference)
-    return Identifiability(gain, tuple(rivals))
+        first = linearised.screen_effect(effect, active.activation)[0]
+        factor = CONFUSABLE_GAIN_FACTOR if effect.name in likely else 1.0
+        candidates.append(Candidate(first.active, first.gain * factor))
+    return sorted(candidates, key=lambda x: -x.gain)
 
 
-def has_inactive_parameter(rival: ActiveEffect, than: ActiveEffect) -> bool:
+def has_inactive_parameter(competitor: ActiveEffect, active: ActiveEffect) -> bool:
     """
-    Whether a rival does as well only with more parameters, one of which does nothing.
+    Whether a competing effect has more parameters than `active`, one of them not significant.
 
-    A bias of the IMU that spares the gyro is as good as a tilt; but why should it spare it?
+    Such an effect is as good only by its additional parameter: an IMU bias without gyro part
+    equals a tilt.
     """
-    if len(rival.theta) <= len(than.theta):
+    if len(competitor.theta) <= len(active.theta):
         return False
     return not all(
         parameter.is_material(x)
-        for parameter, x in zip(rival.effect.parameters, rival.theta, strict=True)
+        for parameter, x in zip(competitor.effect.parameters, competitor.theta, strict=True)
     )
 
 
-def canonical_effect(active: ActiveEffect, deviation: tuple[float, ...]) -> Effect:
+def canonical_effect(active: ActiveEffect, deviation: Sequence[float]) -> Effect:
     """
-    Return the effect that an equal one is rather called by.
+    Return the effect with fewer parameters that an effect is equivalent to, or itself.
 
-    A bias that the gyro does not share is as good as a tilt, and a tilt has no gyro bias.
+    An IMU bias without a significant gyro part is a tilt. `deviation`: standard deviations of the
+    fitted variables.
     """
     if active.effect.name == "imu_bias":
-        gyro = active.effect.parameters[2]
-        if not gyro.is_material(active.theta[2]) or abs(active.theta[2]) < 3.0 * deviation[2]:
+        gyro, bias = active.effect.parameters[2], active.theta[2]
+        if not gyro.is_material(bias) or abs(bias) < GYRO_BIAS_SIGMAS * deviation[2]:
             return EFFECTS["imu_tilt"]
     return active.effect

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.inference.fit_budget import SIMULATION, FitBudget
+from adk_ros.mismatch.inference.fit_budget import SIMULATION
 from adk_ros.mismatch.inference.whitening import prediction_error_filters
 from adk_ros.mismatch.library.criteria import (
     MIN_SPEED,
@@ -37,11 +37,16 @@ from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.residuals import (
     BIN_S,
     DISTANCE_INTERVAL_S,
-    ActiveTerms,
     ResidualProblem,
 )
+from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.numerics.arrays import BoolArray, FloatArray
-from adk_ros.numerics.levenberg_marquardt import BoundedParameters, FitResult, minimise
+from adk_ros.numerics.levenberg_marquardt import (
+    BoundedParameters,
+    FitOptions,
+    FitResult,
+    minimise,
+)
 
 TOLERANCE_PARAMETERS = (
     "mass",
@@ -212,7 +217,7 @@ class Likelihood:
         base = self.with_nuisances(nuisances)
         p = base.copy()
         fixed = self.fixed_terms
-        index, amount, activation = list(fixed.index), list(fixed.amount), list(fixed.activation)
+        entries, amounts, rows = list(fixed.entries), list(fixed.amounts), list(fixed.rows)
         activations = list(fixed.activations)
         for active in effects:
             row = 0
@@ -224,13 +229,13 @@ class Likelihood:
                     if row == 0:
                         p[i] += size
                     else:
-                        index.append(i)
-                        amount.append(size)
-                        activation.append(row)
+                        entries.append(i)
+                        amounts.append(size)
+                        rows.append(row)
         return p, ActiveTerms(
-            np.array(index, dtype=np.int64),
-            np.array(amount, dtype=np.float64),
-            np.array(activation, dtype=np.int64),
+            np.array(entries, dtype=np.int64),
+            np.array(amounts, dtype=np.float64),
+            np.array(rows, dtype=np.int64),
             np.array(activations),
         )
 
@@ -258,7 +263,7 @@ class Likelihood:
         effects: Sequence[ActiveEffect],
         *,
         nuisances: FloatArray | None = None,
-        budget: FitBudget = SIMULATION,
+        budget: FitOptions = SIMULATION,
         jacobian: FloatArray | None = None,
         fit_activation: bool = False,
     ) -> Hypothesis:
@@ -274,9 +279,7 @@ class Likelihood:
         def residuals(x: FloatArray) -> FloatArray:
             return self.residuals(x[:k], with_parameters(effects, x[k:], fit_activation))
 
-        fit = minimise(
-            residuals, unknowns, budget.iterations, budget.relative_tolerance, jacobian
-        )
+        fit = minimise(residuals, unknowns, budget, known_columns=jacobian)
         return Hypothesis(
             tuple(with_parameters(effects, fit.x[k:], fit_activation)),
             fit.x[:k].copy(),
@@ -302,8 +305,8 @@ class Likelihood:
             activation = active.activation
             for value in activation.variables() if fit_activation else ():
                 start.append(value)
-                local = bool(activation.stretches)
-                room = _SEGMENT_END_RANGE_LAPS * activation.lap if local else _ONSET_RANGE_S
+                local = bool(activation.segments)
+                room = _SEGMENT_END_RANGE_LAPS * activation.lap_length if local else _ONSET_RANGE_S
                 low.append(value - room)
                 high.append(value + room)
                 step.append(_SEGMENT_END_STEP_M if local else _ONSET_STEP_S)
@@ -360,7 +363,7 @@ class Likelihood:
 
 def _stationary_bins(problem: ResidualProblem) -> BoolArray:
     """Return the bins (b,) in which the car is slower than `MIN_SPEED` or was just before."""
-    speed = np.abs(problem.smooth[:, 0])
+    speed = np.abs(problem.smoothed_odometry[:, 0])
     slow = np.interp(problem.bin_s, problem.middle_s, speed) < MIN_SPEED
     after = np.ones(round(SETTLING_S / BIN_S), dtype=np.int64)
     return np.asarray(np.convolve(slow.astype(np.int64), after)[: slow.shape[0]] > 0)

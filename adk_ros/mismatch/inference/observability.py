@@ -1,14 +1,15 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a recording's channels can carry, and what is therefore not asked of it.
+Observability: which effects the recorded channels can show.
 
-Without an IMU there is nothing to hold odometry against, so that no sensor's fault can be found,
-and gravity cannot be told from a force. A drive command that is no torque (a pedal, a
-share) says nothing of forces along the car. And a published yaw rate may be a low-pass of the
-heading's change: what comes late in it need not come late in the car. The filter is looked for
-where there is no gyro to compare with: the heading, passed through a low-pass, against the
-integral of the yaw rate.
+- Without an IMU, odometry has no second source: sensor faults are not observable, and gravity is
+  not distinguishable from a force.
+- A drive command that is no torque (a pedal position, an acceleration) carries no information
+  about longitudinal forces.
+- A published yaw rate may be the low-pass filtered derivative of the heading; its phase lag is
+  then not the vehicle's. Without a gyro, the filter is identified by comparing the low-pass
+  filtered heading with the integral of the yaw rate.
 """
 
 from __future__ import annotations
@@ -20,10 +21,17 @@ import numpy as np
 from adk_ros.errors import DataError
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.forward_selection import SelectionPath
-from adk_ros.mismatch.inference.likelihood import MIN_SPEED, Likelihood
-from adk_ros.mismatch.inference.result import UNKNOWN, MissingChannel, UnexplainedResidual
+from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.result import UNKNOWN, MissingChannel
 from adk_ros.mismatch.inference.unmodelled import fit_feature_expansion
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import (
+    MAX_FILTER_MISFIT,
+    MAX_NORMALISED_LOSS,
+    MIN_SPEED,
+    MIN_TORQUE_TO_INERTIA_RATIO,
+    MIN_YAW_FILTER_S,
+)
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
@@ -33,21 +41,16 @@ from adk_ros.numerics.differentiation import savitzky_golay
 
 YAW_FILTER_GRID_S = np.arange(0.0, 1.51, 0.025)
 """Time constants that are tried, s."""
-MIN_YAW_FILTER_S = 0.1
-_MAX_FILTER_MISFIT = 0.5
-"""A filter must leave no more than this share of the difference."""
 _STEP_S = 0.02
 _COMPARISON_STEPS = 50
-"""Steps over which turns are compared: drift of the yaw rate does not count."""
-_MIN_SPEED = 3.0
-MIN_TORQUE_TO_INERTIA_RATIO = 0.2
-"""A torque makes for at least this share of the largest accelerations."""
+"""Heading changes are compared over 1 s, so that drift of the yaw rate does not count."""
+_MIN_COMPARISONS = 10
+"""Least number of such intervals in motion."""
+_EXTREME_PERCENTILE = 99.0
+_PSEUDO_IMU_OFFSET_S, _PSEUDO_IMU_PERIOD_S = 0.005, 0.01
 
 GRAVITY_EFFECTS = ("road_grade", "road_bank")
-"""Effects that only an accelerometer, which does not feel them, tells from a force."""
-MAX_NORMALISED_LOSS = 2.0
-"""Where this many times a perfect model's loss is left, no effect is named of a narrow scope."""
-
+"""Effects that need an accelerometer, which measures specific force, to differ from a force."""
 PHASE_LAG_EFFECTS = (
     "steering_delay",
     "steering_lag",
@@ -57,12 +60,16 @@ PHASE_LAG_EFFECTS = (
     "clock_offset",
     "odometry_filter",
 )
-"""Effects that show as a yaw rate that comes late."""
+"""Effects that appear as a phase lag of the yaw rate."""
 
 
 @dataclass(frozen=True)
 class ObservableEffects:
-    """`yaw_filter_s`: time constant with which the published yaw rate is low-passed, if it is."""
+    """
+    The informative channels of a recording.
+
+    `yaw_filter_s`: time constant of the low-pass filter of the published yaw rate; 0 without one.
+    """
 
     imu: bool = True
     torque: bool = True
@@ -70,12 +77,12 @@ class ObservableEffects:
 
     @property
     def is_complete(self) -> bool:
-        """Whether nothing is lacking."""
+        """Whether all channels are available and unfiltered."""
         return self.imu and self.torque and self.yaw_filter_s == 0.0
 
     @property
     def unobservable(self) -> frozenset[str]:
-        """Return the effects, features and equations that are not asked for."""
+        """Effects, features and equations that the channels do not show."""
         out: set[str] = set()
         if not self.imu:
             out |= {e.name for e in EFFECTS.values() if e.sensor} | set(GRAVITY_EFFECTS)
@@ -88,14 +95,14 @@ class ObservableEffects:
         return frozenset(out)
 
     def missing_channels(self) -> list[MissingChannel]:
-        """Return what is lacking, what follows from it, and what would make more possible."""
+        """Return the missing channels, with the consequence and the remedy of each."""
         out = []
         if not self.imu:
             out.append(
                 MissingChannel(
                     "an IMU",
-                    "the recording has no IMU: odometry alone is judged, and what only an"
-                    " accelerometer or a gyro tells (slopes, banks, faults of sensors) is not; record"
+                    "the recording has no IMU: only odometry is analysed, and effects that need an"
+                    " accelerometer or a gyro (grade, bank, sensor faults) are not; record"
                     " sensor_msgs/msg/Imu",
                 )
             )
@@ -103,51 +110,48 @@ class ObservableEffects:
             out.append(
                 MissingChannel(
                     "a torque command",
-                    "the drive command is no torque (it is a requested acceleration, or far too small"
-                    " to move the car, like a pedal's position): nothing is claimed of forces along"
-                    " the car; record the wheel torque in N m",
+                    "the drive command is no torque (it is a requested acceleration, or far too"
+                    " small to move the car, like a pedal position or a torque in kN·m):"
+                    " longitudinal forces are not analysed; record the wheel torque in N·m",
                 )
             )
         if self.yaw_filter_s > 0.0:
             out.append(
                 MissingChannel(
                     "an unfiltered yaw rate",
-                    "the published yaw rate is the heading's change through a low-pass of about "
-                    f"{self.yaw_filter_s:.2g} s: it was taken into account, and no delay, lag or yaw"
-                    " inertia is read from it; record a gyro",
+                    "the published yaw rate is low-pass filtered with a time constant of about "
+                    f"{self.yaw_filter_s:.2g} s: the filter is compensated, and delay, lag and yaw"
+                    " inertia are not analysed; record a gyro",
                 )
             )
         return out
 
     def withhold_if_underexplained(
-        self, verdict: Decision, likelihood: Likelihood, found: SelectionPath
+        self, decision: Decision, likelihood: Likelihood, path: SelectionPath
     ) -> Decision:
         """
-        Return a verdict that names no effects where much is left that they do not explain.
+        Return a decision without effects where channels are missing and much is unexplained.
 
-        With all channels, what is left is itself evidence; with few, effects bend to take it in.
+        With all channels the excess loss is evidence in itself; with few, effects fit it.
         """
-        left = verdict.hypothesis.cost / max(found.expected_loss, 1.0)
-        if self.is_complete or left < MAX_NORMALISED_LOSS:
-            return verdict
-        rest = fit_feature_expansion(
-            likelihood, found.levels[0][0], found.expected_loss, found.null_excess_loss
+        normalised_loss = decision.hypothesis.loss / max(path.expected_loss, 1.0)
+        if self.is_complete or normalised_loss < MAX_NORMALISED_LOSS:
+            return decision
+        features = fit_feature_expansion(
+            likelihood, path.levels[0][0], path.expected_loss, path.null_excess_loss
         )
-        said = UnexplainedResidual(
-            rest.equations, round(rest.share, 3), rest.text(), rest.expression(), rest.terms
-        )
-        return Decision(UNKNOWN, [], said, rest.hypothesis, rest)
+        return Decision(UNKNOWN, [], features.unexplained(), features.hypothesis, features)
 
-    def with_yaw_filter(self, plain: SurrogateModel) -> SurrogateModel:
-        """Return a stand-in whose odometry reports as the recording's does."""
+    def with_yaw_filter(self, surrogate: SurrogateModel) -> SurrogateModel:
+        """Return the surrogate with the recording's yaw-rate filter."""
         if self.yaw_filter_s == 0.0:
-            return plain
-        p = plain.parameters.copy()
+            return surrogate
+        p = surrogate.parameters.copy()
         p[INDEX["odometry_lag"]] = self.yaw_filter_s
-        return replace(plain, parameters=p)
+        return replace(surrogate, parameters=p)
 
     def masked(self, likelihood: Likelihood) -> Likelihood:
-        """Return a likelihood that is silent on what is not asked for."""
+        """Return the likelihood with zero weight on uninformative channels."""
         if self.is_complete:
             return likelihood
         weights = likelihood.weights.copy()
@@ -162,48 +166,50 @@ def observable_effects(
     recording: SensorLog, mass: float, wheel_radius: float, imu: bool = True
 ) -> ObservableEffects:
     """
-    Return what a recording's channels can carry, for a car of about this mass.
+    Return which effects a recording's channels can show, for a car of about this mass.
 
-    `imu`: whether it has one of its own, and not been `filled`.
+    `imu`: whether the recording has an IMU of its own, not one of `with_pseudo_imu`.
 
-    Raises `DataError` where it has neither an IMU nor steering that it could be judged by.
+    Raises `DataError` where the commands excite neither longitudinal nor lateral dynamics.
     """
-    e = recording
+    log = recording
     # A torque inferred from a requested acceleration is no evidence about longitudinal forces.
-    torque = not e.torque_is_inferred and _is_torque(e, mass, wheel_radius)
-    if not torque and np.ptp(e.command[:, 1]) == 0.0:
+    torque = not log.torque_is_inferred and _is_torque(log, mass, wheel_radius)
+    if not torque and np.ptp(log.command[:, 1]) == 0.0:
         raise DataError(
-            f"{e.name}: the drive command is no torque and the steering is constant: there is "
-            "nothing that the car's motion could be held against; record the wheel torque in N m"
+            f"{log.name}: the drive command is no torque and the steering is constant: no "
+            "excitation to compare the motion with; record the wheel torque in N·m"
         )
-    return ObservableEffects(imu, torque, 0.0 if imu else yaw_filter(e))
+    return ObservableEffects(imu, torque, 0.0 if imu else yaw_filter(log))
 
 
 def with_pseudo_imu(recording: SensorLog) -> SensorLog:
     """
-    Return a recording without an IMU as if it had one that says what odometry implies.
+    Return a recording without an IMU with an IMU computed from odometry.
 
-    What computes with an IMU then has one; `Scope.narrowed` gives it no weight.
+    Code that needs an IMU then runs; `ObservableEffects.masked` gives it no weight.
     """
-    e = recording
-    if e.imu_s.size:
-        return e
-    at = np.arange(e.odometry_s[0] + 0.005, e.odometry_s[-1], 0.01)
+    log = recording
+    if log.imu_s.size:
+        return log
+    begin_s, end_s = log.odometry_s[0] + _PSEUDO_IMU_OFFSET_S, log.odometry_s[-1]
+    at_s = np.arange(begin_s, end_s, _PSEUDO_IMU_PERIOD_S)
     v_x, v_y, rate = (
-        np.interp(at, e.odometry_s, savitzky_golay(e.odometry[:, i])) for i in range(3)
+        np.interp(at_s, log.odometry_s, savitzky_golay(log.odometry[:, i], log.odometry_period_s))
+        for i in range(3)
     )
-    implied = [np.gradient(v_x, at) - rate * v_y, np.gradient(v_y, at) + rate * v_x, rate]
-    return replace(e, imu_s=at, imu=np.column_stack(implied))
+    imu = [np.gradient(v_x, at_s) - rate * v_y, np.gradient(v_y, at_s) + rate * v_x, rate]
+    return replace(log, imu_s=at_s, imu=np.column_stack(imu))
 
 
 def longest_moving_segment(recording: SensorLog) -> SensorLog:
     """
-    Return the longest part of a recording in which the car moves.
+    Return the longest part of a recording faster than `MIN_SPEED`.
 
-    Standing it tells nothing, and what it is told to do then may be anything.
+    A stationary car carries no information, and its commands may be arbitrary.
     """
-    moves = np.concatenate([[False], recording.odometry[:, 0] > MIN_SPEED, [False]])
-    edges = np.flatnonzero(np.diff(moves.astype(np.int8)))
+    moving = np.concatenate([[False], recording.odometry[:, 0] > MIN_SPEED, [False]])
+    edges = np.flatnonzero(np.diff(moving.astype(np.int8)))
     if not edges.size:
         return recording
     ends = np.append(recording.odometry_s, recording.odometry_s[-1] + 1e-6)
@@ -212,54 +218,57 @@ def longest_moving_segment(recording: SensorLog) -> SensorLog:
     return replace(recording.between(begin, end), duration_s=end)
 
 
-def _is_torque(e: SensorLog, mass: float, wheel_radius: float) -> bool:
-    v_x = savitzky_golay(e.odometry[:, 0])
-    along = np.abs(np.gradient(v_x, e.odometry_s))
-    felt = float(np.percentile(along[v_x > _MIN_SPEED], 99.0)) if (v_x > _MIN_SPEED).any() else 0.0
-    most = float(np.percentile(np.abs(e.command[:, 0]), 99.0)) / (wheel_radius * mass)
-    return most > MIN_TORQUE_TO_INERTIA_RATIO * felt
+def _is_torque(log: SensorLog, mass: float, wheel_radius: float) -> bool:
+    """Whether the command, taken for a torque, accounts for the largest accelerations."""
+    v_x = savitzky_golay(log.odometry[:, 0], log.odometry_period_s)
+    acceleration = np.abs(np.gradient(v_x, log.odometry_s))
+    moving = v_x > MIN_SPEED
+    measured = (
+        float(np.percentile(acceleration[moving], _EXTREME_PERCENTILE)) if moving.any() else 0.0
+    )
+    torque = float(np.percentile(np.abs(log.command[:, 0]), _EXTREME_PERCENTILE))
+    return torque / (wheel_radius * mass) > MIN_TORQUE_TO_INERTIA_RATIO * measured
 
 
-def yaw_filter(e: SensorLog) -> float:
+def yaw_filter(log: SensorLog) -> float:
     """
-    Return the time constant in s with which the yaw rate is a low-pass of the heading's change.
+    Return the time constant in s of the low-pass filter of the yaw rate, 0 without one.
 
-    Zero where a plain rate fits as well: r = d psi/dt, low-passed, is the change of psi,
-    low-passed, so that both are compared over turns of a second without a derivative.
+    The integral of a low-pass filtered rate is the low-pass filtered heading. Both are compared
+    as changes over a second, so that no derivative is needed.
     """
-    at = np.arange(e.odometry_s[0], e.odometry_s[-1], _STEP_S)
-    heading = np.interp(at, e.odometry_s, e.pose[:, 2])
-    rate = np.interp(at, e.odometry_s, e.odometry[:, 2])
-    moving = np.interp(at, e.odometry_s, e.odometry[:, 0]) > _MIN_SPEED
-    turned = savitzky_golay(np.cumsum(rate) * _STEP_S)
-    use = moving[_COMPARISON_STEPS:] & moving[:-_COMPARISON_STEPS]
-    if np.count_nonzero(use) < 10 * _COMPARISON_STEPS:
+    at_s = np.arange(log.odometry_s[0], log.odometry_s[-1], _STEP_S)
+    heading = np.interp(at_s, log.odometry_s, log.pose[:, 2])
+    rate = np.interp(at_s, log.odometry_s, log.odometry[:, 2])
+    moving = np.interp(at_s, log.odometry_s, log.odometry[:, 0]) > MIN_SPEED
+    counted = moving[_COMPARISON_STEPS:] & moving[:-_COMPARISON_STEPS]
+    if np.count_nonzero(counted) < _MIN_COMPARISONS * _COMPARISON_STEPS:
         return 0.0
-    turns = (turned[_COMPARISON_STEPS:] - turned[:-_COMPARISON_STEPS])[use]
-    left = []
-    for tau in YAW_FILTER_GRID_S:
-        passed = savitzky_golay(_low_pass(heading, float(tau)))
-        left.append(
-            float(
-                np.median(
-                    np.abs(turns - (passed[_COMPARISON_STEPS:] - passed[:-_COMPARISON_STEPS])[use])
-                )
-            )
-        )
-    best = int(np.argmin(left))
-    if YAW_FILTER_GRID_S[best] < MIN_YAW_FILTER_S or left[best] > _MAX_FILTER_MISFIT * left[0]:
+
+    def changes(angle: FloatArray) -> FloatArray:
+        smooth = savitzky_golay(angle, _STEP_S)
+        return np.asarray((smooth[_COMPARISON_STEPS:] - smooth[:-_COMPARISON_STEPS])[counted])
+
+    integrated = changes(np.cumsum(rate) * _STEP_S)
+    misfits = [
+        float(np.median(np.abs(integrated - changes(_low_pass(heading, float(tau))))))
+        for tau in YAW_FILTER_GRID_S
+    ]
+    best = int(np.argmin(misfits))
+    tau = float(YAW_FILTER_GRID_S[best])
+    if tau < MIN_YAW_FILTER_S or misfits[best] > MAX_FILTER_MISFIT * misfits[0]:
         return 0.0
-    return float(YAW_FILTER_GRID_S[best])
+    return tau
 
 
 def _low_pass(values: FloatArray, tau: float) -> FloatArray:
-    """Return a first-order low-pass of evenly sampled values (n,)."""
+    """Return a first-order low-pass filter of evenly sampled values (n,)."""
     if tau <= 0.0:
         return values
     keep = float(np.exp(-_STEP_S / tau))
     out = np.empty_like(values)
-    now = float(values[0])
+    state = float(values[0])
     for k, value in enumerate(values.tolist()):
-        now = value + (now - value) * keep
-        out[k] = now
+        state = value + (state - value) * keep
+        out[k] = state
     return out

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the tool has found: all that the machine's answer and a person's report are made of."""
+"""Result types of a mismatch analysis; `mismatch.json` and the report are made of them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NONE, EXPLAINED, UNKNOWN = "none", "explained", "unknown"
 
 @dataclass(frozen=True)
 class Interval:
-    """A parameter's value with its 90 % interval."""
+    """A parameter's value with its 90 % confidence interval."""
 
     value: float
     low: float
@@ -29,11 +29,11 @@ class Interval:
 @dataclass(frozen=True)
 class IdentifiedEffect:
     """
-    One effect that the recording has and the simulation lacks.
+    An effect in the recording that the simulation lacks.
 
-    `gain` is what the loss would rise without it; `rivals` what was tried in its place;
-    `stretches` (begin, end) in m along the lap of `lap_m` where it is bound to a place; one over
-    the lap's end ends beyond `lap_m`, or begins below zero.
+    `gain`: increase in loss without it. `competitors`: effects fitted in its place, closest first.
+    `segments`: (begin, end) in m along the lap of `lap_m`, for an effect at a place; a segment
+    across the start of the lap ends beyond `lap_m` or begins below zero.
     """
 
     effect: Effect
@@ -51,7 +51,7 @@ class IdentifiedEffect:
 
 @dataclass(frozen=True)
 class UnexplainedResidual:
-    """A remainder, by what it depends on: see `unknown`."""
+    """What unmodelled dynamics depend on; `share` of the excess loss before any effect."""
 
     equations: list[str]
     share: float
@@ -63,13 +63,13 @@ class UnexplainedResidual:
 @dataclass(frozen=True)
 class ResidualSeries:
     """
-    What a report draws: all in bins of 40 ms, SI.
+    Time series for the report, in bins of 40 ms, SI.
 
     `time_s` (b,); `x`, `y` (b,) the pose; `signals` by name (b,): v_x, v_y, yaw_rate, a_x, a_y,
-    torque, delta; `before`, `after` (6, b) residuals of `evidence.CHANNELS` of the stand-in and
-    of the corrected model; `noise` (6,) of a bin; `distance` (b,) along the lap, if there is one;
-    `without` by what was found the residuals (6, b) of the corrected model less that alone, where
-    more than one thing was: effects by name, features of a remainder as `equation:feature`.
+    torque, delta; `before`, `after` (6, b) residuals of the surrogate and of the corrected model,
+    by channel; `noise` (6,) of a bin; `distance` (b,) along the lap, if there is one; `without`
+    the corrected model's residuals (6, b) less one effect or feature, where there are several:
+    effects by name, features as `equation:feature`.
     """
 
     time_s: FloatArray
@@ -85,7 +85,7 @@ class ResidualSeries:
 
 @dataclass(frozen=True)
 class MissingChannel:
-    """What a recording is without, in a few words, and what follows from it, in a sentence."""
+    """A channel that the recording lacks, and the consequence in one sentence."""
 
     what: str
     text: str
@@ -94,13 +94,12 @@ class MissingChannel:
 @dataclass(frozen=True)
 class MismatchResult:
     """
-    The whole answer.
+    The result of a mismatch analysis.
 
-    `before`, `after`: root mean square errors (v_x, v_y, yaw rate) `horizon_s` ahead, on the last
-    part of the recording, which the parameters of `after` were not fitted to; NaN where nothing
-    is claimed. `losses` the loss of the best hypothesis with 0, 1, 2, ... effects; `level` the
-    number of residuals, which a perfect model's loss would be about. `simulation_yaml`,
-    `corrected_yaml` the models' files.
+    `before`, `after`: RMSE of v_x, v_y and yaw rate `horizon_s` ahead, on the last part of the
+    recording, which the parameters of `after` were not fitted to; NaN where a channel allows no
+    statement. `losses`: loss of the best hypothesis with 0, 1, 2, ... effects; `expected_loss`
+    that of a perfect model. `simulation_yaml`, `corrected_yaml`: the models' files.
     """
 
     verdict: str
@@ -121,9 +120,9 @@ class MismatchResult:
     profiles: list[SpatialProfile] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     held_out_yaml: str = ""
-    """The corrected model fitted to the part before the last, which `after` is of."""
+    """The corrected model fitted to the part before the held-out one; `after` is of it."""
     missing_channels: list[MissingChannel] = field(default_factory=list)
     not_judged: list[str] = field(default_factory=list)
-    """Effects that were not looked for, since the recording's channels say nothing of them."""
+    """Effects that the recorded channels do not show, and that were not considered."""
     discriminability: list[Discriminability] = field(default_factory=list)
-    """Of each pair that the drive cannot tell apart: the best manoeuvre of those simulated."""
+    """The most discriminating manoeuvre for each pair of indistinguishable effects."""

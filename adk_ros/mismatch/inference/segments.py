@@ -1,12 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Effects that are bound to a place: a map over the lap, then stretches with edges.
+Effects in segments of the lap: a profile along the lap, its segmentation, a fit of the boundaries.
 
-The lap is cut into bins. What an effect changes it changes within half a second, so that one run
-with the effect everywhere, cut into the bins, tells what it would change in each; a ridge
-regression with a smoothness prior then gives its size along the lap, and dynamic programming the
-stretches of one common size. Size and edges are then fitted.
+The lap is divided into bins. The response to an effect decays within half a second, so that one
+simulation with the effect everywhere, split by bin, gives the response to the effect in each bin.
+A ridge regression with a smoothness prior yields the effect's size along the lap; dynamic
+programming yields the segments of one common size. Size and boundaries are then fitted.
 """
 
 from __future__ import annotations
@@ -15,28 +15,42 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from adk_ros.mismatch.inference.fit_budget import SEGMENTS
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
-from adk_ros.mismatch.inference.score_test import LinearisedProblem
+from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
+from adk_ros.mismatch.library.criteria import (
+    MAX_SEGMENTS,
+    MIN_SEGMENT_TRANSITIONS,
+    PENALTY_PER_SEGMENT,
+)
 from adk_ros.mismatch.library.effect import PLACE, Effect
 from adk_ros.mismatch.surrogate.activation import TRANSITION_LENGTH_M, Activation
 from adk_ros.mismatch.surrogate.lap import Lap
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 
 BINS = 90
-_SCAN_AMPLITUDES = {"low_friction": (-0.15,), "crosswind": (4.0,), "headwind": (4.0,)}
+"""Bins of a lap; 10 to 20 m each on usual routes."""
+_SCAN_SIZES = {"low_friction": -0.15, "crosswind": 4.0, "headwind": 4.0}
+"""Sizes at which the derivative is taken, in the effect's unit."""
+_SCAN_STEPS = 5.0
+"""Size at which the derivative of other effects is taken, in their difference steps."""
 AMPLITUDE_GRID = tuple(sign * 0.12 * 1.35**k for sign in (1.0, -1.0) for k in range(16))
-"""Sizes that are tried, in the sizes of the derivatives."""
+"""Sizes that are tried, as multiples of the size at which the derivative is taken."""
 GRADUAL_EDGE_WIDTHS = {"road_grade": (9.0, 18.0, 36.0), "road_bank": (9.0, 18.0, 36.0)}
-"""Effects that may come and go gradually, with widths of the edges, m."""
-PENALTY_PER_SEGMENT = 16.0
-MAX_SEGMENTS = 6
-_MERGE_DISTANCE_M = 24.0
+"""Effects that may change gradually, with the transition lengths that are tried, m."""
+_SEARCH_TRANSITION_M = 24.0
+"""m. Wide transitions of a first fit, so that boundaries far off have derivatives."""
 _RIDGE = 0.03
+"""Weight of the smoothness prior, relative to the median of the normal matrix's diagonal."""
+_RIDGE_SIZE = 0.02
+"""Weight of the profile's size in that prior, relative to its second difference."""
+_EMPTY_BIN_COST = 1e-3
+"""Loss of including a bin: bins without data count only between two that gain."""
 
 
 @dataclass(frozen=True)
 class SpatialProfile:
-    """An effect's size (bins,) along the lap, less its neutral value; `at` (bins,) m."""
+    """An effect's size (bins,) along the lap, minus its neutral value; `at` (bins,) in m."""
 
     effect: str
     at: FloatArray
@@ -60,73 +74,83 @@ def segments_of_mask(mask: BoolArray, lap: float) -> tuple[tuple[float, float], 
 
 
 def fit_segments(
-    screen: LinearisedProblem, effect: Effect, lap: Lap
-) -> tuple[tuple[float, ActiveEffect] | None, SpatialProfile]:
+    linearised: LinearisedProblem, effect: Effect, lap: Lap
+) -> tuple[Candidate | None, SpatialProfile]:
     """
-    Return the best stretches for `effect` with their linear gain, if any, and its map.
+    Return the effect in its best segments with the linearised gain, if any, and its profile.
 
-    For an amount a of the effect, bin b gains 2 a n_b - a^2 d_b, n and d its part of the normal
-    equation; `best_mask` takes the bins that pay, and the best of `AMOUNTS` is kept.
+    For an amplitude a, bin b gains 2 a n_b - a^2 d_b, with n and d its entries in the normal
+    equation. `optimal_segmentation` selects the bins; the best of `AMPLITUDE_GRID` is kept.
     """
-    size = _SCAN_AMPLITUDES.get(effect.name, (effect.parameters[0].step * 5.0,))[0]
-    neutral = effect.parameters[0].theta_neutral
-    width = lap.length / BINS
-    course = screen.likelihood.problem
-    everywhere = screen.column(ActiveEffect(effect, (neutral + size,)))
-    whole = everywhere[: 6 * course.bins].reshape(6, course.bins)
-    bin_of = np.floor(np.interp(course.bin_s, course.middle_s, lap.unwrapped) / width)
-    stacked = np.zeros((everywhere.shape[0], BINS))
-    for b in range(BINS):
-        there = bin_of.astype(np.int64) % BINS == b
-        stacked[: 6 * course.bins, b] = (whole * there).ravel()
-    free = screen.project_out(stacked)
+    parameter = effect.parameters[0]
+    scan = _SCAN_SIZES.get(effect.name, parameter.step * _SCAN_STEPS)
+    neutral = parameter.theta_neutral
+    columns = _bin_columns(linearised, ActiveEffect(effect, (neutral + scan,)), lap)
+    free = linearised.project_out(columns)
     normal = free.T @ free
     usual = float(np.median(np.diag(normal)))
     smooth = 2.0 * np.eye(BINS) - np.roll(np.eye(BINS), 1, axis=0) - np.roll(np.eye(BINS), -1, 0)
-    penalty = _RIDGE * usual * (smooth + 0.02 * np.eye(BINS))
-    profile = np.linalg.solve(normal + penalty, -(free.T @ screen.left))
-    at = np.asarray((np.arange(BINS) + 0.5) * width, dtype=np.float64)
-    place_map = SpatialProfile(effect.name, at, np.asarray(profile * size))
-    low, high = effect.parameters[0].bounds()
-    weight, right = np.diag(normal), -(free.T @ screen.left)
-    best: tuple[float, ActiveEffect] | None = None
+    penalty = _RIDGE * usual * (smooth + _RIDGE_SIZE * np.eye(BINS))
+    right = -(free.T @ linearised.projected)
+    amplitude = np.linalg.solve(normal + penalty, right)
+    at = np.asarray((np.arange(BINS) + 0.5) * (lap.length / BINS), dtype=np.float64)
+    profile = SpatialProfile(effect.name, at, np.asarray(amplitude * scan))
+    low, high = parameter.bounds()
+    weight = np.diag(normal)
+    best: Candidate | None = None
     for amount in AMPLITUDE_GRID:
-        if not low <= neutral + size * amount <= high:
+        if not low <= neutral + scan * amount <= high:
             continue
         mask = optimal_segmentation(2.0 * amount * right - amount**2 * weight, PENALTY_PER_SEGMENT)
-        where = segments_of_mask(mask, lap.length)
-        if not 0 < len(where) <= MAX_SEGMENTS:
+        segments = segments_of_mask(mask, lap.length)
+        if not 0 < len(segments) <= MAX_SEGMENTS:
             continue
-        solved, gain = screen.solve(stacked[:, mask].sum(axis=1)[:, None])
-        gain -= PENALTY_PER_SEGMENT * len(where)
-        if best is None or gain > best[0]:
-            inner = float(np.clip(neutral + size * solved[0], low, high))
-            gate = Activation(segments=where, lap_length=lap.length, distance=lap.distance)
-            best = (gain, ActiveEffect(effect, (inner,), gate))
-    return best, place_map
+        solved, gain = linearised.solve(columns[:, mask].sum(axis=1)[:, None])
+        gain -= PENALTY_PER_SEGMENT * len(segments)
+        if best is None or gain > best.gain:
+            theta = float(np.clip(neutral + scan * solved[0], low, high))
+            activation = Activation(
+                segments=segments, lap_length=lap.length, distance=lap.distance
+            )
+            best = Candidate(ActiveEffect(effect, (theta,), activation), gain)
+    return best, profile
 
 
-def optimal_segmentation(gain: FloatArray, per_stretch: float) -> BoolArray:
+def _bin_columns(linearised: LinearisedProblem, active: ActiveEffect, lap: Lap) -> FloatArray:
+    """Return the change of the residuals (m, BINS) by an effect in each bin of the lap."""
+    problem = linearised.likelihood.problem
+    everywhere = linearised.column(active)
+    n = 6 * problem.bins
+    response = everywhere[:n].reshape(6, problem.bins)
+    distance = np.interp(problem.bin_s, problem.middle_s, lap.unwrapped)
+    bin_of = np.floor(distance / (lap.length / BINS)).astype(np.int64) % BINS
+    columns = np.zeros((everywhere.shape[0], BINS))
+    for b in range(BINS):
+        columns[:n, b] = (response * (bin_of == b)).ravel()
+    return columns
+
+
+def optimal_segmentation(gain: FloatArray, penalty_per_segment: float) -> BoolArray:
     """
-    Return which bins of a ring (n,) to take for the largest sum of gains less a price a stretch.
+    Return the bins (n,) of a ring with the largest sum of gains minus a penalty per segment.
 
-    By dynamic programming over two states, once for each state that the ring may begin in. Bins
-    that say nothing join what lies around them, since a stretch more costs more than they do.
+    Dynamic programming over two states, once for each initial state of the ring. Bins with almost
+    no gain join their neighbours' segment, since a further segment costs more than they do.
     """
     n = gain.shape[0]
     best_total, best = 0.0, np.zeros(n, dtype=bool)
-    own = gain - 1e-3
+    net = gain - _EMPTY_BIN_COST
     for first in (0, 1):
-        value = np.array([0.0, -np.inf]) if first == 0 else np.array([-np.inf, own[0]])
-        came = np.zeros((n, 2), dtype=np.int64)
+        value = np.array([0.0, -np.inf]) if first == 0 else np.array([-np.inf, net[0]])
+        previous = np.zeros((n, 2), dtype=np.int64)
         for k in range(1, n):
             off = (value[0], value[1])
-            on = (value[0] - per_stretch, value[1])
-            came[k] = int(off[1] > off[0]), int(on[1] >= on[0])
-            value = np.array([max(off), max(on) + own[k]])
-        # Round the ring: what ends off and begins on begins a stretch there.
+            on = (value[0] - penalty_per_segment, value[1])
+            previous[k] = int(off[1] > off[0]), int(on[1] >= on[0])
+            value = np.array([max(off), max(on) + net[k]])
+        # Closing the ring: a segment that begins at bin 0 after an inactive last bin costs, too.
         if first == 1:
-            value[0] -= per_stretch
+            value[0] -= penalty_per_segment
         state = int(np.argmax(value))
         total = float(value[state])
         if total <= best_total:
@@ -134,52 +158,53 @@ def optimal_segmentation(gain: FloatArray, per_stretch: float) -> BoolArray:
         mask = np.zeros(n, dtype=bool)
         for k in range(n - 1, -1, -1):
             mask[k] = state == 1
-            state = int(came[k, state])
+            state = int(previous[k, state])
         best_total, best = total, mask
     return best
 
 
-def refine_segments(
-    likelihood: Likelihood, start: Hypothesis, known: FloatArray, iterations: int = 5
-) -> Hypothesis:
+def refine_segments(likelihood: Likelihood, start: Hypothesis, jacobian: FloatArray) -> Hypothesis:
     """
-    Fit sizes and edges, the edges wide at first so that they feel how far off they are.
+    Fit sizes and boundaries, with wide transitions first.
 
-    A place that begins gradually, as a slope does, is one of the `GRADUAL` edges' width.
+    The last effect also gets the best of its `GRADUAL_EDGE_WIDTHS`.
     """
-    wide = [
-        replace(a, activation=replace(a.activation, transition_length=_MERGE_DISTANCE_M))
-        if a.activation.kind == PLACE
-        else a
-        for a in start.actives
-    ]
-    coarse = likelihood.fit(wide, start.tolerances, iterations, known, edges=True)
-    sharp = [
-        replace(
-            a, activation=replace(_merged(a.activation), transition_length=TRANSITION_LENGTH_M)
+
+    def fit(effects: list[ActiveEffect], nuisances: FloatArray) -> Hypothesis:
+        return likelihood.fit(
+            effects, nuisances=nuisances, budget=SEGMENTS, jacobian=jacobian, fit_activation=True
         )
-        if a.activation.kind == PLACE
-        else a
-        for a in coarse.actives
-    ]
-    best = likelihood.fit(sharp, coarse.tolerances, iterations, known, edges=True)
-    last = best.actives[-1]
+
+    wide = [_with_transition(a, _SEARCH_TRANSITION_M) for a in start.effects]
+    coarse = fit(wide, start.nuisances)
+    merged = [replace(a, activation=_merged(a.activation)) for a in coarse.effects]
+    sharp = [_with_transition(a, TRANSITION_LENGTH_M) for a in merged]
+    best = fit(sharp, coarse.nuisances)
+    last = best.effects[-1]
     if last.activation.kind != PLACE or last.effect.name not in GRADUAL_EDGE_WIDTHS:
         return best
-    for edge in GRADUAL_EDGE_WIDTHS[last.effect.name]:
-        softer = replace(last, activation=replace(last.activation, transition_length=edge))
-        tried = likelihood.fit(
-            [*best.actives[:-1], softer], best.tolerances, iterations, known, edges=True
-        )
-        if tried.cost > best.cost:
+    for length in GRADUAL_EDGE_WIDTHS[last.effect.name]:
+        gradual = _with_transition(last, length)
+        trial = fit([*best.effects[:-1], gradual], best.nuisances)
+        if trial.loss > best.loss:
             break
-        best = tried
+        best = trial
     return best
 
 
-def _merged(gate: Activation) -> Activation:
-    """Return the gate without stretches that have shrunk to nothing or run into the next."""
-    kept = [s for s in gate.segments if s[1] - s[0] > 2.0 * TRANSITION_LENGTH_M]
+def _with_transition(active: ActiveEffect, length: float) -> ActiveEffect:
+    """Return an effect in segments with this transition length, m; others as they are."""
+    if active.activation.kind != PLACE:
+        return active
+    return replace(active, activation=replace(active.activation, transition_length=length))
+
+
+def _merged(activation: Activation) -> Activation:
+    """Return the activation without vanished segments, overlapping ones merged."""
+    if activation.kind != PLACE:
+        return activation
+    shortest = MIN_SEGMENT_TRANSITIONS * TRANSITION_LENGTH_M
+    kept = [s for s in activation.segments if s[1] - s[0] > shortest]
     kept.sort()
     out: list[tuple[float, float]] = []
     for begin, end in kept:
@@ -187,4 +212,4 @@ def _merged(gate: Activation) -> Activation:
             out[-1] = (out[-1][0], max(end, out[-1][1]))
         else:
             out.append((begin, end))
-    return replace(gate, segments=tuple(out) or gate.segments[:1])
+    return replace(activation, segments=tuple(out) or activation.segments[:1])

@@ -1,24 +1,35 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a simulator has beyond the model family: learned where its recording is not met without.
+Extend the surrogate where vehicle parameters alone underfit the simulation.
 
-Slopes of its road by place; effects of the catalogue that are the simulator's own; a few features
-of the drive. The first that meets the recording is taken, else what leaves least by far, and then
-again, while that takes a third of the misfit; where nothing does, the road's grip by place. All of
-it belongs to the stand-in, and acts on the recording alike.
+Candidates are a road profile (grade and bank along the route), an effect of the catalogue, and a
+few features of the drive. The first that fits the simulation is kept, otherwise the best; this
+repeats while a further extension removes a third of the misfit. If none helps, the profile also
+includes friction. Extensions belong to the surrogate: they act on the recording as well, and are
+no findings.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from adk_ros.mismatch.inference.feature_effect import EQUATION_UNITS
+from adk_ros.mismatch.inference.fit_budget import SIMULATION
 from adk_ros.mismatch.inference.forward_selection import select_effects
-from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.unmodelled import EQUATION_UNITS, fit_feature_expansion
+from adk_ros.mismatch.inference.likelihood import ActiveEffect, Likelihood
+from adk_ros.mismatch.inference.unmodelled import fit_feature_expansion
+from adk_ros.mismatch.library.criteria import (
+    DOMINANT_EFFECT_MISFIT,
+    EFFECT_PRIOR_SHARE,
+    EXTENSION_ERROR_TO_NOISE,
+    MAX_EXTENSION_MISFIT,
+    MAX_EXTENSION_PASSES,
+    MAX_ROAD_MISFIT,
+)
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, NAMES, SIZE
 from adk_ros.mismatch.surrogate.identification import (
@@ -35,211 +46,197 @@ from adk_ros.mismatch.surrogate.road_profile_fit import fit_road_profile
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.levenberg_marquardt import huber_loss
 
-MAX_ERROR_TO_NOISE = 4.0
-"""A simulation is missed where a channel's error is more than this many times a bin's noise."""
-_MAX_KEPT_MISFIT = 0.67
-"""Share of the misfit that may be left for something learned to be kept."""
-_DOMINANT_EFFECT_MISFIT = 0.2
-"""An effect that leaves no more than this share of the misfit needs no rival."""
-_MAX_STAGE_PASSES = 3
-_MAX_ROAD_MISFIT = 0.85
-"""Share of the misfit that a road's first fit may leave for it to be fitted on."""
-_ALTERNATIONS, _ROUNDS = 3, 2
-_EFFECT_PRIOR_SHARE = 0.5
-"""Usual spread of an effect of the simulator's own about what it was found with, as a share."""
-_BIASES = {"bias_a_x": (0.02, 0.005), "bias_a_y": (0.02, 0.005), "bias_gyro": (5e-4, 2e-4)}
-"""What a simulated sensor may be off by: usual spread, step of the differences."""
-
-Stage = Callable[[ResidualProblem, SurrogateModel, FloatArray, bool], SurrogateModel]
+_ROAD_ALTERNATIONS = 3
+"""Alternations between the road profile and the parameters."""
+_FIRST_ROAD_ROUNDS, _ROAD_ROUNDS = 1, 2
+_ROAD_NOTE = "road grade"
+_SENSOR_BIASES = {"bias_a_x": (0.02, 0.005), "bias_a_y": (0.02, 0.005), "bias_gyro": (5e-4, 2e-4)}
+"""Biases of simulated sensors, SI: prior standard deviation, difference step."""
 
 
-def is_underfit(course: ResidualProblem, stand_in: SurrogateModel) -> bool:
-    """Whether a stand-in fails to meet the simulation that it was identified on."""
-    return bool(np.any(stand_in.error > MAX_ERROR_TO_NOISE * course.bin_noise))
+def is_underfit(problem: ResidualProblem, surrogate: SurrogateModel) -> bool:
+    """Whether a surrogate does not fit the simulation that it was identified on."""
+    return bool(np.any(surrogate.error > EXTENSION_ERROR_TO_NOISE * problem.bin_noise))
+
+
+def misfit(problem: ResidualProblem, surrogate: SurrogateModel) -> float:
+    """Return the mean Huber loss of a surrogate's residuals on the simulation."""
+    weighted = surrogate.residuals * simulation_weights(problem)[:, SETTLING_BINS:]
+    return huber_loss(weighted) / weighted.size
 
 
 def augment_surrogate(
-    course: ResidualProblem,
-    plain: SurrogateModel,
+    problem: ResidualProblem,
+    surrogate: SurrogateModel,
     start: FloatArray,
     body_known: bool = True,
     progress: Callable[[float, float], None] | None = None,
 ) -> SurrogateModel:
     """
-    Return a stand-in with what it takes besides its parameters to meet the simulation's course.
+    Return a surrogate with the extensions that it needs to fit the simulation.
 
-    `plain` is the stand-in identified there, `start` the vector that it was identified from.
+    `surrogate` was identified on `problem` from the parameters `start`; unless `body_known`, mass,
+    inertia and lengths are free as well.
     """
-    now = plain
-    for turn in range(_MAX_STAGE_PASSES):
-        best, least, named = now, _MAX_KEPT_MISFIT * misfit(course, now), False
-        for done, stage in enumerate(_STAGES):
-            if not is_underfit(course, best):
+    extension = _Extension(problem, start, body_known)
+    stages = (
+        extension.with_slopes,
+        extension.with_effect,
+        extension.with_features,
+        extension.with_friction,
+    )
+    current = surrogate
+    for done in range(MAX_EXTENSION_PASSES):
+        best, limit, dominant = current, MAX_EXTENSION_MISFIT * misfit(problem, current), False
+        for i, stage in enumerate(stages):
+            if not is_underfit(problem, best):
                 return best
-            # The grip along a road bends to whatever is lateral: only where nothing else helps.
-            if named or (stage is _with_grip and best is not now):
+            # Friction along a road fits any lateral misfit: only where nothing else helps.
+            is_last_resort = i == len(stages) - 1
+            if dominant or (is_last_resort and best is not current):
                 break
             if progress is not None:
-                progress(done + turn * len(_STAGES), _MAX_STAGE_PASSES * len(_STAGES))
-            tried = stage(course, now, start, body_known)
-            if misfit(course, tried) < least:
-                best, least = tried, _MAX_KEPT_MISFIT * misfit(course, tried)
-                named = stage is _with_effects and least < _DOMINANT_EFFECT_MISFIT * misfit(
-                    course, now
+                progress(i + done * len(stages), MAX_EXTENSION_PASSES * len(stages))
+            trial = stage(current)
+            if misfit(problem, trial) < limit:
+                best, limit = trial, MAX_EXTENSION_MISFIT * misfit(problem, trial)
+                dominant = (
+                    stage == extension.with_effect
+                    and limit < DOMINANT_EFFECT_MISFIT * misfit(problem, current)
                 )
-        if best is now:
+        if best is current:
             break
-        now = best
-    return now
+        current = best
+    return current
 
 
-def misfit(course: ResidualProblem, stand_in: SurrogateModel) -> float:
-    """Return the Huber loss of what a stand-in leaves of a simulation, a residual."""
-    weighted = stand_in.residuals * simulation_weights(course)[:, SETTLING_BINS:]
-    return huber_loss(weighted) / weighted.size
+@dataclass(frozen=True)
+class _Extension:
+    """The simulation's problem, the parameters to start from, and whether the body is known."""
+
+    problem: ResidualProblem
+    start: FloatArray
+    body_known: bool
+
+    def with_slopes(self, current: SurrogateModel) -> SurrogateModel:
+        """Add grade and bank along the road."""
+        return self._with_road(current, ("grade", "bank"))
+
+    def with_friction(self, current: SurrogateModel) -> SurrogateModel:
+        """Add grade, bank and friction along the road."""
+        return self._with_road(current, ("grade", "bank", "friction"))
+
+    def _with_road(self, current: SurrogateModel, names: tuple[str, ...]) -> SurrogateModel:
+        """Fit a road profile and the parameters in alternation."""
+        problem = self.problem
+        road = zero_profile(problem, names)
+        weights = simulation_weights(problem)
+        p = current.parameters
+        other_terms = replace(current, road=None).fixed_terms(problem)
+        for done in range(_ROAD_ALTERNATIONS):
+            rounds = _ROAD_ROUNDS if done else _FIRST_ROAD_ROUNDS
+            road = fit_road_profile(problem, p, road, weights, other_terms, rounds)
+            if done == 0:
+                terms = road.terms(problem).merged_with(other_terms)
+                residuals = problem.residuals(p, terms)[:, SETTLING_BINS:]
+                first_misfit = misfit(problem, replace(current, residuals=residuals))
+                if first_misfit > MAX_ROAD_MISFIT * misfit(problem, current):
+                    return current
+            refitted = self._refit(replace(current, parameters=p, road=road))
+            p = refitted.parameters
+        grade, bank = (f"{100.0 * np.tan(x):.1f} %" for x in road.size[:2])
+        friction = "" if len(names) < 3 else f", friction that varies by {road.size[2]:.2f}"
+        note = f"{_ROAD_NOTE} (RMS {grade}) and bank ({bank}){friction}"
+        # The new profile includes that of an earlier pass.
+        notes = [text for text in current.augmentation_notes if not text.startswith(_ROAD_NOTE)]
+        return replace(refitted, augmentation_notes=(*notes, note))
+
+    def with_effect(self, current: SurrogateModel) -> SurrogateModel:
+        """Add one effect of the catalogue, active throughout."""
+        likelihood = self._likelihood(current)
+        best = select_effects(likelihood, None, max_effects=1).best()
+        effects = [active for active in best.effects if active.activation.always]
+        if not effects:
+            return current
+        base = likelihood.with_nuisances(best.nuisances)
+        extended = base.copy()
+        free: dict[str, tuple[float, float]] = {}
+        for active in effects:
+            for parameter, theta in zip(active.effect.parameters, active.theta, strict=True):
+                for i, size in parameter.amounts(theta, base):
+                    extended[i] += size
+                    unit = abs(size / (theta - parameter.theta_neutral)) if size else 0.0
+                    free[NAMES[i]] = (EFFECT_PRIOR_SHARE * abs(size), unit * parameter.step)
+        mean = self.start.copy()
+        entries = [INDEX[name] for name in free]
+        mean[entries] = extended[entries]
+        free = {name: prior for name, prior in free.items() if min(prior) > 0.0}
+        refitted = self._refit(replace(current, parameters=extended), mean, free)
+        note = f"effects: {', '.join(_effect_text(active) for active in effects)}"
+        return replace(refitted, augmentation_notes=(*current.augmentation_notes, note))
+
+    def with_features(self, current: SurrogateModel) -> SurrogateModel:
+        """Add features of the drive to the equations."""
+        likelihood = self._likelihood(current)
+        null = likelihood.fit([], budget=SIMULATION)
+        assert null.fit is not None
+        expected_loss = likelihood.expected_loss(null.fit.residuals)
+        expansion = fit_feature_expansion(
+            likelihood, null, expected_loss, max(null.loss - expected_loss, 0.0)
+        )
+        if not expansion.terms:
+            return current
+        extended = replace(
+            current,
+            parameters=likelihood.with_nuisances(expansion.hypothesis.nuisances),
+            feature_terms=expansion.terms,
+        )
+        refitted = self._refit(extended)
+        parts = [
+            f"{term.coefficient:+.3g} {FEATURES[term.feature].expression} in "
+            f"d({term.equation})/dt [{EQUATION_UNITS[term.equation]}]"
+            for term in expansion.terms
+        ]
+        note = f"feature terms: {', '.join(parts)}"
+        return replace(refitted, augmentation_notes=(*current.augmentation_notes, note))
+
+    def _likelihood(self, current: SurrogateModel) -> Likelihood:
+        """
+        Return the likelihood of the simulation, with a noise model without surrogate error.
+
+        All fitted parameters are free in it: they have been biased by what is missing.
+        """
+        fitted = fitted_parameters(self.body_known)
+        directions = np.zeros((len(fitted), SIZE))
+        for row, (name, (spread, _)) in zip(directions, fitted.items(), strict=True):
+            row[INDEX[name]] = spread
+        exact = replace(current, residuals=np.zeros_like(current.residuals))
+        return replace(Likelihood.of(self.problem, exact), weak_directions=directions)
+
+    def _refit(
+        self,
+        current: SurrogateModel,
+        mean: FloatArray | None = None,
+        free: Mapping[str, tuple[float, float]] | None = None,
+    ) -> SurrogateModel:
+        """Return the surrogate with its parameters, and those in `free`, fitted again."""
+        fitted = {**fitted_parameters(self.body_known), **_SENSOR_BIASES, **(free or {})}
+        refitted = fit_surrogate(
+            self.problem,
+            self.start if mean is None else mean,
+            current.parameters,
+            fitted,
+            OBSERVER_GAIN_FACTORS[-1:],
+            current.fixed_terms(self.problem),
+        )
+        return replace(
+            refitted,
+            road=current.road,
+            feature_terms=current.feature_terms,
+            augmentation_notes=current.augmentation_notes,
+        )
 
 
-def _with_slopes(
-    course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool
-) -> SurrogateModel:
-    return _with_road(course, now, start, body_known, ("grade", "bank"))
-
-
-def _with_grip(
-    course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool
-) -> SurrogateModel:
-    return _with_road(course, now, start, body_known, ("grade", "bank", "friction"))
-
-
-def _with_road(
-    course: ResidualProblem,
-    now: SurrogateModel,
-    start: FloatArray,
-    body_known: bool,
-    names: tuple[str, ...],
-) -> SurrogateModel:
-    """Return the stand-in with curves along the road, its parameters fitted anew beside them."""
-    road = zero_profile(course, names)
-    weights = simulation_weights(course)
-    p = now.parameters
-    besides = replace(now, road=None).fixed_terms(course)
-    for turn in range(_ALTERNATIONS):
-        road = fit_road_profile(course, p, road, weights, besides, _ROUNDS if turn else 1)
-        if turn == 0:
-            left = course.residuals(p, road.terms(course).merged_with(besides))[:, SETTLING_BINS:]
-            if misfit(course, replace(now, residuals=left)) > _MAX_ROAD_MISFIT * misfit(
-                course, now
-            ):
-                return now
-        again = _refit(course, replace(now, parameters=p, road=road), start, body_known)
-        p = again.parameters
-    slope, lean = (f"{100.0 * np.tan(x):.1f} %" for x in road.size[:2])
-    grip = "" if len(names) < 3 else f", its grip varies by {road.size[2]:.2f}"
-    said = f"a road that climbs (RMS {slope}) and leans ({lean}){grip}"
-    # What was learned of an earlier road is in this one.
-    before = [text for text in now.augmentation_notes if not text.startswith("a road")]
-    return replace(again, augmentation_notes=(*before, said))
-
-
-def _with_effects(
-    course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool
-) -> SurrogateModel:
-    """Return the stand-in with one more effect of the catalogue, acting throughout."""
-    likelihood = _simulation_likelihood(course, now, body_known)
-    best = select_effects(likelihood, None, most=1).best()
-    actives = [active for active in best.actives if active.activation.always]
-    if not actives:
-        return now
-    base = likelihood.with_nuisances(best.tolerances)
-    held = base.copy()
-    open_: dict[str, tuple[float, float]] = {}
-    for active in actives:
-        for parameter, inner in zip(active.effect.parameters, active.theta, strict=True):
-            for i, size in parameter.amounts(inner, base):
-                held[i] += size
-                unit = abs(size / (inner - parameter.theta_neutral)) if size else 0.0
-                open_[NAMES[i]] = (_EFFECT_PRIOR_SHARE * abs(size), unit * parameter.step)
-    has = [
-        f"{active.effect.name} ({', '.join(f'{k} {v:.3g}' for k, v in active.values().items())})"
-        for active in actives
-    ]
-    mean = start.copy()
-    where = [INDEX[name] for name in open_]
-    mean[where] = held[where]
-    own = {name: both for name, both in open_.items() if min(both) > 0.0}
-    again = _refit(course, replace(now, parameters=held), mean, body_known, own)
-    return replace(
-        again,
-        augmentation_notes=(*now.augmentation_notes, f"effects of its own: {', '.join(has)}"),
-    )
-
-
-def _with_features(
-    course: ResidualProblem, now: SurrogateModel, start: FloatArray, body_known: bool
-) -> SurrogateModel:
-    """Return the stand-in with features of the drive in its equations."""
-    likelihood = _simulation_likelihood(course, now, body_known)
-    nothing = likelihood.fit([])
-    assert nothing.fit is not None
-    noise = likelihood.expected_loss(nothing.fit.residuals)
-    rest = fit_feature_expansion(likelihood, nothing, noise, max(nothing.cost - noise, 0.0))
-    if not rest.terms:
-        return now
-    tolerances = rest.hypothesis.tolerances
-    with_pieces = replace(
-        now, parameters=likelihood.with_nuisances(tolerances), feature_terms=rest.terms
-    )
-    again = _refit(course, with_pieces, start, body_known)
-    parts = [
-        f"{piece.coefficient:+.3g} {FEATURES[piece.feature].expression} in d({piece.equation})/dt"
-        f" [{EQUATION_UNITS[piece.equation]}]"
-        for piece in rest.terms
-    ]
-    return replace(
-        again,
-        augmentation_notes=(*now.augmentation_notes, f"a smooth correction: {', '.join(parts)}"),
-    )
-
-
-def _simulation_likelihood(
-    course: ResidualProblem, now: SurrogateModel, body_known: bool
-) -> Likelihood:
-    """
-    Return the likelihood of the simulation itself, whose model owes it no error.
-
-    All of the family's parameters are open in it: they have bent to imitate what is missing.
-    """
-    family = fitted_parameters(body_known)
-    unsure = np.zeros((len(family), SIZE))
-    for row, (name, (spread, _)) in zip(unsure, family.items(), strict=True):
-        row[INDEX[name]] = spread
-    plain = replace(now, residuals=np.zeros_like(now.residuals))
-    return replace(Likelihood.of(course, plain), weak_directions=unsure)
-
-
-def _refit(
-    course: ResidualProblem,
-    now: SurrogateModel,
-    start: FloatArray,
-    body_known: bool,
-    own: Mapping[str, tuple[float, float]] | None = None,
-) -> SurrogateModel:
-    """Return the stand-in with the family's parameters fitted anew, and `own`; the rest kept."""
-    fitted_anew = {**fitted_parameters(body_known), **_BIASES, **(own or {})}
-    again = fit_surrogate(
-        course,
-        start,
-        now.parameters,
-        fitted_anew,
-        OBSERVER_GAIN_FACTORS[-1:],
-        now.fixed_terms(course),
-    )
-    return replace(
-        again,
-        road=now.road,
-        feature_terms=now.feature_terms,
-        augmentation_notes=now.augmentation_notes,
-    )
-
-
-_STAGES: tuple[Stage, ...] = (_with_slopes, _with_effects, _with_features, _with_grip)
+def _effect_text(active: ActiveEffect) -> str:
+    values = ", ".join(f"{name} {value:.3g}" for name, value in active.values().items())
+    return f"{active.effect.name} ({values})"

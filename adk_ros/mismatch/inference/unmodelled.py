@@ -1,24 +1,44 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A remainder that no effect explains: which equation it is in, and what it depends on.
+Unmodelled dynamics: which equation lacks a term, and on which features of the drive it depends.
 
-Features of the drive (`correction`) times a coefficient are added to the accelerations of the
-three equations, one after the other, as long as each gains enough; all is orthogonal to the build
-tolerances and to the effects that were found. The result is a short expression, and a small smooth
-correction of the model.
+Features (see `library.features`) with a coefficient are added to the accelerations of the three
+equations, one after the other, while each gains enough. Nuisance parameters and identified effects
+are fitted jointly. The result is a short expression, which also corrects the model.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adk_ros.mismatch.inference.forward_selection import MIN_GAIN_PER_SURROGATE_ERROR
+from adk_ros.mismatch.inference.feature_effect import (
+    EQUATION_TEXTS,
+    EQUATION_UNITS,
+    FeatureEffect,
+    feature_as_effect,
+    feature_terms,
+)
+from adk_ros.mismatch.inference.fit_budget import FEATURE, FEATURE_REFIT
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
-from adk_ros.mismatch.inference.score_test import LinearisedProblem
-from adk_ros.mismatch.library.effect import Effect, EffectParameter
+from adk_ros.mismatch.inference.result import UnexplainedResidual
+from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
+from adk_ros.mismatch.library.criteria import (
+    EQUATION_GAIN_SHARE,
+    FEATURE_MIN_GAIN,
+    FEATURE_MIN_GAIN_PER_EXCESS,
+    FEATURE_REFIT_GAIN_SHARE,
+    FEATURE_RESIDUAL_SHARE,
+    FEATURE_TIE_LOSS,
+    FEATURE_TIE_LOSS_PER_SURROGATE_ERROR,
+    MAX_FEATURE_REFITS,
+    MAX_FEATURES,
+    MAX_FEATURES_FITTED,
+    MIN_GAIN_PER_SURROGATE_ERROR,
+    MIN_SCREENED_GAIN_FEATURE,
+)
 from adk_ros.mismatch.library.features import FEATURES, feature_matrix
 from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.feature_terms import (
@@ -28,27 +48,10 @@ from adk_ros.mismatch.surrogate.feature_terms import (
 )
 from adk_ros.numerics.arrays import FloatArray
 
-EQUATION_TEXTS = {
-    "v_x": "longitudinal acceleration",
-    "v_y": "lateral acceleration",
-    "yaw_rate": "yaw acceleration",
-}
-EQUATION_UNITS = {"v_x": "m/s^2", "v_y": "m/s^2", "yaw_rate": "rad/s^2"}
-MARK = "~"
-_DIFFERENCE_STEPS = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.01}
-_MAX_FEATURES = 4
-_MIN_GAIN_PER_EXCESS = 0.08
-_MIN_GAIN = 60.0
-_MAX_FITTED = 5
-_MAX_REFITS = 2
-_REFIT_GAIN_SHARE = 0.85
-"""Share of the best gain that a feature must have to be fitted anew."""
-_TIE_LOSS, _TIE_LOSS_PER_SURROGATE_ERROR = 20.0, 0.02
-
 
 @dataclass(frozen=True)
 class UnmodelledDynamics:
-    """What is left unexplained, and its description; `share` of all that was to be explained."""
+    """An expression for the excess loss; `share` is that of the excess loss before any effect."""
 
     share: float
     terms: tuple[FeatureTerm, ...]
@@ -56,18 +59,18 @@ class UnmodelledDynamics:
 
     @property
     def equations(self) -> list[str]:
-        """Equations that it is in, the most telling first."""
+        """Equations with a missing term, largest gain first."""
         gains: dict[str, float] = {}
-        for piece in self.terms:
-            gains[piece.equation] = gains.get(piece.equation, 0.0) + piece.gain
+        for term in self.terms:
+            gains[term.equation] = gains.get(term.equation, 0.0) + term.gain
         top = max(gains.values(), default=0.0)
         order = sorted(gains, key=lambda name: -gains[name])
-        return [name for name in order if gains[name] > 0.1 * top]
+        return [name for name in order if gains[name] > EQUATION_GAIN_SHARE * top]
 
     def text(self) -> str:
-        """Return what depends on what, in words."""
+        """Return which acceleration depends on which feature, in words."""
         if not self.terms:
-            return "a structured remainder that depends on none of the features looked at"
+            return "a structured residual that depends on none of the examined features"
         return "; ".join(
             f"{EQUATION_TEXTS[p.equation]} against {FEATURES[p.feature].description}"
             for p in self.terms
@@ -85,116 +88,124 @@ class UnmodelledDynamics:
             parts.append(f"d({equation})/dt += {' '.join(terms)} [{EQUATION_UNITS[equation]}]")
         return "; ".join(parts)
 
-
-def feature_as_effect(equation: str, feature: str, weight: FloatArray) -> Effect:
-    """Return a feature in an equation as if it were an effect."""
-    step = _DIFFERENCE_STEPS[equation]
-    parameter = EffectParameter(
-        "coefficient",
-        EQUATION_UNITS[equation],
-        -20.0,
-        20.0,
-        step,
-        0.0,
-        {EQUATION_PARAMETERS[equation]: 1.0},
-    )
-    return Effect(f"{MARK}{equation}:{feature}", (parameter,), (equation,), feature, "")
+    def unexplained(self) -> UnexplainedResidual:
+        """Return the part of the result that describes it."""
+        return UnexplainedResidual(
+            self.equations, round(self.share, 3), self.text(), self.expression(), self.terms
+        )
 
 
 def fit_feature_expansion(
-    likelihood: Likelihood, start: Hypothesis, noise: float, at_all: float
+    likelihood: Likelihood, start: Hypothesis, expected_loss: float, null_excess_loss: float
 ) -> UnmodelledDynamics:
-    """Describe what `start` leaves by as few features as it takes."""
-    course = likelihood.problem
-    p, terms = likelihood.simulation_inputs(start.tolerances, start.actives)
-    out = course.run(p, terms)
-    signals = feature_signals(course, out)
-    names = [name for name in FEATURES if name not in likelihood.unobservable]
-    table = feature_matrix(names, signals)
-    scale = np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-12)
-    known = likelihood.nuisance_jacobian(start)
-    now = start
-    left = max(start.cost - noise, 0.0)
+    """Describe the excess loss of `start` by as few features as possible."""
+    library = _FeatureLibrary.of(likelihood, start)
+    jacobian = likelihood.nuisance_jacobian(start)
+    current = start
+    excess = max(start.loss - expected_loss, 0.0)
     least = max(
-        _MIN_GAIN + MIN_GAIN_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof(),
-        _MIN_GAIN_PER_EXCESS * left,
+        FEATURE_MIN_GAIN + MIN_GAIN_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof(),
+        FEATURE_MIN_GAIN_PER_EXCESS * excess,
     )
     gains: list[float] = []
-    for _ in range(_MAX_FEATURES):
-        screen = LinearisedProblem(likelihood, now, known)
-        tried: list[tuple[float, ActiveEffect]] = []
-        for equation in (
-            name for name in EQUATION_PARAMETERS if name not in likelihood.unobservable
-        ):
-            for j, name in enumerate(names):
-                gate = Activation(weight=np.ascontiguousarray(table[:, j] / scale[j]))
-                effect = feature_as_effect(equation, name, table[:, j])
-                if effect.name not in now.names:
-                    found = screen.screen_effect(effect, gate)[0]
-                    tried.append((found.gain, found.active))
-        more = _best_of(likelihood, now, tried, known, least)
-        if more is None:
+    for _ in range(MAX_FEATURES):
+        linearised = LinearisedProblem(likelihood, current, jacobian)
+        extended = _best_extension(linearised, library.screen(linearised), jacobian, least)
+        if extended is None:
             break
-        gains.append(now.cost - more.cost)
-        now = more
-        if now.cost - noise < 0.03 * left:
+        gains.append(current.loss - extended.loss)
+        current = extended
+        if current.loss - expected_loss < FEATURE_RESIDUAL_SHARE * excess:
             break
-    pieces = []
-    own = [a for a in now.actives if a.effect.name.startswith(MARK)]
-    for active, gain in zip(own, gains, strict=True):
-        equation, feature = active.effect.name.removeprefix(MARK).split(":")
-        size = active.theta[0] / scale[names.index(feature)]
-        pieces.append(FeatureTerm(equation, feature, float(size), gain))
-    share = left / at_all if at_all > 0.0 else 0.0
-    return UnmodelledDynamics(share, tuple(pieces), now)
+    terms = tuple(
+        replace(term, gain=gain)
+        for term, gain in zip(feature_terms(current.effects), gains, strict=True)
+    )
+    share = excess / null_excess_loss if null_excess_loss > 0.0 else 0.0
+    return UnmodelledDynamics(share, terms, current)
 
 
-def _best_of(
-    likelihood: Likelihood,
-    now: Hypothesis,
-    tried: list[tuple[float, ActiveEffect]],
-    known: FloatArray,
+@dataclass(frozen=True)
+class _FeatureLibrary:
+    """The observable features along a recording: `table` (n, k) of `names`, RMS `scale` (k,)."""
+
+    names: list[str]
+    equations: list[str]
+    table: FloatArray
+    scale: FloatArray
+
+    @classmethod
+    def of(cls, likelihood: Likelihood, hypothesis: Hypothesis) -> _FeatureLibrary:
+        problem = likelihood.problem
+        p, terms = likelihood.simulation_inputs(hypothesis.nuisances, hypothesis.effects)
+        signals = feature_signals(problem, problem.run(p, terms))
+        names = [name for name in FEATURES if name not in likelihood.unobservable]
+        table = feature_matrix(names, signals)
+        scale = np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-12)
+        equations = [name for name in EQUATION_PARAMETERS if name not in likelihood.unobservable]
+        return cls(names, equations, table, scale)
+
+    def screen(self, linearised: LinearisedProblem) -> list[Candidate]:
+        """Return every feature in every equation that the hypothesis does not have."""
+        out = []
+        for equation in self.equations:
+            for j, name in enumerate(self.names):
+                weight = np.ascontiguousarray(self.table[:, j] / self.scale[j])
+                effect = feature_as_effect(equation, name, float(self.scale[j]))
+                if effect.name not in linearised.hypothesis.names:
+                    out.append(linearised.screen_effect(effect, Activation(weight=weight))[0])
+        return out
+
+
+def _best_extension(
+    linearised: LinearisedProblem,
+    candidates: list[Candidate],
+    jacobian: FloatArray,
     least: float,
 ) -> Hypothesis | None:
     """
-    Return the hypothesis with the best feature more, or None where none gains `least`.
+    Return the hypothesis with the best further feature, or None where none gains `least`.
 
-    A linear gain is a guess where much is missing: the best few are fitted, and those ahead anew
-    with derivatives of their own, since build tolerances are slow to give back what they took.
-    Of those that gain as much, but for what chance and the stand-in's own error may do, the
-    plainest is taken.
+    A linearised gain is inaccurate where much is unexplained: the best few are fitted, and the
+    leaders once more with updated nuisance derivatives. Among those tied with the best, within
+    statistical margin and surrogate error, the shortest expression wins.
     """
-    tried.sort(key=lambda x: -x[0])
+    likelihood, current = linearised.likelihood, linearised.hypothesis
+    candidates.sort(key=lambda x: -x.gain)
     fitted = [
-        likelihood.fit([*now.actives, active], now.tolerances, 20, known, 1e-6)
-        for gain, active in tried[:_MAX_FITTED]
-        if gain > max(least, 0.5 * tried[0][0])
+        likelihood.fit(
+            [*current.effects, candidate.active],
+            nuisances=current.nuisances,
+            budget=FEATURE,
+            jacobian=jacobian,
+        )
+        for candidate in candidates[:MAX_FEATURES_FITTED]
+        if candidate.gain > max(least, MIN_SCREENED_GAIN_FEATURE * candidates[0].gain)
     ]
-    top = max((now.cost - h.cost for h in fitted), default=0.0)
+    top = max((current.loss - h.loss for h in fitted), default=0.0)
     if top < least:
         return None
-    ahead = sorted(
-        (h for h in fitted if now.cost - h.cost > _REFIT_GAIN_SHARE * top), key=lambda h: h.cost
+    leaders = sorted(
+        (h for h in fitted if current.loss - h.loss > FEATURE_REFIT_GAIN_SHARE * top),
+        key=lambda h: h.loss,
     )
-    settled = [likelihood.fit(h.actives, h.tolerances, 4, None, 1e-5) for h in ahead[:_MAX_REFITS]]
-    return most_parsimonious(
-        settled, _TIE_LOSS + _TIE_LOSS_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof()
-    )
+    refitted = [
+        likelihood.fit(h.effects, nuisances=h.nuisances, budget=FEATURE_REFIT)
+        for h in leaders[:MAX_FEATURE_REFITS]
+    ]
+    margin = FEATURE_TIE_LOSS_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof()
+    return most_parsimonious(refitted, FEATURE_TIE_LOSS + margin)
 
 
 def most_parsimonious(fitted: list[Hypothesis], margin: float) -> Hypothesis:
-    """Return that with the shortest last feature of those within `margin` of the best."""
-    best = min(h.cost for h in fitted)
-    alike = [h for h in fitted if h.cost < best + margin]
-    return min(alike, key=lambda h: (_complexity(h.actives[-1]), h.cost))
+    """Return the hypothesis with the shortest last feature within `margin` of the best."""
+    best = min(h.loss for h in fitted)
+    tied = [h for h in fitted if h.loss < best + margin]
+    return min(tied, key=lambda h: (_complexity(h.effects[-1]), h.loss))
 
 
 def _complexity(active: ActiveEffect) -> int:
-    """Return how many factors the feature of a pseudo effect has."""
-    expression = FEATURES[active.effect.equation].expression
+    """Return the number of factors of a feature's expression."""
+    assert isinstance(active.effect, FeatureEffect)
+    expression = FEATURES[active.effect.feature].expression
     return len(expression.split()) + expression.count("^")
-
-
-def catalogue_effects(h: Hypothesis) -> tuple[ActiveEffect, ...]:
-    """Return the hypothesis' effects of the catalogue."""
-    return tuple(a for a in h.actives if not a.effect.name.startswith(MARK))

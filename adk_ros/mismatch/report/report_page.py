@@ -12,9 +12,9 @@ from typing import NamedTuple
 from adk_ros.files.pages.page import Figure, embed, render_page
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
-from adk_ros.mismatch.inference.likelihood import TOLERANCE_BOUND
 from adk_ros.mismatch.inference.result import NONE, MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import TOLERANCE_BOUND
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.report.evidence_figures import (
     errors_figure,

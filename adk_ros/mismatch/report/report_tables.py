@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import math
 
-from adk_ros.mismatch.inference.experiment_design import DISCRIMINATION_LOSS, Discriminability
-from adk_ros.mismatch.inference.identifiability import INDISTINGUISHABLE_LOSS, CompetingEffect
+from adk_ros.mismatch.inference.experiment_design import Discriminability
+from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.result import NONE, IdentifiedEffect, MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import DISCRIMINATION_LOSS, INDISTINGUISHABLE_LOSS
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
 from adk_ros.mismatch.report.summary import activation_text, interval_text, pair_text
 from adk_ros.mismatch.report.vocabulary import (

@@ -16,6 +16,7 @@ from adk_ros.mismatch.inference.result import (
     MismatchResult,
     UnexplainedResidual,
 )
+from adk_ros.mismatch.library.criteria import INCONCLUSIVE_ERROR_TO_NOISE, MAX_IMPROVED_RATIO
 from adk_ros.mismatch.library.effect import PLACE, TIME, Effect
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
@@ -31,10 +32,6 @@ from adk_ros.mismatch.report.vocabulary import (
     unit_text,
 )
 
-MAX_ERROR_TO_NOISE = 2.0
-"""Surrogate error over noise of a 40 ms bin above which the surrogate does not fit."""
-MAX_IMPROVED_RATIO = 0.98
-"""Error after over error before up to which a correction counts as an improvement."""
 _COUNTS = {2: "two", 3: "three", 4: "four"}
 
 
@@ -218,7 +215,7 @@ def underfit_channels(result: MismatchResult) -> str:
         [
             f"{CHANNEL_TITLES[name]} ({result.surrogate_error[name]:.2g} {unit_text(unit)})"
             for name, unit, noise in zip(CHANNELS, UNITS, result.series.noise, strict=True)
-            if result.surrogate_error[name] > MAX_ERROR_TO_NOISE * noise
+            if result.surrogate_error[name] > INCONCLUSIVE_ERROR_TO_NOISE * noise
         ]
     )
 

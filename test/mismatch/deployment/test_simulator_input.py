@@ -48,6 +48,7 @@ def test_a_vehicle_is_driven_like_the_recording() -> None:
     np.testing.assert_array_equal(again.imu, simulate_matched_drive(vehicle(), recording).imu)
 
 
+@pytest.mark.slow
 def test_drag_that_a_vehicle_file_lacks_is_found() -> None:
     plain = vehicle()
     real = plain.model_copy(update={"cda": plain.cda + 1.0})

@@ -1,38 +1,40 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""When known effects are the answer, and when an expression is."""
+"""The choice between catalogue effects and an expression of features."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from adk_ros.mismatch.inference.decision import prefers_feature_model
+from adk_ros.mismatch.inference.feature_effect import (
+    FeatureEffect,
+    catalogue_effects,
+    feature_as_effect,
+    feature_terms,
+)
 from adk_ros.mismatch.inference.forward_selection import SelectionPath
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, inactive_effect
-from adk_ros.mismatch.inference.unmodelled import (
-    UnmodelledDynamics,
-    feature_as_effect,
-    most_parsimonious,
-)
+from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics, most_parsimonious
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 
 
-def fitted(feature: str, cost: float) -> Hypothesis:
-    effect = feature_as_effect("yaw_rate", feature, np.ones(1))
-    return Hypothesis((ActiveEffect(effect, (0.1,)),), np.zeros(0), cost)
+def fitted(feature: str, loss: float) -> Hypothesis:
+    effect = feature_as_effect("yaw_rate", feature)
+    return Hypothesis((ActiveEffect(effect, (0.1,)),), np.zeros(0), loss)
 
 
-def effects(cost: float, *names: str) -> Hypothesis:
-    return Hypothesis(tuple(inactive_effect(EFFECTS[n]) for n in names), np.zeros(0), cost)
+def effects(loss: float, *names: str) -> Hypothesis:
+    return Hypothesis(tuple(inactive_effect(EFFECTS[n]) for n in names), np.zeros(0), loss)
 
 
-def described(cost: float, *features: str) -> UnmodelledDynamics:
-    pieces = tuple(FeatureTerm("yaw_rate", f, 1.0, 100.0) for f in features)
-    return UnmodelledDynamics(1.0, pieces, fitted(features[-1] if features else "speed", cost))
+def expression(loss: float, *features: str) -> UnmodelledDynamics:
+    terms = tuple(FeatureTerm("yaw_rate", f, 1.0, 100.0) for f in features)
+    return UnmodelledDynamics(1.0, terms, fitted(features[-1] if features else "speed", loss))
 
 
-def test_of_features_as_good_the_plainest_is_taken() -> None:
+def test_shortest_of_tied_features_is_selected() -> None:
     power, torque, cubic = (
         fitted(*x) for x in (("torque_speed", 100.0), ("torque", 104.0), ("delta_cubed", 90.0))
     )
@@ -41,24 +43,33 @@ def test_of_features_as_good_the_plainest_is_taken() -> None:
     assert most_parsimonious([power, torque, cubic], 5.0) is cubic
 
 
-def test_several_effects_are_a_disguise_of_what_one_term_says_better() -> None:
-    found = SelectionPath(expected_loss=1000.0, null_excess_loss=5000.0)
-    pair = effects(1300.0, "rear_wheel_steer", "steering_ratio")
-    assert prefers_feature_model(described(1050.0, "yaw_rate_per_speed"), pair, found)
-    # Not where the effects do as well, nor by more terms than there are effects.
-    assert not prefers_feature_model(described(1290.0, "yaw_rate_per_speed"), pair, found)
-    assert not prefers_feature_model(described(1050.0, "yaw_rate", "delta", "speed"), pair, found)
-    assert not prefers_feature_model(described(1050.0), pair, found)
+def test_feature_effects_are_a_type_of_their_own() -> None:
+    drag = ActiveEffect(EFFECTS["aero_drag"], (0.5,))
+    feature = ActiveEffect(feature_as_effect("v_x", "speed_squared", 400.0), (2.0,))
+    assert isinstance(feature.effect, FeatureEffect)
+    assert feature.effect.name == "v_x:speed_squared"
+    assert feature.effect.name not in EFFECTS
+    assert catalogue_effects([drag, feature]) == (drag,)
+    assert feature_terms([drag, feature]) == (FeatureTerm("v_x", "speed_squared", 0.005, 0.0),)
 
 
-def test_a_poor_stand_in_asks_more_of_an_expression() -> None:
+def test_one_feature_beats_several_effects() -> None:
+    path = SelectionPath(expected_loss=1000.0, null_excess_loss=5000.0)
     pair = effects(1300.0, "rear_wheel_steer", "steering_ratio")
-    plain = described(1050.0, "yaw_rate_per_speed")
-    assert prefers_feature_model(
-        plain, pair, SelectionPath(expected_loss=1000.0, null_excess_loss=5000.0)
+    assert prefers_feature_model(expression(1050.0, "yaw_rate_per_speed"), pair, path)
+    # Not where the effects fit as well, nor with more terms than there are effects.
+    assert not prefers_feature_model(expression(1290.0, "yaw_rate_per_speed"), pair, path)
+    longer = expression(1050.0, "yaw_rate", "delta", "speed")
+    assert not prefers_feature_model(longer, pair, path)
+    assert not prefers_feature_model(expression(1050.0), pair, path)
+
+
+def test_surrogate_error_raises_the_gain_required_of_an_expression() -> None:
+    pair = effects(1300.0, "rear_wheel_steer", "steering_ratio")
+    feature = expression(1050.0, "yaw_rate_per_speed")
+    accurate = SelectionPath(expected_loss=1000.0, null_excess_loss=5000.0)
+    inaccurate = SelectionPath(
+        expected_loss=1000.0, null_excess_loss=5000.0, surrogate_error_dof=3000.0
     )
-    assert not prefers_feature_model(
-        plain,
-        pair,
-        SelectionPath(expected_loss=1000.0, null_excess_loss=5000.0, surrogate_error_dof=3000.0),
-    )
+    assert prefers_feature_model(feature, pair, accurate)
+    assert not prefers_feature_model(feature, pair, inaccurate)

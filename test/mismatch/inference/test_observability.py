@@ -127,6 +127,7 @@ def test_the_longest_drive_is_judged() -> None:
     assert longest_moving_segment(still) is still
 
 
+@pytest.mark.slow
 def test_drag_is_found_without_an_imu_and_what_lacks_is_said() -> None:
     drag = case("aero_drag", cda=1.0)
     found = identify_mismatch(drag.simulation, without_imu(drag.recording), drag.nominal)
@@ -137,6 +138,7 @@ def test_drag_is_found_without_an_imu_and_what_lacks_is_said() -> None:
     assert sentence(found).endswith("The recording is judged without an IMU.")
 
 
+@pytest.mark.slow
 def test_nothing_of_forces_along_the_car_is_claimed_of_a_pedal() -> None:
     drag = case("aero_drag", cda=1.0)
     found = identify_mismatch(

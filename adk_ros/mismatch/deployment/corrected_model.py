@@ -1,0 +1,62 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The corrected model: the surrogate with a hypothesis's tolerances, vehicle effects, features."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from adk_ros.mismatch.deployment.surrogate_file import surrogate_yaml
+from adk_ros.mismatch.inference.feature_effect import catalogue_effects, feature_terms
+from adk_ros.mismatch.inference.likelihood import (
+    N_FIXED_NUISANCES,
+    TOLERANCE_PARAMETERS,
+    ActiveEffect,
+    Hypothesis,
+)
+from adk_ros.mismatch.library.effect import PLACE
+from adk_ros.mismatch.library.surrogate_parameters import HIGH, LOW
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.lap import Lap
+
+
+def corrected_yaml(surrogate: SurrogateModel, h: Hypothesis, lap: Lap | None) -> str:
+    """Return the text of the corrected model's file; sensor faults are not part of it."""
+    weak_directions = h.nuisances[N_FIXED_NUISANCES:] @ surrogate.weak_directions
+    parameters = np.clip(surrogate.parameters + weak_directions, LOW, HIGH)
+    tolerances = h.nuisances[: len(TOLERANCE_PARAMETERS)]
+    terms = [
+        {
+            "effect": a.effect.name,
+            "parameters": {name: float(f"{value:.8g}") for name, value in a.values().items()},
+            "where": _activation_entry(a, lap),
+        }
+        for a in catalogue_effects(h.effects)
+        if not a.effect.sensor
+    ]
+    return surrogate_yaml(
+        parameters,
+        dict(zip(TOLERANCE_PARAMETERS, (float(x) for x in tolerances), strict=True)),
+        terms,
+        feature_terms(h.effects),
+        surrogate,
+    )
+
+
+def _activation_entry(active: ActiveEffect, lap: Lap | None) -> dict[str, Any]:
+    activation = active.activation
+    if activation.kind != PLACE or lap is None:
+        out: dict[str, Any] = {"kind": activation.kind}
+        if activation.onset_s is not None:
+            out["onset_s"] = round(activation.onset_s, 3)
+        return out
+    line = np.column_stack([lap.line_s, lap.line])
+    return {
+        "kind": PLACE,
+        "lap": round(lap.length, 3),
+        "stretches": [[round(a, 2), round(b, 2)] for a, b in activation.segments],
+        "edge": activation.transition_length,
+        "line": [[round(float(x), 4) for x in row] for row in line],
+    }

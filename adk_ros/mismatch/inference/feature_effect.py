@@ -1,0 +1,69 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A feature of the drive in one equation, as an effect with one coefficient."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from adk_ros.mismatch.inference.likelihood import ActiveEffect
+from adk_ros.mismatch.library.criteria import FEATURE_COEFFICIENT_BOUND
+from adk_ros.mismatch.library.effect import Effect, EffectParameter
+from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS, FeatureTerm
+
+EQUATION_TEXTS = {
+    "v_x": "longitudinal acceleration",
+    "v_y": "lateral acceleration",
+    "yaw_rate": "yaw acceleration",
+}
+EQUATION_UNITS = {"v_x": "m/s^2", "v_y": "m/s^2", "yaw_rate": "rad/s^2"}
+_DIFFERENCE_STEPS = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.01}
+
+
+@dataclass(frozen=True)
+class FeatureEffect(Effect):
+    """
+    An effect that adds a feature to an equation, and no member of the catalogue.
+
+    Its coefficient multiplies the feature divided by `scale`, the feature's RMS.
+    """
+
+    feature: str = ""
+    scale: float = 1.0
+
+    def term(self, coefficient: float, gain: float = 0.0) -> FeatureTerm:
+        """Return the term of the feature itself, SI."""
+        return FeatureTerm(self.equations[0], self.feature, float(coefficient / self.scale), gain)
+
+
+def feature_as_effect(equation: str, feature: str, scale: float = 1.0) -> FeatureEffect:
+    """Return a feature in an equation as an effect."""
+    parameter = EffectParameter(
+        "coefficient",
+        EQUATION_UNITS[equation],
+        -FEATURE_COEFFICIENT_BOUND,
+        FEATURE_COEFFICIENT_BOUND,
+        _DIFFERENCE_STEPS[equation],
+        0.0,
+        {EQUATION_PARAMETERS[equation]: 1.0},
+    )
+    return FeatureEffect(
+        name=f"{equation}:{feature}",
+        parameters=(parameter,),
+        equations=(equation,),
+        equation=feature,
+        excitation="",
+        feature=feature,
+        scale=scale,
+    )
+
+
+def catalogue_effects(effects: Sequence[ActiveEffect]) -> tuple[ActiveEffect, ...]:
+    """Return the effects of the catalogue."""
+    return tuple(a for a in effects if not isinstance(a.effect, FeatureEffect))
+
+
+def feature_terms(effects: Sequence[ActiveEffect]) -> tuple[FeatureTerm, ...]:
+    """Return the terms of the features with their fitted coefficients, SI."""
+    return tuple(a.effect.term(a.theta[0]) for a in effects if isinstance(a.effect, FeatureEffect))

@@ -1,0 +1,287 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Acceptance criteria of the mismatch analysis: every constant that decides a result.
+
+A loss is the sum of squared whitened residuals (Huber beyond 8 standard deviations) plus the
+prior's; for Gaussian residuals a loss difference is twice a log-likelihood ratio, so that a
+parameter without effect gains 1 on average. The excess loss is the loss above that of a perfect
+model. The surrogate error counts in the same unit: the residuals that the surrogate's own error,
+and not noise, accounts for.
+
+"Empirical" marks a value that was set on generated cases (`adk bench mismatch`) and has not been
+calibrated on real vehicles.
+"""
+
+from __future__ import annotations
+
+# --- Nuisance parameters: differences between a car and its data sheet that are no mismatch ------
+
+TOLERANCE_SIGMA = 0.004
+"""
+Prior standard deviation of a build tolerance, relative. The generated cases draw from +-0.4 %;
+real cars differ by several per cent of mass and 10 to 20 % of tyre stiffness.
+"""
+TOLERANCE_BOUND = 0.012
+"""Hard bound of a build tolerance, relative: three prior standard deviations."""
+SENSOR_OFFSET_PRIORS: dict[str, tuple[float, float]] = {
+    "bias_a_x": (0.006, 0.018),
+    "bias_a_y": (0.006, 0.018),
+    "bias_gyro": (2e-4, 7e-4),
+}
+"""
+Prior standard deviation and hard bound of a sensor's constant offset, m/s² and rad/s. Empirical,
+of the order of a calibrated automotive IMU; no data sheet is named.
+"""
+WEAK_DIRECTION_BOUND = 3.0
+"""
+Hard bound along a direction that the simulation determines poorly, in its own standard deviations.
+"""
+SURROGATE_ERROR_CLIP = 5.0
+"""
+The surrogate's residuals on the simulation are clipped at this many noise standard deviations
+before their spectrum is estimated: a few outliers must not blind a channel. Empirical.
+"""
+
+# --- Data that count ---------------------------------------------------------------------------
+
+MIN_SPEED = 3.0
+"""
+m/s. Slower data do not count: the slip dynamics, with time constant relaxation length / speed, are
+stiffer there than an integration step allows.
+"""
+SETTLING_S = 1.0
+"""s after the start, or after standstill, that do not count: the surrogate's state settles."""
+
+# --- Selection of effects ----------------------------------------------------------------------
+
+PENALTY_PER_PARAMETER = 8.0
+"""
+Loss that each fitted parameter of an effect must gain. AIC asks 2, BIC ln(n), about 11 for the
+6e4 residuals of four minutes; the value lies between. Empirical.
+"""
+PENALTY_PER_LOCATION = 8.0
+"""Loss that each onset or segment boundary must gain in addition, since it was searched for."""
+MIN_GAIN = 40.0
+"""Least penalised gain in loss of an accepted effect. Empirical."""
+MIN_GAIN_PER_EXCESS = 0.25
+"""
+Least gain, as a share of the excess loss before the effect: where much is unexplained, accidental
+correlations gain hundreds. Empirical.
+"""
+MIN_GAIN_PER_NULL_EXCESS = 5e-4
+"""
+Least gain, as a share of the excess loss before any effect: no effect's equation is exact.
+Empirical.
+"""
+MIN_GAIN_PER_SURROGATE_ERROR = 0.12
+"""
+Least gain, as a share of the surrogate error: that error repeats every lap, whitening takes it for
+new noise, and any effect may resemble part of it. Empirical.
+"""
+MAX_EFFECTS = 3
+"""Most effects of one hypothesis. Empirical: bounds the computing time."""
+
+MAX_SINGLES_FITTED = 16
+"""Most single effects that are fitted, of those screened. Empirical: computing time."""
+BEAM_WIDTH = 3
+"""Hypotheses of one size that are extended by another effect. Empirical: computing time."""
+MAX_REFITS = 6
+"""Hypotheses of one size that are fitted jointly. Empirical: computing time."""
+PRUNING_SHARE = 0.4
+"""Candidates with a linearised gain below this share of the required gain are not fitted."""
+MIN_SCREENED_GAIN_SINGLE = 0.05
+"""Least linearised gain of a single effect that is fitted, as a share of the best. Empirical."""
+MIN_SCREENED_GAIN = 0.3
+"""The same for a second and third effect."""
+MIN_SCREENED_GAIN_ONSET = 0.5
+"""The same for effects that begin at a time."""
+MIN_SCREENED_GAIN_SEGMENT = 0.2
+"""The same for effects in segments of the lap."""
+MAX_ONSETS_FITTED = 2
+"""Most effects with an onset that are fitted for one start. Empirical: computing time."""
+MAX_SEGMENTED_FITTED = 3
+"""Most effects in segments that are fitted for one start. Empirical: computing time."""
+ONSET_MIN_GAIN_RATIO = 1.1
+"""An effect from an onset on must gain this many times what it gains throughout. Empirical."""
+BEAM_EXCESS_SHARE = 0.5
+"""A hypothesis within this share of the best one's excess loss is extended. Empirical."""
+BEAM_LOSS = 1000.0
+"""Loss added to that margin. Empirical; absolute, so it depends on the recording's length."""
+REFIT_EXCESS_RATIO = 2.0
+"""A hypothesis below this multiple of the best excess loss is fitted jointly. Empirical."""
+REFIT_LOSS = 2000.0
+"""Loss added to that margin. Empirical; absolute, so it depends on the recording's length."""
+
+# --- Where and when an effect acts -------------------------------------------------------------
+
+MIN_DISTANCE_TO_END_S = 15.0
+"""s. Onsets closer than this to either end of the recording are not considered. Empirical."""
+PENALTY_PER_SEGMENT = 16.0
+"""Loss that each segment must gain: two boundaries of `PENALTY_PER_LOCATION`."""
+MAX_SEGMENTS = 6
+"""Most segments of one effect on a lap. Empirical."""
+MIN_SEGMENT_TRANSITIONS = 2.0
+"""A segment shorter than this many transition lengths has vanished."""
+
+# --- Identifiability ---------------------------------------------------------------------------
+
+INDISTINGUISHABLE_LOSS = 12.0
+"""
+A competing effect within this loss of the identified one is indistinguishable from it; a
+likelihood ratio of e^6. Empirical.
+"""
+INDISTINGUISHABLE_LOSS_SHARE = 2e-4
+"""Share of the identified effect's gain added to that margin: no effect's equation is exact."""
+MAX_COMPETITORS = 4
+"""Competing effects that are fitted for each identified one. Empirical: computing time."""
+CONFUSABLE_GAIN_FACTOR = 4.0
+"""Factor on the linearised gain of effects that the catalogue lists as confusable. Empirical."""
+COMPETITOR_REFIT_MARGINS = 20.0
+"""A competing effect within this many margins is fitted to convergence. Empirical."""
+CONFIDENCE_MARGINS = 3.0
+"""
+Margins by which a competing effect's weight in the confidence falls by e^(-1/2). Empirical: the
+confidence is a heuristic score, not a calibrated probability.
+"""
+CONFIDENCE_NULL_LOSS = 20.0
+"""Gain over no effect at which the weight of no effect falls by e^-1. Empirical."""
+MAX_CONFIDENCE = 0.99
+"""Upper bound of the reported confidence. Empirical: the catalogue is not complete."""
+GYRO_BIAS_SIGMAS = 3.0
+"""
+An IMU bias whose gyro part is within this many standard deviations of zero is reported as a tilt.
+"""
+
+# --- Unmodelled dynamics -----------------------------------------------------------------------
+
+MAX_FEATURES = 4
+"""Most features of one expression. Empirical."""
+FEATURE_MIN_GAIN = 60.0
+"""Least gain of a feature; there are more features than effects to choose from. Empirical."""
+FEATURE_MIN_GAIN_PER_EXCESS = 0.08
+"""Least gain of a feature, as a share of the excess loss that the expression starts from."""
+FEATURE_COEFFICIENT_BOUND = 20.0
+"""Bound of a feature's coefficient at a feature of unit RMS, m/s² or rad/s²: two g."""
+FEATURE_RESIDUAL_SHARE = 0.03
+"""No further feature is added when less than this share of the excess loss is left. Empirical."""
+MAX_FEATURES_FITTED = 5
+"""Features that are fitted in each round. Empirical: computing time."""
+MAX_FEATURE_REFITS = 2
+"""Features that are fitted anew with updated nuisance derivatives. Empirical: computing time."""
+MIN_SCREENED_GAIN_FEATURE = 0.5
+"""Least linearised gain of a feature that is fitted, as a share of the best. Empirical."""
+FEATURE_REFIT_GAIN_SHARE = 0.85
+"""Least gain of a feature that is fitted anew, as a share of the best. Empirical."""
+FEATURE_TIE_LOSS = 20.0
+"""Features within this loss of the best are tied: the shortest expression is taken. Empirical."""
+FEATURE_TIE_LOSS_PER_SURROGATE_ERROR = 0.02
+"""Share of the surrogate error added to that margin. Empirical."""
+EQUATION_GAIN_SHARE = 0.1
+"""Least share of the leading equation's gain for an equation to be named. Empirical."""
+
+# --- Decision ----------------------------------------------------------------------------------
+
+SYSTEMATIC_ERROR_SHARE = 0.012
+"""
+Systematic standard deviation of an effect's parameter as a share of its size: no effect's equation
+is exact. Enters every reported interval. Empirical.
+"""
+SYSTEMATIC_ERROR_PER_MATERIALITY = 0.1
+"""
+Systematic standard deviation as a share of the materiality threshold of the parameter. Enters
+every reported interval. Empirical.
+"""
+COLOURED_NOISE_INFLATION = 1.4
+"""
+Factor on statistical standard deviations for correlation that whitening does not remove. Enters
+every reported interval. Empirical.
+"""
+MAX_EXCESS_PER_NOISE = 0.04
+"""Nothing is unexplained where the excess loss is below this share of a perfect model's loss."""
+MAX_EXCESS_PER_NULL_EXCESS = 0.06
+"""The same, as a share of the excess loss before any effect. Empirical, both."""
+MAX_UNSTRUCTURED_EXCESS = 0.35
+"""
+Share of the excess loss before any effect that effects may leave where no feature reduces it.
+Empirical.
+"""
+MIN_UNSTRUCTURED_EXCESS = 0.25
+"""
+Excess loss that no effect and no feature reduces is reported above this share of a perfect model's
+loss; below, the surrogate's error on another route explains it. Empirical.
+"""
+FEATURE_PREFERENCE_RATIO = 1.5
+"""
+An expression without effects is preferred if its excess loss is less than this multiple of that of
+effects with an expression. Empirical.
+"""
+MAX_REPLACEMENTS = 2
+"""Most exchanges of an identified effect for a competing one. Empirical."""
+REPLACEMENT_LOSS = 8.0
+"""Loss by which a competing effect must be better to take the place of an identified one."""
+
+# --- Restricted channels -----------------------------------------------------------------------
+
+MAX_NORMALISED_LOSS = 2.0
+"""
+With channels missing, no effect is reported where more than this multiple of a perfect model's
+loss is left: with few channels, effects fit what they do not explain. Empirical.
+"""
+MIN_YAW_FILTER_S = 0.1
+"""s. A shorter time constant of the published yaw rate is not taken for a filter. Empirical."""
+MAX_FILTER_MISFIT = 0.5
+"""Share of the median misfit without a filter that a yaw-rate filter may leave. Empirical."""
+MIN_TORQUE_TO_INERTIA_RATIO = 0.2
+"""
+The command is a torque if it accounts for at least this share of the largest accelerations.
+Empirical; a pedal position in [0, 1] accounts for less than 1 %.
+"""
+
+# --- Surrogate model ---------------------------------------------------------------------------
+
+EXTENSION_ERROR_TO_NOISE = 4.0
+"""
+The surrogate underfits the simulation, and is extended beyond vehicle parameters, where a
+channel's error exceeds this many times the noise of a 40 ms bin. Empirical.
+"""
+INCONCLUSIVE_ERROR_TO_NOISE = 2.0
+"""
+Without an identified effect, the result is reported as inconclusive where a channel's surrogate
+error exceeds this many times the noise of a 40 ms bin. Lower than `EXTENSION_ERROR_TO_NOISE`: such
+an error already hides effects, but an extension of the surrogate would fit noise. Empirical.
+"""
+MAX_EXTENSION_MISFIT = 0.67
+"""An extension is kept if it leaves at most this share of the misfit. Empirical."""
+DOMINANT_EFFECT_MISFIT = 0.2
+"""An effect that leaves at most this share of the misfit ends the search of a pass. Empirical."""
+MAX_EXTENSION_PASSES = 3
+"""Most extensions of one surrogate. Empirical."""
+MAX_ROAD_MISFIT = 0.85
+"""A road profile is dropped if its first fit leaves more than this share. Empirical."""
+EFFECT_PRIOR_SHARE = 0.5
+"""Prior standard deviation of a surrogate's own effect as a share of its first fit. Empirical."""
+SURROGATE_ERROR_AS_NOISE = 0.5
+"""
+Share of the error of a surrogate that was calibrated on a real recording, taken for noise: much of
+it would otherwise be cut off as outliers of a quiet sensor. Empirical.
+"""
+MIN_ROAD_COVERAGE = 0.8
+"""
+Least share of the recording on the simulated road for that road's profile to be used. Empirical.
+"""
+HELD_OUT_SHARE = 0.25
+"""Last share of the recording, on which the improvement is measured. Convention."""
+
+MAX_IMPROVED_RATIO = 0.98
+"""Error after over before up to which a correction counts as an improvement. Empirical."""
+
+# --- Experiment design -------------------------------------------------------------------------
+
+DISCRIMINATION_LOSS = 5.0 * INDISTINGUISHABLE_LOSS
+"""
+Least loss by which a manoeuvre must separate two effects to be suggested: five times the margin of
+indistinguishable effects. Empirical.
+"""
+COMPETITOR_SIZE_SIGMA = 0.03
+"""Standard deviation of a competing effect's size in that comparison, relative. Empirical."""
