@@ -31,6 +31,16 @@ import numpy as np
 from adk_ros.errors import DataError
 from adk_ros.files.yaml_file import validate
 from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
+from adk_ros.numerics.levenberg_marquardt import (
+    BoundedParameters,
+    DampingSchedule,
+    FitOptions,
+    Linearisation,
+    derivative_by_difference,
+    huber_values,
+    linearise_dense,
+    minimise,
+)
 from adk_ros.plant.identification.vehicle_rollout import actuator_states, rollout
 from adk_ros.plant.vehicle.vehicle_parameters import Constants, Tyre, Vehicle
 from adk_ros.signals.channels import Record
@@ -40,12 +50,21 @@ SPEED_MIN = 3.0
 """Starts slower than this, m/s, tell of the model's slip at standstill and not of the car."""
 
 _MIN_STARTS = 50
-_HUBER = 3.0
 _RESOLVED = 2e-3
 """Errors below this share of the signal's own change are not worth explaining."""
-_MAX_ITERATIONS = 10
-_SETTLED = 3e-3
-"""An iteration that gains less than this share of the cost is the last."""
+_DIFFERENCE_SHARE = 0.02
+"""Step of the finite differences over the prior's standard deviation."""
+_FIT = FitOptions(
+    iterations=10,
+    relative_tolerance=3e-3,
+    absolute_tolerance=0.0,
+    huber_threshold=3.0,
+    damping=DampingSchedule(initial=1e-3, increase=8.0, decrease=0.2, minimum=0.0, trials=10),
+)
+"""
+More damping than the default: the data sheet may be far off, and the first steps leave the range
+in which the errors are linear. Huber threshold: few starts slide, and would otherwise dominate.
+"""
 
 
 @dataclass(frozen=True)
@@ -168,19 +187,24 @@ def identify_vehicle(
     )
 
 
-def actuator_state_history(vehicle: Vehicle | Constants, record: Record) -> FloatArray:
+def actuator_state_history(
+    vehicle: Vehicle | Constants, record: Record, commands: FloatArray | None = None
+) -> FloatArray:
     """
-    Return what torque and angle have reached at each row of a record, (n, 2).
+    Return the actual torque and road-wheel angle at each row of a record, (n, 2).
 
-    As `actuator_states`, started afresh where the grid breaks or a command is unknown (NaN there).
+    `commands` (n, 2), by default `record.u`. In a gap (NaN) the last command is held, as the
+    vehicle does. Each episode starts afresh; rows before its first command are NaN.
     """
+    u = record.u if commands is None else commands
     c = vehicle.constants() if isinstance(vehicle, Vehicle) else vehicle
     out = np.full((len(record), 2), np.nan)
-    known: BoolArray = np.asarray(np.isfinite(record.u).all(axis=1))
-    breaks = (np.diff(record.episode) != 0) | (np.diff(known.astype(np.int64)) != 0)
-    for part in np.split(np.arange(len(record)), np.flatnonzero(breaks) + 1):
-        if known[part].any():
-            out[part] = actuator_states(c, record.u[part])
+    known: BoolArray = np.asarray(np.isfinite(u).all(axis=1))
+    for episode in np.unique(record.episode):
+        rows = np.flatnonzero(record.episode == episode)
+        last_known = np.maximum.accumulate(np.where(known[rows], np.arange(rows.size), -1))
+        commanded = last_known >= 0
+        out[rows[commanded]] = actuator_states(c, u[rows[last_known[commanded]]])
     return out
 
 
@@ -279,74 +303,55 @@ class _Solver:
 
     def loss(self, batch: _Batch, sigma: FloatArray, p: FloatArray) -> float:
         """Mean Huber loss of the whitened errors."""
-        return float(_huber(self.errors(batch, p) / sigma).mean())
-
-    def _cost(self, e: FloatArray, p: FloatArray) -> float:
-        return float(_huber(e).sum() / e.shape[1] + np.square(p / self._usual).sum())
+        return float(huber_values(self.errors(batch, p) / sigma, _FIT.huber_threshold).mean())
 
     def minimise(self, batch: _Batch, sigma: FloatArray, p: FloatArray) -> FloatArray:
         """Return the parameters of least cost near `p`."""
-        low, high = self.bounds
-        damping = 1e-3
-        e = self.errors(batch, p) / sigma
-        cost = self._cost(e, p)
-        for _ in range(_MAX_ITERATIONS):
-            gram, slope = self._normal(batch, sigma, p, e)
-            tried = cost
-            while damping < 1e6:
-                free = ~((p <= low) & (slope > 0.0)) & ~((p >= high) & (slope < 0.0))
-                damped = gram + damping * np.diag(np.diag(gram))
-                step = np.zeros_like(p)
-                step[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
-                there = np.clip(p + step, low, high)
-                e_there = self.errors(batch, there) / sigma
-                tried = self._cost(e_there, there)
-                if tried < cost:
-                    break
-                damping = max(damping * 8.0, 1e-3)
-            if not tried < cost:
-                return p
-            gained = cost - tried
-            p, e, cost = there, e_there, tried
-            damping *= 0.2
-            if gained < _SETTLED * cost:
-                return p
-        return p
 
-    def _normal(
+        def linearise(q: FloatArray, e: FloatArray) -> Linearisation:
+            return linearise_dense(self._jacobian(batch, sigma, q, e), e, _FIT.huber_threshold)
+
+        return minimise(
+            lambda q: self._whitened(batch, sigma, q),
+            self._bounded_parameters(batch, p),
+            _FIT,
+            linearise=linearise,
+        ).x
+
+    def _whitened(self, batch: _Batch, sigma: FloatArray, p: FloatArray) -> FloatArray:
+        """Return the errors over `sigma` as one vector (n s 3,)."""
+        return np.ravel(self.errors(batch, p) / sigma)
+
+    def _bounded_parameters(self, batch: _Batch, p: FloatArray) -> BoundedParameters:
+        """Return start, bounds and prior of a fit whose loss is summed over a start's steps."""
+        # The cost takes the mean over the steps: the prior counts once per step of the sum.
+        deviation = self._usual / math.sqrt(batch.steps.size)
+        step = _DIFFERENCE_SHARE * self._usual
+        return BoundedParameters(p, *self.bounds, step, np.zeros_like(p), deviation)
+
+    def _jacobian(
         self, batch: _Batch, sigma: FloatArray, p: FloatArray, e: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Half the Hessian (Gauss-Newton) and half the gradient of the cost, the pull included."""
-        weight = np.minimum(1.0, _HUBER / np.maximum(np.abs(e), 1e-12)) / e.shape[1]
-        jacobian = np.zeros((p.size, e.size))
-        for i in range(p.size):
-            # A lag shorter than the model's step acts like none: what is flat is tried further.
-            for share in (0.02, 1.0):
-                jacobian[i] = self._slope(batch, sigma, p, e, i, share * self._usual[i])
-                if jacobian[i].any():
-                    break
-        weighted = jacobian * weight.ravel()
-        pull = 1.0 / np.square(self._usual)
-        return weighted @ jacobian.T + np.diag(pull), weighted @ e.ravel() + pull * p
-
-    def _slope(
-        self, batch: _Batch, sigma: FloatArray, p: FloatArray, e: FloatArray, i: int, delta: float
     ) -> FloatArray:
-        """Change of the errors per change of one parameter: forwards, at the bound backwards."""
-        delta = delta if p[i] + delta <= self.bounds[1][i] else -delta
-        moved = p.copy()
-        moved[i] += delta
-        return np.ravel((self.errors(batch, moved) / sigma - e) / delta)
+        """Return the derivatives (m, n) of the whitened errors, by differences."""
+        columns = []
+        for j, (usual, high) in enumerate(zip(self._usual, self.bounds[1], strict=True)):
+            # A lag shorter than the integration step has no influence: a wide difference finds it.
+            for share in (_DIFFERENCE_SHARE, 1.0):
+                column = derivative_by_difference(
+                    lambda q: self._whitened(batch, sigma, q), p, e, j, share * usual, high
+                )
+                if column.any():
+                    break
+            columns.append(column)
+        return np.column_stack(columns)
 
     def deviation(self, batch: _Batch, sigma: FloatArray, p: FloatArray) -> FloatArray:
-        """Standard deviation of each parameter."""
-        gram, _ = self._normal(batch, sigma, p, self.errors(batch, p) / sigma)
-        return np.sqrt(np.diag(np.linalg.inv(gram)))
-
-
-def _huber(e: FloatArray) -> FloatArray:
-    size = np.abs(e)
-    return np.where(size <= _HUBER, size**2, 2.0 * _HUBER * size - _HUBER**2)
+        """Return the standard deviation of each parameter."""
+        e = self._whitened(batch, sigma, p)
+        data = linearise_dense(self._jacobian(batch, sigma, p, e), e, _FIT.huber_threshold)
+        precision = self._bounded_parameters(batch, p).prior_precision()
+        covariance = np.linalg.inv((data.normal + precision) / batch.steps.size)
+        return np.sqrt(np.diag(covariance))
 
 
 def _range(info: Any) -> tuple[float, float]:

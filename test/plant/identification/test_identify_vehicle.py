@@ -68,6 +68,7 @@ def wrong_by(vehicle: Vehicle, record: Record) -> FloatArray:
     return np.asarray(np.sqrt(np.square(last - record.x[rows + 40]).mean(axis=0)))
 
 
+@pytest.mark.slow
 def test_changed_parameters_are_found() -> None:
     true, found = CAR.model_copy(update=CHANGES), tuned().vehicle
     for name, tolerance in (
@@ -195,11 +196,25 @@ def test_too_little_is_refused() -> None:
         identify_vehicle(CAR, [standing])
 
 
-def test_actuators_start_afresh_where_commands_are_unknown() -> None:
+def test_actuators_hold_the_last_command_over_a_gap() -> None:
+    """Training, identification and rollouts share this function: one rule for gaps."""
     record = drive(True).rows(slice(0, 200))
-    u = record.u.copy()
+    u, held = record.u.copy(), record.u.copy()
     u[80:90] = np.nan
-    found = actuator_state_history(CAR, dataclasses.replace(record, u=u))
-    np.testing.assert_array_equal(found[:80], actuator_states(CAR, record.u[:80]))
-    np.testing.assert_array_equal(found[90:], actuator_states(CAR, record.u[90:]))
-    assert np.isnan(found[80:90]).all()
+    held[80:90] = held[79]
+    with_gap = dataclasses.replace(record, u=u)
+    states = actuator_state_history(CAR, with_gap)
+    np.testing.assert_array_equal(states, actuator_states(CAR, held))
+    np.testing.assert_array_equal(actuator_state_history(CAR, record, u), states)
+    u[:5] = np.nan
+    late = actuator_state_history(CAR, dataclasses.replace(record, u=u))
+    assert np.isnan(late[:5]).all()
+    np.testing.assert_array_equal(late[5:], actuator_states(CAR, held[5:]))
+
+
+def test_actuators_start_afresh_in_a_new_episode() -> None:
+    record = drive(True).rows(slice(0, 200))
+    episode = record.episode + (np.arange(200) >= 120)
+    states = actuator_state_history(CAR, dataclasses.replace(record, episode=episode))
+    np.testing.assert_array_equal(states[:120], actuator_states(CAR, record.u[:120]))
+    np.testing.assert_array_equal(states[120:], actuator_states(CAR, record.u[120:]))
