@@ -179,7 +179,10 @@ def cycle(graph: Mapping[str, set[str]]) -> set[str]:
 
 
 def folder_of(name: str, known: Mapping[str, Module]) -> str:
-    return name if known[name].path.endswith("__init__.py") else name.rpartition(".")[0]
+    """The folder of a module; a module directly in adk_ros is a layer of its own, as in ORDER."""
+    folder = name.rpartition(".")[0]
+    is_folder = known[name].path.endswith("__init__.py")
+    return name if is_folder or folder == "adk_ros" else folder
 
 
 def graphs(known: Mapping[str, Module]) -> tuple[dict[str, set[str]], dict[str, set[str]]]:
