@@ -12,10 +12,7 @@ import typer
 
 from adk_ros.cli.main import app
 from adk_ros.mismatch.library.catalogue import EFFECTS
-from adk_ros.mismatch.library.command_effects import COMMANDS
-from adk_ros.mismatch.library.effect import Effect, EffectParameter
-from adk_ros.mismatch.library.sensor_effects import SENSORS
-from adk_ros.mismatch.library.vehicle_effects import VEHICLE
+from adk_ros.mismatch.library.effect_table import effect_table
 from adk_ros.ros import diagnostics
 from adk_ros.ros.parameter_table import TABLE
 
@@ -79,47 +76,6 @@ def _section(title: str, command: Any, heading: str) -> list[str]:
     return [*lines, ""]
 
 
-GROUPS = (
-    ("Air, road, tyres and body", VEHICLE),
-    ("Drive, brakes and steering", COMMANDS),
-    ("Sensors", SENSORS),
-)
-
-
 def effects_reference() -> str:
-    """Return every effect that `adk mismatch` identifies by name, in three tables."""
-    if sum(len(group) for _, group in GROUPS) != len(EFFECTS):
-        raise SystemExit("GROUPS in reference_pages.py lacks a group of the catalogue")
-    parts = [f"`adk mismatch` knows {len(EFFECTS)} effects by name.", ""]
-    for title, group in GROUPS:
-        parts += [f"## {title}", ""]
-        parts += [
-            "| effect | parameter: range, smallest size named | model equation | excited by "
-            "| similar effects | acts | drive to separate them |",
-            "| --- | --- | --- | --- | --- | --- | --- |",
-        ]
-        parts += [_effect_row(effect) for effect in group]
-        parts.append("")
-    return "\n".join(parts).rstrip()
-
-
-def _effect_row(effect: Effect) -> str:
-    similar = ", ".join(f"`{name}`" for name in effect.confusables) or "-"
-    cells = [
-        f"`{effect.name}`",
-        "<br>".join(_parameter_text(parameter) for parameter in effect.parameters),
-        typeset(effect.equation),
-        typeset(effect.excitation) or "-",
-        similar,
-        ", ".join({"always": "always", "place": "at a place", "time": "from a time"}[kind]
-                  for kind in effect.activations),
-        typeset(effect.manoeuvre) or "-",
-    ]  # fmt: skip
-    return "| " + " | ".join(cells) + " |"
-
-
-def _parameter_text(parameter: EffectParameter) -> str:
-    unit = "" if parameter.unit == "-" else f" {typeset(parameter.unit)}"
-    low, high = f"{parameter.low:g}", f"{parameter.high:g}"
-    size = f"{parameter.materiality_threshold:g}{unit}"
-    return f"`{parameter.name}`: {low} to {high}{unit}, {size}"
+    """Return every effect that `adk mismatch` identifies by name, as a table."""
+    return f"`adk mismatch` knows {len(EFFECTS)} effects by name.\n\n{effect_table()}"
