@@ -52,10 +52,12 @@ def paper(
     Example: adk bench paper --quick
     """
     started = time.monotonic()
+    from adk_ros.api.provenance import RunTimer
     from adk_ros.bench.paper.claims import counts
     from adk_ros.bench.paper.paper_bench import check, run_paper
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
+    timer = RunTimer()
     plan = _plan(quick, seeds, steps, epochs, recordings, peers, tuple(test or ()))
     check(plan)
     if not 1 <= jobs <= 64:
@@ -69,7 +71,9 @@ def paper(
                 result = run_paper(plan, Path(folder), jobs, bar, console.note)
             from adk_ros.bench.paper.paper_page import write_report
 
-            report = write_report(result, plan, Path(folder), out)
+            sources = [("recording", path) for path in plan.recordings]
+            provenance = timer.provenance(sources)
+            report = write_report(result, plan, Path(folder), out, provenance=provenance)
     except Terminated:
         console.note("adk: terminated")
         raise typer.Exit(TERMINATED) from None

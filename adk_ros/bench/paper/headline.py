@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The headline: each predictor in one row, how it fares against knowing nothing, by horizon."""
+"""The headline table: RMSE of each predictor over that of the best naive one, by horizon."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ NOT_RUN = "not run"
 @dataclass(frozen=True)
 class Headline:
     """
-    Geometric means over tests and channels of RMSE over the best naive predictor's.
+    Geometric means over tests and channels of the RMSE over that of the best naive predictor.
 
-    `tables`: one a variant, as people read it. `means` and `lost`: by predictor, variant and
-    horizon the mean, and in how many tests at least one prediction diverged.
+    `tables`: one per variant, as text. `means`, `lost`: by (predictor, variant, horizon) the mean,
+    and the number of tests in which at least one prediction diverged.
     """
 
     lead: str
@@ -47,11 +47,11 @@ class Headline:
     lost: dict[tuple[str, str, int], int]
 
     def markdown(self) -> str:
-        """The lead, then the tables."""
+        """Return the lead and the tables in Markdown."""
         return "\n".join([f"{self.lead}\n", *(table.markdown() for table in self.tables)])
 
     def write(self, folder: Path) -> None:
-        """Write `headline.md`, and `headline.csv` with a line a predictor and variant."""
+        """Write `headline.md`, and `headline.csv` with one line per predictor and variant."""
         (folder / "headline.md").write_text(self.markdown())
         with (folder / "headline.csv").open("w", newline="") as file:
             writer = csv.writer(file)
@@ -67,7 +67,7 @@ class Headline:
 
 
 def headline(board: ScoreTable, setting: str = "") -> Headline:
-    """Put the headline together; `setting` says in a sentence how the run was made."""
+    """Return the headline; `setting` describes the run in a sentence."""
     means = {
         (name, *key): value for name in ROWS for key, value in geometric_means(board, name).items()
     }
@@ -78,12 +78,13 @@ def headline(board: ScoreTable, setting: str = "") -> Headline:
     }  # fmt: skip
     tables = [_table(board, variant, means, lost) for variant in board.variants()]
     lead = (
-        f"RMSE over that of the best naive predictor (persistence, straight line, IMU "
-        f"integration) in the same cell, commands known: geometric mean over "
-        f"{len(board.tests())} tests and three channels. Below 1 is better than knowing nothing "
-        f"of the car; the best in each column is bold. The floor is the simulated car itself, "
-        f"started from the same samples as they are. Where n tests hold predictions that "
-        f'diverged, "> a (n)" is a lower bound: those count as off by 1000 m/s or rad/s.'
+        f"RMSE divided by that of the best naive predictor (persistence, straight line, IMU "
+        f"integration) for the same test, channel and horizon, with future commands given: "
+        f"geometric mean over {len(board.tests())} tests and three channels. Below 1 is better "
+        f"than every model-free predictor; the best value in each column is bold. The oracle is "
+        f"the simulated car itself, started from the same (noisy) samples: the best result "
+        f'without filtering. "> a (n)" is a lower bound: predictions diverged in n tests and '
+        f"count as an error of 1000 m/s or rad/s."
     )
     return Headline(f"{lead} {setting}".strip(), tables, means, lost)
 

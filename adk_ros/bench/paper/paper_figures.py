@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures 4 to 9 and the summary; no screen is needed."""
+"""Figures 4 to 9 of the paper and the summary figure; they need no display."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ PLANNED = {
     "figure_5": (NOMINAL, (MF, ALDK, RLS, FFRLS, SWLS), "Figure 5: five approaches"),
     "figure_6a": ("mass_plus_160", (MF, ALDK, RLS, FFRLS, SWLS), "Figure 6a: +160 kg"),
     "figure_6b": ("mass_minus_170", (MF, ALDK, RLS, FFRLS, SWLS), "Figure 6b: -170 kg"),
-    "figure_7a": ("inertia_plus_142", (MF, ALDK, RLS, FFRLS, SWLS), "Figure 7a: +142 kg m²"),
-    "figure_7b": ("inertia_minus_158", (MF, ALDK, RLS, FFRLS, SWLS), "Figure 7b: -158 kg m²"),
+    "figure_7a": ("inertia_plus_142", (MF, ALDK, RLS, FFRLS, SWLS), "Figure 7a: +142 kg·m²"),
+    "figure_7b": ("inertia_minus_158", (MF, ALDK, RLS, FFRLS, SWLS), "Figure 7b: -158 kg·m²"),
     "figure_8": ("mountain", (MF, ALDK, RLS, FFRLS, SWLS), "Figure 8: mountain road"),
     "figure_9": ("slalom", (MF, ALDK, RLS, FFRLS, SWLS), "Figure 9: slalom test road"),
 }
-"""File -> test, the paper's predictors on it, title; ours is added to each."""
+"""File -> test, predictors of the paper, title; adk_ros is added to each."""
 
-# Okabe and Ito's palette, told apart by the colour-blind; dashes besides, for print.
+# The palette of Okabe and Ito, which colour-blind readers can distinguish, with line styles.
 STYLES: dict[str, tuple[str, str]] = {
     DK: ("#CC79A7", "-"), MF: ("#999999", "-"), ALDK: ("#E69F00", "-"), RLS: ("#56B4E9", "--"),
     FFRLS: ("#009E73", "--"), SWLS: ("#0072B2", "-"), ADK_ROS: ("#D55E00", "-"),
@@ -57,23 +57,24 @@ STYLES: dict[str, tuple[str, str]] = {
     LINEAR: ("#56B4E9", ":"), LINEAR_ADAPTED: ("#56B4E9", ":"), ORACLE: ("#000000", ":"),
 }  # fmt: skip
 _SUMMARY = (DK, ALDK, SWLS, MF_TUNED, LINEAR_ADAPTED, PYKOOP, PYKOOPMAN, ADK_ROS, ORACLE)
-_AVERAGED = 40
-_LEAST, _MOST = 3e-3, 50.0
-_LABEL = 0.045
-"""Height of a label, as a share of the axes'."""
-_MOVES = 500
+_AVERAGED_STEPS = 40
+_MIN_RATIO, _MAX_RATIO = 3e-3, 50.0
+"""Limits of the ratio axis; fixed, so that the figures of two runs can be compared."""
+_LABEL_HEIGHT = 0.045
+"""Height of a label relative to the axes."""
+_LABEL_ITERATIONS = 500
 _BEST_NAIVE = "best naive predictor"
 
 
 def write_figures(board: ScoreTable, series: Series, folder: Path) -> dict[str, Path]:
-    """Write all figures for which there is something to show; title -> path."""
+    """Write all figures that have data; return title -> path."""
     written = {}
     for name, (test, predictors, title) in PLANNED.items():
         lines = _lines(series, test, [*predictors, ADK_ROS])
         if lines:
             written[title] = folder / f"{name}.png"
             history_figure(lines, title, written[title])
-    title = "Summary: RMSE over the best naive predictor's, by horizon"
+    title = "Summary: RMSE divided by that of the best naive predictor, by horizon"
     written[title] = folder / "summary.png"
     summary_figure(board, written[title])
     return written
@@ -90,7 +91,7 @@ def _lines(series: Series, test: str, names: Sequence[str]) -> dict[str, tuple[F
 
 
 def history_figure(lines: dict[str, tuple[FloatArray, ...]], title: str, path: Path) -> None:
-    """Truth and one-step predictions on the left, what they miss on the right."""
+    """Draw truth and one-step predictions on the left, their errors on the right."""
     figure, axes = plt.subplots(3, 2, figsize=(13, 8), sharex=True, constrained_layout=True)
     for c in range(3):
         left, right = axes[c]
@@ -110,7 +111,7 @@ def history_figure(lines: dict[str, tuple[FloatArray, ...]], title: str, path: P
             time_s, truth[:, c] * REPORT_SCALE[c], color="black", linewidth=0.9, linestyle=":",
             label="truth",
         )  # fmt: skip
-        # A prediction far off would leave the truth a line.
+        # Limits follow the truth: a diverged prediction would otherwise hide it.
         room = 0.15 * max(high - low, 1e-6)
         left.set_ylim(low - room, high + room)
         left.set_ylabel(f"{CHANNELS[c]} ({UNITS[c]})")
@@ -123,21 +124,21 @@ def history_figure(lines: dict[str, tuple[FloatArray, ...]], title: str, path: P
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
     axes[2, 0].set_xlabel("time (s)")
     axes[2, 1].set_xlabel("time (s)")
-    axes[0, 0].set_title("predicted one step (25 ms) ahead")
-    axes[0, 1].set_title("its error, RMS over 1 s")
+    axes[0, 0].set_title("one step (25 ms) ahead")
+    axes[0, 1].set_title("error, RMS over 1 s")
     figure.suptitle(title)
     figure.savefig(path, dpi=75)
     plt.close(figure)
 
 
 def _averaged(error: FloatArray) -> FloatArray:
-    """RMS over a moving second; where a prediction is not finite, nothing."""
-    square = np.convolve(error**2, np.full(_AVERAGED, 1.0 / _AVERAGED), mode="same")
+    """Return the moving RMS over one second; NaN where a prediction is not finite."""
+    square = np.convolve(error**2, np.full(_AVERAGED_STEPS, 1.0 / _AVERAGED_STEPS), mode="same")
     return np.asarray(np.sqrt(np.maximum(square, 1e-18)))
 
 
 def summary_figure(board: ScoreTable, path: Path) -> None:
-    """Geometric mean over tests and channels of RMSE over the best naive one's, by horizon."""
+    """Draw the geometric mean of the RMSE over that of the best naive predictor, by horizon."""
     variants = board.variants()
     figure, axes = plt.subplots(
         1, len(variants), figsize=(6.2 * len(variants), 5.2), sharey=True, squeeze=False,
@@ -145,15 +146,15 @@ def summary_figure(board: ScoreTable, path: Path) -> None:
     )  # fmt: skip
     for axis, variant in zip(axes[0], variants, strict=True):
         _by_horizon(axis, board, variant)
-    axes[0, 0].set_ylabel("RMSE / best naive predictor's RMSE")
+    axes[0, 0].set_ylabel("RMSE / RMSE of the best naive predictor")
     tests = len(board.tests())
-    figure.suptitle(f"Geometric mean over {tests} tests and 3 channels; below the line is a win")
+    figure.suptitle(f"Geometric mean over {tests} tests and 3 channels; below 1 is better")
     figure.savefig(path, dpi=100)
     plt.close(figure)
 
 
 def _by_horizon(axis: Axes, board: ScoreTable, variant: str) -> None:
-    """Draw each predictor's line, its name at the line's end."""
+    """Draw one line per predictor, labelled at its end."""
     horizon_s = np.array(HORIZON_STEPS) * TICK_S
     ends: dict[str, float] = {}
     for name in [name for name in _SUMMARY if board.has(name)]:
@@ -166,21 +167,20 @@ def _by_horizon(axis: Axes, board: ScoreTable, variant: str) -> None:
             horizon_s, values, color=colour, linestyle=dashes, marker="o", markersize=4,
             linewidth=3.0 if name == ADK_ROS else 1.4, zorder=3 if name == ADK_ROS else 2,
         )  # fmt: skip
-        ends[name] = float(np.clip(values[-1], _LEAST, _MOST))
+        ends[name] = float(np.clip(values[-1], _MIN_RATIO, _MAX_RATIO))
     axis.axhline(1.0, color="black", linewidth=0.8)
-    # Fixed limits, so that the figures of two runs can be laid side by side.
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.set_xlim(0.02, 2.4)
-    axis.set_ylim(_LEAST, _MOST)
+    axis.set_ylim(_MIN_RATIO, _MAX_RATIO)
     axis.set_xticks(horizon_s, [f"{value:g}" for value in horizon_s])
     axis.minorticks_off()
-    axis.set_xlabel("predicted ahead (s)")
+    axis.set_xlabel("prediction horizon (s)")
     axis.set_title(f"from {'exact' if variant == CLEAN else 'noisy'} measurements ({variant})")
     axis.grid(alpha=0.3)
     ends[_BEST_NAIVE] = 1.0
     for name, (at, height) in zip(ends, _apart(list(ends.values())), strict=True):
-        off = " (off the scale)" if at >= _MOST else ""
+        off = " (off scale)" if at >= _MAX_RATIO else ""
         axis.annotate(
             f"{name}{off}", (2.4, height), (4, 0), textcoords="offset points", va="center",
             color=STYLES.get(name, ("black", "-"))[0], fontsize=9, annotation_clip=False,
@@ -189,12 +189,12 @@ def _by_horizon(axis: Axes, board: ScoreTable, variant: str) -> None:
 
 
 def _apart(values: Sequence[float]) -> list[tuple[float, float]]:
-    """Each value with a height for its label: in the values' order, none over another."""
-    low, high = np.log10(_LEAST), np.log10(_MOST)
-    gap = _LABEL * (high - low)
+    """Return each value with a label height: in the order of the values, without overlap."""
+    low, high = np.log10(_MIN_RATIO), np.log10(_MAX_RATIO)
+    gap = _LABEL_HEIGHT * (high - low)
     order = np.argsort(values, kind="stable")
     heights = np.log10(np.asarray(values, dtype=np.float64))[order]
-    for _ in range(_MOVES):
+    for _ in range(_LABEL_ITERATIONS):
         short = np.maximum(gap - np.diff(heights), 0.0)
         if not short.any():
             break

@@ -1,24 +1,20 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report: one page that stands by itself, and its tables and figures as files beside it."""
+"""The benchmark report: a self-contained HTML page, with tables and figures as files."""
 
 from __future__ import annotations
 
-import base64
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from adk_ros.bench.paper.cases import AHEAD, DROPPED, FORCE_NOISE, HISTORY, NOISE, TRAINING_SHARE
 from adk_ros.bench.paper.claims import RULE, Claim, counts
 from adk_ros.bench.paper.claims_list import check_claims as judge_claims
 from adk_ros.bench.paper.claims_list import compared_with
-from adk_ros.bench.paper.criteria import PaperCriterion, brief, evaluate_paper_criteria
+from adk_ros.bench.paper.criteria import FAIL, PASS, PaperCriterion, brief, evaluate_paper_criteria
 from adk_ros.bench.paper.failure_analysis import explain_failures
-from adk_ros.bench.paper.headline import headline
+from adk_ros.bench.paper.headline import NOT_RUN, Headline, headline
 from adk_ros.bench.paper.paper_bench import Result
 from adk_ros.bench.paper.paper_figures import write_figures
 from adk_ros.bench.paper.paper_tables import (
@@ -28,20 +24,23 @@ from adk_ros.bench.paper.paper_tables import (
     one_step_tables,
     recording_tables,
 )
-from adk_ros.bench.paper.predictors import ADK_ROS
+from adk_ros.bench.paper.predictors import ADK_ROS, ORACLE
 from adk_ros.bench.paper.ratios import ratio_tables, summary_table
+from adk_ros.bench.paper.scores import HORIZONS
 from adk_ros.bench.paper.training_jobs import BenchPlan, read_series
 from adk_ros.files.output_folder import staged_folder
+from adk_ros.files.pages.page import embed, render_page
+from adk_ros.files.pages.provenance import Provenance
 from adk_ros.numerics.arrays import FloatArray
 
 PAGE = "report.html"
 PAPER_EPOCHS, PAPER_BATCH = 2000, 20
-"""What Table 2 of the paper says."""
+"""Training settings in Table 2 of the paper."""
 
 
 @dataclass(frozen=True)
 class PaperReport:
-    """What was written, and what it says."""
+    """The written page, and the criteria, claims and times on it."""
 
     page: Path
     bars: list[PaperCriterion]
@@ -49,18 +48,27 @@ class PaperReport:
     times: Table
 
 
-def write_report(result: Result, plan: BenchPlan, scratch: Path, out: Path) -> PaperReport:
+def write_report(
+    result: Result,
+    plan: BenchPlan,
+    scratch: Path,
+    out: Path,
+    *,
+    provenance: Provenance | None = None,
+) -> PaperReport:
     """
     Write `report.html`, `headline.md`, `tables/`, `figures/`, `claims.md`, `bars.txt` and more.
 
-    `scratch` is the folder that the run left its predictions in. An earlier report in `out` is
-    replaced, once all of this one is there.
+    `scratch` is the folder with the predictions of the run. An earlier report in `out` is replaced
+    when the new one is complete.
     """
     with staged_folder(out, (PAGE,)) as staged:
-        return replace(_write(result, plan, scratch, staged), page=out / PAGE)
+        return replace(_write(result, plan, scratch, staged, provenance), page=out / PAGE)
 
 
-def _write(result: Result, plan: BenchPlan, scratch: Path, out: Path) -> PaperReport:
+def _write(
+    result: Result, plan: BenchPlan, scratch: Path, out: Path, provenance: Provenance | None
+) -> PaperReport:
 
     def series(test: str, name: str) -> tuple[FloatArray, ...]:
         return read_series(scratch, plan, test, name)
@@ -71,10 +79,10 @@ def _write(result: Result, plan: BenchPlan, scratch: Path, out: Path) -> PaperRe
         folder.mkdir()
     top = headline(board, how_made(plan))
     groups = {
-        "Summary": [summary_table(board), *ratio_tables(board)],
+        "Ratios to the best naive predictor": [summary_table(board), *ratio_tables(board)],
         "One step ahead": one_step_tables(board),
-        "0.25 to 2 s ahead": horizon_tables(board),
-        "Coverage": coverage_tables(board),
+        "Rollouts of 0.25 to 2 s": horizon_tables(board),
+        "Coverage of the 90 % intervals": coverage_tables(board),
     }
     if result.recorded is not None:
         groups["Recordings of a real car"] = recording_tables(result.recorded)
@@ -89,26 +97,36 @@ def _write(result: Result, plan: BenchPlan, scratch: Path, out: Path) -> PaperRe
     times = times_table(result)
     (out / "bars.txt").write_text("".join(f"{bar}\n" for bar in bars))
     (out / "claims.md").write_text(_claims_text(claims))
-    environment = Environment(
-        loader=PackageLoader("adk_ros.bench.paper"), autoescape=True, undefined=StrictUndefined
-    )
-    page = environment.get_template("page.html.j2").render(
-        bars=bars, claims=claims, rule=RULE, count=counts(claims), beside=compared_with(board),
-        groups=groups, times=times,
+    page = render_page(
+        "adk_ros.bench.paper", "page.html.j2", provenance,
+        lead=lead_text(top, bars), criteria=bars, claims=claims, rule=RULE, count=counts(claims),
+        naive_comparisons=compared_with(board), groups=groups, times=times,
         setting=setting_text(result, plan), notes=result.settings, headline=top,
         why=explain_failures(board, result.recorded, bars), brief=brief,
-        figures={
-            title: base64.b64encode(path.read_bytes()).decode() for title, path in figures.items()
-        },
+        figures={title: embed(path, title) for title, path in figures.items()},
     )  # fmt: skip
     path = out / PAGE
-    # A template's own line ends, so that a report of the same run is the same file.
-    path.write_text(re.sub(r"\n{3,}", "\n\n", page))
+    path.write_text(page, encoding="utf-8")
     return PaperReport(path, bars, claims, times)
 
 
+def lead_text(top: Headline, criteria: list[PaperCriterion]) -> str:
+    """Return the main result: where adk_ros has the lowest error, and the criteria it meets."""
+    names = {row[0] for table in top.tables for row in table.rows if NOT_RUN not in row}
+    lowest = sum(
+        table.rows[row][0] == ADK_ROS for table in top.tables for row, column in table.best
+    )
+    verdicts = [item.verdict for item in criteria]
+    passed, failed = verdicts.count(PASS), verdicts.count(FAIL)
+    return (
+        f"{ADK_ROS} has the lowest mean error of {len(names - {ORACLE})} predictors in {lowest} "
+        f"of {len(top.tables) * len(HORIZONS)} (variant x horizon) combinations, and meets "
+        f"{passed} of {passed + failed} acceptance criteria."
+    )
+
+
 def how_made(plan: BenchPlan) -> str:
-    """Say in a sentence or two with which effort the run was made."""
+    """Return the training effort of the run in one to three sentences."""
     seeds = f"mean of {plan.seeds} seeds" if plan.seeds > 1 else "one seed"
     text = (
         f"{ADK_ROS}: {plan.train.steps} training steps, {seeds}; DK and ALDK: {plan.paper_epochs} "
@@ -116,9 +134,9 @@ def how_made(plan: BenchPlan) -> str:
         f"{PAPER_BATCH})."
     )
     if plan.quick:
-        text += " Made with --quick, which shortens these trainings."
+        text += " The option --quick shortened these trainings."
     if _shortened(plan):
-        text += " The drives were cut short: a trial run, not a result."
+        text += " The drives were shortened: a trial run, not a result."
     return text
 
 
@@ -127,7 +145,7 @@ def _shortened(plan: BenchPlan) -> bool:
 
 
 def setting_text(result: Result, plan: BenchPlan) -> dict[str, Any]:
-    """What the introduction says of the run, in numbers."""
+    """Return the settings of the run that the page states."""
     return {
         "quick": plan.quick,
         "seeds": plan.seeds,
@@ -154,21 +172,25 @@ def setting_text(result: Result, plan: BenchPlan) -> dict[str, Any]:
 
 
 def times_table(result: Result) -> Table:
-    """Seconds by job and part; jobs ran side by side, so they add up to more than the whole."""
+    """Return the seconds by job and part; jobs run in parallel, so the sum exceeds the total."""
     parts = list(dict.fromkeys(part for o in result.outcomes for part in o.seconds))
     rows = [
         [o.job.name, *(f"{o.seconds[p]:.1f}" if p in o.seconds else "" for p in parts)]
         for o in result.outcomes
         if o.job.kind != "simulate"
     ]
-    drives = [o for o in result.outcomes if o.job.kind == "simulate"]
-    whole = {p: sum(o.seconds.get(p, 0.0) for o in drives) for p in parts}
+    simulations = [o for o in result.outcomes if o.job.kind == "simulate"]
+    simulated = {p: sum(o.seconds.get(p, 0.0) for o in simulations) for p in parts}
     rows.insert(
-        0, [f"simulate {len(drives)} drives", *(f"{v:.1f}" if v else "" for v in whole.values())]
+        0,
+        [
+            f"simulate {len(simulations)} drives",
+            *(f"{v:.1f}" if v else "" for v in simulated.values()),
+        ],
     )
     sums = {p: sum(o.seconds.get(p, 0.0) for o in result.outcomes) for p in parts}
     rows.append(["all, one after the other", *(f"{v:.1f}" for v in sums.values())])
-    title = f"Seconds by job; {result.seconds:.0f} s from beginning to end"
+    title = f"Seconds by job; {result.seconds:.0f} s in all, jobs in parallel"
     return Table("times", title, ["job", *parts], rows, (len(rows) - 1,))
 
 

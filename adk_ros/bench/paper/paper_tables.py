@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables 3 to 8, their like for our own tests and recordings, and at 0.25 to 2 s: text, CSV."""
+"""Tables 3 to 8 of the paper, and tables of additional tests, horizons and recordings."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ NONE = "-"
 @dataclass(frozen=True)
 class Table:
     """
-    A table of text; `strong` are the rows to be seen first, `best` single cells (row, column).
+    A table of text; `strong` are highlighted rows, `best` highlighted cells (row, column).
 
-    Of a strong row only its name is set in bold: what is not good must not look so.
+    Of a highlighted row only the name is bold, so that a poor value is not emphasised.
     """
 
     name: str
@@ -35,11 +35,11 @@ class Table:
     best: frozenset[tuple[int, int]] = frozenset()
 
     def bold(self, row: int, column: int) -> bool:
-        """Whether a cell is set in bold."""
+        """Return whether a cell is bold."""
         return (column == 0 and row in self.strong) or (row, column) in self.best
 
     def markdown(self) -> str:
-        """As a heading and a table."""
+        """Return a heading and a table in Markdown."""
         lines = [f"### {self.title}", "", markdown_line(self.header)]
         lines.append(markdown_line(["---", *["---:"] * (len(self.header) - 1)]))
         for i, row in enumerate(self.rows):
@@ -61,7 +61,7 @@ def markdown_line(cells: Sequence[str]) -> str:
 
 
 def number(value: float) -> str:
-    """Three digits, and no more than the paper's where that says enough."""
+    """Format a value with three significant digits, at most two decimals from 1 on."""
     if value == 0.0:
         return "0"
     if value >= 99.95:
@@ -74,7 +74,7 @@ def number(value: float) -> str:
 
 
 def one_step_tables(board: ScoreTable) -> list[Table]:
-    """Return the paper's tables in their order, then ours; each clean, then noisy."""
+    """Return the tables of the paper, then those of additional tests; clean, then noisy."""
     have = set(board.tests())
     result = []
     for variant in board.variants():
@@ -93,7 +93,7 @@ def one_step_tables(board: ScoreTable) -> list[Table]:
 def _one_step(
     board: ScoreTable, variant: str, tests: list[str], table: int | None, title: str
 ) -> Table:
-    """Max/RMSE, with the paper's own beside them where it has any."""
+    """Return Max/RMSE by predictor, with the values of the paper where it has any."""
     header = ["predictor"]
     for test in tests:
         of = f"{test}: " if len(tests) > 1 else ""
@@ -106,40 +106,40 @@ def _one_step(
     for name in names:
         row = [name]
         for test in tests:
-            theirs = published(table, test).get(name) if table is not None else None
+            quoted = published(table, test).get(name) if table is not None else None
             for c in range(3):
                 row.append(_max_rmse(board, variant, test, name, c))
                 if table is not None:
-                    row.append(_quoted(theirs, c))
+                    row.append(_quoted(quoted, c))
         rows.append(row)
     name = f"table_{table}_{variant}" if table is not None else f"one_step_{tests[0]}_{variant}"
     return Table(name, title, header, rows, strong(names))
 
 
 def _in_order(board: ScoreTable, table: int | None) -> list[str]:
-    """The paper's rows for that table first; nobody stands in between."""
+    """Return the predictors with the rows of that table of the paper first."""
     names = board.names()
     if table is None:
         return names
-    own = [name for name in published(table, TABLES[table][0]) if name in names]
-    others = [name for name in names if name in PAPERS and name not in own]
-    return own + others + [name for name in names if name not in PAPERS]
+    printed = [name for name in published(table, TABLES[table][0]) if name in names]
+    others = [name for name in names if name in PAPERS and name not in printed]
+    return printed + others + [name for name in names if name not in PAPERS]
 
 
 def strong(names: list[str]) -> tuple[int, ...]:
-    """Return which rows are ours."""
+    """Return the rows of adk_ros."""
     return tuple(i for i, name in enumerate(names) if name == ADK_ROS)
 
 
-def _quoted(theirs: Entry | None, channel: int) -> str:
-    if theirs is None:
+def _quoted(quoted: Entry | None, channel: int) -> str:
+    if quoted is None:
         return NONE
-    worst, rmse = theirs[channel]
+    worst, rmse = quoted[channel]
     return f"{worst:g}/{rmse:g}"
 
 
 def _diverged(board: ScoreTable, variant: str, test: str, name: str, horizon: int) -> str:
-    """Say how many diverged, or nothing if none did."""
+    """Return how many predictions diverged, or "" if none did."""
     lost, count = board.diverged(variant, test, name)
     return f"diverged ({lost[horizon]} of {count[horizon]})" if lost[horizon] else ""
 
@@ -147,16 +147,16 @@ def _diverged(board: ScoreTable, variant: str, test: str, name: str, horizon: in
 def _max_rmse(board: ScoreTable, variant: str, test: str, name: str, channel: int) -> str:
     if (variant, test, name) not in board.scores:
         return NONE
-    said = _diverged(board, variant, test, name, 0)
-    if said:
-        return said
+    diverged = _diverged(board, variant, test, name, 0)
+    if diverged:
+        return diverged
     worst = board.worst(variant, test, name)[0, channel] * REPORT_SCALE[channel]
     rmse = board.rmse(variant, test, name)[0, channel] * REPORT_SCALE[channel]
     return f"{number(worst)}/{number(rmse)}"
 
 
 def horizon_tables(board: ScoreTable) -> list[Table]:
-    """Return, by test and variant, RMSE at 0.25 to 2 s under known commands."""
+    """Return one table per test and variant: RMSE at 0.25 to 2 s, future commands given."""
     result = []
     for test in board.tests():
         for variant in board.variants():
@@ -165,7 +165,7 @@ def horizon_tables(board: ScoreTable) -> list[Table]:
                 header += [f"{channel} {horizon} ({unit})" for horizon in HORIZONS[1:]]
             names = [n for n in board.names() if (variant, test, n) in board.scores]
             rows = [[name, *_by_horizon(board, variant, test, name)] for name in names]
-            title = f"{test}, {variant}: RMSE of open-loop prediction, commands known"
+            title = f"{test}, {variant}: RMSE of open-loop prediction, future commands given"
             result.append(Table(f"horizon_{test}_{variant}", title, header, rows, strong(names)))
     return result
 
@@ -180,7 +180,7 @@ def _by_horizon(board: ScoreTable, variant: str, test: str, name: str) -> list[s
 
 
 def coverage_tables(board: ScoreTable) -> list[Table]:
-    """Return, by variant, the share of measurements within our 90 % intervals, in per cent."""
+    """Return one table per variant: measurements within the 90 % intervals, in percent."""
     result = []
     for variant in board.variants():
         header = ["test", *(f"{c} {h}" for c in CHANNELS for h in HORIZONS)]
@@ -189,16 +189,16 @@ def coverage_tables(board: ScoreTable) -> list[Table]:
             table = board.coverage(variant, test)
             cells = [f"{100.0 * v:.1f}" if v == v else NONE for v in table.T.ravel()]
             rows.append(["all tests" if test is None else test, *cells])
-        title = f"Coverage of the 90 % intervals, {variant}, per cent"
+        title = f"Coverage of the 90 % intervals, {variant}, percent"
         name = f"coverage_{variant}"
         result.append(Table(name, title, header, rows, (len(rows) - 1,)))
     return result
 
 
 def recording_tables(recorded: RecordingScores) -> list[Table]:
-    """Return, by recording trained on and tested on, RMSE at 1 step to 2 s and our ratio."""
+    """Return one table per pair of training and test recording: RMSE and ratio by horizon."""
     result = []
-    for number_of, (test, by_name) in enumerate(recorded.rmse.items(), 1):
+    for count, (test, by_name) in enumerate(recorded.rmse.items(), 1):
         header = ["predictor"]
         for channel, unit in zip(CHANNELS, UNITS, strict=True):
             header += [f"{channel} {horizon} ({unit})" for horizon in HORIZONS]
@@ -210,8 +210,10 @@ def recording_tables(recorded: RecordingScores) -> list[Table]:
         ratio = recorded.ratios[test].T.ravel()
         rows.append([f"{ADK_ROS} / best naive", *(number(float(v)) for v in ratio)])
         trained, tested = test.split(" / ")
-        where = "tested on its rest" if trained == tested else f"tested on all of {tested}"
-        title = f"Trained on the first 60 % of {trained}, {where}, commands known"
-        # Names of folders are other people's: they are no names for our files.
-        result.append(Table(f"recording_{number_of}", title, header, rows, strong(names)))
+        where = (
+            "tested on the remaining 40 %" if trained == tested else f"tested on all of {tested}"
+        )
+        title = f"Trained on the first 60 % of {trained}, {where}, future commands given"
+        # The folder names of recordings are not used as file names: they may contain anything.
+        result.append(Table(f"recording_{count}", title, header, rows, strong(names)))
     return result

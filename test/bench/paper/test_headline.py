@@ -22,7 +22,7 @@ from adk_ros.bench.paper.paper_figures import summary_figure
 from adk_ros.bench.paper.paper_tables import horizon_tables, recording_tables
 from adk_ros.bench.paper.predictors import ADK_ROS, MF_TUNED, NAIVE, ORACLE, PYKOOP, PYKOOPMAN
 from adk_ros.bench.paper.ratios import best_cells, ratio_tables, summary_table
-from adk_ros.bench.paper.scores import Cell, ScoreTable
+from adk_ros.bench.paper.scores import Combination, ScoreTable
 
 NAIVES = {name: 1.0 for name in NAIVE}
 
@@ -43,8 +43,8 @@ def test_headline_rows_and_bold_cells(tmp_path: Path) -> None:
     assert text.split("\n")[0].endswith("One seed.")
     rows = re.findall(r"^\| (.*) \|$", text, re.M)
     assert rows.count(" | ".join(["**adk_ros**", *["**0.100**"] * 5])) == 2
-    assert "floor (the plant) | exact | exact | exact | exact | exact" in rows
-    assert "floor (the plant) | 0.0100 | 0.0100 | 0.0100 | 0.0100 | 0.0100" in rows
+    assert "oracle (the plant) | exact | exact | exact | exact | exact" in rows
+    assert "oracle (the plant) | 0.0100 | 0.0100 | 0.0100 | 0.0100 | 0.0100" in rows
     assert "pykoop | > 0.500 (1) | > 0.500 (1) | > 0.500 (1) | > 0.500 (1) | > 0.500 (1)" in rows
     with (tmp_path / "headline.csv").open() as file:
         stored = list(csv.DictReader(file))
@@ -84,7 +84,7 @@ def test_every_cell_of_ours_is_in_a_table() -> None:
 @pytest.mark.parametrize(("floor", "expected"), [(0.5, False), (0.96, False), (0.98, True)])
 def test_at_the_floor_within_three_per_cent(floor: float, expected: bool) -> None:
     board = with_floor(with_floor(board_of(NAIVES | {ADK_ROS: 1.0}), floor), floor, CLEAN)
-    noisy, clean = Cell(NOISY, "winter", 0, 1), Cell(CLEAN, "winter", 0, 1)
+    noisy, clean = Combination(NOISY, "winter", 0, 1), Combination(CLEAN, "winter", 0, 1)
     assert oracle_notes.at_oracle(board, [noisy, clean]) == ({noisy} if expected else set())
     assert oracle_notes.over_oracle(board, noisy) == pytest.approx(1.0 / floor)
     assert np.isnan(oracle_notes.over_oracle(board, clean))
@@ -95,13 +95,15 @@ def test_bars_name_cells_at_the_floor_and_count_them_all_the_same() -> None:
     found = {bar.name: bar for bar in evaluate_paper_criteria(board, None)}
     assert found["no-cell-above-1"].verdict == FAIL
     assert found["no-cell-above-1"].figure.startswith(
-        "30 of 30 cells, all seeds above 1.0 (15 of them at the floor, where the plant itself"
+        "30 of 30 combinations, all seeds above 1.0 (15 of them at the oracle, where the plant "
     )
     assert "clean winter (v_x 1 step 1.005;" in found["no-cell-above-1"].figure
-    assert "noisy winter (v_x 1 step 1.005 at the floor;" in found["no-cell-above-1"].figure
+    assert "noisy winter (v_x 1 step 1.005 at the oracle;" in found["no-cell-above-1"].figure
     figure = found["ahead-of-tuned-7dof"].figure
-    assert figure.startswith("0.0 % of 30 cells, at least 90 %; behind in 30 (15 of them at the")
-    assert brief(figure).endswith("does no better)")
+    assert figure.startswith(
+        "0.0 % of 30 combinations, at least 90 %; behind in 30 (15 of them at the"
+    )
+    assert brief(figure).endswith("is no better)")
 
 
 def test_long_lists_are_cut_from_a_bars_text() -> None:
@@ -125,14 +127,14 @@ def test_why_a_rival_is_ahead() -> None:
     }  # fmt: skip
     text = said["ahead-of-pykoop"]
     for part in (
-        "pykoop leads in 75 cells: noisy 75 of 150; by horizon 1 step 15 of 60",
-        "in 75 of 150 cells, on other roads, grip, wind or tyres in 0 of 150 cells: a lead in "
-        "distribution above all",
+        "pykoop leads in 75 combinations: noisy 75 of 150; by horizon 1 step 15 of 60",
+        "in 75 of 150 combinations, on other roads, grip, wind or tyres in 0 of 150 combinations: "
+        "mainly in distribution",
         "It diverges in 1 of the 20 clean and noisy tests: noisy slalom (7 of 1000 at 1 step)",
-        "1.00 times the floor's in the median",
-        "in 75 of 75 it is at the floor",
-        "In 75 of these pykoop is below the floor",
-        "ours 0.36, pykoop 0.18, persistence 3.60, floor 0.36, sensor noise 0.072 km/h",
+        "1.00 times that of the oracle in the median",
+        "in 75 of 75 it is at the oracle",
+        "In 75 of these pykoop is better than the oracle",
+        "adk_ros 0.36, pykoop 0.18, persistence 3.60, oracle 0.36, sensor noise 0.072 km/h",
     ):
         assert part in text, part
 
@@ -143,11 +145,11 @@ def test_why_a_mean_is_high_and_cells_are_above_one() -> None:
     board.scores[NOISY, "winter", ADK_ROS] = [case_score(0.004)]
     said = explain_failures(board, None, evaluate_paper_criteria(board, None))
     assert "highest in gusts (0.866)" in said["geometric-mean"]
-    assert "started from the same sample) has 0.3 at 1 step" in said["geometric-mean"]
+    assert "started from the same sample) is 0.3 at 1 step" in said["geometric-mean"]
     above = said["no-cell-above-1"]
-    assert above.startswith("A naive predictor wins in 15 cells: clean 15 of 150;")
-    assert "Clean, the floor is exact" in above
-    assert "clean gusts v_x 1 step, ratio 1.50 (ours 5.40, persistence 3.60 km/h)" in above
+    assert above.startswith("A naive predictor wins in 15 combinations: clean 15 of 150;")
+    assert "On clean tests the oracle is exact" in above
+    assert "clean gusts v_x 1 step, ratio 1.50 (adk_ros 5.40, persistence 3.60 km/h)" in above
 
 
 def test_why_coverage_and_the_papers_effect_fall_short() -> None:
@@ -155,7 +157,7 @@ def test_why_coverage_and_the_papers_effect_fall_short() -> None:
     for test in TESTS:
         board.scores[CLEAN, test, ADK_ROS] = [case_score(0.1, covered=0.8)]
     text = explain_failures(board, None, evaluate_paper_criteria(board, None))["coverage"]
-    assert "clean v_x at 1 step: the intervals are too narrow, 80.0 % are within" in text
+    assert "clean v_x at 1 step: the intervals are too narrow, coverage 80.0 %" in text
     board = papers_board()
     for (_, test, name), items in board.scores.items():
         if name == "ALDK-SWLS" and test != "nominal":
@@ -164,9 +166,9 @@ def test_why_coverage_and_the_papers_effect_fall_short() -> None:
         for name in (*NAIVE, ADK_ROS):
             board.add(CLEAN, test, name, case_score(1.0))
     text = explain_failures(board, None, evaluate_paper_criteria(board, None))["papers-effect"]
-    assert "In 0 of the 18 cells" in text
+    assert "In 0 of the 18 entries" in text
     assert "2.00 times the paper's RMSE in the median" in text
-    assert "less accurate than the paper's in 18." in text
+    assert "less accurate than in the paper in 18." in text
 
 
 def test_recordings_are_a_table_beside_the_naive_predictors_and_explained() -> None:
@@ -174,7 +176,9 @@ def test_recordings_are_a_table_beside_the_naive_predictors_and_explained() -> N
     rmse = {"persistence": naive, "straight line": 2.0 * naive, ADK_ROS: ours}
     recorded = RecordingScores({"a / a": ours, "a / b": ours}, {"a / a": rmse, "a / b": rmse})
     first, second = recording_tables(recorded)
-    assert first.title == "Trained on the first 60 % of a, tested on its rest, commands known"
+    assert first.title == (
+        "Trained on the first 60 % of a, tested on the remaining 40 %, future commands given"
+    )
     assert "tested on all of b" in second.title
     assert [row[0] for row in first.rows] == [
         "persistence", "straight line", ADK_ROS, f"{ADK_ROS} / best naive",
