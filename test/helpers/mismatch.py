@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cases for the tests of the mismatch tool, each made once."""
+"""Generated cases for the tests of the mismatch analysis, each made once."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ CAR = NominalVehicle(
 @cache
 def case(effect: str = "", seed: int = 5, **parameters: float) -> GeneratedCase:
     """A short case with one effect, or with none."""
-    secret = InjectedMismatch({effect: parameters}) if effect else InjectedMismatch()
-    return make_case(effect or "clean", secret, seed, seconds=(60.0, 90.0, 30.0))
+    injected = InjectedMismatch({effect: parameters}) if effect else InjectedMismatch()
+    return make_case(effect or "clean", injected, seed, seconds=(60.0, 90.0, 30.0))
 
 
 def car(**changes: float) -> FloatArray:
-    """The parameters of a car on usual tyres, some of them changed."""
+    """Parameters of a car on average tyres, some of them changed."""
     p = CAR.parameters()
     for name, value in changes.items():
         p[INDEX[name]] = value
@@ -38,7 +38,7 @@ def car(**changes: float) -> FloatArray:
 def steady(
     speed: float = 20.0, delta: float = 0.0, torque: float = 0.0, seconds: float = 40.0
 ) -> SensorLog:
-    """What sensors would say of a car that rolls straight ahead whatever it is told."""
+    """Sensor log of a car that rolls straight ahead, whatever its commands."""
     imu_s, odometry_s = np.arange(0.005, seconds, 0.01), np.arange(0.005, seconds, 0.02)
     command_s = np.arange(0.0, seconds, 0.025)
     odometry = np.zeros((odometry_s.size, 3))
@@ -58,6 +58,6 @@ def steady(
     )
 
 
-def with_commands(evidence: SensorLog, command: FloatArray) -> SensorLog:
-    """The same under other commands (c, 2)."""
-    return replace(evidence, command=command)
+def with_commands(log: SensorLog, command: FloatArray) -> SensorLog:
+    """The log with other commands (c, 2)."""
+    return replace(log, command=command)

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The whole way: from two drives of a plant that shares no code with the stand-in to an answer."""
+"""The mismatch analysis on recordings of a plant that shares no code with the surrogate."""
 
 from __future__ import annotations
 
@@ -29,30 +29,30 @@ def drag() -> MismatchResult:
     return identify_mismatch(c.simulation, c.recording, c.nominal)
 
 
-def test_nothing_is_found_where_nothing_is() -> None:
+def test_no_effect_in_a_clean_case() -> None:
     c = case()
-    findings = identify_mismatch(c.simulation, c.recording, c.nominal)
-    assert findings.verdict == "none"
-    assert findings.effects == []
-    assert "No significant mismatch" in sentence(findings)
-    answer = as_dict(findings)
+    result = identify_mismatch(c.simulation, c.recording, c.nominal)
+    assert result.verdict == "none"
+    assert result.effects == []
+    assert "No significant mismatch" in sentence(result)
+    answer = as_dict(result)
     assert answer["verdict"] == "none"
     assert answer["effects"] == []
 
 
-def test_drag_is_named_and_measured() -> None:
-    findings = drag()
-    assert findings.verdict == "explained"
-    (effect,) = findings.effects
+def test_drag_is_identified() -> None:
+    result = drag()
+    assert result.verdict == "explained"
+    (effect,) = result.effects
     assert effect.effect.name == "aero_drag"
     value = effect.parameters["cda"]
     assert value.value == pytest.approx(DRAG, rel=0.05)
     assert value.low < value.value < value.high
-    assert findings.after["v_x"] < 0.3 * findings.before["v_x"]
-    assert "m² more drag area (C_dA) than the simulation" in sentence(findings)
+    assert result.after["v_x"] < 0.3 * result.before["v_x"]
+    assert "m² more drag area (C_dA) than the simulation" in sentence(result)
 
 
-def test_the_report_holds_the_answer_and_both_models(tmp_path: Path) -> None:
+def test_report_contains_the_result_and_both_models(tmp_path: Path) -> None:
     write_report(drag(), tmp_path / "report")
     assert not (tmp_path / "report.part").exists()
     answer = json.loads((tmp_path / "report" / "mismatch.json").read_text())
@@ -62,11 +62,11 @@ def test_the_report_holds_the_answer_and_both_models(tmp_path: Path) -> None:
     corrected = yaml.safe_load((tmp_path / "report" / "corrected.yaml").read_text())
     assert [term["effect"] for term in corrected["terms"]] == ["aero_drag"]
     assert "terms" not in yaml.safe_load((tmp_path / "report" / "simulation.yaml").read_text())
-    # Written again over itself.
+    # A report may overwrite itself.
     write_report(drag(), tmp_path / "report")
 
 
-def test_the_corrected_model_predicts_the_held_out_drive(tmp_path: Path) -> None:
+def test_corrected_model_predicts_held_out_data(tmp_path: Path) -> None:
     write_report(drag(), tmp_path / "report")
     heldout = case("aero_drag", cda=DRAG).heldout
     before, after = (
@@ -77,29 +77,29 @@ def test_the_corrected_model_predicts_the_held_out_drive(tmp_path: Path) -> None
     assert np.all(after < 1.1 * before)
 
 
-def test_a_prediction_uses_nothing_after_its_start(tmp_path: Path) -> None:
+def test_prediction_uses_no_later_measurement(tmp_path: Path) -> None:
     write_report(drag(), tmp_path / "report")
     model = load_surrogate(tmp_path / "report" / "corrected.yaml").content
-    whole = case("aero_drag", cda=DRAG).heldout
+    recording = case("aero_drag", cda=DRAG).heldout
     starts = np.array([4.0, 5.0])
-    known = OpenLoopPredictor(model, whole).predict(starts, 40)
-    cut = whole.between(0.0, 5.0 + 1e-9)
-    # The commands stay known.
-    cut = type(whole)(
+    predicted = OpenLoopPredictor(model, recording).predict(starts, 40)
+    cut = recording.between(0.0, 5.0 + 1e-9)
+    # The commands stay predicted.
+    cut = type(recording)(
         cut.name,
-        whole.duration_s,
+        recording.duration_s,
         cut.imu_s,
         cut.imu,
         cut.odometry_s,
         cut.odometry,
         cut.pose,
-        whole.command_s,
-        whole.command,
+        recording.command_s,
+        recording.command,
     )
-    np.testing.assert_array_equal(OpenLoopPredictor(model, cut).predict(starts, 40), known)
+    np.testing.assert_array_equal(OpenLoopPredictor(model, cut).predict(starts, 40), predicted)
 
 
-def test_starts_are_on_the_grid_of_ticks() -> None:
+def test_starts_are_on_the_tick_grid() -> None:
     starts = start_times_of(case().heldout, 40, 0.5, 2.0)
     np.testing.assert_allclose(starts, 2.0 + 0.5 * np.arange(starts.size), atol=1e-9)
     assert starts[-1] + 1.0 <= 30.1

@@ -1,9 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A stand-in as the car of `adk simulate`: it drives the route, and what was found in it acts."""
+"""The surrogate model as the car of `adk simulate`."""
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from adk_ros.mismatch.deployment.scenario_drive import position_dependent_terms,
 from adk_ros.mismatch.deployment.surrogate_file import load_surrogate, surrogate_yaml
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
+from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.offline.export import write_bag
 from adk_ros.plant.environment.road import locate
@@ -28,11 +30,11 @@ PLACED = [{
     "where": {"kind": "place", "lap": 500.0, "stretches": [[100.0, 200.0]],
               "line": [[0.0, 0.0, 0.0, 0.0], [500.0, 500.0, 0.0, 0.0]]},
 }]  # fmt: skip
-PUSHED = [{"equation": "v_x", "feature": "constant", "coefficient": -0.5}]
+CONSTANT = [FeatureTerm("v_x", "constant", -0.5, 0.0)]
 
 
 def vector(**changes: float) -> FloatArray:
-    """A car of two tons, as its driver knows cars."""
+    """Parameters of a car of two tons."""
     p = default_parameters()
     p[INDEX["mass"]], p[INDEX["yaw_inertia"]] = 2000.0, 3500.0
     for name, value in changes.items():
@@ -42,7 +44,7 @@ def vector(**changes: float) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def clean() -> Scenario:
-    """The handling course, heard without noise."""
+    """The handling course without sensor noise."""
     scenario = load_scenario("handling")
     return scenario.model_copy(update={"sensors": scenario.sensors.clean()})
 
@@ -63,14 +65,14 @@ def driven_with(
     tmp_path: Path,
     scenario: Scenario,
     p: FloatArray | None = None,
-    **content: list[dict[str, object]],
+    **content: Any,
 ) -> SimulatedDrive:
     path = tmp_path / "corrected.yaml"
     path.write_text(surrogate_yaml(vector() if p is None else p, **content))
     return simulate_scenario(load_surrogate(path), scenario, duration_s=SECONDS)
 
 
-def test_it_keeps_to_the_route_and_a_seed_is_a_drive(
+def test_car_follows_the_route_reproducibly(
     clean: Scenario, file: Path, drive: SimulatedDrive
 ) -> None:
     table, spacing = drive.route.table, drive.route.spacing
@@ -86,37 +88,32 @@ def test_it_keeps_to_the_route_and_a_seed_is_a_drive(
     assert not np.array_equal(other.commands, drive.commands)
 
 
-def test_its_bag_is_what_the_stand_in_predicts(
-    file: Path, drive: SimulatedDrive, tmp_path: Path
-) -> None:
-    """Rolled out along its own bag, from its own measurements, it meets them."""
+def test_surrogate_predicts_its_own_bag(file: Path, drive: SimulatedDrive, tmp_path: Path) -> None:
+    """Open-loop rollouts along the simulated bag reproduce its odometry."""
     write_bag(drive, tmp_path / "bag")
-    evidence = read_sensor_log(tmp_path / "bag")
+    log = read_sensor_log(tmp_path / "bag")
     starts = np.arange(5.0, SECONDS - 3.0, 1.0)
-    predicted = OpenLoopPredictor(load_surrogate(file).content, evidence).predict(starts, 40)
-    at = np.searchsorted(evidence.odometry_s, starts + 1.0 - 1e-6)
-    error = predicted[:, -1] - evidence.odometry[at]
-    change = (
-        evidence.odometry[at]
-        - evidence.odometry[np.searchsorted(evidence.odometry_s, starts - 1e-6)]
-    )
+    predicted = OpenLoopPredictor(load_surrogate(file).content, log).predict(starts, 40)
+    at = np.searchsorted(log.odometry_s, starts + 1.0 - 1e-6)
+    error = predicted[:, -1] - log.odometry[at]
+    change = log.odometry[at] - log.odometry[np.searchsorted(log.odometry_s, starts - 1e-6)]
     np.testing.assert_array_less(np.sqrt((error**2).mean(axis=0)), [0.02, 0.01, 0.003])
     np.testing.assert_array_less([0.3, 0.02, 0.05], np.sqrt((change**2).mean(axis=0)))
 
 
-def test_what_was_found_acts(clean: Scenario, drive: SimulatedDrive, tmp_path: Path) -> None:
-    """Drag, and a correction by a feature, are paid for by torque; both by what they are."""
+def test_terms_act(clean: Scenario, drive: SimulatedDrive, tmp_path: Path) -> None:
+    """The driver compensates drag and a constant feature with the expected torque."""
     dragged = driven_with(tmp_path, clean, terms=DRAG)
     speed = drive.x[200:, 0]
     asked = (dragged.u[200:, 0] - drive.u[200:, 0]).mean()
     due = (0.5 * 1.225 * 2.0 * speed**2).mean() * 0.325
     assert asked == pytest.approx(due, rel=0.15)
-    pushed = driven_with(tmp_path, clean, correction=PUSHED)
+    pushed = driven_with(tmp_path, clean, feature_terms=CONSTANT)
     asked = (pushed.u[200:, 0] - drive.u[200:, 0]).mean()
     assert asked == pytest.approx(0.5 * 2000.0 * 0.325, rel=0.15)
 
 
-def test_a_place_of_the_recording_is_left_out(
+def test_position_dependent_terms_are_left_out(
     clean: Scenario, drive: SimulatedDrive, tmp_path: Path
 ) -> None:
     placed = driven_with(tmp_path, clean, terms=PLACED)
@@ -126,20 +123,22 @@ def test_a_place_of_the_recording_is_left_out(
     np.testing.assert_array_equal(placed.x, drive.x)
 
 
-def test_the_scenarios_road_counts(clean: Scenario, drive: SimulatedDrive, tmp_path: Path) -> None:
+def test_friction_of_the_scenario_acts(
+    clean: Scenario, drive: SimulatedDrive, tmp_path: Path
+) -> None:
     slippery = clean.model_copy(update={"mu": 0.3})
     with pytest.raises(DataError, match="leaves the road of handling after"):
         driven_with(tmp_path, slippery, vector(grip_f=0.3, grip_r=0.3))
 
 
-def test_the_command_line(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_line(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, corrected = tmp_path / "bag", tmp_path / "corrected.yaml"
     corrected.write_text(surrogate_yaml(vector(), terms=PLACED))
     given = ["simulate", "town", "--model", str(corrected), "--out", str(out), "--duration", "5"]
     assert main([*given, "--json"]) == 0
-    told = capsys.readouterr()
-    assert json.loads(told.out)["seconds"] == 5.0
-    assert "not on this road: road_bank" in told.err
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["seconds"] == 5.0
+    assert "not on this road: road_bank" in printed.err
     assert len(read_sensor_log(out).odometry_s) > 200
     vehicle = tmp_path / "vehicle.yaml"
     vehicle.write_text("mass: 2000.0\n")

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A simulator that is given as a YAML file."""
+"""A simulator given as a YAML file."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def vehicle() -> Vehicle:
     return load_vehicle("imdv")
 
 
-def test_a_vehicle_is_driven_like_the_recording() -> None:
+def test_matched_drive_covers_the_recording() -> None:
     recording = case().recording
     made, asked = (
         driving_envelope(simulate_matched_drive(vehicle(), recording)),
@@ -49,7 +49,7 @@ def test_a_vehicle_is_driven_like_the_recording() -> None:
 
 
 @pytest.mark.slow
-def test_drag_that_a_vehicle_file_lacks_is_found() -> None:
+def test_drag_missing_in_a_vehicle_file_is_identified() -> None:
     plain = vehicle()
     real = plain.model_copy(update={"cda": plain.cda + 1.0})
     driven = simulate_matched_drive(real, case().recording, "recording")
@@ -68,12 +68,12 @@ def test_drag_that_a_vehicle_file_lacks_is_found() -> None:
     assert one.parameters["cda"].value == pytest.approx(1.0, abs=0.05)
 
 
-def test_the_packages_own_vehicles_are_nominal_ones_too() -> None:
+def test_packaged_vehicle_is_a_nominal_vehicle() -> None:
     plain = load_vehicle("imdv")
     assert load_nominal_vehicle("imdv") == nominal_vehicle_of(plain)
 
 
-def test_a_vehicle_that_says_of_its_drag_alone_is_a_whole_one(tmp_path: Path) -> None:
+def test_vehicle_file_with_one_further_parameter(tmp_path: Path) -> None:
     file = tmp_path / "car.yaml"
     file.write_text(yaml.safe_dump({**nominal_vehicle_of(vehicle()).model_dump(), "cda": 0.9}))
     assert load_nominal_vehicle(file) == nominal_vehicle_of(vehicle())
@@ -82,7 +82,7 @@ def test_a_vehicle_that_says_of_its_drag_alone_is_a_whole_one(tmp_path: Path) ->
         load_nominal_vehicle(file)
 
 
-def test_files(tmp_path: Path) -> None:
+def test_load_simulator(tmp_path: Path) -> None:
     file = tmp_path / "simulation.yaml"
     file.write_text(surrogate_yaml(default_parameters()))
     found = load_simulator(file)
@@ -92,14 +92,14 @@ def test_files(tmp_path: Path) -> None:
     file.write_text(surrogate_yaml(default_parameters(), terms=terms))
     with pytest.raises(UsageError, match=r"give the simulation\.yaml"):
         load_simulator(file)
-    with pytest.raises(UsageError, match="is not there"):
+    with pytest.raises(UsageError, match="does not exist"):
         load_simulator(tmp_path / "none.yaml")
     file.write_text("mass: heavy\n")
     with pytest.raises(UsageError, match="mass"):
         load_simulator(file)
 
 
-def test_the_command_takes_a_stand_in(
+def test_command_takes_a_surrogate(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, bag = tmp_path / "simulation.yaml", tmp_path / "recording"
@@ -111,7 +111,7 @@ def test_the_command_takes_a_stand_in(
         given.append(simulation)
         return drag()
 
-    monkeypatch.setattr("adk_ros.mismatch.analysis.investigate", known)
+    monkeypatch.setattr("adk_ros.mismatch.analysis.identify_mismatch", known)
     arguments = ["mismatch", "--simulation", str(file), "--recording", str(bag)]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
     assert isinstance(given[0], SurrogateModel)

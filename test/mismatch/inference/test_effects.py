@@ -30,7 +30,11 @@ from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, SIZE
 from adk_ros.mismatch.surrogate.activation import Activation, inside_segments
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
-from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
+from adk_ros.mismatch.surrogate.residuals import (
+    DISTANCE_INTERVAL_S,
+    ResidualProblem,
+    prepare_residual_problem,
+)
 
 NAMES = [
     "aero_drag", "rolling_resistance", "headwind", "crosswind", "aero_downforce", "road_grade",
@@ -174,3 +178,12 @@ def test_only_grade_and_bank_change_gradually() -> None:
     assert sharp[1040] > 0.95 > soft[1040] > 0.5
     assert soft[1000] == pytest.approx(0.5, abs=0.01)
     assert set(GRADUAL_EDGE_WIDTHS) == {"road_grade", "road_bank"}
+
+
+def test_held_out_part_excludes_later_distance_intervals(likelihood: Likelihood) -> None:
+    problem = likelihood.problem
+    none = np.zeros(N_FIXED_NUISANCES)
+    until_s = problem.start_s + 5.5 * DISTANCE_INTERVAL_S
+    early = replace(likelihood, until_s=until_s)
+    assert early.residuals(none, []).size - 6 * problem.bins == 5
+    assert likelihood.residuals(none, []).size - 6 * problem.bins == problem.distances.shape[0]

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a recording without an IMU, a torque or an unfiltered yaw rate is asked, and what not."""
+"""Observability without an IMU, a torque command or an unfiltered yaw rate."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from helpers.mismatch import case
 
 from adk_ros.errors import DataError
 from adk_ros.mismatch.analysis import identify_mismatch
-from adk_ros.mismatch.inference.likelihood import MIN_SPEED, Likelihood
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.observability import (
     PHASE_LAG_EFFECTS,
     ObservableEffects,
@@ -23,6 +23,7 @@ from adk_ros.mismatch.inference.observability import (
 )
 from adk_ros.mismatch.inference.result import EXPLAINED
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import MIN_SPEED
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -51,7 +52,7 @@ def filtered(e: SensorLog, tau: float) -> SensorLog:
     return replace(e, odometry=odometry)
 
 
-def test_a_whole_recording_lacks_nothing() -> None:
+def test_complete_recording_has_no_missing_channels() -> None:
     scope = observable_effects(case().recording, MASS, RADIUS)
     assert scope.is_complete
     assert not scope.unobservable
@@ -59,25 +60,25 @@ def test_a_whole_recording_lacks_nothing() -> None:
 
 
 @pytest.mark.parametrize("tau", [0.2, 0.4])
-def test_a_filter_of_the_yaw_rate_is_seen(tau: float) -> None:
+def test_yaw_rate_filter_is_identified(tau: float) -> None:
     assert yaw_filter(filtered(case().recording, tau)) == pytest.approx(tau, abs=0.06)
 
 
-def test_a_plain_yaw_rate_is_not_taken_for_a_filtered_one() -> None:
+def test_unfiltered_yaw_rate_has_no_filter() -> None:
     for evidence in (case().recording, case().simulation, case("aero_drag", cda=1.0).recording):
         assert yaw_filter(evidence) == 0.0
 
 
-def test_a_pedal_is_no_torque() -> None:
+def test_pedal_position_is_no_torque() -> None:
     assert observable_effects(case().recording, MASS, RADIUS).torque
     assert not observable_effects(with_pedal(case().recording), MASS, RADIUS).torque
     straight = with_pedal(case().recording)
     straight = replace(straight, command=straight.command * np.array([1.0, 0.0]))
-    with pytest.raises(DataError, match="record the wheel torque in N m"):
+    with pytest.raises(DataError, match="record the wheel torque in N·m"):
         observable_effects(straight, MASS, RADIUS)
 
 
-def test_what_is_not_asked_for() -> None:
+def test_unobservable_effects() -> None:
     blind = ObservableEffects(imu=False, torque=False, yaw_filter_s=0.4)
     assert {
         "imu_bias",
@@ -93,7 +94,7 @@ def test_what_is_not_asked_for() -> None:
     assert "aero_drag" not in ObservableEffects(imu=False).unobservable
 
 
-def test_the_likelihood_is_silent_on_it() -> None:
+def test_uninformative_channels_have_no_weight() -> None:
     course = prepare_residual_problem(with_pseudo_imu(without_imu(case().recording)))
     plain = SurrogateModel(
         case().nominal.parameters(), np.zeros(6), np.zeros((6, 100)), np.empty((0, len(INDEX)))
@@ -107,7 +108,7 @@ def test_the_likelihood_is_silent_on_it() -> None:
     assert plain.parameters[INDEX["odometry_lag"]] == 0.0
 
 
-def test_an_imu_is_made_up_where_there_is_none() -> None:
+def test_pseudo_imu_follows_odometry() -> None:
     whole = case().recording
     assert with_pseudo_imu(whole) is whole
     made = with_pseudo_imu(without_imu(whole))
@@ -115,7 +116,7 @@ def test_an_imu_is_made_up_where_there_is_none() -> None:
     assert np.corrcoef(made.imu[:, 1], measured)[0, 1] > 0.95
 
 
-def test_the_longest_drive_is_judged() -> None:
+def test_longest_moving_segment() -> None:
     e = case().recording
     odometry = e.odometry.copy()
     odometry[(e.odometry_s > 20.0) & (e.odometry_s < 25.0), 0] = 0.0
@@ -128,7 +129,7 @@ def test_the_longest_drive_is_judged() -> None:
 
 
 @pytest.mark.slow
-def test_drag_is_found_without_an_imu_and_what_lacks_is_said() -> None:
+def test_drag_is_identified_without_an_imu() -> None:
     drag = case("aero_drag", cda=1.0)
     found = identify_mismatch(drag.simulation, without_imu(drag.recording), drag.nominal)
     assert found.verdict == EXPLAINED
@@ -139,7 +140,7 @@ def test_drag_is_found_without_an_imu_and_what_lacks_is_said() -> None:
 
 
 @pytest.mark.slow
-def test_nothing_of_forces_along_the_car_is_claimed_of_a_pedal() -> None:
+def test_no_longitudinal_effect_with_a_pedal_position() -> None:
     drag = case("aero_drag", cda=1.0)
     found = identify_mismatch(
         drag.simulation, with_pedal(without_imu(drag.recording)), drag.nominal

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Curves along the simulator's road, and what else is learned of a simulator."""
+"""Extensions of the surrogate: road profile, effects and features of the simulator."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from adk_ros.bench.mismatch.case_matrix import UNLISTED_IN
 from adk_ros.bench.mismatch.injectors import UNLISTED
 from adk_ros.errors import UsageError
 from adk_ros.files.yaml_file import validate
-from adk_ros.mismatch import analysis as way
+from adk_ros.mismatch import analysis
 from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, horizon_rmse, start_times_of
 from adk_ros.mismatch.deployment.scenario_drive import position_dependent_terms
@@ -50,7 +50,7 @@ DRAG = 0.8
 
 @cache
 def hilly() -> Scenario:
-    """The handling course, on hills."""
+    """The handling problem, on hills."""
     base = load_scenario("handling")
     hills = {
         "name": "hills",
@@ -80,13 +80,13 @@ def driven(seed: int, more_drag: float = 0.0) -> tuple[SensorLog, Vehicle]:
 
 
 @cache
-def on_hills() -> tuple[ResidualProblem, SurrogateModel, SurrogateModel]:
-    """The course, the stand-in without what was learned, and with it."""
-    evidence, car = driven(1)
-    course = prepare_residual_problem(evidence)
+def hilly_problem() -> tuple[ResidualProblem, SurrogateModel, SurrogateModel]:
+    """The problem, the stand-in without what was learned, and with it."""
+    log, car = driven(1)
+    problem = prepare_residual_problem(log)
     start = nominal_vehicle_of(car).parameters()
-    plain = identify_surrogate(course, start)
-    return course, plain, augment_surrogate(course, plain, start)
+    plain = identify_surrogate(problem, start)
+    return problem, plain, augment_surrogate(problem, plain, start)
 
 
 @cache
@@ -95,24 +95,24 @@ def drag_on_hills() -> MismatchResult:
     return identify_mismatch(simulation, driven(2, DRAG)[0], nominal_vehicle_of(car))
 
 
-def test_the_splines_weights_sum_to_one_on_the_road_and_to_none_off_it() -> None:
+def test_spline_weights_sum_to_one_on_the_road_and_zero_off_it() -> None:
     first, weights = spline_basis(np.array([0.0, 3.7, 25.0, np.nan]), KNOT_SPACING_M)
     assert weights.sum(axis=0) == pytest.approx([1.0, 1.0, 1.0, 0.0])
     assert list(first[:3]) == [0, 0, 2]
 
 
-def test_a_curve_of_like_knots_is_constant_along_the_road() -> None:
+def test_equal_knots_give_a_constant_curve() -> None:
     road = zero_profile(prepare_residual_problem(case().simulation), ("grade",))
     level = replace(road, coefficients=np.full_like(road.coefficients, 0.03))
     assert level.values_at(road.line[:, 0])[0] == pytest.approx(0.03)
     assert level.size == pytest.approx([0.03])
 
 
-def test_the_same_place_is_found_again_on_the_next_lap_alone() -> None:
-    evidence = steady(speed=20.0, seconds=60.0)
-    angle = 2.0 * np.pi * evidence.odometry_s / 25.0
+def test_only_the_next_lap_revisits_a_place() -> None:
+    log = steady(speed=20.0, seconds=60.0)
+    angle = 2.0 * np.pi * log.odometry_s / 25.0
     circle = np.column_stack([80.0 * np.sin(angle), 80.0 * (1.0 - np.cos(angle)), angle])
-    road = zero_profile(prepare_residual_problem(replace(evidence, pose=circle)), ("grade",))
+    road = zero_profile(prepare_residual_problem(replace(log, pose=circle)), ("grade",))
     # One lap and no more is on the map.
     assert road.line[-1, 0] == pytest.approx(2.0 * np.pi * 80.0, rel=0.03)
     pose = np.array([[80.0, 80.0, 0.5 * np.pi], [80.0, 80.0, 2.5 * np.pi]])
@@ -126,7 +126,7 @@ def test_the_same_place_is_found_again_on_the_next_lap_alone() -> None:
     assert road.covered_share(prepare_residual_problem(steady(speed=20.0))) < 0.1
 
 
-def test_knots_of_one_colour_are_never_felt_together() -> None:
+def test_knots_of_one_colour_have_disjoint_influence() -> None:
     rng = np.random.default_rng(3)
     felt = np.zeros((40, 200), dtype=bool)
     for row in felt:
@@ -139,12 +139,12 @@ def test_knots_of_one_colour_are_never_felt_together() -> None:
 
 
 @pytest.mark.slow
-def test_the_slopes_of_a_simulated_road_are_learned() -> None:
-    course, plain, stand_in = on_hills()
-    assert is_underfit(course, plain)
-    assert stand_in.road is not None
+def test_grade_of_a_simulated_road_is_identified() -> None:
+    problem, plain, surrogate = hilly_problem()
+    assert is_underfit(problem, plain)
+    assert surrogate.road is not None
     # Longitudinal: the slope is what v_x lacked.
-    assert stand_in.error[3] < 0.2 * plain.error[3]
+    assert surrogate.error[3] < 0.2 * plain.error[3]
     route = hilly().planned_route()
     # As far as the drive comes.
     at = np.linspace(100.0, 1900.0, 60)
@@ -153,111 +153,111 @@ def test_the_slopes_of_a_simulated_road_are_learned() -> None:
         np.array([lookup(route.table, route.spacing, s, column) for s in at])
         for column in (ROAD_X, ROAD_Y, ROAD_HEADING)
     )
-    place = stand_in.road.distances(np.column_stack([x, y, heading]))
+    place = surrogate.road.distances(np.column_stack([x, y, heading]))
     assert np.isfinite(place).mean() > 0.9
     on = np.isfinite(place)
-    found = stand_in.road.values_at(place)[list(stand_in.road.entries).index("grade")]
+    found = surrogate.road.values_at(place)[list(surrogate.road.entries).index("grade")]
     # But for a constant, which a simulated accelerometer's bias is as well.
     off = (found - row)[on]
     assert np.std(off) < 0.15 * np.std(row)
-    assert "a road that climbs" in stand_in.augmentation_notes[0]
+    assert "road grade" in surrogate.augmentation_notes[0]
 
 
-def test_a_simulation_that_is_met_is_left_as_it_is() -> None:
+def test_surrogate_that_fits_is_not_extended() -> None:
     c = case()
-    course = prepare_residual_problem(c.simulation)
+    problem = prepare_residual_problem(c.simulation)
     start = c.nominal.parameters()
-    plain = identify_surrogate(course, start)
-    assert not is_underfit(course, plain)
-    assert augment_surrogate(course, plain, start) is plain
+    plain = identify_surrogate(problem, start)
+    assert not is_underfit(problem, plain)
+    assert augment_surrogate(problem, plain, start) is plain
 
 
 @pytest.mark.slow
-def test_what_a_recording_on_hills_has_more_is_named() -> None:
-    findings = drag_on_hills()
-    assert [e.effect.name for e in findings.effects] == ["aero_drag"]
-    cda = findings.effects[0].parameters["cda"]
+def test_effect_is_identified_on_a_hilly_road() -> None:
+    result = drag_on_hills()
+    assert [e.effect.name for e in result.effects] == ["aero_drag"]
+    cda = result.effects[0].parameters["cda"]
     assert cda.value == pytest.approx(DRAG, rel=0.1)
-    assert any("a road that climbs" in note for note in findings.notes)
-    assert findings.after["v_x"] < 0.5 * findings.before["v_x"]
-    assert "air drag" in sentence(findings)
+    assert any("road grade" in note for note in result.notes)
+    assert result.after["v_x"] < 0.5 * result.before["v_x"]
+    assert "air drag" in sentence(result)
 
 
-def test_the_models_of_a_hilly_simulation_know_its_road() -> None:
-    findings = drag_on_hills()
-    model = SurrogateFile.model_validate(yaml.safe_load(findings.simulation_yaml))
+def test_files_of_a_hilly_simulation_contain_its_road() -> None:
+    result = drag_on_hills()
+    model = SurrogateFile.model_validate(yaml.safe_load(result.simulation_yaml))
     road = model.road()
     assert road is not None
-    evidence = driven(1)[0]
-    level = model.model_copy(update={"own": type(model.own)()})
-    with_road, without = (horizon_rmse(m, evidence, 1.0, 2.0) for m in (model, level))
+    log = driven(1)[0]
+    level = model.model_copy(update={"extras": type(model.extras)()})
+    with_road, without = (horizon_rmse(m, log, 1.0, 2.0) for m in (model, level))
     assert with_road[0] < 0.3 * without[0]
     # And nothing of the future is used: cut off after the start, the prediction is the same.
-    starts = start_times_of(evidence, 40, 5.0, 20.0)[:2]
-    whole = OpenLoopPredictor(model, evidence).predict(starts, 40)
+    starts = start_times_of(log, 40, 5.0, 20.0)[:2]
+    extended = OpenLoopPredictor(model, log).predict(starts, 40)
     cut = replace(
-        evidence,
-        odometry_s=evidence.odometry_s[evidence.odometry_s <= starts[-1] + 1e-9],
-        odometry=evidence.odometry[evidence.odometry_s <= starts[-1] + 1e-9],
-        pose=evidence.pose[evidence.odometry_s <= starts[-1] + 1e-9],
+        log,
+        odometry_s=log.odometry_s[log.odometry_s <= starts[-1] + 1e-9],
+        odometry=log.odometry[log.odometry_s <= starts[-1] + 1e-9],
+        pose=log.pose[log.odometry_s <= starts[-1] + 1e-9],
     )
-    assert OpenLoopPredictor(model, cut).predict(starts, 40) == pytest.approx(whole)
+    assert OpenLoopPredictor(model, cut).predict(starts, 40) == pytest.approx(extended)
 
 
-def test_a_recording_on_another_road_is_judged_without_the_curves(
+def test_road_profile_is_ignored_on_another_road(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    _, plain, whole = on_hills()
-    monkeypatch.setattr(way, "identify_surrogate", lambda *_: plain)
-    monkeypatch.setattr(way, "augment_surrogate", lambda *_: whole)
-    evidence, car = driven(1)
+    _, plain, extended = hilly_problem()
+    monkeypatch.setattr(analysis, "identify_surrogate", lambda *_: plain)
+    monkeypatch.setattr(analysis, "augment_surrogate", lambda *_: extended)
+    log, car = driven(1)
 
-    def tell(done: float, total: float, text: str) -> None:
+    def report(done: float, total: float, text: str) -> None:
         assert 0.0 <= done <= total
         assert text
 
-    stand_in, notes = way.surrogate_of(evidence, evidence, nominal_vehicle_of(car), tell)
-    assert stand_in is whole
-    assert "a road that climbs (RMS" in notes[0]
-    moved = replace(evidence, pose=evidence.pose + np.array([900.0, 0.0, 0.0]))
-    stand_in, notes = way.surrogate_of(evidence, moved, nominal_vehicle_of(car), tell)
-    assert stand_in is plain
-    assert "drives another" in notes[0]
+    surrogate, notes = analysis.surrogate_of(log, log, nominal_vehicle_of(car), report)
+    assert surrogate is extended
+    assert "road grade (RMS" in notes[0]
+    moved = replace(log, pose=log.pose + np.array([900.0, 0.0, 0.0]))
+    surrogate, notes = analysis.surrogate_of(log, moved, nominal_vehicle_of(car), report)
+    assert surrogate is plain
+    assert "another road" in notes[0]
 
 
 @pytest.mark.slow
-def test_what_no_effect_explains_of_a_simulator_is_learned_as_a_feature() -> None:
-    secret = InjectedMismatch(unlisted={"scrub_drag": UNLISTED["scrub_drag"]})
-    c = make_case("scrub", secret, 5, seconds=(60.0, 90.0, 30.0), noise=0.02)
-    course, start = prepare_residual_problem(c.recording), c.nominal.parameters()
-    plain = identify_surrogate(course, start)
-    assert is_underfit(course, plain)
-    whole = augment_surrogate(course, plain, start)
-    assert whole.feature_terms
-    assert whole.feature_terms[0].equation == "v_x"
-    assert whole.feature_terms[0].feature in UNLISTED_IN["scrub_drag"][1]
-    assert misfit(course, whole) < 0.05 * misfit(course, plain)
+def test_unmodelled_part_of_a_simulator_becomes_a_feature_term() -> None:
+    injected = InjectedMismatch(unlisted={"scrub_drag": UNLISTED["scrub_drag"]})
+    c = make_case("scrub", injected, 5, seconds=(60.0, 90.0, 30.0), noise=0.02)
+    problem, start = prepare_residual_problem(c.recording), c.nominal.parameters()
+    plain = identify_surrogate(problem, start)
+    assert is_underfit(problem, plain)
+    extended = augment_surrogate(problem, plain, start)
+    assert extended.feature_terms
+    assert extended.feature_terms[0].equation == "v_x"
+    assert extended.feature_terms[0].feature in UNLISTED_IN["scrub_drag"][1]
+    assert misfit(problem, extended) < 0.05 * misfit(problem, plain)
     # On a drive that it was not learned on, it is there as well.
     model = SurrogateFile.model_validate(
-        yaml.safe_load(surrogate_yaml(whole.parameters, simulator=whole))
+        yaml.safe_load(surrogate_yaml(extended.parameters, simulator=extended))
     )
-    without = model.model_copy(update={"own": type(model.own)()})
+    without = model.model_copy(update={"extras": type(model.extras)()})
     errors = [horizon_rmse(m, c.heldout, 1.0, 2.0) for m in (model, without)]
     assert errors[0][0] < 0.5 * errors[1][0]
 
 
 @pytest.mark.slow
-def test_a_simulators_own_effect_is_learned_and_no_finding() -> None:
-    secret = InjectedMismatch({"steering_backlash": {"half_gap": 0.0025}})
-    c = make_case("play", secret, 6, seconds=(60.0, 90.0, 30.0), noise=0.02)
-    course, start = prepare_residual_problem(c.recording), c.nominal.parameters()
-    plain = identify_surrogate(course, start)
-    whole = augment_surrogate(course, plain, start)
-    assert "steering_backlash" in whole.augmentation_notes[0]
-    assert whole.parameters[INDEX["steer_half_gap"]] == pytest.approx(0.0025, rel=0.2)
+def test_effect_of_a_simulator_extends_the_surrogate() -> None:
+    injected = InjectedMismatch({"steering_backlash": {"half_gap": 0.0025}})
+    c = make_case("play", injected, 6, seconds=(60.0, 90.0, 30.0), noise=0.02)
+    problem, start = prepare_residual_problem(c.recording), c.nominal.parameters()
+    plain = identify_surrogate(problem, start)
+    extended = augment_surrogate(problem, plain, start)
+    assert "steering_backlash" in extended.augmentation_notes[0]
+    assert extended.parameters[INDEX["steer_half_gap"]] == pytest.approx(0.0025, rel=0.2)
 
 
-def test_a_file_keeps_what_the_simulator_has_of_its_own() -> None:
+def test_file_keeps_the_extras() -> None:
     line = np.column_stack([np.arange(5.0) * 10.0, np.arange(5.0) * 10.0, np.zeros((5, 2))])
     road = RoadProfile(line, ("grade",), np.linspace(0.0, 0.04, 9)[None])
     simulator = SurrogateModel(
@@ -270,13 +270,13 @@ def test_a_file_keeps_what_the_simulator_has_of_its_own() -> None:
     )
     content = yaml.safe_load(surrogate_yaml(simulator.parameters, simulator=simulator))
     model = SurrogateFile.model_validate(content)
-    again = model.simulator()
+    again = model.surrogate()
     assert again.road is not None
     assert again.road.coefficients == pytest.approx(road.coefficients)
     assert again.feature_terms == simulator.feature_terms
-    assert model.coefficients()[1][0, 0] == -0.001
+    assert model.feature_coefficients()[1][0, 0] == -0.001
     # A scenario has a road of its own.
-    assert position_dependent_terms(model) == ["the grade of its own road"]
-    content["own"]["road"]["curves"]["grade"] = [0.0, 0.1]
+    assert position_dependent_terms(model) == ["the grade of the simulator's road"]
+    content["extras"]["road"]["curves"]["grade"] = [0.0, 0.1]
     with pytest.raises(UsageError, match="four knots"):
         validate("model", content, SurrogateFile)
