@@ -23,7 +23,7 @@ def axpy(state: FloatArray, time: float, rate: FloatArray, out: FloatArray) -> N
 
 @strict_kernel
 def take_step(state: FloatArray, step: float, work: FloatArray, limit: FloatArray) -> None:
-    """Advance `state` (n,) in place by the four rates in `work` (>= 4, n), clamped to +-`limit`."""
+    """Advance `state` (n,) in place by four rates in `work` (>= 4, n), clamped to +-`limit`."""
     for j in range(state.shape[0]):
         change = work[0, j] + 2.0 * (work[1, j] + work[2, j]) + work[3, j]
         state[j] = clip(state[j] + step / 6.0 * change, limit[j])

@@ -1,3 +1,3 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What can be identified, as data: effects, features and surrogate parameters."""
+"""Identifiable physics as data: effects, features and surrogate parameters."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""All effects that the tool knows by name."""
+"""Catalogue of all effects, by name."""
 
 from __future__ import annotations
 

@@ -1,13 +1,15 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Effects between a command and the wheels: steering, drive, brakes."""
+"""Effects between the command and the wheels: steering, drive, brakes."""
 
 from __future__ import annotations
 
 from adk_ros.mismatch.library.effect import ALWAYS, TIME, Effect, EffectParameter
 
 _DELAYS = (0.04, 0.1, 0.2)
+"""Start values of a dead time, s: one to five periods of the commands, which come at 25 ms."""
 _LAGS = (0.05, 0.15, 0.35)
+"""Start values of a time constant, s."""
 
 _STEERING = (
     Effect(
@@ -17,7 +19,7 @@ _STEERING = (
         "delta = command + offset",
         "driving straight",
         ("crosswind", "brake_drag_one_side"),
-        "driving straight at several speeds",
+        "straights at several speeds",
     ),
     Effect(
         "steering_ratio",
@@ -26,7 +28,7 @@ _STEERING = (
         "delta = scale command",
         "cornering",
         ("front_tyre_stiffness", "compliance_steer"),
-        "tight bends at walking pace",
+        "tight corners at walking speed",
     ),
     Effect(
         "steering_delay",
@@ -37,7 +39,7 @@ _STEERING = (
         ),
         ("v_y", "yaw_rate"),
         "delta(t) = command(t - delay)",
-        "quick steering",
+        "fast steering",
         ("steering_lag", "clock_offset"),
         "step steers",
     ),
@@ -50,7 +52,7 @@ _STEERING = (
         ),
         ("v_y", "yaw_rate"),
         "tau d(delta)/dt = command - delta",
-        "quick steering",
+        "fast steering",
         ("steering_delay", "tyre_relaxation", "yaw_inertia"),
         "step steers",
     ),
@@ -70,7 +72,7 @@ _STEERING = (
         ),
         ("v_y", "yaw_rate"),
         "delta follows the command half_gap behind",
-        "steering to and fro",
+        "alternating steering",
         ("steering_lag", "steering_delay"),
         "slow sine steering of small amplitude",
     ),
@@ -85,7 +87,7 @@ _STEERING = (
         "delta = command - rad_per_mps2 a_y",
         "cornering at several speeds",
         ("front_tyre_stiffness", "steering_ratio"),
-        "tight bends, slow and fast",
+        "tight corners at low and high speed",
     ),
     Effect(
         "rear_wheel_steer",
@@ -94,7 +96,7 @@ _STEERING = (
         "rear angle = ratio delta",
         "cornering at several speeds",
         ("steering_ratio", "rear_tyre_stiffness"),
-        "tight bends at walking pace",
+        "tight corners at walking speed",
     ),
 )
 
@@ -106,16 +108,16 @@ _DRIVE = (
         "T = scale command",
         "accelerating and braking",
         ("wheel_radius", "payload", "rotating_inertia"),
-        "step steers, which a payload changes",
+        "step steers: a payload changes the response, a torque gain does not",
     ),
     Effect(
         "brake_torque_gain",
         (EffectParameter("scale", "-", 0.2, 2.0, 0.005, 0.02, {"brake_gain": 1.0}, 1.0),),
         ("v_x",),
-        "T = scale command where it brakes",
+        "T = scale command while braking",
         "braking",
         ("drive_torque_gain",),
-        "braking from speed",
+        "braking from high speed",
     ),
     Effect(
         "drive_torque_delay",
@@ -126,9 +128,9 @@ _DRIVE = (
         ),
         ("v_x",),
         "T(t) = command(t - delay)",
-        "steps of torque",
+        "torque steps",
         ("drive_torque_lag", "clock_offset"),
-        "steps of torque",
+        "torque steps",
     ),
     Effect(
         "drive_torque_lag",
@@ -139,9 +141,9 @@ _DRIVE = (
         ),
         ("v_x",),
         "tau dT/dt = command - T",
-        "steps of torque",
+        "torque steps",
         ("drive_torque_delay",),
-        "steps of torque",
+        "torque steps",
     ),
     Effect(
         "torque_offset",
@@ -150,7 +152,7 @@ _DRIVE = (
         "T = command + offset",
         "coasting",
         ("rolling_resistance",),
-        "roll backwards",
+        "coasting backwards",
     ),
     Effect(
         "power_limit",
@@ -169,7 +171,7 @@ _DRIVE = (
         ),
         ("v_x",),
         "T V / R <= power",
-        "full torque at speed",
+        "full torque at high speed",
         ("drive_torque_gain",),
         "full torque up to top speed",
     ),
@@ -178,15 +180,15 @@ _DRIVE = (
         (EffectParameter("scale", "-", 0.5, 1.6, 0.005, 0.02, {"wheel_radius": 1.0}, 1.0, True),),
         ("v_x",),
         "F_x = T / (scale R)",
-        "torque",
+        "driving torque",
         ("drive_torque_gain", "payload", "rotating_inertia"),
-        "a wheel speed sensor",
+        "any driving with a wheel-speed sensor",
     ),
     Effect(
         "brake_drag_one_side",
         (EffectParameter("torque_per_wheel", "N m", -600.0, 600.0, 3.0, 8.0, {"side_drag": 1.0}),),
         ("v_x", "yaw_rate"),
-        "T_i -= torque of each wheel on one side",
+        "T_i -= torque_per_wheel on one side",
         "driving straight",
         ("steering_offset", "rolling_resistance"),
         "coasting straight",
@@ -207,9 +209,9 @@ _DRIVE = (
         ),
         ("v_x", "v_y", "yaw_rate"),
         "u(t) = command(t - offset)",
-        "torque and steering alike",
+        "torque and steering changes",
         ("steering_delay", "drive_torque_delay"),
-        "steps of torque and of steering",
+        "torque steps and step steers",
         activations=(ALWAYS, TIME),
         sensor=True,
     ),

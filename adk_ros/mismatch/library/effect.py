@@ -1,11 +1,13 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What an effect is: data that say how its parameters enter the stand-in's vector.
+Effects as data: how the parameters of an effect enter the surrogate's parameter vector.
 
-To add one, write an `Effect` into a list of `catalogue`: name, parameters, equation, what excites
-it and what it is confused with. If its physics is in the kernel already, that is all; else it
-needs an entry in `parameters.ENTRIES`, zero where nothing acts, and its line in `kernel`.
+To add an effect, write an `Effect` into one of the lists in `catalogue`: name, parameters,
+equation, excitation and confusable effects. If the equations of motion contain its physics
+already, that is all. Otherwise add an entry to `surrogate_parameters.SURROGATE_PARAMETERS` whose
+default has no influence, and its term to `surrogate.equations_of_motion`, `tyre_forces` or
+`command_response`.
 """
 
 from __future__ import annotations
@@ -21,12 +23,13 @@ ALWAYS, PLACE, TIME = "always", "place", "time"
 @dataclass(frozen=True)
 class EffectParameter:
     """
-    A parameter of an effect, as a person reads it.
+    One parameter of an effect, in the unit in which it is reported.
 
-    `entries` maps entries of the stand-in's vector to what a unit of (value - neutral) adds to
-    them; where `relative`, that much of the entry itself. An `inverse` parameter enters by its
-    reciprocal. `step` is that of differences, `least` the size (from neutral) below which it is
-    build tolerance and not worth a name. `starts` are values to start a fit from; none: neutral.
+    `targets` maps entries of the surrogate's parameter vector to the amount that one unit of
+    (value - neutral) adds to them; if `relative`, to that multiple of the entry itself. An
+    `inverse` parameter enters by its reciprocal. `step` is the finite-difference step of the
+    fitted variable theta. A difference from neutral below `materiality_threshold` is within
+    build tolerance and not reported. `starts` are start values of a fit; empty: neutral.
     """
 
     name: str
@@ -43,12 +46,12 @@ class EffectParameter:
 
     @property
     def theta_neutral(self) -> float:
-        """Value of the fitted variable at which nothing acts."""
+        """Fitted variable without effect."""
         return 0.0 if self.inverse else self.neutral
 
-    def value(self, inner: float) -> float:
-        """Return the value that a fitted variable stands for."""
-        return 1.0 / max(inner, 1e-30) if self.inverse else inner
+    def value(self, theta: float) -> float:
+        """Return the value of a fitted variable, in `unit`."""
+        return 1.0 / max(theta, 1e-30) if self.inverse else theta
 
     def theta(self, value: float) -> float:
         """Return the fitted variable of a value."""
@@ -58,28 +61,30 @@ class EffectParameter:
         """Return the bounds of the fitted variable."""
         return (0.0, 1.0 / self.low) if self.inverse else (self.low, self.high)
 
-    def amounts(self, inner: float, base: FloatArray) -> list[tuple[int, float]]:
-        """Return (index, amount) pairs that this value adds to the vector `base`."""
-        size = inner - self.theta_neutral
+    def amounts(self, theta: float, base: FloatArray) -> list[tuple[int, float]]:
+        """Return (index, amount) pairs that the fitted variable adds to the vector `base`."""
+        size = theta - self.theta_neutral
         return [
             (INDEX[entry], size * factor * (float(base[INDEX[entry]]) if self.relative else 1.0))
             for entry, factor in self.targets.items()
         ]
 
-    def is_material(self, inner: float) -> bool:
-        """Whether the value is more than build tolerance."""
+    def is_material(self, theta: float) -> bool:
+        """Whether the difference from neutral exceeds the materiality threshold."""
         if self.inverse:
-            return self.value(inner) < self.materiality_threshold
-        return abs(inner - self.neutral) >= self.materiality_threshold
+            return self.value(theta) < self.materiality_threshold
+        return abs(theta - self.neutral) >= self.materiality_threshold
 
 
 @dataclass(frozen=True)
 class Effect:
     """
-    A named piece of physics, or a fault of a sensor, that a simulation may lack.
+    A named physical effect, or a sensor fault, that a simulation may lack.
 
-    `equations` are the ones it enters (v_x, v_y, yaw_rate, imu, odometry); `scopes` where it may
-    act; `confused` names of effects that look alike; `manoeuvre` what tells it from those.
+    `equations`: state equations or sensors that it enters (v_x, v_y, yaw_rate, imu, odometry).
+    `equation`: its formula. `excitation`: driving that makes it observable. `confusables`: effects
+    with similar residuals. `manoeuvre`: driving that separates it from those. `activations`: how
+    it may act (always, place, time). `where`: its location in words when it acts always.
     """
 
     name: str

@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a residual may depend on: named features of the drive, each with its unit and expression.
+Feature library: candidate functions of the signals that a residual may depend on.
 
-They describe a remainder that no effect of the catalogue explains, and correct the model for it.
-A feature is a function of the drive's signals, all (n,) in SI: v_x, v_y, yaw_rate, a_x, a_y
-(simulated), torque, delta (commanded).
+Features describe a residual that no effect of the catalogue explains, and correct the model for
+it. A feature is a function of signals (n,) in SI units: v_x, v_y, yaw_rate, a_x, a_y (simulated),
+torque, delta (commanded).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Signals = Mapping[str, FloatArray]
 
 
 class Feature(NamedTuple):
-    """A feature: what it is called, its expression, its unit, its function."""
+    """Description in words, expression, unit and function of a feature."""
 
     description: str
     expression: str
@@ -107,7 +107,7 @@ FEATURES: dict[str, Feature] = {
 
 
 def feature_matrix(names: list[str], signals: Signals) -> FloatArray:
-    """Return the named features (n, k) of a drive."""
+    """Return the named features (n, k) of a recording's signals."""
     if not names:
         return np.empty((signals["v_x"].shape[0], 0))
     return np.column_stack([FEATURES[name].function(signals) for name in names])

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Effects of the air, the road, the tyres and the body."""
+"""Effects of air, road, tyres and body."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _AIR = (
         "F_x = -rho/2 cda V^2",
         "speeds that differ by a factor of two",
         ("headwind", "rolling_resistance"),
-        "coast down from top speed on a straight, both ways",
+        "coast-down from top speed on a straight, in both directions",
         where="the whole drive, grows with V^2",
     ),
     Effect(
@@ -24,7 +24,7 @@ _AIR = (
         (EffectParameter("wind_x", "m/s", -25.0, 25.0, 0.2, 0.7, {"wind_x": 1.0}),),
         ("v_x",),
         "F_x = -rho/2 cda ((V - wind_x)^2 - V^2)",
-        "a wide range of speed",
+        "a wide range of speeds",
         ("aero_drag", "rolling_resistance"),
         "the same straight in both directions",
         _EVERYWHERE,
@@ -34,8 +34,8 @@ _AIR = (
         "crosswind",
         (EffectParameter("wind_y", "m/s", -30.0, 30.0, 0.2, 0.7, {"wind_y": 1.0}),),
         ("v_y", "yaw_rate"),
-        "F_y = rho/2 V_air^2 area sin(beta_air), M_z alike",
-        "straights at speed",
+        "F_y = rho/2 V_air^2 area sin(beta_air), M_z likewise",
+        "straights at high speed",
         ("road_bank", "steering_offset"),
         "the same straight in both directions",
         _EVERYWHERE,
@@ -45,7 +45,7 @@ _AIR = (
         (EffectParameter("cla", "m^2", -3.0, 8.0, 0.05, 0.15, {"lift_area": 1.0}),),
         ("v_y", "yaw_rate"),
         "F_z += rho/2 cla V^2",
-        "hard cornering at different speeds",
+        "cornering near the limit at different speeds",
         ("load_sensitivity",),
         "the same lateral acceleration at low and at high speed",
     ),
@@ -57,7 +57,7 @@ _ROAD = (
         (EffectParameter("grade", "rad", -0.25, 0.25, 0.002, 0.004, {"grade": 1.0}),),
         ("v_x",),
         "dv_x/dt = a_x + r v_y - g sin(grade)",
-        "an accelerometer, which does not feel gravity",
+        "any driving with an accelerometer, which measures specific force",
         ("imu_tilt",),
         "the same road in both directions",
         (PLACE,),
@@ -67,7 +67,7 @@ _ROAD = (
         (EffectParameter("bank", "rad", -0.3, 0.3, 0.002, 0.005, {"bank": 1.0}),),
         ("v_y", "yaw_rate"),
         "dv_y/dt = a_y - r v_x - g sin(bank)",
-        "an accelerometer, which does not feel gravity",
+        "any driving with an accelerometer, which measures specific force",
         ("crosswind", "imu_tilt"),
         "the same road in both directions",
         (PLACE,),
@@ -81,9 +81,9 @@ _ROAD = (
         ),
         ("v_y", "yaw_rate"),
         "D = mu_scale mu F_z",
-        "lateral acceleration near the limit",
+        "cornering near the limit",
         ("front_tyre_stiffness", "rear_tyre_stiffness", "load_sensitivity"),
-        "a circle driven faster and faster until it slides",
+        "a constant-radius circle with increasing speed, up to the limit",
         _EVERYWHERE,
     ),
     Effect(
@@ -93,7 +93,7 @@ _ROAD = (
         "F_x = -crr F_z",
         "coasting",
         ("torque_offset", "aero_drag", "headwind"),
-        "roll backwards, or coast down to walking pace",
+        "coasting backwards, or coast-down to walking speed",
     ),
 )
 
@@ -125,7 +125,7 @@ _TYRES = (
         ),
         ("v_y", "yaw_rate"),
         "d(alpha')/dt = V / length (alpha - alpha')",
-        "quick steering",
+        "fast steering",
         ("steering_lag", "yaw_inertia"),
         "step steers at low and at high speed",
     ),
@@ -143,10 +143,10 @@ _TYRES = (
             ),
         ),
         ("v_y", "yaw_rate"),
-        "mu (1 - slope (F_z / F_z0 - 1)), the slip stiffness alike",
-        "hard cornering",
+        "mu (1 - slope (F_z / F_z0 - 1)), the slip stiffness likewise",
+        "cornering near the limit",
         ("low_friction", "aero_downforce"),
-        "a slow circle up to the limit",
+        "a small circle up to the limit, at low speed",
     ),
 )
 
@@ -160,9 +160,9 @@ _BODY = (
         ),
         ("v_x", "v_y", "yaw_rate"),
         "m += mass, I_z += 1.1 m^2 mass",
-        "torque and quick steering",
+        "driving torque and fast steering",
         ("drive_torque_gain", "wheel_radius"),
-        "step steers, which feel the inertia alone",
+        "step steers, which depend on the inertia only",
     ),
     Effect(
         "cg_shift",
@@ -188,7 +188,7 @@ _BODY = (
         (EffectParameter("scale", "-", 0.3, 3.0, 0.01, 0.02, {"yaw_inertia": 1.0}, 1.0, True),),
         ("yaw_rate",),
         "I_z times scale",
-        "quick steering",
+        "fast steering",
         ("tyre_relaxation", "steering_lag", "payload"),
         "swept-sine steering at constant speed",
     ),
@@ -197,9 +197,9 @@ _BODY = (
         (EffectParameter("inertia", "kg m^2", -4.0, 60.0, 0.3, 1.0, {"wheel_inertia": 1.0}),),
         ("v_x",),
         "F_x = (T - inertia dv_x/dt / R) / R",
-        "torque",
+        "driving torque",
         ("drive_torque_gain", "payload", "wheel_radius"),
-        "coast at one speed on a slope",
+        "coasting at constant speed on a grade",
     ),
 )
 

@@ -235,8 +235,8 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
     ):
         raise DataError(
             f"{simulation.name}: the effective mass from the torque response is "
-            f"{effective:.0f} kg on wheels of {nominal.wheel_radius:g} m radius, but the vehicle file says "
-            f"{nominal.mass:.0f} kg: give the vehicle file of this vehicle"
+            f"{effective:.0f} kg on wheels of {nominal.wheel_radius:g} m radius, but the vehicle "
+            f"file says {nominal.mass:.0f} kg: give the vehicle file of this vehicle"
         )
 
 

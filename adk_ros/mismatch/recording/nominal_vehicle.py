@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The nominal vehicle of a simulation: masses and lengths, without tyres."""
+"""Nominal vehicle of a simulation: masses and dimensions, without tyres."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from adk_ros.plant.vehicle.vehicle_parameters import Dimensions, Vehicle
 
 
 class NominalVehicle(Dimensions):
-    """Keys of `vehicle.yaml`; SI units."""
+    """Keys of `vehicle.yaml`, in SI units."""
 
     wheel_inertia: float = Field(default=1.3, ge=0.0, le=100.0)
-    """Of one wheel, kg m^2."""
+    """Spin inertia of one wheel, kg m^2."""
 
     def parameters(self) -> FloatArray:
-        """Return the parameter vector of this vehicle on middling tyres."""
+        """Return the surrogate's parameters (SIZE,) of this vehicle with typical tyres."""
         p = default_parameters()
         for name, value in self.model_dump().items():
             p[INDEX[name]] = 4.0 * value if name == "wheel_inertia" else value
@@ -29,19 +29,19 @@ class NominalVehicle(Dimensions):
 
 
 def nominal_vehicle_of(vehicle: Vehicle) -> NominalVehicle:
-    """Return the masses and lengths of a vehicle."""
+    """Return the masses and dimensions of a vehicle."""
     return NominalVehicle(**{key: getattr(vehicle, key) for key in NominalVehicle.model_fields})
 
 
 def load_nominal_vehicle(path: str | Path) -> NominalVehicle:
     """
-    Load a nominal vehicle from a YAML file, or of one of the package's own, by file or name.
+    Load a nominal vehicle from a YAML file, or a packaged one by its name.
 
-    Raises `UsageError`, one line naming the file and the key.
+    :raises UsageError: the file is invalid; one line with file and key.
     """
     name, content = read(path, "vehicle")
     whole = Vehicle.model_fields.keys() - NominalVehicle.model_fields.keys()
     if isinstance(content, dict) and not whole.isdisjoint(content):
-        # A whole car, as `adk simulate` takes it: it may say of its tyres, or of its drag alone.
+        # A complete vehicle file of `adk simulate`: tyres, or further keys such as drag.
         return nominal_vehicle_of(validate(name, content, Vehicle))
     return validate(name, content, NominalVehicle)
