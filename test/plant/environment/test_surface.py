@@ -72,7 +72,7 @@ def test_the_profile_interpolates_its_heights() -> None:
     ("more", "said"),
     [
         ({"heights": [Height(at=0, height=1.0), Height(at=9, height=0.0)]}, "three heights"),
-        ({"heights": [Height(at=a, height=0.0) for a in (5, 3, 9)]}, "must rise"),
+        ({"heights": [Height(at=a, height=0.0) for a in (5, 3, 9)]}, "must increase"),
         ({"heights": [Height(at=a, height=0.0) for a in (0, 3, 9000)]}, "at 9000 m, but the lap"),
         ({"undulations": [WAVES.model_copy(update={"end": 5e3})]}, "ends at 5000 m, but the lap"),
     ],

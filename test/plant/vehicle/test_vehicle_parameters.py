@@ -147,7 +147,7 @@ def test_single_parameters_of_the_vehicle_can_be_changed(tmp_path: Path) -> None
         ),
         (
             ROUTE.replace("radius: 60, angle_deg: 180", "radius: 20, angle_deg: 180"),
-            "shrink to under 5 m",
+            "become shorter than 5 m",
         ),
         (ROUTE + "places: [{start: 10.0, end: 9000.0, mu: 0.4}]\n", "a place ends at 9000 m"),
         (ROUTE + "places: [{start: 10.0, end: 5.0}]\n", r"places\.0: end must be greater"),
