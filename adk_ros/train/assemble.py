@@ -1,6 +1,8 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From a trained network to a model: features of unit size, and the lifted rows of theta."""
+"""
+Assemble a model from a trained network: normalise its features, fit the lifted rows of theta.
+"""
 
 from __future__ import annotations
 
@@ -19,15 +21,21 @@ from adk_ros.train.network import Lift, Network, as_tensor, to_torchscript
 from adk_ros.train.network_fit import FittedNetwork
 
 _RIDGE_LEVELS = (1.0, 1e-2, 1e-4, 1e-6)
+"""
+Weights of the network's head in the one-step refit, in units of the Gram matrix. A grid; the
+choice is made on validation data.
+"""
+_MAX_PAIRS = 20000
+"""Pairs of ticks that features and theta are fitted to: enough for about 20 columns."""
 
 
 @dataclass(frozen=True)
 class AssembledModel:
     """
-    A model and its encoder's program, as the artefact stores them.
+    A model and its encoder's TorchScript program, as a model folder stores them.
 
-    `refitted`: the model's theta0 with the state's rows drawn towards one-step least squares, by
-    less and less; which is best is for validation to say.
+    `refitted`: copies of theta0 with the state's rows refitted to one step, by decreasing ridge;
+    validation selects among them.
     """
 
     model: KoopmanModel
@@ -37,17 +45,17 @@ class AssembledModel:
 
 def assemble(trained: FittedNetwork, part: Sequences, uses_imu: bool) -> AssembledModel:
     """
-    Build the offline model: adaptation off, gains zero, no covariance yet.
+    Return the offline model, without adaptation, gains and covariances.
 
-    The features are given zero mean and unit deviation on the training data, by folding that into
-    the encoder's last layer, so that one ridge suits all columns; the rows of theta that predict
-    features are fitted by least squares on pairs of neighbouring ticks.
+    The features get zero mean and unit deviation on the training data, folded into the encoder's
+    output layer, so that one ridge suits all columns. The rows of theta that predict features are
+    fitted by least squares to pairs of neighbouring ticks.
     """
     network, scaling = trained.network.eval(), trained.scaling
     x, u = as_tensor(scaling.scale_x(part.x)), as_tensor(scaling.scale_u(part.u))
-    # A sample without a state may lie between measurements that are there, as of a frozen sensor.
+    # A sample without a state can lie between valid measurements, for example of a frozen sensor.
     followed = part.rows[np.isfinite(part.x[part.rows + 1]).all(axis=1)]
-    rows = torch.from_numpy(followed[:: max(1, followed.size // 20000)])
+    rows = torch.from_numpy(followed[:: max(1, followed.size // _MAX_PAIRS)])
     with torch.no_grad():
         features = network.encoder(_inputs(network, x, u, rows))
         mean, spread = features.mean(0), features.std(0).clamp_min(1e-6)
@@ -95,25 +103,25 @@ def _refit_output_layer(
     theta: FloatArray, phi: FloatArray, target: FloatArray
 ) -> tuple[FloatArray, ...]:
     """
-    Return `theta` with its first three rows refitted, one copy for each of `_PULLS`.
+    Return copies of `theta` with the first three rows refitted, one for each of `_RIDGE_LEVELS`.
 
-    Multi-step training does not care for the last digits of one step; least squares does. With
-    rows as if measured `pull` times as often that say what `theta` says, along every regressor.
+    Multi-step training leaves small one-step errors, which least squares removes. The ridge
+    penalises the difference from `theta`.
     """
     known = np.isfinite(target).all(axis=1)
     phi, target = phi[known], target[known]
-    left = phi.T @ (target - phi @ theta[:3].T)
+    right = phi.T @ (target - phi @ theta[:3].T)
     result = []
-    for pull in _RIDGE_LEVELS:
+    for level in _RIDGE_LEVELS:
         changed = theta.copy()
-        ridge = pull * len(phi) * np.eye(phi.shape[1])
-        changed[:3] += np.linalg.solve(phi.T @ phi + ridge, left).T
+        ridge = level * len(phi) * np.eye(phi.shape[1])
+        changed[:3] += np.linalg.solve(phi.T @ phi + ridge, right).T
         result.append(changed)
     return tuple(result)
 
 
 def _head(network: Network, mean: torch.Tensor, spread: torch.Tensor) -> FloatArray:
-    """The head (n_phi, 3) for features less `mean`, over `spread`."""
+    """Return the head (n_phi, 3) for features that are normalised by `mean` and `spread`."""
     head = (network.base + network.head).detach()
     block = slice(3, 3 + mean.shape[0])
     head[-1] += mean @ head[block]

@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A training that was killed goes on where it was: parameters and Adam's moments as plain arrays.
+Checkpoints of a training: parameters and Adam's moments as plain arrays.
 
-Random numbers are drawn anew for each step from (seed, step), so nothing else needs to be kept,
-and a resumed training yields what an uninterrupted one does.
+Random numbers of a step depend on (seed, step) alone, so a resumed training gives the same result
+as an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Arrays = dict[str, np.ndarray[Any, Any]]
 
 
 def fingerprint(settings: Any, records: list[Record]) -> str:
-    """Hash of all that makes two trainings the same: settings and data."""
+    """Return a hash of settings and data: equal for trainings with the same result."""
     digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
     for record in records:
         for array in (record.x, record.u, record.x_ref, record.flags, record.episode):
@@ -38,7 +38,7 @@ def fingerprint(settings: Any, records: list[Record]) -> str:
 def save(
     path: Path, key: str, step: int, network: nn.Module, optimiser: torch.optim.Adam, extra: Arrays
 ) -> None:
-    """Write a checkpoint as one whole."""
+    """Write a checkpoint atomically."""
     arrays: Arrays = {"key": np.array(key), "step": np.array(step)}
     for name, value in network.state_dict().items():
         arrays[f"net.{name}"] = value.detach().cpu().numpy()
@@ -57,9 +57,9 @@ def load(
     path: Path, key: str, network: nn.Module, optimiser: torch.optim.Adam
 ) -> tuple[int, Arrays] | None:
     """
-    Restore `network` and `optimiser`; return the step to go on from and the extras.
+    Restore `network` and `optimiser`; return the step to resume from and the extra arrays.
 
-    None, with nothing changed, if there is no checkpoint of this very training.
+    Return None, with nothing changed, if `path` is not a checkpoint of this training.
     """
     try:
         with np.load(path, allow_pickle=False) as stored:

@@ -1,14 +1,15 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Records cut into training, validation and test parts, by blocks of time or by whole bags.
+Split records into training, validation and test parts, by blocks of time or by whole bags.
 
-Rows of one drive resemble their neighbours, so a split by rows would test on what was trained on.
-Blocks are long against the horizon, and no sequence reaches from one block into another.
+Neighbouring rows of a recording are correlated, so rows drawn at random would test on training
+data. Blocks are longer than the horizon, and no sequence crosses a block boundary.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,21 +24,28 @@ TRAIN, VALIDATION, TEST = 0, 1, 2
 PARTS = ("train", "validation", "test")
 SPLITS = ("blocks", "tail", "bags")
 _PATTERN = (TRAIN, TRAIN, VALIDATION, TRAIN, TEST, TRAIN, TRAIN, TRAIN, TEST, TRAIN)
-_LONGEST_BLOCK_S = 30.0
-_SHORTEST_BLOCK_S = 6.0
+"""Parts of successive blocks: 7 of 10 for training, 1 for validation, 2 for testing."""
+_MAX_BLOCK_S = 30.0
+_MIN_BLOCK_S = 6.0
+"""A block of 6 s holds sequences of 2 s horizon; blocks over 30 s would test on too few places."""
+_BLOCKS_PER_RECORDING = 40.0
+"""Each recording is cut into about this many blocks, so that the test covers different roads."""
 _TAIL_SHARES = (0.7, 0.1)
+"""Shares of training and validation in a "tail" split; the rest is the test."""
+_VALIDATION_SHARE = 0.1
+"""Share at the end of each training bag that validates in a "bags" split."""
 
 
 @dataclass(frozen=True)
 class Split:
-    """Records, each with its rows' parts (n,): `TRAIN`, `VALIDATION` or `TEST`."""
+    """Records and the part of each row (n,): `TRAIN`, `VALIDATION` or `TEST`."""
 
     records: list[Record]
     parts: list[IntArray]
     kind: str
 
     def of(self, part: int) -> list[Record]:
-        """The records of one part: each block an episode of its own, so that none is crossed."""
+        """Return the records of one part; each block is an episode, which no sequence crosses."""
         chosen = []
         for record, parts in zip(self.records, self.parts, strict=True):
             rows = parts == part
@@ -49,7 +57,7 @@ class Split:
         return chosen
 
     def seconds(self, part: int) -> float:
-        """How much of the data is in a part."""
+        """Return the duration of a part, s."""
         return sum(float((parts == part).sum()) for parts in self.parts) * TICK_NS * 1e-9
 
 
@@ -57,24 +65,26 @@ def split_records(records: Sequence[Record], kind: str = "blocks") -> Split:
     """
     Assign every row of every record to a part.
 
-    "blocks": blocks of up to 30 s, of each ten seven to train on, one to validate, two to test on.
-    A drive is cut into about forty, so that the test meets more than one kind of road. "tail": the
-    first 70 % in time of each bag, the next 10 %, the last 20 %.
-    "bags": the last bag is the test, and a tenth of each other one, its end, the validation.
+    "blocks": blocks of 6 to 30 s; of every ten, seven train, one validates and two test. "tail":
+    the first 70 % of each bag train, the next 10 % validate, the last 20 % test. "bags": the last
+    bag is the test, and the last tenth of each other bag validates.
 
-    :raises UsageError: the kind is unknown, or "bags" with fewer than two bags.
-    :raises DataError: too little data for the parts.
+    :raises UsageError: the kind is unknown, "bags" has fewer than two bags, or two records are
+        equal.
     """
     if kind not in SPLITS:
         raise UsageError(f"split '{kind}' is unknown: choose one of {', '.join(SPLITS)}")
     if kind == "bags" and len(records) < 2:
         raise UsageError("--split bags needs at least two bags: the last one is the test")
+    _refuse_duplicates(records)
     parts: list[IntArray] = []
     for number, record in enumerate(records):
         n = len(record)
         row = np.arange(n)
         if kind == "blocks":
-            block_s = np.clip(record.duration_s / 40.0, _SHORTEST_BLOCK_S, _LONGEST_BLOCK_S)
+            block_s = np.clip(
+                record.duration_s / _BLOCKS_PER_RECORDING, _MIN_BLOCK_S, _MAX_BLOCK_S
+            )
             length = int(block_s / (TICK_NS * 1e-9))
             part = np.array(_PATTERN)[(row // length) % len(_PATTERN)]
         elif kind == "tail":
@@ -82,18 +92,34 @@ def split_records(records: Sequence[Record], kind: str = "blocks") -> Split:
         elif number == len(records) - 1:
             part = np.full(n, TEST)
         else:
-            part = np.where(row < 0.9 * n, TRAIN, VALIDATION)
+            part = np.where(row < (1.0 - _VALIDATION_SHARE) * n, TRAIN, VALIDATION)
         parts.append(part.astype(np.int64))
     return Split(list(records), parts, kind)
+
+
+def _refuse_duplicates(records: Sequence[Record]) -> None:
+    """Raise UsageError if two records have the same content, under whatever names and stamps."""
+    seen: dict[str, tuple[int, str]] = {}
+    for number, record in enumerate(records, 1):
+        digest = hashlib.sha256()
+        for array in (record.x, record.u, record.a, record.x_ref, record.flags, record.episode):
+            digest.update(f"{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        first = seen.setdefault(digest.hexdigest(), (number, record.name))
+        if first[0] != number:
+            raise UsageError(
+                f"recordings {first[0]} ({first[1]}) and {number} ({record.name}) are identical: "
+                "test data must not be training data; give each recording once"
+            )
 
 
 @dataclass(frozen=True)
 class Sequences:
     """
-    Rows of joined records from which a sequence can be rolled out.
+    Joined records, and the rows from which a sequence can be rolled out.
 
-    `x`, `x_ref` (n, 3), `u` (n, 2): all records in one; `rows` (m,): starts, with `history` rows
-    before and `ahead` after them in the same episode.
+    `x`, `x_ref` (n, 3), `u` (n, 2): all records; `rows` (m,): starts with `history` rows before
+    and `ahead` rows after them in the same episode.
     """
 
     x: FloatArray
@@ -106,9 +132,9 @@ class Sequences:
 
 def sequences(records: Sequence[Record], history: int, ahead: int, what: str) -> Sequences:
     """
-    Join `records` and find the starts.
+    Join `records` and find the rows at which sequences start.
 
-    :raises DataError: there is none; `what` names the part in the message.
+    :raises DataError: there are none; `what` names the part in the message.
     """
     offset = 0
     rows = []
@@ -119,7 +145,7 @@ def sequences(records: Sequence[Record], history: int, ahead: int, what: str) ->
     if joined.size == 0:
         raise DataError(
             f"no {what} sequence of {(history + ahead) * TICK_NS * 1e-9:.2f} s without a gap: "
-            "give longer recordings, or check that odometry and commands have no holes"
+            "give longer recordings, or check odometry and commands for gaps"
         )
     return Sequences(
         x=np.concatenate([r.x for r in records]),

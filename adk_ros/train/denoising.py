@@ -1,19 +1,18 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Training data as the car's observer will see them: the yaw rate, freed of most of its noise.
+Filter the yaw rate of the training data with an observer, as the predictor does at run time.
 
-    r^_k = p_k + K (r_k - p_k)           p_k: what a first, shorter training predicts from k - 1
+    r^_k = p_k + K (r_k - p_k)           p_k: prediction from k - 1 by a first, shorter training
 
-On the road the predictor lifts what its observer makes of a measurement, not the measurement. A
-network trained on noisy yaw rates has learned to make little of their differences, and goes on
-doing so where they are clean: in the observer's output, and in every step of a roll-out after the
-first. K is the least gain at which the innovations of quadratic forms on the training data are as
-small as at any: 1, which changes nothing, where measurements are clean or forms do not predict
-them.
+At run time the predictor lifts the observer's state, not the measurement. A network trained on
+noisy yaw rates learns to ignore small differences between them, also where they are clean: in the
+observer's state and in all later steps of a rollout. K is the smallest gain at which the RMS
+innovation of the quadratic features on the training data is within 2 % of the minimum. K = 1, no
+filtering, results if the measurements are clean or the quadratic features do not predict them.
 
-Only the yaw rate: what moves it, steering, is known. Speeds are moved by slopes and wind too, and
-an observer of them lags behind: models trained on such speeds did worse.
+Only the yaw rate is filtered: its input, the steering, is known. Speeds also depend on slope and
+wind, so an observer lags; models trained on filtered speeds were less accurate.
 """
 
 from __future__ import annotations
@@ -38,16 +37,19 @@ from adk_ros.train.network_fit import Step, fit, quadratic_features_of, scaling_
 from adk_ros.train.quadratic_features import QuadraticFeatures, input_columns, newest
 from adk_ros.train.train_settings import TrainSettings
 
-_SHARE, _LEAST_STEPS = 0.4, 10
-"""Of the steps of the training, for the first one."""
+_FIRST_TRAINING_SHARE, _MIN_STEPS = 0.4, 10
+"""Share of the training's steps that the first training takes. Empirical, not calibrated."""
 _RIDGE = 300.0
-_CORRECTION = replace(
+"""Ridge of the first model's adaptation: the lowest that `hyperparameters` tries."""
+_DISTURBANCE_GAINS = replace(
     ObserverGains.none(), slow_gain=np.full(3, 0.02), slow_decay=np.full(3, 0.99)
 )
+"""Slow disturbance of the first model; one of those that `hyperparameters` tries."""
 _GAINS = (1.0, 0.6, 0.35, 0.2)
+"""Candidates for K."""
 _YAW_RATE = 2
 _TIE_MARGIN = 1.02
-"""Times the least RMS of innovations."""
+"""Factor on the smallest RMS innovation up to which gains count as equal. Empirical."""
 
 
 def observer_filtered(
@@ -58,36 +60,36 @@ def observer_filtered(
     checkpoint: Path | None = None,
 ) -> tuple[list[Record], list[Record]]:
     """
-    Return both with the yaw rate of `Record.x` as observed, if that is noisy.
+    Return both with the yaw rate of `Record.x` filtered, if it is noisy.
 
     :raises DataError: as `fit`.
     """
     gain = observer_gain(train, settings.history)
     if gain == 1.0:
         return list(train), list(validation)
-    first = replace(settings, steps=max(_LEAST_STEPS, int(_SHARE * settings.steps)))
+    first = replace(settings, steps=max(_MIN_STEPS, int(_FIRST_TRAINING_SHARE * settings.steps)))
     trained = fit(train, validation, first, on_step, checkpoint)
     built = assemble(trained, sequences(train, settings.history, 2, "training"), False)
     model = replace(
         built.model,
         online=windowed(_RIDGE),
-        observer_gains=replace(_CORRECTION, observer_gain=np.array([1.0, 1.0, gain])),
+        observer_gains=replace(_DISTURBANCE_GAINS, observer_gain=np.array([1.0, 1.0, gain])),
     )
-    return [_follow(model, r) for r in train], [_follow(model, r) for r in validation]
+    return [_filtered(model, r) for r in train], [_filtered(model, r) for r in validation]
 
 
 def observer_gain(train: Sequence[Record], history: int) -> float:
-    """Return K, see above."""
+    """Return the observer gain K for the yaw rate of `train`; 1 means no filtering."""
     part = sequences(train, history, 1, "training")
     scaling = scaling_of(part)
-    forms = _Forms(quadratic_features_of(part, scaling), scaling, history)
-    innovations = {gain: forms.innovations(train, gain) for gain in _GAINS}
+    observer = _QuadraticObserver(quadratic_features_of(part, scaling), scaling, history)
+    innovations = {gain: observer.rms_innovation(train, gain) for gain in _GAINS}
     least = min(innovations.values())
     return min(gain for gain, size in innovations.items() if size <= _TIE_MARGIN * least)
 
 
-def _follow(model: KoopmanModel, record: Record) -> Record:
-    """Return the record with the yaw rate that the model's observer has at each tick."""
+def _filtered(model: KoopmanModel, record: Record) -> Record:
+    """Return the record with the yaw rate of the model's observer."""
     predictor = Predictor(model, horizon_steps=0)
     x = record.x.copy()
     for row in range(len(record)):
@@ -98,29 +100,30 @@ def _follow(model: KoopmanModel, record: Record) -> Record:
     return replace(record, x=x)
 
 
-class _Forms:
-    """Quadratic forms as they predict the yaw rate, and an observer around them."""
+class _QuadraticObserver:
+    """An observer of the yaw rate that predicts with quadratic features."""
 
-    def __init__(self, forms: QuadraticFeatures, scaling: Scaling, history: int) -> None:
+    def __init__(self, quadratic: QuadraticFeatures, scaling: Scaling, history: int) -> None:
         columns = input_columns(history)
         self._scaling, self._history = scaling, history
-        self._reach = forms.reach[columns].astype(np.float64)
-        # One form of the three is needed, as the matrix that it is made of.
-        directions = forms.directions[columns].astype(np.float64)
-        self._form = (directions * forms.weights[:, _YAW_RATE]) @ directions.T
-        self._linear = forms.linear[columns, _YAW_RATE].astype(np.float64)
-        self._level = float(forms.level[_YAW_RATE])
+        self._input_bound = quadratic.reach[columns].astype(np.float64)
+        # One of the three forms is needed, as a matrix.
+        directions = quadratic.directions[columns].astype(np.float64)
+        self._form = (directions * quadratic.weights[:, _YAW_RATE]) @ directions.T
+        self._linear = quadratic.linear[columns, _YAW_RATE].astype(np.float64)
+        self._level = float(quadratic.level[_YAW_RATE])
         self._past = newest(history)
 
-    def innovations(self, records: Sequence[Record], gain: float) -> float:
-        """Return their RMS, scaled, with an observer of this gain."""
+    def rms_innovation(self, records: Sequence[Record], gain: float) -> float:
+        """Return the RMS of the scaled innovations with an observer of this gain."""
         squares, count = 0.0, 0
         for record in records:
-            found = self._follow(record, gain)
-            squares, count = squares + float(found @ found), count + found.size
+            innovations = self._innovations(record, gain)
+            squares += float(innovations @ innovations)
+            count += innovations.size
         return float(np.sqrt(squares / max(count, 1)))
 
-    def _follow(self, record: Record, gain: float) -> FloatArray:
+    def _innovations(self, record: Record, gain: float) -> FloatArray:
         scaling, past = self._scaling, self._past
         x, u = scaling.scale_x(record.x), scaling.scale_u(record.u)
         step = float(scaling.step_scale[_YAW_RATE])
@@ -130,7 +133,7 @@ class _Forms:
         for k in range(len(record)):
             same = k > 0 and record.episode[k] == record.episode[k - 1]
             since = since + 1 if same and usable[k] else int(usable[k])
-            # `past` samples before this one, of which the newest holds the command in force.
+            # `past` samples are required before this one; the newest has the present command.
             if since <= past:
                 continue
             row = np.concatenate(
@@ -139,8 +142,8 @@ class _Forms:
                     u[k - past : k][::-1].ravel() if self._history else [],
                 ]
             )
-            held = np.clip(row, -self._reach, self._reach)
-            increment = held @ self._form @ held + row @ self._linear + self._level
+            clamped = np.clip(row, -self._input_bound, self._input_bound)
+            increment = clamped @ self._form @ clamped + row @ self._linear + self._level
             expected = x[k - 1, _YAW_RATE] + step * increment
             innovations.append(x[k, _YAW_RATE] - expected)
             x[k, _YAW_RATE] = expected + gain * innovations[-1]

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The held-out table: model against the naive predictors, cell by cell, and why a cell is lost."""
+"""Held-out scores: model against naive predictors by horizon and channel, and why it is worse."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from adk_ros.signals.score import (
     ErrorTable,
     best_naive,
     naive_predictions,
-    reference_noise,
     pool,
+    reference_noise,
     score,
 )
 
 MODEL, HELD_INPUTS = "model", "model, commands held"
 TIE = 0.995
-"""A ratio of RMSEs from here on is no win."""
+"""The model is better than the naive predictors below this RMSE ratio: 0.5 % is a tie."""
 _AHEAD = HORIZON_STEPS[-1]
 _UNIT = ("km/h", "km/h", "deg/s")
 
@@ -38,9 +38,10 @@ _UNIT = ("km/h", "km/h", "deg/s")
 @dataclass(frozen=True)
 class HeldOutScores:
     """
-    Scores by predictor name over the same starts, and `lost`: cell -> why the model is not best.
+    Scores by predictor name over the same starts.
 
-    `rollouts` are what they were computed from, one for each record that had a start.
+    `lost`: "channel at horizon" -> why the model is not better than the best naive predictor;
+    `rollouts`: what the scores are computed from, one for each record with a start.
     """
 
     scores: dict[str, ErrorTable]
@@ -49,17 +50,17 @@ class HeldOutScores:
 
     @property
     def ratio(self) -> FloatArray:
-        """RMSE of the model over the best naive predictor's, (steps, 3)."""
+        """RMSE of the model over that of the best naive predictor, (steps, 3), known commands."""
         return self.scores[MODEL].rmse / np.maximum(self.naive, 1e-12)
 
     @property
     def ratio_held(self) -> FloatArray:
-        """The same under held commands, as the node publishes its horizon."""
+        """RMSE ratio (steps, 3) with commands held constant, as the node publishes its horizon."""
         return self.scores[HELD_INPUTS].rmse / np.maximum(self.naive, 1e-12)
 
     @property
     def naive(self) -> FloatArray:
-        """RMSE of the best naive predictor in each cell, (steps, 3)."""
+        """RMSE of the best naive predictor at each horizon and channel, (steps, 3)."""
         return best_naive({k: v for k, v in self.scores.items() if k not in (MODEL, HELD_INPUTS)})
 
     def write_csv(self, path: Path) -> None:
@@ -74,7 +75,7 @@ class HeldOutScores:
                         writer.writerow([name, channel, f"{step * TICK_NS * 1e-9:g}", *cell])
 
     def as_json(self) -> dict[str, Any]:
-        """SI units; rmse and max by predictor, channel and horizon."""
+        """Return the scores, SI, by predictor, channel and horizon."""
         steps = self.scores[MODEL].steps
         return {
             "horizons_s": [round(s * TICK_NS * 1e-9, 3) for s in steps],
@@ -105,36 +106,36 @@ class HeldOutScores:
 
 @dataclass(frozen=True)
 class TrainingDomain:
-    """What the training data cover: the central 99 % of each channel; `low`, `high` (5,), SI."""
+    """Range of the training data: the central 99 % of each channel; `low`, `high` (5,), SI."""
 
     low: FloatArray
     high: FloatArray
 
     @staticmethod
     def of(records: list[Record]) -> TrainingDomain:
-        """Of the usable rows of `records`."""
+        """Return the range of the learnable rows of `records`."""
         rows = np.concatenate([np.hstack([r.x, r.u])[r.learnable] for r in records])
         low, high = np.nanpercentile(rows, [0.5, 99.5], axis=0)
         return TrainingDomain(low, high)
 
     def out_of_domain_fraction(self, result: HeldOutScores) -> dict[str, float]:
-        """Channels that leave the range by a tenth of it in over 5 % of the starts."""
+        """Return the share of starts outside the range by a tenth of it, for shares over 5 %."""
         rows = np.concatenate(
             [np.hstack([r.record.x, r.record.u])[r.rows] for r in result.rollouts]
         )
-        spare = 0.1 * (self.high - self.low)
-        share = ((rows < self.low - spare) | (rows > self.high + spare)).mean(axis=0)
+        margin = 0.1 * (self.high - self.low)
+        share = ((rows < self.low - margin) | (rows > self.high + margin)).mean(axis=0)
         names = (*STATE_NAMES, *INPUT_NAMES)
         return {n: float(s) for n, s in zip(names, share, strict=True) if s > 0.05}
 
     def as_json(self) -> dict[str, list[float]]:
-        """By channel: [low, high]."""
+        """Return [low, high] by channel."""
         pairs = zip(self.low.tolist(), self.high.tolist(), strict=True)
         return dict(zip((*STATE_NAMES, *INPUT_NAMES), map(list, pairs), strict=True))
 
     @staticmethod
     def from_json(stored: dict[str, list[float]] | None) -> TrainingDomain | None:
-        """The inverse of `as_json`; None where a manifest holds none."""
+        """Return the range that `as_json` stored; None without one."""
         if not stored:
             return None
         table = np.array([stored[name] for name in (*STATE_NAMES, *INPUT_NAMES)])
@@ -150,10 +151,10 @@ def score_held_out(
     progress: Callable[[int, int], None] | None = None,
 ) -> HeldOutScores | None:
     """
-    Score a model on parts of records (a mask (n,) of the rows, or None for all).
+    Score a model on parts of records: a mask (n,) of the rows, or None for all.
 
-    `known`: what the training data cover, to say whether the held-out ones went beyond it. None if
-    no part holds a start with its whole horizon.
+    `known`: range of the training data, to explain losses outside of it. Return None if no part
+    has a start with its whole horizon.
     """
     rollouts = []
     for number, (record, scored) in enumerate(parts):

@@ -1,12 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What of a model is chosen on validation data alone: ridge, gains and decays, covariance.
+Select hyperparameters on validation data: ridge, observer gains, disturbance gains and decays.
 
-Chosen by the predictor itself, `Predictor.step` over the samples, scored against the best naive
-predictor of each cell. To value adaptation as well as the fit, every choice is also made on the
-validation data with its commands scaled (torque 0.8, steering 0.85), which to the model is a car
-that answers otherwise than the one it knows.
+Each candidate is run by the predictor and scored relative to the best naive predictor at each
+horizon and channel. Candidates are scored on the validation data and on the same data with
+perturbed commands (input gains torque 0.8, steering 0.85), which to the model is a different car,
+so that adaptation counts as well.
 """
 
 from __future__ import annotations
@@ -26,29 +26,37 @@ from adk_ros.signals.score import naive_predictions, reference_noise, score
 from adk_ros.train.dataset import TRAIN, VALIDATION, Split
 
 _AHEAD = 80
+"""Horizon steps that are scored: 2 s."""
 _PERTURBED_INPUT_GAIN = np.array([0.8, 0.85])
+"""Torque and steering gain of the perturbed car. Empirical, see doc/method.md."""
 _WINDOW = 2000
+"""Samples in the adaptation's window: 50 s. Empirical, not calibrated."""
 _RIDGES = (10000.0, 1000.0, 300.0)
+"""Candidates, most conservative first, as in all grids here: weight of the offline model."""
 _SLOW = ((0.0, 1.0), (0.02, 0.99), (0.05, 0.99), (0.05, 0.97), (0.1, 0.97))
 _FAST = ((0.0, 1.0), (0.3, 0.7), (0.3, 0.9), (0.6, 0.8), (1.0, 0.7), (1.0, 0.9))
+"""(gain, decay per tick) of slow and fast disturbance."""
 _OBSERVERS = (1.0, 0.6, 0.35, 0.2, 0.1)
-_TRIALS = len(_RIDGES) + 2 * len(_SLOW) + len(_FAST) + 2 * len(_OBSERVERS)
+_CANDIDATES = len(_RIDGES) + 2 * len(_SLOW) + len(_FAST) + 2 * len(_OBSERVERS)
 _TIE_MARGIN, _TIE_MARGIN_SLOW = 0.01, 0.03
 """
-Of the cost, a mean log ratio: what is chosen is the least bold setting, they are listed in that
-order, within so much of the best. Validation data are few, and boldness is paid for on others;
-most by a slow disturbance, whose error adds up for seconds.
+The most conservative candidate within this margin of the lowest cost, a mean log ratio, is
+selected. Validation data are few, and aggressive gains cost accuracy on other data; most of all
+those of the slow disturbance, whose error accumulates for seconds. Empirical, not calibrated.
 """
-_QUICK = replace(ObserverGains.none(), slow_gain=np.full(3, 0.05), slow_decay=np.full(3, 0.99))
-"""With which theta0 is chosen: not for what a disturbance takes care of anyway."""
+_DEFAULT_GAINS = replace(
+    ObserverGains.none(), slow_gain=np.full(3, 0.05), slow_decay=np.full(3, 0.99)
+)
+"""Gains while theta0 is selected, so that it is not selected for what a disturbance corrects."""
 _WORSE_THAN_NAIVE_WEIGHT = 4.0
-"""Weight of how far a cell is behind the best naive predictor, beside the mean of all cells."""
-_TUNING_ROWS = 400
-_LEAST_SHARE = 0.05
-"""Of a square error that is not put down to the measurement's noise, which is an estimate."""
+"""Extra weight of log ratios above 0: worse than the best naive predictor. Empirical."""
+_SELECTION_ROWS = 400
+"""About so many rollouts per candidate and case: limits the time."""
+_MIN_ERROR_SHARE = 0.05
+"""Share of a mean square error that remains after subtracting the estimated measurement noise."""
 
 Note = Callable[[str, int, int], None]
-ValidationDrives = list[tuple[Record, BoolArray]]
+ValidationRecords = list[tuple[Record, BoolArray]]
 
 
 def select_hyperparameters(
@@ -58,42 +66,43 @@ def select_hyperparameters(
     refitted: Sequence[FloatArray] = (),
 ) -> KoopmanModel:
     """
-    Choose theta0, ridge and correction on the validation part; set covariances, usual change.
+    Select theta0, ridge and gains on the validation part; set covariances and mean square change.
 
-    One after the other: theta0, the model's or one of `refitted`, and the ridge, by the mean over
-    all cells, then the slow disturbance, the observer, the fast disturbance, the slow one and the
-    observer once more, each channel by its own cells.
+    In this order: theta0 (the model's or one of `refitted`) and the ridge, by the mean cost of all
+    channels; then, per channel, the slow disturbance, the observer, the fast disturbance, and once
+    more the slow disturbance and the observer.
     """
     cases = _cases(split)
-    done, total = 0, _TRIALS + (1 + len(refitted) if refitted else 0)
+    done, total = 0, _CANDIDATES + (1 + len(refitted) if refitted else 0)
 
-    def cost(trial: KoopmanModel) -> FloatArray:
+    def cost(candidate: KoopmanModel) -> FloatArray:
         nonlocal done
         if note:
-            note("tuning adaptation", done, total)
+            note("selecting hyperparameters", done, total)
         done += 1
-        ratio = _ratio(trial, cases)
+        log_ratio = _log_ratio(candidate, cases)
         return np.asarray(
-            (ratio + _WORSE_THAN_NAIVE_WEIGHT * np.maximum(ratio, 0.0)).mean(axis=(0, 1))
+            (log_ratio + _WORSE_THAN_NAIVE_WEIGHT * np.maximum(log_ratio, 0.0)).mean(axis=(0, 1))
         )
 
     model = replace(model, mean_square_change=mean_square_change(split))
 
-    def best(rivals: Sequence[KoopmanModel]) -> KoopmanModel:
-        return rivals[int(_most_conservative(np.array([cost(rival).mean() for rival in rivals])))]
+    def best(candidates: Sequence[KoopmanModel]) -> KoopmanModel:
+        costs = np.array([cost(candidate).mean() for candidate in candidates])
+        return candidates[int(_most_conservative(costs))]
 
     if refitted:
-        start = replace(model, online=windowed(_RIDGES[-1]), observer_gains=_QUICK)
+        start = replace(model, online=windowed(_RIDGES[-1]), observer_gains=_DEFAULT_GAINS)
         model = best([start, *(replace(start, theta0=theta) for theta in refitted)])
         model = replace(model, observer_gains=ObserverGains.none())
     model = best([replace(model, online=windowed(ridge)) for ridge in _RIDGES])
 
-    def choose(corrections: Sequence[ObserverGains], within: float = _TIE_MARGIN) -> ObserverGains:
-        costs = np.array([cost(replace(model, observer_gains=item)) for item in corrections])
+    def choose(candidates: Sequence[ObserverGains], within: float = _TIE_MARGIN) -> ObserverGains:
+        costs = np.array([cost(replace(model, observer_gains=item)) for item in candidates])
         chosen = _most_conservative(costs, within)
         return ObserverGains(
             **{
-                name: np.array([getattr(corrections[i], name)[c] for c, i in enumerate(chosen)])
+                name: np.array([getattr(candidates[i], name)[c] for c, i in enumerate(chosen)])
                 for name in ObserverGains.names()
             }
         )
@@ -101,56 +110,58 @@ def select_hyperparameters(
     now, each = model.observer_gains, np.ones(3)
     slow = [replace(now, slow_gain=g * each, slow_decay=d * each) for g, d in _SLOW]
     now = choose(slow, _TIE_MARGIN_SLOW)
-    # Before the fast one: that would take noise back that the observer had better not let in.
+    # Before the fast disturbance, which would pass the noise that the observer filters.
     now = choose([replace(now, observer_gain=g * each) for g in _OBSERVERS])
     now = choose([replace(now, fast_gain=g * each, fast_decay=d * each) for g, d in _FAST])
-    # The fast one may have made it needless.
+    # The fast disturbance can make the slow one unnecessary.
     slow = [replace(now, slow_gain=g * each, slow_decay=d * each) for g, d in _SLOW]
     now = choose(slow, _TIE_MARGIN_SLOW)
     now = choose([replace(now, observer_gain=g * each) for g in _OBSERVERS])
     model = replace(model, observer_gains=now)
-    known, held = horizon_covariances(model, split)
-    return replace(model, horizon_covariance=known, held_input_covariance=held)
+    known, held_input = horizon_covariances(model, split)
+    return replace(model, horizon_covariance=known, held_input_covariance=held_input)
 
 
 def windowed(ridge: float) -> OnlineSettings:
-    """Return the adaptation that is tuned."""
+    """Return the settings of windowed least squares with a ridge."""
     return OnlineSettings("windowed", window=_WINDOW, ridge=ridge)
 
 
 def _most_conservative(costs: FloatArray, within: float = _TIE_MARGIN) -> IntArray:
-    """Index of the first of the `costs` (k, ...) `within` so much of the least, along axis 0."""
+    """
+    Return the index of the first of `costs` (k, ...) within a margin of the lowest, along axis 0.
+    """
     return np.asarray(np.argmax(costs <= costs.min(axis=0) + within, axis=0))
 
 
-def _cases(split: Split) -> tuple[ValidationDrives, ValidationDrives]:
-    """The validation part as it is, and with another car's commands."""
-    same, other = [], []
+def _cases(split: Split) -> tuple[ValidationRecords, ValidationRecords]:
+    """Return the validation part as it is, and with perturbed commands."""
+    unchanged, perturbed = [], []
     for record, parts in zip(split.records, split.parts, strict=True):
         scored = parts == VALIDATION
         if scored.any():
-            same.append((record, scored))
-            changed = (
+            unchanged.append((record, scored))
+            commands = (
                 record.u.mean(axis=0) + (record.u - record.u.mean(axis=0)) / _PERTURBED_INPUT_GAIN
             )
-            other.append((replace(record, u=changed), scored))
-    return same, other
+            perturbed.append((replace(record, u=commands), scored))
+    return unchanged, perturbed
 
 
-def _ratio(model: KoopmanModel, cases: Sequence[ValidationDrives]) -> FloatArray:
-    """Log of RMSE over the best naive predictor's, (cases, steps, 3); a case's drives as one."""
-    rows = sum(int(scored.sum()) for drives in cases for _, scored in drives)
-    stride = max(4, rows // _TUNING_ROWS)
+def _log_ratio(model: KoopmanModel, cases: Sequence[ValidationRecords]) -> FloatArray:
+    """Return log(RMSE / best naive RMSE), (cases, steps, 3), the records of a case pooled."""
+    rows = sum(int(scored.sum()) for records in cases for _, scored in records)
+    stride = max(4, rows // _SELECTION_ROWS)
     result = []
-    for drives in cases:
+    for records in cases:
         rolled = [
             rollout_record(model, record, None, scored, _AHEAD, stride)
-            for record, scored in drives
+            for record, scored in records
         ]
         rolled = [item for item in rolled if item.rows.size]
         if rolled:
             result.append(np.log(_against_naive(rolled)))
-    # Too short a validation part for a horizon: nothing to choose by, the first choice stands.
+    # Without a whole horizon in the validation part, the most conservative candidate is selected.
     return np.array(result) if result else np.zeros((1, 1, 3))
 
 
@@ -167,7 +178,7 @@ def _against_naive(rolled: Sequence[Rollouts]) -> FloatArray:
         ]
         return _noise_corrected(noise, np.average(np.square(rmse), axis=0, weights=count))
 
-    # One that needs an IMU is no rival where some of the drives have none.
+    # A predictor that needs an IMU counts only if all records have one.
     names = [name for name in naive[0] if all(name in each for each in naive)]
     best = np.min([pooled([each[name] for each in naive]) for name in names], axis=0)
     ours = pooled([item.predicted for item in rolled])
@@ -176,16 +187,18 @@ def _against_naive(rolled: Sequence[Rollouts]) -> FloatArray:
 
 def _noise_corrected(noise: FloatArray, square: FloatArray) -> FloatArray:
     """
-    What a mean square error against a measurement (steps, 3) would be against the truth.
+    Return a mean square error (steps, 3) against measurements, corrected for their variance (3,).
 
-    The noise of a tick to come is in nobody's prediction, so its square (3,) adds to everybody's;
-    left in, it hides what a filter gains.
+    Future measurement noise is unpredictable and adds to every predictor's error. Without the
+    correction it hides the benefit of filtering.
     """
-    return np.asarray(np.maximum(square - noise, _LEAST_SHARE * square))
+    return np.asarray(np.maximum(square - noise, _MIN_ERROR_SHARE * square))
 
 
 def mean_square_change(split: Split, ahead: int = _AHEAD) -> FloatArray:
-    """Mean square change (ahead, 3) of the state over each step of the horizon, training, SI."""
+    """
+    Return the mean square change (ahead, 3) of the state over each horizon, training part, SI.
+    """
     total, count = np.zeros((ahead, 3)), np.zeros((ahead, 1))
     for record in split.of(TRAIN):
         for j in range(1, ahead + 1):
@@ -198,26 +211,28 @@ def mean_square_change(split: Split, ahead: int = _AHEAD) -> FloatArray:
 
 
 def horizon_covariance(model: KoopmanModel, split: Split, ahead: int = _AHEAD) -> FloatArray:
-    """Covariance (ahead, 3, 3) of the errors under known commands on the validation part, SI."""
+    """
+    Return the error covariance (ahead, 3, 3) under known commands on the validation part, SI.
+    """
     return horizon_covariances(model, split, ahead)[0]
 
 
 def horizon_covariances(
     model: KoopmanModel, split: Split, ahead: int = _AHEAD
 ) -> tuple[FloatArray, FloatArray]:
-    """The same under commands that are known, and under commands that are held."""
-    known, held = [], []
+    """Return the error covariances under known commands and under constant commands, SI."""
+    known, held_input = [], []
     for record, parts in zip(split.records, split.parts, strict=True):
         rolled = rollout_record(model, record, None, parts == VALIDATION, ahead, stride=8)
         if rolled.rows.size:
             future = rolled.rows[:, None] + np.arange(1, ahead + 1)
             known.append(rolled.predicted - record.x_ref[future])
-            held.append(rolled.held_input_predictions - record.x_ref[future])
+            held_input.append(rolled.held_input_predictions - record.x_ref[future])
     if not known:
-        usual = np.square(model.scaling.x_scale * model.scaling.step_scale)
-        table: FloatArray = np.asarray(np.diag(usual) * np.arange(1, ahead + 1)[:, None, None])
+        increment = np.square(model.scaling.x_scale * model.scaling.step_scale)
+        table: FloatArray = np.asarray(np.diag(increment) * np.arange(1, ahead + 1)[:, None, None])
         return table, table.copy()
-    return _covariance(known), _covariance(held)
+    return _covariance(known), _covariance(held_input)
 
 
 def _covariance(errors: list[FloatArray]) -> FloatArray:

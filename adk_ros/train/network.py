@@ -1,10 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The networks: the default encoder, which rolls itself out, and the paper's encoder and decoder.
+Networks for training: the default encoder with its head, and the paper's encoder and decoder.
 
-The default predicts scaled increments from z = [x_k, encoder(past)] by one linear map, and is
-lifted anew at each step of a roll-out, so that training sees what the predictor will do.
+The default network predicts scaled increments from z = [x_k, encoder(past)] by one linear map,
+and is lifted anew at each step of a rollout, as in the predictor.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from adk_ros.train.quadratic_features import QuadraticFeatures
 
 class Encoder(nn.Module):
     """
-    Perceptron with two hidden tanh layers and a linear shortcut: (b, n) -> (b, m + k).
+    Perceptron with two hidden tanh layers and a linear skip path: (b, n) -> (b, m + k).
 
-    tanh because it is bounded, as features must be that are rolled out, and but one call in
-    TorchScript. The last k features are not learned: `quadratic` forms fitted by least squares.
+    tanh is bounded, which rollouts need, and a single call in TorchScript. The last k features are
+    not trained: they are the `quadratic` features fitted by least squares.
     """
 
     def __init__(
@@ -63,9 +63,9 @@ class Encoder(nn.Module):
 
 class Lift(nn.Module):
     """
-    An `Encoder` as one whole, for the vehicle: its last layers joined, features normalised.
+    An `Encoder` for the model folder: output layers joined, features normalised.
 
-    `mean`, `spread` (m + k,): features are given out less their mean, over their spread.
+    :param mean, spread: (m + k,) mean and deviation of the features on training data.
     """
 
     def __init__(self, encoder: Encoder, mean: Tensor, spread: Tensor) -> None:
@@ -76,7 +76,7 @@ class Lift(nn.Module):
         w3[:hidden, :features], w3[hidden:, features:] = encoder.w3, encoder.weights
         skip = torch.cat([encoder.skip, encoder.linear], dim=1)
         b3 = torch.cat([encoder.b3, encoder.level])
-        # Class annotations would say their types to a reader, but TorchScript cannot read them.
+        # No class annotations: TorchScript cannot read them.
         self.w1, self.b1 = _fixed(encoder.w1), _fixed(encoder.b1)
         self.w2, self.b2 = _fixed(encoder.w2), _fixed(encoder.b2)
         self.w3, self.b3 = _fixed(w3 / spread), _fixed((b3 - mean) / spread)
@@ -89,8 +89,8 @@ class Lift(nn.Module):
         inside = torch.clamp(row, -self.reach, self.reach)
         first = torch.tanh(torch.addmm(self.b1, inside, self.w1))
         second = torch.tanh(torch.addmm(self.b2, first, self.w2))
-        # One product for layer, squares and shortcut: each call in TorchScript has its price.
-        # Their weights, joined, become a constant when the program is frozen.
+        # One product for layer, squares and skip path: each call in TorchScript costs time.
+        # The joined weights become a constant when the program is frozen.
         weights = torch.cat([self.w3, self.skip])
         if self.plain:
             return torch.addmm(self.b3, torch.cat([second, row], dim=1), weights)
@@ -103,7 +103,7 @@ def _fixed(value: Tensor) -> nn.Buffer:
 
 
 class Network(nn.Module):
-    """Encoder and head: increments = head [x_k, features, u_k, 1]."""
+    """Encoder and linear head: increments = head [x_k, features, u_k, 1]."""
 
     step_scale: Tensor
 
@@ -125,7 +125,7 @@ class Network(nn.Module):
         with torch.no_grad():
             self.head.normal_(0.0, 0.02)
             if quadratic is not None and fitted:
-                # The fitted forms predict the increments already: the rest begins at nothing.
+                # The quadratic features predict the increments; all else starts at zero.
                 self.head.zero_()
                 self.base[3 + features : 3 + features + fitted] = torch.eye(fitted)
 
@@ -142,7 +142,7 @@ class Network(nn.Module):
         out = []
         for step in range(ahead):
             now, u = x_row[:, :3], u_ahead[:, step]
-            # Without a past there are no commands either, as in the paper.
+            # Without past samples the encoder gets no commands either, as in the paper.
             row = torch.cat([x_row, u, u_row], dim=1) if self.history else x_row
             features = self.encoder(row)
             phi = torch.cat([now, features, u, ones], dim=1)
@@ -160,7 +160,7 @@ class PaperNetwork(nn.Module):
     """
     The paper's Table 2: encoder 3-128-128-128-12, decoder its mirror, A (15, 15), B (15, 2).
 
-    Maps `without` bias in A and B, ReLU between the layers (the paper leaves sigma open).
+    A and B have no bias; ReLU between the layers (the paper does not name its activation).
     """
 
     def __init__(self, hidden: int = 128, features: int = 12) -> None:
@@ -188,12 +188,12 @@ def to_torchscript(encoder: nn.Module) -> bytes:
     encoder = encoder.to("cpu", torch.float32).eval()
     buffer = io.BytesIO()
     with warnings.catch_warnings():
-        # torch announces TorchScript's retirement; it is the format that this package is built on.
+        # torch deprecates TorchScript, on which the model format is built.
         warnings.simplefilter("ignore", DeprecationWarning)
         torch.jit.save(torch.jit.script(encoder), buffer)
     return buffer.getvalue()
 
 
 def as_tensor(array: FloatArray, device: torch.device | str = "cpu") -> Tensor:
-    """A float32 tensor of `array` on `device`."""
+    """Return `array` as a float32 tensor on `device`."""
     return torch.tensor(np.ascontiguousarray(array), dtype=torch.float32, device=device)

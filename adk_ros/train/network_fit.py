@@ -1,13 +1,13 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The default training: a multi-step loss, in units of what persistence would miss.
+The default training: a multi-step loss, in units of the error of persistence.
 
     L = mean over steps j and channels c of ((x_pred(k+j) - x_ref(k+j)) / s_jc)^2
     s_jc = RMS of x_ref(k+j) - x_k over the training data
 
-so that every horizon and channel counts alike, and 1 means "no better than doing nothing". The
-acceleration that the paper's loss looks at is the one-step increment here, which j = 1 holds.
+so that every horizon and channel has the same weight, and a loss of 1 equals the prediction "no
+change". The acceleration in the paper's loss corresponds to the increment at j = 1.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from torch import Tensor
 from adk_ros.errors import DataError, UsageError
 from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.numerics.arrays import FloatArray, IntArray
-from adk_ros.signals.channels import Record
+from adk_ros.signals.channels import TICK_NS, Record
 from adk_ros.signals.score import reference_noise
 from adk_ros.train import checkpoint
 from adk_ros.train.dataset import Sequences, sequences
@@ -33,24 +33,37 @@ from adk_ros.train.quadratic_features import QuadraticFeatures, Rows, fit_quadra
 from adk_ros.train.speed_augmentation import scale_to_higher_speeds
 from adk_ros.train.train_settings import TrainSettings
 
+_TICK_S = TICK_NS * 1e-9
 _CHECKPOINT_EVERY = 500
+"""Updates between checkpoints: about 20 s."""
 _MIN_ROWS = 800
+"""Sequence starts that a training needs: 20 s of driving. Empirical, not calibrated."""
 _VALIDATION_ROWS = 4096
+"""Largest number of sequences in the validation loss, evenly spaced: limits its time."""
 _QUADRATIC_RATE = 0.25
+"""
+Factor on the learning rate with quadratic features, which start near the solution. Empirical.
+"""
 _WIDTH_WITH_QUADRATIC = 0.75
-"""Of the network's width and features, beside forms that do most of the work: to stay as fast."""
+"""
+Factor on width and features of the network with quadratic features, for the same time per tick.
+"""
 _QUADRATIC_ACCEPT_LOSS = 0.15
 """
-Of the validation loss, where 1 is persistence, of forms not yet trained, for them to be kept. What
-three past states do not tell, forms fit to how the data were made: on recordings resampled from
-another rate they roll out wildly wherever the car does something new.
+Quadratic features are kept if their validation loss before training is below this; 1 is
+persistence. On recordings resampled from another rate they fit the resampling, and their rollouts
+diverge on new manoeuvres. Empirical, not calibrated.
 """
 _NOISE_SHARE, _MIN_NOISE = 0.45, 0.02
+"""
+Training noise as a share of the measurement noise, and its minimum in units of `step_scale`.
+Empirical, not calibrated.
+"""
 
 
 @dataclass(frozen=True)
 class Step:
-    """Where a training is: `loss` is a running mean, `validation` the last one measured."""
+    """Progress of a training: `loss` is a running mean, `validation` the last validation loss."""
 
     step: int
     steps: int
@@ -61,7 +74,7 @@ class Step:
 
 @dataclass(frozen=True)
 class FittedNetwork:
-    """The network at its best validation, and the curve (m, 3): step, loss, validation."""
+    """The network with the lowest validation loss; `curve` rows: step, loss, validation loss."""
 
     network: Network
     scaling: Scaling
@@ -74,25 +87,25 @@ def choose_device(name: str) -> torch.device:
     """
     Return the device for `auto`, `cpu` or `cuda`.
 
-    :raises UsageError: cuda was asked for and there is none.
+    :raises UsageError: `cuda` without a GPU.
     """
     available = torch.cuda.is_available()
     if name == "cuda" and not available:
-        raise UsageError("device cuda was asked for, but torch sees no GPU: use --device auto")
+        raise UsageError("device is cuda, but torch finds no GPU: use --device auto")
     return torch.device("cuda" if available and name != "cpu" else "cpu")
 
 
 def require_min_rows(rows: IntArray) -> None:
-    """:raises DataError: these starts are too few to train from."""
+    """:raises DataError: there are too few sequence starts to train from."""
     if rows.size < _MIN_ROWS:
         raise DataError(
-            f"only {rows.size * 0.025:.0f} s of training data without gaps, at least "
-            f"{_MIN_ROWS * 0.025:.0f} s are needed: give more or longer recordings"
+            f"only {rows.size * _TICK_S:.0f} s of training data without gaps, at least "
+            f"{_MIN_ROWS * _TICK_S:.0f} s are needed: give more or longer recordings"
         )
 
 
 class _Data:
-    """A part of the data as scaled tensors, and how to gather sequences from them."""
+    """A part of the data as scaled tensors, from which sequences are gathered."""
 
     def __init__(self, part: Sequences, scaling: Scaling, device: torch.device) -> None:
         self.part = part
@@ -113,7 +126,7 @@ class _Data:
         )
 
     def persistence(self, ahead: int) -> Tensor:
-        """s_jc (h, 3), see above."""
+        """Return s_jc (h, 3), see the module."""
         rows = torch.from_numpy(self.part.rows).to(self.x.device)
         now, ends = self.x[rows], range(1, ahead + 1)
         result = [((self.x_ref[rows + j] - now) ** 2).mean(0) for j in ends]
@@ -122,10 +135,10 @@ class _Data:
 
 def input_noise(train: Sequence[Record], scaling: Scaling, most: float) -> FloatArray:
     """
-    Noise (3,) to add to the past in training, in units of the usual change in one tick.
+    Return the noise (3,) to add to past states in training, in units of `Scaling.step_scale`.
 
-    Near half of what the measurements carry already: a model trained on clean data amplifies
-    noise ten times, one trained with noise that is not there blurs what clean data show.
+    About half of the measurement noise, at most `most`. A model trained without noise amplifies
+    measurement noise about ten times; too much noise hides detail of clean data.
     """
     floors = np.array([reference_noise(record) for record in train])
     known = np.isfinite(floors).all(axis=1)
@@ -143,10 +156,10 @@ def fit(
     checkpoint_path: Path | None = None,
 ) -> FittedNetwork:
     """
-    Train a network on `train`, choosing its best state by `validation`.
+    Train a network on `train` and return its state with the lowest loss on `validation`.
 
-    A checkpoint of the same training found at `checkpoint_path` is continued.
-    :raises DataError: too little data.
+    A checkpoint of the same training at `checkpoint_path` is resumed.
+    :raises DataError: too little data, or the training diverges.
     """
     torch.set_num_threads(1)
     device = choose_device(settings.device)
@@ -155,7 +168,8 @@ def fit(
     require_min_rows(part.rows)
     validation_set = sequences(validation, settings.history, longest, "validation")
     scaling = scaling_of(part)
-    data, held_data = _Data(part, scaling, device), _Data(validation_set, scaling, device)
+    data = _Data(part, scaling, device)
+    validation_data = _Data(validation_set, scaling, device)
 
     def trainer_of(quadratic: QuadraticFeatures | None) -> _Trainer:
         torch.manual_seed(settings.seed)
@@ -164,10 +178,10 @@ def fit(
             share, noise = _WIDTH_WITH_QUADRATIC, input_noise(train, scaling, settings.noise)
         hidden, features = (max(1, int(share * n)) for n in (settings.hidden, settings.features))
         network = Network(settings.history, hidden, features, scaling.step_scale, quadratic)
-        return _Trainer(network.to(device), data, held_data, settings, noise)
+        return _Trainer(network.to(device), data, validation_data, settings, noise)
 
     trainer = trainer_of(quadratic_features_of(part, scaling) if settings.quadratic else None)
-    if trainer.forms and not trainer.validate() < _QUADRATIC_ACCEPT_LOSS:
+    if trainer.has_quadratic and not trainer.validate() < _QUADRATIC_ACCEPT_LOSS:
         trainer = trainer_of(None)
     key = checkpoint.fingerprint(settings, [*train, *validation])
     curve, best_step, early = trainer.run(key, checkpoint_path, on_step)
@@ -175,20 +189,20 @@ def fit(
 
 
 def scaling_of(part: Sequences) -> Scaling:
-    """Return the scaling of a part of the data."""
+    """Return the standard scaling of a part of the data."""
     change = np.diff(part.x_ref, axis=0)
     change = change[np.isfinite(change).all(axis=1)]
     return Scaling.standard(part.x[part.rows], part.u[part.rows], change)
 
 
 def quadratic_features_of(part: Sequences, scaling: Scaling) -> QuadraticFeatures:
-    """Return the quadratic forms that predict a part's scaled increments best."""
+    """Return the quadratic features that best predict the scaled increments of a part."""
     x, x_ref = scaling.scale_x(part.x), scaling.scale_x(part.x_ref)
     target = np.full_like(x, np.nan)
     target[:-1] = (x_ref[1:] - x[:-1]) / scaling.step_scale
-    made = scale_to_higher_speeds(part, newest(part.history))
-    change = made.change / (scaling.x_scale * scaling.step_scale)
-    rows = Rows(made.rows, [scaling.scale_x(state) for state in made.states], change)
+    augmented = scale_to_higher_speeds(part, newest(part.history))
+    change = augmented.change / (scaling.x_scale * scaling.step_scale)
+    rows = Rows(augmented.rows, [scaling.scale_x(state) for state in augmented.states], change)
     return fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, part.history, rows)
 
 
@@ -197,21 +211,22 @@ class _Trainer:
         self,
         network: Network,
         data: _Data,
-        held: _Data,
+        validation: _Data,
         settings: TrainSettings,
         noise: FloatArray,
     ) -> None:
-        self.network, self.data, self.held, self.settings = network, data, held, settings
-        self.forms = network.encoder.level.shape[0] > 0
+        self.network, self.data, self.settings = network, data, settings
+        self.validation = validation
+        self.has_quadratic = network.encoder.level.shape[0] > 0
         longest = max(settings.short_steps, settings.long_steps)
         self.weight = 1.0 / data.persistence(longest)
         self.optimiser = torch.optim.AdamW(
             network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
         self.noise = as_tensor(noise, self.weight.device) * network.step_scale
-        spread = np.linspace(0, held.part.rows.size - 1, _VALIDATION_ROWS).astype(int)
-        chosen = held.part.rows[np.unique(spread)]
-        self.held_rows = torch.from_numpy(chosen).to(self.weight.device)
+        spread = np.linspace(0, validation.part.rows.size - 1, _VALIDATION_ROWS).astype(int)
+        chosen = validation.part.rows[np.unique(spread)]
+        self.validation_rows = torch.from_numpy(chosen).to(self.weight.device)
 
     def loss(self, data: _Data, rows: Tensor, ahead: int, noise: Tensor | None) -> Tensor:
         x_past, u_past, u_ahead, target = data.gather(rows, ahead)
@@ -223,14 +238,13 @@ class _Trainer:
     def validate(self) -> float:
         with torch.no_grad():
             ahead = max(self.settings.short_steps, self.settings.long_steps)
-            return float(self.loss(self.held, self.held_rows, ahead, None))
+            return float(self.loss(self.validation, self.validation_rows, ahead, None))
 
     def rate(self, step: int) -> float:
-        """One cycle: a linear rise over the first tenth, a cosine down to nothing."""
+        """Return the learning rate: linear rise over the first tenth, then a cosine to zero."""
         share = step / self.settings.steps
         shape = share / 0.1 if share < 0.1 else 0.5 * (1 + math.cos(math.pi * (share - 0.1) / 0.9))
-        # The forms are near the solution already: smaller steps do not lose what they know.
-        share = _QUADRATIC_RATE if self.forms else 1.0
+        share = _QUADRATIC_RATE if self.has_quadratic else 1.0
         return self.settings.learning_rate * share * max(shape, 1e-3)
 
     def run(
@@ -263,12 +277,12 @@ class _Trainer:
                 if value < best:
                     best, best_step, since = value, step + 1, 0
                     best_state = {k: v.clone() for k, v in network.state_dict().items()}
-                # In the first stage the loss is another one: no verdict on it.
+                # Not in the first stage, which minimises a loss over a shorter horizon.
                 early = since >= settings.patience and step > stage
             if on_step is not None:
                 last = curve[-1][2] if curve else math.nan
                 on_step(Step(step + 1, settings.steps, running, last, self.rate(step)))
-            # Not once it is decided to stop: resumed from there, it would go on.
+            # Not after early stopping: a training resumed from there would continue.
             if path is not None and not early and (step + 1) % _CHECKPOINT_EVERY == 0:
                 extra = {f"best.{k}": v.cpu().numpy() for k, v in best_state.items()}
                 extra |= {

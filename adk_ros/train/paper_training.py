@@ -10,7 +10,7 @@ The paper's training of DK and ALDK, as printed: Table 2, eqs. (11) to (14), (25
     a_(k+1)  = [a_x + v_y r, a_y - v_x r] at k + 1              (27)
 
 Norms are mean squares over the batch; states scaled onto [-1, 1]. L_AL is divided by the range
-of the measured acceleration, the one departure: in physical units it drowns the other three.
+of the measured acceleration, the one departure: in physical units it outweighs the other three.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def fit_paper(
     torch.set_num_threads(1)
     torch.manual_seed(settings.seed)
     part = sequences(train, 0, 1, "training")
-    # A sample without a state may lie between measurements that are there, as of a frozen sensor.
+    # A sample without a state can lie between valid measurements, for example of a frozen sensor.
     rows = part.rows[np.isfinite(part.x[part.rows + 1]).all(axis=1)]
     require_min_rows(rows)
     a = np.concatenate([record.a for record in train])
@@ -63,18 +63,18 @@ def fit_paper(
     now = as_tensor(scaling.scale_x(part.x[rows]))
     then = as_tensor(scaling.scale_x(part.x[rows + 1]))
     u = as_tensor(scaling.scale_u(part.u[rows]))
-    goal = as_tensor(_measured_change(part.x[rows + 1], a[rows + 1]) / scaling.x_scale[:2])
+    target = as_tensor(_measured_change(part.x[rows + 1], a[rows + 1]) / scaling.x_scale[:2])
     network = PaperNetwork(settings.hidden, settings.features)
-    # Fused: with so small a batch the optimiser's own calls are a third of the time.
+    # Fused: with such small batches the optimiser's calls take a third of the time.
     optimiser = torch.optim.Adam(network.parameters(), lr=settings.learning_rate, fused=True)
-    reach = goal.amax(0) - goal.amin(0) if settings.acceleration else torch.ones(2)
+    span = target.amax(0) - target.amin(0) if settings.acceleration else torch.ones(2)
     steps = settings.epochs * max(1, rows.size // settings.batch)
     done, running = 0, float("nan")
     for epoch in range(settings.epochs):
         order = np.random.default_rng((settings.seed, epoch)).permutation(rows.size)
         for first in range(0, rows.size - settings.batch + 1, settings.batch):
             pick = torch.from_numpy(order[first : first + settings.batch])
-            loss = _loss(network, now[pick], then[pick], u[pick], goal[pick], reach, settings)
+            loss = _loss(network, now[pick], then[pick], u[pick], target[pick], span, settings)
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
@@ -89,7 +89,7 @@ def fit_paper(
 
 
 def _measured_change(x: FloatArray, a: FloatArray) -> FloatArray:
-    """Eq. (27) as a change of velocity over one tick, (n, 2) in m/s."""
+    """Return eq. (27) as the change of velocity over one tick, (n, 2) in m/s."""
     rate = np.stack([a[:, 0] + x[:, 1] * x[:, 2], a[:, 1] - x[:, 0] * x[:, 2]], axis=1)
     return np.nan_to_num(rate) * TICK_NS * 1e-9
 
@@ -99,8 +99,8 @@ def _loss(
     now: torch.Tensor,
     then: torch.Tensor,
     u: torch.Tensor,
-    goal: torch.Tensor,
-    reach: torch.Tensor,
+    target: torch.Tensor,
+    span: torch.Tensor,
     settings: PaperSettings,
 ) -> torch.Tensor:
     features, later = network.encoder(torch.cat([now, then])).split(now.shape[0])
@@ -112,7 +112,7 @@ def _loss(
     total: torch.Tensor = linear + reconstruction + prediction
     if settings.acceleration:
         change = predicted[:, :2] - now[:, :2]
-        total = total + ((goal - change) / reach).square().mean()
+        total = total + ((target - change) / span).square().mean()
     return total
 
 

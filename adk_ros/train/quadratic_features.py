@@ -1,17 +1,16 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Quadratic forms that predict the increments, fitted by least squares before anything is trained.
+Quadratic features that predict the increments, fitted by least squares before training.
 
     dx_k / s = c' Q c + l' v + 1 b,   v = [x_k, x_(k-1), x_(k-2), u_k, u_(k-1), u_(k-2)] scaled
 
-with c the same as v but held within, or somewhat beyond, what the training data show, so that
-the forms do not grow without bound outside of it. On noise-free data three past states tell
-nearly all there is to know, and a solved problem is exact where a trained network is not: what is
-left to the network is what a quadratic form cannot express, and to multi-step training what one
-step cannot show. Beyond the speeds that were driven, rows that were made of measured ones stand in
-(`faster`). Each Q is given by its eigenvectors, c' Q c = sum over j of w_j (d_j' c)^2,
-which is a layer of squares.
+with c = v clamped to the range of the training data, or somewhat beyond, so that the forms stay
+bounded outside of it. On noise-free data three samples determine the increment almost completely,
+and least squares is exact where a trained network is not. The network learns what a quadratic
+form cannot express. Speeds above those in the recording are covered by augmented rows
+(`speed_augmentation`). Each Q is given by its eigenvectors, c' Q c = sum over j of w_j (d_j'
+c)^2: a layer of squares.
 """
 
 from __future__ import annotations
@@ -26,18 +25,21 @@ from adk_ros.model.lifting.encoder import input_size
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.train.speed_augmentation import augmentation_weight
 
-_NEWEST_COLUMNS = 3
+_MAX_SAMPLES = 3
+"""Newest samples that the forms see. Empirical, not calibrated."""
 _RIDGES = 1e-11, 1e-8, 1e-8
 """
-For v_x, v_y, yaw rate, per row, in units of scaled regressors. A weaker one makes v_y and yaw rate
-no better one step ahead, and worse in seconds; a stronger one costs v_x most of its digits.
+Ridge for v_x, v_y, yaw rate, per row, in units of scaled regressors. A lower one does not improve
+v_y and yaw rate one step ahead and makes them worse over seconds; a higher one costs v_x its
+accuracy. Empirical, not calibrated.
 """
 
 _STATE_EXTRAPOLATION, _COMMAND_EXTRAPOLATION = (1.5, 1.0, 1.5), (1.5, 1.5)
 """
-How far the forms are believed, in units of what the training data show. A car's equations are
-nearly products of speed, yaw rate and steering, and stay so somewhat farther out; but beyond the
-largest v_y that was seen lies the sliding tyre, where a form would run away.
+Range of the forms, in units of the largest magnitude in the training data. The equations of
+motion are nearly products of speed, yaw rate and steering, also somewhat beyond the data; beyond
+the largest v_y the tyres saturate, which a quadratic form cannot follow. Chosen on tests of `adk
+bench paper`, see doc/method.md.
 """
 
 
@@ -46,8 +48,8 @@ class QuadraticFeatures:
     """
     Three forms of an encoder's input row (n,), float32.
 
-    The row enters held within +-`reach` (n,), what the training data show; `directions` (n, q),
-    `weights` (q, 3), `linear` (n, 3), `level` (3,).
+    The row is clamped to +-`reach` (n,); `directions` (n, q), `weights` (q, 3), `linear` (n, 3),
+    `level` (3,). Names as in the buffers of model folders.
     """
 
     reach: NDArray[np.float32]
@@ -58,7 +60,7 @@ class QuadraticFeatures:
 
     @staticmethod
     def none(n: int) -> QuadraticFeatures:
-        """No forms, for rows of `n`."""
+        """Return an empty set of forms for rows of `n` columns."""
 
         def empty(*shape: int) -> Any:
             return np.zeros(shape, dtype=np.float32)
@@ -68,12 +70,12 @@ class QuadraticFeatures:
 
 
 def newest(history: int) -> int:
-    """Return how many samples the forms see, the newest ones."""
-    return min(_NEWEST_COLUMNS, history + 1)
+    """Return the number of samples that the forms see, the newest ones."""
+    return min(_MAX_SAMPLES, history + 1)
 
 
 def input_columns(history: int) -> IntArray:
-    """Columns of the encoder's input that hold v, see above; fewer for a shorter history."""
+    """Return the columns of the encoder's input that form v; fewer for a shorter history."""
     samples = newest(history)
     states, first = 3 * samples, 3 * (history + 1)
     commands = 2 * samples if history else 0
@@ -83,10 +85,10 @@ def input_columns(history: int) -> IntArray:
 @dataclass(frozen=True)
 class Rows:
     """
-    Rows that were made of measured ones, `rows` (m,): see `faster`.
+    Augmented rows, made from the measured `rows` (m,): see `speed_augmentation`.
 
-    `states` [x_k, x_(k-1), ...] each (m, 3), of as many samples as the forms see, and `target`
-    (m, 3), all scaled. The commands are the measured ones.
+    `states`: [x_k, x_(k-1), ...], each (m, 3), of as many samples as the forms see; `target` (m,
+    3); all scaled. The commands are the measured ones.
     """
 
     rows: IntArray
@@ -100,13 +102,14 @@ def fit_quadratic(
     target: FloatArray,
     rows: IntArray,
     history: int,
-    made: Rows | None = None,
+    augmented: Rows | None = None,
 ) -> QuadraticFeatures:
     """
-    Fit the forms at `rows` of scaled `x` (n, 3), `u` (n, 2); `target` (n, 3) the scaled increment.
+    Fit the forms at `rows` of scaled `x` (n, 3) and `u` (n, 2) to scaled increments `target` (n,
+    3).
 
-    Rows whose target is not known are left out. `made` rows weigh as much less than measured ones
-    as forms without them are worse there.
+    Rows with an unknown target are left out. `augmented` rows have the weight that
+    `augmentation_weight` returns.
     """
     rows = rows[np.isfinite(target[rows]).all(axis=1)]
     columns = input_columns(history)
@@ -121,28 +124,39 @@ def fit_quadratic(
     gram, right = phi.T @ phi, phi.T @ target[rows]
     ridges = [ridge * rows.size * np.eye(len(gram)) for ridge in _RIDGES]
     solution = np.stack([np.linalg.solve(gram + ridges[c], right[:, c]) for c in range(3)], axis=1)
-    if made is not None:
-        more = [u[made.rows - k] for k in range(newest(history))] if history else []
-        there = np.concatenate([*made.states, *more], axis=1)
-        beyond = np.hstack([there[:, i] * there[:, j], there, np.ones((len(there), 1))]) / size
-        driven = (np.abs(there) <= np.abs(inputs).max(axis=0)).all(axis=1)
-        weight = augmentation_weight(
-            phi @ solution - target[rows], beyond[driven] @ solution - made.target[driven]
+    if augmented is not None:
+        commands = [u[augmented.rows - k] for k in range(newest(history))] if history else []
+        values = np.concatenate([*augmented.states, *commands], axis=1)
+        augmented_phi = (
+            np.hstack([values[:, i] * values[:, j], values, np.ones((len(values), 1))]) / size
         )
-        also, towards = beyond.T @ beyond, beyond.T @ (weight * made.target)
+        within_data = (np.abs(values) <= np.abs(inputs).max(axis=0)).all(axis=1)
+        weight = augmentation_weight(
+            phi @ solution - target[rows],
+            augmented_phi[within_data] @ solution - augmented.target[within_data],
+        )
+        augmented_gram = augmented_phi.T @ augmented_phi
+        augmented_right = augmented_phi.T @ (weight * augmented.target)
         solution = np.stack(
             [
-                np.linalg.solve(gram + weight[c] * also + ridges[c], right[:, c] + towards[:, c])
+                np.linalg.solve(
+                    gram + weight[c] * augmented_gram + ridges[c],
+                    right[:, c] + augmented_right[:, c],
+                )
                 for c in range(3)
             ],
             axis=1,
         )
     solution /= size[:, None]
-    own, weights = _quadratic_directions(solution[: i.size], i, j, columns.size)
+    eigen_directions, weights = _quadratic_directions(solution[: i.size], i, j, columns.size)
     n = input_size(history)
-    linear, directions, reach = np.zeros((n, 3)), np.zeros((n, own.shape[1])), np.zeros(n)
+    linear, directions, reach = (
+        np.zeros((n, 3)),
+        np.zeros((n, eigen_directions.shape[1])),
+        np.zeros(n),
+    )
     linear[columns] = solution[i.size : i.size + columns.size]
-    directions[columns] = own
+    directions[columns] = eigen_directions
     reach[:] = np.abs(np.concatenate(past, axis=1)).max(axis=0)
     reach *= np.concatenate(
         [
@@ -163,8 +177,8 @@ def fit_quadratic(
 def _quadratic_directions(
     coefficients: FloatArray, i: IntArray, j: IntArray, size: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Upper triangles (m, 3) of three forms -> directions (size, q), weights (q, 3)."""
-    # Filled up with nothing: a vector unit takes eight at a time, and single ones are slow.
+    """Convert upper triangles (m, 3) of three forms to directions (size, q), weights (q, 3)."""
+    # Padded with zeros to a multiple of eight, the width of a vector unit.
     squares = -(-3 * size // 8) * 8
     directions, weights = np.zeros((size, squares)), np.zeros((squares, 3))
     for c in range(3):
@@ -172,7 +186,7 @@ def _quadratic_directions(
         form[i, j] = coefficients[:, c]
         values, vectors = np.linalg.eigh(0.5 * (form + form.T))
         block = slice(c * size, (c + 1) * size)
-        # The weight's root goes into the direction, so that both are of like size in float32.
+        # The root of the eigenvalue is part of the direction, which conditions float32 better.
         root = np.sqrt(np.abs(values))
         directions[:, block] = vectors * root
         weights[block, c] = np.sign(values)

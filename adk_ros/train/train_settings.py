@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a person may choose of a training, with the defaults that the reports are made with."""
+"""Settings of a training, with the defaults that the benchmarks use."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ class TrainSettings:
     """
     Settings of the default training.
 
-    `history`: past samples beside the state. `hidden`, `features`: sizes of the encoder,
-    three quarters of them beside quadratic forms.
-    `steps`: updates of `batch` sequences each. The roll-out in the loss is `short_steps` long for
-    the first `short_share` of the training and `long_steps` after. `noise`: deviation added to
-    the past, in units of the usual change in one tick. `quadratic`: quadratic forms, fitted by
-    least squares, beside what is learned (`train.quadratic`), where they fit the data; trained at
-    a quarter of the rate, with less noise where the data have less.
-    `weight_decay`: AdamW's, without which little data (three laps) is learned by heart.
-    `patience`: validations without gain before the training stops early (never in the first
-    stage). `device`: auto, cpu or cuda.
+    `history`: past samples in addition to the present one. `hidden`, `features`: width and number
+    of features of the encoder, three quarters of it with quadratic features. `steps`: updates,
+    each of `batch` sequences. The rollout in the loss has `short_steps` for the first
+    `short_share` of the training and `long_steps` after it. `noise`: standard deviation added to
+    past states, in units of `Scaling.step_scale`. `quadratic`: add quadratic features fitted by
+    least squares (`quadratic_features`) if they fit the data; the network is then trained at a
+    quarter of the learning rate, with noise matched to the data. `weight_decay`: of AdamW;
+    without it a recording of three laps is overfitted. `patience`: validations without
+    improvement before early stopping, not in the first stage. `device`: auto, cpu or cuda.
+
+    :raises UsageError: a value is out of range.
     """
 
     history: int = 5
@@ -73,8 +74,10 @@ class PaperSettings:
     """
     The paper's training: Table 2, eqs. (11) to (14) and, with `acceleration`, (25) to (28).
 
-    The acceleration loss is in units of its range in the data: in m/s^2 it would outweigh the
-    other three about a million times.
+    The acceleration loss is in units of its range in the data: in m/s² it would outweigh the other
+    three about a million times.
+
+    :raises UsageError: a value is out of range.
     """
 
     acceleration: bool = True

@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From records to an artefact on disk: fit, assemble, tune, score on what was held out, save."""
+"""Train a model from records: fit, assemble, select hyperparameters, score, save."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ Note = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class TrainingResult:
-    """What a training yielded; `trained` is None in the paper's mode, which has no curve."""
+    """
+    Result of a training; `trained` is None in the paper's mode, `test` without held-out data.
+    """
 
     model: KoopmanModel
     split: Split
@@ -39,9 +41,10 @@ class TrainingResult:
 
 def checkpoints_of(out: Path) -> tuple[Path, Path]:
     """
-    Where a training that will write `out` keeps its checkpoint, and that of a first one.
+    Return the checkpoint files of a training that writes `out`: the training's, the first
+    training's.
 
-    Of noisy data there are two trainings, see `train.observed`.
+    Noisy data need a first training for the observer, see `denoising`.
     """
     return (
         out.with_name(out.name + ".checkpoint.npz"),
@@ -59,19 +62,21 @@ def run_training(
     note: Note | None = None,
 ) -> TrainingResult:
     """
-    Train on `records` and write the artefact folder `out`.
+    Train on `records` and write the model folder `out`.
 
-    A killed run that is started again with the same data and settings goes on from its checkpoint,
-    `out` with ".checkpoint.npz" appended, which is removed at the end.
-    :raises UsageError, DataError: as split, fit and artefact.
+    An interrupted run that is started again with the same data and settings resumes from its
+    checkpoint, `out` with ".checkpoint.npz" appended, which is removed at the end. `on_step` is
+    called after every update of the main training, `note(stage, done, total)` during all other
+    stages.
+    :raises UsageError, DataError: as `split_records`, `fit` and `artefact.save`.
     """
     artefact.check_target(out)
     split = split_records(records, split_kind)
     train, validation = split.of(TRAIN), split.of(VALIDATION)
     if not validation:
         raise DataError(
-            f"{sum(r.duration_s for r in records):.0f} s of data are too short to set some aside "
-            "for validation: give at least a minute"
+            f"{sum(r.duration_s for r in records):.0f} s of data are too short for a validation "
+            "part: give at least 60 s"
         )
     uses_imu = any(bool((r.a == r.a).any()) for r in records)
     trained: FittedNetwork | None = None
@@ -82,14 +87,16 @@ def run_training(
             built.model, horizon_covariance=known_commands, held_input_covariance=held_commands
         )
     else:
-        checkpoint, before = checkpoints_of(out)
+        checkpoint, first_checkpoint = checkpoints_of(out)
         if settings.quadratic:
 
-            def beginning(step: Step) -> None:
+            def first_training(step: Step) -> None:
                 if note is not None:
-                    note("training an observer", step.step, step.steps)
+                    note("preparing: fitting the observer", step.step, step.steps)
 
-            train, validation = observer_filtered(train, validation, settings, beginning, before)
+            train, validation = observer_filtered(
+                train, validation, settings, first_training, first_checkpoint
+            )
         trained = fit(train, validation, settings, on_step, checkpoint)
         joined = sequences(train, settings.history, 2, "training")
         built = assemble(trained, joined, uses_imu)
@@ -99,9 +106,9 @@ def run_training(
         if note is not None:
             note("scoring held-out data", done, total)
 
-    known = TrainingDomain.of(split.of(TRAIN))
+    domain = TrainingDomain.of(split.of(TRAIN))
     tests = [(r, p == TEST) for r, p in zip(split.records, split.parts, strict=True)]
-    test = score_held_out(model, tests, known, progress=scoring)
+    test = score_held_out(model, tests, domain, progress=scoring)
     facts: dict[str, Any] = {
         "kind": "default" if trained else "aldk" if uses_imu_loss(settings) else "dk",
         "settings": asdict(settings),
@@ -112,7 +119,7 @@ def run_training(
         ],
         "split": {"kind": split_kind}
         | {name: round(split.seconds(part), 3) for part, name in enumerate(PARTS)},
-        "range": known.as_json(),
+        "range": domain.as_json(),
         "held_out": test.as_json() if test else None,
     }
     if trained is not None:
@@ -125,5 +132,5 @@ def run_training(
 
 
 def uses_imu_loss(settings: TrainSettings | PaperSettings) -> bool:
-    """Whether the acceleration loss is on."""
+    """Return whether the settings have the paper's acceleration loss."""
     return isinstance(settings, PaperSettings) and settings.acceleration

@@ -161,8 +161,8 @@ def test_the_best_choice_is_taken(
         return np.tile([-1.0 if of_c == number else -0.5 for of_c in best], (2, 5, 1))
 
     monkeypatch.setattr(module, "_FAST", module._FAST[: len(module._SLOW)])
-    monkeypatch.setattr(module, "_TRIALS", 5 * len(module._SLOW) + len(module._RIDGES))
-    monkeypatch.setattr(module, "_ratio", ratio)
+    monkeypatch.setattr(module, "_CANDIDATES", 5 * len(module._SLOW) + len(module._RIDGES))
+    monkeypatch.setattr(module, "_log_ratio", ratio)
     told: list[tuple[str, int, int]] = []
     chosen = select_hyperparameters(model, split, lambda *what: told.append(what))
     assert chosen.online.ridge == module._RIDGES[2]
@@ -190,7 +190,7 @@ def test_theta_is_the_one_that_validation_likes(
         near = np.abs(of.theta0 - thetas[best]).max()
         return np.full((2, 5, 3), near - 1.0)
 
-    monkeypatch.setattr(module, "_ratio", ratio)
+    monkeypatch.setattr(module, "_log_ratio", ratio)
     chosen = select_hyperparameters(model, split, None, thetas[1:])
     np.testing.assert_array_equal(chosen.theta0, thetas[best])
 
@@ -221,7 +221,7 @@ def test_a_lost_cell_costs_more_than_others_gain(
         return answers.pop(0) if answers else np.zeros((2, 5, 3))
 
     assert lost.mean() < -0.4
-    monkeypatch.setattr(module, "_ratio", ratio)
+    monkeypatch.setattr(module, "_log_ratio", ratio)
     assert select_hyperparameters(model, split).online.ridge == module._RIDGES[0]
 
 
@@ -235,8 +235,8 @@ def test_tuning_helps_a_car_that_has_changed(model: KoopmanModel, split: Split) 
         drawn.std(axis=0) / same.u.std(axis=0), 1.0 / module._PERTURBED_INPUT_GAIN
     )
     tuned = select_hyperparameters(model, split)
-    before = module._ratio(model, cases)
-    after = module._ratio(tuned, cases)
+    before = module._log_ratio(model, cases)
+    after = module._log_ratio(tuned, cases)
     assert after[1].mean() < before[1].mean() - 0.1
     assert after.mean() < before.mean()
 

@@ -138,6 +138,19 @@ def test_a_split_that_cannot_be_made_is_refused() -> None:
         split_records([drive(1000)], "bags")
 
 
+@pytest.mark.parametrize("kind", SPLITS)
+def test_identical_recordings_are_refused(kind: str) -> None:
+    town, other = drive(1000, 1, "town"), drive(1000, 2, "other")
+    copy = replace(drive(1000, 1, "copy"), stamp_ns=town.stamp_ns + 10**12)
+    with pytest.raises(UsageError, match=r"^recordings 1 \(town\) and 2 \(town\) are identical: "):
+        split_records([town, town], kind)
+    with pytest.raises(UsageError, match=r"^recordings 1 \(town\) and 3 \(copy\) are identical: "):
+        split_records([town, other, copy], kind)
+    x = town.x.copy()
+    x[500, 0] += 1e-9
+    assert len(split_records([town, other, replace(copy, x=x)], kind).records) == 3
+
+
 def test_starts_keep_away_from_what_is_not_known() -> None:
     record = drive(1000)
     flags, u, x_ref = record.flags.copy(), record.u.copy(), record.x_ref.copy()

@@ -61,13 +61,14 @@ def test_where_forms_do_not_predict_nothing_is_filtered(noisy: Record) -> None:
     assert observer_gain([replace(noisy, x=x, x_ref=x)], SMALL.history) == 1.0
 
 
+@pytest.mark.slow
 def test_killed_in_either_training_it_goes_on(noisy: Record, tmp_path: Path) -> None:
     """The first training's checkpoint stays until all is done, and then is gone."""
     settings = replace(SMALL, steps=20, validate_every=5)
     out = tmp_path / "m"
 
     def kill(what: str, done: int, total: int) -> None:
-        if what.startswith("tuning"):
+        if what.startswith("selecting"):
             raise KeyboardInterrupt
 
     monkey = pytest.MonkeyPatch()
@@ -78,5 +79,5 @@ def test_killed_in_either_training_it_goes_on(noisy: Record, tmp_path: Path) -> 
         assert all(path.is_file() for path in checkpoints_of(out))
         told: list[str] = []
         run_training([noisy], out, settings, note=lambda what, *_: told.append(what))
-    assert "training an observer" not in told
+    assert "preparing: fitting the observer" not in told
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m"]

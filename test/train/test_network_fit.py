@@ -246,9 +246,9 @@ def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert choose_device("auto").type == "cpu"
     assert choose_device("cpu").type == "cpu"
-    with pytest.raises(UsageError, match="torch sees no GPU: use --device auto"):
+    with pytest.raises(UsageError, match="torch finds no GPU: use --device auto"):
         choose_device("cuda")
-    with pytest.raises(UsageError, match="torch sees no GPU"):
+    with pytest.raises(UsageError, match="torch finds no GPU"):
         network_fit.fit(*parts(), replace(SHORT, device="cuda"))
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     assert choose_device("auto").type == "cuda"

@@ -8,6 +8,7 @@ import hashlib
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.train import SMALL, lines, record, small
@@ -44,25 +45,23 @@ def test_the_artefact_is_whole_and_tells_how_it_came_about(tmp_path: Path) -> No
     assert facts == json.loads(json.dumps(run.facts))
     assert facts["kind"] == "default"
     assert facts["settings"] == asdict(SHORT)
-    assert (
-        SensorConfig(
-            **{
-                key: tuple(value) if isinstance(value, list) else value
-                for key, value in facts["sensors"].items()
-            }
-        )
-        == sensors
-    )
+    stored: dict[str, Any] = {
+        key: tuple(value) if isinstance(value, list) else value
+        for key, value in facts["sensors"].items()
+    }
+    assert SensorConfig(**stored) == sensors
     assert facts["data"] == [{"name": "handling", "seconds": 89.975, "imu": True}]
     assert facts["split"]["kind"] == "blocks"
     total = sum(facts["split"][name] for name in ("train", "validation", "test"))
     assert total == pytest.approx(part().duration_s, abs=0.01)
+    assert run.trained is not None
+    assert run.test is not None
     assert (facts["best_step"], facts["stopped_early"]) == (run.trained.best_step, False)
     assert facts["held_out"]["starts"] == run.test.scores["model"].count
     assert loaded.model.uses_imu
     assert {what for what, _, _ in told} == {
-        "training an observer",
-        "tuning adaptation",
+        "preparing: fitting the observer",
+        "selecting hyperparameters",
         "scoring held-out data",
     }
     assert all(0 <= done <= total for _, done, total in told)
