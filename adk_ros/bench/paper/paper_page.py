@@ -120,7 +120,7 @@ def lead_text(top: Headline, criteria: list[PaperCriterion]) -> str:
     passed, failed = verdicts.count(PASS), verdicts.count(FAIL)
     return (
         f"{ADK_ROS} has the lowest mean error of {len(names - {ORACLE})} predictors in {lowest} "
-        f"of {len(top.tables) * len(HORIZONS)} (variant x horizon) combinations, and meets "
+        f"of {len(top.tables) * len(HORIZONS)} columns (variant x horizon) below, and meets "
         f"{passed} of {passed + failed} acceptance criteria."
     )
 

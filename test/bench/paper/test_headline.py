@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The headline and the floor: what is bold, what is a bound, and what is said of a lost cell."""
+"""The headline and the oracle: bold cells, lower bounds, explanations of failed criteria."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from adk_ros.bench.paper.scores import Combination, ScoreTable
 NAIVES = {name: 1.0 for name in NAIVE}
 
 
-def with_floor(board: ScoreTable, rmse: float, variant: str = NOISY) -> ScoreTable:
+def with_oracle(board: ScoreTable, rmse: float, variant: str = NOISY) -> ScoreTable:
     for test in board.tests():
         board.add(variant, test, ORACLE, case_score(rmse))
     return board
 
 
 def test_headline_rows_and_bold_cells(tmp_path: Path) -> None:
-    board = with_floor(with_floor(good_board(), 0.01), 1e-14, CLEAN)
+    board = with_oracle(with_oracle(good_board(), 0.01), 1e-14, CLEAN)
     board.scores[NOISY, "slalom", PYKOOP] = [case_score(0.5, diverged=3)]
     made = headline(board, "One seed.")
     made.write(tmp_path)
@@ -54,13 +54,13 @@ def test_headline_rows_and_bold_cells(tmp_path: Path) -> None:
     assert koop["tests diverged 2 s"] == "1"
 
 
-def test_peers_that_did_not_run_are_said_so() -> None:
+def test_baseline_libraries_that_did_not_run_are_listed() -> None:
     made = headline(board_of(NAIVES | {ADK_ROS: 0.1}))
     assert made.tables[0].rows[-2] == [PYKOOPMAN, *["not run"] * 5]
 
 
-def test_no_ratio_above_one_is_bold_nor_is_a_bound() -> None:
-    board = with_floor(board_of(NAIVES | {ADK_ROS: 1.5, MF_TUNED: 1.2}), 0.01)
+def test_neither_ratios_above_one_nor_bounds_are_bold() -> None:
+    board = with_oracle(board_of(NAIVES | {ADK_ROS: 1.5, MF_TUNED: 1.2}), 0.01)
     for table in (*headline(board).tables, summary_table(board)):
         assert table.best == frozenset()
         assert "**1.5" not in table.markdown()
@@ -75,23 +75,23 @@ def test_no_ratio_above_one_is_bold_nor_is_a_bound() -> None:
     assert not any(table.strong or table.best for table in ratio_tables(board))
 
 
-def test_every_cell_of_ours_is_in_a_table() -> None:
+def test_every_ratio_of_adk_ros_is_in_a_table() -> None:
     clean, noisy = ratio_tables(board_of(NAIVES | {ADK_ROS: (0.1, 0.3)}))
     assert [row[0] for row in noisy.rows] == list(TESTS)
     assert clean.rows[0][1:] == ["0.2"] * 15
 
 
 @pytest.mark.parametrize(("floor", "expected"), [(0.5, False), (0.96, False), (0.98, True)])
-def test_at_the_floor_within_three_per_cent(floor: float, expected: bool) -> None:
-    board = with_floor(with_floor(board_of(NAIVES | {ADK_ROS: 1.0}), floor), floor, CLEAN)
+def test_at_the_oracle_within_three_percent(floor: float, expected: bool) -> None:
+    board = with_oracle(with_oracle(board_of(NAIVES | {ADK_ROS: 1.0}), floor), floor, CLEAN)
     noisy, clean = Combination(NOISY, "winter", 0, 1), Combination(CLEAN, "winter", 0, 1)
     assert oracle_notes.at_oracle(board, [noisy, clean]) == ({noisy} if expected else set())
     assert oracle_notes.over_oracle(board, noisy) == pytest.approx(1.0 / floor)
     assert np.isnan(oracle_notes.over_oracle(board, clean))
 
 
-def test_bars_name_cells_at_the_floor_and_count_them_all_the_same() -> None:
-    board = with_floor(board_of(NAIVES | {ADK_ROS: 1.005, MF_TUNED: 0.9}, ["winter"]), 1.0)
+def test_criteria_mark_combinations_at_the_oracle_and_count_them() -> None:
+    board = with_oracle(board_of(NAIVES | {ADK_ROS: 1.005, MF_TUNED: 0.9}, ["winter"]), 1.0)
     found = {bar.name: bar for bar in evaluate_paper_criteria(board, None)}
     assert found["no-cell-above-1"].verdict == FAIL
     assert found["no-cell-above-1"].figure.startswith(
@@ -106,7 +106,7 @@ def test_bars_name_cells_at_the_floor_and_count_them_all_the_same() -> None:
     assert brief(figure).endswith("is no better)")
 
 
-def test_long_lists_are_cut_from_a_bars_text() -> None:
+def test_long_lists_are_cut_from_the_text_of_a_criterion() -> None:
     cells = ", ".join(f"clean winter (v_x {i} s 2.0)" for i in range(20))
     assert brief(f"8 of 9 within; outside: {cells}") == "8 of 9 within"
     assert brief(f"4 of 9 cells; behind in 5: {cells}") == "4 of 9 cells; behind in 5"
@@ -115,8 +115,8 @@ def test_long_lists_are_cut_from_a_bars_text() -> None:
         assert brief(short) == short
 
 
-def test_why_a_rival_is_ahead() -> None:
-    board = with_floor(good_board(), 0.0999)
+def test_the_cause_of_a_leading_baseline_is_explained() -> None:
+    board = with_oracle(good_board(), 0.0999)
     for test in TESTS[:5]:
         board.scores[NOISY, test, PYKOOP] = [case_score(0.05)]
     board.scores[NOISY, "slalom", PYKOOP] = [case_score(0.5, diverged=7)]
@@ -139,8 +139,8 @@ def test_why_a_rival_is_ahead() -> None:
         assert part in text, part
 
 
-def test_why_a_mean_is_high_and_cells_are_above_one() -> None:
-    board = with_floor(board_of(NAIVES | {ADK_ROS: 0.5}), 0.3)
+def test_the_cause_of_a_high_mean_and_of_ratios_above_one_is_explained() -> None:
+    board = with_oracle(board_of(NAIVES | {ADK_ROS: 0.5}), 0.3)
     board.scores[CLEAN, "gusts", ADK_ROS] = [case_score(1.5)]
     board.scores[NOISY, "winter", ADK_ROS] = [case_score(0.004)]
     said = explain_failures(board, None, evaluate_paper_criteria(board, None))
@@ -152,7 +152,7 @@ def test_why_a_mean_is_high_and_cells_are_above_one() -> None:
     assert "clean gusts v_x 1 step, ratio 1.50 (adk_ros 5.40, persistence 3.60 km/h)" in above
 
 
-def test_why_coverage_and_the_papers_effect_fall_short() -> None:
+def test_the_cause_of_low_coverage_and_effect_is_explained() -> None:
     board = good_board()
     for test in TESTS:
         board.scores[CLEAN, test, ADK_ROS] = [case_score(0.1, covered=0.8)]
@@ -171,7 +171,7 @@ def test_why_coverage_and_the_papers_effect_fall_short() -> None:
     assert "less accurate than in the paper in 18." in text
 
 
-def test_recordings_are_a_table_beside_the_naive_predictors_and_explained() -> None:
+def test_recordings_have_a_table_and_an_explanation() -> None:
     ours, naive = np.full((5, 3), 1.2), np.ones((5, 3))
     rmse = {"persistence": naive, "straight line": 2.0 * naive, ADK_ROS: ours}
     recorded = RecordingScores({"a / a": ours, "a / b": ours}, {"a / a": rmse, "a / b": rmse})
@@ -187,11 +187,11 @@ def test_recordings_are_a_table_beside_the_naive_predictors_and_explained() -> N
     assert first.rows[-1][1:] == ["1.20"] * 15
     board = good_board()
     text = explain_failures(board, recorded, evaluate_paper_criteria(board, recorded))["av21"]
-    assert text.startswith("a, v_x at 0.5 s: ours 4.32, persistence 3.60 km/h; one step ahead")
+    assert text.startswith("a, v_x at 0.5 s: adk_ros 4.32, persistence 3.60 km/h; one step ahead")
 
 
-def test_the_figure_is_drawn_of_a_whole_and_of_a_small_board(tmp_path: Path) -> None:
-    for name, board in (("all", with_floor(good_board(), 1e-5)), ("one", board_of(NAIVES | {
+def test_the_figure_is_drawn_for_all_and_for_few_scores(tmp_path: Path) -> None:
+    for name, board in (("all", with_oracle(good_board(), 1e-5)), ("one", board_of(NAIVES | {
         ADK_ROS: 1e6,
     }, ["nominal"], [CLEAN]))):  # fmt: skip
         path = tmp_path / f"{name}.png"
