@@ -112,7 +112,7 @@ def test_no_coasting_at_all() -> None:
     assert predictor.step(coasting(20, (0.0, 0.0))) is None
 
 
-def test_nothing_to_coast_from() -> None:
+def test_no_coasting_without_a_prediction() -> None:
     predictor = Predictor(make_model())
     assert fold(predictor, [coasting(k, (0.0, 0.0)) for k in range(5)]) == [None] * 5
     assert predictor.status is Status.NO_STATE

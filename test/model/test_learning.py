@@ -95,8 +95,8 @@ def test_samples_that_must_not_be_learned_never_are(flag: Flag, method: str) -> 
         for k, item in enumerate(slalom(300)):
             spoilt = 100 <= k < 140 or k in (200, 203, 204)
             if spoilt:
-                x = tuple(value + wrong * math.sin(k) for value in item.x)
-                predictor.step(item._replace(x=x, flags=int(flag)))
+                v_x, v_y, yaw_rate = (value + wrong * math.sin(k) for value in item.x)
+                predictor.step(item._replace(x=(v_x, v_y, yaw_rate), flags=int(flag)))
             else:
                 predictor.step(item)
         ends.append((predictor.online.theta, predictor.disturbance, predictor._covariance))

@@ -79,7 +79,7 @@ def test_messages_to_predictions() -> None:
     assert not pipeline.aligner.counts
 
 
-def test_it_is_decode_align_step_and_nothing_else() -> None:
+def test_pipeline_equals_decode_align_and_step() -> None:
     readings = arriving(drive(4.0, noise=1e-3), 1, 0.01)
     model = make_model()
     aligner, predictor = Aligner(), Predictor(model, horizon_steps=80, max_coast_steps=40)
@@ -109,7 +109,7 @@ def spoilt(readings: list[Reading]) -> list[tuple[Source, Any]]:
     """Every tenth message with a fault of its own."""
     result: list[tuple[Source, Any]] = []
     for k, reading in enumerate(readings):
-        msg = message(reading)
+        msg: Any = message(reading)
         if k % 10 == 9:
             kind = (k // 10) % 5
             if kind == 0:
@@ -126,7 +126,7 @@ def spoilt(readings: list[Reading]) -> list[tuple[Source, Any]]:
     return result
 
 
-def test_faults_are_counted_and_change_nothing_else() -> None:
+def test_faulty_messages_are_counted_and_ignored() -> None:
     readings = in_order(drive(5.0, noise=1e-3))
     messages = spoilt(readings)
     pipeline = Pipeline(make_model())

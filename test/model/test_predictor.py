@@ -139,7 +139,7 @@ def test_covariance_is_that_of_the_innovations() -> None:
     np.testing.assert_allclose(np.mean(found, axis=0), 2.0 * sigma**2, rtol=0.1)
 
 
-def test_covariance_before_anything_is_known() -> None:
+def test_initial_covariance() -> None:
     first = fold(Predictor(make_model()), slalom(HISTORY + 1))[-1]
     assert first is not None
     np.testing.assert_array_equal(first.covariance, np.diag([0.01, 0.004, 0.001]))
@@ -159,7 +159,7 @@ def test_roll_out_with_the_held_command_is_the_horizon() -> None:
         np.testing.assert_array_equal(predictor.rollout(held[:7]), last.horizon[:7])
 
 
-def test_roll_out_changes_nothing() -> None:
+def test_rollout_does_not_change_the_predictor() -> None:
     for model in (make_model(), make_model(compiled=False), paper_model()):
         one, other = Predictor(model, horizon_steps=5), Predictor(model, horizon_steps=5)
         for item in slalom(80):
@@ -180,7 +180,7 @@ def test_roll_out_needs_a_state_and_finite_commands() -> None:
     assert np.isfinite(predictor.rollout(np.zeros((5, 2)))).all()
 
 
-def test_what_is_handed_out_may_be_written_to() -> None:
+def test_returned_arrays_may_be_written_to() -> None:
     """A consumer that turns m/s into km/h in place must not move the predictor."""
     one, other = Predictor(make_model(), horizon_steps=5), Predictor(make_model(), horizon_steps=5)
     for item in slalom(60):

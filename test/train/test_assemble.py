@@ -226,7 +226,9 @@ def test_a_lost_cell_costs_more_than_others_gain(
 
 
 @pytest.mark.slow
-def test_tuning_helps_a_car_that_has_changed(model: KoopmanModel, split: Split) -> None:
+def test_selection_improves_predictions_of_a_perturbed_car(
+    model: KoopmanModel, split: Split
+) -> None:
     cases = module._cases(split)
     assert len(cases) == 2
     (same, _), (other, _) = cases[0][0], cases[1][0]

@@ -107,7 +107,7 @@ def test_no_sequence_touches_two_parts_or_two_bags(kind: str) -> None:
     assert not (touched[VALIDATION] & touched[TEST])
 
 
-def test_all_rows_of_a_part_come_back_once_and_in_order() -> None:
+def test_parts_return_each_row_once_and_in_order() -> None:
     split = split_records([drive(5000, name="0")])
     for part in (TRAIN, VALIDATION, TEST):
         stamps = np.concatenate([r.stamp_ns for r in split.of(part)])
@@ -131,7 +131,7 @@ def test_bags_hold_out_the_last_one() -> None:
         assert (parts == TRAIN).mean() == pytest.approx(0.9, abs=0.01)
 
 
-def test_a_split_that_cannot_be_made_is_refused() -> None:
+def test_invalid_splits_are_refused() -> None:
     with pytest.raises(UsageError, match="split 'rows' is unknown: choose one of blocks, tail, b"):
         split_records([drive(1000)], "rows")
     with pytest.raises(UsageError, match="at least two bags"):
@@ -151,7 +151,7 @@ def test_identical_recordings_are_refused(kind: str) -> None:
     assert len(split_records([town, other, replace(copy, x=x)], kind).records) == 3
 
 
-def test_starts_keep_away_from_what_is_not_known() -> None:
+def test_sequences_avoid_unknown_and_stale_samples() -> None:
     record = drive(1000)
     flags, u, x_ref = record.flags.copy(), record.u.copy(), record.x_ref.copy()
     flags[300] = int(Flag.ODOMETRY_STALE)
@@ -168,7 +168,7 @@ def test_starts_keep_away_from_what_is_not_known() -> None:
     assert {299, 301 + HISTORY} <= set(rows.tolist())
 
 
-def test_nothing_long_enough_is_said_in_one_line() -> None:
+def test_too_short_records_are_refused_in_one_line() -> None:
     with pytest.raises(DataError) as caught:
         sequences([drive(HISTORY + AHEAD)], HISTORY, AHEAD, "validation")
     said = str(caught.value)

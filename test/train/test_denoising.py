@@ -32,14 +32,14 @@ def noisy(clean: Record) -> Record:
     return replace(clean, x=clean.x + noise, x_ref=clean.x_ref + noise)
 
 
-def test_clean_measurements_are_taken_as_they_are(clean: Record) -> None:
+def test_clean_measurements_are_not_filtered(clean: Record) -> None:
     assert observer_gain([clean], SMALL.history) == 1.0
     train, validation = observer_filtered([clean], [clean], SMALL)
     assert train[0] is clean
     assert validation[0] is clean
 
 
-def test_an_observer_takes_most_of_the_noise_of_the_yaw_rate(clean: Record, noisy: Record) -> None:
+def test_observer_removes_yaw_rate_noise(clean: Record, noisy: Record) -> None:
     assert observer_gain([noisy], SMALL.history) in module._GAINS[1:]
     told: list[Step] = []
     before = noisy.x.copy()
@@ -53,7 +53,7 @@ def test_an_observer_takes_most_of_the_noise_of_the_yaw_rate(clean: Record, nois
     assert told[-1].steps == int(0.4 * SMALL.steps)
 
 
-def test_where_forms_do_not_predict_nothing_is_filtered(noisy: Record) -> None:
+def test_no_filtering_when_quadratic_features_fail(noisy: Record) -> None:
     """A yaw rate that jumps about as no car's does: the observer would lag behind."""
     jumps = np.cumsum(np.random.default_rng(1).normal(0.0, 0.05, len(noisy)))
     x = noisy.x.copy()
@@ -62,7 +62,7 @@ def test_where_forms_do_not_predict_nothing_is_filtered(noisy: Record) -> None:
 
 
 @pytest.mark.slow
-def test_killed_in_either_training_it_goes_on(noisy: Record, tmp_path: Path) -> None:
+def test_interrupted_training_resumes_in_either_stage(noisy: Record, tmp_path: Path) -> None:
     """The first training's checkpoint stays until all is done, and then is gone."""
     settings = replace(SMALL, steps=20, validate_every=5)
     out = tmp_path / "m"

@@ -61,12 +61,13 @@ STILL = linear_model(np.zeros((3, 6)))
 
 def wandering(n: int = 1200, seed: int = 0, deviation: float = 0.02) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    x = np.cumsum(rng.normal(0.0, deviation, (n, 3)), axis=0)
+    x: np.ndarray = np.cumsum(rng.normal(0.0, deviation, (n, 3)), axis=0)
     return x + np.array([15.0, 0.0, 0.0])
 
 
 def rms(of: Record, rows: np.ndarray, step: int, predicted: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.mean((predicted - of.x_ref[rows + step]) ** 2, axis=0))
+    mean_square: np.ndarray = np.mean((predicted - of.x_ref[rows + step]) ** 2, axis=0)
+    return np.sqrt(mean_square)
 
 
 def scored(
@@ -93,7 +94,7 @@ def test_ratios_against_the_naive_predictors_computed_here() -> None:
     assert "IMU integration" not in result.scores
 
 
-def test_known_commands_and_held_ones() -> None:
+def test_scores_under_known_and_held_commands() -> None:
     """A car that does what its command says: known it is exact, held it is as good as a guess."""
     n = 1200
     rng = np.random.default_rng(3)
@@ -144,7 +145,7 @@ def test_only_the_part_asked_for_is_scored() -> None:
     assert rows.max() + HORIZON_STEPS[-1] < 800
 
 
-def test_nothing_to_score_is_none() -> None:
+def test_no_start_with_a_whole_horizon_returns_none() -> None:
     assert score_held_out(STILL, [(made_record(wandering(60)), None)]) is None
     assert score_held_out(STILL, []) is None
     of = made_record(wandering())
@@ -213,7 +214,7 @@ def test_a_model_that_diverges_has_a_score() -> None:
     json.dumps(result.as_json(), allow_nan=False)
 
 
-def test_as_json_says_the_same_and_nothing_that_json_lacks() -> None:
+def test_as_json_equals_the_scores_and_is_valid_json() -> None:
     test = small().run.test
     assert test is not None
     told = json.loads(json.dumps(test.as_json(), allow_nan=False))
@@ -238,7 +239,7 @@ def test_as_json_says_the_same_and_nothing_that_json_lacks() -> None:
     assert told["geometric_mean_ratio"] == pytest.approx(mean)
 
 
-def test_the_test_part_is_what_was_scored() -> None:
+def test_only_the_test_part_is_scored() -> None:
     run = small().run
     assert run.test is not None
     (of,) = run.split.records

@@ -86,7 +86,7 @@ def test_same_seed_same_network_other_seed_another(whole: FittedNetwork) -> None
     assert not np.array_equal(state(whole)["encoder.w1"], state(other)["encoder.w1"])
 
 
-def test_what_it_reports_while_it_runs(whole: FittedNetwork) -> None:
+def test_progress_reports(whole: FittedNetwork) -> None:
     told: list[Step] = []
     assert_same(whole, network_fit.fit(*parts(), SHORT, told.append))
     assert [step.step for step in told] == list(range(1, 41))
@@ -102,7 +102,7 @@ def test_what_it_reports_while_it_runs(whole: FittedNetwork) -> None:
 
 
 @pytest.mark.parametrize("killed_at", [[25], [10, 11, 21, 39], [40]])
-def test_killed_and_resumed_is_as_if_nothing_had_happened(
+def test_resumed_training_equals_an_uninterrupted_one(
     whole: FittedNetwork, often: None, tmp_path: Path, killed_at: list[int]
 ) -> None:
     path = tmp_path / "kept.npz"

@@ -70,7 +70,9 @@ def test_the_loss_is_the_papers(acceleration: bool) -> None:
     tensors = [torch.tensor(t, dtype=torch.float32) for t in (x_k, x_next, u_k, goal)]
     spread = tensors[3].amax(0) - tensors[3].amin(0)
     settings = PaperSettings(acceleration=acceleration)
-    loss = paper_training._loss(network, *tensors, spread, settings)
+    loss = paper_training._loss(
+        network, tensors[0], tensors[1], tensors[2], tensors[3], spread, settings
+    )
     assert float(loss.detach()) == pytest.approx(wanted, rel=1e-5)
 
 
@@ -98,8 +100,8 @@ def test_networks_are_those_of_table_2() -> None:
     assert sizes(network.decoder) == [12, 128, 128, 128, 3]
     assert network.a.weight.shape == (15, 15)
     assert network.b.weight.shape == (15, 2)
-    assert network.a.bias is None
-    assert network.b.bias is None
+    biases: list[torch.Tensor | None] = [network.a.bias, network.b.bias]
+    assert biases == [None, None]
     settings = PaperSettings()
     assert (settings.learning_rate, settings.batch, settings.epochs) == (1e-3, 20, 2000)
     assert (settings.hidden, settings.features) == (128, 12)
@@ -151,6 +153,7 @@ def test_same_seed_same_model(trained: dict[bool, tuple[AssembledModel, list[Ste
     assert not np.array_equal(other.model.theta0, again.model.theta0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("acceleration", "kind"), [(False, "dk"), (True, "aldk")])
 def test_the_artefact_predicts_with_swls(tmp_path: Path, acceleration: bool, kind: str) -> None:
     settings = replace(TINY, acceleration=acceleration)

@@ -52,7 +52,8 @@ def drive(n: int = 3000) -> tuple[Array, Array, Array]:
 def forecast(forms: QuadraticFeatures, row: Array) -> Array:
     lift = Lift(Encoder(4, 4, 1, forms), torch.zeros(4), torch.ones(4))
     with torch.no_grad():
-        return lift(torch.tensor(row[None], dtype=torch.float32))[0, 1:].numpy()
+        lifted: Array = lift(torch.tensor(row[None], dtype=torch.float32))[0, 1:].numpy()
+    return lifted
 
 
 def test_a_quadratic_law_is_found() -> None:
@@ -83,7 +84,7 @@ def test_columns_are_three_states_and_three_commands(history: int, columns: list
     assert input_columns(history).tolist() == columns
 
 
-def test_none_adds_nothing() -> None:
+def test_empty_quadratic_features_change_nothing() -> None:
     encoder = Encoder(2, 4, 3)
     assert encoder(torch.zeros(2, 15)).shape == (2, 3)
 
@@ -113,12 +114,12 @@ def test_forms_that_do_not_fit_are_left_out(monkeypatch: pytest.MonkeyPatch) -> 
     assert made.network.encoder.b3.shape == (SMALL.features,)
 
 
-def test_rows_that_were_made_count_as_far_as_they_are_right() -> None:
+def test_augmented_rows_are_weighted_by_their_accuracy() -> None:
     x, u, target = drive()
     noise = 0.2 * np.random.default_rng(1).normal(size=target.shape)
     rows = np.arange(4, 2000)
     wider = 2.0 * x
-    right = np.array([known(wider, u, row) for row in rows])
+    right = np.array([known(wider, u, int(row)) for row in rows])
     states = [wider[rows - j] for j in range(3)]
     alone, helped, misled = (
         fit_quadratic(x, u, target + noise, rows, 4, made)

@@ -46,7 +46,7 @@ def driven(n: int = 4000) -> Sequences:
     return Sequences(x, x, u, np.arange(2, n - 1), 2, 1)
 
 
-def test_a_made_row_is_what_the_car_does_at_that_speed() -> None:
+def test_augmented_rows_match_the_car_at_that_speed() -> None:
     part = driven()
     made = scale_to_higher_speeds(part, 3)
     ratio = made.states[0][:, 0] / part.x[made.rows, 0]
@@ -65,12 +65,12 @@ def test_a_made_row_is_what_the_car_does_at_that_speed() -> None:
     assert np.mean(np.abs(before - made.states[0])[:, 1]) < 0.02
 
 
-def test_the_drag_is_told_from_what_else_slows_a_car() -> None:
+def test_drag_is_separated_from_other_resistance() -> None:
     part = driven()
     assert drag_over_mass(part, part.rows) == pytest.approx(DRAG, rel=0.3)
 
 
-def test_what_is_not_known_is_left_out() -> None:
+def test_unknown_rows_are_left_out() -> None:
     part = driven(400)
     x_ref = part.x_ref.copy()
     x_ref[100:110] = np.nan

@@ -31,11 +31,11 @@ def test_cholesky_solve(n: int, m: int, seed: int, spread: float) -> None:
     [np.zeros((3, 3)), np.diag([1.0, -1.0, 1.0]), np.ones((3, 3)), np.full((3, 3), np.nan)],
     ids=["zero", "indefinite", "singular", "nan"],
 )
-def test_cholesky_solve_says_when_it_cannot(matrix: Array) -> None:
+def test_cholesky_solve_reports_indefinite_matrices(matrix: Array) -> None:
     assert not cholesky_solve(matrix.copy(), np.ones((3, 2))) > 0.0
 
 
-def test_rank_one_up_and_down_again() -> None:
+def test_rank_one_update_and_downdate_cancel() -> None:
     random = np.random.default_rng(0)
     gram, cross = np.zeros((6, 6)), np.zeros((6, 4))
     phis, ys = random.normal(size=(50, 6)), random.normal(size=(50, 4))

@@ -118,7 +118,7 @@ def test_windowed_goes_to_the_offline_model_as_the_ridge_grows() -> None:
     assert distances[-1] < 1e-8
 
 
-def test_windowed_forgets_what_has_left_the_window() -> None:
+def test_windowed_forgets_pairs_outside_the_window() -> None:
     phi, y, theta = pairs(300, noise=0.0)
     y[:150] = -y[:150]
     method = make("windowed", window=100, ridge=1e-3)
@@ -244,7 +244,7 @@ def test_swls_with_a_singular_gram() -> None:
 
 @pytest.mark.parametrize("phi", [np.zeros(N_PHI), np.full(N_PHI, 1e-300), np.full(N_PHI, 1e3)])
 @pytest.mark.parametrize("method", METHODS)
-def test_regressors_that_tell_nothing(method: str, phi: Array) -> None:
+def test_regressors_without_excitation(method: str, phi: Array) -> None:
     online = make(method, np.ones((N_Z, N_PHI)), window=10)
     for _ in range(30):
         online.update(phi, np.ones(N_Z))
@@ -253,7 +253,7 @@ def test_regressors_that_tell_nothing(method: str, phi: Array) -> None:
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e200])
 @pytest.mark.parametrize("method", METHODS)
-def test_no_method_keeps_what_is_no_number(method: str, bad: float) -> None:
+def test_no_method_keeps_nan(method: str, bad: float) -> None:
     """The predictor lets none through; a method bears it all the same."""
     phi, y, _ = pairs(40)
     online = make(method, window=10, ridge=1.0)
@@ -282,7 +282,7 @@ def test_reset_returns_to_the_offline_model(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_an_update_does_not_change_what_it_is_given(method: str) -> None:
+def test_update_does_not_change_its_arguments(method: str) -> None:
     phi, y, _ = pairs(30)
     before = phi.copy(), y.copy()
     fold(make(method, window=10), phi, y)

@@ -97,6 +97,8 @@ def test_same_parameters_in_another_formula_are_not_compiled() -> None:
 
 def test_same_parameter_names_with_other_shapes_are_not_compiled() -> None:
     class Odd(nn.Module):
+        w1: Tensor
+
         def __init__(self) -> None:
             super().__init__()
             for name in ("w1", "b1", "w2", "b2", "w3", "b3", "skip"):

@@ -188,8 +188,9 @@ def test_regression_pair_refuses_large_values_and_nan(
 ) -> None:
     """A large regressor would leave its rounding error in the Gram matrix for good."""
     x, features, phi = random.normal(size=3), np.ones(2, np.float32), np.ones(8)
+    arrays: dict[str, np.ndarray] = {"x": x, "features": features, "phi": phi}
     with np.errstate(over="ignore"):
-        {"x": x, "features": features, "phi": phi}[where].flat[1] = bad
+        arrays[where].flat[1] = bad
     disturbance = np.ones((3, 3))
     assert not disturbance_kernels.regression_pair(
         features, np.zeros((5, 8)), True, x, phi, np.ones(3), np.full((5, 3), 0.5), disturbance,

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -142,7 +143,7 @@ def test_rollout_lifting_clamps_states_and_reports_nan(random: Random) -> None:
     encoder = random_lift(0, 4, 2)
     theta, out = np.zeros((5, 8)), np.empty((20, 3))
     past = (np.zeros((1, 3)), np.zeros((0, 2)))
-    constant = (
+    constant: tuple[Any, ...] = (
         np.ones((20, 2)), np.zeros((2, 3)), True, True, out, np.ones(3), np.ones((5, 3)),
         *weights(encoder),
     )  # fmt: skip

@@ -32,7 +32,7 @@ def run(errors: Array, delay: int, start: Array) -> tuple[ConformalScale, Array]
     return scale, np.array(held)
 
 
-def test_kernel_is_the_equations() -> None:
+def test_kernel_equals_the_equations() -> None:
     random = np.random.default_rng(0)
     scale = ConformalScale(START, 5.0)
     count, covariance, factor = 5.0, START[1].copy(), np.zeros(3)
@@ -53,7 +53,7 @@ def test_kernel_is_the_equations() -> None:
 
 @pytest.mark.parametrize("delay", [0, 8])
 @pytest.mark.parametrize("kind", ["normal", "heavy tails", "drifting", "wrong start"])
-def test_nine_of_ten_hold(kind: str, delay: int) -> None:
+def test_intervals_cover_ninety_percent(kind: str, delay: int) -> None:
     random = np.random.default_rng(3)
     n = 6000
     errors = random.normal(size=(n, 3))
@@ -66,7 +66,7 @@ def test_nine_of_ten_hold(kind: str, delay: int) -> None:
     assert (np.abs(held.mean(axis=0) - 0.9) < 0.02).all()
 
 
-def test_a_covariance_alone_does_not_hold_nine_of_ten() -> None:
+def test_unscaled_covariance_misses_ninety_percent_coverage() -> None:
     """What the factor is for: heavy tails make the deviation, and so the intervals, too wide."""
     random = np.random.default_rng(3)
     errors = random.standard_t(2.5, (6000, 3))

@@ -24,12 +24,12 @@ TRUE = np.array([30.0, 0.0, -2.0, 0.0, 5.0])
 
 
 @strict_kernel
-def _account(h, c, error, lane, disturbance, moments):  # type: ignore[no-untyped-def]
+def _account(h, c, error, lane, disturbance, moments):
     accumulate_moments(h, c, error, lane, disturbance, moments)
 
 
 @strict_kernel
-def _learn(h, c, moments, weights):  # type: ignore[no-untyped-def]
+def _learn(h, c, moments, weights):
     solve_shrunk_regression(h, c, moments, np.empty((N_REGRESSORS, N_REGRESSORS)), weights)
 
 
@@ -76,7 +76,7 @@ def test_weights_are_the_shrunk_regression(h: int) -> None:
     np.testing.assert_allclose(learned(signs, errors, h), TRUE, atol=3.0)
 
 
-def test_what_chance_explains_is_not_used() -> None:
+def test_weights_shrink_to_zero_on_noise() -> None:
     """Errors that no sign tells of: with K signs, twenty of twenty-five times nothing is left."""
     random = np.random.default_rng(5)
     moved = [
@@ -97,7 +97,7 @@ def test_an_error_without_bounds_leaves_finite_weights() -> None:
     assert np.isfinite(hindsight.weights).all()
 
 
-def test_without_signs_nothing_is_foreseen() -> None:
+def test_zero_regressors_predict_no_error() -> None:
     random = np.random.default_rng(6)
     assert not learned(np.zeros((200, N_REGRESSORS)), random.normal(size=200), 3).any()
 
@@ -137,7 +137,7 @@ def lost() -> KoopmanModel:
     )  # fmt: skip
 
 
-def test_what_is_lost_uphill_is_won_downhill() -> None:
+def test_error_regression_predicts_sign_reversal_on_hills() -> None:
     """The model knows of no change; what it leaves tells how that goes on, and turns round."""
     of = lost()
     x, u = hills(6000)

@@ -65,7 +65,7 @@ def recomputed(made: list[Prediction | None], flags: dict[int, int], steps: int)
 
 
 @pytest.mark.parametrize("steps", [1, 40, 80, 123, 400])
-def test_statistics_are_those_of_what_was_published(steps: int) -> None:
+def test_statistics_equal_those_of_the_published_horizons(steps: int) -> None:
     flags = dict.fromkeys(range(300, 310), UNLEARNABLE)
     flags |= dict.fromkeys(range(500, 520), int(Flag.COASTING))
     car = Predictor(model(), horizon_steps=steps)
@@ -80,7 +80,7 @@ def test_statistics_are_those_of_what_was_published(steps: int) -> None:
 
 
 @pytest.mark.parametrize("steps", [0, 1, 40, 80, 400])
-def test_it_begins_with_the_models_the_last_row_held(steps: int) -> None:
+def test_initial_covariance_is_the_models_last_row_repeated(steps: int) -> None:
     car = Predictor(model(), horizon_steps=steps)
     rows = np.minimum(np.arange(steps), 79)
     np.testing.assert_array_equal(car.held_input_covariance, HELD[rows].reshape(steps, 3, 3))
@@ -89,7 +89,7 @@ def test_it_begins_with_the_models_the_last_row_held(steps: int) -> None:
             assert prediction.horizon_covariance.shape == (steps, 3, 3)
 
 
-def test_without_a_table_of_its_own_another_serves() -> None:
+def test_initial_covariance_falls_back_to_other_tables() -> None:
     known = make_model()
     np.testing.assert_array_equal(Predictor(known).held_input_covariance, known.horizon_covariance)
     bare = paper_model()
@@ -102,7 +102,7 @@ def test_without_a_table_of_its_own_another_serves() -> None:
     assert (np.diagonal(car.held_input_covariance[19]) != 20.0 * usual).all()
 
 
-def test_what_is_published_is_a_covariance() -> None:
+def test_published_covariances_are_symmetric_and_positive() -> None:
     for prediction in drive(Predictor(model()), 900):
         if prediction is not None:
             table = prediction.horizon_covariance
@@ -112,7 +112,7 @@ def test_what_is_published_is_a_covariance() -> None:
             assert (least >= -1e-12 * most).all()
 
 
-def test_while_coasting_the_horizon_began_earlier() -> None:
+def test_coasting_shifts_the_horizon_covariance() -> None:
     flags = dict.fromkeys(range(500, 503), int(Flag.COASTING))
     car = Predictor(model())
     made = drive(car, 503, flags)
@@ -123,7 +123,7 @@ def test_while_coasting_the_horizon_began_earlier() -> None:
     np.testing.assert_array_equal(last.horizon_covariance, first.horizon_covariance[rows])
 
 
-def test_no_state_ends_the_comparisons_and_a_reset_forgets() -> None:
+def test_losing_the_state_ends_comparisons_and_reset_forgets() -> None:
     car = Predictor(model(), max_coast_steps=5)
     flags = dict.fromkeys(range(400, 500), int(Flag.COASTING))
     made = drive(car, 504, flags)
@@ -142,7 +142,7 @@ def test_no_state_ends_the_comparisons_and_a_reset_forgets() -> None:
     np.testing.assert_array_equal(car.held_input_covariance, HELD)
 
 
-def test_what_is_handed_out_is_a_copy() -> None:
+def test_returned_covariances_are_copies() -> None:
     car = Predictor(model())
     made = drive(car, 100)[-1]
     assert made is not None
@@ -151,7 +151,7 @@ def test_what_is_handed_out_is_a_copy() -> None:
     assert np.isfinite(car.held_input_covariance).all()
 
 
-def test_nine_of_ten_published_intervals_hold() -> None:
+def test_published_intervals_cover_ninety_percent() -> None:
     """Of a car that takes steps with heavy tails, which no model could know."""
     made, x = drive(Predictor(model()), 8000), states(8000)
     for h in (0, 9, 39, 79):

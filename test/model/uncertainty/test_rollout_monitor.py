@@ -10,7 +10,7 @@ from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.estimation.observer_gains import ObserverGains
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.predictor import Predictor
-from adk_ros.model.uncertainty.rollout_monitor import ROLLOUT_STRIDE
+from adk_ros.model.uncertainty.conformal import ROLLOUT_STRIDE
 from adk_ros.signals.channels import Flag
 
 CHANGE = np.outer(np.arange(1.0, 81.0), [1e-3, 1e-5, 1e-5])
@@ -48,7 +48,7 @@ def own_drive(of: KoopmanModel, u: Array) -> Array:
     return x
 
 
-def test_a_model_that_is_right_is_trusted() -> None:
+def test_correct_model_is_not_shrunk() -> None:
     of, u = model(), commands(1200)
     car = Predictor(of)
     drive(car, own_drive(of, u), u, {})
@@ -60,7 +60,7 @@ def test_a_model_that_is_right_is_trusted() -> None:
     assert (spread < 0.6 * before).all()
 
 
-def test_a_model_that_is_wrong_is_not() -> None:
+def test_wrong_model_is_shrunk() -> None:
     """It is told of commands that the car does not get, and the car stands still."""
     of, u = model(), commands(1200)
     car = Predictor(of)
@@ -74,7 +74,7 @@ def test_a_model_that_is_wrong_is_not() -> None:
     assert (np.abs(far[79] - now) < 0.6 * np.abs(plain[79] - now)).all()
 
 
-def test_trials_are_the_predictions_under_the_commands_that_came() -> None:
+def test_monitored_rollouts_use_the_commands_given() -> None:
     """The covariance after one trial, against a roll-out made with hindsight."""
     of, u = model(observer_gains=slow(0.05, 0.97)), commands(200)
     random = np.random.default_rng(1)
@@ -97,22 +97,24 @@ def test_trials_are_the_predictions_under_the_commands_that_came() -> None:
         if k == first + 80:
             break
     assert made >= 0
+    monitor = car.rollout_monitor
+    assert monitor is not None
     scale = of.scaling.x_scale
     m, y = (ahead - x[first]) / scale, (x[first + 1 : first + 81] - x[first]) / scale
     for found, before, new in zip(
-        car.rollout_monitor.statistics.sums, sums, (m * y, m * m, 1.0, y * y), strict=True
+        monitor.statistics.sums, sums, (m * y, m * m, 1.0, y * y), strict=True
     ):
         np.testing.assert_allclose(found, 0.985 * before + new, rtol=1e-4, atol=1e-6)
-    kept, moved, count, whole = car.rollout_monitor.statistics.sums
+    kept, moved, count, whole = monitor.statistics.sums
     share = kept / moved
     left = np.maximum(whole - share * kept, 0.0) / count
     chance = left / np.maximum((1.0 - share) ** 2 * moved, 1e-12)
     weight = count / (count + 3.0) * np.maximum(1.0 - chance, 0.0)
     trust = np.clip(1.0 - weight * (1.0 - share), 0.0, 1.0)
-    np.testing.assert_allclose(car.rollout_monitor.shrinkage, trust, rtol=1e-6)
+    np.testing.assert_allclose(monitor.shrinkage, trust, rtol=1e-6)
 
 
-def test_a_trial_starts_every_ten_ticks_and_lasts_its_horizon() -> None:
+def test_rollout_starts_every_ten_ticks_and_lasts_its_horizon() -> None:
     of, u = model(), commands(400)
     car = Predictor(of)
     drive(car, own_drive(of, u), u, {})
@@ -123,7 +125,7 @@ def test_a_trial_starts_every_ten_ticks_and_lasts_its_horizon() -> None:
 
 
 @pytest.mark.parametrize("flag", [Flag.FROZEN, Flag.COASTING, Flag.ODOMETRY_STALE])
-def test_what_may_not_be_learned_is_no_evidence(flag: Flag) -> None:
+def test_flagged_samples_do_not_update_shrinkage(flag: Flag) -> None:
     of, u = model(), commands(300)
     x = own_drive(of, u)
     x[150:] += 5.0
