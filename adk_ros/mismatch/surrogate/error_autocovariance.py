@@ -6,7 +6,8 @@ Autocovariance of the surrogate's own error, in a form that a file can hold.
 The whitening filter needs the autocovariance of the surrogate's residuals on the simulation after
 they are clipped at a multiple of the recording's noise. That noise is not known when the file is
 written, so the autocovariance is tabulated for several clip limits. Above the largest residual it
-is exact; between two limits, autocovariance over squared limit is interpolated in log(limit).
+is exact. Between two limits, log(variance) is interpolated linearly in log(limit), and so is the
+autocorrelation; below the smallest limit the variance is proportional to the squared limit.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ MAX_LAG = 30
 """Bins of 40 ms: 1.2 s, longer than the correlation of the residuals."""
 _MIN_PEAK = 1e-12
 """SI; keeps the limits of a channel without residuals positive."""
-_LIMIT_SHARES = (0.125, 0.25, 0.5, 1.0)
+_MIN_VARIANCE = 1e-300
+_LIMIT_SHARES = (0.015625, 0.03125, 0.0625, 0.125, 0.25, 0.5, 1.0)
 """Clip limits, as shares of a channel's largest residual."""
 
 
@@ -59,9 +61,13 @@ class ErrorAutocovariance:
         limits, values = self.limits[channel], self.values[channel]
         if limit >= limits[-1]:
             return np.asarray(values[-1])
-        shape = values / limits[:, None] ** 2
+        variance = np.maximum(values[:, 0], _MIN_VARIANCE)
+        correlation = values / variance[:, None]
         above = int(np.searchsorted(limits, limit))
         if above == 0:
-            return np.asarray(shape[0] * limit**2)
-        share = np.log(limit / limits[above - 1]) / np.log(limits[above] / limits[above - 1])
-        return np.asarray(((1.0 - share) * shape[above - 1] + share * shape[above]) * limit**2)
+            return np.asarray(correlation[0] * variance[0] * (limit / limits[0]) ** 2)
+        below = above - 1
+        share = np.log(limit / limits[below]) / np.log(limits[above] / limits[below])
+        interpolated = variance[below] ** (1.0 - share) * variance[above] ** share
+        mean = (1.0 - share) * correlation[below] + share * correlation[above]
+        return np.asarray(interpolated * mean)

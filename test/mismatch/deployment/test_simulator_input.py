@@ -115,10 +115,11 @@ def test_command_takes_a_surrogate(
     arguments = ["mismatch", "--simulation", str(file), "--recording", str(bag)]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
     assert isinstance(given[0], SurrogateModel)
-    said = capsys.readouterr().out
+    summary = capsys.readouterr().out
     page = (tmp_path / "out" / "report.html").read_text()
-    assert said.split(";")[0] in page
+    assert "0.92 m² more drag area" in summary
+    assert "0.92 m² more drag area" in page
     car = tmp_path / "vehicle.yaml"
     car.write_text("mass: 1500.0\n")
     assert main([*arguments, "--out", str(tmp_path / "o"), "--vehicle", str(car)]) == 2
-    assert "give --vehicle with a simulator's bag alone" in capsys.readouterr().err
+    assert "use --vehicle only with a bag of the simulator" in capsys.readouterr().err

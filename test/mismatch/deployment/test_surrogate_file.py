@@ -153,7 +153,7 @@ def test_new_files_have_the_new_keys() -> None:
     [
         ({"error": {"v_x": 0.1}}, "need imu_a_x"),
         ({"weak_directions": [{"luck": 1.0}]}, "'luck' is unknown"),
-        ({"limits": [2.0, 1.0, 3.0, 4.0]}, "ascending"),
+        ({"limits": [2.0, 1.0, 3.0, 4.0, 5.0, 6.0, 7.0]}, "ascending"),
         ({"limits": [1.0]}, "row of values"),
     ],
 )

@@ -239,7 +239,7 @@ def test_unmodelled_part_of_a_simulator_becomes_a_feature_term() -> None:
     assert misfit(problem, extended) < 0.05 * misfit(problem, plain)
     # On a drive that it was not learned on, it is there as well.
     model = SurrogateFile.model_validate(
-        yaml.safe_load(surrogate_yaml(extended.parameters, simulator=extended))
+        yaml.safe_load(surrogate_yaml(extended.parameters, surrogate=extended))
     )
     without = model.model_copy(update={"extras": type(model.extras)()})
     errors = [horizon_rmse(m, c.heldout, 1.0, 2.0) for m in (model, without)]
@@ -268,7 +268,7 @@ def test_file_keeps_the_extras() -> None:
         road,
         (FeatureTerm("v_x", "speed_squared", -0.001, 0.0),),
     )
-    content = yaml.safe_load(surrogate_yaml(simulator.parameters, simulator=simulator))
+    content = yaml.safe_load(surrogate_yaml(simulator.parameters, surrogate=simulator))
     model = SurrogateFile.model_validate(content)
     again = model.surrogate()
     assert again.road is not None
