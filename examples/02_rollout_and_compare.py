@@ -35,7 +35,10 @@ def main() -> None:
 
     # From a start every second, with the recording's own commands and no later measurement.
     # "imdv" is the vehicle that drove the sample bags: the best that a simulation can do.
-    predictors = {"trained model": model, "simulation (imdv)": "imdv"}
+    predictors: dict[str, adk_ros.TrainedModel | str] = {
+        "trained model": model,
+        "simulation (imdv)": "imdv",
+    }
     results = {
         name: adk_ros.rollout(recording, of, horizon_s=arguments.horizon, stride_s=1.0)
         for name, of in predictors.items()

@@ -14,8 +14,9 @@ import pytest
 
 import adk_ros
 
-FUNCTIONS = ("explain", "load_model", "read_recording", "replay", "rollout", "simulate")
-FUNCTIONS += ("train_model",)
+FUNCTIONS = (
+    "explain", "load_model", "read_recording", "replay", "rollout", "simulate", "train_model"
+)  # fmt: skip
 
 
 def test_importing_the_package_is_fast_and_loads_nothing_heavy() -> None:

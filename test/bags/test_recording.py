@@ -136,7 +136,7 @@ def test_joint_state_commands_keep_their_native_rate():
     read, log = read_recording(path), read_sensor_log(path)
     assert not log.torque_is_inferred
     assert log.command_s.size == len({item.stamp_ns for item in read.commands})
-    first = {}
+    first: dict[int, tuple[float, ...]] = {}
     for item in read.commands:
         first.setdefault(item.stamp_ns, item.values)
     np.testing.assert_array_equal(log.command, [first[stamp] for stamp in sorted(first)])

@@ -40,6 +40,13 @@ from adk_ros.errors import AdkError, DataError
 CUT = re.compile(r"^\S+ is damaged or cut off after (\d+\.\d) s: (.*); (\d+) messages read$")
 
 
+def damage(warning: str) -> re.Match[str]:
+    """Return the parts of the warning about a damaged bag: seconds, fault, messages read."""
+    match = CUT.match(warning)
+    assert match is not None, warning
+    return match
+
+
 def ends(content, messages, page=None, ros1=False):
     """Return the end offset in `content` of each message, or of its database page."""
     found = []
@@ -66,7 +73,7 @@ def read_cut(path, content, cut, expected):
         return ""
     with Bag(path) as bag:
         (warning,) = bag.warnings
-        after_s, fault, kept = CUT.match(warning).groups()
+        after_s, fault, kept = damage(warning).groups()
         assert int(kept) == len(expected) == bag.message_count
         last_s = (max(t for _, t, _ in expected) - min(t for _, t, _ in expected)) * 1e-9
         assert float(after_s) == pytest.approx(last_s, abs=0.051)
@@ -140,9 +147,9 @@ def test_cut_sqlite_in_a_message_longer_than_a_page(tmp_path):
     # One page more than the header states: nothing is missing, but the tree is not used.
     (tmp_path / "open.db3").write_bytes(content + bytes(int.from_bytes(content[16:18], "big")))
     with Bag(tmp_path / "open.db3") as bag:
-        assert CUT.match(bag.warnings[0])[2] == "it was not closed"
-        found = [(t, list(msg.effort)) for _, t, msg in bag.messages()]
-        assert found == [(t, list(msg.effort)) for _, t, msg in messages]
+        assert damage(bag.warnings[0])[2] == "it was not closed"
+        efforts = [(t, list(msg.effort)) for _, t, msg in bag.messages()]
+        assert efforts == [(t, list(msg.effort)) for _, t, msg in messages]
 
 
 def test_cut_ros1(tmp_path):
@@ -166,7 +173,7 @@ def test_ros1_of_a_killed_recorder(tmp_path):
     path.write_bytes(content[:end])
     with Bag(path) as bag:
         same(bag.messages(), messages)
-        assert CUT.match(bag.warnings[0])[2] == "it ends without an index"
+        assert damage(bag.warnings[0])[2] == "it ends without an index"
 
 
 @pytest.mark.parametrize("kind", ["zstd", "lz4", "file", "message", "bz2", "ros1-lz4"])
@@ -192,7 +199,7 @@ def test_cut_compressed(tmp_path, kind):
             same(found, messages[: len(found)])
             counts.append(len(found))
             (warning,) = bag.warnings
-            assert int(CUT.match(warning)[3]) == len(found)
+            assert int(damage(warning)[3]) == len(found)
     assert counts == sorted(counts)
     assert 0.1 * len(messages) < counts[0] < counts[-1] <= len(messages)
     assert counts[-1] > 0.7 * len(messages)
@@ -277,7 +284,9 @@ def test_damage_within_an_indexed_mcap(tmp_path, mode):
         assert found[:1500] == expected[:1500]
         assert found[-1500:] == expected[-1500:]
         pattern = r"bag.mcap is damaged after \d+\.\d s: .+; (\d+) of 6000 messages read"
-        assert int(re.fullmatch(pattern, warning)[1]) == len(found)
+        match = re.fullmatch(pattern, warning)
+        assert match is not None
+        assert int(match[1]) == len(found)
 
 
 def test_damage_within_an_indexed_database(tmp_path):
@@ -294,7 +303,7 @@ def test_damage_within_an_indexed_database(tmp_path):
         assert found == sorted(set(found))
         assert 0 < len(lost) < 20
         (warning,) = bag.warnings
-        assert CUT.match(warning)[2] == f"{len(lost)} messages before that are damaged"
+        assert damage(warning)[2] == f"{len(lost)} messages before that are damaged"
 
 
 def test_write_ahead_log_is_read(tmp_path):
@@ -359,7 +368,7 @@ def test_messages_of_an_undeclared_topic(tmp_path):
     path.write_bytes(content.replace(record(0x04, channel), record(0x0C, channel)))
     with Bag(path) as bag:
         same(bag.messages(), [x for x in messages if x[0] != COMMAND])
-        _, fault, kept = CUT.match(bag.warnings[0]).groups()
+        _, fault, kept = damage(bag.warnings[0]).groups()
         assert (fault, kept) == ("the topic of 25 messages is not declared", "75")
 
 
@@ -371,7 +380,7 @@ def test_chunk_with_wrong_checksum_is_skipped(tmp_path):
     (tmp_path / "y.mcap").write_bytes(content)
     with Bag(tmp_path / "y.mcap") as bag:
         same(bag.messages(), messages[:50] + messages[100:])
-        _, fault, kept = CUT.match(bag.warnings[0]).groups()
+        _, fault, kept = damage(bag.warnings[0]).groups()
         assert re.fullmatch(r"the chunk at byte \d+ has a wrong checksum and is skipped", fault)
         assert kept == "100"
 

@@ -22,7 +22,7 @@ from adk_ros.model.pipeline import PipelineSettings
 from adk_ros.offline.replay import TWIST_TOPIC, TWIST_TYPE, ReplayOutput, replay
 
 
-def printed(capsys, *arguments: object) -> str:
+def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     """Run `adk info` and return its output."""
     assert main(["info", *map(str, arguments)]) == 0
     result = capsys.readouterr()

@@ -27,8 +27,8 @@ SECONDS = 20.0
 def rewritten(path: Path, change: Callable[[str, int, Any], Any]) -> Path:
     """Write the 20 s bag with `change` applied to each message; None drops the message."""
     with Bag(bag("town", SECONDS)) as opened, BagWriter(path) as writer:
-        for topic in opened.topics:
-            writer.add_topic(topic.name, topic.msgtype)
+        for info in opened.topics:
+            writer.add_topic(info.name, info.msgtype)
         for number, (topic, log_ns, msg) in enumerate(opened.messages()):
             changed = change(topic, number, msg)
             if changed is not None:
@@ -155,8 +155,8 @@ def test_the_imu_can_be_ignored() -> None:
 def test_topics_are_chosen_by_name(tmp_path: Path) -> None:
     """With two odometry topics, one must be named."""
     with Bag(bag("town", SECONDS)) as opened, BagWriter(tmp_path / "b") as writer:
-        for topic in opened.topics:
-            writer.add_topic(topic.name, topic.msgtype)
+        for info in opened.topics:
+            writer.add_topic(info.name, info.msgtype)
         writer.add_topic("/other/odometry", "nav_msgs/msg/Odometry")
         for topic, log_ns, msg in opened.messages():
             writer.write(topic, msg, log_ns)
@@ -224,8 +224,8 @@ def test_a_parameter_file_describes_the_sensors(capsys, tmp_path: Path) -> None:
 def test_a_constant_v_y_is_reported(tmp_path: Path) -> None:
     """Many software stacks publish a twist whose v_y is always zero."""
     with Bag(bag("town", 20.0)) as source, BagWriter(tmp_path / "zero") as writer:
-        for topic in source.topics:
-            writer.add_topic(topic.name, topic.msgtype)
+        for info in source.topics:
+            writer.add_topic(info.name, info.msgtype)
         for topic, log_ns, msg in source.messages():
             if topic == "/odometry":
                 msg.twist.twist.linear.y = 0.0

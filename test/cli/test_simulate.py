@@ -25,7 +25,7 @@ def contents(path: Path) -> list[tuple[str, str, int, bytes]]:
         return list(opened.raw())
 
 
-def simulated(capsys, out: Path, *more: str) -> str:
+def simulated(capsys: pytest.CaptureFixture[str], out: Path, *more: str) -> str:
     arguments = ["simulate", "town", "--out", str(out), "--duration", "10", *more]
     assert main(arguments) == 0
     printed = capsys.readouterr()

@@ -137,7 +137,7 @@ def mcap_chunk(content, compression=""):
 def mcap_file(path, messages, compression=None, encoding="cdr", profile="ros2", closed=True):
     """Write an MCAP file without a summary: one chunk per 50 messages, or no chunks."""
     parts = []
-    channels = {}
+    channels: dict[str, int] = {}
     for topic, log_ns, msg in messages:
         kind = msg.__msgtype__
         part = b""

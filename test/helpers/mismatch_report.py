@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -108,7 +109,7 @@ def identified(
     value: float = 0.92,
     low: float = 0.88,
     high: float = 0.97,
-    **changes: object,
+    **changes: Any,
 ) -> IdentifiedEffect:
     """Return an effect with the same interval for each parameter; `changes` replace fields."""
     effect = EFFECTS[name]
@@ -160,7 +161,7 @@ def bank() -> MismatchResult:
             ),
         ),
     )
-    at = (np.arange(60) + 0.5) * LAP / 60
+    at = (np.arange(60, dtype=np.float64) + 0.5) * LAP / 60
     return replace(
         base, profiles=[SpatialProfile("road_bank", at, 0.1 * ((at > 100.0) & (at < 200.0)))]
     )

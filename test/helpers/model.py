@@ -40,8 +40,9 @@ def random_lift(history: int, hidden: int, features: int) -> Lift:
     """An encoder with torch's random weights; of two or more features the last is quadratic."""
     columns, k = input_columns(history), int(features > 1)
 
-    def normal(*shape: int) -> Array:
-        return torch.randn(*shape).numpy()
+    def normal(*shape: int) -> npt.NDArray[np.float32]:
+        values: npt.NDArray[np.float32] = torch.randn(*shape).numpy()
+        return values
 
     n = input_size(history)
     reach, directions = np.full(n, 1.5, np.float32), np.zeros((n, 5), np.float32)
@@ -135,8 +136,10 @@ def without_steps(scaling: Scaling) -> Scaling:
 
 def sample(k: int, x: Iterable[float], u: Iterable[float], flags: int = 0) -> Sample:
     """Return the sample of tick k."""
-    state, inputs = tuple(map(float, x)), tuple(map(float, u))
-    return Sample(START_NS + k * TICK_NS, state, inputs, (0.0, 0.0), flags)
+    v_x, v_y, yaw_rate = map(float, x)
+    torque, steering = map(float, u)
+    stamp_ns = START_NS + k * TICK_NS
+    return Sample(stamp_ns, (v_x, v_y, yaw_rate), (torque, steering), (0.0, 0.0), flags)
 
 
 def inputs(n: int, seed: int = 0) -> Array:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,7 +50,7 @@ def car(vehicle: Vehicle) -> Car:
     return Car(vehicle.constants(), resolve(vehicle))
 
 
-def changed(name: str = "imdv", *, chassis: dict[str, float] | None = None, **own: object) -> Car:
+def changed(name: str = "imdv", *, chassis: dict[str, float] | None = None, **own: Any) -> Car:
     """Return a packaged vehicle with changed parameters."""
     vehicle = load_vehicle(name)
     content = vehicle.model_dump() | own
@@ -60,7 +60,7 @@ def changed(name: str = "imdv", *, chassis: dict[str, float] | None = None, **ow
 
 
 IMDV = car(load_vehicle("imdv"))
-NO_AIR: dict[str, object] = {
+NO_AIR: dict[str, Any] = {
     "cda": 0.0, "crr": 0.0, "side_force_area": 0.0, "yaw_moment_volume": 0.0
 }  # fmt: skip
 NO_LIFT = {"lift_area_front": 0.0, "lift_area_rear": 0.0}
@@ -92,7 +92,9 @@ def rolling(car: Car, v_x: float, planes: FloatArray = LEVEL, **where: float) ->
 
 def settled(car: Car, planes: FloatArray = LEVEL, v_x: float = 0.0) -> FloatArray:
     """Return the state after 2 s straight ahead, when springs and tyres are at rest."""
-    return go(car, rolling(car, v_x, planes), [(0.0, 0.0)] * 80, planes=planes)[0][-1]
+    states, _ = go(car, rolling(car, v_x, planes), [(0.0, 0.0)] * 80, planes=planes)
+    last: FloatArray = states[-1]
+    return last
 
 
 def attitude(state: FloatArray) -> FloatArray:

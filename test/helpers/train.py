@@ -5,13 +5,14 @@
 import atexit
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 
 from adk_ros.cli.main import main
 from adk_ros.numerics.arrays import FloatArray
@@ -137,7 +138,7 @@ def lines(text: str) -> list[str]:
     return [line for line in text.splitlines() if line.strip()]
 
 
-def refused(capsys, arguments: list[str], code: int) -> str:
+def refused(capsys: pytest.CaptureFixture[str], arguments: Sequence[object], code: int) -> str:
     """Run `adk`, which must end with `code` and one line of its own on stderr; return it."""
     assert main([str(item) for item in arguments]) == code
     said = capsys.readouterr()

@@ -285,8 +285,8 @@ def test_bag_used_in_training_is_a_warning(capsys, tmp_path: Path) -> None:
 def with_other_joints(path: Path) -> Path:
     """The 20 s recording with other joint names and a steering gear of ratio 16."""
     with Bag(bag("town", 20.0)) as opened, BagWriter(path) as writer:
-        for topic in opened.topics:
-            writer.add_topic(topic.name, topic.msgtype)
+        for info in opened.topics:
+            writer.add_topic(info.name, info.msgtype)
         for topic, log_ns, msg in opened.messages():
             other = renamed(msg) if topic == "/vehicle/command" else msg
             writer.write(topic, other, log_ns)

@@ -97,7 +97,7 @@ def test_starts_are_rounded_up_to_the_grid() -> None:
 
 def test_start_rows_require_state_and_commands() -> None:
     of = made_record(np.zeros((400, 3)), np.zeros((400, 2)))
-    since_s = 0.025 * np.arange(400)
+    since_s = 0.025 * np.arange(400, dtype=np.float64)
     rows = start_rows(of, since_s, STEPS, 0.5)
     np.testing.assert_array_equal(rows, np.arange(80, 360, 20))
     x, u = of.x.copy(), of.u.copy()
@@ -117,7 +117,7 @@ def test_gaps_have_no_start_and_cause_none_at_their_end() -> None:
     keep[130:167] = False
     episode = (np.arange(400) >= 130).astype(np.int64)
     cut = replace(of, episode=episode).rows(keep)
-    since_s = (cut.stamp_ns - START_NS) * 1e-9
+    since_s = (cut.stamp_ns - START_NS).astype(np.float64) * 1e-9
     rows = start_rows(cut, since_s, 10, 0.5)
     times = np.rint(since_s[rows] / 0.025).astype(int)
     np.testing.assert_array_equal(times, [80, 100, *range(180, 390, 20)])
@@ -173,7 +173,8 @@ def test_command_stamp_jitter_of_a_microsecond_has_no_effect(tmp_path: Path) -> 
 
 def truth_at(of: SimulatedDrive, starts_s: np.ndarray, start_ns: int) -> np.ndarray:
     rows = np.rint((starts_s * 1e9 + start_ns - of.stamp_ns[0]) / TICK_NS).astype(int)
-    return of.x[rows[:, None] + 1 + np.arange(STEPS)]
+    truth: np.ndarray = of.x[rows[:, None] + 1 + np.arange(STEPS)]
+    return truth
 
 
 def test_true_vehicle_is_accurate() -> None:

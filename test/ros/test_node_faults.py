@@ -509,7 +509,7 @@ def test_predictions_that_are_not_finite_are_withheld(
     step = rig.pipeline.predictor.step
 
     def broken(sample: Any) -> Any:
-        prediction = step(sample)
+        prediction: Any = step(sample)
         values = np.array(getattr(prediction, name))
         values.flat[-1] = number
         return prediction._replace(**{name: values})

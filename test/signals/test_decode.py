@@ -3,6 +3,7 @@
 """Decoding: equal for rclpy, rosbags and duck-typed messages; all refusals."""
 
 import math
+from collections.abc import Callable
 from types import SimpleNamespace as Message
 from typing import Any
 
@@ -47,6 +48,11 @@ def odometry(v_x: float = 20.0, v_y: float = 0.1, rate: float = 0.3) -> Message:
 def joints(**fields: Any) -> Message:
     given = {"name": ["drive", "steer"], "position": [0.0, 0.05], "effort": [300.0, 0.0]}
     return Message(header=header(), **given | {"velocity": []} | fields)
+
+
+MAKERS: dict[Source, Callable[[], Message]] = {
+    Source.IMU: imu, Source.ODOMETRY: odometry, Source.COMMAND: joints
+}  # fmt: skip
 
 
 def ackermann(acceleration: float = 1.5, steering_angle: float = 0.04) -> Message:
@@ -169,7 +175,7 @@ def test_unused_fields_are_ignored() -> None:
 @pytest.mark.parametrize("stamp_ns", [0, -1, -5_000_000_000])
 @pytest.mark.parametrize("source", STANDARD_SOURCES)
 def test_missing_stamp(source: Source, stamp_ns: int) -> None:
-    msg = {Source.IMU: imu, Source.ODOMETRY: odometry, Source.COMMAND: joints}[source]()
+    msg = MAKERS[source]()
     msg.header.stamp = Message(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
     with pytest.raises(RefusedMessage, match=r"^no time stamp$"):
         Decoder().decode(source, msg)
@@ -216,7 +222,8 @@ def test_inferred_torque() -> None:
     for kind, make in (("ackermann", ackermann), ("autoware_control", control)):
         decoder = Decoder(SensorConfig(command_type=kind, steering_ratio=16.0, **CAR))
         reading = decoder.decode(Source.COMMAND, make())
-        assert reading == Reading(Source.COMMAND, STAMP_NS, (pytest.approx(900.0), 0.04))
+        values: Any = (pytest.approx(900.0), 0.04)
+        assert reading == Reading(Source.COMMAND, STAMP_NS, values)
 
 
 def test_command_types() -> None:
@@ -258,8 +265,7 @@ def test_objects_of_another_type(source: Source, msg: Any) -> None:
 
 @pytest.mark.parametrize("expected", STANDARD_SOURCES)
 def test_messages_of_the_other_sources(expected: Source) -> None:
-    makers = {Source.IMU: imu, Source.ODOMETRY: odometry, Source.COMMAND: joints}
-    for source, make in makers.items():
+    for source, make in MAKERS.items():
         if source is not expected:
             with pytest.raises(RefusedMessage, match="not the expected message type"):
                 Decoder().decode(expected, make())

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from adk_ros.errors import DataError
 from adk_ros.numerics.arrays import IntArray
 from adk_ros.signals.align import Aligner, align_samples
-from adk_ros.signals.channels import TICK_NS, Flag, Reading, Record, Source
+from adk_ros.signals.channels import TICK_NS, Flag, Reading, Record, Sample, Source
 from adk_ros.signals.record import build_record, reference
 
 S = 1_000_000_000
@@ -39,7 +39,7 @@ def test_columns_equal_the_samples() -> None:
     readings = arriving(drive(5.0, noise=0.01), 5, 0.02)
     samples = align_samples(readings)
     counts: dict[str, int] = {}
-    watched = []
+    watched: list[Sample] = []
     record = build_record(readings, "town", counts, watched.append)
     assert watched == samples
     assert record.name == "town"
@@ -154,7 +154,7 @@ def test_first_of_duplicates_is_used() -> None:
 )
 def test_reference_is_more_accurate_than_the_state(rates: tuple[int, int, int]) -> None:
     record = build_record(in_order(drive(20.0, *rates, noise=0.01)))
-    known = np.isfinite(record.x_ref).all(axis=1)
+    known = np.asarray(np.isfinite(record.x_ref).all(axis=1))
     assert known[5:-10].all()
     reference_error = np.std((record.x_ref - truth(record))[known][40:], axis=0)
     state_error = np.std((record.x - truth(record))[known][40:], axis=0)

@@ -61,13 +61,14 @@ STILL = linear_model(np.zeros((3, 6)))
 
 def wandering(n: int = 1200, seed: int = 0, deviation: float = 0.02) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    x: np.ndarray = np.cumsum(rng.normal(0.0, deviation, (n, 3)), axis=0)
-    return x + np.array([15.0, 0.0, 0.0])
+    x = np.cumsum(rng.normal(0.0, deviation, (n, 3)), axis=0)
+    shifted: np.ndarray = x + np.array([15.0, 0.0, 0.0])
+    return shifted
 
 
 def rms(of: Record, rows: np.ndarray, step: int, predicted: np.ndarray) -> np.ndarray:
-    mean_square: np.ndarray = np.mean((predicted - of.x_ref[rows + step]) ** 2, axis=0)
-    return np.sqrt(mean_square)
+    root: np.ndarray = np.sqrt(np.mean((predicted - of.x_ref[rows + step]) ** 2, axis=0))
+    return root
 
 
 def scored(

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,7 +24,7 @@ from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS
 
 
-def good(kind: str = "single", **changes: object) -> CaseResult:
+def good(kind: str = "single", **changes: Any) -> CaseResult:
     """Return a case without any error."""
     plain = CaseResult(
         "a",

@@ -56,7 +56,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_slopes_of_a_line() -> None:
-    at = 0.01 * np.arange(200)
+    at = 0.01 * np.arange(200, dtype=np.float64)
     np.testing.assert_allclose(slopes(3.0 * at + 1.0)[30:-30], 3.0, atol=1e-9)
     noisy = np.random.default_rng(0).normal(size=20000)
     assert slopes(noisy)[30:-30].std() == pytest.approx(np.sqrt(12.0 / 51) / 0.51, rel=0.05)

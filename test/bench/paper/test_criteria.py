@@ -186,7 +186,7 @@ def _with_ours(board: ScoreTable) -> ScoreTable:
 
 def series(test: str, name: str) -> tuple[FloatArray, ...]:
     """100 s with errors in the first second, and small ones from 15 to 50 s."""
-    time_s = np.arange(1, 4001) * 0.025
+    time_s = np.arange(1, 4001, dtype=np.float64) * 0.025
     truth = np.stack([20 + 9 * np.sin(time_s), np.sin(time_s), np.sin(time_s)], axis=1)
     error = np.where(time_s < 1.0, 0.1, np.where((time_s > 15) & (time_s < 50), 1e-2, 1e-4))
     if name in (RLS, "ALDK-FFRLS"):

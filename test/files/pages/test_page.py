@@ -15,7 +15,7 @@ from helpers.pages import (
     assert_provenance,
     assert_self_contained,
 )
-from jinja2 import DictLoader, UndefinedError
+from jinja2 import DictLoader, PackageLoader, UndefinedError
 
 from adk_ros.errors import UsageError
 from adk_ros.files.pages import page as page_module
@@ -41,10 +41,10 @@ def rendered(monkeypatch: pytest.MonkeyPatch) -> Page:
 
 
 def render(monkeypatch: pytest.MonkeyPatch, provenance: Provenance | None) -> str:
-    plain = page_module.PackageLoader
-
     def loader(package: str) -> object:
-        return DictLoader({"child.html.j2": CHILD}) if package == "child" else plain(package)
+        return (
+            DictLoader({"child.html.j2": CHILD}) if package == "child" else PackageLoader(package)
+        )
 
     monkeypatch.setattr(page_module, "PackageLoader", loader)
     return render_page("child", "child.html.j2", provenance, name="<b>bold</b>")
