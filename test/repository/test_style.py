@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-CHECKED = ["adk_ros", "launch", "setup.py", "test"]
+CHECKED = ["adk_ros", "examples", "launch", "scripts", "setup.py", "test"]
 SOURCES = sorted(
     path
     for place in CHECKED
@@ -59,6 +59,11 @@ def test_ruff() -> None:
     assert not said, said
 
 
+def test_ruff_format() -> None:
+    said = complaints("ruff", "format", "--no-cache", "--check", ".")
+    assert not said, said
+
+
 def test_mypy() -> None:
     said = complaints("mypy", "--no-pretty")
     assert not said, said
@@ -78,6 +83,7 @@ def test_ament_flake8() -> None:
     ("checker", "source"),
     [
         (["ruff", "check", "--no-cache", "--isolated"], '"""Doc."""\n\nimport os\n'),
+        (["ruff", "format", "--no-cache", "--isolated", "--check"], '"""Doc."""\n\nx=1\n'),
         (["mypy", "--strict", "--cache-dir", os.devnull], '"""Doc."""\n\nx: int = "1"\n'),
         (["ament_pep257.main"], '"""doc without a stop"""\n'),
         (["ament_flake8.main", "--config", "setup.cfg"], '"""Doc."""\n\n\n\n\nx=1\n'),
