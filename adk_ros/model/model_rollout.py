@@ -61,11 +61,10 @@ class ModelRollout:
         self, theta: FloatArray, u_ahead: FloatArray, steps: int, monitor: RolloutMonitor | None
     ) -> FloatArray | None:
         """
-        Predict states (steps, 3), SI, under commands `u_ahead` (h, 2), scaled, the last one
-        repeated.
+        Predict states (steps, 3), SI, under scaled commands `u_ahead` (h, 2).
 
-        A `monitor`, if there is one, corrects and shrinks the predicted change. Return None if a
-        value is not finite.
+        The last command is repeated. A `monitor`, if there is one, corrects and shrinks the predicted
+        change. Return None if a value is not finite.
         """
         model, tick = self._model, self._tick
         out = np.empty((steps, 3))

@@ -75,7 +75,8 @@ def persistence(record: Record, rows: IntArray, ahead: int) -> FloatArray:
 
 
 def linear_extrapolation(record: Record, rows: IntArray, ahead: int) -> FloatArray:
-    """Return the baseline of constant acceleration, shape (n, ahead, 3).
+    """
+    Return the baseline of constant acceleration, shape (n, ahead, 3).
 
     x_(k+j) = x_k + j (x_k - x_(k-1)).
     """
@@ -140,7 +141,8 @@ def score(
 
 
 def pool(scores: Sequence[ErrorTable]) -> ErrorTable:
-    """Return one table over all starts of several tables with equal steps; empty ones are skipped.
+    """
+    Return one table over all starts of several tables with equal steps; empty ones are skipped.
 
     :raises ValueError: all tables are empty.
     """

@@ -1,7 +1,9 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Assemble a model from a trained network: normalise its features, fit the lifted rows of theta.
+Assemble a model from a trained network.
+
+Normalises the network's features and fits the lifted rows of theta.
 """
 
 from __future__ import annotations

@@ -129,7 +129,9 @@ def windowed(ridge: float) -> OnlineSettings:
 
 def _most_conservative(costs: FloatArray, within: float = _TIE_MARGIN) -> IntArray:
     """
-    Return the index of the first of `costs` (k, ...) within a margin of the lowest, along axis 0.
+    Return the index of the first of `costs` (k, ...) within a margin of the lowest.
+
+    Along axis 0.
     """
     return np.asarray(np.argmax(costs <= costs.min(axis=0) + within, axis=0))
 
@@ -196,9 +198,7 @@ def _noise_corrected(noise: FloatArray, square: FloatArray) -> FloatArray:
 
 
 def mean_square_change(split: Split, ahead: int = _AHEAD) -> FloatArray:
-    """
-    Return the mean square change (ahead, 3) of the state over each horizon, training part, SI.
-    """
+    """Return the mean square change (ahead, 3) of the state by horizon, training part, SI."""
     total, count = np.zeros((ahead, 3)), np.zeros((ahead, 1))
     for record in split.of(TRAIN):
         for j in range(1, ahead + 1):
@@ -211,9 +211,7 @@ def mean_square_change(split: Split, ahead: int = _AHEAD) -> FloatArray:
 
 
 def horizon_covariance(model: KoopmanModel, split: Split, ahead: int = _AHEAD) -> FloatArray:
-    """
-    Return the error covariance (ahead, 3, 3) under known commands on the validation part, SI.
-    """
+    """Return the error covariance (ahead, 3, 3), known commands, validation part, SI."""
     return horizon_covariances(model, split, ahead)[0]
 
 

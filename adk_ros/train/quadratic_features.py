@@ -105,8 +105,7 @@ def fit_quadratic(
     augmented: Rows | None = None,
 ) -> QuadraticFeatures:
     """
-    Fit the forms at `rows` of scaled `x` (n, 3) and `u` (n, 2) to scaled increments `target` (n,
-    3).
+    Fit the forms at `rows` of scaled `x` (n, 3), `u` (n, 2) to scaled increments `target` (n, 3).
 
     Rows with an unknown target are left out. `augmented` rows have the weight that
     `augmentation_weight` returns.

@@ -29,7 +29,9 @@ Note = Callable[[str, int, int], None]
 @dataclass(frozen=True)
 class TrainingResult:
     """
-    Result of a training; `trained` is None in the paper's mode, `test` without held-out data.
+    Result of a training.
+
+    `trained` is None in the paper's mode, `test` without held-out data.
     """
 
     model: KoopmanModel
@@ -41,10 +43,10 @@ class TrainingResult:
 
 def checkpoints_of(out: Path) -> tuple[Path, Path]:
     """
-    Return the checkpoint files of a training that writes `out`: the training's, the first
-    training's.
+    Return the checkpoint files of a training that writes `out`.
 
-    Noisy data need a first training for the observer, see `denoising`.
+    The training's own comes first, then that of the first training. Noisy data
+    need a first training for the observer, see `denoising`.
     """
     return (
         out.with_name(out.name + ".checkpoint.npz"),

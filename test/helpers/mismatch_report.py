@@ -162,9 +162,8 @@ def bank() -> MismatchResult:
         ),
     )
     at = (np.arange(60, dtype=np.float64) + 0.5) * LAP / 60
-    return replace(
-        base, profiles=[SpatialProfile("road_bank", at, 0.1 * ((at > 100.0) & (at < 200.0)))]
-    )
+    inside = ((at > 100.0) & (at < 200.0)).astype(np.float64)
+    return replace(base, profiles=[SpatialProfile("road_bank", at, 0.1 * inside)])
 
 
 def late() -> MismatchResult:

@@ -235,8 +235,10 @@ def test_horizon_in_seconds(capsys, tmp_path: Path) -> None:
     with Bag(tmp_path / "p") as opened:
         counts = {len(msg.points) for _, _, msg in opened.messages([HORIZON_TOPIC])}
     assert counts == {20}
-    predicted = [lines(adk(capsys, path, "--model", small().path, "--horizon", seconds)[1])[-1]
-            for seconds in ("0", "2")]  # fmt: skip
+    predicted = [
+        lines(adk(capsys, path, "--model", small().path, "--horizon", seconds)[1])[-1]
+        for seconds in ("0", "2")
+    ]
     assert predicted[0] == predicted[1]
 
 

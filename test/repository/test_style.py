@@ -21,8 +21,9 @@ SOURCES = sorted(
 HEADER = "# Copyright 2026 The adk_ros authors\n# SPDX-License-Identifier: Apache-2.0\n"
 
 # D400: a summary may ask a question, which D415 allows. D401: a property says what it is, not what
-# to do. D403: a summary may begin with a symbol. D406, D407, D413: no NumPy sections.
-NOT_ASKED = ["D400", "D401", "D403", "D406", "D407", "D413"]
+# to do. D402: a formula in a summary is not a signature. D403: a
+# summary may begin with a symbol. D406, D407, D413: no NumPy sections.
+NOT_ASKED = ["D400", "D401", "D402", "D403", "D406", "D407", "D413"]
 
 
 def complaints(*command: str) -> str:

@@ -44,9 +44,9 @@ class Blocked:
 sys.meta_path.insert(0, Blocked())
 from pathlib import Path
 
-from adk_ros.api.parameter_file import read_sensor_config
+from adk_ros.ros.parameter_table import read_parameter_file, sensor_config
 
-sensors, _ = read_sensor_config(Path(sys.argv[1]))
+sensors = sensor_config(read_parameter_file(Path(sys.argv[1]))[0])
 print(sensors.steer_joint, sensors.steering_ratio, sensors.imu_position, "rclpy" in sys.modules)
 """
 

@@ -58,7 +58,9 @@ class OnlineSettings:
 
 class OnlineMethod(Protocol):
     """
-    Interface of an online method; `failures` counts resets after a solution that is not finite.
+    Interface of an online method.
+
+    `failures` counts resets after a solution that is not finite.
     """
 
     theta: FloatArray

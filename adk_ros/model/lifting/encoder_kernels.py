@@ -76,7 +76,9 @@ def hidden_layer(
     row: Float32Array, weights: Float32Array, bias: Float32Array, out: Float32Array
 ) -> None:
     """
-    Write tanh(weights' row + bias) to the first m values of `out`; weights (n, m), row (>= n,).
+    Write tanh(weights' row + bias) to the first m values of `out`.
+
+    `weights` (n, m), `row` (>= n,).
     """
     for j in range(bias.shape[0]):
         out[j] = bias[j]
@@ -132,10 +134,10 @@ def perceptron(
 @strict_kernel
 def pack_encoder_input(x_past: FloatArray, u_past: FloatArray, row: Float32Array) -> None:
     """
-    Write scaled past samples to the encoder's input, newest first: x_past (p + 1, 3), u_past (p,
-    2).
+    Write scaled past samples to the encoder's input, newest first.
 
-    If p > 0, two columns between them are left for the present command; see `set_command`.
+    `x_past` (p + 1, 3), `u_past` (p, 2). If p > 0, two columns between them are left for the
+    present command; see `set_command`.
     """
     position = 0
     for i in range(x_past.shape[0]):

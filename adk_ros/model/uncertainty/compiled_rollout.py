@@ -1,8 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Compiled open-loop rollouts: whole horizons, and single steps for rollouts that advance every
-tick.
+Compiled open-loop rollouts: whole horizons, and single steps of rollouts that advance by tick.
 
 If every step is lifted anew, the state's increment is linear in the activations s of the
 encoder's last hidden layer and quadratic features, and in the encoder's input row. With

@@ -135,8 +135,9 @@ def solve_shrunk_regression(
 @inlined_kernel
 def solve_positive(a: FloatArray, b: FloatArray) -> None:
     """
-    Solve a x = b in place of `b` (k,); `a` (k, k) is positive definite, its lower triangle is
-    used.
+    Solve a x = b in place of `b` (k,).
+
+    `a` (k, k) is positive definite; its lower triangle is used.
     """
     n = b.shape[0]
     for j in range(n):

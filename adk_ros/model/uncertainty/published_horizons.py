@@ -73,11 +73,10 @@ class PublishedHorizonErrors:
         self, state: FloatArray, usable: bool, horizon: FloatArray, coasted: int
     ) -> FloatArray:
         """
-        Compare `state` (3,) if it is `usable`, and store the `horizon` (h, 3) made from it if
-        due; SI.
+        Compare `state` (3,) if it is `usable`, and store the `horizon` (h, 3) made from it if due.
 
-        Return the covariance (h, 3, 3) to publish with the horizon. A horizon made while coasting
-        is not stored. As its prediction began `coasted` ticks ago, its rows are those of so many
+        SI units. Return the covariance (h, 3, 3) to publish with the horizon. A horizon made
+        while coasting is not stored. As its prediction began `coasted` ticks ago, its rows are those of so many
         steps later, the last row repeated.
         """
         slot, last = -1, self._steps - 1
@@ -99,10 +98,10 @@ def update_published_errors(
     state: FloatArray, usable: bool, horizon: FloatArray, new_slot: int, *arrays: Any
 ) -> None:
     """
-    Compare `state` (3,) with all stored horizons, and store `horizon` in `new_slot` unless it is
-    -1.
+    Compare `state` (3,) with all stored horizons, and store `horizon` in `new_slot`.
 
-    `arrays`: the fields of `StoredHorizons` and `ConformalArrays`.
+    A `new_slot` of -1 stores nothing. `arrays`: the fields of `StoredHorizons` and
+    `ConformalArrays`.
     """
     stored, scale = StoredHorizons(*arrays[:2]), ConformalArrays(*arrays[2:])
     slots, steps = stored.values.shape[0], stored.values.shape[1]
