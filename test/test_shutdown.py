@@ -117,6 +117,7 @@ def started(tmp_path: Path) -> Iterator[Run]:
     run.process.communicate()
 
 
+@pytest.mark.slow
 def test_sigterm_ends_all_workers_and_removes_the_folders(started: Run) -> None:
     assert len(started.remaining_folders()) == 1
     started.process.terminate()

@@ -63,8 +63,8 @@ class ModelRollout:
         """
         Predict states (steps, 3), SI, under scaled commands `u_ahead` (h, 2).
 
-        The last command is repeated. A `monitor`, if there is one, corrects and shrinks the predicted
-        change. Return None if a value is not finite.
+        The last command is repeated. A `monitor`, if there is one, corrects and shrinks the
+        predicted change. Return None if a value is not finite.
         """
         model, tick = self._model, self._tick
         out = np.empty((steps, 3))

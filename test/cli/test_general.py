@@ -134,6 +134,7 @@ def test_a_repeated_option_is_refused(capsys, tmp_path: Path, arguments: list[st
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_options_that_collect_values_and_flags_may_be_repeated(capsys) -> None:
     remaps = ["--remap", "/a:=/b", "--remap", "/c:=/d", "--topic", "/a", "--topic", "/c"]
     assert "absent" in refused(capsys, ["play", "absent", *remaps], 2)
@@ -374,6 +375,7 @@ def test_a_new_progress_bar_replaces_the_one_before(monkeypatch) -> None:
     assert console._live == []
 
 
+@pytest.mark.slow
 def test_the_score_table_fits_80_columns(capsys) -> None:
     from adk_ros.train.held_out import HELD_INPUTS, MODEL
 

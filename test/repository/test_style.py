@@ -65,6 +65,7 @@ def test_ruff_format() -> None:
     assert not said, said
 
 
+@pytest.mark.slow
 def test_mypy() -> None:
     said = complaints("mypy", "--no-pretty")
     assert not said, said

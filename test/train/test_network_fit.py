@@ -64,6 +64,7 @@ def often(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(network_fit, "_CHECKPOINT_EVERY", 10)
 
 
+@pytest.mark.slow
 def test_it_learns_far_more_than_persistence_knows() -> None:
     trained = small().run.trained
     assert trained is not None

@@ -76,8 +76,8 @@ class PublishedHorizonErrors:
         Compare `state` (3,) if it is `usable`, and store the `horizon` (h, 3) made from it if due.
 
         SI units. Return the covariance (h, 3, 3) to publish with the horizon. A horizon made
-        while coasting is not stored. As its prediction began `coasted` ticks ago, its rows are those of so many
-        steps later, the last row repeated.
+        while coasting is not stored. As its prediction began `coasted`
+        ticks ago, its rows are those of so many steps later, the last row repeated.
         """
         slot, last = -1, self._steps - 1
         # Only complete horizons count; a validation run shortens some of them to save time.

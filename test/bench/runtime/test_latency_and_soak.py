@@ -220,6 +220,7 @@ def test_the_command_line(
     assert "{" not in out
 
 
+@pytest.mark.slow
 def test_the_temporary_model_has_the_default_size(tmp_path: Path) -> None:
     calls: list[tuple[int, int]] = []
     write_model(tmp_path / "m", lambda *at: calls.append(at))

@@ -183,6 +183,7 @@ def test_effect_is_identified_on_a_hilly_road() -> None:
     assert "air drag" in sentence(result)
 
 
+@pytest.mark.slow
 def test_files_of_a_hilly_simulation_contain_its_road() -> None:
     result = drag_on_hills()
     model = SurrogateFile.model_validate(yaml.safe_load(result.simulation_yaml))
@@ -204,6 +205,7 @@ def test_files_of_a_hilly_simulation_contain_its_road() -> None:
     assert OpenLoopPredictor(model, cut).predict(starts, 40) == pytest.approx(extended)
 
 
+@pytest.mark.slow
 def test_road_profile_is_ignored_on_another_road(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

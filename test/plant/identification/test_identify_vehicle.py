@@ -89,6 +89,7 @@ def test_changed_parameters_are_found() -> None:
     assert found.cg_to_front_axle + found.cg_to_rear_axle == pytest.approx(2.67)
 
 
+@pytest.mark.slow
 def test_what_is_reported_is_what_was_found() -> None:
     result = tuned()
     assert set(result.changes) == set(result.deviation) == {q.name for q in DEFAULT_PARAMETERS}

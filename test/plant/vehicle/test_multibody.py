@@ -86,6 +86,7 @@ def test_circles_agree(upright: dict[tuple[str, str], Any], circle: str) -> None
     assert upright[circle, "a_y"].on_the_way < 0.03
 
 
+@pytest.mark.slow
 def test_step_steer_agrees(upright: dict[tuple[str, str], Any]) -> None:
     step = "step steer, 20 m/s, 1.7 deg"
     assert abs(upright[step, "yaw_rate"].at_end) < 0.01
