@@ -93,7 +93,7 @@ def _significant(h: Hypothesis) -> list[ActiveEffect]:
     """
     Return the effects that are material, significantly non-zero, and in segments of some length.
 
-    Beside a large effect whose equation is inexact, a small one may reduce the loss without being
+    Next to a large effect whose equation is inexact, a small one may reduce the loss without being
     present; its size is then uncertain, or its segments shrink to less than their transitions.
     """
     shortest = MIN_SEGMENT_TRANSITIONS * TRANSITION_LENGTH_M

@@ -1,22 +1,22 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Which vehicle drives like these records: the physics model's parameters by output errors.
+Identify vehicle parameters from records by output error.
 
-From starts spread over the records the model is rolled out under the known commands, and what it
-predicts some steps ahead is held against the measurement, e = (x_ref - x) / sigma. Minimised is
+The physics model is rolled out under the recorded commands from starts spread over the records.
+Predictions some steps ahead are compared with the measurement, e = (x_ref - x) / sigma, and
 
-    sum over starts of mean over steps of sum over channels huber(e) + sum (p / usual)^2
+    sum over starts of mean over steps of sum over channels huber(e) + sum (p / prior_sigma)^2
 
-by Levenberg-Marquardt over a handful of parameters p, zero at the given vehicle. `sigma` is the
-error that is left, by step and channel, taken anew between rounds, so that each round weighs the
-channels by what the model can explain; the pull to the given vehicle is as strong as one start's
-evidence, and matters only for what the drive does not excite. Huber, because a few sliding starts
-would decide everything.
+is minimised by Levenberg-Marquardt over the parameters p, which are zero at the given vehicle.
+`sigma` is the remaining error by step and channel, estimated anew between rounds, so that each
+round weights the channels by what the model can explain. The prior weighs as much as one start; it
+matters only for parameters that the record does not excite. The Huber loss limits the influence of
+a few starts in which the tyres slide.
 
-Friction and stiffness are told apart as the tyre tells them: grip scales mu and divides B, so that
-the slip stiffness B C D stays, and stiffness scales B alone. What no drive can tell apart is not
-asked: wheel radius and torque (both scale what drives the mass).
+Grip and stiffness are separate: grip scales mu and divides B, so that the slip stiffness B C D is
+unchanged; stiffness scales B only. Wheel radius and torque gain are indistinguishable, since both
+scale the driving force; neither is identified.
 """
 
 from __future__ import annotations
@@ -47,11 +47,12 @@ from adk_ros.signals.channels import Record
 from adk_ros.signals.score import scorable_rows
 
 SPEED_MIN = 3.0
-"""Starts slower than this, m/s, tell of the model's slip at standstill and not of the car."""
+"""m/s. Slower starts are left out: there the model's slip is not that of a vehicle. Empirical."""
 
 _MIN_STARTS = 50
-_RESOLVED = 2e-3
-"""Errors below this share of the signal's own change are not worth explaining."""
+"""Fewest starts for 18 parameters. Empirical."""
+_MIN_ERROR_SHARE = 2e-3
+"""Errors below this share of the signal's change have no influence. Empirical."""
 _DIFFERENCE_SHARE = 0.02
 """Step of the finite differences over the prior's standard deviation."""
 _FIT = FitOptions(
@@ -70,10 +71,10 @@ in which the errors are linear. Huber threshold: few starts slide, and would oth
 @dataclass(frozen=True)
 class VehicleParameter:
     """
-    One direction in which a vehicle may be changed, zero at the given one.
+    A parameter p of a vehicle, zero at the given vehicle.
 
     A factor multiplies each of `fields` (of `Constants`) by exp(p exponent), a shift adds
-    p exponent. `usual` is how far off a data sheet usually is, `most` the bound of |p|.
+    p exponent. `prior_sigma`: standard deviation of the data sheet's error. `bound`: bound of |p|.
     """
 
     name: str
@@ -83,7 +84,7 @@ class VehicleParameter:
     shift: bool = False
 
     def reported(self, p: float) -> float:
-        """As a person reads it: the factor, or what is added."""
+        """Return the value to report: the factor, or the added amount."""
         return p if self.shift else math.exp(p)
 
 
@@ -125,18 +126,18 @@ DEFAULT_PARAMETERS = (
     VehicleParameter("steering lag", {"steer_lag": 1.0}, 0.03, 0.3, shift=True),
     VehicleParameter("torque lag", {"torque_lag": 1.0}, 0.03, 0.5, shift=True),
 )
-"""What a drive under known commands can tell of a car."""
+"""Parameters that a recording with commands can identify; priors and bounds are empirical."""
 
 
 @dataclass(frozen=True)
 class IdentifiedVehicle:
     """
-    The vehicle found, without a chassis, and how it differs.
+    Result of an identification: the vehicle, without a chassis, and its changes.
 
-    `changes` by parameter: a factor, or what is added (SI); `deviation` its standard deviation in
-    the same terms (of the logarithm for a factor), as far as the errors were white; `at_bound`
-    the parameters that stopped at their bounds. `cost_before`, `cost_after`: mean Huber loss of
-    the whitened errors of the given and of the found vehicle, with the same weights.
+    `changes` by parameter: a factor, or the added amount (SI). `deviation`: standard deviation of
+    the same (of the logarithm for a factor), if the errors are white. `at_bound`: parameters at
+    their bounds. `cost_before`, `cost_after`: mean Huber loss of the whitened errors of the given
+    and of the identified vehicle, with the same weights.
     """
 
     vehicle: Vehicle
@@ -157,10 +158,10 @@ def identify_vehicle(
     ahead: int = 40,
 ) -> IdentifiedVehicle:
     """
-    Identify `parameters` of `vehicle` on `records`, driven on a flat road of friction `mu`.
+    Identify `parameters` of `vehicle` from `records` of a flat road with friction `mu`.
 
-    `count` starts and `ahead` steps of 25 ms in the last rounds; a first round takes half of both,
-    to come near from far off.
+    The last rounds use `count` starts and `ahead` steps of 25 ms, a first round half of both,
+    which converges from farther away.
 
     :raises DataError: the records hold too few starts.
     """
@@ -210,7 +211,7 @@ def actuator_state_history(
 
 @dataclass(frozen=True)
 class _Batch:
-    """Starts, their commands (n, ahead, 2), and what was measured `steps` ahead, (n, s, 3)."""
+    """Starts, their commands (n, ahead, 2), and the measurements `steps` later, (n, s, 3)."""
 
     records: Sequence[Record]
     rows: list[IntArray]
@@ -225,8 +226,8 @@ class _Batch:
         total = sum(i.size for i in found)
         if total < _MIN_STARTS:
             raise DataError(
-                f"the vehicle cannot be tuned on {total} starts of {ahead * 0.025:g} s: give"
-                f" records of at least {_MIN_STARTS} at more than {SPEED_MIN:g} m/s"
+                f"the vehicle cannot be identified from {total} starts of {ahead * 0.025:g} s:"
+                f" give records of at least {_MIN_STARTS} at more than {SPEED_MIN:g} m/s"
             )
         share = min(1.0, count / total)
         picks = [np.linspace(0, i.size - 1, round(i.size * share)) for i in found]
@@ -250,7 +251,7 @@ def _fast_enough_rows(record: Record, rows: IntArray) -> IntArray:
 
 
 class _Solver:
-    """Levenberg-Marquardt in the parameters' own units, with bounds."""
+    """The fit of one vehicle: constants at p, errors, scale, minimisation."""
 
     def __init__(
         self, given: Constants, parameters: tuple[VehicleParameter, ...], mu: float
@@ -258,13 +259,13 @@ class _Solver:
         self._given = given
         self._parameters = parameters
         self._mu = mu
-        self._usual = np.array([q.prior_sigma for q in parameters])
-        self._reached: dict[tuple[float, ...], list[FloatArray]] = {}
+        self._prior_sigma = np.array([q.prior_sigma for q in parameters])
+        self._actuator_states: dict[tuple[float, ...], list[FloatArray]] = {}
         low = [-min([q.bound, *self._room(q)]) for q in parameters]
         self.bounds = np.array(low), np.array([q.bound for q in parameters])
 
     def _room(self, q: VehicleParameter) -> list[float]:
-        """How far a shift may go down before a field, none of which is negative, is used up."""
+        """Return how far a shift may go down before a field becomes negative."""
         return [getattr(self._given, name) for name, e in q.fields.items() if q.shift and e > 0.0]
 
     def constants(self, p: FloatArray) -> Constants:
@@ -282,27 +283,27 @@ class _Solver:
         return Constants(**values)
 
     def errors(self, batch: _Batch, p: FloatArray) -> FloatArray:
-        """Measured less predicted, (n, s, 3), SI."""
+        """Return measured minus predicted states (n, s, 3), SI."""
         c = self.constants(p)
         key = (id(batch), c.torque_lag, c.steer_lag)
-        if key not in self._reached:
-            if len(self._reached) > 8:
-                self._reached.clear()
+        if key not in self._actuator_states:
+            if len(self._actuator_states) > 8:
+                self._actuator_states.clear()
             both = zip(batch.records, batch.rows, strict=True)
-            self._reached[key] = [actuator_state_history(c, r)[i] for r, i in both]
-        begun = np.concatenate(self._reached[key])
-        predicted = rollout(c, batch.x0, batch.u, actuators=begun, mu=self._mu)
+            self._actuator_states[key] = [actuator_state_history(c, r)[i] for r, i in both]
+        actuators = np.concatenate(self._actuator_states[key])
+        predicted = rollout(c, batch.x0, batch.u, actuators=actuators, mu=self._mu)
         return np.asarray(batch.truth - predicted[:, batch.steps - 1])
 
     def error_scale(self, batch: _Batch, p: FloatArray) -> FloatArray:
-        """Usual error at `p`, by step and channel (s, 3), not below what is worth explaining."""
+        """Return the robust standard deviation of the errors at `p` (s, 3), with a lower limit."""
         error = self.errors(batch, p)
         change = np.sqrt(np.square(batch.truth - batch.x0[:, None]).mean(axis=0))
         typical = np.median(np.abs(error), axis=0) / 0.6745
-        return np.asarray(np.maximum(np.maximum(typical, _RESOLVED * change), 1e-9))
+        return np.asarray(np.maximum(np.maximum(typical, _MIN_ERROR_SHARE * change), 1e-9))
 
     def loss(self, batch: _Batch, sigma: FloatArray, p: FloatArray) -> float:
-        """Mean Huber loss of the whitened errors."""
+        """Return the mean Huber loss of the whitened errors."""
         return float(huber_values(self.errors(batch, p) / sigma, _FIT.huber_threshold).mean())
 
     def minimise(self, batch: _Batch, sigma: FloatArray, p: FloatArray) -> FloatArray:
@@ -325,8 +326,8 @@ class _Solver:
     def _bounded_parameters(self, batch: _Batch, p: FloatArray) -> BoundedParameters:
         """Return start, bounds and prior of a fit whose loss is summed over a start's steps."""
         # The cost takes the mean over the steps: the prior counts once per step of the sum.
-        deviation = self._usual / math.sqrt(batch.steps.size)
-        step = _DIFFERENCE_SHARE * self._usual
+        deviation = self._prior_sigma / math.sqrt(batch.steps.size)
+        step = _DIFFERENCE_SHARE * self._prior_sigma
         return BoundedParameters(p, *self.bounds, step, np.zeros_like(p), deviation)
 
     def _jacobian(
@@ -334,11 +335,11 @@ class _Solver:
     ) -> FloatArray:
         """Return the derivatives (m, n) of the whitened errors, by differences."""
         columns = []
-        for j, (usual, high) in enumerate(zip(self._usual, self.bounds[1], strict=True)):
+        for j, (sigma_p, high) in enumerate(zip(self._prior_sigma, self.bounds[1], strict=True)):
             # A lag shorter than the integration step has no influence: a wide difference finds it.
             for share in (_DIFFERENCE_SHARE, 1.0):
                 column = derivative_by_difference(
-                    lambda q: self._whitened(batch, sigma, q), p, e, j, share * usual, high
+                    lambda q: self._whitened(batch, sigma, q), p, e, j, share * sigma_p, high
                 )
                 if column.any():
                     break
@@ -355,7 +356,7 @@ class _Solver:
 
 
 def _range(info: Any) -> tuple[float, float]:
-    """What a field of a vehicle file may hold."""
+    """Return the limits of a field of a vehicle file."""
     rules = [(key, getattr(rule, key, None)) for rule in info.metadata for key in ("ge", "le")]
     low = [float(value) for key, value in rules if key == "ge" and value is not None]
     high = [float(value) for key, value in rules if key == "le" and value is not None]
@@ -368,7 +369,7 @@ _LIMITS = {name: _range(info) for name, info in Vehicle.model_fields.items()} | 
 
 
 def _with(vehicle: Vehicle, c: Constants) -> Vehicle:
-    """Return `vehicle` with the constants' values; a chassis would contradict them."""
+    """Return `vehicle` with the values of `c`; without a chassis, which could contradict them."""
     content = vehicle.model_dump(exclude={"chassis"})
     for name, value in c._asdict().items():
         if name in content:

@@ -190,7 +190,7 @@ def test_several_records_are_used_in_proportion() -> None:
 
 
 def test_too_little_is_refused() -> None:
-    with pytest.raises(DataError, match=r"cannot be tuned on 0 starts .* at least 50"):
+    with pytest.raises(DataError, match=r"cannot be identified from 0 starts .* at least 50"):
         identify_vehicle(CAR, [drive(True).rows(slice(0, 20))])
     standing = dataclasses.replace(drive(True), x=np.zeros_like(drive(True).x))
     with pytest.raises(DataError, match="more than 3 m/s"):
