@@ -160,7 +160,7 @@ def explain(
     progress: Progress | None = None,
 ) -> MismatchExplanation:
     """
-    Find which physics a simulation lacks compared with a recording. Takes 0.5 to 3 minutes.
+    Find which physics a simulation lacks compared with a recording: 0.5 to 3 min, one core.
 
     :param simulation: bag of the simulator; or the YAML file of the simulated vehicle; or the
         simulation.yaml of an earlier report.

@@ -55,8 +55,8 @@ def concealed(
     """
     Benchmark `adk mismatch` on recordings with a hidden, known effect.
 
-    Prints PASS, FAIL or NONE (no case ran) for each acceptance criterion. The exit code is 0
-    even if a criterion fails.
+    Prints PASS, FAIL or NONE (no case, or too few cases) for each acceptance criterion. The
+    exit code is 0 even if a criterion fails.
 
     Example: adk bench concealed --cases cases
     """

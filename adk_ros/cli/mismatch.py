@@ -34,8 +34,8 @@ def mismatch(
     vehicle: Annotated[
         Path | None,
         typer.Option(
-            help="nominal vehicle of the simulation: YAML or packaged name. Its mass must be "
-            "within a few percent: a mass 20 % too high already appears as a hilly road. "
+            help="vehicle file of the simulated car: YAML or packaged name. Its mass must be "
+            "within a few per cent: a mass 20 % too high is misidentified as road grade. "
             "Default: mass estimated from the bag, wheel radius 0.325 m"
         ),
     ] = None,
@@ -56,8 +56,8 @@ def mismatch(
     Find what a simulation lacks and write a corrected model.
 
     Compares a simulation with a recording of the real car, names the missing effects with size and
-    confidence, and writes report.html, mismatch.json, simulation.yaml and corrected.yaml. Takes
-    0.5 to 3 min.
+    confidence, and writes report.html, mismatch.json, simulation.yaml, corrected.yaml and
+    held_out.yaml (fitted to the first three quarters only). Takes 0.5 to 3 min on one core.
 
     Example: adk mismatch --simulation sim --recording real --vehicle vehicle.yaml --out report
     """
@@ -88,4 +88,6 @@ def mismatch(
     for text in result.notes:
         console.note(text)
     console.output.print(result.summary, markup=False)
-    console.note(f"report.html, mismatch.json, simulation.yaml and corrected.yaml in {out}")
+    console.note(
+        f"report.html, mismatch.json and the models (simulation, corrected, held_out) in {out}"
+    )

@@ -3,9 +3,9 @@
 """
 Simulate a drive with an injected mismatch between the recorded commands and the vehicle.
 
-The vehicle (seven or fourteen degrees of freedom with wheel spins, or `sprung_car`) shares no code
-with the surrogate model of `adk mismatch`. Commands are recorded as given; `InjectedChanges` alter
-the actuation, add forces and change the air and the road.
+The vehicle (seven or fourteen degrees of freedom with wheel spins, or `sprung_car`, which labels
+call `spring_car`) shares no code with the surrogate model of `adk mismatch`. Commands are recorded
+as given; `InjectedChanges` alter the actuation, add forces and change the air and the road.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from adk_ros.plant.vehicle.seven_dof import HEADING, STEP, V_X, V_Y, YAW_RATE, X
 from adk_ros.plant.vehicle.sprung_mass import NO_SPRUNG_MASS, SprungMass, resolve
 from adk_ros.plant.vehicle.vehicle_parameters import Constants, Vehicle
 
-TICK = 25
+STEPS_PER_COMMAND = 25
 """Integration steps of 1 ms between commands."""
 PLANTS = ("seven_dof", "fourteen_dof", "spring_car")
 """Simulators for injection; the last has equations of motion of another family."""
@@ -138,8 +138,8 @@ def _run(
     steps = truth.shape[0]
     for n in range(steps):
         s, across, road_heading = locate(table, spacing, s, state[X], state[Y])
-        now = n // TICK
-        if n % TICK == 0:
+        now = n // STEPS_PER_COMMAND
+        if n % STEPS_PER_COMMAND == 0:
             torque, delta, integral = driver_command(
                 driver,
                 table,
@@ -149,7 +149,7 @@ def _run(
                 state[HEADING],
                 added[now],
                 integral,
-                TICK * STEP,
+                STEPS_PER_COMMAND * STEP,
             )
             commands[now, 0], commands[now, 1] = torque, delta
             if n == 0:
@@ -157,8 +157,8 @@ def _run(
                 torque_out = torque
         active = n * STEP >= h.onset
         speed = max(state[V_X], 1.0)
-        torque_row = max(n - h.torque_delay_ms, 0) // TICK if active else now
-        delta_row = max(n - h.steer_delay_ms, 0) // TICK if active else now
+        torque_row = max(n - h.torque_delay_ms, 0) // STEPS_PER_COMMAND if active else now
+        delta_row = max(n - h.steer_delay_ms, 0) // STEPS_PER_COMMAND if active else now
         torque, delta = commands[torque_row, 0], commands[delta_row, 1]
         if active:
             torque *= h.torque_gain * (h.brake_gain if torque < 0.0 else 1.0)
@@ -256,10 +256,12 @@ def simulate_injected_drive(
     Returns truth (n, TRUTH) every millisecond, commands (m, 2), and their stamps (m,), ms.
     """
     steps = round(seconds / STEP)
-    count = steps // TICK + 1
+    count = steps // STEPS_PER_COMMAND + 1
     rng = np.random.default_rng(seed)
     excitation = Excitation(steer=0.003, torque=150.0, torque_step=200.0)
-    added = excitation_signals(rng, count, TICK * STEP, excitation, SpeedPlan(variation=0.05))
+    added = excitation_signals(
+        rng, count, STEPS_PER_COMMAND * STEP, excitation, SpeedPlan(variation=0.05)
+    )
     kind = PLANTS.index(plant)
     constants = car.constants()
     first_plant = _plant(before or car, route, kind)
@@ -281,7 +283,7 @@ def simulate_injected_drive(
     commands = np.zeros((count, 2))
     inputs = _Inputs(vehicle.constants(), route.spacing, added, changes)
     _run(kind, first_plant, later_plant, inputs, start, state, truth, commands)
-    return truth, commands, np.arange(count, dtype=np.int64) * TICK
+    return truth, commands, np.arange(count, dtype=np.int64) * STEPS_PER_COMMAND
 
 
 def _plant(vehicle: Vehicle, route: Route, kind: int) -> _Plant:

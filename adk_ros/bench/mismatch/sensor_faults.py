@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.bench.mismatch.injected_drive import TICK
+from adk_ros.bench.mismatch.injected_drive import STEPS_PER_COMMAND
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
@@ -70,7 +70,9 @@ def simulate_faulty_sensors(
         imu_s, imu = imu_s[imu_kept], imu[imu_kept]
         odometry_s, pose = odometry_s[odometry_kept], pose[odometry_kept]
         odometry = odometry[odometry_kept]
-    command_s: FloatArray = 0.001 * TICK * np.arange(commands.shape[0], dtype=np.float64)
+    command_s: FloatArray = (
+        0.001 * STEPS_PER_COMMAND * np.arange(commands.shape[0], dtype=np.float64)
+    )
     return SensorLog(
         name, 0.001 * (n - 1), imu_s, imu, odometry_s, odometry, pose, command_s, commands
     )

@@ -3,6 +3,8 @@
 """
 Vehicle simulator of another family: brush tyres, sprung roll, second-order steering gear.
 
+Its name in case labels (key `plant`) and in `injected_drive.PLANTS` is `spring_car`.
+
 It shares no equation of tyre, steering or load transfer with the package's plants or with the
 surrogate model of `adk mismatch`. The lateral force of a tyre is that of the brush model with
 parabolic pressure,

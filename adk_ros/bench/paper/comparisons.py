@@ -1,6 +1,13 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Comparisons that decide the paper's claims: those that are longer than one line."""
+"""
+Comparisons that decide the paper's claims: those that are longer than one line.
+
+DK is the paper's deep Koopman model, ALDK the one with acceleration loss. RLS, FFRLS and SWLS
+adapt ALDK: recursive least squares, the same with a forgetting factor, and least squares over a
+sliding window. MF is the seven-degree-of-freedom model with the Magic Formula tyre. "max" is the
+largest absolute error.
+"""
 
 from __future__ import annotations
 
@@ -27,6 +34,7 @@ _TICK_US = TICK_NS * 1e-3
 
 
 def trend(e: ClaimEvidence) -> list[Comparison]:
+    """Compare the RMSE of DK and ALDK with a tenth of the spread of each channel, nominal test."""
     spread = e.spread(NOMINAL, ALDK)
     return [
         less(f"{CHANNELS[c]}: RMSE of {name}", float(e.rmse(NOMINAL, name)[c]),
@@ -36,6 +44,7 @@ def trend(e: ClaimEvidence) -> list[Comparison]:
 
 
 def dk_yaw(e: ClaimEvidence) -> list[Comparison]:
+    """Compare the largest yaw-rate error of ALDK with that of DK, and its reduction."""
     return [
         *by_channel(e, NOMINAL, ALDK, DK, "max", (2,)),
         *reduced(e, NOMINAL, ALDK, DK, (81.8,), channels=(2,)),
@@ -53,11 +62,13 @@ def rls_same(e: ClaimEvidence, test: str) -> list[Comparison]:
 
 
 def mf_nominal(e: ClaimEvidence) -> list[Comparison]:
+    """Compare MF with ALDK in v_x, and whether it is the worst of five in v_y and yaw rate."""
     worst = lowest(e, NOMINAL, MF, FIVE, channels=(1, 2), highest=True)
     return [*by_channel(e, NOMINAL, MF, ALDK, channels=(0,)), *worst]
 
 
 def rls_max(e: ClaimEvidence) -> list[Comparison]:
+    """Compare the largest errors of RLS and ALDK: lower in yaw rate, higher otherwise."""
     return [
         *by_channel(e, NOMINAL, RLS, ALDK, "max", (2,)),
         *by_channel(e, NOMINAL, ALDK, RLS, "max", (0, 1)),
@@ -65,6 +76,8 @@ def rls_max(e: ClaimEvidence) -> list[Comparison]:
 
 
 def oscillation(e: ClaimEvidence) -> list[Comparison]:
+    """Compare the change of error from tick to tick of RLS and FFRLS with that of SWLS."""
+
     def change_rms(name: str) -> FloatArray:
         time_s, error = e.errors(NOMINAL, name)
         within = error[(time_s >= 50.0) & (time_s <= 100.0)]
@@ -81,11 +94,13 @@ def oscillation(e: ClaimEvidence) -> list[Comparison]:
 
 
 def efficient(e: ClaimEvidence) -> list[Comparison]:
+    """Compare the computing time of SWLS with a tenth of a tick."""
     return [less("computing time per tick with SWLS, µs,", e.tick_us(NOMINAL, SWLS),
                  "a tenth of the tick", 0.1 * _TICK_US)]  # fmt: skip
 
 
 def mass_up(e: ClaimEvidence) -> list[Comparison]:
+    """Compare SWLS with ALDK, MF and the data-driven methods at higher mass."""
     return [
         *by_channel(e, MASS_UP, SWLS, ALDK, "max", (1,)),
         *by_channel(e, MASS_UP, SWLS, MF, "max", (1,)),
@@ -94,6 +109,7 @@ def mass_up(e: ClaimEvidence) -> list[Comparison]:
 
 
 def inertia_against_mf(e: ClaimEvidence) -> list[Comparison]:
+    """Compare the largest errors of SWLS and MF at higher yaw inertia."""
     return [
         *by_channel(e, INERTIA_UP, SWLS, MF, "max", (0,)),
         *reduced(e, INERTIA_UP, SWLS, MF, (63.0,), "max", (2,)),
@@ -101,6 +117,7 @@ def inertia_against_mf(e: ClaimEvidence) -> list[Comparison]:
 
 
 def worst_first(e: ClaimEvidence) -> list[Comparison]:
+    """Compare the time of SWLS's largest error with the length of its window."""
     time_s, error = e.errors(INERTIA_UP, SWLS)
     when = time_s[np.argmax(np.abs(error), axis=0)]
     return [
@@ -111,11 +128,13 @@ def worst_first(e: ClaimEvidence) -> list[Comparison]:
 
 
 def table_shares(test: str) -> FloatArray:
+    """Return SWLS's reduction of ALDK's RMSE in the paper's tables, per cent by channel."""
     # Rounded down to whole per cent, so that the paper's rounded figures meet them.
     return np.asarray(np.floor(100.0 * (1.0 - printed(test, SWLS) / printed(test, ALDK))))
 
 
 def mf_depends(e: ClaimEvidence) -> list[Comparison]:
+    """Compare MF's RMSE in the nominal test with that in each changed vehicle."""
     nominal = e.rmse(NOMINAL, MF)
     return [
         less(f"{CHANNELS[c]}: RMSE of {MF}, nominal,", float(nominal[c]), f"{test}'s",
@@ -125,6 +144,7 @@ def mf_depends(e: ClaimEvidence) -> list[Comparison]:
 
 
 def robust(e: ClaimEvidence) -> list[Comparison]:
+    """Compare SWLS with ALDK for each changed vehicle."""
     return [item for test in CHANGED for item in by_channel(e, test, SWLS, ALDK)]
 
 
@@ -138,6 +158,7 @@ def far_off(e: ClaimEvidence, test: str) -> list[Comparison]:
 
 
 def fast_and_slow(e: ClaimEvidence) -> list[Comparison]:
+    """Compare RMSE in the slalom from 50 to 100 s with that from 15 to 50 s."""
     result = []
     for name in DATA_DRIVEN:
         time_s, error = e.errors(SLALOM, name)
@@ -156,6 +177,7 @@ def fast_and_slow(e: ClaimEvidence) -> list[Comparison]:
 
 
 def slalom_mf(e: ClaimEvidence) -> list[Comparison]:
+    """Compare MF with SWLS in the slalom: better in v_x, worse in v_y and yaw rate."""
     return [
         *by_channel(e, SLALOM, MF, SWLS, channels=(0,)),
         *by_channel(e, SLALOM, SWLS, MF, channels=(1, 2)),
@@ -181,4 +203,5 @@ def best_overall(e: ClaimEvidence) -> list[Comparison]:
 def throughout(
     tests: Sequence[str], name: str, baseline: str, e: ClaimEvidence
 ) -> list[Comparison]:
+    """Compare a predictor with a baseline in each of several tests."""
     return [item for test in tests for item in by_channel(e, test, name, baseline)]

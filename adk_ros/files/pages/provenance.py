@@ -48,6 +48,11 @@ class Provenance:
         """Return the file or folder name that the user gave for `role`; empty if none."""
         return next((Path(item.source).name for item in self.inputs if item.role == role), "")
 
+    def parent_and_name(self, role: str) -> str:
+        """Return that name with its parent folder, where the user gave one."""
+        source = next((item.source for item in self.inputs if item.role == role), "")
+        return "/".join(part for part in Path(source).parts[-2:] if part != "/")
+
 
 def input_files(role: str, source: Path) -> tuple[InputFile, ...]:
     """

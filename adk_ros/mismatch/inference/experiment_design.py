@@ -98,14 +98,14 @@ def manoeuvres() -> tuple[Manoeuvre, ...]:
     sweep = np.sin(2.0 * np.pi * (0.2 * t + 0.5 * (1.5 - 0.2) / DURATION_S * t**2))
     return (
         Manoeuvre("coasting down from 25 m/s on a straight", 25.0, none, none),
-        Manoeuvre("full acceleration from walking pace on a straight", 4.0, 2.5 * on, none),
+        Manoeuvre("full acceleration from 4 m/s on a straight", 4.0, 2.5 * on, none),
         Manoeuvre("firm braking from 30 m/s on a straight", 30.0, -3.0 * on, none),
         Manoeuvre("alternating torque steps at 10 m/s", 10.0, 1.5 * square, none),
         Manoeuvre("alternating step steers at 12 m/s", 12.0, none, 0.05 * square),
         Manoeuvre("alternating step steers at 25 m/s", 25.0, none, 0.015 * square),
         Manoeuvre("a swept slalom at 15 m/s, 0.2 to 1.5 Hz", 15.0, none, 0.03 * sweep),
         Manoeuvre("a slowly tightening bend at 15 m/s", 15.0, none, 0.006 * np.maximum(t - 1, 0)),
-        Manoeuvre("a circle at walking pace, lock to lock", 4.0, none, 0.35 * square),
+        Manoeuvre("alternating full-lock circles at 4 m/s", 4.0, none, 0.35 * square),
     )
 
 

@@ -28,7 +28,7 @@ _STEERING = (
         "delta = scale command",
         "cornering",
         ("front_tyre_stiffness", "compliance_steer"),
-        "tight corners at walking speed",
+        "tight corners at 4 to 6 m/s",
     ),
     Effect(
         "steering_delay",
@@ -87,7 +87,7 @@ _STEERING = (
         "delta = command - rad_per_mps2 a_y",
         "cornering at several speeds",
         ("front_tyre_stiffness", "steering_ratio"),
-        "tight corners at low and high speed",
+        "tight corners at 4 to 6 m/s, and the same lateral acceleration at high speed",
     ),
     Effect(
         "rear_wheel_steer",
@@ -96,7 +96,7 @@ _STEERING = (
         "rear angle = ratio delta",
         "cornering at several speeds",
         ("steering_ratio", "rear_tyre_stiffness"),
-        "tight corners at walking speed",
+        "tight corners at 4 to 6 m/s",
     ),
 )
 
@@ -108,7 +108,8 @@ _DRIVE = (
         "T = scale command",
         "accelerating and braking",
         ("wheel_radius", "payload", "rotating_inertia"),
-        "step steers: a payload changes the response, a torque gain does not",
+        "step steers separate a payload; not separable from a wheel radius by these signals: "
+        "measure the wheel torque separately",
     ),
     Effect(
         "brake_torque_gain",
@@ -150,9 +151,10 @@ _DRIVE = (
         (EffectParameter("offset", "N m", -800.0, 800.0, 3.0, 8.0, {"torque_offset": 1.0}),),
         ("v_x",),
         "T = command + offset",
-        "coasting",
+        "driving with little torque",
         ("rolling_resistance",),
-        "coasting backwards",
+        "not separable from these signals on a level road: measure the wheel torque at zero "
+        "command separately",
     ),
     Effect(
         "power_limit",
@@ -182,7 +184,8 @@ _DRIVE = (
         "F_x = T / (scale R)",
         "driving torque",
         ("drive_torque_gain", "payload", "rotating_inertia"),
-        "any driving with a wheel-speed sensor",
+        "step steers separate a payload; not separable from a torque gain by these signals: "
+        "measure the rolling circumference separately",
     ),
     Effect(
         "brake_drag_one_side",
@@ -191,7 +194,7 @@ _DRIVE = (
         "T_i -= torque_per_wheel on one side",
         "driving straight",
         ("steering_offset", "rolling_resistance"),
-        "coasting straight",
+        "coasting on a straight, from high speed down to 4 m/s",
     ),
     Effect(
         "clock_offset",

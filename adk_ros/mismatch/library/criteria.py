@@ -9,8 +9,8 @@ parameter without effect gains 1 on average. The excess loss is the loss above t
 model. The surrogate error counts in the same unit: the residuals that the surrogate's own error,
 and not noise, accounts for.
 
-"Empirical" marks a value that was set on generated cases (`adk bench mismatch`) and has not been
-calibrated on real vehicles.
+"Empirical" marks a value that was set on generated cases (`adk bench concealed --own`) and has
+not been calibrated on real vehicles.
 """
 
 from __future__ import annotations
@@ -247,8 +247,8 @@ channel's error exceeds this many times the noise of a 40 ms bin. Empirical.
 """
 INCONCLUSIVE_ERROR_TO_NOISE = 2.0
 """
-Without an identified effect, the result is reported as inconclusive where a channel's surrogate
-error exceeds this many times the noise of a 40 ms bin. Lower than `EXTENSION_ERROR_TO_NOISE`: such
+Without an identified effect, a caveat is added to the result where a channel's surrogate error
+exceeds this many times the noise of a 40 ms bin. Lower than `EXTENSION_ERROR_TO_NOISE`: such
 an error already hides effects, but an extension of the surrogate would fit noise. Empirical.
 """
 MAX_EXTENSION_MISFIT = 0.67

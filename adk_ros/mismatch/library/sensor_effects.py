@@ -19,7 +19,8 @@ SENSORS = (
         "reading = truth + bias",
         "any driving",
         ("imu_tilt",),
-        "standing still, in two opposite headings",
+        "a gyro offset separates them; without one not separable from these signals: measure the "
+        "IMU's readings at rest in two opposite headings separately",
         (ALWAYS, TIME),
         True,
     ),
@@ -33,7 +34,8 @@ SENSORS = (
         "a_y += g sin(roll), a_x -= g sin(pitch)",
         "any driving",
         ("imu_bias",),
-        "standing still, in two opposite headings",
+        "a tilt has no gyro offset; not separable from an accelerometer bias by these signals: "
+        "measure the IMU's mounting angles separately",
         (ALWAYS, TIME),
         True,
     ),

@@ -23,7 +23,7 @@ _AIR = (
         "headwind",
         (EffectParameter("wind_x", "m/s", -25.0, 25.0, 0.2, 0.7, {"wind_x": 1.0}),),
         ("v_x",),
-        "F_x = -rho/2 cda ((V - wind_x)^2 - V^2)",
+        "F_x = -rho/2 cda ((V - wind_x)^2 - V^2), wind_x > 0 in driving direction",
         "a wide range of speeds",
         ("aero_drag", "rolling_resistance"),
         "the same straight in both directions",
@@ -91,9 +91,10 @@ _ROAD = (
         (EffectParameter("crr", "-", -0.02, 0.1, 0.0005, 0.001, {"rolling": 1.0}),),
         ("v_x",),
         "F_x = -crr F_z",
-        "coasting",
+        "driving with little torque, over a wide range of speeds",
         ("torque_offset", "aero_drag", "headwind"),
-        "coasting backwards, or coast-down to walking speed",
+        "coast-down from high speed to 4 m/s separates drag and wind; not separable from a torque "
+        "offset by these signals on a level road: measure it separately",
     ),
 )
 
@@ -199,7 +200,7 @@ _BODY = (
         "F_x = (T - inertia dv_x/dt / R) / R",
         "driving torque",
         ("drive_torque_gain", "payload", "wheel_radius"),
-        "coasting at constant speed on a grade",
+        "constant speed on a grade or near top speed, where the inertia has no influence",
     ),
 )
 

@@ -134,10 +134,19 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
 
 
 def page_title(provenance: Provenance | None) -> str:
-    """Return the page's title, with the names of the inputs where they are known."""
+    """
+    Return the page's title, with the names of the inputs where they are known.
+
+    Inputs that are named after their roles appear with their parent folders.
+    """
     if provenance is None:
         return "Simulation vs recording"
-    names = [provenance.source_name(role) or role for role in ("simulation", "recording")]
+    roles = ("simulation", "recording")
+    names = [provenance.source_name(role) or role for role in roles]
+    if tuple(names) == roles:
+        names = [provenance.parent_and_name(role) or role for role in roles]
+    if tuple(names) == roles:
+        return "Simulation vs recording"
     return f"Simulation vs recording: {names[0]} vs {names[1]}"
 
 

@@ -99,7 +99,7 @@ def effect_text(identified: IdentifiedEffect, reference: bool = False) -> str:
         if written.is_angle:
             size += f" ({written.other_units(abs(first.value))})"
         unit = f" {written.unit}" if written.unit else ""
-        text = f"{text.format(size=size)}{suffix} (90 %: {interval}{unit})"
+        text = f"{text.format(size=size)}{suffix} (90 % confidence interval {interval}{unit})"
     else:
         text = f"{text}{suffix}, {parameters_text(identified)}"
     where = activation_text(identified)
@@ -169,16 +169,16 @@ def improvement_text(result: MismatchResult) -> str:
     name = most_improved_state(result)
     state, unit = STATES.get(name, (name, ""))
     before, after = result.before[name], result.after[name]
-    error = f"the {result.horizon_s:g} s {state} error"
+    error = f"the RMS {state} error, predicted {result.horizon_s:g} s ahead on held-out data,"
     if after < MAX_IMPROVED_RATIO * before:
         first, second = pair_text(before, after)
-        return f"The correction reduces {error} from {first} to {second} {unit}."
+        return f"With the correction, {error} falls from {first} to {second} {unit}."
     if result.verdict == EXPLAINED and all(x.effect.sensor for x in result.effects):
         return (
-            f"Sensor faults are not corrected in the vehicle model, so {error} stays at "
-            f"{before:.2g} {unit}."
+            f"Sensor faults are not corrected in the vehicle model, so {error} "
+            f"stays at {before:.2g} {unit}."
         )
-    return f"The correction does not reduce {error} ({before:.2g} {unit})."
+    return f"The correction does not reduce {error} from {before:.2g} {unit}."
 
 
 def pair_text(before: float, after: float) -> tuple[str, str]:
@@ -254,7 +254,10 @@ def sentence(result: MismatchResult) -> str:
 def _no_mismatch(result: MismatchResult) -> str:
     name = "v_x" if math.isfinite(result.before["v_x"]) else "yaw_rate"
     state, unit = STATES[name]
-    error = f"{result.horizon_s:g} s {state} error {result.before[name]:.2g} {unit}"
+    error = (
+        f"RMS {state} error {result.before[name]:.2g} {unit}, "
+        f"predicted {result.horizon_s:g} s ahead"
+    )
     underfit = underfit_channels(result)
     if underfit:
         return (

@@ -111,7 +111,7 @@ _ROAD_AND_AIR = {
         "longitudinal wind",
         "a tailwind of {size}",
         "a headwind of {size}",
-        {"wind_x": Quantity("wind speed, tailwind positive", "m/s")},
+        {"wind_x": Quantity("wind speed, in the driving direction (tailwind) positive", "m/s")},
     ),
     "crosswind": EffectVocabulary(
         "crosswind",

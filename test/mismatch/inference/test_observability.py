@@ -136,7 +136,7 @@ def test_drag_is_identified_without_an_imu() -> None:
     (one,) = found.effects
     assert "aero_drag" in (one.effect.name, *one.alternatives)
     assert "imu_bias" in found.not_judged
-    assert sentence(found).endswith("The recording is judged without an IMU.")
+    assert sentence(found).endswith("Analysed without an IMU.")
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ from adk_ros.files.output_folder import check_output_folder
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.report import result_files
-from adk_ros.mismatch.report.report_page import FIGURES, write_page
+from adk_ros.mismatch.report.report_page import FIGURES, page_title, write_page
 from adk_ros.mismatch.report.result_files import as_dict, write_report
 from adk_ros.mismatch.report.summary import sentence
 
@@ -146,6 +146,33 @@ def test_the_unexplained_residual_is_shown_with_its_formula(folders: dict[str, P
     assert "No effect of the catalogue explains a yaw acceleration" in text
     assert "d(yaw_rate)/dt += -6.1 r / v_x" in text
     assert "41 % of the explainable loss" in text
+
+
+@pytest.mark.parametrize(
+    ("sources", "title"),
+    [
+        (("a/flat", "b/hilly"), "Simulation vs recording: flat vs hilly"),
+        (("a/simulation", "b/recording"), "Simulation vs recording: a/simulation vs b/recording"),
+        (("simulation", "recording"), "Simulation vs recording"),
+    ],
+)
+def test_the_title_names_the_inputs(sources: tuple[str, str], title: str) -> None:
+    inputs = tuple(
+        replace(file, source=source)
+        for file, source in zip(PROVENANCE.inputs, sources, strict=True)
+    )
+    assert page_title(replace(PROVENANCE, inputs=inputs)) == title
+
+
+def test_terms_are_defined_once(folders: dict[str, Path]) -> None:
+    text = page_of(folders["drag"]).text
+    for definition in (
+        "residual of the surrogate model on the simulation itself",
+        "differences between a car and its",
+        "sum of squared whitened residuals",
+        "Huber",
+    ):
+        assert text.count(definition) == 1
 
 
 def test_texts_are_escaped(tmp_path: Path) -> None:

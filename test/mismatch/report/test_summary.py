@@ -77,9 +77,10 @@ def test_units_are_typeset(unit: str, text: str) -> None:
 
 def test_an_effect_states_its_size_relative_to_the_simulation_and_its_alternative() -> None:
     assert sentence(drag()) == (
-        "The recording shows 0.92 m² more drag area (C_dA) than the simulation (90 %: 0.88 to "
-        "0.97 m²), or a headwind of 4 m/s: not distinguishable in this recording. The correction "
-        "reduces the 1 s speed error from 0.145 to 0.012 m/s."
+        "The recording shows 0.92 m² more drag area (C_dA) than the simulation (90 % confidence "
+        "interval 0.88 to 0.97 m²), or a headwind of 4 m/s: not distinguishable in this "
+        "recording. With the correction, the RMS speed error, predicted 1 s ahead on held-out "
+        "data, falls from 0.145 to 0.012 m/s."
     )
 
 
@@ -90,9 +91,10 @@ def test_in_a_list_the_alternative_stands_in_its_item() -> None:
         "drive_torque_gain", 0.86, 0.85, 0.87, alternatives=["wheel_radius"], competitors=(tie,)
     )
     assert (
-        "two differences from the simulation: (1) 14 % less wheel torque (90 %: 13 to 15 %), "
+        "two differences from the simulation: (1) 14 % less wheel torque (90 % confidence "
+        "interval 13 to 15 %), "
         "or 17 % larger wheels: not distinguishable in this recording; (2) 0.92 m² more drag area "
-        "(C_dA) (90 %: 0.88 to 0.97 m²). The correction"
+        "(C_dA) (90 % confidence interval 0.88 to 0.97 m²). With the correction"
     ) in sentence(result_of("", (torque, identified())))
 
 
@@ -116,25 +118,28 @@ def test_an_underfitting_surrogate_makes_the_result_inconclusive() -> None:
 def test_place_and_onset_are_stated() -> None:
     assert (
         "a road bank (cross slope) of 10.2 % (5.8°), left side higher, relative to the simulation "
-        "(90 %: 10.0 to 10.4 %), at 100 to 200 m of every lap."
+        "(90 % confidence interval 10.0 to 10.4 %), at 100 to 200 m of every lap."
     ) in sentence(bank())
     assert (
-        "0.062 s more steering delay than the simulation (90 %: 0.058 to 0.066 s), from 60.0 s on."
+        "0.062 s more steering delay than the simulation (90 % confidence interval "
+        "0.058 to 0.066 s), from 60.0 s on."
     ) in sentence(late())
 
 
 def test_a_negative_size_is_positive_in_the_opposite_direction() -> None:
     grade = identified("road_grade", -0.057, -0.058, -0.055)
-    assert "a downhill grade of 5.7 % (3.3°) relative to the simulation (90 %: 5.5 to 5.8 %)" in (
-        sentence(result_of("", (grade,)))
-    )
+    assert (
+        "a downhill grade of 5.7 % (3.3°) relative to the simulation (90 % confidence interval "
+        "5.5 to 5.8 %)"
+    ) in sentence(result_of("", (grade,)))
 
 
 def test_an_error_that_does_not_fall_is_stated() -> None:
     worse = result_of("", (identified(),))
     worse = replace(worse, after=dict(worse.before))
     assert sentence(worse).endswith(
-        "The correction does not reduce the 1 s speed error (0.14 m/s)."
+        "The correction does not reduce the RMS speed error, predicted 1 s ahead on held-out "
+        "data, from 0.14 m/s."
     )
 
 
@@ -152,7 +157,8 @@ def test_missing_channels_are_stated_and_not_evaluated() -> None:
     base = result_of()
     narrow = replace(base, missing_channels=missing, before=base.before | {"v_x": np.nan})
     assert sentence(narrow).endswith(
-        "(1 s yaw rate error 0.005 rad/s). Analysed without an IMU and a torque command."
+        "(RMS yaw rate error 0.005 rad/s, predicted 1 s ahead). Analysed without an IMU "
+        "and a torque command."
     )
     unknown = odd()
     nothing = {"v_x": np.nan}
@@ -162,7 +168,7 @@ def test_missing_channels_are_stated_and_not_evaluated() -> None:
         after=unknown.after | nothing,
         missing_channels=missing,
     )
-    assert "reduces the 1 s yaw rate error from 0.0050 to 0.0010 rad/s." in sentence(unknown)
+    assert "on held-out data, falls from 0.0050 to 0.0010 rad/s." in sentence(unknown)
     assert error_rows(unknown)[0] == ["speed (m/s)", "not evaluated", "", ""]
     assert as_dict(unknown)["fit"]["before"]["v_x"] is None
     assert as_dict(unknown)["scope"]["lacking"] == ["no IMU", "a pedal"]
@@ -171,13 +177,13 @@ def test_missing_channels_are_stated_and_not_evaluated() -> None:
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (0.8, "20 % softer front tyres than the simulation (90 %: 16 to 24 %)"),
-        (1.2, "20 % stiffer front tyres than the simulation (90 %: 16 to 24 %)"),
+        (0.8, "20 % softer front tyres than the simulation"),
+        (1.2, "20 % stiffer front tyres than the simulation"),
     ],
 )
 def test_more_or_less_than_the_simulation(value: float, text: str) -> None:
     one = identified("front_tyre_stiffness", value, value - 0.04, value + 0.04)
-    assert text in sentence(result_of("", (one,)))
+    assert f"{text} (90 % confidence interval 16 to 24 %)" in sentence(result_of("", (one,)))
 
 
 def test_two_effects_are_counted_and_numbered() -> None:
@@ -186,7 +192,8 @@ def test_two_effects_are_counted_and_numbered() -> None:
     result = result_of("", (slow, soft))
     assert (
         "two differences from the simulation: (1) a steering lag (first-order time constant) that "
-        "is 0.10 s longer (90 %: 0.09 to 0.11 s); (2) 20 % softer rear tyres (90 %: 16 to 24 %)"
+        "is 0.10 s longer (90 % confidence interval 0.09 to 0.11 s); (2) 20 % softer rear tyres "
+        "(90 % confidence interval 16 to 24 %)"
     ) in sentence(result)
     assert verdict_text(result) == "2 effects identified: steering lag and rear tyre stiffness"
 
@@ -202,9 +209,11 @@ def test_an_unknown_cause_is_stated_with_formula_and_identified_effects() -> Non
     said = sentence(odd(identified()))
     assert "no known effect explains: a yaw acceleration that depends on" in said
     assert ": d(yaw_rate)/dt += -6.1 r / v_x [rad/s²]." in said
-    assert "The correction reduces the 1 s yaw rate error from 0.0050 to 0.0010 rad/s." in said
+    assert "With the correction, the RMS yaw rate error, predicted 1 s ahead" in said
+    assert "on held-out data, falls from 0.0050 to 0.0010 rad/s." in said
     assert said.endswith(
-        "It also shows 0.92 m² more drag area (C_dA) than the simulation (90 %: 0.88 to 0.97 m²)."
+        "It also shows 0.92 m² more drag area (C_dA) than the simulation (90 % confidence "
+        "interval 0.88 to 0.97 m²)."
     )
     assert verdict_text(odd(identified())) == (
         "Difference of unknown cause; 1 effect identified: air drag"
