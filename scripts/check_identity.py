@@ -41,7 +41,11 @@ def adk(tree: Path, *arguments: object) -> None:
 
 
 def replay_once(tree: Path, bag: str, model: Path, out: Path) -> Path:
-    """Replay a sample bag unless `out` has it; return the file with the predictions."""
+    """
+    Replay a sample bag unless `out` has it; return the file with the predictions.
+
+    The file contains the name of its folder, which must therefore be the same for both revisions.
+    """
     if not out.exists():
         adk(tree, "replay", ROOT / "bags" / bag, "--model", model, "--out", out, "--with-horizon")
     return next(out.glob("*.mcap"))
@@ -104,8 +108,8 @@ def main() -> int:
     if not model.exists():
         adk(tree, "train", ROOT / "bags" / "handling", "--out", model, "--steps", 1500)
     for bag in BAGS:
-        old = replay_once(tree, bag, model, out / f"before_{bag}")
-        new = replay_once(ROOT, bag, model, out / f"after_{bag}")
+        old = replay_once(tree, bag, model, out / "before" / bag)
+        new = replay_once(ROOT, bag, model, out / "after" / bag)
         same = filecmp.cmp(old, new, shallow=False)
         failed |= not same
         print(f"predictions on bags/{bag}: {'bit-identical' if same else 'DIFFERENT'}")
@@ -113,8 +117,8 @@ def main() -> int:
     for case in cases:
         if options.only and case.name not in options.only:
             continue
-        old_result = explain_once(tree, case, out / f"before_{case.name}")
-        new_result = explain_once(ROOT, case, out / f"after_{case.name}")
+        old_result = explain_once(tree, case, out / "before" / case.name)
+        new_result = explain_once(ROOT, case, out / "after" / case.name)
         texts, value, limit = differences(old_result, new_result)
         failed |= bool(texts) or value > TOLERANCE
         effects = ", ".join(e["name"] for e in new_result["effects"]) or "-"
