@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from helpers.train import drive, record
+from markupsafe import escape
 
 from adk_ros.errors import DataError
 from adk_ros.model import artefact
@@ -23,7 +24,7 @@ from adk_ros.train.assemble import AssembledModel
 from adk_ros.train.network import PaperNetwork
 from adk_ros.train.network_fit import Step
 from adk_ros.train.train_settings import PaperSettings
-from adk_ros.train.training_report import write_report
+from adk_ros.train.training_report import _KINDS, write_report
 from adk_ros.train.training_run import run_training
 
 TINY = PaperSettings(hidden=8, features=4, epochs=1)
@@ -173,7 +174,7 @@ def test_the_artefact_predicts_with_swls(tmp_path: Path, acceleration: bool, kin
         assert np.isfinite(made.x).all()
     assert np.abs(predictor.online.theta - theta).max() > 0.0
     page = write_report(run, tmp_path / "model").read_text()
-    assert f"<dd>{kind}</dd>" in page
+    assert f"<dd>{escape(_KINDS[kind])}</dd>" in page
     assert not (tmp_path / "model" / "training.png").exists()
 
 

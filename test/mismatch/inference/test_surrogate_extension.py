@@ -180,7 +180,7 @@ def test_effect_is_identified_on_a_hilly_road() -> None:
     assert cda.value == pytest.approx(DRAG, rel=0.1)
     assert any("road grade" in note for note in result.notes)
     assert result.after["v_x"] < 0.5 * result.before["v_x"]
-    assert "air drag" in sentence(result)
+    assert "drag area" in sentence(result)
 
 
 @pytest.mark.slow
