@@ -21,7 +21,7 @@ def demo(
     """
     Run the complete demo: train, predict live, score (about 4 min).
 
-    Starts the real ROS node in a process of its own and plays a recording to it in real time.
+    Starts the real ROS node in a separate process and plays a recording to it in real time.
 
     Example: adk demo --out demo_out
     """

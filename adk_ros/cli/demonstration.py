@@ -110,7 +110,7 @@ def _environment() -> dict[str, str]:
 
 @contextmanager
 def _process(arguments: list[str], environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
-    """Run a Python module in a process of its own, and interrupt it at the end."""
+    """Run a Python module in a separate process, and interrupt it at the end."""
     process = subprocess.Popen(
         [sys.executable, "-m", *arguments],
         env=environment,

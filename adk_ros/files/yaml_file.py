@@ -105,7 +105,7 @@ def load(source: str | Path, kind: str, model: type[M]) -> M:
 
 
 def with_replacements(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Return `base` with the keys of `changes` in place of its own; mappings key by key."""
+    """Return `base` with the keys of `changes` replacing its values; mappings key by key."""
     out = dict(base)
     for key, value in changes.items():
         old = out.get(key)

@@ -189,7 +189,7 @@ class Peers:
     :param scratch: folder for temporary files; None: the one of the system.
     :raises UsageError: the environment is missing or broken.
     :raises DataError: no usable training data, a library fails, or its batch predictions differ
-        from those of its own function.
+        from those of its function.
     """
 
     def __init__(

@@ -168,7 +168,7 @@ def observable_effects(
     """
     Return which effects a recording's channels can show, for a car of about this mass.
 
-    `imu`: whether the recording has an IMU of its own, not one of `with_pseudo_imu`.
+    `imu`: whether the recording has a real IMU, not one of `with_pseudo_imu`.
 
     Raises `DataError` where the commands excite neither longitudinal nor lateral dynamics.
     """
