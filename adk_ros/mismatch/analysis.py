@@ -13,7 +13,8 @@ import yaml  # type: ignore[import-untyped, unused-ignore]
 from adk_ros.files.yaml_file import validate
 from adk_ros.mismatch.deployment.corrected_model import corrected_yaml
 from adk_ros.mismatch.deployment.open_loop import horizon_rmse
-from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile, simulation_yaml
+from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
+from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.inference.decision import Decision, decide
 from adk_ros.mismatch.inference.experiment_design import (
     Discriminability,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.mismatch.deployment.surrogate_file import surrogate_yaml
+from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
 from adk_ros.mismatch.inference.feature_effect import catalogue_effects, feature_terms
 from adk_ros.mismatch.inference.likelihood import (
     N_FIXED_NUISANCES,

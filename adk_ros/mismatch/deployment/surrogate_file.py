@@ -15,13 +15,11 @@ no `identification`; such files load as well.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml  # type: ignore[import-untyped, unused-ignore]
 from pydantic import Field, model_validator
 
 from adk_ros.files.yaml_file import FileModel, load, read
@@ -29,7 +27,6 @@ from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.library.surrogate_parameters import (
     INDEX,
-    NAMES,
     SIZE,
     SURROGATE_PARAMETERS,
     default_parameters,
@@ -356,102 +353,3 @@ def load_surrogate(path: Path) -> NamedSurrogate:
     Raises `UsageError`, one line naming the file and the key.
     """
     return NamedSurrogate(path.name, load(path, "surrogate", SurrogateFile))
-
-
-def surrogate_yaml(
-    parameters: FloatArray,
-    tolerances: dict[str, float] | None = None,
-    terms: list[dict[str, Any]] | None = None,
-    feature_terms: Sequence[FeatureTerm] = (),
-    surrogate: SurrogateModel | None = None,
-) -> str:
-    """Return a file's text; the extras are those of `surrogate`."""
-    return _dump(_content(parameters, tolerances, terms, feature_terms, surrogate))
-
-
-def simulation_yaml(surrogate: SurrogateModel) -> str:
-    """Return the text of a surrogate's own file, with its identification if that is known."""
-    content = _content(surrogate.parameters, surrogate=surrogate)
-    if np.any(surrogate.error > 0.0):
-        content["identification"] = _identification(surrogate)
-    return _dump(content)
-
-
-def _dump(content: dict[str, Any]) -> str:
-    text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=96)
-    return text
-
-
-def _content(
-    parameters: FloatArray,
-    tolerances: dict[str, float] | None = None,
-    terms: list[dict[str, Any]] | None = None,
-    feature_terms: Sequence[FeatureTerm] = (),
-    surrogate: SurrogateModel | None = None,
-) -> dict[str, Any]:
-    content: dict[str, Any] = {
-        "kind": KIND,
-        "schema": SCHEMA,
-        "parameters": {name: _rounded(parameters[i]) for i, name in enumerate(NAMES)},
-    }
-    if tolerances:
-        content["tolerances"] = {name: _rounded(x) for name, x in tolerances.items()}
-    if terms:
-        content["terms"] = terms
-    if feature_terms:
-        content["feature_terms"] = _feature_entries(feature_terms)
-    extras = {} if surrogate is None else _extras(surrogate)
-    if extras:
-        content["extras"] = extras
-    return content
-
-
-def _extras(surrogate: SurrogateModel) -> dict[str, Any]:
-    extras: dict[str, Any] = {}
-    road = surrogate.road
-    if road is not None:
-        extras["road"] = {
-            "spacing": road.spacing,
-            "curves": {
-                name: [_rounded(x) for x in knots]
-                for name, knots in zip(road.entries, road.coefficients, strict=True)
-            },
-            "line": [[round(float(x), 4) for x in row] for row in road.line],
-        }
-    if surrogate.feature_terms:
-        extras["feature_terms"] = _feature_entries(surrogate.feature_terms)
-    return extras
-
-
-def _feature_entries(terms: Sequence[FeatureTerm]) -> list[dict[str, Any]]:
-    return [
-        {
-            "equation": term.equation,
-            "feature": term.feature,
-            "coefficient": _rounded(term.coefficient),
-        }
-        for term in terms
-    ]
-
-
-def _identification(surrogate: SurrogateModel) -> dict[str, Any]:
-    error = surrogate.autocovariance or ErrorAutocovariance.of(surrogate.residuals)
-    return {
-        "error": dict(zip(CHANNELS, map(_rounded, surrogate.error), strict=True)),
-        "autocovariance": {
-            name: {
-                "limits": [_rounded(x) for x in error.limits[i]],
-                "values": [[_rounded(x) for x in row] for row in error.values[i]],
-            }
-            for i, name in enumerate(CHANNELS)
-        },
-        "weak_directions": [
-            {name: _rounded(row[INDEX[name]]) for name in NAMES if row[INDEX[name]] != 0.0}
-            for row in surrogate.weak_directions
-        ],
-    }
-
-
-def _rounded(value: float) -> float:
-    """Return a value to eight significant digits."""
-    return float(np.format_float_positional(value, 8, unique=False, fractional=False))

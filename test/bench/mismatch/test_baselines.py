@@ -21,7 +21,8 @@ from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.equation_errors import EquationErrors, equation_errors, slopes
 from adk_ros.bench.mismatch.result_tables import baseline_results, baselines_markdown
 from adk_ros.errors import UsageError
-from adk_ros.mismatch.deployment.surrogate_file import load_surrogate, surrogate_yaml
+from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
+from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm

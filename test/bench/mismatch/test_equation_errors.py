@@ -14,8 +14,8 @@ from adk_ros.mismatch.deployment.surrogate_file import (
     EffectTermEntry,
     SurrogateFile,
     load_surrogate,
-    surrogate_yaml,
 )
+from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
 from adk_ros.mismatch.surrogate.activation import inside_segments
 from adk_ros.mismatch.surrogate.lap import Lap
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem

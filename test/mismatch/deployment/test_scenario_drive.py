@@ -13,7 +13,8 @@ from adk_ros.cli.main import main
 from adk_ros.errors import DataError
 from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor
 from adk_ros.mismatch.deployment.scenario_drive import position_dependent_terms, simulate_scenario
-from adk_ros.mismatch.deployment.surrogate_file import load_surrogate, surrogate_yaml
+from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
+from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm

@@ -22,7 +22,7 @@ from adk_ros.mismatch.deployment.simulator_input import (
     load_simulator,
     simulate_matched_drive,
 )
-from adk_ros.mismatch.deployment.surrogate_file import surrogate_yaml
+from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
 from adk_ros.mismatch.inference.result import EXPLAINED
 from adk_ros.mismatch.library.surrogate_parameters import default_parameters
 from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle, nominal_vehicle_of

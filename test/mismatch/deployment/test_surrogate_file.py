@@ -14,12 +14,8 @@ from helpers.mismatch import car, steady
 from adk_ros.errors import UsageError
 from adk_ros.mismatch import analysis
 from adk_ros.mismatch.deployment.simulator_input import load_simulator
-from adk_ros.mismatch.deployment.surrogate_file import (
-    is_surrogate_file,
-    load_surrogate,
-    simulation_yaml,
-    surrogate_yaml,
-)
+from adk_ros.mismatch.deployment.surrogate_file import is_surrogate_file, load_surrogate
+from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml, surrogate_yaml
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.whitening import prediction_error_filters
 from adk_ros.mismatch.library.criteria import SURROGATE_ERROR_CLIP

@@ -22,7 +22,8 @@ from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, horizon_rmse, start_times_of
 from adk_ros.mismatch.deployment.scenario_drive import position_dependent_terms
 from adk_ros.mismatch.deployment.simulator_input import sensor_log_of
-from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile, surrogate_yaml
+from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
+from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
 from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.inference.surrogate_extension import augment_surrogate, is_underfit, misfit
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
