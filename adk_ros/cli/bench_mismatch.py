@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from adk_ros.cli import console
-from adk_ros.cli.options import JsonOption
+from adk_ros.cli.options import ForceOption, JsonOption
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ def concealed(
             "--peers", help="also run baseline methods on the same residuals (make peers)"
         ),
     ] = False,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """
@@ -62,10 +63,20 @@ def concealed(
     """
     from adk_ros.bench.mismatch.acceptance import evaluate_criteria
     from adk_ros.bench.mismatch.baselines import Baselines
-    from adk_ros.bench.mismatch.mismatch_bench import MismatchBench, generated_jobs, jobs_of
+    from adk_ros.bench.mismatch.mismatch_bench import (
+        SCORED,
+        MismatchBench,
+        generated_jobs,
+        jobs_of,
+    )
+    from adk_ros.bench.mismatch.result_tables import (
+        CRITERIA_FILE,
+        baseline_results,
+        markdown,
+        write_tables,
+    )
     from adk_ros.bench.mismatch.result_tables import as_json as content
-    from adk_ros.bench.mismatch.result_tables import baseline_results, markdown, write_tables
-    from adk_ros.files.output_folder import check_output_folder
+    from adk_ros.files.output_folder import check_output_folder, refuse_existing
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
     if (cases is not None) + own + (real is not None) != 1:
@@ -82,6 +93,7 @@ def concealed(
     if resume and out is None:
         raise UsageError("--resume continues the run in --out FOLDER: name it")
     if out is not None:
+        refuse_existing(out, force or resume, result_files=(CRITERIA_FILE, f"*/{SCORED}"))
         check_output_folder(out)
     todo = generated_jobs(limit) if cases is None else jobs_of(cases)
     try:

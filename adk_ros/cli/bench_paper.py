@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from adk_ros.cli import console
-from adk_ros.cli.options import JsonOption
+from adk_ros.cli.options import ForceOption, JsonOption
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def paper(
     ] = True,
     test: Annotated[list[str] | None, typer.Option(help="run only this test (repeatable)")] = None,
     jobs: Annotated[int, typer.Option(help="processes, one thread each")] = 2,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """
@@ -55,6 +56,8 @@ def paper(
     from adk_ros.api.provenance import RunTimer
     from adk_ros.bench.paper.claims import counts
     from adk_ros.bench.paper.paper_bench import check, run_paper
+    from adk_ros.bench.paper.paper_page import PAGE
+    from adk_ros.files.output_folder import check_output_folder, refuse_existing
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
     timer = RunTimer()
@@ -62,8 +65,8 @@ def paper(
     check(plan)
     if not 1 <= jobs <= 64:
         raise UsageError(f"--jobs is {jobs}: choose 1 to 64")
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is not a folder: choose another --out")
+    refuse_existing(out, force, result_files=(PAGE,))
+    check_output_folder(out)
     out.mkdir(parents=True, exist_ok=True)
     try:
         with graceful_shutdown(), tempfile.TemporaryDirectory(prefix="adk_paper_") as folder:

@@ -17,7 +17,7 @@ from helpers.mismatch_report import drag
 
 from adk_ros.bench.mismatch.case_files import write_case, write_evidence
 from adk_ros.cli.main import main
-from adk_ros.mismatch.deployment.surrogate_file import surrogate_yaml
+from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 
@@ -183,6 +183,16 @@ def test_invalid_bench_options_are_refused(
     capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
     assert message in refused(capsys, 2, "bench", "concealed", *arguments)
+
+
+def test_bench_results_are_not_replaced_unasked(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("bench", "concealed", "--cases", str(folder.parent), "--out", str(tmp_path))
+    (tmp_path / "bars.txt").write_text("PASS\n")
+    assert "holds an earlier result: add --force" in refused(capsys, 2, *arguments)
+    (tmp_path / "bars.txt").rename(tmp_path / "notes.txt")
+    assert "holds no earlier result" in refused(capsys, 2, *arguments, "--force")
 
 
 def test_the_same_bag_twice_is_refused(

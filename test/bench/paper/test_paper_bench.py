@@ -332,7 +332,8 @@ def test_a_tenth_of_the_naive_error_scores_a_tenth() -> None:
         (["--epochs", "0"], "--epochs is 0: choose 1 to 1000000"),
         (["--steps", "0"], "steps is 0"),
         (["--recordings", "no/such"], "--recordings no/such is not a folder"),
-        (["--out", "setup.py"], "setup.py is not a folder"),
+        (["--out", "setup.py"], "setup.py is a file: name a folder for --out"),
+        (["--out", "requirements"], "requirements is not empty and holds no earlier result"),
     ],
 )
 def test_wrong_requests_are_refused(
@@ -364,6 +365,8 @@ def test_the_command_prints_one_line_per_criterion(
     assert plans[0].paper_epochs < BenchPlan().paper_epochs
     assert plans[0].train.steps < TrainSettings().steps
     assert (tmp_path / "out" / "report.html").is_file()
+    assert main(given) == 2
+    assert "holds an earlier result: add --force" in capsys.readouterr().err
     if as_json:
         answer = json.loads(said.out)
         assert answer["bars"][0]["name"] == "geometric-mean"
