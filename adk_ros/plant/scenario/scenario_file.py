@@ -128,7 +128,12 @@ def load_scenario(source: str | Path) -> Scenario:
     supplies all keys that the file lacks. Vehicle and route are built once to check them.
     :raises UsageError: the content is invalid; one line that names the file and the key.
     """
-    scenario = validate(*_read_with_bases(source), Scenario)
+    name, content = _read_with_bases(source)
+    if {"mass", "front_tyre"} & content.keys() and "route" not in content:
+        raise UsageError(
+            f"{name}: this is a vehicle file; give a scenario, and name the file as its `vehicle`"
+        )
+    scenario = validate(name, content, Scenario)
     if scenario.name == "unnamed":
         scenario = scenario.model_copy(update={"name": Path(source).name.split(".")[0]})
     scenario.car()

@@ -181,6 +181,7 @@ def test_a_base_supplies_missing_keys(tmp_path: Path) -> None:
         ),
         ("base: town\nwind: {gust: -1}\n", r"wind\.gust: "),
         ("base: slalom\nsteering: {fast_hz: 0}\n", r"steering\.fast_hz: "),
+        ("mass: 2000.0\nyaw_inertia: 3000.0\n", "this is a vehicle file; give a scenario"),
     ],
 )
 def test_a_bad_file_gives_a_one_line_message(tmp_path: Path, text: str, said: str) -> None:
