@@ -49,6 +49,11 @@ class EncoderArrays(NamedTuple):
     input_bound: Float32Array
     directions: Float32Array
 
+    def scratch(self) -> Float32Array:
+        """Return an array for `perceptron` to work in."""
+        (n_in, hidden), squares = self.w1.shape, self.directions.shape[-1]
+        return np.empty((2, hidden + squares + n_in), dtype=np.float32)
+
 
 @inlined_kernel
 def add_product(out: Float32Array, matrix: Float32Array, vector: Float32Array) -> None:
