@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -154,6 +155,7 @@ def explain(
     vehicle: Path | str | None = None,
     out: Path | str | None = None,
     *,
+    held_out: Sequence[Path | str] = (),
     without_imu: bool = False,
     options: RecordingOptions | None = None,
     force: bool = False,
@@ -168,6 +170,8 @@ def explain(
     :param vehicle: nominal vehicle of the simulation, YAML or a packaged name; only with a bag of
         the simulator. Default: mass estimated from the bag, wheel radius 0.325 m.
     :param out: folder for the report; default: none, see `MismatchExplanation.write`.
+    :param held_out: further bags of the same car, on which the improvement is measured. Default:
+        the last quarter of `recording`, which is then left out of every selection.
     :param without_imu: accept a recording without an IMU and use odometry only.
     :param options: how to read both bags, see `recording_options`.
     :param force: replace an earlier result in `out`.
@@ -195,7 +199,8 @@ def explain(
         simulation, recording, vehicle, without_imu, options or RecordingOptions(), progress
     )
     simulated, recorded, nominal = inputs
-    warnings = list(recorded.warnings)
+    others = _read_held_out([Path(path) for path in held_out], recording, options, progress)
+    warnings = [*recorded.warnings, *(line for log in others for line in log.warnings)]
     if isinstance(simulated, SensorLog):
         warnings += simulated.warnings
 
@@ -203,15 +208,37 @@ def explain(
         in_stage(progress, "comparing")(done, total, detail)
 
     explanation = MismatchExplanation(
-        identify_mismatch(simulated, recorded, nominal, comparing), warnings
+        identify_mismatch(simulated, recorded, nominal, comparing, others), warnings
     )
     sources = [("simulation", simulation), ("recording", recording)]
+    sources += [("held-out recording", Path(path)) for path in held_out]
     if vehicle is not None and Path(vehicle).is_file():
         sources.append(("vehicle", Path(vehicle)))
     explanation = replace(explanation, provenance=timer.provenance(sources))
     if out is not None:
         explanation.write(out, force)
     return explanation
+
+
+def _read_held_out(
+    bags: Sequence[Path],
+    recording: Path,
+    options: RecordingOptions | None,
+    progress: Progress | None,
+) -> list[SensorLog]:
+    """Return the held-out recordings; only their odometry and commands are used."""
+    from adk_ros.mismatch.deployment.held_out import check_held_out
+    from adk_ros.mismatch.recording.from_bag import read_sensor_log
+
+    logs = []
+    for bag in bags:
+        if bag.resolve() == recording.resolve():
+            raise UsageError(f"{bag}: the recording itself is not held out: give another bag")
+        report = in_stage(progress, f"reading {bag.name}")
+        log = read_sensor_log(bag, options or RecordingOptions(), report, needs_imu=False)
+        check_held_out(log)
+        logs.append(log)
+    return logs
 
 
 def _read_inputs(

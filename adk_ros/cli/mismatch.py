@@ -39,6 +39,13 @@ def mismatch(
             "Default: mass estimated from the bag, wheel radius 0.325 m"
         ),
     ] = None,
+    held_out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="another bag of the same car, to measure the improvement on (repeatable). "
+            "Default: the last quarter of the recording, then used for nothing else"
+        ),
+    ] = None,
     without_imu: Annotated[
         bool,
         typer.Option(
@@ -57,7 +64,7 @@ def mismatch(
 
     Compares a simulation with a recording of the real car, names the missing effects with size and
     confidence, and writes report.html, mismatch.json, simulation.yaml, corrected.yaml and
-    held_out.yaml (fitted to the first three quarters only). Takes 0.5 to 3 min on one core.
+    held_out.yaml (fitted without the held-out data). Takes 0.5 to 3 min on one core.
 
     Example: adk mismatch --simulation sim --recording real --vehicle vehicle.yaml --out report
     """
@@ -73,6 +80,7 @@ def mismatch(
                 recording,
                 vehicle,
                 out,
+                held_out=held_out or (),
                 without_imu=without_imu,
                 options=options,
                 force=force,

@@ -19,7 +19,7 @@ from adk_ros.mismatch.inference.likelihood import ActiveEffect, Likelihood
 from adk_ros.mismatch.inference.observability import with_pseudo_imu
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect import PLACE, TIME
-from adk_ros.mismatch.library.features import FEATURES, feature_matrix
+from adk_ros.mismatch.library.features import FEATURES, feature, feature_matrix
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.feature_terms import feature_signals
@@ -146,5 +146,5 @@ def _extra(model: SurrogateFile, course: ResidualProblem, out: FloatArray) -> Fl
     extra = np.zeros((course.steps, 3))
     for piece in model.feature_terms:
         column = STATE_NAMES.index(piece.equation)
-        extra[:, column] += piece.coefficient * FEATURES[piece.feature].function(signals)
+        extra[:, column] += piece.coefficient * feature(piece.feature).function(signals)
     return extra

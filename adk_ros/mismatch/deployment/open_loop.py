@@ -10,6 +10,8 @@ evaluated at the predicted position.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from adk_ros.errors import DataError
@@ -17,6 +19,7 @@ from adk_ros.mismatch.deployment.position_terms import PositionTerms
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.library.criteria import MIN_SPEED
 from adk_ros.mismatch.library.features import feature_matrix
+from adk_ros.mismatch.library.parametric_features import has_memory
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.command_integrals import integrate_commands
 from adk_ros.mismatch.surrogate.equations_of_motion import integrate
@@ -56,6 +59,8 @@ ASSIMILATION_GAINS = np.array([0.1, 0.15, 0.15])
 """Share of the innovation that a message corrects: v_x, v_y, yaw rate. Empirical."""
 _WARM_UP_S = 3.0
 """s of measurements assimilated before the first start."""
+_MEMORY_S = 20.0
+"""s of signals that features with a memory take into account, and that are assimilated first."""
 _MAX_ODOMETRY_AGE_S = 0.1
 """s. A start needs a measurement at most this old."""
 _PASSES = 2
@@ -72,6 +77,11 @@ class OpenLoopPredictor:
         self.parameters = model.vector_with_terms()
         self.position_terms = PositionTerms(model)
         self.features, self.coefficients = model.feature_coefficients()
+        self._warm_up_s = _WARM_UP_S
+        self._history: dict[str, FloatArray] | None = None
+        """Signals before the present start, for features with a memory."""
+        if any(has_memory(name) for name in self.features):
+            self._warm_up_s, self._history = _MEMORY_S, {}
 
     def predict(self, starts_s: FloatArray, ticks: int) -> FloatArray:
         """
@@ -93,7 +103,7 @@ class OpenLoopPredictor:
     def _initial_state(self, first_start: float) -> tuple[float, FloatArray]:
         """Return the time and state (STATE_SIZE,) at which assimilation begins."""
         log = self.log
-        earliest = max(first_start - _WARM_UP_S, float(log.odometry_s[0]))
+        earliest = max(first_start - self._warm_up_s, float(log.odometry_s[0]))
         now = first_start - STEP_S * np.floor((first_start - earliest) / STEP_S)
         state = np.zeros(STATE_SIZE)
         state[[S_V_X, S_V_Y, S_YAW_RATE]] = log.odometry[_last_before(log.odometry_s, now)]
@@ -152,6 +162,7 @@ class OpenLoopPredictor:
         if self.features:
             extra = self._feature_accelerations(run.output, now)
             run = self._run(before, terms, inputs._replace(extra=extra))
+            self._remember(self._signals(run.output, now))
         return run.state
 
     def _run(self, state: FloatArray, terms: ActiveTerms, inputs: RunInputs) -> RunBuffers:
@@ -162,10 +173,19 @@ class OpenLoopPredictor:
 
     def _feature_accelerations(self, output: FloatArray, start: float) -> FloatArray:
         """Return what the features add to the accelerations (n, 3), from an earlier run."""
+        signals, n = self._signals(output, start), output.shape[1]
+        if self._history:
+            signals = _joined(self._history, signals)
+        table = feature_matrix(self.features, signals)[-n:]
+        return np.ascontiguousarray(table @ self.coefficients)
+
+    def _signals(self, output: FloatArray, start: float) -> dict[str, FloatArray]:
+        """Return the signals (n,) of a run that begins at `start`."""
         n = output.shape[1]
         at_s = self._since_first_command(start) + STEP_S * np.arange(n + 1)
         grid_s = self.commands.spacing * np.arange(self.commands.torque.shape[0])
-        signals = {
+        return {
+            "time": start + STEP_S * (np.arange(n) + 0.5),
             "v_x": output[V_X],
             "v_y": output[V_Y],
             "yaw_rate": output[YAW_RATE],
@@ -174,7 +194,14 @@ class OpenLoopPredictor:
             "torque": np.diff(np.interp(at_s, grid_s, self.commands.torque)) / STEP_S,
             "delta": np.diff(np.interp(at_s, grid_s, self.commands.angle)) / STEP_S,
         }
-        return np.ascontiguousarray(feature_matrix(self.features, signals) @ self.coefficients)
+
+    def _remember(self, signals: dict[str, FloatArray]) -> None:
+        """Append signals to the history, of which the last `_MEMORY_S` are kept."""
+        if self._history is None:
+            return
+        joined = _joined(self._history, signals) if self._history else signals
+        kept = round(_MEMORY_S / STEP_S)
+        self._history = {name: values[-kept:].copy() for name, values in joined.items()}
 
     def _since_first_command(self, now: float) -> float:
         return now - float(self.log.command_s[0])
@@ -205,6 +232,13 @@ class OpenLoopPredictor:
         i = _last_before(log.odometry_s, now)
         age = now - log.odometry_s[i]
         return self.position_terms.distances_at(log.pose[i], age * log.odometry[i, 0])
+
+
+def _joined(
+    earlier: Mapping[str, FloatArray], later: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Return signals one after the other."""
+    return {name: np.concatenate([earlier[name], values]) for name, values in later.items()}
 
 
 def _last_before(stamps_s: FloatArray, now: float) -> int:

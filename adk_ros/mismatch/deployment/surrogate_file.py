@@ -24,7 +24,7 @@ from pydantic import Field, model_validator
 
 from adk_ros.files.yaml_file import FileModel, load, read
 from adk_ros.mismatch.library.catalogue import EFFECTS
-from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.surrogate_parameters import (
     INDEX,
     SIZE,
@@ -44,9 +44,11 @@ KIND, SCHEMA = "surrogate", 2
 _KIND_1 = "stand_in"
 _MAX_WEAK_DIRECTIONS = 32
 _MAX_CLIP_LIMITS = 16
+_HORIZONS = 3
 _UNKNOWN_ERROR_BINS = 100
 """Bins of zero residuals of a surrogate whose error is unknown."""
 
+State = Literal["v_x", "v_y", "yaw_rate"]
 Channel = Literal["imu_a_x", "imu_a_y", "imu_yaw_rate", "v_x", "v_y", "yaw_rate"]
 
 
@@ -111,8 +113,7 @@ class FeatureTermEntry(FileModel):
 
     @model_validator(mode="after")
     def _known(self) -> FeatureTermEntry:
-        if self.feature not in FEATURES:
-            raise ValueError(f"feature '{self.feature}' is unknown")
+        feature(self.feature)
         return self
 
 
@@ -181,7 +182,8 @@ class IdentificationEntry(FileModel):
     How well the surrogate fits its simulation.
 
     `error`: RMS residual of 40 ms bins, SI. `weak_directions`: parameter changes of one standard
-    deviation that the simulation hardly determines.
+    deviation that the simulation hardly determines. `open_loop_error`: RMSE of predictions of the
+    simulation 0.25, 1 and 2 s ahead, SI.
     """
 
     error: dict[Channel, float]
@@ -189,6 +191,7 @@ class IdentificationEntry(FileModel):
     weak_directions: list[dict[str, float]] = Field(
         default_factory=list, max_length=_MAX_WEAK_DIRECTIONS
     )
+    open_loop_error: dict[State, list[float]] | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> IdentificationEntry:
@@ -196,6 +199,12 @@ class IdentificationEntry(FileModel):
             raise ValueError(f"error and autocovariance need {', '.join(CHANNELS)}")
         if len({len(entry.limits) for entry in self.autocovariance.values()}) != 1:
             raise ValueError("all channels need the same number of limits")
+        open_loop = self.open_loop_error
+        if open_loop is not None and (
+            set(open_loop) != set(STATE_NAMES)
+            or any(len(row) != _HORIZONS or min(row) < 0.0 for row in open_loop.values())
+        ):
+            raise ValueError(f"open_loop_error needs {_HORIZONS} errors of each state")
         for name in (name for row in self.weak_directions for name in row):
             if name not in INDEX:
                 raise ValueError(f"parameter '{name}' is unknown")
@@ -214,6 +223,13 @@ class IdentificationEntry(FileModel):
             np.array([entry.limits for entry in entries]),
             np.array([entry.values for entry in entries]),
         )
+
+    def open_loop_errors(self) -> FloatArray | None:
+        """Return the open-loop error (horizons, 3), if the file holds it."""
+        if self.open_loop_error is None:
+            return None
+        by_name = {str(name): row for name, row in self.open_loop_error.items()}
+        return np.asarray(np.transpose([by_name[name] for name in STATE_NAMES]))
 
     def directions(self) -> FloatArray:
         """Return the weak directions (k, SIZE)."""
@@ -326,6 +342,7 @@ class SurrogateFile(FileModel):
             self.road(),
             features,
             autocovariance=entry.error_autocovariance(),
+            open_loop_error=entry.open_loop_errors(),
         )
 
 

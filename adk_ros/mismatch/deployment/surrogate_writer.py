@@ -17,6 +17,7 @@ from adk_ros.mismatch.surrogate.error_autocovariance import ErrorAutocovariance
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import STATE_NAMES
 
 
 def surrogate_yaml(
@@ -97,7 +98,8 @@ def _feature_entries(terms: Sequence[FeatureTerm]) -> list[dict[str, Any]]:
 
 def _identification(surrogate: SurrogateModel) -> dict[str, Any]:
     error = surrogate.autocovariance or ErrorAutocovariance.of(surrogate.residuals)
-    return {
+    open_loop = surrogate.open_loop_error
+    content: dict[str, Any] = {
         "error": dict(zip(CHANNELS, map(_rounded, surrogate.error), strict=True)),
         "autocovariance": {
             name: {
@@ -111,6 +113,11 @@ def _identification(surrogate: SurrogateModel) -> dict[str, Any]:
             for row in surrogate.weak_directions
         ],
     }
+    if open_loop is not None:
+        content["open_loop_error"] = {
+            name: [_rounded(x) for x in open_loop[:, i]] for i, name in enumerate(STATE_NAMES)
+        }
+    return content
 
 
 def _rounded(value: float) -> float:

@@ -14,6 +14,13 @@ from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.numerics.arrays import FloatArray
 
 NONE, EXPLAINED, UNKNOWN = "none", "explained", "unknown"
+FULL, WITHOUT_TOLERANCES, WITHOUT_FEATURES, NOT_EXPORTED = (
+    "full",
+    "without tolerances",
+    "without feature terms",
+    "none",
+)
+"""What an exported correction consists of, in the order in which it is tried."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +91,42 @@ class ResidualSeries:
 
 
 @dataclass(frozen=True)
+class HeldOutResult:
+    """
+    Open-loop errors on the data that nothing was selected or fitted on.
+
+    `source`: which data. RMSE by state, one value per horizon of `horizons_s`, SI: of the
+    simulation (`before`), the exported correction (`after`), a constant state (`persistence`), and
+    what noise and the surrogate's own error explain (`expected`). `explained`: whether no error is
+    larger than the model can explain; `ratio`: error over the largest that it can explain.
+    `export`: which correction is exported; `raised`: states whose error a larger one raised.
+    """
+
+    source: str
+    horizons_s: tuple[float, ...]
+    before: dict[str, list[float]]
+    after: dict[str, list[float]]
+    persistence: dict[str, list[float]]
+    expected: dict[str, list[float]]
+    ratio: dict[str, list[float]]
+    starts: int
+    explained: bool
+    export: str
+    raised: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RejectedCandidate:
+    """An effect that was fitted and is not claimed; `share` of the excess loss it removes."""
+
+    name: str
+    parameters: dict[str, Interval]
+    share: float
+    kind: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class MissingChannel:
     """A channel that the recording lacks, and the consequence in one sentence."""
 
@@ -126,3 +169,7 @@ class MismatchResult:
     """Effects that the recorded channels do not show, and that were not considered."""
     discriminability: list[Discriminability] = field(default_factory=list)
     """The most discriminating manoeuvre for each pair of indistinguishable effects."""
+    held_out: HeldOutResult | None = None
+    """Errors on held-out data by horizon; None if they were not measured."""
+    candidates: list[RejectedCandidate] = field(default_factory=list)
+    """Effects that were fitted and are not claimed, largest gain first."""

@@ -30,7 +30,7 @@ from adk_ros.mismatch.library.criteria import (
     MAX_EXTENSION_PASSES,
     MAX_ROAD_MISFIT,
 )
-from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, NAMES, SIZE
 from adk_ros.mismatch.surrogate.identification import (
     OBSERVER_GAIN_FACTORS,
@@ -193,7 +193,7 @@ class _Extension:
         )
         refitted = self._refit(extended)
         parts = [
-            f"{term.coefficient:+.3g} {FEATURES[term.feature].expression} in "
+            f"{term.coefficient:+.3g} {feature(term.feature).expression} in "
             f"d({term.equation})/dt [{EQUATION_UNITS[term.equation]}]"
             for term in expansion.terms
         ]

@@ -39,7 +39,7 @@ from adk_ros.mismatch.library.criteria import (
     MIN_GAIN_PER_SURROGATE_ERROR,
     MIN_SCREENED_GAIN_FEATURE,
 )
-from adk_ros.mismatch.library.features import FEATURES, feature_matrix
+from adk_ros.mismatch.library.features import FEATURES, feature, feature_matrix
 from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.feature_terms import (
     EQUATION_PARAMETERS,
@@ -72,7 +72,7 @@ class UnmodelledDynamics:
         if not self.terms:
             return "a structured residual that depends on none of the examined features"
         return "; ".join(
-            f"{EQUATION_TEXTS[p.equation]} against {FEATURES[p.feature].description}"
+            f"{EQUATION_TEXTS[p.equation]} against {feature(p.feature).description}"
             for p in self.terms
         )
 
@@ -81,12 +81,19 @@ class UnmodelledDynamics:
         parts = []
         for equation in self.equations:
             terms = [
-                f"{p.coefficient:+.4g} {FEATURES[p.feature].expression}"
+                f"{p.coefficient:+.4g} {feature(p.feature).expression}"
                 for p in self.terms
                 if p.equation == equation
             ]
             parts.append(f"d({equation})/dt += {' '.join(terms)} [{EQUATION_UNITS[equation]}]")
         return "; ".join(parts)
+
+    def refitted(self, hypothesis: Hypothesis) -> UnmodelledDynamics:
+        """Return the expression with the coefficients of a later fit of the same features."""
+        fitted = feature_terms(hypothesis.effects)
+        gains = {(term.equation, term.feature): term.gain for term in self.terms}
+        terms = tuple(replace(x, gain=gains[x.equation, x.feature]) for x in fitted)
+        return replace(self, terms=terms, hypothesis=hypothesis)
 
     def unexplained(self) -> UnexplainedResidual:
         """Return the part of the result that describes it."""
@@ -207,5 +214,5 @@ def most_parsimonious(fitted: list[Hypothesis], margin: float) -> Hypothesis:
 def _complexity(active: ActiveEffect) -> int:
     """Return the number of factors of a feature's expression."""
     assert isinstance(active.effect, FeatureEffect)
-    expression = FEATURES[active.effect.feature].expression
+    expression = feature(active.effect.feature).expression
     return len(expression.split()) + expression.count("^")

@@ -273,6 +273,20 @@ Least share of the recording on the simulated road for that road's profile to be
 HELD_OUT_SHARE = 0.25
 """Last share of the recording, on which the improvement is measured. Convention."""
 
+MAX_EXPLAINED_RATIO = 1.5
+"""
+Largest held-out error that a correct model explains, over what noise and the surrogate's own error
+on the simulation cause.
+"""
+INEXACT_EQUATION_SHARE = 0.15
+"""Share of the error before the correction that an inexact equation of a right effect leaves."""
+MAX_RAISED_RATIO = 1.02
+"""
+A correction is not exported if it raises the held-out error of any state above this ratio: chance
+alone moves the RMSE of a hundred predictions by about one per cent.
+"""
+MAX_CANDIDATES_LISTED = 5
+"""Most candidates that are listed as not claimed. Convention."""
 MAX_IMPROVED_RATIO = 0.98
 """Error after over before up to which a correction counts as an improvement. Empirical."""
 

@@ -5,7 +5,8 @@ Feature library: candidate functions of the signals that a residual may depend o
 
 Features describe a residual that no effect of the catalogue explains, and correct the model for
 it. A feature is a function of signals (n,) in SI units: v_x, v_y, yaw_rate, a_x, a_y (simulated),
-torque, delta (commanded).
+torque, delta (commanded). `FEATURES` depend on the signals of the same moment; `feature` also
+knows those with a memory, a threshold or an oscillation (see `parametric_features`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adk_ros.mismatch.library import parametric_features as parametric
 from adk_ros.numerics.arrays import FloatArray
 
 Signals = Mapping[str, FloatArray]
@@ -106,8 +108,66 @@ FEATURES: dict[str, Feature] = {
 }
 
 
+def feature(name: str) -> Feature:
+    """
+    Return a feature by its name.
+
+    Raises `ValueError` for an unknown name.
+    """
+    if name in FEATURES:
+        return FEATURES[name]
+    kind, arguments = parametric.parsed(name)
+    if kind == parametric.GATE and arguments[0] not in FEATURES:
+        raise ValueError(f"feature '{arguments[0]}' is unknown")
+    description, expression, unit = _texts(kind, arguments)
+    functions = {key: entry.function for key, entry in FEATURES.items()}
+    return Feature(
+        description, expression, unit, lambda s: parametric.values_of(name, s, functions)
+    )
+
+
+def _texts(kind: str, arguments: list[str]) -> tuple[str, str, str]:
+    """Return description, expression and unit of a parametric feature."""
+    if kind == parametric.GATE:
+        base = FEATURES[arguments[0]]
+        words, symbol = _condition(arguments[1])
+        return f"{base.description} {words}", f"{base.expression} [{symbol}]", base.unit
+    if kind == parametric.WAVE:
+        frequency = float(arguments[0])
+        words, symbol = _condition(arguments[2]) if len(arguments) == 3 else ("", "")
+        gate = f" [{symbol}]" if symbol else ""
+        return (
+            f"an oscillation in time at {frequency:.3g} Hz {words}".rstrip(),
+            f"cos(2 pi {frequency:.4g} t {float(arguments[1]):+.2f}){gate}",
+            "1",
+        )
+    words, symbol, unit = parametric.FILTERED_SIGNALS[arguments[0]]
+    if kind == parametric.LAG:
+        tau = float(arguments[1])
+        return f"{words} with a lag of {tau:.2g} s", f"lag({symbol}, {tau:.3g} s)", unit
+    frequency, damping = float(arguments[1]), float(arguments[2])
+    return (
+        f"a mass on a spring moved by {words} ({frequency:.2g} Hz, damping ratio {damping:.2g})",
+        f"resonance({symbol}, {frequency:.3g} Hz, {damping:.2g})",
+        unit,
+    )
+
+
+def _condition(text: str) -> tuple[str, str]:
+    """Return a condition in words and as an expression."""
+    name, above, threshold = parametric.split_condition(text)
+    words, symbol, unit = parametric.CONDITIONS[name]
+    side = "above" if above else "below"
+    if name == "torque" and threshold == 0.0:
+        return ("while driving" if above else "while braking"), f"T {'>' if above else '<'} 0"
+    return (
+        f"only {side} {threshold:.3g} {unit} {words}",
+        f"{symbol} {'>' if above else '<'} {threshold:.3g} {unit}",
+    )
+
+
 def feature_matrix(names: list[str], signals: Signals) -> FloatArray:
     """Return the named features (n, k) of a recording's signals."""
     if not names:
         return np.empty((signals["v_x"].shape[0], 0))
-    return np.column_stack([FEATURES[name].function(signals) for name in names])
+    return np.column_stack([feature(name).function(signals) for name in names])

@@ -12,10 +12,14 @@ from typing import NamedTuple
 from adk_ros.files.pages.page import Figure, embed, render_page
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
-from adk_ros.mismatch.inference.result import NONE, MismatchResult
+from adk_ros.mismatch.inference.result import FULL, NONE, MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
-from adk_ros.mismatch.library.criteria import TOLERANCE_BOUND
-from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.library.criteria import (
+    INEXACT_EQUATION_SHARE,
+    MAX_EXPLAINED_RATIO,
+    TOLERANCE_BOUND,
+)
+from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.report.evidence_figures import (
     errors_figure,
     rms,
@@ -24,10 +28,12 @@ from adk_ros.mismatch.report.evidence_figures import (
 )
 from adk_ros.mismatch.report.location_figures import map_figure, timeline_figure
 from adk_ros.mismatch.report.report_tables import (
+    candidate_rows,
     competitor_rows,
     effect_rows,
     error_rows,
     group_rows,
+    horizon_rows,
     loss_rows,
     surrogate_rows,
     unexplained_rows,
@@ -97,6 +103,7 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
     )
     unexplained = result.unexplained
     terms = () if unexplained is None else unexplained.terms
+    held_out = result.held_out
     effect_header, effects = effect_rows(result)
     text = render_page(
         "adk_ros.mismatch.report",
@@ -119,13 +126,19 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         ],
         losses=loss_rows(result),
         error_rows=error_rows(result),
+        horizon_rows=[] if held_out is None else horizon_rows(held_out),
+        held_out_data="the last part" if held_out is None else held_out.source,
+        export=FULL if held_out is None else held_out.export,
+        explained_ratio=MAX_EXPLAINED_RATIO,
+        inexact_percent=100.0 * INEXACT_EQUATION_SHARE,
+        candidate_rows=candidate_rows(result),
         residual_rows=unexplained_rows(before, after, series.noise),
         unexplained=None if unexplained is None else unexplained_text(unexplained),
         expression="" if unexplained is None else unit_text(unexplained.expression),
         groups=group_rows(result),
         surrogate=surrogate_rows(result),
         not_judged=listed([title(name) for name in result.not_judged]),
-        drivers=listed([FEATURES[term.feature].description for term in terms]),
+        drivers=listed([feature(term.feature).description for term in terms]),
         manoeuvres=[(title(one.effect.name), one.effect.manoeuvre) for one in result.effects],
     )
     path = out / PAGE

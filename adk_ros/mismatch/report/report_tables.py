@@ -8,9 +8,15 @@ import math
 
 from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
-from adk_ros.mismatch.inference.result import NONE, IdentifiedEffect, MismatchResult
+from adk_ros.mismatch.inference.result import (
+    NONE,
+    HeldOutResult,
+    IdentifiedEffect,
+    MismatchResult,
+)
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import DISCRIMINATION_LOSS, INDISTINGUISHABLE_LOSS
+from adk_ros.mismatch.library.effect import PLACE, TIME
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
 from adk_ros.mismatch.report.summary import activation_text, interval_text, pair_text
 from adk_ros.mismatch.report.vocabulary import (
@@ -104,18 +110,17 @@ def loss_rows(result: MismatchResult) -> Rows:
     """Return hypothesis, loss per residual, gain over the row above, decision."""
     rows = []
     selected = len(result.effects)
+    has_formula = result.unexplained is not None and bool(result.unexplained.terms)
     previous: float | None = None
     for name, loss in result.losses:
         names = [] if name == NONE else name.split("+")
         gain = "" if previous is None else f"{previous - loss:,.0f}"
         decision = "selected" if len(names) == selected else ""
-        if decision and result.unexplained is not None:
+        if decision and has_formula:
             decision = "selected, with a formula for the remaining residual"
         if len(names) > selected:
             decision = "rejected: " + (
-                "a formula fits the remaining residual better"
-                if result.unexplained is not None
-                else "gain too small"
+                "a formula fits the remaining residual better" if has_formula else "gain too small"
             )
         ratio = loss / result.expected_loss if result.expected_loss > 0.0 else math.nan
         rows.append(
@@ -140,6 +145,49 @@ def error_rows(result: MismatchResult) -> Rows:
             continue
         reduction = round(100.0 * (1.0 - after / before)) if before > 0.0 else 0
         rows.append([f"{state} ({unit})", *pair_text(before, after), f"{reduction} %"])
+    return rows
+
+
+def horizon_rows(held_out: HeldOutResult) -> Rows:
+    """Return state, horizon, errors: before, after, expected, persistence; explained or not."""
+    rows = []
+    for name, (state, unit) in STATES.items():
+        for i, horizon in enumerate(held_out.horizons_s):
+            before = held_out.before[name][i]
+            if not math.isfinite(before):
+                continue
+            ratio = held_out.ratio[name][i]
+            rows.append(
+                [
+                    f"{state} ({unit})" if i == 0 else "",
+                    f"{horizon:g} s",
+                    f"{before:.2g}",
+                    f"{held_out.after[name][i]:.2g}",
+                    f"{held_out.expected[name][i]:.2g}",
+                    f"{held_out.persistence[name][i]:.2g}",
+                    "" if not math.isfinite(ratio) else "yes" if ratio <= 1.0 else "no",
+                ]
+            )
+    return rows
+
+
+def candidate_rows(result: MismatchResult) -> Rows:
+    """Return effect, size with interval, share of the misfit, why it is not claimed."""
+    rows = []
+    for candidate in result.candidates:
+        sizes = []
+        for name, x in candidate.parameters.items():
+            written = quantity(candidate.name, name, x.unit)
+            sizes.append(f"{written.label} {interval_text(x, written)}")
+        where = {PLACE: ", in segments of the lap", TIME: ", from a time on"}
+        rows.append(
+            [
+                title(candidate.name),
+                listed(sizes) + where.get(candidate.kind, ""),
+                f"{100.0 * min(max(candidate.share, 0.0), 1.0):.2g} %",
+                candidate.reason,
+            ]
+        )
     return rows
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from adk_ros.mismatch.inference.result import IdentifiedEffect, ResidualSeries
 from adk_ros.mismatch.library.effect import PLACE
-from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.recording.sensor_log import CHANNELS
 from adk_ros.mismatch.report.vocabulary import unit_text
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
@@ -240,13 +240,14 @@ def effect_residual_trend(series: ResidualSeries, identified: IdentifiedEffect) 
 
 def feature_residual_trend(series: ResidualSeries, term: FeatureTerm) -> Trend:
     """Return the trend of one feature term of the unexplained residual."""
-    feature = FEATURES[term.feature]
-    u = feature.function(series.signals)
+    definition = feature(term.feature)
+    u = definition.function(series.signals)
     if float(np.ptp(u)) == 0.0:
         label, u = "time (s)", series.time_s
     else:
         label = (
-            f"{feature.description}, {unit_text(feature.expression)} ({unit_text(feature.unit)})"
+            f"{definition.description}, {unit_text(definition.expression)} "
+            f"({unit_text(definition.unit)})"
         )
     use = active_bins(series, [[-np.inf, np.inf]])
     name = f"{term.equation}:{term.feature}"

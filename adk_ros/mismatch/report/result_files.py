@@ -6,12 +6,18 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from adk_ros.files.output_folder import staged_folder
 from adk_ros.files.pages.provenance import Provenance
-from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult
+from adk_ros.mismatch.inference.result import (
+    HeldOutResult,
+    IdentifiedEffect,
+    Interval,
+    MismatchResult,
+)
 from adk_ros.mismatch.library.effect import PLACE, TIME
 from adk_ros.mismatch.report.report_page import FIGURES, PAGE, write_page
 from adk_ros.mismatch.report.summary import segment_texts, sentence, underfit_channels
@@ -45,15 +51,7 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
                 "name": effect.effect.name,
                 "confidence": effect.confidence,
                 "alternatives": effect.alternatives,
-                "parameters": {
-                    name: {
-                        "value": _number(x.value),
-                        "low": _number(x.low),
-                        "high": _number(x.high),
-                        "unit": x.unit,
-                    }
-                    for name, x in effect.parameters.items()
-                },
+                "parameters": _parameters(effect.parameters),
                 "where": {
                     "kind": effect.kind,
                     "time_intervals_s": effect.time_intervals_s,
@@ -81,6 +79,19 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         "notes": list(result.notes),
         "stand_in_error": {name: _number(x) for name, x in result.surrogate_error.items()},
     }
+    if result.held_out is not None:
+        answer["fit"] |= _held_out(result.held_out)
+    if result.candidates:
+        answer["candidates"] = [
+            {
+                "name": candidate.name,
+                "parameters": _parameters(candidate.parameters),
+                "kind": candidate.kind,
+                "share": candidate.share,
+                "not_claimed_because": candidate.reason,
+            }
+            for candidate in result.candidates
+        ]
     underfit = underfit_channels(result)
     if underfit:
         answer["caveat"] = (
@@ -101,6 +112,43 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
             "expression": unexplained.expression,
         }
     return answer
+
+
+def _parameters(parameters: Mapping[str, Interval]) -> dict[str, Any]:
+    return {
+        name: {
+            "value": _number(x.value),
+            "low": _number(x.low),
+            "high": _number(x.high),
+            "unit": x.unit,
+        }
+        for name, x in parameters.items()
+    }
+
+
+def _held_out(errors: HeldOutResult) -> dict[str, Any]:
+    """Return the errors on held-out data by horizon, and what was exported."""
+    tables = {
+        "before": errors.before,
+        "after": errors.after,
+        "persistence": errors.persistence,
+        "expected": errors.expected,
+        "ratio": errors.ratio,
+    }
+    return {
+        "data": errors.source,
+        "starts": errors.starts,
+        "horizons": {
+            f"{horizon:g}": {
+                name: {state: _number(values[i]) for state, values in table.items()}
+                for name, table in tables.items()
+            }
+            for i, horizon in enumerate(errors.horizons_s)
+        },
+        "explained": errors.explained,
+        "exported": errors.export,
+        "raised": list(errors.raised),
+    }
 
 
 def write_report(

@@ -10,6 +10,7 @@ from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.inference.result import (
     EXPLAINED,
     NONE,
+    NOT_EXPORTED,
     UNKNOWN,
     IdentifiedEffect,
     Interval,
@@ -18,7 +19,7 @@ from adk_ros.mismatch.inference.result import (
 )
 from adk_ros.mismatch.library.criteria import INCONCLUSIVE_ERROR_TO_NOISE, MAX_IMPROVED_RATIO
 from adk_ros.mismatch.library.effect import PLACE, TIME, Effect
-from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
 from adk_ros.mismatch.report.vocabulary import (
     CHANNEL_TITLES,
@@ -166,6 +167,15 @@ def most_improved_state(result: MismatchResult) -> str:
 
 def improvement_text(result: MismatchResult) -> str:
     """Return how much the correction reduces the error on held-out data; a sentence."""
+    if not any(math.isfinite(value) for value in result.before.values()):
+        return "No prediction error could be measured: the held-out data have no motion."
+    held_out = result.held_out
+    if held_out is not None and held_out.export == NOT_EXPORTED and held_out.raised:
+        raised = listed([STATES[name][0] for name in held_out.raised])
+        return (
+            f"No correction is exported: on held-out data it would raise the {raised} error "
+            f"{result.horizon_s:g} s ahead."
+        )
     name = most_improved_state(result)
     state, unit = STATES.get(name, (name, ""))
     before, after = result.before[name], result.after[name]
@@ -200,7 +210,7 @@ def unexplained_text(unexplained: UnexplainedResidual) -> str:
         return unit_text(unexplained.text)
     features: dict[str, list[str]] = {}
     for term in unexplained.terms:
-        features.setdefault(term.equation, []).append(FEATURES[term.feature].description)
+        features.setdefault(term.equation, []).append(feature(term.feature).description)
     return listed(
         [
             f"a {EQUATION_TEXTS[equation]} that depends on {listed(names)}"
@@ -252,12 +262,14 @@ def sentence(result: MismatchResult) -> str:
 
 
 def _no_mismatch(result: MismatchResult) -> str:
-    name = "v_x" if math.isfinite(result.before["v_x"]) else "yaw_rate"
-    state, unit = STATES[name]
-    error = (
-        f"RMS {state} error {result.before[name]:.2g} {unit}, "
-        f"predicted {result.horizon_s:g} s ahead"
-    )
+    name = next((x for x in ("v_x", "yaw_rate", "v_y") if math.isfinite(result.before[x])), "")
+    error = "no prediction error could be measured"
+    if name:
+        state, unit = STATES[name]
+        error = (
+            f"RMS {state} error {result.before[name]:.2g} {unit}, "
+            f"predicted {result.horizon_s:g} s ahead"
+        )
     underfit = underfit_channels(result)
     if underfit:
         return (

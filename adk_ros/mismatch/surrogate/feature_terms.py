@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.library.features import FEATURES, Signals
+from adk_ros.mismatch.library.features import Signals, feature
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.surrogate.residuals import STEP_S, ResidualProblem
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
@@ -40,6 +40,7 @@ def feature_signals(problem: ResidualProblem, out: FloatArray) -> Signals:
     at = problem.start_s - problem.command_start_s + STEP_S * np.arange(problem.steps + 1)
     grid = commands.spacing * np.arange(commands.torque.shape[0])
     return {
+        "time": problem.middle_s,
         "v_x": problem.smoothed_odometry[:, 0],
         "v_y": out[V_Y],
         "yaw_rate": out[YAW_RATE],
@@ -57,7 +58,7 @@ def active_terms_of(
     if not features:
         return problem.no_terms()
     signals = feature_signals(problem, out)
-    rows = [FEATURES[term.feature].function(signals) for term in features]
+    rows = [feature(term.feature).function(signals) for term in features]
     entries = [INDEX[EQUATION_PARAMETERS[term.equation]] for term in features]
     return ActiveTerms(
         np.array(entries, dtype=np.int64),

@@ -158,6 +158,8 @@ class SurrogateModel:
     """What was identified beyond the parameters, in words."""
     autocovariance: ErrorAutocovariance | None = None
     """Autocovariance of the residuals; for a surrogate from a file, which has no residuals."""
+    open_loop_error: FloatArray | None = None
+    """(horizons, 3) RMSE of open-loop predictions of the simulation, if it was measured."""
 
     def fixed_terms(self, problem: ResidualProblem) -> ActiveTerms:
         """Return the terms of the simulator along a recording: road and feature terms."""

@@ -36,16 +36,14 @@ def vehicle() -> Vehicle:
 
 def test_matched_drive_covers_the_recording() -> None:
     recording = case().recording
-    made, asked = (
-        driving_envelope(simulate_matched_drive(vehicle(), recording)),
-        driving_envelope(recording),
-    )
+    driven = simulate_matched_drive(vehicle(), recording)
+    made, asked = driving_envelope(driven), driving_envelope(recording)
     assert 0.95 < made.top / asked.top < 1.2
     assert 0.9 < made.lateral / asked.lateral < 2.0
     assert made.forward > 0.8 * asked.forward
     assert made.braking > 0.8 * asked.braking
     again = simulate_matched_drive(vehicle(), recording)
-    np.testing.assert_array_equal(again.imu, simulate_matched_drive(vehicle(), recording).imu)
+    np.testing.assert_array_equal(again.imu, driven.imu)
 
 
 @pytest.mark.slow

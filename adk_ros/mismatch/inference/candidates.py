@@ -1,0 +1,60 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Candidates that are not claimed: what was fitted alone, how large it is, and why not claimed."""
+
+from __future__ import annotations
+
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.final_estimate import intervals
+from adk_ros.mismatch.inference.forward_selection import (
+    SelectionPath,
+    is_improvement,
+    min_required_gain,
+    penalised_loss,
+)
+from adk_ros.mismatch.inference.likelihood import Hypothesis
+from adk_ros.mismatch.inference.result import RejectedCandidate
+from adk_ros.mismatch.library.criteria import MAX_CANDIDATES_LISTED
+
+
+def rejected_candidates(path: SelectionPath, decision: Decision) -> list[RejectedCandidate]:
+    """
+    Return the single effects that gain most and are not part of the decision.
+
+    Each was fitted alone, to the training part; `share` is that of the excess loss it removes.
+    """
+    null = path.levels[0][0]
+    claimed = {effect.effect.name for effect in decision.effects}
+    claimed |= {name for effect in decision.effects for name in effect.alternatives}
+    out: list[RejectedCandidate] = []
+    for h in sorted(path.levels[1] if len(path.levels) > 1 else [], key=penalised_loss):
+        active = h.effects[0]
+        if active.effect.name in claimed | {c.name for c in out} or h.loss >= null.loss:
+            continue
+        assert h.fit is not None
+        deviation = [float(x) for x in h.fit.deviation()[h.nuisances.shape[0] :]]
+        out.append(
+            RejectedCandidate(
+                active.effect.name,
+                intervals(active, deviation[: len(active.theta)]),
+                round((null.loss - h.loss) / max(path.null_excess_loss, 1.0), 3),
+                active.activation.kind,
+                _reason(h, null, path, decision),
+            )
+        )
+        if len(out) == MAX_CANDIDATES_LISTED:
+            break
+    return out
+
+
+def _reason(h: Hypothesis, null: Hypothesis, path: SelectionPath, decision: Decision) -> str:
+    if not is_improvement(h, null, path):
+        gain = penalised_loss(null) - penalised_loss(h)
+        return (
+            f"it removes {100.0 * gain / max(min_required_gain(null, path), 1e-9):.0f} % of the "
+            "misfit that an effect must remove to be claimed"
+        )
+    if decision.effects:
+        names = " and ".join(effect.effect.name for effect in decision.effects)
+        return f"{names} fits better, and leaves nothing for it to explain"
+    return "it does not explain the errors on held-out data"

@@ -1,0 +1,92 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The surrogate model of a simulator, from its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from adk_ros.mismatch.inference.surrogate_extension import augment_surrogate
+from adk_ros.mismatch.library.criteria import MIN_ROAD_COVERAGE
+from adk_ros.mismatch.recording.checks import effective_mass
+from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.surrogate.identification import SurrogateModel, identify_surrogate
+from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
+from adk_ros.mismatch.validation import open_loop_error
+
+DEFAULT_WHEEL_RADIUS = 0.325
+"""m, where no vehicle is given: torque over mass and wheel radius are not identifiable apart."""
+_DEFAULT_MASS = 1600.0
+_MASS_RANGE = (200.0, 4e4)
+"""kg: default and range of the mass of a vehicle that is not given."""
+_INERTIA_PER_MASS, _CG_TO_FRONT, _CG_TO_REAR, _TRACK_WIDTH = 1.75, 1.3, 1.4, 1.6
+"""m² and m, of a mid-size car."""
+
+
+def surrogate_of(
+    simulation: SensorLog,
+    recording: SensorLog,
+    nominal: NominalVehicle | None,
+    report: Callable[[float, str], None],
+) -> tuple[SurrogateModel, list[str]]:
+    """
+    Identify the simulator's surrogate, extended where it underfits; return it with notes.
+
+    `report(done, stage)`: the share of the work that is done.
+    """
+    surrogate, notes = _surrogate_and_notes(simulation, recording, nominal, report)
+    error = open_loop_error(surrogate, simulation)
+    return replace(surrogate, open_loop_error=error), notes
+
+
+def _surrogate_and_notes(
+    simulation: SensorLog,
+    recording: SensorLog,
+    nominal: NominalVehicle | None,
+    report: Callable[[float, str], None],
+) -> tuple[SurrogateModel, list[str]]:
+    problem, body_known = prepare_residual_problem(simulation), nominal is not None
+    start = (nominal or default_vehicle(simulation)).parameters()
+    plain = identify_surrogate(
+        problem,
+        start,
+        lambda done, total: report(0.5 * done / total, "identifying the simulator"),
+        body_known,
+    )
+    extended = augment_surrogate(
+        problem,
+        plain,
+        start,
+        body_known,
+        lambda done, total: report(0.5 + 0.5 * done / total, "extending the surrogate"),
+    )
+    road = extended.road
+    if road is not None:
+        coverage = road.covered_share(prepare_residual_problem(recording))
+        if coverage < MIN_ROAD_COVERAGE:
+            return plain, [
+                "the recording is on another road than the simulation, or their pose frames "
+                "differ: the identified road profile is ignored"
+            ]
+    if not extended.augmentation_notes:
+        return plain, []
+    return extended, [
+        "the surrogate needed more than tyres and body to reproduce the simulation; it also has: "
+        f"{'; '.join(extended.augmentation_notes)}"
+    ]
+
+
+def default_vehicle(simulation: SensorLog) -> NominalVehicle:
+    """Return a mid-size car of the mass that the simulation's torque response implies."""
+    identified = effective_mass(simulation, DEFAULT_WHEEL_RADIUS) or _DEFAULT_MASS
+    mass = min(max(identified, _MASS_RANGE[0]), _MASS_RANGE[1])
+    return NominalVehicle(
+        mass=mass,
+        yaw_inertia=_INERTIA_PER_MASS * mass,
+        cg_to_front_axle=_CG_TO_FRONT,
+        cg_to_rear_axle=_CG_TO_REAR,
+        track_width=_TRACK_WIDTH,
+        wheel_radius=DEFAULT_WHEEL_RADIUS,
+    )

@@ -1,0 +1,232 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Validation of a decision on held-out data: what is exported, and which verdict the errors allow.
+
+Effects, places, onsets and sizes come from the training part alone. The held-out data are used for
+the figures, and for two vetoes: a correction that raises the error of any state is not exported,
+and a verdict that leaves an error unexplained becomes `unknown`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import yaml  # type: ignore[import-untyped, unused-ignore]
+
+from adk_ros.files.yaml_file import validate
+from adk_ros.mismatch.deployment.corrected_model import corrected_yaml
+from adk_ros.mismatch.deployment.held_out import (
+    HORIZONS_S,
+    REPORTED_HORIZON,
+    Evidence,
+    HeldOutErrors,
+    horizon_errors,
+    noise_error,
+    persistence_errors,
+    rmse,
+    unjudged_states,
+    without_sensor_faults,
+)
+from adk_ros.mismatch.deployment.open_loop import FIRST_START_S
+from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
+from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.feature_effect import catalogue_effects
+from adk_ros.mismatch.inference.likelihood import Hypothesis
+from adk_ros.mismatch.inference.result import (
+    FULL,
+    NOT_EXPORTED,
+    UNKNOWN,
+    WITHOUT_FEATURES,
+    WITHOUT_TOLERANCES,
+    HeldOutResult,
+    UnexplainedResidual,
+)
+from adk_ros.mismatch.library.criteria import MAX_RAISED_RATIO
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.lap import Lap
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import STATE_NAMES
+
+
+@dataclass(frozen=True)
+class Validation:
+    """
+    Result on held-out data.
+
+    `export`: which of the corrections did not raise any error; `held_out_yaml`: that correction,
+    fitted to the training part; `raised`: the states whose error a rejected correction raised.
+    """
+
+    errors: HeldOutErrors
+    export: str
+    held_out_yaml: str
+    raised: tuple[str, ...] = ()
+
+
+def validate_on_held_out(
+    surrogate: SurrogateModel,
+    hypothesis: Hypothesis,
+    lap: Lap | None,
+    held_out: Sequence[Evidence],
+    not_judged: Sequence[str] = (),
+) -> Validation:
+    """
+    Return the errors of the largest correction that raises none, `hypothesis` fitted before.
+
+    `not_judged`: states that the recorded channels say nothing about.
+    """
+    simulation = horizon_errors(_parsed(simulation_yaml(surrogate)), held_out)
+    before = rmse(simulation)
+    raised: tuple[str, ...] = ()
+    text, export, after = simulation_yaml(surrogate), NOT_EXPORTED, before
+    for rung, candidate in _rungs(hypothesis):
+        trial = corrected_yaml(surrogate, candidate, lap)
+        errors = rmse(horizon_errors(_parsed(trial), held_out))
+        higher = _raised_states(before, errors, not_judged)
+        if not higher:
+            text, export, after = trial, rung, errors
+            break
+        raised = raised or tuple(higher)
+    effects = hypothesis.effects
+    clean = [replace(x, log=without_sensor_faults(x.log, effects)) for x in held_out]
+    unchanged = all(a.log is b.log for a, b in zip(clean, held_out, strict=True))
+    corrected = after if unchanged else rmse(horizon_errors(_parsed(text), clean))
+    hidden = [STATE_NAMES.index(name) for name in not_judged]
+    faulty = [STATE_NAMES.index(name) for name in unjudged_states(effects)]
+    for values in (before, after, corrected):
+        values[:, hidden] = np.nan
+    corrected = corrected.copy()
+    corrected[:, faulty] = np.nan
+    return Validation(
+        HeldOutErrors(
+            before,
+            after,
+            rmse(persistence_errors(held_out)),
+            expected_error(surrogate, [x.log for x in held_out]),
+            corrected,
+            int(np.isfinite(simulation[:, REPORTED_HORIZON, 0]).sum()),
+        ),
+        export,
+        text,
+        raised,
+    )
+
+
+def expected_error(surrogate: SurrogateModel, logs: Sequence[SensorLog]) -> FloatArray:
+    """Return the RMSE (horizons, 3) of a correct model: noise and the surrogate's own error."""
+    noise = np.sqrt(np.mean([noise_error(log) ** 2 for log in logs], axis=0))
+    own = surrogate.open_loop_error
+    zero = np.zeros((len(HORIZONS_S), len(STATE_NAMES)))
+    return np.asarray(np.hypot(noise, zero if own is None else own))
+
+
+def open_loop_error(surrogate: SurrogateModel, simulation: SensorLog) -> FloatArray:
+    """Return the RMSE (horizons, 3) of a surrogate on the simulation that it was fitted to."""
+    model = _parsed(simulation_yaml(surrogate))
+    return np.nan_to_num(rmse(horizon_errors(model, [Evidence(simulation)])))
+
+
+def coherent(decision: Decision, validation: Validation) -> Decision:
+    """
+    Return a decision whose verdict the held-out errors allow.
+
+    `none` and `explained` become `unknown` where an error is larger than noise, the surrogate's
+    own error and the inexactness of the effects' equations explain. The effects stay listed.
+    """
+    errors = validation.errors
+    if decision.verdict == UNKNOWN or errors.is_explained:
+        return decision
+    states = errors.unexplained_states()
+    share = _unexplained_share(errors, states)
+    unexplained = UnexplainedResidual(states, share, error_text(errors, states[0]), "")
+    return replace(decision, verdict=UNKNOWN, unexplained=unexplained)
+
+
+def error_text(errors: HeldOutErrors, state: str) -> str:
+    """Return which held-out error is too large, with what noise and the surrogate explain."""
+    i = STATE_NAMES.index(state)
+    horizon = int(np.nanargmax(errors.explained_ratio()[:, i]))
+    unit = "rad/s" if state == "yaw_rate" else "m/s"
+    return (
+        f"{state} is predicted with an error of {errors.corrected[horizon, i]:.2g} {unit} "
+        f"{HORIZONS_S[horizon]:g} s ahead, where noise and the surrogate model's own error "
+        f"explain {errors.expected[horizon, i]:.2g} {unit}"
+    )
+
+
+def held_out_result(validation: Validation, evidence: Sequence[Evidence]) -> HeldOutResult:
+    """Return the part of the result that describes the held-out data."""
+    errors = validation.errors
+
+    def by_state(values: FloatArray) -> dict[str, list[float]]:
+        return {name: [float(x) for x in values[:, i]] for i, name in enumerate(STATE_NAMES)}
+
+    return HeldOutResult(
+        " and ".join(_source(item) for item in evidence),
+        HORIZONS_S,
+        by_state(errors.before),
+        by_state(errors.after),
+        by_state(errors.persistence),
+        by_state(errors.expected),
+        by_state(errors.explained_ratio()),
+        errors.starts,
+        errors.is_explained,
+        validation.export,
+        validation.raised,
+    )
+
+
+def _source(item: Evidence) -> str:
+    log = item.log
+    if item.from_s <= FIRST_START_S:
+        return log.name
+    return f"the last {log.duration_s - item.from_s:.0f} s of {log.name}"
+
+
+def exported(hypothesis: Hypothesis, export: str) -> Hypothesis | None:
+    """Return the part of a hypothesis that is exported, or None."""
+    return dict(_rungs(hypothesis)).get(export)
+
+
+def _rungs(h: Hypothesis) -> list[tuple[str, Hypothesis]]:
+    """Return the corrections to try, from all that was fitted to the effects alone."""
+    plain = np.zeros_like(h.nuisances)
+    rungs = [(FULL, h)]
+    if h.effects:
+        rungs.append((WITHOUT_TOLERANCES, replace(h, nuisances=plain)))
+    effects = catalogue_effects(h.effects)
+    if effects and len(effects) < len(h.effects):
+        rungs.append((WITHOUT_FEATURES, replace(h, effects=effects, nuisances=plain)))
+    return rungs
+
+
+def _raised_states(before: FloatArray, after: FloatArray, not_judged: Sequence[str]) -> list[str]:
+    """Return the states whose error at the reported horizon a correction raises."""
+    return [
+        name
+        for i, name in enumerate(STATE_NAMES)
+        if name not in not_judged
+        and not after[REPORTED_HORIZON, i] <= MAX_RAISED_RATIO * before[REPORTED_HORIZON, i]
+        and np.isfinite(before[REPORTED_HORIZON, i])
+    ]
+
+
+def _unexplained_share(errors: HeldOutErrors, states: Sequence[str]) -> float:
+    """Return the largest share of a squared error, above the expected one, that is left."""
+    shares = [0.0]
+    for name in states:
+        i = STATE_NAMES.index(name)
+        expected = errors.expected[:, i] ** 2
+        removable = np.maximum(errors.before[:, i] ** 2 - expected, 1e-12)
+        left = np.maximum(errors.corrected[:, i] ** 2 - expected, 0.0)
+        shares.append(float(np.nanmax(np.minimum(left / removable, 1.0))))
+    return round(max(shares), 3)
+
+
+def _parsed(text: str) -> SurrogateFile:
+    return validate("model", yaml.safe_load(text), SurrogateFile)

@@ -1,0 +1,231 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Held-out errors: what a correct model leaves, which correction is exported, which verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import yaml
+from helpers.mismatch import car, case, steady
+
+from adk_ros.errors import DataError
+from adk_ros.files.yaml_file import validate
+from adk_ros.mismatch.analysis import identify_mismatch
+from adk_ros.mismatch.deployment.held_out import (
+    HORIZONS_S,
+    Evidence,
+    HeldOutErrors,
+    check_held_out,
+    horizon_errors,
+    noise_error,
+    persistence_errors,
+    rmse,
+    without_sensor_faults,
+)
+from adk_ros.mismatch.deployment.open_loop import ASSIMILATION_GAINS, horizon_rmse
+from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
+from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES, ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.result import (
+    EXPLAINED,
+    FULL,
+    NONE,
+    NOT_EXPORTED,
+    UNKNOWN,
+    WITHOUT_TOLERANCES,
+    MismatchResult,
+)
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import INEXACT_EQUATION_SHARE, MAX_EXPLAINED_RATIO
+from adk_ros.mismatch.recording.sensor_log import CHANNELS
+from adk_ros.mismatch.report.result_files import as_dict
+from adk_ros.mismatch.report.summary import sentence
+from adk_ros.mismatch.surrogate.activation import Activation
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.validation import Validation, coherent, validate_on_held_out
+from adk_ros.numerics.arrays import FloatArray
+
+SHAPE = (len(HORIZONS_S), 3)
+
+
+def surrogate(**changes: float) -> SurrogateModel:
+    """A surrogate of known parameters, exact on its simulation."""
+    n = len(CHANNELS)
+    p = car(**changes)
+    return SurrogateModel(p, np.zeros(n), np.zeros((n, 100)), np.empty((0, p.shape[0])))
+
+
+def effect(name: str, *theta: float, activation: Activation | None = None) -> ActiveEffect:
+    return ActiveEffect(EFFECTS[name], theta, activation or Activation())
+
+
+def hypothesis(*effects: ActiveEffect, tolerance: float = 0.0) -> Hypothesis:
+    nuisances = np.zeros(N_FIXED_NUISANCES)
+    nuisances[0] = tolerance
+    return Hypothesis(effects, nuisances, 0.0)
+
+
+def errors(before: float, corrected: float, expected: float = 0.02) -> HeldOutErrors:
+    """The same error of all states and horizons."""
+
+    def table(value: float) -> FloatArray:
+        return np.full(SHAPE, value)
+
+    return HeldOutErrors(
+        table(before), table(corrected), table(1.0), table(expected), table(corrected), 50
+    )
+
+
+def test_noise_error_is_that_of_the_filter() -> None:
+    log = case().recording
+    random = np.random.default_rng(0)
+    sigma = log.noise()[3:]
+    state, seen = np.zeros((4000, 3)), np.zeros((4000, 3))
+    for _ in range(200):
+        seen = random.normal(0.0, sigma, state.shape)
+        state += ASSIMILATION_GAINS * (seen - state)
+    ahead = state - random.normal(0.0, sigma, state.shape)
+    np.testing.assert_allclose(noise_error(log), ahead.std(axis=0), rtol=0.05)
+
+
+def test_errors_equal_those_of_one_horizon() -> None:
+    log, model = case().heldout, surrogate()
+    parsed = validate("model", yaml.safe_load(simulation_yaml(model)), SurrogateFile)
+    found = rmse(horizon_errors(parsed, [Evidence(log)]))
+    assert found.shape == SHAPE
+    # The starts end 2 s before the recording does, those of one horizon 1 s before.
+    np.testing.assert_allclose(found[1], horizon_rmse(parsed, log, 1.0, 2.0), rtol=0.1)
+    still = rmse(persistence_errors([Evidence(log)]))
+    assert np.all(still[2] > still[0])
+
+
+def test_evidence_is_the_part_that_is_given() -> None:
+    log = case().heldout
+    whole = persistence_errors([Evidence(log)])
+    part = persistence_errors([Evidence(log, 10.0, 20.0)])
+    assert 0 < part.shape[0] < whole.shape[0]
+    twice = persistence_errors([Evidence(log, 10.0, 20.0), Evidence(log, 10.0, 20.0)])
+    np.testing.assert_array_equal(twice, np.concatenate([part, part]))
+    assert persistence_errors([Evidence(log, 1e4)]).shape == (0, *SHAPE)
+
+
+def test_a_recording_without_motion_is_refused() -> None:
+    with pytest.raises(DataError, match="steady: the vehicle is never faster than 3 m/s"):
+        check_held_out(steady(speed=1.0))
+    check_held_out(steady(speed=10.0))
+
+
+@pytest.mark.parametrize(
+    ("before", "corrected", "explained"),
+    [
+        (0.02, 0.02, True),
+        (0.7, 0.7, False),
+        (0.7, 0.02, True),
+        (0.27, 0.14, False),
+        (0.7, 0.9 * INEXACT_EQUATION_SHARE * 0.7, True),
+        (0.04, 0.99 * MAX_EXPLAINED_RATIO * 0.02, True),
+    ],
+)
+def test_errors_are_explained_or_not(before: float, corrected: float, explained: bool) -> None:
+    assert errors(before, corrected).is_explained is explained
+
+
+@pytest.mark.parametrize("verdict", [NONE, EXPLAINED])
+def test_no_verdict_hides_an_error(verdict: str) -> None:
+    found = [] if verdict == NONE else [object()]
+    decision = Decision(verdict, found, None, hypothesis(), None)  # type: ignore[arg-type]
+    fine = Validation(errors(0.02, 0.02), FULL, "")
+    assert coherent(decision, fine) is decision
+    changed = coherent(decision, Validation(errors(0.7, 0.7), FULL, ""))
+    assert changed.verdict == UNKNOWN
+    assert changed.effects == found
+    assert changed.unexplained is not None
+    assert "with an error of 0.7 m/s" in changed.unexplained.text
+    assert "explain 0.02 m/s" in changed.unexplained.text
+    assert changed.unexplained.share == pytest.approx(1.0)
+
+
+def test_a_correction_that_raises_an_error_is_not_exported() -> None:
+    model, evidence = surrogate(), [Evidence(case().heldout)]
+    done = validate_on_held_out(model, hypothesis(effect("aero_drag", 8.0)), None, evidence)
+    assert done.export == NOT_EXPORTED
+    assert "v_x" in done.raised
+    assert done.held_out_yaml == simulation_yaml(model)
+    np.testing.assert_array_equal(done.errors.after, done.errors.before)
+
+
+def test_tolerances_are_dropped_before_the_effect() -> None:
+    c = case("aero_drag", cda=1.0)
+    model = replace(surrogate(), parameters=c.nominal.parameters())
+    drag, evidence = effect("aero_drag", 1.0), [Evidence(c.heldout)]
+    full = validate_on_held_out(model, hypothesis(drag), None, evidence)
+    assert full.export == FULL
+    assert full.errors.after[1, 0] < 0.7 * full.errors.before[1, 0]
+    # Tolerances that raise an error are left out; the drag is not.
+    done = validate_on_held_out(model, hypothesis(drag, tolerance=0.4), None, evidence)
+    assert done.export == WITHOUT_TOLERANCES
+    np.testing.assert_allclose(done.errors.after, full.errors.after)
+
+
+def test_a_state_without_evidence_is_not_judged() -> None:
+    done = validate_on_held_out(
+        surrogate(), hypothesis(), None, [Evidence(case().heldout)], ["v_x"]
+    )
+    assert np.isnan(done.errors.before[:, 0]).all()
+    assert "v_x" not in done.errors.unexplained_states()
+
+
+def test_sensor_faults_are_removed() -> None:
+    log = case().heldout
+    faulty = replace(log, odometry=log.odometry * [1.05, 1.0, 1.0])
+    restored = without_sensor_faults(faulty, [effect("odometry_scale", 1.05)])
+    np.testing.assert_allclose(restored.odometry, log.odometry)
+    late = without_sensor_faults(log, [effect("clock_offset", 0.1)])
+    np.testing.assert_allclose(late.command_s, log.command_s + 0.1)
+    from_20 = Activation(onset_s=20.0)
+    part = without_sensor_faults(faulty, [effect("odometry_scale", 1.05, activation=from_20)])
+    before = log.odometry_s < 20.0
+    np.testing.assert_array_equal(part.odometry[before], faulty.odometry[before])
+    np.testing.assert_allclose(part.odometry[~before], log.odometry[~before])
+
+
+@cache
+def torque_cut() -> MismatchResult:
+    """A car whose drive torque is cut by 60 % in curves; its simulator does not know."""
+    c = case()
+    log = c.recording
+    a_y = np.abs(np.interp(log.command_s, log.odometry_s, log.odometry[:, 0] * log.odometry[:, 2]))
+    command = log.command.copy()
+    cut = (a_y > 3.0) & (command[:, 0] > 0.0)
+    assert 0.05 < cut.mean() < 0.6
+    # The car is the same; what was commanded is more than what the wheels got.
+    command[cut, 0] /= 0.4
+    return identify_mismatch(c.simulation, replace(log, command=command), c.nominal)
+
+
+def test_what_is_not_explained_is_said() -> None:
+    result = torque_cut()
+    assert result.verdict == UNKNOWN
+    assert result.unexplained is not None
+    assert "No significant mismatch" not in sentence(result)
+    for name in ("v_x", "v_y", "yaw_rate"):
+        assert result.after[name] <= 1.02 * result.before[name]
+
+
+def test_the_result_lists_horizons_and_candidates() -> None:
+    answer = as_dict(torque_cut())
+    assert set(answer["fit"]["horizons"]) == {"0.25", "1", "2"}
+    one = answer["fit"]["horizons"]["1"]
+    assert one["before"]["v_x"] == answer["fit"]["before"]["v_x"]
+    assert answer["fit"]["data"].startswith("the last ")
+    assert answer["fit"]["exported"] in {"full", "without tolerances", "none"} | {
+        "without feature terms"
+    }
+    for candidate in answer["candidates"]:
+        assert candidate["not_claimed_because"]
+        assert candidate["parameters"]
