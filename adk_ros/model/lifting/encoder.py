@@ -121,8 +121,8 @@ class Lifting:
         self._out = torch.from_numpy(self._features)
         for _ in range(_WARM_UP_CALLS):
             self._forward(self._row, self._out)
-        self.compiled = self._compile(parameters, n_in, n_features)
         self._calls_compiled = False
+        self.compiled = self._compile(parameters, n_in, n_features)
 
     def compiled_copy(self) -> Lifting:
         """
