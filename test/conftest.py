@@ -8,7 +8,10 @@ The children that tests start inherit all of it.
 
 import os
 import tempfile
+from collections import Counter
 
+import pytest
+from helpers import shared
 from hypothesis import settings
 
 # Two cores at most are to be expected, and results must not depend on how sums are split.
@@ -19,15 +22,52 @@ os.environ["MPLBACKEND"] = "Agg"
 
 # A domain for each run and each of its workers, this machine only: neither another run nor a robot
 # answers. Domains above 101 meet the ports that Linux hands out.
+IS_WORKER = "PYTEST_XDIST_WORKER" in os.environ
 worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
-run = os.getppid() if "PYTEST_XDIST_WORKER" in os.environ else os.getpid()
+run = os.getppid() if IS_WORKER else os.getpid()
 os.environ["ROS_DOMAIN_ID"] = str(1 + (4 * run + int(worker)) % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.pop("ROS_STATIC_PEERS", None)
-# rclpy.init refuses to start without a place for its log.
+# rclpy.init refuses to start without a place for its log, see also `pytest_configure`.
 os.environ.setdefault("HOME", tempfile.gettempdir())
-os.environ.setdefault("ROS_LOG_DIR", tempfile.mkdtemp(prefix="adk_ros_log_"))
 
 # The same examples each time: a failure that comes and goes says nothing about a change.
 settings.register_profile("adk_ros", derandomize=True, deadline=None, database=None)
 settings.load_profile("adk_ros")
+
+FIRST = "test/cli/test_info.py"
+"""A short file whose tests train the model that other files use."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Create the shared folder, and keep the order of `pytest_collection_modifyitems`."""
+    if not IS_WORKER:
+        folder = shared.create()
+        os.environ.setdefault("ROS_LOG_DIR", str(folder / "ros_log"))
+        if hasattr(config.option, "loadscopereorder"):
+            config.option.loadscopereorder = False
+
+
+def pytest_unconfigure() -> None:
+    """Remove the shared folder; the workers have ended."""
+    if not IS_WORKER:
+        shared.remove()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """
+    Order the files so that no worker waits for a model that another is training.
+
+    First a file that trains the model, then the files that need none, then those that do. Within
+    each, files with many tests come first, so that the workers end at about the same time.
+    """
+    files = [item.nodeid.partition("::")[0] for item in items]
+    tests = Counter(files)
+
+    def rank(file: str, item: pytest.Item) -> tuple[bool, bool, int]:
+        module = item.getparent(pytest.Module)
+        return file != FIRST, module is not None and hasattr(module.obj, "small"), -tests[file]
+
+    ranks = dict(zip(items, map(rank, files, items), strict=True))
+    items.sort(key=lambda item: ranks[item])

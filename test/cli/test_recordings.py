@@ -88,11 +88,13 @@ def test_every_verb_prints_the_warnings(
     capsys, tmp_path: Path, faulty: tuple[Path, list[str]], verb: str
 ) -> None:
     path, expected = faulty
+    model = small().path if verb in ("replay", "rollout") else Path("imdv")
+    predictions = ["rollout", "--model", model, "--bag", path, "--out", tmp_path / "r"]
     arguments = {
         "train": ["train", path, "--out", tmp_path / "m", "--steps", "10", "--no-report"],
-        "replay": ["replay", path, "--model", small().path],
-        "rollout": ["rollout", "--model", small().path, "--bag", path, "--out", tmp_path / "r"],
-        "vehicle": ["rollout", "--model", "imdv", "--bag", path, "--out", tmp_path / "r"],
+        "replay": ["replay", path, "--model", model],
+        "rollout": predictions,
+        "vehicle": predictions,
     }[verb]
     # Training fails because 20 s are too short; the warnings are printed before.
     assert main([str(item) for item in arguments]) == (3 if verb == "train" else 0)

@@ -2,19 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tests of everything offline share: drives, bags and one small model, each made once."""
 
-import atexit
-import shutil
-import tempfile
+import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 import pytest
 
 from adk_ros.cli.main import main
+from adk_ros.model import artefact
+from adk_ros.model.lifting.encoder import Lifting
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.offline.export import write_bag
 from adk_ros.plant.scenario.scenario_file import load_scenario
@@ -23,23 +23,17 @@ from adk_ros.plant.scenario.sensors import Stream
 from adk_ros.plant.scenario.simulate import simulate
 from adk_ros.signals.channels import TICK_NS, Record, Source
 from adk_ros.signals.record import build_record
+from adk_ros.train import hyperparameters
 from adk_ros.train.train_settings import TrainSettings
 from adk_ros.train.training_report import write_report
 from adk_ros.train.training_run import TrainingResult, run_training
+from helpers.shared import made_once
 
 SMALL = TrainSettings(
     steps=300, batch=128, hidden=16, features=8, history=3, learning_rate=8e-3, short_steps=10,
     long_steps=20, validate_every=50, device="cpu",
 )  # fmt: skip
 START_NS = 1_760_000_000_000_000_000
-
-
-@lru_cache
-def folder() -> Path:
-    """A folder of this run of the tests, gone at its end."""
-    path = Path(tempfile.mkdtemp(prefix="adk_ros_offline_"))
-    atexit.register(shutil.rmtree, path, ignore_errors=True)
-    return path
 
 
 def drive(
@@ -72,10 +66,11 @@ def _record(name: str, seconds: float, imu: bool) -> Record:
 
 def bag(name: str = "town", seconds: float = 30.0, imu: bool = True, clean: bool = False) -> Path:
     """A drive as a bag."""
-    path = folder() / f"{name}_{seconds:g}_{imu}_{clean}"
-    if not path.exists():
-        write_bag(drive(name, seconds, imu, clean), path)
-    return path
+    key = f"{name}_{seconds:g}_{imu}_{clean}"
+    made = made_once(
+        f"bag_{key}", lambda at: write_bag(drive(name, seconds, imu, clean), at / key)
+    )
+    return made / key
 
 
 class Small(NamedTuple):
@@ -85,22 +80,55 @@ class Small(NamedTuple):
     path: Path
 
 
+class _Pickler(pickle.Pickler):
+    """Leaves out the encoder: a TorchScript program, which the model folder contains."""
+
+    def persistent_id(self, obj: object) -> str | None:
+        return "encoder" if isinstance(obj, Lifting) else None
+
+
+class _Unpickler(pickle.Unpickler):
+    """Restores the result of a training with the encoder of its model folder."""
+
+    def __init__(self, file: BinaryIO, encoder: Lifting) -> None:
+        super().__init__(file)
+        self._encoder = encoder
+
+    def persistent_load(self, pid: str) -> Lifting:
+        assert pid == "encoder"
+        return self._encoder
+
+
 @lru_cache
 def small() -> Small:
     """The model that most tests use; trained from `record()`."""
-    path = folder() / "small_model"
-    run = run_training([record()], path, SMALL)
-    write_report(run, path)
-    return Small(run, path)
+
+    def train(folder: Path) -> None:
+        run = run_training([record()], folder / "small_model", SMALL)
+        write_report(run, folder / "small_model")
+        with (folder / "run.pickle").open("wb") as file:
+            _Pickler(file).dump(run)
+
+    folder = made_once("small", train)
+    model = folder / "small_model"
+    with (folder / "run.pickle").open("rb") as file:
+        run: TrainingResult = _Unpickler(file, artefact.load(model).model.lifting).load()
+    return Small(run, model)
 
 
 @lru_cache
 def small_without_imu() -> Path:
-    """A model trained on a drive that had no IMU."""
-    path = folder() / "small_model_without_imu"
+    """A model trained on a drive that had no IMU, with one candidate for each hyperparameter."""
     settings = replace(SMALL, steps=60, validate_every=20)
-    run_training([record("handling", 90.0, imu=False)], path, settings)
-    return path
+    name = "small_model_without_imu"
+
+    def train(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            for table in ("_RIDGES", "_SLOW", "_OBSERVERS", "_FAST"):
+                patch.setattr(hyperparameters, table, getattr(hyperparameters, table)[-1:])
+            run_training([record("handling", 90.0, imu=False)], folder / name, settings)
+
+    return made_once(name, train) / name
 
 
 def changed_streams(
