@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The real node in a separate process over DDS: its publications, its start and its end.
+The real node in a separate process over DDS: its publications and its end.
 
 The node must publish exactly what the pipeline yields for the same bag, as `adk replay` does.
 """
@@ -9,7 +9,6 @@ The node must publish exactly what the pipeline yields for the same bag, as `adk
 import json
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -44,7 +43,6 @@ from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Prediction
 from adk_ros.ros.echo import PredictionLog, echo, record, watch_diagnostics
 from adk_ros.ros.messages import join_stamp
-from adk_ros.ros.parameter_table import TABLE
 from adk_ros.ros.session import Session
 from adk_ros.ros.traffic import Rates, message
 from adk_ros.signals.channels import STANDARD_SOURCES, Reading, Source
@@ -190,6 +188,7 @@ def test_live_without_imu_by_sim_time(model: Path, tmp_path: Path) -> None:
     assert "stamps_behind_clock_s" in listener.shown
 
 
+@pytest.mark.slow
 def test_looping_bag(model: Path, bag: Path) -> None:
     """The clock jumps back: the state is reset, and the second loop equals a replay as well."""
     part_s = 4.0
@@ -282,6 +281,7 @@ def wait_for(session: Session, condition: Callable[[], bool], limit_s: float = 2
         session.spin(0.05)
 
 
+@pytest.mark.slow
 def test_faults_and_late_simulation_time_over_real_topics(model: Path) -> None:
     """A node without a clock receives NaN, then valid data: it recovers and reports both."""
     reported: list[tuple[int, str]] = []
@@ -345,86 +345,6 @@ def test_signal_during_start_up(model: Path, number: int) -> None:
         assert "Traceback" not in errors
         assert code == 0
         assert spent_s < 1.5
-
-
-def truncated(folder: Path) -> None:
-    content = (folder / "encoder.pt").read_bytes()
-    (folder / "encoder.pt").write_bytes(content[: len(content) // 2])
-
-
-def with_another_version(folder: Path) -> None:
-    manifest = json.loads((folder / "manifest.json").read_text())
-    manifest["version"] = 99
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-
-
-def without_manifest(folder: Path) -> None:
-    (folder / "manifest.json").unlink()
-
-
-def refused(*arguments: str) -> str:
-    """Start the node, which must refuse its arguments; return its one-line message."""
-    done = subprocess.run(
-        [sys.executable, "-m", "adk_ros.ros.node", *arguments],
-        capture_output=True, text=True, timeout=60.0, check=False,
-    )  # fmt: skip
-    assert done.returncode == 2, done.stderr
-    assert "Traceback" not in done.stderr + done.stdout
-    (only,) = [text for text in done.stderr.splitlines() if not text.startswith("[")]
-    assert only.startswith("predictor: ")
-    return only
-
-
-@pytest.mark.parametrize(
-    ("damage", "message"),
-    [
-        (truncated, "does not match its hash"),
-        (with_another_version, "version is 99"),
-        (without_manifest, "it is not a model folder"),
-    ],
-)
-def test_unusable_model_is_refused(
-    tmp_path: Path, damage: Callable[[Path], None], message: str
-) -> None:
-    folder = write_model(tmp_path / "model")
-    damage(folder)
-    assert message in refused("--ros-args", "-p", f"model:={folder}")
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (["--ros-args", "-p", "model:=/nowhere"], "model /nowhere is not a folder"),
-        (["--ros-args"], "parameter 'model' is not given"),
-        (["--ros-args", "-p", "model:=m", "-p", "method:=best"], "'method' is 'best'"),
-        (["--ros-args", "-p", "model:=m", "-p", "ridge:=[1, 2]"], "'ridge' is [1, 2]"),
-        (["--ros-args", "-p", "a:=[0, 0.5]"], "Sequence should be of same type"),
-        (["--ros-args", "-p", "use_sim_time:=3"], "use_sim_time"),
-        (["--ros-args", "--params-file", "/nowhere.yaml"], "/nowhere.yaml"),
-        (["bag.mcap"], "argument 'bag.mcap' is not understood"),
-    ],
-)
-def test_wrong_arguments_are_refused(given: list[str], message: str) -> None:
-    assert message in refused(*given)
-
-
-def test_help_names_every_parameter() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "adk_ros.ros.node", "--help"],
-        capture_output=True, text=True, timeout=60.0, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert all(f"\n  {spec.name} " in done.stdout for spec in TABLE)
-    assert "Example: predictor --ros-args" in done.stdout
-    assert max(map(len, done.stdout.splitlines())) < 100
-
-
-def test_command_type_that_is_not_installed(model: Path) -> None:
-    text = refused(
-        "--ros-args", "-p", f"model:={model}", "-p", "command_type:=ackermann",
-        "-p", "mass:=1500.0", "-p", "wheel_radius:=0.3",
-    )  # fmt: skip
-    assert "ackermann_msgs is not installed" in text
 
 
 def test_no_predictor_running() -> None:
