@@ -71,11 +71,13 @@ def test_mypy() -> None:
     assert not said, said
 
 
+@pytest.mark.slow
 def test_ament_pep257() -> None:
     said = complaints("ament_pep257.main", "--add-ignore", *NOT_ASKED, "--", "adk_ros", "launch")
     assert not said, said
 
 
+@pytest.mark.slow
 def test_ament_flake8() -> None:
     said = complaints("ament_flake8.main", "--config", "setup.cfg", "--", *CHECKED)
     assert not said, said

@@ -90,6 +90,7 @@ def test_soak_stays_finite_flat_and_exact(soaked: dict[str, Any]) -> None:
     assert soaked["memory_end_mib"] - soaked["memory_early_mib"] < 20.0
 
 
+@pytest.mark.slow
 def test_soak_injects_every_fault_and_the_pipeline_detects_it(soaked: dict[str, Any]) -> None:
     assert set(soaked["faults"]) == {
         "not a number", "infinite", "duplicate", "out of order", "future", "past",
@@ -199,9 +200,8 @@ def test_progress_reaches_its_end() -> None:
     assert calls[-1] == (2000, 2000)
 
 
-def test_the_command_line(
-    capsys, monkeypatch: pytest.MonkeyPatch, timed: dict[str, Any], soaked: dict[str, Any]
-) -> None:
+def test_the_command_line(capsys, monkeypatch: pytest.MonkeyPatch, timed: dict[str, Any]) -> None:
+    soaked = soak.bench_soak(small().path, 1000)
     for verb in ("latency", "soak"):
         arguments = ["bench", verb, "--model", str(small().path), "--ticks", "1000"]
         assert main([*arguments, "--json"]) == 0

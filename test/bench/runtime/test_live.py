@@ -59,6 +59,7 @@ def test_a_short_measurement(tmp_path: Path) -> None:
     assert len(calls) > 10
 
 
+@pytest.mark.slow
 def test_a_node_that_does_not_start_is_reported(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="is not a folder"):
         bench_live(tmp_path / "none", 1.0)

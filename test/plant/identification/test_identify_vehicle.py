@@ -108,6 +108,7 @@ def test_what_is_reported_is_what_was_found() -> None:
     )
 
 
+@pytest.mark.slow
 def test_it_drives_like_the_car_on_another_drive() -> None:
     scenario = load_scenario("town").model_copy(update={"vehicle_changes": CHANGES, "mu": MU})
     other = simulate(scenario, duration_s=40.0).truth()

@@ -97,6 +97,7 @@ def test_step_steer_agrees(upright: dict[tuple[str, str], Any]) -> None:
     assert upright[step, "roll"].on_the_way < 0.20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("braking", ["braking, 30 m/s, 3 m/s^2", "braking, 30 m/s, 6 m/s^2"])
 def test_braking_agrees(upright: dict[tuple[str, str], Any], braking: str) -> None:
     assert abs(upright[braking, "v_x"].at_end) < 0.002
