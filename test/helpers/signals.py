@@ -4,6 +4,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -69,6 +70,23 @@ def stream(
 
     Jitter shifts the stamps; each reading is correct at its stamp.
     """
+    return list(
+        _stream(source, rate_hz, duration_s, phase, jitter, noise, seed, begin_s, start_ns)
+    )
+
+
+@lru_cache(maxsize=48)
+def _stream(
+    source: Source,
+    rate_hz: float,
+    duration_s: float,
+    phase: float,
+    jitter: float,
+    noise: float,
+    seed: int,
+    begin_s: float,
+    start_ns: int,
+) -> tuple[Reading, ...]:
     random = np.random.default_rng((seed, int(source)))
     period_s = 1.0 / rate_hz
     readings = []
@@ -78,7 +96,7 @@ def stream(
         exact = values(source, offset_ns * 1e-9)
         measured = tuple(value + noise * random.normal() for value in exact)
         readings.append(Reading(source, start_ns + offset_ns, tuple(map(float, measured))))
-    return readings
+    return tuple(readings)
 
 
 def drive(
