@@ -47,6 +47,8 @@ _RESTART, _COASTING, _UNLEARNABLE = int(Flag.RESTART), int(Flag.COASTING), int(U
 _ODOMETRY_STALE = int(Flag.ODOMETRY_STALE)
 _NAN3 = np.full(3, math.nan)
 _NAN3.flags.writeable = False
+_NO_PREDICTION = np.full(3, math.nan)
+"""Writable, as predictions are: for a read-only array numba would compile the observer again."""
 
 
 class Predictor:
@@ -267,7 +269,7 @@ class Predictor:
         stale = sample.flags & _ODOMETRY_STALE
         observer_update(
             state,
-            _NAN3 if self._predicted is None else self._predicted,
+            _NO_PREDICTION if self._predicted is None else self._predicted,
             sample.u,
             self._prediction_only_gains if stale else self._gains,
             *self._observer_arrays,
