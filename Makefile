@@ -117,6 +117,7 @@ RUNTIME_PINS := $(addprefix requirements/,runtime.txt python.txt ros.txt constra
 $(RUNTIME): $(RUNTIME_PINS) $(PACKAGE) | $(BIN)/pip
 	$(PIP_INSTALL) -r requirements/runtime.txt
 	$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
+	-@$(BIN)/adk compile
 	@touch $@
 
 $(TESTING): requirements/test.txt requirements/docs.txt $(RUNTIME)

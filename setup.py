@@ -16,7 +16,10 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "adk_ros"
-VERBS = ("train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench")
+VERBS = (
+    "train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench",
+    "compile",
+)  # fmt: skip
 
 console_scripts = ["adk = adk_ros.cli.main:main", "predictor = adk_ros.ros.node:main"]
 if {"install", "develop"} & set(sys.argv[1:]):

@@ -9,10 +9,10 @@ from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
-DATA, PREDICT, COMPARE, MEASURE = "Data", "Predict", "Compare", "Measure"
+DATA, PREDICT, COMPARE, MEASURE, INSTALL = "Data", "Predict", "Compare", "Measure", "Install"
 """Groups of verbs in `adk --help`, in this order."""
 
-_GROUPS = (DATA, PREDICT, COMPARE, MEASURE)
+_GROUPS = (DATA, PREDICT, COMPARE, MEASURE, INSTALL)
 
 
 class VerbCommand(TyperCommand):

@@ -20,7 +20,8 @@ import typer
 
 from adk_ros.api.provenance import COMMAND_LINE
 from adk_ros.cli import bench, demo, echo, info, mismatch, play, replay, rollout, simulate, train
-from adk_ros.cli.command import COMPARE, DATA, MEASURE, PREDICT, VerbCommand, VerbGroup
+from adk_ros.cli.command import COMPARE, DATA, INSTALL, MEASURE, PREDICT, VerbCommand, VerbGroup
+from adk_ros.cli.compile import compile_code
 from adk_ros.errors import AdkError
 
 app = typer.Typer(
@@ -63,6 +64,7 @@ VERBS: dict[str, tuple[str, Callable[..., Any]]] = {
     "echo": (PREDICT, echo.echo),
     "demo": (PREDICT, demo.demo),
     "mismatch": (COMPARE, mismatch.mismatch),
+    "compile": (INSTALL, compile_code),
 }
 """Verb -> (group in the help, function)."""
 
@@ -140,6 +142,7 @@ info_main = _verb_main("info")
 simulate_main = _verb_main("simulate")
 mismatch_main = _verb_main("mismatch")
 bench_main = _verb_main("bench")
+compile_main = _verb_main("compile")
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -70,10 +70,11 @@ def test_help_groups_the_verbs(capsys) -> None:
         "Predict": ["train", "replay", "rollout", "echo", "demo"],
         "Compare": ["mismatch"],
         "Measure": ["bench"],
+        "Install": ["compile"],
     }
 
 
-@pytest.mark.parametrize("verb", ["train", "replay", "simulate", "demo", "mismatch"])
+@pytest.mark.parametrize("verb", ["train", "replay", "simulate", "demo", "mismatch", "compile"])
 def test_help_of_a_long_running_verb_gives_its_duration(capsys, verb: str) -> None:
     assert main([verb, "--help"]) == 0
     text = " ".join(capsys.readouterr().out.split())

@@ -31,7 +31,10 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
-VERBS = ["train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench"]
+VERBS = [
+    "train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench",
+    "compile",
+]  # fmt: skip
 PYTHONS = ["3.10", "3.11", "3.12", "3.13", "3.14"]
 
 # rosdep key -> (name in pip, name in Python).

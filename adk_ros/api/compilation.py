@@ -1,0 +1,112 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Compile the kernels that the commands and the node use, so that none is compiled at its first use.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import time
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from numba.core import event  # type: ignore[import-untyped, unused-ignore]
+
+from adk_ros.api.kernel_calls import AFTER_GROUPS, GROUPS, Call
+from adk_ros.api.progress import Progress, in_stage
+from adk_ros.errors import DataError, UsageError
+from adk_ros.shutdown import begin_worker, end_all
+
+_POLL_S = 0.5
+_FUNCTIONS = 74
+"""Functions that an empty cache lacks: the total of the progress."""
+
+
+@dataclass(frozen=True)
+class Compilation:
+    """Number of functions compiled, and the duration in s."""
+
+    compiled: int
+    seconds: float
+
+
+def compile_kernels(progress: Progress | None = None) -> Compilation:
+    """
+    Compile what the cache on disk lacks, in two processes.
+
+    :raises UsageError: no folder for compiled code is writable.
+    :raises DataError: a process was killed.
+    """
+    started = time.monotonic()
+    _check_cache_folder()
+    report = in_stage(progress, "compiling")
+    context = multiprocessing.get_context("spawn")
+    compiled = context.Value("i", 0)
+    before = set(multiprocessing.active_children())
+    executor = ProcessPoolExecutor(
+        len(GROUPS), mp_context=context, initializer=_begin, initargs=(compiled,)
+    )
+    try:
+        for groups in (GROUPS, (AFTER_GROUPS,)):
+            futures = {executor.submit(_run, group) for group in groups}
+            while futures:
+                finished, futures = wait(futures, _POLL_S, FIRST_COMPLETED)
+                for future in finished:
+                    future.result()
+                report(min(compiled.value, _FUNCTIONS), _FUNCTIONS)
+    except BaseException as error:
+        end_all(set(multiprocessing.active_children()) - before)
+        if isinstance(error, BrokenProcessPool):
+            raise DataError("a process was killed, possibly for lack of memory") from None
+        raise
+    finally:
+        # Wait even for a broken pool, see `bench.paper.paper_bench`.
+        executor.shutdown(wait=True, cancel_futures=True)
+    report(_FUNCTIONS, _FUNCTIONS)
+    return Compilation(compiled.value, time.monotonic() - started)
+
+
+def _check_cache_folder() -> None:
+    from adk_ros.numerics import runge_kutta
+
+    kernel: Any = runge_kutta.clip
+    if kernel.stats.cache_path is None:
+        raise UsageError(
+            f"compiled code cannot be stored: neither {Path(runge_kutta.__file__).parent} nor the "
+            "user's cache folder is writable; set NUMBA_CACHE_DIR to a folder that is"
+        )
+
+
+def _begin(compiled: Any) -> None:
+    """Set up a worker process that counts its compilations in `compiled`."""
+    begin_worker()
+    # An exception would be lost in a callback of the compiler. The cache is never half-written.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    event.register("numba:compile", _Counter(compiled))  # type: ignore[no-untyped-call]
+
+
+class _Counter(event.Listener):  # type: ignore[misc, unused-ignore]
+    """Counts the functions of this package that numba compiles."""
+
+    def __init__(self, compiled: Any) -> None:
+        self._compiled = compiled
+
+    def on_start(self, event: Any) -> None:
+        """Wait for the end."""
+
+    def on_end(self, event: Any) -> None:
+        """Count a function of this package; numba also compiles its own."""
+        if event.data["dispatcher"].py_func.__module__.startswith("adk_ros."):
+            with self._compiled.get_lock():
+                self._compiled.value += 1
+
+
+def _run(group: tuple[Call, ...]) -> None:
+    """Run a group in a worker."""
+    for call in group:
+        call()
