@@ -38,11 +38,12 @@ model, bag, out = sys.argv[1:]
 warm_up(load(Path(model)).model, PipelineSettings())
 for arguments in (
     ["simulate", "town", "--duration", "5", "--out", out + "/seven"],
-    ["simulate", "gusts", "--duration", "5", "--out", out + "/fourteen"],
+    ["simulate", "gusts", "--duration", "60", "--out", out + "/fourteen"],
     ["replay", bag, "--model", model, "--out", out + "/replayed"],
     ["rollout", "--model", model, "--bag", bag, "--out", out + "/trained.csv"],
     ["rollout", "--model", "imdv", "--bag", bag, "--out", out + "/vehicle.csv"],
-    ["mismatch", "--simulation", bag, "--recording", bag, "--out", out + "/report"],
+    ["mismatch", "--simulation", bag, "--recording", out + "/fourteen", "--vehicle", "imdv",
+     "--out", out + "/report"],
     ["rollout", "--model", out + "/report/simulation.yaml", "--bag", bag,
      "--out", out + "/surrogate.csv"],
     ["simulate", "town", "--duration", "5", "--model", out + "/report/corrected.yaml",
