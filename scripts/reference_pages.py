@@ -10,6 +10,7 @@ from typing import Any
 
 import typer
 
+from adk_ros.cli.command import readable_usage
 from adk_ros.cli.main import app
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect_table import effect_table
@@ -72,7 +73,7 @@ def _section(title: str, command: Any, heading: str) -> list[str]:
         record = parameter.get_help_record(context)
         if record is not None:
             usage, text = record
-            lines.append(f"| `{usage}` | {typeset(text)} |")
+            lines.append(f"| `{readable_usage(usage)}` | {typeset(text)} |")
     return [*lines, ""]
 
 

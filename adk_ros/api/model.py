@@ -63,7 +63,7 @@ class TrainedModel:
 
         Index (channel, horizon_s); one column per predictor with its RMSE in m/s or rad/s, then
         `ratio` and `ratio_commands_held`: RMSE of the model divided by that of the best naive
-        predictor, with known future commands and with commands held constant.
+        predictor, with future commands known and with commands held constant.
         """
         return score_frame(self.facts.get("held_out"))
 

@@ -100,13 +100,13 @@ class ReplayResult:
 
         Index (channel, horizon_s); one column per predictor with its RMSE in m/s or rad/s, then
         `ratio` and `ratio_commands_held`: RMSE of the model divided by that of the best naive
-        predictor, with known future commands and with commands held constant.
+        predictor, with future commands known and with commands held constant.
         """
         return score_frame(self.held_out.as_json() if self.held_out else None)
 
     def figure(self, horizon_s: float = 1.0) -> Figure:
         """
-        Draw the measured state and the state predicted `horizon_s` before, commands known.
+        Draw the measured state and the state predicted `horizon_s` before, future commands known.
 
         :param horizon_s: 0.025 to 2 s. Where nothing was scored, the one-step predictions are
             drawn.
@@ -181,7 +181,7 @@ def replay(
     :param out: bag to write the predictions to.
     :param method: online method: constant, rls, ffrls, swls or windowed (default: the model's).
     :param window: samples in the window of windowed and swls (default: the model's).
-    :param ridge: weight of the offline model in method windowed, in equivalent samples (default:
+    :param ridge: ridge weight towards the offline model (windowed only), in samples (default:
         the model's).
     :param horizon_s: length of the predicted horizon, 0 to 10 s.
     :param with_horizon: write the horizons to `out` as well.

@@ -129,7 +129,7 @@ class RolloutResult:
         write_csv(Path(out), self.starts_s, self.predicted)
 
     def _repr_html_(self) -> str:
-        title = f"{len(self.starts_s)} predictions of {self.horizon_s:g} s on {self.name}"
+        title = f"{len(self.starts_s)} rollouts of {self.horizon_s:g} s on {self.name}"
         return as_html(title, self.errors.iloc[[0, len(self.errors) // 2, -1]])
 
 
@@ -154,7 +154,7 @@ def rollout(
     :param stride_s: time between starts, 0.025 to 3600 s.
     :param options: how to read a bag; default: with the sensor configuration of the model.
     :raises UsageError: an argument is invalid, or the model cannot be read.
-    :raises DataError: the recording is unusable, or has no start with known commands.
+    :raises DataError: the recording is unusable, or has no start with future commands known.
 
     Example::
 

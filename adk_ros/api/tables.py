@@ -60,7 +60,7 @@ def score_frame(scores: dict[str, Any] | None) -> pd.DataFrame:
         was scored, which gives an empty table.
     :return: index (channel, horizon_s); one column per predictor with its RMSE in m/s or rad/s;
         `ratio` and `ratio_commands_held`, the model's RMSE divided by that of the best naive
-        predictor, with known future commands and with commands held constant. Below 1 is better.
+        predictor, with future commands known and with commands held constant. Below 1 is better.
     """
     index = pd.MultiIndex.from_tuples([], names=["channel", "horizon_s"])
     if not scores:

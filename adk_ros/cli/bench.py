@@ -21,7 +21,7 @@ app = typer.Typer(
 app.command("paper")(bench_paper.paper)
 app.command("concealed")(bench_mismatch.concealed)
 ModelChoice = Annotated[
-    Path | None, typer.Option(help="model folder; default: train a temporary one (40 s)")
+    Path | None, typer.Option(help="model folder", show_default="train a temporary one, 40 s")
 ]
 
 

@@ -47,14 +47,16 @@ def concealed(
     peers: Annotated[
         bool,
         typer.Option(
-            "--peers", help="also run baseline methods on the same residuals (make peers)"
+            "--peers",
+            help="also run the baseline libraries pysindy, gplearn and scikit-learn on the same "
+            "residuals (needs `make peers`)",
         ),
     ] = False,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """
-    Benchmark `adk mismatch` on recordings with a hidden, known effect.
+    Benchmark `adk mismatch` on recordings with an injected, known effect.
 
     Prints PASS, FAIL or NONE (no case, or too few cases) for each acceptance criterion. The
     exit code is 0 even if a criterion fails.

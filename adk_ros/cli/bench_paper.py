@@ -27,20 +27,45 @@ _QUICK_STRIDE = 40
 def paper(
     out: Annotated[Path, typer.Option(help="folder to write the report into")] = Path("paper_out"),
     quick: Annotated[
-        bool, typer.Option("--quick", help="shorter training, fewer rollouts: up to 20 min")
+        bool,
+        typer.Option(
+            "--quick",
+            help="shorter training, fewer rollouts: up to 20 min on an AMD EPYC, 2 cores, instead "
+            "of about 1 h",
+        ),
     ] = False,
-    seeds: Annotated[int, typer.Option(help="random seeds: trainings of the adk_ros model")] = 3,
-    steps: Annotated[int | None, typer.Option(help="training steps of the adk_ros model")] = None,
+    seeds: Annotated[int, typer.Option(help="number of trainings, each with another seed")] = 3,
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            help="training steps of the adk_ros model", show_default="4000; 2000 with --quick"
+        ),
+    ] = None,
     epochs: Annotated[
-        int | None, typer.Option(help="training epochs of the paper's DK and ALDK models")
+        int | None,
+        typer.Option(
+            help="training epochs of the paper's models: deep Koopman (DK), also with "
+            "acceleration loss (ALDK)",
+            show_default="200; 80 with --quick",
+        ),
     ] = None,
     recordings: Annotated[
         Path | None, typer.Option(help="folder of real recordings to train and test on as well")
     ] = None,
     peers: Annotated[
-        bool, typer.Option(help="also run pykoop and pykoopman (needs `make peers`)")
+        bool,
+        typer.Option(
+            help="also run the baseline libraries pykoop and pykoopman (needs `make peers`)"
+        ),
     ] = True,
-    test: Annotated[list[str] | None, typer.Option(help="run only this test (repeatable)")] = None,
+    test: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="run only this test and nominal (repeatable): mass_plus_160, mass_minus_170, "
+            "inertia_plus_142, inertia_minus_158, mountain, slalom, winter, gusts or worn_tyres",
+            show_default="all",
+        ),
+    ] = None,
     jobs: Annotated[int, typer.Option(help="processes, one thread each")] = 2,
     force: ForceOption = False,
     as_json: JsonOption = False,

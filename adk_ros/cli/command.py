@@ -1,9 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Command classes of the parser: options given once, verbs grouped in the help."""
+"""Command classes of the parser: options given once, plain types and groups in the help."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from typing import Any
 
@@ -13,6 +14,14 @@ DATA, PREDICT, COMPARE, MEASURE, INSTALL = "Data", "Predict", "Compare", "Measur
 """Groups of verbs in `adk --help`, in this order."""
 
 _GROUPS = (DATA, PREDICT, COMPARE, MEASURE, INSTALL)
+
+
+_LIST_TYPE = re.compile(r"(?:\.\.\.)? <list\[(\w+)\]>")
+
+
+def readable_usage(usage: str) -> str:
+    """Return a parameter in the help with its list type in plain form: `bags <path>...`."""
+    return _LIST_TYPE.sub(lambda found: f" <{found[1].lower()}>...", usage)
 
 
 class VerbCommand(TyperCommand):
@@ -28,6 +37,17 @@ class VerbCommand(TyperCommand):
                         f"Option '{param.opts[-1]}' is given {count} times: it takes one value."
                     )
         return super().parse_args(ctx, args)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments and options, lists as `<path>...`."""
+        write = formatter.write_dl
+
+        def write_readable(rows: Any, *arguments: Any, **options: Any) -> None:
+            write([(readable_usage(usage), text) for usage, text in rows], *arguments, **options)
+
+        formatter.write_dl = write_readable
+        super().format_options(ctx, formatter)
+        formatter.write_dl = write
 
 
 def _may_repeat(option: Any) -> bool:

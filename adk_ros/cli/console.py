@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 output = Console(highlight=False, soft_wrap=True)
 _REPORT_UNITS = ("km/h", "km/h", "deg/s")
+_HEADINGS = {
+    "model": "model, commands known",
+    "straight line": "linear extrap.",
+}
+"""Headings of columns that are not named as in files or too wide for a table of 80 columns."""
 
 _MIN_SHOWN_S = 1.0
 """Work that takes less time shows no progress."""
@@ -140,7 +145,7 @@ def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], tit
     """
     Return RMSE by channel and horizon in km/h and deg/s as a table of at most 80 columns.
 
-    :param model_names: the model's scores with known future commands and with commands held
+    :param model_names: the model's scores with future commands known and with commands held
         constant; all others are naive predictors.
     """
     naive = [name for name in scores if name not in model_names]
@@ -150,7 +155,7 @@ def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], tit
     table.add_column("channel")
     table.add_column("horizon")
     for name in (*model_names, *naive):
-        heading = DISPLAY_NAMES.get(name, name).replace("acceleration", "accel.")
+        heading = _HEADINGS.get(name) or DISPLAY_NAMES.get(name, name)
         table.add_column(heading.replace(" ", "\n"), justify="right")
     table.add_column("known\n/best\nnaive", justify="right")
     table.add_column("held\n/best\nnaive", justify="right")
@@ -193,12 +198,13 @@ def print_scores(scores: HeldOutScores, title: str) -> None:
     from adk_ros.train.held_out import HELD_INPUTS, MODEL
 
     starts = scores.scores[MODEL].count
-    print_table(score_table(scores.scores, (MODEL, HELD_INPUTS), f"{title} ({starts} starts)"))
+    print_table(score_table(scores.scores, (MODEL, HELD_INPUTS), f"{title} ({starts} rollouts)"))
     output.print(
-        "known: future commands given; held: commands kept constant, as the live node does.\n"
-        "Ratios below 1 are better than every naive predictor.",
+        "known: future commands known; held: commands held constant, as the live node does.\n"
+        "Naive predictors: persistence, linear extrapolation, IMU integration. Ratios below 1\n"
+        "are better than every naive predictor.",
         markup=False,
     )
     flush()
     for combination, reason in scores.lost.items():
-        note(f"not better than a naive predictor with known commands: {combination}: {reason}")
+        note(f"not better than a naive predictor, future commands known: {combination}: {reason}")

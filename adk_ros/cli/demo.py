@@ -21,7 +21,8 @@ def demo(
     """
     Run the complete demo: train, predict live, score (about 4 min).
 
-    Starts the real ROS node in a separate process and plays a recording to it in real time.
+    Starts the real ROS node in a separate process and plays a recording to it in real time. The
+    duration is for an AMD EPYC, 2 cores.
 
     Example: adk demo --out demo_out
     """

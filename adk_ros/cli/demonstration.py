@@ -221,17 +221,17 @@ def _compare(live: dict[int, tuple[float, ...]], replayed: ReplayResult, out: Pa
 
 def _score(replayed: ReplayResult, bag: Path, out: Path) -> None:
     """
-    Print the score table and a summary; write table and figures.
+    Print the score table and a summary; write table and figures, in SI units.
 
     :raises DataError: the bag has no stretch of 2 s without gaps.
     """
-    from adk_ros.train.report_figures import horizon_figure, prediction_figure
+    from adk_ros.train.report_figures import SI_UNITS, horizon_figure, prediction_figure
 
     scores = replayed.held_out
     if scores is None:
         raise DataError(f"{bag} has no stretch of 2 s without gaps: nothing to score")
-    prediction_figure(scores, out / "prediction.png")
-    horizon_figure(scores, out / "horizon.png")
+    prediction_figure(scores, out / "prediction.png", units=SI_UNITS)
+    horizon_figure(scores, out / "horizon.png", units=SI_UNITS)
     scores.write_csv(out / "score.csv")
     console.print_scores(scores, f"RMSE on {bag.name}")
     # The first row is one step ahead, which does not depend on future commands.
@@ -241,6 +241,6 @@ def _score(replayed: ReplayResult, bag: Path, out: Path) -> None:
     total = scores.ratio[1:].size
     console.note(
         f"better than every naive predictor in {better} of {total} (channel, horizon) "
-        f"combinations from 0.25 to 2 s with future commands given, in {better_held} of {total} "
-        "with commands held constant"
+        f"combinations from 0.25 to 2 s (without the 0.025 s rows) with future commands known, in "
+        f"{better_held} of {total} with commands held constant"
     )

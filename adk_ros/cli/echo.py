@@ -13,7 +13,8 @@ from adk_ros.cli.options import JsonOption
 
 def echo(
     topic: Annotated[
-        str | None, typer.Option(help="topic to listen to (default: the only predicted_twist)")
+        str | None,
+        typer.Option(help="topic to listen to", show_default="the only predicted_twist"),
     ] = None,
     every: Annotated[int, typer.Option(help="print every N-th prediction")] = 10,
     count: Annotated[int | None, typer.Option(help="stop after N lines")] = None,

@@ -57,7 +57,7 @@ def _show_model(path: Path, as_json: bool) -> None:
     if held_out:
         rows["held out"] = (
             f"RMSE {held_out['geometric_mean_ratio']:.3f} of the best naive predictor's "
-            f"(mean over channels and horizons, {held_out['starts']} starts)"
+            f"(mean over channels and horizons, {held_out['starts']} rollouts)"
         )
     for name, text in rows.items():
         console.output.print(f"  {name:<11} {text}", markup=False)

@@ -17,14 +17,25 @@ if TYPE_CHECKING:
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap, .db3 or ROS 1 .bag")]
 BagsArgument = Annotated[list[Path], typer.Argument(help="one or more recordings")]
 ModelOption = Annotated[Path, typer.Option(help="model folder written by 'adk train'")]
-ImuOption = Annotated[str | None, typer.Option(help="IMU topic (default: the only one)")]
-OdometryOption = Annotated[str | None, typer.Option(help="odometry topic (default: the only one)")]
-CommandOption = Annotated[str | None, typer.Option(help="command topic (default: the only one)")]
-NoImuOption = Annotated[bool, typer.Option("--no-imu", help="ignore the IMU")]
+ImuOption = Annotated[str | None, typer.Option(help="IMU topic", show_default="the only one")]
+OdometryOption = Annotated[
+    str | None, typer.Option(help="odometry topic", show_default="the only one")
+]
+CommandOption = Annotated[
+    str | None, typer.Option(help="command topic", show_default="the only one")
+]
+NoImuOption = Annotated[
+    bool,
+    typer.Option(
+        "--no-imu",
+        help="ignore the IMU ('adk mismatch' has --without-imu, which accepts a missing one)",
+    ),
+]
 ParamsOption = Annotated[
     Path | None,
     typer.Option(
-        help="the node's parameter file, which describes the vehicle's joints and frames"
+        help="the node's parameter file: names of the drive and steering joints (JointState), "
+        "mass, sensor positions and frames"
     ),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="replace an earlier result at --out")]

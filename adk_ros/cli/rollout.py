@@ -75,6 +75,6 @@ def rollout(
         )
         return
     console.note(
-        f"{result.starts_s.size} predictions of {result.horizon_s:g} s "
-        f"({result.steps} steps of 25 ms) in {out}"
+        f"{result.starts_s.size} rollouts of {result.horizon_s:g} s "
+        f"({result.steps} ticks of 25 ms) in {out}"
     )

@@ -24,9 +24,12 @@ def simulate(
         ),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(help="seed of route, driver and noise [the scenario's]")
+        int | None,
+        typer.Option(help="seed of route, driver and noise", show_default="the scenario's"),
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="duration in s [the scenario's]")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="duration in s", show_default="the scenario's")
+    ] = None,
     storage: Annotated[str, typer.Option(help="mcap or sqlite3")] = "mcap",
     compression: Annotated[str | None, typer.Option(help="zstd or none")] = "zstd",
     force: ForceOption = False,
@@ -38,7 +41,7 @@ def simulate(
     The built-in car has 14 degrees of freedom (7 in `handling` and `town`). Packaged scenarios:
     handling, town, xyz_edges, mass_plus_160, mass_minus_170, inertia_plus_142,
     inertia_minus_158, mountain, slalom, winter, gusts, worn_tyres. Takes a few seconds per
-    simulated minute.
+    simulated minute on an AMD EPYC, 2 cores.
 
     Example: adk simulate mountain --out mountain
     """

@@ -52,11 +52,19 @@ def train(
             "last bag)"
         ),
     ] = "blocks",
-    steps: Annotated[int, typer.Option(help="updates, each from one batch of sequences")] = 4000,
+    steps: Annotated[
+        int, typer.Option(help="training steps, each an update from one batch of sequences")
+    ] = 4000,
     history: Annotated[int, typer.Option(help="past samples used in addition to the state")] = 5,
-    hidden: Annotated[int, typer.Option(help="width of the encoder's hidden layers")] = 32,
+    hidden: Annotated[
+        int,
+        typer.Option(
+            help="width of the encoder's hidden layers; three quarters of it (24 by default) with "
+            "quadratic features"
+        ),
+    ] = 32,
     learning_rate: Annotated[
-        float, typer.Option(help="largest learning rate of the optimiser")
+        float, typer.Option(help="peak learning rate of the optimiser")
     ] = 4e-3,
     quadratic: Annotated[
         bool, typer.Option(help="add quadratic features, fitted by least squares")
@@ -64,10 +72,15 @@ def train(
     seed: Annotated[int, typer.Option(help="the same seed and data give the same model")] = 0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda")] = "auto",
     paper: Annotated[
-        str | None, typer.Option(help="train exactly as in the paper: dk or aldk")
+        str | None,
+        typer.Option(
+            help="train as in the paper: dk (deep Koopman model) or aldk (deep Koopman model with "
+            "acceleration loss)"
+        ),
     ] = None,
     epochs: Annotated[
-        int | None, typer.Option(help="epochs, only with --paper [2000, as in the paper]")
+        int | None,
+        typer.Option(help="epochs, only with --paper", show_default="2000, as in the paper"),
     ] = None,
     force: ForceOption = False,
     tensorboard: Annotated[
@@ -79,8 +92,8 @@ def train(
     """
     Train a model from recordings and score it on held-out data.
 
-    Takes about 2 min for 4000 steps on a CPU. Resumes if it was interrupted and is started again
-    with the same options.
+    Takes about 2 min for 4000 training steps on an AMD EPYC, 2 cores. Resumes if it was
+    interrupted and is started again with the same options.
 
     Example: adk train bags/handling --out models/handling
     """
@@ -175,7 +188,7 @@ def _print_result(model: TrainedModel) -> None:
     if run.trained is not None and run.trained.stopped_early:
         console.note(
             "stopped early because the validation loss no longer improved: the model is that of "
-            f"step {run.trained.best_step}"
+            f"training step {run.trained.best_step}"
         )
 
 
@@ -190,7 +203,9 @@ def _resumption_note() -> Callable[[Step], None]:
     def on_step(step: Step) -> None:
         nonlocal first
         if first and step.step > 1:
-            console.note(f"resuming from step {step.step - 1}, where training was interrupted")
+            console.note(
+                f"resuming from training step {step.step - 1}, where training was interrupted"
+            )
         first = False
 
     return on_step

@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Prediction errors by horizon, and model-free baselines.
+Prediction errors by horizon, and naive predictors, which need no model.
 
 All predictors start from the same causal samples `x` and are scored against the same non-causal
 reference measurement `x_ref`. A one-step error is an innovation: the prediction was made before
@@ -26,7 +26,7 @@ DIVERGED = 1e3
 """m/s or rad/s; larger errors count as diverged, and as exactly this error in the RMSE."""
 REPORT_SCALE = np.array([3.6, 3.6, 180.0 / math.pi])
 """Factors from m/s, m/s, rad/s to the km/h, km/h, deg/s of reports."""
-DISPLAY_NAMES = {"straight line": "constant acceleration"}
+DISPLAY_NAMES = {"straight line": "linear extrapolation"}
 """Names in printed tables of the predictors whose name in JSON files differs."""
 MAD_TO_SIGMA = 0.6745
 """Median of the absolute value of a standard normal variable."""
@@ -70,13 +70,13 @@ def scorable_rows(record: Record, history: int, ahead: int, stride: int = 1) -> 
 
 
 def persistence(record: Record, rows: IntArray, ahead: int) -> FloatArray:
-    """Return the baseline of no change, x_(k+j) = x_k, shape (n, ahead, 3)."""
+    """Return the naive predictor of persistence, x_(k+j) = x_k, shape (n, ahead, 3)."""
     return np.repeat(record.x[rows][:, None, :], ahead, axis=1)
 
 
 def linear_extrapolation(record: Record, rows: IntArray, ahead: int) -> FloatArray:
     """
-    Return the baseline of constant acceleration, shape (n, ahead, 3).
+    Return the naive predictor of linear extrapolation, shape (n, ahead, 3).
 
     x_(k+j) = x_k + j (x_k - x_(k-1)).
     """
@@ -86,10 +86,11 @@ def linear_extrapolation(record: Record, rows: IntArray, ahead: int) -> FloatArr
 
 def imu_integration(record: Record, rows: IntArray, ahead: int) -> FloatArray:
     """
-    Return the baseline of constant specific force and yaw rate r, shape (n, ahead, 3).
+    Return the naive predictor of IMU integration, shape (n, ahead, 3).
 
-    dv_x = (a_x + r v_y) dt, dv_y = (a_y - r v_x) dt. The system is linear with constant
-    coefficients, so each step is its exact solution (a rotation by -r dt). NaN without an IMU.
+    Specific force and yaw rate r stay constant: dv_x = (a_x + r v_y) dt, dv_y = (a_y - r v_x) dt.
+    The system is linear with constant coefficients, so each step is its exact solution (a rotation
+    by -r dt). NaN without an IMU.
     """
     v_x, v_y, rate = (record.x[rows, i].copy() for i in range(3))
     a_x, a_y = record.a[rows, 0], record.a[rows, 1]
@@ -110,7 +111,7 @@ def imu_integration(record: Record, rows: IntArray, ahead: int) -> FloatArray:
 
 
 def naive_predictions(record: Record, rows: IntArray, ahead: int) -> dict[str, FloatArray]:
-    """Return the predictions of each model-free baseline that the record allows, by name."""
+    """Return the predictions of each naive predictor that the record allows, by name."""
     result = {
         "persistence": persistence(record, rows, ahead),
         "straight line": linear_extrapolation(record, rows, ahead),

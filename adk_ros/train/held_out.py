@@ -50,7 +50,7 @@ class HeldOutScores:
 
     @property
     def ratio(self) -> FloatArray:
-        """RMSE of the model over that of the best naive predictor, (steps, 3), known commands."""
+        """RMSE of the model over the best naive one, (steps, 3), future commands known."""
         return self.scores[MODEL].rmse / np.maximum(self.naive, 1e-12)
 
     @property
@@ -197,9 +197,8 @@ def _why(result: HeldOutScores, step: int, channel: int, known: TrainingDomain |
         beyond = known.out_of_domain_fraction(result)
         if beyond:
             name, share = max(beyond.items(), key=lambda item: item[1])
-            return (
-                f"{text}; in {100 * share:.0f} % of the starts {name} was beyond the training data"
-            )
+            beyond_text = f"in {100 * share:.0f} % of the rollouts {name} was beyond"
+            return f"{text}; {beyond_text} the training data"
     errors = np.concatenate(
         [
             r.predicted[:, HORIZON_STEPS[step] - 1, channel]
@@ -209,5 +208,5 @@ def _why(result: HeldOutScores, step: int, channel: int, known: TrainingDomain |
     )
     share = float(np.sort(errors**2)[-max(1, errors.size // 20) :].sum() / np.sum(errors**2))
     if share > 0.5:
-        return f"{text}; {100 * share:.0f} % of the squared error comes from 5 % of the starts"
-    return f"{text}; the error is spread evenly: the model misses something throughout"
+        return f"{text}; {100 * share:.0f} % of the squared error comes from 5 % of the rollouts"
+    return f"{text}; the error is spread evenly over the rollouts"

@@ -217,14 +217,14 @@ def mean_square_change(split: Split, ahead: int = _AHEAD) -> FloatArray:
 
 
 def horizon_covariance(model: KoopmanModel, split: Split, ahead: int = _AHEAD) -> FloatArray:
-    """Return the error covariance (ahead, 3, 3), known commands, validation part, SI."""
+    """Return the error covariance (ahead, 3, 3), future commands known, validation part, SI."""
     return horizon_covariances(model, split, ahead)[0]
 
 
 def horizon_covariances(
     model: KoopmanModel, split: Split, ahead: int = _AHEAD
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the error covariances under known commands and under constant commands, SI."""
+    """Return the error covariances commands known and held constant, SI."""
     known, held_input = [], []
     for record, parts in zip(split.records, split.parts, strict=True):
         rolled = rollout_record(model, record, None, parts == VALIDATION, ahead, stride=8)

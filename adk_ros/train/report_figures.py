@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib
 
@@ -23,21 +24,29 @@ from adk_ros.files.pages.figure_style import (
     SKY_BLUE,
     VERMILION,
 )
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS
-from adk_ros.signals.score import REPORT_SCALE
+from adk_ros.signals.score import DISPLAY_NAMES, REPORT_SCALE
 from adk_ros.train.held_out import HELD_INPUTS, MODEL, HeldOutScores
 
-CHANNEL_LABELS = ("v_x (km/h)", "v_y (km/h)", "yaw rate (deg/s)")
+
+class FigureUnits(NamedTuple):
+    """Units of a figure: factors (3,) on SI values, and the label of each channel."""
+
+    scale: FloatArray
+    labels: tuple[str, str, str]
+
+
+REPORT_UNITS = FigureUnits(REPORT_SCALE, ("v_x (km/h)", "v_y (km/h)", "yaw rate (deg/s)"))
+SI_UNITS = FigureUnits(np.ones(3), ("v_x (m/s)", "v_y (m/s)", "yaw rate (rad/s)"))
 _AHEAD = 40
 """Steps of 25 ms: 1 s."""
 _GAP_ROWS = 40
 """Rows between two rollouts from which they belong to different sections."""
 _LABELS = {
-    MODEL: "model, future commands given",
+    MODEL: "model, future commands known",
     HELD_INPUTS: "model, commands held constant",
-    "persistence": "no change",
-    "straight line": "linear extrapolation",
-}
+} | DISPLAY_NAMES
 _STYLES = {
     MODEL: (BLUE, "-", "o"),
     HELD_INPUTS: (VERMILION, "-", "s"),
@@ -53,8 +62,13 @@ def predictor_label(name: str) -> str:
     return _LABELS.get(name, name)
 
 
-def prediction_figure(test: HeldOutScores, path: Path, longest_s: float = 40.0) -> None:
-    """Draw measurement and 1 s prediction, and errors of model and baseline, of one section."""
+def prediction_figure(
+    test: HeldOutScores,
+    path: Path,
+    longest_s: float = 40.0,
+    units: FigureUnits = REPORT_UNITS,
+) -> None:
+    """Draw measurement and 1 s prediction, and errors of model and persistence, of one section."""
     rollouts = max(test.rollouts, key=lambda item: item.rows.size)
     record, rows = rollouts.record, rollouts.rows
     # The longest section without a gap, up to the length that remains readable.
@@ -66,9 +80,9 @@ def prediction_figure(test: HeldOutScores, path: Path, longest_s: float = 40.0) 
     chosen = chosen[elapsed_s <= longest_s]
     target = rows[chosen] + _AHEAD
     time_s = (record.stamp_ns[target] - record.stamp_ns[target[0]]) * 1e-9
-    measured = record.x_ref[target] * REPORT_SCALE
-    predicted = rollouts.predicted[chosen, _AHEAD - 1] * REPORT_SCALE
-    no_change = record.x[rows[chosen]] * REPORT_SCALE
+    measured = record.x_ref[target] * units.scale
+    predicted = rollouts.predicted[chosen, _AHEAD - 1] * units.scale
+    persistence = record.x[rows[chosen]] * units.scale
     figure, axes = plt.subplots(3, 2, figsize=(12, 7.5), sharex=True, constrained_layout=True)
     for c in range(3):
         left, right = axes[c]
@@ -81,32 +95,32 @@ def prediction_figure(test: HeldOutScores, path: Path, longest_s: float = 40.0) 
             linewidth=1.2,
             label="predicted 1 s ahead",
         )
-        left.set_ylabel(CHANNEL_LABELS[c])
+        left.set_ylabel(units.labels[c])
         right.plot(
             time_s,
-            no_change[:, c] - measured[:, c],
+            persistence[:, c] - measured[:, c],
             color=ORANGE,
             linestyle="-.",
             linewidth=1.0,
-            label="no change",
+            label="persistence",
         )
         right.plot(
             time_s, predicted[:, c] - measured[:, c], color=BLUE, linewidth=1.2, label="model"
         )
         right.axhline(0.0, color=BLACK, linewidth=0.5)
-        right.set_ylabel(f"error of {CHANNEL_LABELS[c]}")
+        right.set_ylabel(f"error of {units.labels[c]}")
         for axis in (left, right):
             axis.grid(alpha=0.3)
     axes[0, 0].legend(loc="best", fontsize=8)
     axes[0, 1].legend(loc="best", fontsize=8)
     axes[2, 0].set_xlabel("time (s)")
     axes[2, 1].set_xlabel("time (s)")
-    figure.suptitle(f"{record.name}: 1 s ahead on held-out data, future commands given")
+    figure.suptitle(f"{record.name}: 1 s ahead on held-out data, future commands known")
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
 
-def horizon_figure(test: HeldOutScores, path: Path) -> None:
+def horizon_figure(test: HeldOutScores, path: Path, units: FigureUnits = REPORT_UNITS) -> None:
     """Draw the RMSE of all predictors over the horizon, one panel per channel."""
     figure, axes = plt.subplots(1, 3, figsize=(12, 4.4), constrained_layout=True)
     horizon_s = np.array(test.scores[MODEL].steps) * TICK_NS * 1e-9
@@ -118,7 +132,7 @@ def horizon_figure(test: HeldOutScores, path: Path) -> None:
             is_model = name in (MODEL, HELD_INPUTS)
             axis.plot(
                 horizon_s,
-                item.rmse[:, c] * REPORT_SCALE[c],
+                item.rmse[:, c] * units.scale[c],
                 color=colour,
                 linestyle=line,
                 marker=marker,
@@ -131,7 +145,7 @@ def horizon_figure(test: HeldOutScores, path: Path) -> None:
         axis.set_xticks(horizon_s, [f"{value:g}" for value in horizon_s])
         axis.minorticks_off()
         axis.set_xlabel("prediction horizon (s)")
-        axis.set_ylabel(f"RMSE of {CHANNEL_LABELS[c]}")
+        axis.set_ylabel(f"RMSE of {units.labels[c]}")
         axis.grid(alpha=0.3, which="both")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
@@ -140,7 +154,7 @@ def horizon_figure(test: HeldOutScores, path: Path) -> None:
 
 
 def curve_figure(curve: list[tuple[int, float, float]], best_step: int, path: Path) -> None:
-    """Draw training and validation loss over the steps."""
+    """Draw training and validation loss over the training steps."""
     table = np.array(curve)
     figure, axis = plt.subplots(figsize=(7, 3.6), constrained_layout=True)
     axis.plot(
@@ -154,8 +168,8 @@ def curve_figure(curve: list[tuple[int, float, float]], best_step: int, path: Pa
     )
     axis.axvline(best_step, color=BLACK, linewidth=0.9, linestyle=":", label="selected checkpoint")
     axis.set_yscale("log")
-    axis.set_xlabel("step")
-    axis.set_ylabel("loss (1 = no change)")
+    axis.set_xlabel("training step")
+    axis.set_ylabel("loss (1: persistence)")
     axis.grid(alpha=0.3, which="both")
     axis.legend()
     figure.savefig(path, dpi=110)

@@ -11,10 +11,9 @@ from typing import Any
 from adk_ros.files.pages.page import embed, render_page
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
-from adk_ros.signals.score import REPORT_SCALE
 from adk_ros.train.held_out import MODEL, TIE, HeldOutScores
 from adk_ros.train.report_figures import (
-    CHANNEL_LABELS,
+    REPORT_UNITS,
     curve_figure,
     horizon_figure,
     prediction_figure,
@@ -31,6 +30,28 @@ _KINDS = {
     "dk": "the paper's deep Koopman model (DK)",
     "aldk": "the paper's deep Koopman model with acceleration loss (ALDK)",
 }
+_SETTINGS = {
+    "history": "past samples, 25 ms apart",
+    "hidden": "width of the hidden layers",
+    "features": "learned features",
+    "steps": "training steps",
+    "batch": "sequences per training step",
+    "learning_rate": "peak learning rate",
+    "weight_decay": "weight decay of AdamW",
+    "short_steps": "rollout length in the first stage, in 25 ms ticks",
+    "long_steps": "rollout length in the second stage, in 25 ms ticks",
+    "short_share": "first stage as a share of the training steps",
+    "noise": "noise added to past states, in standard deviations of the increment per tick",
+    "quadratic": "quadratic features, if they fit; width and features are then 3/4 of the above",
+    "patience": "validations without improvement before early stopping",
+    "validate_every": "training steps between validations",
+    "seed": "random seed",
+    "device": "requested device",
+    "acceleration": "acceleration loss",
+    "epochs": "epochs",
+    "window": "length of the training windows, in 25 ms ticks",
+}
+"""Meaning of each setting on the page; the names are those of the manifest."""
 
 
 def remove_report(out: Path) -> None:
@@ -44,7 +65,7 @@ def write_report(run: TrainingResult, out: Path, *, provenance: Provenance | Non
     remove_report(out)
     figures = {}
     if run.test is not None:
-        alt = "RMSE of the model and the baselines over the prediction horizon, by channel"
+        alt = "RMSE of the model and the naive predictors over the horizon, by channel"
         horizon_figure(run.test, out / "horizon.png")
         figures["horizon"] = embed(out / "horizon.png", alt)
         alt = "Measured and predicted (1 s ahead) state over time on held-out data, and the errors"
@@ -53,7 +74,7 @@ def write_report(run: TrainingResult, out: Path, *, provenance: Provenance | Non
         (out / "held_out.json").write_text(json.dumps(run.test.as_json(), indent=2) + "\n")
     if run.trained is not None and run.trained.curve:
         curve_figure(run.trained.curve, run.trained.best_step, out / "training.png")
-        alt = "Training and validation loss over the steps, with the selected checkpoint"
+        alt = "Training and validation loss over the training steps, with the selected checkpoint"
         figures["training"] = embed(out / "training.png", alt)
     text = render_page(
         "adk_ros.train",
@@ -61,6 +82,7 @@ def write_report(run: TrainingResult, out: Path, *, provenance: Provenance | Non
         provenance,
         name=out.name,
         facts=run.facts,
+        meanings=_SETTINGS,
         kind=_KINDS.get(run.facts["kind"], run.facts["kind"]),
         sentence=_sentence(run.test),
         rows=_rows(run.test) if run.test else [],
@@ -79,11 +101,12 @@ def _sentence(test: HeldOutScores | None) -> str:
     known, held = test.ratio, test.ratio_held
     second = known[test.scores[MODEL].steps.index(_ONE_SECOND)]
     return (
-        f"With future commands given, the model is better than every baseline in "
-        f"{int((known < TIE).sum())} of {known.size} (channel x horizon) combinations on held-out "
-        f"data. At 1 s its RMSE is {second[0]:.2f}, {second[1]:.2f} and {second[2]:.2f} times "
-        "that of the best baseline for v_x, v_y and yaw rate. With commands held constant, as in "
-        f"the published horizon of the live node, it is better in {int((held < TIE).sum())}."
+        f"With future commands known, the model is better than every naive predictor in "
+        f"{int((known < TIE).sum())} of {known.size} (channel, horizon) combinations on held-out "
+        f"data, from one 25 ms tick to 2 s. At 1 s its RMSE is {second[0]:.2f}, {second[1]:.2f} "
+        f"and {second[2]:.2f} times that of the best naive predictor for v_x, v_y and yaw rate. "
+        "With commands held constant, as in the published horizon of the live node, it is better "
+        f"in {int((held < TIE).sum())}."
     )
 
 
@@ -95,10 +118,10 @@ def _rows(test: HeldOutScores) -> list[dict[str, Any]]:
             ratios = [table[i, c] for table in (test.ratio, test.ratio_held)]
             rows.append(
                 {
-                    "channel": CHANNEL_LABELS[c] if i == 0 else "",
+                    "channel": REPORT_UNITS.labels[c] if i == 0 else "",
                     "horizon": f"{step * TICK_NS * 1e-9:g} s",
                     "errors": [
-                        f"{s.rmse[i, c] * REPORT_SCALE[c]:.4g}" for s in test.scores.values()
+                        f"{s.rmse[i, c] * REPORT_UNITS.scale[c]:.4g}" for s in test.scores.values()
                     ],
                     "ratios": [(f"{ratio:.2f}", bool(ratio < TIE)) for ratio in ratios],
                 }

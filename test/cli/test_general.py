@@ -42,7 +42,7 @@ def test_help_has_an_example(capsys, verb: list[str], option: str) -> None:
     text = " ".join(printed.out.split())
     assert f"Example: adk {' '.join(verb)}" in text
     # Every option has a help text.
-    for line in re.findall(r"(?m)^  --[a-z-]+ <[a-z]+>[ ]*(.*)$", printed.out):
+    for line in re.findall(r"(?m)^  --[a-z-]+ <[a-z]+>(?:\.\.\.)?[ ]*(.*)$", printed.out):
         assert re.match(r"[a-zA-Z']", line), printed.out
 
 

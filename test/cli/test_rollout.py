@@ -81,7 +81,7 @@ def test_printed_lines_and_json(capsys, tmp_path: Path) -> None:
     assert main(arguments) == 0
     printed = capsys.readouterr()
     count = len(out.read_text().splitlines()) // 40
-    assert lines(printed.err) == [f"{count} predictions of 1 s (40 steps of 25 ms) in {out}"]
+    assert lines(printed.err) == [f"{count} rollouts of 1 s (40 ticks of 25 ms) in {out}"]
     assert main([*arguments, "--json", "--force"]) == 0
     assert json.loads(capsys.readouterr().out) == {"out": str(out), "starts": count, "steps": 40}
 

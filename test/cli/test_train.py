@@ -81,7 +81,7 @@ def test_an_interrupted_training_resumes(capsys, monkeypatch, tmp_path: Path) ->
     assert "resuming" not in notes
     assert "the same command resumes from the last checkpoint" in notes
     assert main(arguments) == 0
-    assert "resuming from step 10, where training was interrupted" in lines(
+    assert "resuming from training step 10, where training was interrupted" in lines(
         capsys.readouterr().err
     )
     assert "add --force to replace it" in refused(capsys, arguments, 2)

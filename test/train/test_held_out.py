@@ -185,7 +185,7 @@ def test_a_cell_lost_beyond_the_training() -> None:
     result = scored(STILL, made_record(fast), known=trained_on)
     for name in STATE_NAMES:
         why = result.lost[f"{name} at 1 s"]
-        assert "in 100 % of the starts v_x" in why
+        assert "in 100 % of the rollouts v_x" in why
         assert "beyond" in why
     within = scored(STILL, made_record(wandering()), known=trained_on)
     assert not any("beyond" in why for why in within.lost.values())
@@ -195,14 +195,14 @@ def test_a_cell_lost_by_few_starts() -> None:
     x = wandering(1200, deviation=1e-3)
     x[600:, 0] += 10.0
     result = scored(STILL, made_record(x))
-    assert "% of the squared error comes from 5 % of the starts" in result.lost["v_x at 0.25 s"]
+    assert "% of the squared error comes from 5 % of the rollouts" in result.lost["v_x at 0.25 s"]
 
 
 def test_a_cell_lost_throughout() -> None:
     t = 0.025 * np.arange(1200)
     x = np.column_stack([15.0 + t, 0.1 * np.sin(t), 0.1 * np.cos(t)])
     result = scored(STILL, made_record(x))
-    assert "the model misses something throughout" in result.lost["v_x at 1 s"]
+    assert "the error is spread evenly over the rollouts" in result.lost["v_x at 1 s"]
     assert result.ratio[3, 0] > 1e3
 
 

@@ -22,10 +22,9 @@ from helpers.pages import (
 from helpers.train import SMALL, record, small
 
 from adk_ros.signals.channels import STATE_NAMES, Flag
-from adk_ros.signals.score import REPORT_SCALE
 from adk_ros.train.dataset import TEST, split_records
 from adk_ros.train.held_out import TIE
-from adk_ros.train.report_figures import CHANNEL_LABELS, predictor_label
+from adk_ros.train.report_figures import REPORT_UNITS, predictor_label
 from adk_ros.train.training_report import FILES, remove_report, write_report
 from adk_ros.train.training_run import run_training
 
@@ -77,17 +76,17 @@ def test_the_table_equals_held_out_json(page: Page) -> None:
         "channel",
         "horizon",
         *(predictor_label(name) for name in stored["predictors"]),
-        "future commands given / best baseline",
-        "commands held constant / best baseline",
+        "future commands known / best naive",
+        "commands held constant / best naive",
     ]
     cells = iter(rows)
     for c, channel in enumerate(STATE_NAMES):
         for i, horizon in enumerate(stored["horizons_s"]):
             name, when, *values, ratio, held = next(cells)
-            assert name == (CHANNEL_LABELS[c] if i == 0 else "")
+            assert name == (REPORT_UNITS.labels[c] if i == 0 else "")
             assert when == f"{horizon:g} s"
             for value, of in zip(values, stored["predictors"].values(), strict=True):
-                assert value == f"{of[channel]['rmse'][i] * REPORT_SCALE[c]:.4g}"
+                assert value == f"{of[channel]['rmse'][i] * REPORT_UNITS.scale[c]:.4g}"
             assert ratio == f"{stored['ratio_to_best_naive'][channel][i]:.2f}"
             assert held == f"{stored['ratio_to_best_naive_commands_held'][channel][i]:.2f}"
     assert next(cells, None) is None
@@ -112,7 +111,7 @@ def test_texts_state_the_scores(page: Page) -> None:
     test = small().run.test
     assert test is not None
     better = int((test.ratio < TIE).sum())
-    said = f"the model is better than every baseline in {better} of 15 (channel x horizon)"
+    said = f"better than every naive predictor in {better} of 15 (channel, horizon) combinations"
     assert said in page.text
     held = int((test.ratio_held < TIE).sum())
     assert f"published horizon of the live node, it is better in {held}." in page.text
@@ -121,9 +120,11 @@ def test_texts_state_the_scores(page: Page) -> None:
     for combination, reason in test.lost.items():
         assert f"{combination}: {reason}" in page.text
     facts = small().run.facts
-    assert f"selected checkpoint step {facts['best_step']} of {SMALL.steps}" in page.text
+    assert f"selected checkpoint training step {facts['best_step']} of {SMALL.steps}" in page.text
     assert f"{facts['split']['train']:.0f} s training" in page.text
-    assert f"hidden {SMALL.hidden}" in page.text
+    assert f"hidden {SMALL.hidden} (width of the hidden layers)" in page.text
+    for key, value in facts["settings"].items():
+        assert f"{key} {value} (" in page.text
     assert "handling (120 s)" in page.text
 
 
