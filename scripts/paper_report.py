@@ -13,6 +13,7 @@ from pathlib import Path
 from PIL import Image
 
 from adk_ros.bench.paper.criteria import brief
+from adk_ros.signals.score import DISPLAY_NAMES
 
 PAPER = Path(__file__).resolve().parents[1] / "doc" / "paper"
 FILES = ("report.html", "headline.md", "headline.csv", "claims.md", "bars.txt")
@@ -27,6 +28,8 @@ def paper_summary(folder: Path = PAPER) -> str:
     if not (folder / "headline.md").is_file():
         return ""
     headline = re.sub(r"^### (.*)$", r"**\1**", (folder / "headline.md").read_text(), flags=re.M)
+    for stored, shown in DISPLAY_NAMES.items():
+        headline = headline.replace(stored, shown)
     lines = [
         headline.strip(),
         "",
