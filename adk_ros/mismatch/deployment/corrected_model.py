@@ -17,6 +17,7 @@ from adk_ros.mismatch.inference.likelihood import (
     Hypothesis,
 )
 from adk_ros.mismatch.library.effect import PLACE
+from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.library.surrogate_parameters import HIGH, LOW
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
@@ -40,7 +41,7 @@ def corrected_yaml(surrogate: SurrogateModel, h: Hypothesis, lap: Lap | None) ->
         parameters,
         dict(zip(TOLERANCE_PARAMETERS, (float(x) for x in tolerances), strict=True)),
         terms,
-        feature_terms(h.effects),
+        [term for term in feature_terms(h.effects) if is_transferable(term.feature)],
         surrogate,
     )
 

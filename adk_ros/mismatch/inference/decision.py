@@ -11,7 +11,11 @@ import numpy as np
 
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import FINAL, REPLACEMENT
-from adk_ros.mismatch.inference.forward_selection import SelectionPath, min_required_gain
+from adk_ros.mismatch.inference.forward_selection import (
+    SelectionPath,
+    min_required_gain,
+    penalised_loss,
+)
 from adk_ros.mismatch.inference.identifiability import (
     Identifiability,
     assess_identifiability,
@@ -34,6 +38,8 @@ from adk_ros.mismatch.library.criteria import (
     MAX_EXCESS_PER_NULL_EXCESS,
     MAX_REPLACEMENTS,
     MAX_UNSTRUCTURED_EXCESS,
+    MIN_GAIN,
+    MIN_GAIN_PER_SURROGATE_ERROR,
     MIN_SEGMENT_TRANSITIONS,
     MIN_UNSTRUCTURED_EXCESS,
     REPLACEMENT_LOSS,
@@ -203,11 +209,16 @@ def prefers_feature_model(
     Whether an expression with no more terms than there are effects fits better than these.
 
     A catalogue effect that is present fits to the noise, and no expression can do better; several
-    wrong effects only mimic a missing term.
+    wrong effects only mimic a missing term. An expression with fewer terms needs to fit only as
+    well, less what each effect more would have to gain, beyond the surrogate's own error.
     """
-    if not features.terms or len(features.terms) > len(effects.effects):
+    fewer = len(effects.effects) - len(features.terms)
+    if not features.terms or fewer < 0:
         return False
-    return features.hypothesis.loss + min_required_gain(effects, path) < effects.loss
+    if fewer > 0:
+        margin = fewer * MIN_GAIN - MIN_GAIN_PER_SURROGATE_ERROR * path.surrogate_error_dof
+        return features.penalised_loss() < penalised_loss(effects) + margin
+    return features.penalised_loss() + min_required_gain(effects, path) < effects.loss
 
 
 def _canonicalised(likelihood: Likelihood, h: Hypothesis) -> Hypothesis:

@@ -58,13 +58,18 @@ class IdentifiedEffect:
 
 @dataclass(frozen=True)
 class UnexplainedResidual:
-    """What unmodelled dynamics depend on; `share` of the excess loss before any effect."""
+    """
+    What unmodelled dynamics depend on; `share` of the excess loss before any effect.
+
+    `meaning`: the terms as masses, forces and shares, where they have such a meaning.
+    """
 
     equations: list[str]
     share: float
     text: str
     expression: str
     terms: tuple[FeatureTerm, ...] = ()
+    meaning: str = ""
 
 
 @dataclass(frozen=True)

@@ -182,7 +182,7 @@ class _Extension:
         assert null.fit is not None
         expected_loss = likelihood.expected_loss(null.fit.residuals)
         expansion = fit_feature_expansion(
-            likelihood, null, expected_loss, max(null.loss - expected_loss, 0.0)
+            likelihood, null, expected_loss, max(null.loss - expected_loss, 0.0), parametric=False
         )
         if not expansion.terms:
             return current

@@ -23,8 +23,12 @@ from adk_ros.mismatch.inference.feature_effect import (
 )
 from adk_ros.mismatch.inference.fit_budget import FEATURE, FEATURE_REFIT
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.linear_response import LinearResponse
+from adk_ros.mismatch.inference.parametric_refinement import refined, with_siblings
+from adk_ros.mismatch.inference.parametric_search import ParametricSearch
 from adk_ros.mismatch.inference.result import UnexplainedResidual
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
+from adk_ros.mismatch.inference.term_meaning import Body, meaning
 from adk_ros.mismatch.library.criteria import (
     EQUATION_GAIN_SHARE,
     FEATURE_MIN_GAIN,
@@ -36,10 +40,15 @@ from adk_ros.mismatch.library.criteria import (
     MAX_FEATURE_REFITS,
     MAX_FEATURES,
     MAX_FEATURES_FITTED,
+    MAX_PARAMETRIC_SCREENED,
     MIN_GAIN_PER_SURROGATE_ERROR,
     MIN_SCREENED_GAIN_FEATURE,
+    PENALTY_PER_LOCATION,
+    PENALTY_PER_PARAMETER,
 )
 from adk_ros.mismatch.library.features import FEATURES, feature, feature_matrix
+from adk_ros.mismatch.library.parametric_features import searched_parameters
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.feature_terms import (
     EQUATION_PARAMETERS,
@@ -56,6 +65,7 @@ class UnmodelledDynamics:
     share: float
     terms: tuple[FeatureTerm, ...]
     hypothesis: Hypothesis
+    body: Body
 
     @property
     def equations(self) -> list[str]:
@@ -88,6 +98,13 @@ class UnmodelledDynamics:
             parts.append(f"d({equation})/dt += {' '.join(terms)} [{EQUATION_UNITS[equation]}]")
         return "; ".join(parts)
 
+    def penalised_loss(self) -> float:
+        """Return the loss with the penalties for coefficients and searched parameters."""
+        penalty = PENALTY_PER_PARAMETER * len(self.terms)
+        for term in self.terms:
+            penalty += PENALTY_PER_LOCATION * searched_parameters(term.feature)
+        return self.hypothesis.loss + penalty
+
     def refitted(self, hypothesis: Hypothesis) -> UnmodelledDynamics:
         """Return the expression with the coefficients of a later fit of the same features."""
         fitted = feature_terms(hypothesis.effects)
@@ -98,15 +115,28 @@ class UnmodelledDynamics:
     def unexplained(self) -> UnexplainedResidual:
         """Return the part of the result that describes it."""
         return UnexplainedResidual(
-            self.equations, round(self.share, 3), self.text(), self.expression(), self.terms
+            self.equations,
+            round(self.share, 3),
+            self.text(),
+            self.expression(),
+            self.terms,
+            meaning(self.terms, self.body),
         )
 
 
 def fit_feature_expansion(
-    likelihood: Likelihood, start: Hypothesis, expected_loss: float, null_excess_loss: float
+    likelihood: Likelihood,
+    start: Hypothesis,
+    expected_loss: float,
+    null_excess_loss: float,
+    parametric: bool = True,
 ) -> UnmodelledDynamics:
-    """Describe the excess loss of `start` by as few features as possible."""
-    library = _FeatureLibrary.of(likelihood, start)
+    """
+    Describe the excess loss of `start` by as few features as possible.
+
+    `parametric`: also by features with a memory, a threshold or an oscillation.
+    """
+    library = _FeatureLibrary.of(likelihood, start, parametric)
     jacobian = likelihood.nuisance_jacobian(start)
     current = start
     excess = max(start.loss - expected_loss, 0.0)
@@ -114,13 +144,23 @@ def fit_feature_expansion(
         FEATURE_MIN_GAIN + MIN_GAIN_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof(),
         FEATURE_MIN_GAIN_PER_EXCESS * excess,
     )
+    least_sibling = FEATURE_MIN_GAIN + MIN_GAIN_PER_SURROGATE_ERROR * (
+        likelihood.surrogate_error_dof()
+    )
     gains: list[float] = []
-    for _ in range(MAX_FEATURES):
+    while len(feature_terms(current.effects)) < MAX_FEATURES:
         linearised = LinearisedProblem(likelihood, current, jacobian)
         extended = _best_extension(linearised, library.screen(linearised), jacobian, least)
         if extended is None:
             break
-        gains.append(current.loss - extended.loss)
+        polished = refined(likelihood, extended, jacobian)
+        polished = with_siblings(likelihood, polished, jacobian, library.equations, least_sibling)
+        if polished is not extended:
+            extended = likelihood.fit(
+                polished.effects, nuisances=polished.nuisances, budget=FEATURE_REFIT
+            )
+        n_more = len(extended.effects) - len(current.effects)
+        gains += [(current.loss - _cost(extended)) / n_more] * n_more
         current = extended
         if current.loss - expected_loss < FEATURE_RESIDUAL_SHARE * excess:
             break
@@ -129,7 +169,9 @@ def fit_feature_expansion(
         for term, gain in zip(feature_terms(current.effects), gains, strict=True)
     )
     share = excess / null_excess_loss if null_excess_loss > 0.0 else 0.0
-    return UnmodelledDynamics(share, terms, current)
+    names = ("mass", "yaw_inertia", "wheel_radius")
+    body = Body(*(float(likelihood.parameters[INDEX[name]]) for name in names))
+    return UnmodelledDynamics(share, terms, current, body)
 
 
 @dataclass(frozen=True)
@@ -140,17 +182,21 @@ class _FeatureLibrary:
     equations: list[str]
     table: FloatArray
     scale: FloatArray
+    search: ParametricSearch | None
 
     @classmethod
-    def of(cls, likelihood: Likelihood, hypothesis: Hypothesis) -> _FeatureLibrary:
+    def of(
+        cls, likelihood: Likelihood, hypothesis: Hypothesis, parametric: bool
+    ) -> _FeatureLibrary:
         problem = likelihood.problem
         p, terms = likelihood.simulation_inputs(hypothesis.nuisances, hypothesis.effects)
         signals = feature_signals(problem, problem.run(p, terms))
         names = [name for name in FEATURES if name not in likelihood.unobservable]
         table = feature_matrix(names, signals)
-        scale = np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-12)
+        scale = _scale_of(table)
         equations = [name for name in EQUATION_PARAMETERS if name not in likelihood.unobservable]
-        return cls(names, equations, table, scale)
+        search = ParametricSearch(signals, equations, names) if parametric else None
+        return cls(names, equations, table, scale, search)
 
     def screen(self, linearised: LinearisedProblem) -> list[Candidate]:
         """Return every feature in every equation that the hypothesis does not have."""
@@ -161,7 +207,31 @@ class _FeatureLibrary:
                 effect = feature_as_effect(equation, name, float(self.scale[j]))
                 if effect.name not in linearised.hypothesis.names:
                     out.append(linearised.screen_effect(effect, Activation(weight=weight))[0])
+        if self.search is not None:
+            response = LinearResponse.of(linearised)
+            for found in self.search.best(response, MAX_PARAMETRIC_SCREENED):
+                values = self.search.values(found.name)
+                size = float(_scale_of(values[:, None])[0])
+                weight = np.ascontiguousarray(values / size)
+                effect = feature_as_effect(found.equation, found.name, size)
+                if effect.name in linearised.hypothesis.names:
+                    continue
+                exact = linearised.screen_effect(effect, Activation(weight=weight))[0]
+                gain = exact.gain - PENALTY_PER_LOCATION * searched_parameters(found.name)
+                out.append(Candidate(exact.active, gain))
         return out
+
+
+def _scale_of(table: FloatArray) -> FloatArray:
+    """Return the RMS (k,) of features (n, k)."""
+    return np.asarray(np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-12))
+
+
+def _cost(h: Hypothesis) -> float:
+    """Return the loss, with the penalty for the searched parameters of the last feature."""
+    effect = h.effects[-1].effect
+    name = effect.feature if isinstance(effect, FeatureEffect) else ""
+    return h.loss + PENALTY_PER_LOCATION * searched_parameters(name)
 
 
 def _best_extension(
@@ -189,12 +259,12 @@ def _best_extension(
         for candidate in candidates[:MAX_FEATURES_FITTED]
         if candidate.gain > max(least, MIN_SCREENED_GAIN_FEATURE * candidates[0].gain)
     ]
-    top = max((current.loss - h.loss for h in fitted), default=0.0)
+    top = max((current.loss - _cost(h) for h in fitted), default=0.0)
     if top < least:
         return None
     leaders = sorted(
-        (h for h in fitted if current.loss - h.loss > FEATURE_REFIT_GAIN_SHARE * top),
-        key=lambda h: h.loss,
+        (h for h in fitted if current.loss - _cost(h) > FEATURE_REFIT_GAIN_SHARE * top),
+        key=_cost,
     )
     refitted = [
         likelihood.fit(h.effects, nuisances=h.nuisances, budget=FEATURE_REFIT)
@@ -206,8 +276,8 @@ def _best_extension(
 
 def most_parsimonious(fitted: list[Hypothesis], margin: float) -> Hypothesis:
     """Return the hypothesis with the shortest last feature within `margin` of the best."""
-    best = min(h.loss for h in fitted)
-    tied = [h for h in fitted if h.loss < best + margin]
+    best = min(_cost(h) for h in fitted)
+    tied = [h for h in fitted if _cost(h) < best + margin]
     return min(tied, key=lambda h: (_complexity(h.effects[-1]), h.loss))
 
 

@@ -167,6 +167,8 @@ FEATURE_RESIDUAL_SHARE = 0.03
 """No further feature is added when less than this share of the excess loss is left. Empirical."""
 MAX_FEATURES_FITTED = 5
 """Features that are fitted in each round. Empirical: computing time."""
+MAX_PARAMETRIC_SCREENED = 6
+"""Features with searched parameters that are simulated in each round. Empirical: time."""
 MAX_FEATURE_REFITS = 2
 """Features that are fitted anew with updated nuisance derivatives. Empirical: computing time."""
 MIN_SCREENED_GAIN_FEATURE = 0.5

@@ -67,6 +67,12 @@ FEATURES: dict[str, Feature] = {
         "lateral acceleration's size", "|a_y|", "m/s^2", lambda s: np.abs(s["a_y"])
     ),
     "torque": Feature("torque", "T", "N m", lambda s: s["torque"]),
+    "drive_torque": Feature(
+        "drive torque", "max(T, 0)", "N m", lambda s: np.maximum(s["torque"], 0.0)
+    ),
+    "brake_torque": Feature(
+        "brake torque", "min(T, 0)", "N m", lambda s: np.minimum(s["torque"], 0.0)
+    ),
     "torque_size": Feature("torque's size", "|T|", "N m", lambda s: np.abs(s["torque"])),
     "torque_squared": Feature(
         "torque squared", "T |T|", "N^2 m^2", lambda s: s["torque"] * np.abs(s["torque"])

@@ -39,10 +39,10 @@ FILTERED_SIGNALS = {
 }
 """Signal -> words, symbol and unit, of those that may act with a memory."""
 CONDITIONS = {
-    "lateral_size": ("lateral acceleration", "|a_y|", "m/s^2"),
+    "lateral_size": ("lateral acceleration", "|a_y|", "m/s²"),
     "speed": ("speed", "v_x", "m/s"),
     "delta_size": ("steering angle", "|delta|", "rad"),
-    "torque": ("torque", "T", "N m"),
+    "torque": ("torque", "T", "N·m"),
 }
 """Feature -> words, symbol and unit, of those that may switch another feature on."""
 MAX_FREQUENCY_HZ, MIN_FREQUENCY_HZ = 10.0, 0.02

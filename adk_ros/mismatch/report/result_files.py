@@ -111,6 +111,8 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
             "text": unexplained.text,
             "expression": unexplained.expression,
         }
+        if unexplained.meaning:
+            answer["unexplained"]["meaning"] = unexplained.meaning
     return answer
 
 

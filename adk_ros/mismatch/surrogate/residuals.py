@@ -57,6 +57,8 @@ OBSERVER_GAINS = np.array([2.0, 2.0, 6.0])
 """Gains that correct v_x, v_y and yaw rate towards their measurements, 1/s."""
 MAX_CORRECTION_SHARE = 0.5
 """Largest share of an innovation that the observer corrects in one step: above it, it rings."""
+MAX_RESIDUAL = 1e6
+"""Largest residual, SI: far above any motion, and its square does not overflow."""
 POSITION_NOISE_FLOOR_M = 0.005
 """Least standard deviation assumed of a pose, m: a simulated pose has none."""
 
@@ -190,7 +192,7 @@ class ResidualProblem:
             SensorSamples(log.odometry_s, log.odometry, self.odometry_bin),
             total,
         )
-        return total / np.maximum(self.counts, 1.0)
+        return limited(total / np.maximum(self.counts, 1.0))
 
     def weights(self) -> FloatArray:
         """Return (6, bins): inverse noise of each bin's mean, zero for an empty bin."""
@@ -200,6 +202,19 @@ class ResidualProblem:
         """Return (w,): distance by pose minus distance by velocity, over the noise."""
         by_velocity = self.distances[:, 1] / parameters[INDEX["odometry_gain"]]
         return np.asarray((self.distances[:, 0] - by_velocity) / self.distance_sigma)
+
+
+def limited(residuals: FloatArray) -> FloatArray:
+    """
+    Return residuals with those of a diverged run limited to `MAX_RESIDUAL`.
+
+    Far from the optimum a fit may try parameters that have no stable motion: such a trial must
+    cost much, and neither overflow nor end the fit.
+    """
+    if np.abs(residuals).max(initial=0.0) < MAX_RESIDUAL:
+        return residuals
+    finite = np.nan_to_num(residuals, nan=MAX_RESIDUAL, posinf=MAX_RESIDUAL, neginf=-MAX_RESIDUAL)
+    return np.asarray(np.clip(finite, -MAX_RESIDUAL, MAX_RESIDUAL))
 
 
 def observer_shares(gain: float) -> FloatArray:

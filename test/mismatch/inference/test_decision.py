@@ -15,6 +15,7 @@ from adk_ros.mismatch.inference.feature_effect import (
 )
 from adk_ros.mismatch.inference.forward_selection import SelectionPath
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, inactive_effect
+from adk_ros.mismatch.inference.term_meaning import Body
 from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics, most_parsimonious
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
@@ -31,7 +32,8 @@ def effects(loss: float, *names: str) -> Hypothesis:
 
 def expression(loss: float, *features: str) -> UnmodelledDynamics:
     terms = tuple(FeatureTerm("yaw_rate", f, 1.0, 100.0) for f in features)
-    return UnmodelledDynamics(1.0, terms, fitted(features[-1] if features else "speed", loss))
+    last = fitted(features[-1] if features else "speed", loss)
+    return UnmodelledDynamics(1.0, terms, last, Body(1800.0, 3000.0, 0.3))
 
 
 def test_shortest_of_tied_features_is_selected() -> None:
@@ -57,8 +59,12 @@ def test_one_feature_beats_several_effects() -> None:
     path = SelectionPath(expected_loss=1000.0, null_excess_loss=5000.0)
     pair = effects(1300.0, "rear_wheel_steer", "steering_ratio")
     assert prefers_feature_model(expression(1050.0, "yaw_rate_per_speed"), pair, path)
-    # Not where the effects fit as well, nor with more terms than there are effects.
-    assert not prefers_feature_model(expression(1290.0, "yaw_rate_per_speed"), pair, path)
+    # Also where both fit as well: two effects that one term does without only mimic it.
+    assert prefers_feature_model(expression(1300.0, "yaw_rate_per_speed"), pair, path)
+    # Not where each effect gains what it must, nor with more terms than there are effects.
+    assert not prefers_feature_model(expression(1350.0, "yaw_rate_per_speed"), pair, path)
+    two = expression(1290.0, "yaw_rate_per_speed", "delta")
+    assert not prefers_feature_model(two, pair, path)
     longer = expression(1050.0, "yaw_rate", "delta", "speed")
     assert not prefers_feature_model(longer, pair, path)
     assert not prefers_feature_model(expression(1050.0), pair, path)

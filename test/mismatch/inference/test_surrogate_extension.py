@@ -245,7 +245,7 @@ def test_unmodelled_part_of_a_simulator_becomes_a_feature_term() -> None:
         yaml.safe_load(surrogate_yaml(extended.parameters, surrogate=extended))
     )
     without = model.model_copy(update={"extras": type(model.extras)()})
-    errors = [horizon_rmse(m, c.heldout, 1.0, 2.0) for m in (model, without)]
+    errors = [horizon_rmse(m, c.held_out, 1.0, 2.0) for m in (model, without)]
     assert errors[0][0] < 0.5 * errors[1][0]
 
 

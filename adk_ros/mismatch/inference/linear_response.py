@@ -1,0 +1,147 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Linear response of the residuals to an additional acceleration, for screening many features.
+
+One run of the surrogate with random additional accelerations, compared with one without, gives a
+linear lateral model whose coefficients depend on speed as those of a bicycle model do. A feature's
+column then costs a recursion over the recording instead of a run of the equations of motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.mismatch.inference.score_test import LinearisedProblem
+from adk_ros.mismatch.surrogate.residuals import OBSERVER_GAINS, STEP_S
+from adk_ros.mismatch.surrogate.state_index import (
+    A_Y,
+    IMU_A_X,
+    IMU_A_Y,
+    IMU_YAW_RATE,
+    ODOMETRY_V_X,
+    ODOMETRY_V_Y,
+    ODOMETRY_YAW_RATE,
+    V_Y,
+    YAW_RATE,
+)
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.numba_cache import strict_kernel
+
+_PROBE_SIZE = (0.2, 0.1)
+"""Additional lateral and yaw acceleration of the probe, m/s² and rad/s²: tyres stay linear."""
+_PROBE_HOLD_STEPS = 40
+"""Steps for which the probe's sign is held: 0.4 s, near the car's yaw mode."""
+_MIN_SPEED = 3.0
+"""m/s; slower, the coefficients are those of this speed."""
+STEPS_PER_BIN = 4
+_LATERAL_CHANNELS = (IMU_A_Y, IMU_YAW_RATE, ODOMETRY_V_Y, ODOMETRY_YAW_RATE)
+
+
+@dataclass(frozen=True)
+class LinearResponse:
+    """
+    Response of the whitened residuals to an acceleration added to one equation.
+
+    `coefficients` (3, 7): of dv_y/dt, dr/dt and a_y on v_y/v_x, r/v_x, v_y, r, r v_x, and the
+    added lateral and yaw acceleration.
+    """
+
+    linearised: LinearisedProblem
+    speed: FloatArray
+    coefficients: FloatArray
+
+    @classmethod
+    def of(cls, linearised: LinearisedProblem) -> LinearResponse:
+        """Identify the response at the hypothesis of a linearised problem."""
+        likelihood, h = linearised.likelihood, linearised.hypothesis
+        problem = likelihood.problem
+        p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
+        speed = np.maximum(np.abs(problem.smoothed_odometry[:, 0]), _MIN_SPEED)
+        probe = np.zeros((problem.steps, 3))
+        signs = np.random.default_rng(0).integers(
+            0, 2, (problem.steps // _PROBE_HOLD_STEPS + 1, 2)
+        )
+        held = np.repeat(2.0 * signs - 1.0, _PROBE_HOLD_STEPS, axis=0)[: problem.steps]
+        probe[:, 1:] = held * _PROBE_SIZE
+        change = problem.run(p, terms, extra=probe) - problem.run(p, terms)
+        v_y, rate = change[V_Y], change[YAW_RATE]
+        rows = np.column_stack(
+            [v_y / speed, rate / speed, v_y, rate, rate * speed, probe[:, 1], probe[:, 2]]
+        )
+        targets = [np.diff(v_y) / STEP_S, np.diff(rate) / STEP_S, change[A_Y][:-1]]
+        solved, *_ = np.linalg.lstsq(rows[:-1], np.column_stack(targets), rcond=None)
+        return cls(linearised, speed, np.ascontiguousarray(solved.T))
+
+    def column(self, equation: str, feature: FloatArray) -> FloatArray:
+        """Return the change (m,) of the projected residuals by a feature (n,) in an equation."""
+        likelihood = self.linearised.likelihood
+        problem = likelihood.problem
+        change = np.zeros((6, problem.bins))
+        if equation == "v_x":
+            speed_change = _lagged(feature, STEP_S, float(OBSERVER_GAINS[0]))
+            change[IMU_A_X] = -binned(feature, problem.bins)
+            change[ODOMETRY_V_X] = -binned(speed_change, problem.bins)
+        else:
+            response = propagate(
+                feature, self.speed, self.coefficients, STEP_S, equation == "yaw_rate"
+            )
+            for row, channel in zip((2, 1, 0, 1), _LATERAL_CHANNELS, strict=True):
+                change[channel] = -binned(response[row], problem.bins)
+        whitened = likelihood.whiten(change).ravel()
+        out = np.zeros(self.linearised.e.shape[0])
+        out[: whitened.shape[0]] = whitened
+        return np.asarray(self.linearised.project_out(out * self.linearised.root))
+
+    def gain(self, columns: FloatArray) -> tuple[FloatArray, float]:
+        """Return the sizes (k,) of projected columns (m, k), and the gain in loss."""
+        normal = columns.T @ columns
+        right = -(columns.T @ self.linearised.projected)
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-12))
+        inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-8, hermitian=True)
+        size = inverse @ (right / scale) / scale
+        return np.asarray(size), float(right @ size)
+
+
+def binned(values: FloatArray, bins: int) -> FloatArray:
+    """Return the mean of a signal (n,) in each bin of `STEPS_PER_BIN` steps."""
+    padded = np.concatenate([values, np.repeat(values[-1:], bins * STEPS_PER_BIN - values.size)])
+    return np.asarray(padded.reshape(bins, STEPS_PER_BIN).mean(axis=1))
+
+
+@strict_kernel
+def _lagged(feature: FloatArray, step: float, rate: float) -> FloatArray:
+    """Return x (n,) with x' = feature - rate x."""
+    out = np.empty_like(feature)
+    x = 0.0
+    for k in range(feature.shape[0]):
+        x += step * (feature[k] - rate * x)
+        out[k] = x
+    return out
+
+
+@strict_kernel
+def propagate(
+    feature: FloatArray, speed: FloatArray, coefficients: FloatArray, step: float, in_yaw: bool
+) -> FloatArray:
+    """Return v_y, yaw rate and lateral acceleration (3, n) in response to a feature."""
+    n = feature.shape[0]
+    out = np.empty((3, n))
+    v_y, rate = 0.0, 0.0
+    row = np.empty(7)
+    for k in range(n):
+        v = speed[k]
+        row[0], row[1], row[2], row[3], row[4] = v_y / v, rate / v, v_y, rate, rate * v
+        row[5] = 0.0 if in_yaw else feature[k]
+        row[6] = feature[k] if in_yaw else 0.0
+        derivative_v, derivative_r, acceleration = 0.0, 0.0, 0.0
+        for j in range(7):
+            derivative_v += coefficients[0, j] * row[j]
+            derivative_r += coefficients[1, j] * row[j]
+            acceleration += coefficients[2, j] * row[j]
+        v_y += step * derivative_v
+        rate += step * derivative_r
+        out[0, k], out[1, k], out[2, k] = v_y, rate, acceleration
+    return out

@@ -1,0 +1,184 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Search for features with a memory, a threshold or an oscillation.
+
+The surrogate of a clean case is given a feature that the recording does not have: the search must
+find it, with the opposite sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers.mismatch import case
+
+from adk_ros.mismatch.inference.feature_effect import feature_as_effect, feature_terms
+from adk_ros.mismatch.inference.fit_budget import FEATURE, NULL_HYPOTHESIS
+from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.linear_response import LinearResponse, binned
+from adk_ros.mismatch.inference.parametric_refinement import refined, with_siblings
+from adk_ros.mismatch.inference.parametric_search import ParametricSearch
+from adk_ros.mismatch.inference.score_test import LinearisedProblem
+from adk_ros.mismatch.inference.term_meaning import Body, meaning
+from adk_ros.mismatch.library.features import FEATURES, Signals, feature
+from adk_ros.mismatch.library.parametric_features import kind_of, parsed
+from adk_ros.mismatch.simulator import surrogate_of
+from adk_ros.mismatch.surrogate.activation import Activation
+from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm, feature_signals
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
+from adk_ros.numerics.arrays import FloatArray
+
+
+@cache
+def clean() -> tuple[SurrogateModel, ResidualProblem]:
+    c = case()
+    surrogate, _ = surrogate_of(c.simulation, c.recording, c.nominal, lambda done, text: None)
+    return surrogate, prepare_residual_problem(c.recording)
+
+
+def problem_with(*terms: tuple[str, str, float]) -> tuple[Likelihood, Hypothesis, FloatArray]:
+    """A likelihood whose surrogate has terms (equation, feature, size) too many."""
+    surrogate, problem = clean()
+    extra = tuple(FeatureTerm(equation, name, size, 0.0) for equation, name, size in terms)
+    likelihood = Likelihood.of(problem, replace(surrogate, feature_terms=extra))
+    null = likelihood.fit([], budget=NULL_HYPOTHESIS)
+    return likelihood, null, likelihood.nuisance_jacobian(null)
+
+
+def signals_of(likelihood: Likelihood, h: Hypothesis) -> Signals:
+    p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
+    return feature_signals(likelihood.problem, likelihood.problem.run(p, terms))
+
+
+def active(equation: str, name: str, signals: Signals, coefficient: float) -> ActiveEffect:
+    values = feature(name).function(signals)
+    scale = float(np.sqrt(np.mean(values**2)))
+    effect = feature_as_effect(equation, name, scale)
+    return ActiveEffect(effect, (coefficient * scale,), Activation(weight=values / scale))
+
+
+@pytest.mark.parametrize("equation", ["v_x", "v_y", "yaw_rate"])
+@pytest.mark.parametrize("frequency", [0.1, 0.6, 2.0])
+def test_the_linear_response_equals_a_run(equation: str, frequency: float) -> None:
+    likelihood, null, jacobian = problem_with()
+    linearised = LinearisedProblem(likelihood, null, jacobian)
+    response = LinearResponse.of(linearised)
+    wave = np.sin(2.0 * np.pi * frequency * likelihood.problem.middle_s)
+    effect = feature_as_effect(equation, "constant")
+    exact = linearised.project_out(
+        linearised.column(ActiveEffect(effect, (0.05,), Activation(weight=wave)))
+    )
+    found = 0.05 * response.column(equation, wave)
+    assert np.corrcoef(found, exact)[0, 1] > 0.95
+    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(exact), rel=0.15)
+
+
+def test_binned_is_the_mean_of_four_steps() -> None:
+    np.testing.assert_allclose(binned(np.arange(10.0), 3), [1.5, 5.5, 8.75])
+
+
+@pytest.mark.parametrize(
+    ("equation", "name", "size"),
+    [
+        ("v_y", "resonance:a_y:0.5:0.06", 0.08),
+        ("v_x", "gate:drive_torque:lateral_size>2.5", 1e-3),
+        ("yaw_rate", "lag:torque:1.5", 2e-5),
+    ],
+)
+def test_the_search_finds_kind_signal_and_parameters(
+    equation: str, name: str, size: float
+) -> None:
+    likelihood, null, jacobian = problem_with((equation, name, size))
+    signals = signals_of(likelihood, null)
+    search = ParametricSearch(signals, ["v_x", "v_y", "yaw_rate"], list(FEATURES))
+    response = LinearResponse.of(LinearisedProblem(likelihood, null, jacobian))
+    best = search.best(response, 4)[0]
+    assert (best.equation, kind_of(best.name)) == (equation, kind_of(name))
+    expected, found = parsed(name)[1], parsed(best.name)[1]
+    assert found[0] == expected[0]
+    if kind_of(name) == "gate":
+        assert found[1].startswith("lateral_size>")
+        assert float(found[1].split(">")[1]) == pytest.approx(2.5, rel=0.1)
+    else:
+        assert float(found[1]) == pytest.approx(float(expected[1]), rel=0.3)
+
+
+def test_an_oscillation_in_time_is_found_with_its_condition() -> None:
+    fast = float(np.quantile(clean()[1].smoothed_odometry[:, 0], 0.5))
+    name = f"wave:0.3:0.7:speed>{fast:.4g}"
+    likelihood, null, jacobian = problem_with(("yaw_rate", name, 0.2))
+    search = ParametricSearch(signals_of(likelihood, null), ["yaw_rate"], list(FEATURES))
+    response = LinearResponse.of(LinearisedProblem(likelihood, null, jacobian))
+    best = max(search.best(response, 8), key=lambda x: x.gain)
+    kind, arguments = kind_of(best.name), parsed(best.name)[1]
+    assert kind == "wave"
+    assert float(arguments[0]) == pytest.approx(0.3, abs=0.005)
+    assert arguments[2].startswith("speed>")
+
+
+def test_without_a_torque_no_feature_of_it_is_tried() -> None:
+    likelihood, null, _ = problem_with()
+    names = [name for name in FEATURES if "torque" not in name]
+    search = ParametricSearch(signals_of(likelihood, null), ["v_y"], names)
+    assert all("torque" not in name for name in search._names)
+
+
+def test_refinement_finds_the_parameters_and_the_other_equation() -> None:
+    true = "resonance:a_y:0.5:0.06"
+    likelihood, null, jacobian = problem_with(("v_y", true, 0.08), ("yaw_rate", true, -0.03))
+    signals = signals_of(likelihood, null)
+    start = likelihood.fit(
+        [active("v_y", "resonance:a_y:0.57:0.12", signals, -0.05)],
+        nuisances=null.nuisances,
+        budget=FEATURE,
+        jacobian=jacobian,
+    )
+    better = refined(likelihood, start, jacobian)
+    assert better.loss < start.loss
+    both = with_siblings(likelihood, better, jacobian, ["v_x", "v_y", "yaw_rate"], 100.0)
+    assert both.loss < better.loss
+    terms = {term.equation: term for term in feature_terms(both.effects)}
+    assert set(terms) == {"v_y", "yaw_rate"}
+    _, frequency, damping = parsed(terms["v_y"].feature)[1]
+    assert float(frequency) == pytest.approx(0.5, rel=0.05)
+    assert float(damping) == pytest.approx(0.06, rel=0.5)
+    assert terms["v_y"].coefficient == pytest.approx(-0.08, rel=0.2)
+    assert terms["yaw_rate"].coefficient == pytest.approx(0.03, rel=0.3)
+
+
+def test_refinement_leaves_features_without_memory_alone() -> None:
+    likelihood, null, jacobian = problem_with()
+    signals = signals_of(likelihood, null)
+    start = likelihood.fit(
+        [active("v_x", "speed", signals, 0.0)], nuisances=null.nuisances, jacobian=jacobian
+    )
+    assert refined(likelihood, start, jacobian) is start
+    assert with_siblings(likelihood, start, jacobian, ["v_y"], 0.0) is start
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        (
+            FeatureTerm("v_y", "resonance:a_y:0.47:0.05", -0.085, 0.0),
+            "a mass of about 170 kg moves sideways at 0.47 Hz with a damping ratio of 0.05",
+        ),
+        (
+            FeatureTerm("v_x", "gate:drive_torque:lateral_size>3.4", -0.8 / 600.0, 0.0),
+            "the drive torque is about 80 % less only above 3.4 m/s² lateral acceleration",
+        ),
+        (
+            FeatureTerm("yaw_rate", "wave:0.3:0.5:speed>20", 0.4, 0.0),
+            "a yaw moment of about 1200 N·m that oscillates in time at 0.3 Hz only above 20 m/s "
+            "speed",
+        ),
+        (FeatureTerm("v_y", "speed", 0.1, 0.0), ""),
+    ],
+)
+def test_terms_are_described_as_physical_quantities(term: FeatureTerm, said: str) -> None:
+    assert meaning([term], Body(2000.0, 3000.0, 0.3)) == said
