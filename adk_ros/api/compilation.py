@@ -1,8 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Compile the kernels that the commands and the node use, so that none is compiled at its first use.
-"""
+"""Compile the kernels of commands and node, so that none is compiled at its first use."""
 
 from __future__ import annotations
 
