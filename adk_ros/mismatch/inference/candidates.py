@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Candidates that are not claimed: what was fitted alone, how large it is, and why not claimed."""
+"""Rejected candidates: effects that were fitted alone, their sizes, and why they are rejected."""
 
 from __future__ import annotations
 
@@ -51,10 +51,12 @@ def _reason(h: Hypothesis, null: Hypothesis, path: SelectionPath, decision: Deci
     if not is_improvement(h, null, path):
         gain = penalised_loss(null) - penalised_loss(h)
         return (
-            f"it removes {100.0 * gain / max(min_required_gain(null, path), 1e-9):.0f} % of the "
-            "misfit that an effect must remove to be claimed"
+            "its loss reduction is "
+            f"{100.0 * gain / max(min_required_gain(null, path), 1e-9):.0f} % of the smallest "
+            "that is significant"
         )
     if decision.effects:
         names = " and ".join(effect.effect.name for effect in decision.effects)
-        return f"{names} fits better, and leaves nothing for it to explain"
+        verb = "fits" if len(decision.effects) == 1 else "fit"
+        return f"{names} {verb} better; no significant residual remains for this effect"
     return "it does not explain the errors on held-out data"

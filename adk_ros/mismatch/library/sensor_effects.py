@@ -19,8 +19,8 @@ SENSORS = (
         "reading = truth + bias",
         "any driving",
         ("imu_tilt",),
-        "a gyro offset separates them; without one not separable from these signals: measure the "
-        "IMU's readings at rest in two opposite headings separately",
+        "bias and tilt are distinguishable only if the yaw-rate bias is significant; otherwise "
+        "measure at standstill in two opposite headings",
         (ALWAYS, TIME),
         True,
     ),
@@ -34,8 +34,8 @@ SENSORS = (
         "a_y += g sin(roll), a_x -= g sin(pitch)",
         "any driving",
         ("imu_bias",),
-        "a tilt has no gyro offset; not separable from an accelerometer bias by these signals: "
-        "measure the IMU's mounting angles separately",
+        "bias and tilt are distinguishable only if the yaw-rate bias is significant; otherwise "
+        "measure the mounting angles of the IMU",
         (ALWAYS, TIME),
         True,
     ),

@@ -93,8 +93,8 @@ _ROAD = (
         "F_x = -crr F_z",
         "driving with little torque, over a wide range of speeds",
         ("torque_offset", "aero_drag", "headwind"),
-        "coast-down from high speed to 4 m/s separates drag and wind; not separable from a torque "
-        "offset by these signals on a level road: measure it separately",
+        "coast-down from high speed to 4 m/s separates drag and wind; on a level road not "
+        "distinguishable from a torque offset: measure it separately",
     ),
 )
 
@@ -103,7 +103,7 @@ _TYRES = (
         "front_tyre_stiffness",
         (EffectParameter("scale", "-", 0.2, 3.0, 0.01, 0.02, {"stiffness_f": 1.0}, 1.0, True),),
         ("v_y", "yaw_rate"),
-        "dF_y/dalpha of the front axle times scale",
+        "C_alpha,front multiplied by the scale",
         "moderate cornering",
         ("steering_ratio", "compliance_steer"),
         "a step steer at constant speed",
@@ -112,10 +112,10 @@ _TYRES = (
         "rear_tyre_stiffness",
         (EffectParameter("scale", "-", 0.2, 3.0, 0.01, 0.02, {"stiffness_r": 1.0}, 1.0, True),),
         ("v_y", "yaw_rate"),
-        "dF_y/dalpha of the rear axle times scale",
+        "C_alpha,rear multiplied by the scale",
         "moderate cornering",
         ("cg_shift", "rear_wheel_steer"),
-        "steady circles at several speeds",
+        "steady-state cornering (ISO 4138) at several speeds",
     ),
     Effect(
         "tyre_relaxation",
@@ -182,13 +182,13 @@ _BODY = (
         "l_f -= shift, l_r += shift",
         "cornering at several speeds",
         ("rear_tyre_stiffness", "front_tyre_stiffness"),
-        "steady circles at several speeds",
+        "steady-state cornering (ISO 4138) at several speeds",
     ),
     Effect(
         "yaw_inertia",
         (EffectParameter("scale", "-", 0.3, 3.0, 0.01, 0.02, {"yaw_inertia": 1.0}, 1.0, True),),
         ("yaw_rate",),
-        "I_z times scale",
+        "I_z multiplied by the scale",
         "fast steering",
         ("tyre_relaxation", "steering_lag", "payload"),
         "swept-sine steering at constant speed",

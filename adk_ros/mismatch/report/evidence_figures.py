@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of the evidence: residual trends, and errors before and after the correction."""
+"""Figures of the evidence: residual trends, and errors of simulation and corrected model."""
 
 from __future__ import annotations
 
@@ -19,6 +19,11 @@ from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult
 from adk_ros.mismatch.inference.segments import SpatialProfile
 from adk_ros.mismatch.library.effect import PLACE
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
+from adk_ros.mismatch.report.comparison_labels import (
+    model_labels,
+    residual_labels,
+    trend_labels,
+)
 from adk_ros.mismatch.report.location_figures import DPI
 from adk_ros.mismatch.report.residual_trends import BINS, Trend
 from adk_ros.mismatch.report.summary import pair_text
@@ -56,9 +61,10 @@ def trend_figure(
         height_ratios=[1.0] if profile is None else [1.5, 1.0],
     )
     axis = axes[0, 0]
+    without, with_effects = trend_labels(result)
     for values, sides, colour, marker, label in (
-        (item.before, item.before_sides, BEFORE, "o", "before"),
-        (item.after, item.after_sides, AFTER, "s", "after"),
+        (item.before, item.before_sides, BEFORE, "o", without),
+        (item.after, item.after_sides, AFTER, "s", with_effects),
     ):
         axis.fill_between(item.at, sides[0], sides[1], color=colour, alpha=0.13, linewidth=0.0)
         axis.plot(
@@ -68,8 +74,8 @@ def trend_figure(
             marker=marker,
             linewidth=1.2,
             markersize=5.0 if item.at.size <= BINS else 3.5,
-            linestyle="-" if label == "before" else "--",
-            markerfacecolor=colour if label == "before" else "white",
+            linestyle="-" if label == without else "--",
+            markerfacecolor=colour if label == without else "white",
             label=label,
         )
     axis.axhline(0.0, color="black", linewidth=0.7)
@@ -139,8 +145,10 @@ def _shade(axis: Axes, identified: IdentifiedEffect, lap: float) -> None:
 
 
 def errors_figure(result: MismatchResult, path: Path) -> None:
-    """Draw the errors on held-out data before and after, one panel per state."""
+    """Draw the errors of both models on held-out data, one panel per state."""
     figure, axes = plt.subplots(1, 3, figsize=(9.0, 2.4), constrained_layout=True)
+    # Only the first panel that is evaluated has labels: all have the same bars.
+    labels = [label.replace(" ", "\n", 1) for label in model_labels(result)]
     for axis, (name, (state, unit)) in zip(axes, STATES.items(), strict=True):
         values = (result.before[name], result.after[name])
         axis.set_xlabel(f"RMS error of {state} ({unit})")
@@ -158,7 +166,8 @@ def errors_figure(result: MismatchResult, path: Path) -> None:
             height=0.65,
         )
         axis.bar_label(bars, pair_text(*values), padding=3, fontsize=9)
-        axis.set_yticks([0, 1], ["before", "after"])
+        axis.set_yticks([0, 1], labels)
+        labels = ["", ""]
         axis.invert_yaxis()
         axis.set_xlim(0.0, 1.3 * max(*values, 1e-9))
         axis.locator_params(axis="x", nbins=4)
@@ -166,14 +175,19 @@ def errors_figure(result: MismatchResult, path: Path) -> None:
     plt.close(figure)
 
 
-def unexplained_figure(before: FloatArray, after: FloatArray, path: Path) -> None:
-    """Draw the residual over noise (6,) of each channel, before and after the correction."""
+def unexplained_figure(
+    result: MismatchResult, before: FloatArray, after: FloatArray, path: Path
+) -> None:
+    """Draw the residual over noise (6,) of each channel, without and with identified effects."""
+    labels = residual_labels(result)
     figure, axis = plt.subplots(figsize=(7.6, 2.9), constrained_layout=True)
     rows = np.arange(6)
     first, second = np.maximum(before, _MIN_RATIO), np.maximum(after, _MIN_RATIO)
     axis.hlines(rows, np.minimum(first, second), np.maximum(first, second), color="0.6", zorder=1)
-    axis.plot(first, rows, "o", color=BEFORE, markersize=8, label="before")
-    axis.plot(second, rows, "s", color=AFTER, markersize=8, markerfacecolor="white", label="after")
+    axis.plot(first, rows, "o", color=BEFORE, markersize=8, label=labels[0])
+    axis.plot(
+        second, rows, "s", color=AFTER, markersize=8, markerfacecolor="white", label=labels[1]
+    )
     axis.axvline(1.0, color="black", linewidth=1.0, linestyle=":", label="noise")
     axis.set_xscale("log")
     low, high = min(0.7, 0.8 * float(second.min())), max(3.0, 1.4 * float(first.max()))

@@ -24,6 +24,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult, ResidualSeries
 from adk_ros.mismatch.library.effect import PLACE
 from adk_ros.mismatch.recording.sensor_log import CHANNELS
+from adk_ros.mismatch.report.comparison_labels import residual_labels
 from adk_ros.mismatch.report.vocabulary import CHANNEL_TITLES, title
 from adk_ros.mismatch.surrogate.residuals import BIN_S
 from adk_ros.numerics.arrays import BoolArray, FloatArray
@@ -88,7 +89,7 @@ def inside(
 
 
 def map_figure(result: MismatchResult, path: Path) -> None:
-    """Draw the route, coloured by the residual before correction, and segments of effects."""
+    """Draw the route, coloured by the residual of the simulation, and segments of effects."""
     series = result.series
     size = combined_residual(series.before, series.noise)
     x, y, value = line_of(series, size)
@@ -120,7 +121,7 @@ def map_figure(result: MismatchResult, path: Path) -> None:
     if placed:
         axis.legend(loc="best", fontsize=9)
     bar = figure.colorbar(lines, ax=axis, shrink=0.8, extend="both")
-    bar.set_label("RMS residual before correction / noise")
+    bar.set_label("RMS residual of the simulation / noise")
     bar.ax.set_yticks(*_ticks(norm))
     bar.ax.minorticks_off()
     figure.savefig(path, dpi=DPI)
@@ -164,7 +165,7 @@ def _mark(axis: Axes, result: MismatchResult, identified: IdentifiedEffect, hatc
 
 
 def timeline_figure(result: MismatchResult, path: Path) -> None:
-    """Draw the residuals of each channel over time, before and after, and active effects."""
+    """Draw the residuals of each channel over time, and the intervals of active effects."""
     series = result.series
     rows = len(result.effects)
     figure, axes = plt.subplots(
@@ -184,7 +185,7 @@ def timeline_figure(result: MismatchResult, path: Path) -> None:
     for axis, residuals, heading in zip(
         panels,
         (series.before, series.after),
-        ("before correction", "after correction"),
+        residual_labels(result),
         strict=True,
     ):
         picture = axis.imshow(

@@ -20,6 +20,11 @@ from adk_ros.mismatch.library.criteria import (
     TOLERANCE_BOUND,
 )
 from adk_ros.mismatch.library.features import feature
+from adk_ros.mismatch.report.comparison_labels import (
+    model_labels,
+    residual_labels,
+    trend_labels,
+)
 from adk_ros.mismatch.report.evidence_figures import (
     errors_figure,
     rms,
@@ -45,6 +50,7 @@ from adk_ros.mismatch.report.residual_trends import (
     feature_residual_trend,
 )
 from adk_ros.mismatch.report.summary import (
+    has_only_sensor_faults,
     sentence,
     underfit_channels,
     unexplained_text,
@@ -86,20 +92,21 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         ),
         _figure(
             out / "timeline.png",
-            "Residuals of each channel over time, before and after correction, and the times "
-            "when each effect is active",
+            "Residuals of each channel over time, without and with the identified effects, and "
+            "the times when each effect is active",
             partial(timeline_figure, result),
         ),
     ]
     errors = _figure(
         out / "errors.png",
-        f"Errors {result.horizon_s:g} s ahead on held-out data, before and after correction",
+        f"Errors {result.horizon_s:g} s ahead on held-out data: simulation and corrected vehicle "
+        "model",
         partial(errors_figure, result),
     )
     residuals = _figure(
         out / "remains.png",
-        "RMS residual over noise of each channel, before and after correction",
-        partial(unexplained_figure, before / series.noise, after / series.noise),
+        "RMS residual over noise of each channel, without and with the identified effects",
+        partial(unexplained_figure, result, before / series.noise, after / series.noise),
     )
     unexplained = result.unexplained
     terms = () if unexplained is None else unexplained.terms
@@ -116,6 +123,10 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         underfit=underfit_channels(result) if result.verdict == NONE else "",
         effect_header=effect_header,
         effects=effects,
+        only_sensor_faults=has_only_sensor_faults(result),
+        residual_labels=list(residual_labels(result)),
+        trend_labels=trend_labels(result),
+        model_labels=list(model_labels(result)),
         tolerance=100.0 * TOLERANCE_BOUND,
         location=location,
         evidence=_evidence(result, out),
@@ -176,7 +187,8 @@ def _evidence(result: MismatchResult, out: Path) -> list[Evidence]:
         parts.append(
             Evidence(
                 title(identified.effect.name),
-                f"Equation: {unit_text(identified.effect.equation)}. {_trend_text(item)}",
+                f"Equation: {unit_text(identified.effect.equation)}. "
+                f"{_trend_text(item, trend_labels(result))}",
                 _figure(
                     out / f"evidence_{identified.effect.name}.png",
                     _alt(item),
@@ -190,7 +202,7 @@ def _evidence(result: MismatchResult, out: Path) -> list[Evidence]:
         parts.append(
             Evidence(
                 f"Unexplained {EQUATION_TEXTS[term.equation]}",
-                _trend_text(item),
+                _trend_text(item, trend_labels(result)),
                 _figure(
                     out / f"remainder_{i}.png",
                     _alt(item),
@@ -203,14 +215,15 @@ def _evidence(result: MismatchResult, out: Path) -> list[Evidence]:
 
 def _alt(item: Trend) -> str:
     channel = CHANNEL_TITLES[item.channel]
-    return f"Mean residual of {channel} over {item.label}, before and after correction"
+    return f"Mean residual of {channel} against {item.label}, without and with the effect"
 
 
-def _trend_text(item: Trend) -> str:
+def _trend_text(item: Trend, labels: tuple[str, str]) -> str:
     """Return the peak of the binned means in numbers."""
     before = abs(item.before).max() / item.noise
     after = abs(item.after).max() / item.noise
     return (
-        f"Channel: {CHANNEL_TITLES[item.channel]}, over {item.label}. Peak of the mean residual: "
-        f"{before:.2g} times the noise of a 40 ms bin before correction, {after:.2g} times after."
+        f"Figure: {CHANNEL_TITLES[item.channel]} against {item.label}. Peak of the mean residual: "
+        f"{before:.2g} times the noise of a 40 ms bin ({labels[0]}), {after:.2g} times "
+        f"({labels[1]})."
     )

@@ -16,9 +16,14 @@ from adk_ros.mismatch.inference.result import (
 )
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import DISCRIMINATION_LOSS, INDISTINGUISHABLE_LOSS
-from adk_ros.mismatch.library.effect import PLACE, TIME
+from adk_ros.mismatch.library.effect import PLACE, TIME, EffectParameter
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
-from adk_ros.mismatch.report.summary import activation_text, interval_text, pair_text
+from adk_ros.mismatch.report.summary import (
+    activation_text,
+    has_only_sensor_faults,
+    interval_text,
+    pair_text,
+)
 from adk_ros.mismatch.report.vocabulary import (
     CHANNEL_TITLES,
     DIRECT_MEASUREMENTS,
@@ -27,6 +32,7 @@ from adk_ros.mismatch.report.vocabulary import (
     quantity,
     title,
     unit_text,
+    with_titles,
 )
 from adk_ros.numerics.arrays import FloatArray
 
@@ -35,10 +41,26 @@ Rows = list[list[str]]
 _MANOEUVRES = {name: effect.manoeuvre for name, effect in EFFECTS.items()}
 _CLEAR_LOSS_DIFFERENCE = 200.0
 """Loss difference from which a competing effect fits clearly worse; for the wording only."""
+AT_BOUND = ", at the bound of the search"
+_BOUND_SHARE = 1e-3
+"""Share of the search range within which a fitted value counts as being at its bound."""
+
+
+def is_at_bound(parameter: EffectParameter, theta: float) -> bool:
+    """
+    Whether a fitted variable is at a bound of its search.
+
+    A bound at neutral does not count: there the effect is absent.
+    """
+    low, high = parameter.bounds()
+    return any(
+        abs(theta - bound) <= _BOUND_SHARE * (high - low) and bound != parameter.theta_neutral
+        for bound in (low, high)
+    )
 
 
 def effect_rows(result: MismatchResult) -> tuple[list[str], Rows]:
-    """Return header and rows: effect, parameter, size, other units if any, where, confidence."""
+    """Return header and rows: effect, parameter, size, ratio or angle, where, confidence."""
     rows = []
     for identified in result.effects:
         for i, (name, x) in enumerate(identified.parameters.items()):
@@ -49,7 +71,7 @@ def effect_rows(result: MismatchResult) -> tuple[list[str], Rows]:
                     title(identified.effect.name) if i == 0 else "",
                     written.label,
                     interval_text(x, written),
-                    written.other_units(x.value),
+                    written.ratio_or_angle(x.value),
                     where if i == 0 else "",
                     f"{identified.confidence:.2f}" if i == 0 else "",
                 ]
@@ -58,7 +80,7 @@ def effect_rows(result: MismatchResult) -> tuple[list[str], Rows]:
         "effect",
         "parameter",
         "size relative to the simulation (90 % interval)",
-        "in other units",
+        "ratio or angle",
         "where",
         "confidence score",
     ]
@@ -68,16 +90,19 @@ def effect_rows(result: MismatchResult) -> tuple[list[str], Rows]:
 
 
 def competitor_rows(identified: IdentifiedEffect) -> Rows:
-    """Return alternative, its fitted size, its share of the gain, loss difference, decision."""
+    """Return alternative, fitted size, share of the loss reduction, loss difference, decision."""
     rows = []
     for competitor in identified.competitors:
         values = []
         if not competitor.fitted.is_material():
             values.append("negligible")
-        for parameter in competitor.fitted.effect.parameters if not values else ():
+        fitted = zip(competitor.fitted.effect.parameters, competitor.fitted.theta, strict=True)
+        for parameter, theta in fitted if not values else ():
             written = quantity(competitor.name, parameter.name, parameter.unit)
-            value = written.convert(competitor.fitted.values()[parameter.name])
-            values.append(f"{written.label} {value:.3g} {written.unit}".rstrip())
+            value = written.convert(parameter.value(theta))
+            size = f"{float(f'{value:.3g}'):{'+' if written.is_change else ''}g}"
+            text = f"{written.label} {size} {written.unit}".rstrip()
+            values.append(text + (AT_BOUND if is_at_bound(parameter, theta) else ""))
         gain = identified.gain
         share = 1.0 - competitor.loss_difference / gain if gain > 0.0 else 0.0
         rows.append(
@@ -98,9 +123,9 @@ def _decision(competitor: CompetingEffect, share: float) -> str:
     if competitor.loss_difference < INDISTINGUISHABLE_LOSS:
         return "rejected: equal fit, but only with a size within build tolerance"
     if share < 0.1:
-        return "rejected: explains almost nothing"
+        return "rejected: almost no loss reduction"
     if share < 0.9:
-        return "rejected: explains only a part"
+        return "rejected: only a part of the loss reduction"
     if competitor.loss_difference < _CLEAR_LOSS_DIFFERENCE:
         return "rejected: slightly but significantly worse fit"
     return "rejected: partial fit, residual well above noise"
@@ -143,13 +168,15 @@ def error_rows(result: MismatchResult) -> Rows:
         if not math.isfinite(before):
             rows.append([f"{state} ({unit})", "not evaluated", "", ""])
             continue
-        reduction = round(100.0 * (1.0 - after / before)) if before > 0.0 else 0
-        rows.append([f"{state} ({unit})", *pair_text(before, after), f"{reduction} %"])
+        reduction = f"{round(100.0 * (1.0 - after / before)) if before > 0.0 else 0} %"
+        if has_only_sensor_faults(result):
+            reduction = "not applicable"
+        rows.append([f"{state} ({unit})", *pair_text(before, after), reduction])
     return rows
 
 
 def horizon_rows(held_out: HeldOutResult) -> Rows:
-    """Return state, horizon, errors: before, after, expected, persistence; explained or not."""
+    """Return state, horizon, errors: before, after, expected, persistence; whether consistent."""
     rows = []
     for name, (state, unit) in STATES.items():
         for i, horizon in enumerate(held_out.horizons_s):
@@ -172,20 +199,27 @@ def horizon_rows(held_out: HeldOutResult) -> Rows:
 
 
 def candidate_rows(result: MismatchResult) -> Rows:
-    """Return effect, size with interval, share of the misfit, why it is not claimed."""
+    """Return effect, size with interval, share of the excess loss, why it is rejected."""
     rows = []
     for candidate in result.candidates:
         sizes = []
         for name, x in candidate.parameters.items():
             written = quantity(candidate.name, name, x.unit)
-            sizes.append(f"{written.label} {interval_text(x, written)}")
+            at_bound = any(
+                is_at_bound(p, p.theta(x.value))
+                for p in EFFECTS[candidate.name].parameters
+                if p.name == name
+            )
+            sizes.append(
+                f"{written.label} {interval_text(x, written)}{AT_BOUND if at_bound else ''}"
+            )
         where = {PLACE: ", in segments of the lap", TIME: ", from a time on"}
         rows.append(
             [
                 title(candidate.name),
                 listed(sizes) + where.get(candidate.kind, ""),
                 f"{100.0 * min(max(candidate.share, 0.0), 1.0):.2g} %",
-                candidate.reason,
+                with_titles(candidate.reason),
             ]
         )
     return rows

@@ -36,30 +36,34 @@ from adk_ros.mismatch.report.vocabulary import (
 _COUNTS = {2: "two", 3: "three", 4: "four"}
 
 
-def number(value: float, width: float) -> str:
+def number(value: float, width: float, show_sign: bool = False) -> str:
     """Return a value with the digits that an interval of this width justifies."""
+    sign = "+" if show_sign else ""
     if not (math.isfinite(width) and width > 0.0):
-        return f"{value:.3g}"
+        return f"{value:{sign}.3g}"
     decimals = -math.floor(math.log10(0.5 * width))
     rounded = round(value, decimals)
-    return f"{rounded:.{max(decimals, 0)}f}"
+    return f"{rounded:{sign}.{max(decimals, 0)}f}"
 
 
-def size_and_interval(x: Interval, written: Quantity, sign: float = 1.0) -> tuple[str, str]:
-    """Return ("0.92 m²", "0.88 to 0.97"), all multiplied by `sign`."""
+def size_and_interval(
+    x: Interval, written: Quantity, sign: float = 1.0, show_sign: bool = False
+) -> tuple[str, str]:
+    """Return ("0.92 m²", "0.88 to 0.97"), all multiplied by `sign`; with `show_sign` "+0.92"."""
     value, low, high = (sign * written.convert(each) for each in (x.value, x.low, x.high))
     low, high = min(low, high), max(low, high)
     # An unbounded end has no digits to give the other numbers.
     width = high - low if abs(high) < 100.0 * abs(value) else abs(value) * 0.1
-    size = number(value, width) + (f" {written.unit}" if written.unit else "")
+    first, least, most = (number(each, width, show_sign) for each in (value, low, high))
+    size = f"{first} {written.unit}".rstrip()
     if abs(high) >= 100.0 * max(abs(value), 1e-12) and high > 1e3:
-        return size, f"at least {number(low, width)}"
-    return size, f"{number(low, width)} to {number(high, width)}"
+        return size, f"at least {least}"
+    return size, f"{least} to {most}"
 
 
 def interval_text(x: Interval, written: Quantity) -> str:
-    """Return "0.92 m² (0.88 to 0.97)"."""
-    size, interval = size_and_interval(x, written)
+    """Return "0.92 m² (0.88 to 0.97)"; a relative change has a sign: "+20 % (+16 to +24)"."""
+    size, interval = size_and_interval(x, written, show_sign=written.is_change)
     return f"{size} ({interval})"
 
 
@@ -98,7 +102,7 @@ def effect_text(identified: IdentifiedEffect, reference: bool = False) -> str:
         written = quantity(effect.name, effect.parameters[0].name, first.unit)
         size, interval = size_and_interval(first, written, -1.0 if opposite else 1.0)
         if written.is_angle:
-            size += f" ({written.other_units(abs(first.value))})"
+            size += f" ({written.ratio_or_angle(abs(first.value))})"
         unit = f" {written.unit}" if written.unit else ""
         text = f"{text.format(size=size)}{suffix} (90 % confidence interval {interval}{unit})"
     else:
@@ -173,8 +177,8 @@ def improvement_text(result: MismatchResult) -> str:
     if held_out is not None and held_out.export == NOT_EXPORTED and held_out.raised:
         raised = listed([STATES[name][0] for name in held_out.raised])
         return (
-            f"No correction is exported: on held-out data it would raise the {raised} error "
-            f"{result.horizon_s:g} s ahead."
+            f"No corrected vehicle model is exported: it would raise the {raised} error "
+            f"{result.horizon_s:g} s ahead on held-out data."
         )
     name = most_improved_state(result)
     state, unit = STATES.get(name, (name, ""))
@@ -182,13 +186,18 @@ def improvement_text(result: MismatchResult) -> str:
     error = f"the RMS {state} error, predicted {result.horizon_s:g} s ahead on held-out data,"
     if after < MAX_IMPROVED_RATIO * before:
         first, second = pair_text(before, after)
-        return f"With the correction, {error} falls from {first} to {second} {unit}."
-    if result.verdict == EXPLAINED and all(x.effect.sensor for x in result.effects):
+        return f"With the corrected vehicle model, {error} falls from {first} to {second} {unit}."
+    if has_only_sensor_faults(result):
         return (
             f"Sensor faults are not corrected in the vehicle model, so {error} "
             f"stays at {before:.2g} {unit}."
         )
-    return f"The correction does not reduce {error} from {before:.2g} {unit}."
+    return f"The corrected vehicle model does not reduce {error} from {before:.2g} {unit}."
+
+
+def has_only_sensor_faults(result: MismatchResult) -> bool:
+    """Whether all identified effects are sensor faults, which no vehicle model corrects."""
+    return result.verdict == EXPLAINED and all(x.effect.sensor for x in result.effects)
 
 
 def pair_text(before: float, after: float) -> tuple[str, str]:

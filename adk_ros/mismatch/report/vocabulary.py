@@ -46,12 +46,17 @@ class Quantity(NamedTuple):
     is_angle: bool = False
     is_ratio: bool = False
 
-    def other_units(self, value: float) -> str:
-        """Return the SI value in other units: an angle in degrees, a change as a ratio; or ""."""
+    @property
+    def is_change(self) -> bool:
+        """Whether it is a relative change, which tables show with its sign."""
+        return self.convert is _percent_change
+
+    def ratio_or_angle(self, value: float) -> str:
+        """Return a relative change as a ratio, an angle in degrees, or ""."""
         if self.is_angle:
             return f"{math.degrees(value):.2g}°"
         if self.is_ratio:
-            return f"{value:.3g} times the simulation's"
+            return f"ratio {value:.3g}"
         return ""
 
 
@@ -148,14 +153,14 @@ _ROAD_AND_AIR = {
 _TYRES_AND_BODY = {
     "front_tyre_stiffness": EffectVocabulary(
         "front tyre stiffness",
-        "{size} stiffer front tyres than",
-        "{size} softer front tyres than",
+        "{size} higher front cornering stiffness than",
+        "{size} lower front cornering stiffness than",
         {"scale": _change("cornering stiffness")},
     ),
     "rear_tyre_stiffness": EffectVocabulary(
         "rear tyre stiffness",
-        "{size} stiffer rear tyres than",
-        "{size} softer rear tyres than",
+        "{size} higher rear cornering stiffness than",
+        "{size} lower rear cornering stiffness than",
         {"scale": _change("cornering stiffness")},
     ),
     "tyre_relaxation": EffectVocabulary(
@@ -356,12 +361,12 @@ EFFECT_VOCABULARY: dict[str, EffectVocabulary] = {
 }
 
 CHANNEL_TITLES = {
-    "imu_a_x": "longitudinal acceleration, IMU",
-    "imu_a_y": "lateral acceleration, IMU",
-    "imu_yaw_rate": "yaw rate, IMU",
-    "v_x": "speed, odometry",
-    "v_y": "lateral velocity, odometry",
-    "yaw_rate": "yaw rate, odometry",
+    "imu_a_x": "IMU longitudinal acceleration",
+    "imu_a_y": "IMU lateral acceleration",
+    "imu_yaw_rate": "IMU yaw rate",
+    "v_x": "odometry speed",
+    "v_y": "odometry lateral velocity",
+    "yaw_rate": "odometry yaw rate",
 }
 """Names of the residual channels."""
 
@@ -379,6 +384,15 @@ _SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹"
 def title(name: str) -> str:
     """Return the title of an effect; for a name without vocabulary, the name in words."""
     return EFFECT_VOCABULARY[name].title if name in EFFECT_VOCABULARY else name.replace("_", " ")
+
+
+def with_titles(text: str) -> str:
+    """Return a text with the names of effects replaced by their titles."""
+    return re.sub(r"\b[a-z]+(?:_[a-z]+)*\b", lambda found: _title_of(found[0]), text)
+
+
+def _title_of(word: str) -> str:
+    return EFFECT_VOCABULARY[word].title if word in EFFECT_VOCABULARY else word
 
 
 def unit_text(unit: str) -> str:

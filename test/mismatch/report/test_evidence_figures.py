@@ -22,7 +22,8 @@ from helpers.mismatch_report import (
 
 from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
-from adk_ros.mismatch.inference.likelihood import inactive_effect
+from adk_ros.mismatch.inference.likelihood import ActiveEffect, inactive_effect
+from adk_ros.mismatch.inference.result import Interval, RejectedCandidate
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.report import report_tables
 from adk_ros.mismatch.report.location_figures import inside, line_of, residual_to_noise
@@ -128,7 +129,7 @@ def test_alternatives_tie_or_have_a_reason_for_rejection() -> None:
     assert tied[2] == "100 %"
     assert tied[4] == "not distinguishable in this recording"
     assert lost[0] == "payload"
-    assert lost[2:] == ["43.8 %", "20,000", "rejected: explains only a part"]
+    assert lost[2:] == ["43.8 %", "20,000", "rejected: only a part of the loss reduction"]
 
 
 def test_table_rows() -> None:
@@ -142,7 +143,7 @@ def test_table_rows() -> None:
     ]
     assert len(header) == 5
     header, (row,) = report_tables.effect_rows(bank())
-    assert header[3] == "in other units"
+    assert header[3] == "ratio or angle"
     assert row[2:4] == ["10.2 % (10.0 to 10.4)", "5.8°"]
     losses = report_tables.loss_rows(drag())
     assert losses[0] == ["no effect, build tolerance only", "3.250", "", ""]
@@ -152,7 +153,7 @@ def test_table_rows() -> None:
     assert group[0] == "air drag or longitudinal wind"
     assert "the same straight in both directions" in group[2]
     rows = report_tables.unexplained_rows(2.0 * NOISE, NOISE, NOISE)
-    assert rows[0] == ["longitudinal acceleration, IMU (m/s²)", "0.04", "0.02", "0.02", "1.00"]
+    assert rows[0] == ["IMU longitudinal acceleration (m/s²)", "0.04", "0.02", "0.02", "1.00"]
     assert len(report_tables.surrogate_rows(drag())) == 6
 
 
@@ -181,6 +182,35 @@ def test_a_negligible_alternative_shows_no_size() -> None:
     )
     shown = report_tables.competitor_rows(replace(identified(), competitors=(idle,)))
     assert shown[0][:2] == ["power limit", "negligible"]
+
+
+def test_a_size_at_the_bound_of_its_search_is_marked() -> None:
+    fitted = ActiveEffect(EFFECTS["payload"], (1500.0,))
+    bound = CompetingEffect("aero_drag", "payload", 2e4, fitted, False)
+    (row,) = report_tables.competitor_rows(replace(identified(), competitors=(bound,)))
+    assert row[1] == "mass 1500 kg, at the bound of the search"
+    low, free = (
+        RejectedCandidate(
+            "front_tyre_stiffness",
+            {"scale": Interval(scale, scale, scale + 0.1, "-")},
+            0.4,
+            "always",
+            "rear_tyre_stiffness fits better",
+        )
+        for scale in (0.2, 0.7)
+    )
+    rows = report_tables.candidate_rows(replace(drag(), candidates=[low, free]))
+    assert rows[0][1] == "cornering stiffness -80 % (-80 to -70), at the bound of the search"
+    assert rows[1][1] == "cornering stiffness -30 % (-30 to -20)"
+    assert rows[1][3] == "rear tyre stiffness fits better"
+    tau = EFFECTS["steering_lag"].parameters[0]
+    assert not report_tables.is_at_bound(tau, 0.0)
+    assert report_tables.is_at_bound(tau, tau.high)
+
+
+def test_sensor_faults_alone_have_no_reduction() -> None:
+    tilt = result_of("", (identified("imu_tilt", 0.02, 0.018, 0.022),))
+    assert [row[3] for row in report_tables.error_rows(tilt)] == ["not applicable"] * 3
 
 
 def test_a_rejected_hypothesis_has_a_reason() -> None:

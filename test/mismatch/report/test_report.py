@@ -128,7 +128,7 @@ def test_an_underfitting_surrogate_makes_the_result_inconclusive(tmp_path: Path)
     assert "No further recording is needed" not in text
     assert "on a flat road" in text
     written = json.loads((tmp_path / "off" / "mismatch.json").read_text())
-    assert "speed, odometry (0.1 m/s)" in written["caveat"]
+    assert "odometry speed (0.1 m/s)" in written["caveat"]
     assert written["stand_in_error"]["v_x"] == 0.1
     assert "caveat" not in as_dict(base)
 
@@ -137,8 +137,16 @@ def test_alternatives_and_ties_are_listed(folders: dict[str, Path]) -> None:
     text = page_of(folders["drag"]).text
     assert "Alternatives and why they were rejected" in text
     assert "not distinguishable in this recording" in text
-    assert "rejected: explains only a part" in text
+    assert "rejected: only a part of the loss reduction" in text
     assert "air drag or longitudinal wind" in text
+
+
+def test_residuals_and_models_have_different_labels(folders: dict[str, Path]) -> None:
+    text = page_of(folders["drag"]).text
+    assert "with identified effects" in text
+    assert "corrected vehicle model" in text
+    assert "with identified effects and formula" in page_of(folders["odd"]).text
+    assert "within build tolerance noise" in page_of(folders["none"]).text
 
 
 def test_the_unexplained_residual_is_shown_with_its_formula(folders: dict[str, Path]) -> None:

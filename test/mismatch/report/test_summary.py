@@ -79,8 +79,8 @@ def test_an_effect_states_its_size_relative_to_the_simulation_and_its_alternativ
     assert sentence(drag()) == (
         "The recording shows 0.92 m² more drag area (C_dA) than the simulation (90 % confidence "
         "interval 0.88 to 0.97 m²), or a headwind of 4 m/s: not distinguishable in this "
-        "recording. With the correction, the RMS speed error, predicted 1 s ahead on held-out "
-        "data, falls from 0.145 to 0.012 m/s."
+        "recording. With the corrected vehicle model, the RMS speed error, predicted 1 s ahead on "
+        "held-out data, falls from 0.145 to 0.012 m/s."
     )
 
 
@@ -94,7 +94,7 @@ def test_in_a_list_the_alternative_stands_in_its_item() -> None:
         "two differences from the simulation: (1) 14 % less wheel torque (90 % confidence "
         "interval 13 to 15 %), "
         "or 17 % larger wheels: not distinguishable in this recording; (2) 0.92 m² more drag area "
-        "(C_dA) (90 % confidence interval 0.88 to 0.97 m²). With the correction"
+        "(C_dA) (90 % confidence interval 0.88 to 0.97 m²). With the corrected vehicle model"
     ) in sentence(result_of("", (torque, identified())))
 
 
@@ -111,7 +111,7 @@ def test_an_underfitting_surrogate_makes_the_result_inconclusive() -> None:
     said = sentence(off)
     assert "No significant mismatch" not in said
     assert said.startswith("Inconclusive: ")
-    assert "does not fit the simulation in speed, odometry (0.1 m/s);" in said
+    assert "does not fit the simulation in odometry speed (0.1 m/s);" in said
     assert verdict_text(off) == "Inconclusive"
 
 
@@ -138,8 +138,8 @@ def test_an_error_that_does_not_fall_is_stated() -> None:
     worse = result_of("", (identified(),))
     worse = replace(worse, after=dict(worse.before))
     assert sentence(worse).endswith(
-        "The correction does not reduce the RMS speed error, predicted 1 s ahead on held-out "
-        "data, from 0.14 m/s."
+        "The corrected vehicle model does not reduce the RMS speed error, predicted 1 s ahead on "
+        "held-out data, from 0.14 m/s."
     )
 
 
@@ -177,8 +177,8 @@ def test_missing_channels_are_stated_and_not_evaluated() -> None:
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (0.8, "20 % softer front tyres than the simulation"),
-        (1.2, "20 % stiffer front tyres than the simulation"),
+        (0.8, "20 % lower front cornering stiffness than the simulation"),
+        (1.2, "20 % higher front cornering stiffness than the simulation"),
     ],
 )
 def test_more_or_less_than_the_simulation(value: float, text: str) -> None:
@@ -192,8 +192,8 @@ def test_two_effects_are_counted_and_numbered() -> None:
     result = result_of("", (slow, soft))
     assert (
         "two differences from the simulation: (1) a steering lag (first-order time constant) that "
-        "is 0.10 s longer (90 % confidence interval 0.09 to 0.11 s); (2) 20 % softer rear tyres "
-        "(90 % confidence interval 16 to 24 %)"
+        "is 0.10 s longer (90 % confidence interval 0.09 to 0.11 s); (2) 20 % lower rear "
+        "cornering stiffness (90 % confidence interval 16 to 24 %)"
     ) in sentence(result)
     assert verdict_text(result) == "2 effects identified: steering lag and rear tyre stiffness"
 
@@ -209,7 +209,7 @@ def test_an_unknown_cause_is_stated_with_formula_and_identified_effects() -> Non
     said = sentence(odd(identified()))
     assert "no known effect explains: a yaw acceleration that depends on" in said
     assert ": d(yaw_rate)/dt += -6.1 r / v_x [rad/s²]." in said
-    assert "With the correction, the RMS yaw rate error, predicted 1 s ahead" in said
+    assert "With the corrected vehicle model, the RMS yaw rate error, predicted 1 s ahead" in said
     assert "on held-out data, falls from 0.0050 to 0.0010 rad/s." in said
     assert said.endswith(
         "It also shows 0.92 m² more drag area (C_dA) than the simulation (90 % confidence "
