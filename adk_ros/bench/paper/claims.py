@@ -1,9 +1,9 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Check claims of the paper by comparisons of measured figures, each true or false.
+Check claims of the paper by comparisons of measured figures, each of which agrees or not.
 
-A claim holds if all its comparisons are true, does not hold if none is, and holds in part
+A claim holds if all its comparisons agree, does not hold if none does, and holds in part
 otherwise. The comparisons are in `claims_list`; all use the clean variant, one step ahead, since
 the paper has neither noise nor longer horizons. Figures are in km/h, km/h, deg/s.
 """
@@ -26,9 +26,9 @@ from adk_ros.signals.score import REPORT_SCALE
 HOLDS, PART, NOT, UNKNOWN = "holds", "holds in part", "does not hold", "not measured"
 RULE = (
     "Each claim is split into comparisons of figures of this run (one step ahead, clean, Max and "
-    "RMSE in km/h, km/h, deg/s), shown with it. It holds if all of them are true, does not hold "
-    "if none is, and holds in part otherwise. Where the paper gives a percentage, this run must "
-    "reach it; where its tables give less than its text, the value of the tables."
+    "RMSE in km/h, km/h, deg/s), shown with it. It holds if all of them agree with the paper, "
+    "does not hold if none does, and holds in part otherwise. Where the paper gives a percentage, "
+    "this run must reach it; where its tables give less than its text, the value of the tables."
 )
 
 Series = Callable[[str, str], tuple[FloatArray, ...]]
@@ -37,10 +37,15 @@ Series = Callable[[str, str], tuple[FloatArray, ...]]
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison with both figures, and whether it agrees with the paper."""
+    """A comparison as measured, with both figures, and whether it agrees with the paper."""
 
     text: str
-    true: bool
+    agrees: bool
+
+    @property
+    def outcome(self) -> str:
+        """The outcome in one word."""
+        return "agrees" if self.agrees else "differs"
 
 
 @dataclass(frozen=True)
@@ -60,8 +65,8 @@ class Claim:
         """One of `HOLDS`, `PART`, `NOT`, `UNKNOWN`."""
         if not self.comparisons:
             return UNKNOWN
-        true = sum(item.true for item in self.comparisons)
-        return HOLDS if true == len(self.comparisons) else PART if true else NOT
+        agreeing = sum(item.agrees for item in self.comparisons)
+        return HOLDS if agreeing == len(self.comparisons) else PART if agreeing else NOT
 
 
 def counts(claims: Sequence[Claim]) -> str:
@@ -121,13 +126,24 @@ class Statement:
 
 
 def less(
-    what: str, value: float, than: str, limit: float, quoted: tuple[float, float] | None = None
+    what: str,
+    value: float,
+    than: str,
+    limit: float,
+    quoted: tuple[float, float] | None = None,
+    unit: str = "",
 ) -> Comparison:
-    """Compare: `value` is below `limit`; `quoted`: both values in the paper."""
-    text = f"{what} {number(value)} < {than} {number(limit)}"
+    """Compare: `value` is below `limit`, as in the paper; `quoted`: both values in the paper."""
+    figures = [f"{number(each)} {unit}".rstrip() for each in (value, limit)]
+    text = f"{what} {figures[0]} {relation(value, limit)} {than} {figures[1]}"
     if quoted is not None:
         text += f" (paper {quoted[0]:g}, {quoted[1]:g})"
     return Comparison(text, value < limit)
+
+
+def relation(value: float, limit: float) -> str:
+    """Return the measured relation of two figures as a sign."""
+    return "<" if value < limit else ">" if value > limit else "="
 
 
 def by_channel(
@@ -180,11 +196,12 @@ def lowest(
         others = {who: float(v[c]) for who, v in figures.items() if who != name}
         following = (max if highest else min)(others, key=others.__getitem__)
         value = float(figures[name][c])
-        true = value > others[following] if highest else value < others[following]
-        sign = ">" if highest else "<"
+        agrees = value > others[following] if highest else value < others[following]
+        sign = relation(value, others[following])
+        which = "the highest" if highest else "the lowest"
         result.append(Comparison(
-            f"{test}, {CHANNELS[c]}: {label} of {name} {number(value)} {sign} the next, "
-            f"{following} {number(others[following])}", true,
+            f"{test}, {CHANNELS[c]}: {label} of {name} {number(value)} {sign} {which} of "
+            f"the others, {following} {number(others[following])}", agrees,
         ))  # fmt: skip
     return result
 

@@ -25,7 +25,8 @@ from adk_ros.bench.paper.scores import ScoreTable
 STATEMENTS = (
     Statement("4.2.1", "ALDK and DK both show the overall trend of the benchmark.", c.trend),
     Statement(
-        "4.2.1", "Compared to DK, ALDK's largest yaw rate error decreases (4.844 to 1.157) and "
+        "4.2.1", "Compared to DK, ALDK's largest yaw rate error decreases (4.844 to 1.157 "
+        "deg/s) and "
         "its RMSE by 87 % (82 % by its Table 3).", c.dk_yaw,
     ),
     Statement(
@@ -75,38 +76,40 @@ STATEMENTS = (
     ),
     Statement("4.2.2", "The recursion of SWLS is computationally efficient.", c.efficient),
     Statement(
-        "4.3.1", "+160 kg: ALDK and ALDK-RLS perform alike.", lambda e: c.rls_same(e, c.MASS_UP)
+        "4.3.1", "+160 kg: ALDK and ALDK-RLS have similar errors.",
+        lambda e: c.rls_same(e, c.MASS_UP),
     ),
     Statement(
         "4.3.1", "+160 kg: ALDK-FFRLS's RMSE is 38, 37 and 49 % below ALDK's.",
         lambda e: reduced(e, c.MASS_UP, FFRLS, ALDK, (38.0, 37.0, 49.0)),
     ),
     Statement(
-        "4.3.1", "+160 kg: ALDK-SWLS stands out; the largest error (0.067, Table 5: of v_y) is "
-        "below that of ALDK and of 7 DoF-MF.", c.mass_up,
+        "4.3.1", "+160 kg: ALDK-SWLS stands out; the largest error (0.067 km/h, Table 5: of v_y) "
+        "is below that of ALDK and of 7 DoF-MF.", c.mass_up,
     ),
     Statement(
         "4.3.1", "-170 kg: ALDK-SWLS still has the higher accuracy.",
         lambda e: lowest(e, c.MASS_DOWN, SWLS, c.DATA_DRIVEN),
     ),
     Statement(
-        "4.3.2", "+142 kg m^2: ALDK-SWLS is a significant improvement on the other approaches.",
+        "4.3.2", "+142 kg·m²: ALDK-SWLS is a significant improvement on the other approaches.",
         lambda e: lowest(e, c.INERTIA_UP, SWLS, FIVE),
     ),
     Statement(
-        "4.3.2", "+142 kg m^2: compared to 7 DoF-MF, ALDK-SWLS's largest error of v_x decreases, "
+        "4.3.2", "+142 kg·m²: compared to 7 DoF-MF, ALDK-SWLS's largest error of v_x decreases, "
         "that of yaw rate by 63 %.", c.inertia_against_mf,
     ),
     Statement(
-        "4.3.2", "+142 kg m^2: ALDK-SWLS's largest errors all come at the initial moment.",
+        "4.3.2", "+142 kg·m²: ALDK-SWLS's largest errors all come at the initial moment.",
         c.worst_first,
     ),
     Statement(
-        "4.3.2", "+142 kg m^2: RMSE of 0.835, 0.082, 1.086 of ALDK becomes 0.035, 0.004, 0.055.",
+        "4.3.2", "+142 kg·m²: ALDK's RMSE of 0.835 km/h, 0.082 km/h and 1.086 deg/s becomes "
+        "0.035, 0.004 and 0.055.",
         lambda e: reduced(e, c.INERTIA_UP, SWLS, ALDK, c.table_shares(c.INERTIA_UP).tolist()),
     ),
     Statement(
-        "4.3.2", "-158 kg m^2: the results are the same.",
+        "4.3.2", "-158 kg·m²: the results are the same.",
         lambda e: lowest(e, c.INERTIA_DOWN, SWLS, FIVE),
     ),
     Statement(
@@ -145,8 +148,8 @@ STATEMENTS = (
     ),
     Statement("4.4, 5", "ALDK-SWLS has the best overall performance.", c.best_overall),
     Statement(
-        "4.4, 5", "The acceleration loss brings inherent generalisation: ALDK is better than DK "
-        "on drives unlike the training's (the paper shows no DK there).",
+        "4.4, 5", "The acceleration loss improves generalisation: ALDK is better than DK in the "
+        "tests with another vehicle, road or manoeuvre (the paper shows no DK there).",
         lambda e: c.throughout(c.OTHERS, ALDK, DK, e),
     ),
     Statement(
@@ -167,17 +170,18 @@ def compared_with(board: ScoreTable) -> list[str]:
     result = []
     for name in (ALDK, SWLS):
         ratios = {
-            cell: float(ratio.mean())
-            for cell, ratio in board.ratios(name).items() if cell.variant == CLEAN
+            combination: float(ratio.mean())
+            for combination, ratio in board.ratios(name).items() if combination.variant == CLEAN
         }  # fmt: skip
-        one = [ratio for cell, ratio in ratios.items() if cell.horizon == 0]
-        far = [ratio for cell, ratio in ratios.items() if cell.horizon > 0]
-        if not one:
+        one_step = [ratio for combination, ratio in ratios.items() if combination.horizon == 0]
+        longer = [ratio for combination, ratio in ratios.items() if combination.horizon > 0]
+        if not one_step:
             continue
         result.append(
             f"{name}, clean: one step ahead its RMSE is below the best naive predictor's in "
-            f"{sum(r < 1.0 for r in one)} of {len(one)} combinations (median ratio "
-            f"{number(float(np.median(one)))}); from 0.25 to 2 s in {sum(r < 1.0 for r in far)} "
-            f"of {len(far)} (median ratio {number(float(np.median(far)))})."
+            f"{sum(r < 1.0 for r in one_step)} of {len(one_step)} combinations (median ratio "
+            f"{number(float(np.median(one_step)))}); from 0.25 to 2 s in "
+            f"{sum(r < 1.0 for r in longer)} of {len(longer)} (median ratio "
+            f"{number(float(np.median(longer)))})."
         )
     return result

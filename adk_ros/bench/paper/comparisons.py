@@ -95,8 +95,8 @@ def oscillation(e: ClaimEvidence) -> list[Comparison]:
 
 def efficient(e: ClaimEvidence) -> list[Comparison]:
     """Compare the computing time of SWLS with a tenth of a tick."""
-    return [less("computing time per tick with SWLS, µs,", e.tick_us(NOMINAL, SWLS),
-                 "a tenth of the tick", 0.1 * _TICK_US)]  # fmt: skip
+    return [less("computing time per tick with SWLS", e.tick_us(NOMINAL, SWLS),
+                 "a tenth of the tick", 0.1 * _TICK_US, unit="µs")]  # fmt: skip
 
 
 def mass_up(e: ClaimEvidence) -> list[Comparison]:
@@ -121,8 +121,8 @@ def worst_first(e: ClaimEvidence) -> list[Comparison]:
     time_s, error = e.errors(INERTIA_UP, SWLS)
     when = time_s[np.argmax(np.abs(error), axis=0)]
     return [
-        less(f"{INERTIA_UP}, {CHANNELS[c]}: time of SWLS's largest error, s,", float(when[c]),
-             "length of the window, s,", _WINDOW_S)
+        less(f"{INERTIA_UP}, {CHANNELS[c]}: time of SWLS's largest error", float(when[c]),
+             "length of the window", _WINDOW_S, unit="s")
         for c in range(3)
     ]  # fmt: skip
 

@@ -116,7 +116,7 @@ def _none_above(board: ScoreTable) -> PaperCriterion:
     lost = lost_combinations(board)
     within = [combo for combo, r in ratios.items() if r.min() <= 1.0 < r.mean()]
     at_oracle = oracle_notes.at_oracle(board, [*lost, *within])
-    figure = f"{len(lost)} of {len(ratios)} combinations, all seeds above 1.0"
+    figure = f"{len(lost)} of {len(ratios)} combinations exceed 1.0 in all seeds"
     if lost:
         figure += oracle_notes.oracle_note(at_oracle & set(lost))
         shown = {c: oracle_notes.marked(_spread(r), c, at_oracle) for c, r in lost.items()}
@@ -261,7 +261,7 @@ def _effect(board: ScoreTable) -> PaperCriterion:
         for combo, (here, there) in found.items() if not here >= there
     ]  # fmt: skip
     figure = (
-        f"ALDK-SWLS's one-step RMSE below ALDK's by at least the paper's share in "
+        f"ALDK-SWLS's one-step RMSE below ALDK's by at least the paper's relative reduction in "
         f"{len(found) - len(short)} of {len(found)} entries of Tables 4 to 8"
     )
     if short:

@@ -131,7 +131,7 @@ def _below_oracle(board: ScoreTable, combos: Collection[Combination], name: str)
     )  # fmt: skip
 
 
-def worst_cells(
+def worst_combinations(
     board: ScoreTable, ratios: Mapping[Combination, float], baseline: str | None = None
 ) -> str:
     """Name the largest ratios, with the RMSE of the other predictors and the sensor noise."""

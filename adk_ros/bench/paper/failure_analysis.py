@@ -24,7 +24,7 @@ from adk_ros.bench.paper.failed_combinations import (
     distribution,
     divergence,
     error_magnitudes,
-    worst_cells,
+    worst_combinations,
 )
 from adk_ros.bench.paper.paper_results import printed
 from adk_ros.bench.paper.paper_tables import number
@@ -110,7 +110,7 @@ def _lost(board: ScoreTable) -> list[str]:
         *combination_location(board, lost, "A naive predictor wins in"),
         f"The best naive predictor there is {who}.",
         *error_magnitudes(board, lost),
-        worst_cells(board, {combo: float(r.mean()) for combo, r in lost.items()}),
+        worst_combinations(board, {combo: float(r.mean()) for combo, r in lost.items()}),
     ]
 
 
@@ -121,7 +121,7 @@ def _behind(board: ScoreTable, baseline: str) -> list[str]:
         distribution(board, behind, baseline),
         divergence(board, baseline),
         *error_magnitudes(board, behind, baseline),
-        worst_cells(board, behind, baseline),
+        worst_combinations(board, behind, baseline),
     ]
 
 

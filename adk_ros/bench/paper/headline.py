@@ -23,7 +23,7 @@ from adk_ros.bench.paper.predictors import (
     SWLS,
 )
 from adk_ros.bench.paper.ratios import best_cells, geometric_means, lost_tests, mean_text
-from adk_ros.bench.paper.scores import HORIZONS, ScoreTable
+from adk_ros.bench.paper.scores import HORIZONS, ScoreTable, divergence_limits
 
 ROWS = (
     *NAIVE, LINEAR_ADAPTED, DK, ALDK, SWLS, MF_TUNED, PYKOOP, PYKOOPMAN, ADK_ROS, ORACLE,
@@ -79,12 +79,12 @@ def headline(board: ScoreTable, setting: str = "") -> Headline:
     tables = [_table(board, variant, means, lost) for variant in board.variants()]
     lead = (
         f"RMSE divided by that of the best naive predictor (persistence, straight line, IMU "
-        f"integration) for the same test, channel and horizon, with future commands given: "
+        f"integration) for the same test, channel and horizon, with future commands known: "
         f"geometric mean over {len(board.tests())} tests and three channels. Below 1 is better "
-        f"than every model-free predictor; the best value in each column is bold. The oracle is "
+        f"than every naive predictor; the best value in each column is bold. The oracle is "
         f"the simulated car itself, started from the same (noisy) samples: the best result "
         f'without filtering. "> a (n)" is a lower bound: predictions diverged in n tests and '
-        f"count as an error of 1000 m/s or rad/s."
+        f"count as an error of {divergence_limits()}."
     )
     return Headline(f"{lead} {setting}".strip(), tables, means, lost)
 

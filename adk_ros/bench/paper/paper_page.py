@@ -26,12 +26,13 @@ from adk_ros.bench.paper.paper_tables import (
 )
 from adk_ros.bench.paper.predictors import ADK_ROS, ORACLE
 from adk_ros.bench.paper.ratios import ratio_tables, summary_table
-from adk_ros.bench.paper.scores import HORIZONS
+from adk_ros.bench.paper.scores import HORIZONS, UNITS, divergence_limits
 from adk_ros.bench.paper.training_jobs import BenchPlan, read_series
 from adk_ros.files.output_folder import staged_folder
 from adk_ros.files.pages.page import embed, render_page
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.score import REPORT_SCALE
 
 PAGE = "report.html"
 PAPER_EPOCHS, PAPER_BATCH = 2000, 20
@@ -120,7 +121,7 @@ def lead_text(top: Headline, criteria: list[PaperCriterion]) -> str:
     passed, failed = verdicts.count(PASS), verdicts.count(FAIL)
     return (
         f"{ADK_ROS} has the lowest mean error of {len(names - {ORACLE})} predictors in {lowest} "
-        f"of {len(top.tables) * len(HORIZONS)} columns (variant x horizon) below, and meets "
+        f"of {len(top.tables) * len(HORIZONS)} columns (a horizon of a variant) below, and meets "
         f"{passed} of {passed + failed} acceptance criteria."
     )
 
@@ -136,7 +137,7 @@ def how_made(plan: BenchPlan) -> str:
     if plan.quick:
         text += " The option --quick shortened these trainings."
     if _shortened(plan):
-        text += " The drives were shortened: a trial run, not a result."
+        text += " The tests were shortened: a trial run, not a result."
     return text
 
 
@@ -157,7 +158,10 @@ def setting_text(result: Result, plan: BenchPlan) -> dict[str, Any]:
         "stride_s": plan.stride * 0.025,
         "paper_epochs": PAPER_EPOCHS,
         "paper_batch": PAPER_BATCH,
-        "noise": NOISE.tolist(),
+        "noise": [
+            f"{sigma:.2g} {unit}" for sigma, unit in zip(NOISE * REPORT_SCALE, UNITS, strict=True)
+        ],
+        "divergence_limits": divergence_limits(),
         "force_noise": FORCE_NOISE,
         "dropped": DROPPED,
         "share": TRAINING_SHARE,
@@ -184,7 +188,7 @@ def times_table(result: Result) -> Table:
     rows.insert(
         0,
         [
-            f"simulate {len(simulations)} drives",
+            f"simulate {len(simulations)} recordings",
             *(f"{v:.1f}" if v else "" for v in simulated.values()),
         ],
     )
@@ -198,7 +202,5 @@ def _claims_text(claims: list[Claim]) -> str:
     lines = ["# The paper's claims", "", RULE, "", counts(claims), ""]
     for claim in claims:
         lines.append(f"- **{claim.verdict}** ({claim.section}): {claim.text}")
-        lines += [
-            f"  - {'true' if item.true else 'false'}: {item.text}" for item in claim.comparisons
-        ]
+        lines += [f"  - {item.outcome}: {item.text}" for item in claim.comparisons]
     return "\n".join(lines) + "\n"

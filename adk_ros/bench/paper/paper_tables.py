@@ -156,7 +156,7 @@ def _max_rmse(board: ScoreTable, variant: str, test: str, name: str, channel: in
 
 
 def horizon_tables(board: ScoreTable) -> list[Table]:
-    """Return one table per test and variant: RMSE at 0.25 to 2 s, future commands given."""
+    """Return one table per test and variant: RMSE at 0.25 to 2 s, future commands known."""
     result = []
     for test in board.tests():
         for variant in board.variants():
@@ -165,7 +165,7 @@ def horizon_tables(board: ScoreTable) -> list[Table]:
                 header += [f"{channel} {horizon} ({unit})" for horizon in HORIZONS[1:]]
             names = [n for n in board.names() if (variant, test, n) in board.scores]
             rows = [[name, *_by_horizon(board, variant, test, name)] for name in names]
-            title = f"{test}, {variant}: RMSE of open-loop prediction, future commands given"
+            title = f"{test}, {variant}: RMSE of open-loop prediction, future commands known"
             result.append(Table(f"horizon_{test}_{variant}", title, header, rows, strong(names)))
     return result
 
@@ -213,7 +213,7 @@ def recording_tables(recorded: RecordingScores) -> list[Table]:
         where = (
             "tested on the remaining 40 %" if trained == tested else f"tested on all of {tested}"
         )
-        title = f"Trained on the first 60 % of {trained}, {where}, future commands given"
+        title = f"Trained on the first 60 % of {trained}, {where}, future commands known"
         # The folder names of recordings are not used as file names: they may contain anything.
         result.append(Table(f"recording_{count}", title, header, rows, strong(names)))
     return result

@@ -17,13 +17,19 @@ from adk_ros.bench.paper.predictors import ADK_ROS, NAIVE, ORDER, PredictionsOnT
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.constants import QUANTILE_90
 from adk_ros.signals.channels import STATE_NAMES, Record
-from adk_ros.signals.score import HORIZON_STEPS, REPORT_SCALE, TICK_S, score
+from adk_ros.signals.score import DIVERGED, HORIZON_STEPS, REPORT_SCALE, TICK_S, score
 
 HORIZONS = ("1 step", "0.25 s", "0.5 s", "1 s", "2 s")
 CHANNELS = ("v_x", "v_y", "yaw rate")
 UNITS = ("km/h", "km/h", "deg/s")
 _MIN_RMSE = 1e-12
 """Smallest RMSE in a denominator, SI: far below any measured error."""
+
+
+def divergence_limits() -> str:
+    """Return the errors from which on a prediction counts as diverged, in the tables' units."""
+    speed, _, rate = DIVERGED * REPORT_SCALE
+    return f"{speed:.0f} {UNITS[0]} or {rate:.0f} {UNITS[2]}"
 
 
 @dataclass(frozen=True)
@@ -151,7 +157,7 @@ class ScoreTable:
         for (variant, test, who), items in self.scores.items():
             if who == name:
                 table = np.array([item.rmse for item in items]) / self.naive(variant, test)
-                for combo in _cells(variant, test):
+                for combo in _combinations(variant, test):
                     result[combo] = np.asarray(table[:, combo.horizon, combo.channel])
         return result
 
@@ -162,7 +168,7 @@ class ScoreTable:
             if who == name and (variant, test, baseline) in self.scores:
                 reference = np.maximum(self.rmse(variant, test, baseline), _MIN_RMSE)
                 table = self.rmse(variant, test, name) / reference
-                for combo in _cells(variant, test):
+                for combo in _combinations(variant, test):
                     result[combo] = float(table[combo.horizon, combo.channel])
         return result
 
@@ -188,11 +194,11 @@ class ScoreTable:
             ])  # fmt: skip
             for (variant, test, name), items in self.scores.items():
                 for seed, item in enumerate(items):
-                    for combo in _cells(variant, test):
+                    for combo in _combinations(variant, test):
                         writer.writerow([variant, test, name, seed, *_row(item, combo)])
 
 
-def _cells(variant: str, test: str) -> Iterator[Combination]:
+def _combinations(variant: str, test: str) -> Iterator[Combination]:
     for horizon in range(len(HORIZON_STEPS)):
         for channel in range(3):
             yield Combination(variant, test, horizon, channel)

@@ -95,7 +95,7 @@ def test_criteria_mark_combinations_at_the_oracle_and_count_them() -> None:
     found = {bar.name: bar for bar in evaluate_paper_criteria(board, None)}
     assert found["no-cell-above-1"].verdict == FAIL
     assert found["no-cell-above-1"].figure.startswith(
-        "30 of 30 combinations, all seeds above 1.0 (15 of them at the oracle, where the plant "
+        "30 of 30 combinations exceed 1.0 in all seeds (15 of them at the oracle, where the plant "
     )
     assert "clean winter (v_x 1 step 1.005;" in found["no-cell-above-1"].figure
     assert "noisy winter (v_x 1 step 1.005 at the oracle;" in found["no-cell-above-1"].figure
@@ -177,7 +177,7 @@ def test_recordings_have_a_table_and_an_explanation() -> None:
     recorded = RecordingScores({"a / a": ours, "a / b": ours}, {"a / a": rmse, "a / b": rmse})
     first, second = recording_tables(recorded)
     assert first.title == (
-        "Trained on the first 60 % of a, tested on the remaining 40 %, future commands given"
+        "Trained on the first 60 % of a, tested on the remaining 40 %, future commands known"
     )
     assert "tested on all of b" in second.title
     assert [row[0] for row in first.rows] == [

@@ -63,7 +63,7 @@ def test_the_result_comes_first(written: tuple[PaperReport, Page]) -> None:
     failed = sum(item.verdict == FAIL for item in report.bars)
     lead = page.text.index("adk_ros has the lowest mean error of ")
     assert lead < page.text.index("This page reproduces Tables 3 to 8")
-    assert "in 10 of 10 columns (variant x horizon) below" in page.text
+    assert "in 10 of 10 columns (a horizon of a variant) below" in page.text
     assert f"meets {passed} of {passed + failed} acceptance criteria." in page.text
 
 
