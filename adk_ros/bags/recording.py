@@ -3,6 +3,9 @@
 """
 Read a bag: choose its topics, decode their messages, align the readings to a record.
 
+A `Reading` is one decoded message, a `Record` (`signals.channels`) the readings aligned to the
+25 ms grid, a `Recording` the record of a bag with its topics, warnings and commands.
+
 Replay, training and mismatch analysis share `selected_messages` and `RecordingReader`, so that
 all of them use the same topics and refuse the same messages.
 """
@@ -80,21 +83,21 @@ def choose_topics(bag: Bag, options: RecordingOptions) -> Topics:
     )
 
 
-def stream_sources(topics: Topics) -> dict[str, Source]:
-    """Return the stream of each topic, by topic name."""
-    source_of = {topics.odometry: Source.ODOMETRY, topics.command: Source.COMMAND}
+def source_by_topic(topics: Topics) -> dict[str, Source]:
+    """Return the source of the readings of each topic, by topic name."""
+    sources = {topics.odometry: Source.ODOMETRY, topics.command: Source.COMMAND}
     if topics.imu is not None:
-        source_of[topics.imu] = Source.IMU
+        sources[topics.imu] = Source.IMU
     if topics.steering is not None:
-        source_of[topics.steering] = Source.STEERING
-    return source_of
+        sources[topics.steering] = Source.STEERING
+    return sources
 
 
 def selected_messages(
     bag: Bag, topics: Topics, progress: Progress | None = None
 ) -> Iterator[tuple[Source, int, Any]]:
-    """Yield (stream, log time in ns, message) of the chosen topics, in log order."""
-    source_of = stream_sources(topics)
+    """Yield (source, log time in ns, message) of the chosen topics, in log order."""
+    source_of = source_by_topic(topics)
     total = sum(info.count for info in bag.topics if info.name in source_of)
     for done, (topic, log_ns, msg) in enumerate(bag.messages(source_of), start=1):
         if progress is not None and (done % _PROGRESS_INTERVAL == 0 or done == total):

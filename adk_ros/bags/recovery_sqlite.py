@@ -40,7 +40,9 @@ class SqliteScan(Scan):
         count = sum(channel.count for channel in self.channels)
         # rosbag2 numbers its rows consecutively.
         if count and last - first + 1 > count:
-            self._note(f"{last - first + 1 - count} messages before that are damaged")
+            self._note(
+                f"{last - first + 1 - count} messages are missing before its last readable message"
+            )
 
     def _blocks(self) -> Iterator[int]:
         head = self._at(0, _HEADER_SIZE).ljust(_HEADER_SIZE, b"\x00")

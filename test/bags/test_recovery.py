@@ -303,7 +303,10 @@ def test_damage_within_an_indexed_database(tmp_path):
         assert found == sorted(set(found))
         assert 0 < len(lost) < 20
         (warning,) = bag.warnings
-        assert damage(warning)[2] == f"{len(lost)} messages before that are damaged"
+        assert (
+            damage(warning)[2]
+            == f"{len(lost)} messages are missing before its last readable message"
+        )
 
 
 def test_write_ahead_log_is_read(tmp_path):

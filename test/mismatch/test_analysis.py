@@ -68,9 +68,9 @@ def test_report_contains_the_result_and_both_models(tmp_path: Path) -> None:
 
 def test_corrected_model_predicts_held_out_data(tmp_path: Path) -> None:
     write_report(drag(), tmp_path / "report")
-    heldout = case("aero_drag", cda=DRAG).heldout
+    held_out = case("aero_drag", cda=DRAG).held_out
     before, after = (
-        horizon_rmse(load_surrogate(tmp_path / "report" / name).content, heldout, 1.0, 2.0)
+        horizon_rmse(load_surrogate(tmp_path / "report" / name).content, held_out, 1.0, 2.0)
         for name in ("simulation.yaml", "corrected.yaml")
     )
     assert after[0] < 0.3 * before[0]
@@ -80,7 +80,7 @@ def test_corrected_model_predicts_held_out_data(tmp_path: Path) -> None:
 def test_prediction_uses_no_later_measurement(tmp_path: Path) -> None:
     write_report(drag(), tmp_path / "report")
     model = load_surrogate(tmp_path / "report" / "corrected.yaml").content
-    recording = case("aero_drag", cda=DRAG).heldout
+    recording = case("aero_drag", cda=DRAG).held_out
     starts = np.array([4.0, 5.0])
     predicted = OpenLoopPredictor(model, recording).predict(starts, 40)
     cut = recording.between(0.0, 5.0 + 1e-9)
@@ -100,6 +100,6 @@ def test_prediction_uses_no_later_measurement(tmp_path: Path) -> None:
 
 
 def test_starts_are_on_the_tick_grid() -> None:
-    starts = start_times_of(case().heldout, 40, 0.5, 2.0)
+    starts = start_times_of(case().held_out, 40, 0.5, 2.0)
     np.testing.assert_allclose(starts, 2.0 + 0.5 * np.arange(starts.size), atol=1e-9)
     assert starts[-1] + 1.0 <= 30.1

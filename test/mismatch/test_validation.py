@@ -94,7 +94,7 @@ def test_noise_error_is_that_of_the_filter() -> None:
 
 
 def test_errors_equal_those_of_one_horizon() -> None:
-    log, model = case().heldout, surrogate()
+    log, model = case().held_out, surrogate()
     parsed = validate("model", yaml.safe_load(simulation_yaml(model)), SurrogateFile)
     found = rmse(horizon_errors(parsed, [Evidence(log)]))
     assert found.shape == SHAPE
@@ -105,7 +105,7 @@ def test_errors_equal_those_of_one_horizon() -> None:
 
 
 def test_evidence_is_the_part_that_is_given() -> None:
-    log = case().heldout
+    log = case().held_out
     whole = persistence_errors([Evidence(log)])
     part = persistence_errors([Evidence(log, 10.0, 20.0)])
     assert 0 < part.shape[0] < whole.shape[0]
@@ -151,7 +151,7 @@ def test_no_verdict_hides_an_error(verdict: str) -> None:
 
 
 def test_a_correction_that_raises_an_error_is_not_exported() -> None:
-    model, evidence = surrogate(), [Evidence(case().heldout)]
+    model, evidence = surrogate(), [Evidence(case().held_out)]
     done = validate_on_held_out(model, hypothesis(effect("aero_drag", 8.0)), None, evidence)
     assert done.export == NOT_EXPORTED
     assert "v_x" in done.raised
@@ -162,7 +162,7 @@ def test_a_correction_that_raises_an_error_is_not_exported() -> None:
 def test_tolerances_are_dropped_before_the_effect() -> None:
     c = case("aero_drag", cda=1.0)
     model = replace(surrogate(), parameters=c.nominal.parameters())
-    drag, evidence = effect("aero_drag", 1.0), [Evidence(c.heldout)]
+    drag, evidence = effect("aero_drag", 1.0), [Evidence(c.held_out)]
     full = validate_on_held_out(model, hypothesis(drag), None, evidence)
     assert full.export == FULL
     assert full.errors.after[1, 0] < 0.7 * full.errors.before[1, 0]
@@ -174,14 +174,14 @@ def test_tolerances_are_dropped_before_the_effect() -> None:
 
 def test_a_state_without_evidence_is_not_judged() -> None:
     done = validate_on_held_out(
-        surrogate(), hypothesis(), None, [Evidence(case().heldout)], ["v_x"]
+        surrogate(), hypothesis(), None, [Evidence(case().held_out)], ["v_x"]
     )
     assert np.isnan(done.errors.before[:, 0]).all()
     assert "v_x" not in done.errors.unexplained_states()
 
 
 def test_sensor_faults_are_removed() -> None:
-    log = case().heldout
+    log = case().held_out
     faulty = replace(log, odometry=log.odometry * [1.05, 1.0, 1.0])
     restored = without_sensor_faults(faulty, [effect("odometry_scale", 1.05)])
     np.testing.assert_allclose(restored.odometry, log.odometry)

@@ -1,3 +1,3 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How often `adk mismatch` is right: cases with a hidden, known effect, and their scores."""
+"""How often `adk mismatch` is right: cases with an injected effect, and their scores."""

@@ -39,6 +39,9 @@ MIN_RESIDUAL_TO_NOISE = 1.5
 MINOR = 0.2
 """A feature whose contribution is below this share of the largest one is ignored for naming."""
 
+STRONGEST = "telling"
+"""Key of the strongest equation in stored results."""
+
 WORKER = Path(__file__).with_name("baseline_worker.py")
 
 _STEERED = ("steering_ratio", "front_tyre_stiffness")
@@ -76,10 +79,10 @@ class BaselineResult:
     """
     Result of one method on one case.
 
-    `removed`: reduction of the mean square of the held-out residual, by equation; `telling`: the
-    equation with the largest residual among those that the injected effects act in, "" if no
-    residual is significant; `names`: reported effects, "" if the method names none; `abstains`:
-    it reports no mismatch.
+    `removed`: reduction of the mean square of the held-out residual, by equation;
+    `strongest_equation`: that with the largest residual among those that the injected effects act
+    in, "" if no residual is significant; `names`: reported effects, "" if the method names none;
+    `abstains`: it reports no mismatch.
     """
 
     method: str
@@ -87,7 +90,13 @@ class BaselineResult:
     right: bool
     abstains: bool
     removed: dict[str, float]
-    telling: str
+    strongest_equation: str
+
+    def as_row(self) -> dict[str, Any]:
+        """Return the result as a dict, under the keys of the first release."""
+        row = asdict(self)
+        row[STRONGEST] = row.pop("strongest_equation")
+        return row
 
 
 class Baselines:
@@ -109,7 +118,7 @@ class Baselines:
     def compare_baselines(
         self, recording: SensorLog, report: Path, label: dict[str, Any], answer: dict[str, Any]
     ) -> list[dict[str, Any]]:
-        """Return a `BaselineResult` as a dict for `adk mismatch` and each baseline, one case."""
+        """Return the row of a `BaselineResult` for `adk mismatch` and each baseline, one case."""
         plain = equation_errors(recording, load_surrogate(report / SIMULATION_FILE).content)
         corrected = equation_errors(recording, load_surrogate(report / HELD_OUT_MODEL).content)
         cut = round(LEARNED * plain.time_s.size)
@@ -140,7 +149,7 @@ class Baselines:
                 method, names, method in NAMING and matches(groups, wanted),
                 not predicted.any(), _removed(before, before - predicted), strongest,
             ))  # fmt: skip
-        return [asdict(row) for row in rows]
+        return [row.as_row() for row in rows]
 
 
 def _removed(before: FloatArray, after: FloatArray) -> dict[str, float]:

@@ -43,7 +43,11 @@ def write_evidence(evidence: SensorLog, path: Path) -> None:
 def write_case(case: GeneratedCase, folder: Path) -> None:
     """Write a case in the layout that `find_cases` reads."""
     folder.mkdir(parents=True)
-    for name in ("simulation", "recording", "heldout"):
-        write_evidence(getattr(case, name), folder / name)
+    for name, log in (
+        ("simulation", case.simulation),
+        ("recording", case.recording),
+        ("heldout", case.held_out),
+    ):
+        write_evidence(log, folder / name)
     (folder / "vehicle.yaml").write_text(yaml.safe_dump(case.nominal.model_dump()))
     (folder / "label.json").write_text(json.dumps(case.label, indent=1))

@@ -25,7 +25,7 @@ from adk_ros.plant.environment.road import ROAD_MU, RoadPatch
 from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
 
 SIMULATED_S, RECORDED_S, HELD_OUT_S = 150.0, 220.0, 100.0
-"""Durations of the simulation, the recording and the held-out drive, s."""
+"""Durations of the simulation, the recording and the held-out recording, s."""
 _ALWAYS_PLACED = ("road_grade", "road_bank")
 _PLACE_KEYS = {
     "road_grade": ("grade", "grade"),
@@ -33,13 +33,19 @@ _PLACE_KEYS = {
     "low_friction": ("mu", "mu_scale"),
 }
 _BLENDS = {"road_grade": 24.0, "road_bank": 16.0, "low_friction": 5.0, "crosswind": 0.0}
-"""Transition length of a local effect, m: grade and bank change gradually, wetness abruptly."""
+"""
+Transition length of a local effect, m, by choice: grade and bank change over several car lengths,
+friction over one, and a crosswind begins and ends at once.
+"""
 _SLOWER, _MAX_TRIES = 0.9, 9
-"""Speed factor from one try to the next, and the number of tries, until the driver copes."""
+"""Speed factor from one try to the next, and most tries to stay below `_SPIN_V_Y`, by choice."""
 _SPIN_V_Y = 3.0
-"""Lateral velocity above which the driver has lost the vehicle, m/s."""
+"""Lateral velocity from which on the vehicle counts as spinning, m/s, by choice."""
 _TOLERANCE = 0.004
-"""Build tolerance: largest relative deviation of a parameter from the vehicle file."""
+"""
+Largest build tolerance drawn, relative: `criteria.TOLERANCE_SIGMA`, the prior standard deviation
+of `adk mismatch`. The 1.2 % on its pages is the bound of the fit, three times as much.
+"""
 
 Span = tuple[float, float]
 
@@ -50,7 +56,7 @@ class InjectedMismatch:
     An injected mismatch: `effects`, name -> parameters, as in a label.
 
     `kinds`: name -> "place" or "time" for effects that do not act always; `unlisted`: changes
-    that are not in the catalogue, field of `InjectedChanges` -> value.
+    that are not in the catalogue, key of `injectors.UNLISTED` -> value.
     """
 
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -60,18 +66,22 @@ class InjectedMismatch:
 
 @dataclass(frozen=True)
 class GeneratedCase:
-    """Inputs of `adk mismatch`, the held-out drive and the label."""
+    """Inputs of `adk mismatch`, the held-out recording and the label."""
 
     name: str
     simulation: SensorLog
     recording: SensorLog
-    heldout: SensorLog
+    held_out: SensorLog
     nominal: NominalVehicle
     label: dict[str, Any]
 
 
 def _vehicle(rng: np.random.Generator, windy: bool) -> Vehicle:
-    """Return a random vehicle; `windy`: it has drag, without which a headwind has no effect."""
+    """
+    Return a random vehicle; `windy`: with drag, without which a headwind has no effect.
+
+    The ranges, by choice, are those of a passenger car of 2 t around the vehicle `imdv`.
+    """
     u = rng.uniform
     tyre = {
         "mu": u(0.95, 1.1),
@@ -145,25 +155,27 @@ def _times_in(along: FloatArray, spans: list[Span], blend: float) -> list[list[f
 
 def make_case(
     name: str,
-    secret: InjectedMismatch,
+    injected: InjectedMismatch,
     seed: int,
     plant: str = "seven_dof",
     seconds: tuple[float, float, float] = (SIMULATED_S, RECORDED_S, HELD_OUT_S),
-    drive: str = "track",
+    road_style: str = "track",
     noise: float = 1.0,
 ) -> GeneratedCase:
     """
     Return a case; the same arguments give the same case.
 
-    If the driver loses the vehicle, the drive is repeated more slowly.
-    :param seconds: durations of the simulation, the recording and the held-out drive.
-    :param drive: a key of `ROAD_STYLES`.
+    If the vehicle spins, it is simulated again at a lower speed.
+    :param seconds: durations of the simulation, the recording and the held-out recording.
+    :param road_style: a key of `ROAD_STYLES`.
     :param noise: factor on the sensor noise.
     """
     rng = np.random.default_rng([seed, 77])
-    roads = ROAD_STYLES[drive]
-    vehicle = _vehicle(rng, "headwind" in secret.effects)
-    placed = [k for k in secret.effects if secret.kinds.get(k) == "place" or k in _ALWAYS_PLACED]
+    roads = ROAD_STYLES[road_style]
+    vehicle = _vehicle(rng, "headwind" in injected.effects)
+    placed = [
+        k for k in injected.effects if injected.kinds.get(k) == "place" or k in _ALWAYS_PLACED
+    ]
     simulated, _ = random_route(rng, roads)
     segments, length = random_route(rng, roads)
     spans = _spans(rng, length)
@@ -173,20 +185,20 @@ def make_case(
                 "start": a,
                 "end": b,
                 "blend": _BLENDS[k],
-                _PLACE_KEYS[k][0]: secret.effects[k][_PLACE_KEYS[k][1]],
+                _PLACE_KEYS[k][0]: injected.effects[k][_PLACE_KEYS[k][1]],
             }
         )
         for k in placed
         if k in _PLACE_KEYS
         for a, b in spans
     ]
-    timed = [k for k, kind in secret.kinds.items() if kind == "time"]
+    timed = [k for k, kind in injected.kinds.items() if kind == "time"]
     onset = float(rng.uniform(0.27, 0.64)) * seconds[1] if timed else 0.0
-    changes = plant_changes(secret.effects, secret.unlisted, onset)
+    changes = plant_changes(injected.effects, injected.unlisted, onset)
     if "crosswind" in placed:
         changes = changes._replace(wind_from=spans[0][0], wind_to=spans[0][1])
     built = _with_tolerances(rng, vehicle)
-    car = changed_vehicle(built, secret.effects)
+    car = changed_vehicle(built, injected.effects)
     lateral = float(rng.uniform(*roads.lateral))
     truth, commands, _ = simulate_injected_drive(
         vehicle,
@@ -200,14 +212,14 @@ def make_case(
     simulation = simulate_faulty_sensors("simulation", truth, commands, {}, None)
     for tried in range(_MAX_TRIES):
         route = later = plan_route(segments, places, roads, lateral, _SLOWER**tried)
-        if "low_friction" in secret.effects and "low_friction" not in placed:
+        if "low_friction" in injected.effects and "low_friction" not in placed:
             table = route.table.copy()
-            table[:, ROAD_MU] *= secret.effects["low_friction"]["mu_scale"]
+            table[:, ROAD_MU] *= injected.effects["low_friction"]["mu_scale"]
             later = replace(route, table=table)
         truth, commands, _ = simulate_injected_drive(
             vehicle, car, route, changes, seed + 2, seconds[1], plant, 0.0, built, later
         )
-        held_out, held_out_commands, _ = simulate_injected_drive(
+        held_out_truth, held_out_commands, _ = simulate_injected_drive(
             vehicle,
             car,
             route,
@@ -219,17 +231,17 @@ def make_case(
             None,
             later,
         )
-        if max(np.abs(truth[:, 4]).max(), np.abs(held_out[:, 4]).max()) < _SPIN_V_Y:
+        if max(np.abs(truth[:, 4]).max(), np.abs(held_out_truth[:, 4]).max()) < _SPIN_V_Y:
             break
     recording = simulate_faulty_sensors(
-        "recording", truth, commands, secret.effects, rng, noise, onset
+        "recording", truth, commands, injected.effects, rng, noise, onset
     )
-    heldout = simulate_faulty_sensors(
-        "heldout", held_out, held_out_commands, secret.effects, rng, noise
+    held_out = simulate_faulty_sensors(
+        "heldout", held_out_truth, held_out_commands, injected.effects, rng, noise
     )
     label: dict[str, Any] = {"effects": []}
-    for effect, parameters in secret.effects.items():
-        kind = "place" if effect in placed else secret.kinds.get(effect, "always")
+    for effect, parameters in injected.effects.items():
+        kind = "place" if effect in placed else injected.kinds.get(effect, "always")
         times = [[onset if kind == "time" else 0.0, seconds[1]]]
         if kind == "place":
             used = spans[:1] if effect == "crosswind" else spans
@@ -237,7 +249,7 @@ def make_case(
         label["effects"].append(
             {"name": effect, "params": parameters, "kind": kind, "time_intervals_s": times}
         )
-    if secret.unlisted:
+    if injected.unlisted:
         label["effects"].append(
             {
                 "name": "unknown",
@@ -247,4 +259,4 @@ def make_case(
             }
         )
     nominal = NominalVehicle(**{key: getattr(vehicle, key) for key in NominalVehicle.model_fields})
-    return GeneratedCase(name, simulation, recording, heldout, nominal, label)
+    return GeneratedCase(name, simulation, recording, held_out, nominal, label)

@@ -22,7 +22,7 @@ STRENGTHS = (1.0, 0.3)
 CLEAN = 60
 """Control cases without a mismatch: with none of 60 misjudged, the false-positive rate is below
 5 % at 95 % confidence."""
-DRIVES = ("track", "track", "town")
+ROAD_STYLE_SEQUENCE = ("track", "track", "town")
 NOISES = (1.0, 0.5, 1.0, 2.0)
 NEED_GRIP = ("aero_downforce", "low_friction", "load_sensitivity")
 """Effects that are not observable in a town: at its speeds and in its bends they change the motion
@@ -79,17 +79,22 @@ class CasePlan:
     """Specification of a generated case."""
 
     name: str
-    secret: InjectedMismatch
+    injected: InjectedMismatch
     seed: int
     plant: str
     strength: float = 1.0
-    drive: str = "track"
+    road_style: str = "track"
     noise: float = 1.0
 
     def make(self) -> GeneratedCase:
         """Generate the case with its complete label."""
         case = make_case(
-            self.name, self.secret, self.seed, self.plant, drive=self.drive, noise=self.noise
+            self.name,
+            self.injected,
+            self.seed,
+            self.plant,
+            road_style=self.road_style,
+            noise=self.noise,
         )
         return replace(case, label=self.labelled(case.label))
 
@@ -102,7 +107,7 @@ class CasePlan:
     def labelled(self, label: dict[str, Any]) -> dict[str, Any]:
         """Add strength, simulator, and equation and features of an unlisted change to a label."""
         effects = [dict(effect) for effect in label["effects"]]
-        known = [UNLISTED_IN[name] for name in self.secret.unlisted if name in UNLISTED_IN]
+        known = [UNLISTED_IN[name] for name in self.injected.unlisted if name in UNLISTED_IN]
         for effect in effects:
             if effect["name"] == "unknown" and known:
                 effect["equations"] = [x for equations, _ in known for x in equations]
@@ -112,7 +117,7 @@ class CasePlan:
             "effects": effects,
             "strength": self.strength,
             "plant": self.plant,
-            "drive": self.drive,
+            "drive": self.road_style,
             "noise": self.noise,
         }
 
@@ -123,15 +128,16 @@ def injected_mismatch(names: tuple[str, ...], strength: float, kind: str = "") -
     return InjectedMismatch({n: scale_strength(n, strength) for n in names}, kinds)
 
 
-def _plan(i: int, name: str, secret: InjectedMismatch, strength: float = 1.0) -> CasePlan:
+def _plan(i: int, name: str, injected: InjectedMismatch, strength: float = 1.0) -> CasePlan:
     """Return the plan of case `i`; the number decides on simulator, road and noise."""
     plant = PLANTS[i % len(PLANTS)]
-    if set(SPRUNG_CAR_ONLY) & set(secret.effects):
+    if set(SPRUNG_CAR_ONLY) & set(injected.effects):
         plant = "spring_car"
-    drive, noise = DRIVES[i // 3 % len(DRIVES)], NOISES[i // 9 % len(NOISES)]
-    if set(NEED_GRIP) & set(secret.effects):
-        drive = "track"
-    return CasePlan(name, secret, 1000 + i, plant, strength, drive, noise)
+    road_style = ROAD_STYLE_SEQUENCE[i // 3 % len(ROAD_STYLE_SEQUENCE)]
+    noise = NOISES[i // 9 % len(NOISES)]
+    if set(NEED_GRIP) & set(injected.effects):
+        road_style = "track"
+    return CasePlan(name, injected, 1000 + i, plant, strength, road_style, noise)
 
 
 def case_plans() -> Iterator[CasePlan]:
@@ -156,8 +162,8 @@ def case_plans() -> Iterator[CasePlan]:
         for name, size in UNLISTED.items()
         for strength in STRENGTHS
     ]
-    for i, (name, secret, strength) in enumerate(every):
-        yield _plan(i, name, secret, strength)
+    for i, (name, injected, strength) in enumerate(every):
+        yield _plan(i, name, injected, strength)
 
 
 def select_plans(limit: int) -> list[CasePlan]:

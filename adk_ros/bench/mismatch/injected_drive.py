@@ -66,7 +66,8 @@ class InjectedChanges(NamedTuple):
     half_backlash: float = 0.0
     """Half of the steering backlash, rad at the road wheels."""
     compliance: float = 0.0
-    side_drag: float = 0.0
+    one_side_brake_torque: float = 0.0
+    """Torque of dragging brakes, N·m per wheel; left side positive, right side negative."""
     wind_x: float = 0.0
     wind_y: float = 0.0
     wind_from: float = -1.0
@@ -78,9 +79,9 @@ class InjectedChanges(NamedTuple):
     # Effects that are not in the catalogue of `adk mismatch`.
     locked_differential: float = 0.0
     """Yaw acceleration against the relative wheel-speed difference r / v_x, m/s²."""
-    torque_steer: float = 0.0
+    torque_lateral_acceleration: float = 0.0
     """Lateral acceleration per commanded torque, 1/(kg·m)."""
-    shimmy: float = 0.0
+    speed_periodic_yaw: float = 0.0
     """Amplitude of a yaw acceleration that oscillates with the speed, sin(1.5 v_x), rad/s²."""
     yaw_damping: float = 0.0
     """Yaw acceleration against the yaw rate, 1/s."""
@@ -105,7 +106,7 @@ class _Inputs(NamedTuple):
     """Inputs that hold for the whole drive."""
 
     driver: Constants
-    """The vehicle that the driver believes to drive."""
+    """Vehicle parameters of the driver model."""
     spacing: float
     added: FloatArray
     """Excitation, one row per command: see `excitation_signals`."""
@@ -138,7 +139,7 @@ def _run(
     steps = truth.shape[0]
     for n in range(steps):
         s, across, road_heading = locate(table, spacing, s, state[X], state[Y])
-        now = n // STEPS_PER_COMMAND
+        command_row = n // STEPS_PER_COMMAND
         if n % STEPS_PER_COMMAND == 0:
             torque, delta, integral = driver_command(
                 driver,
@@ -147,18 +148,18 @@ def _run(
                 (s, across, road_heading),
                 (state[V_X], state[V_Y]),
                 state[HEADING],
-                added[now],
+                added[command_row],
                 integral,
                 STEPS_PER_COMMAND * STEP,
             )
-            commands[now, 0], commands[now, 1] = torque, delta
+            commands[command_row, 0], commands[command_row, 1] = torque, delta
             if n == 0:
                 backlash_out = delta_out = delta
                 torque_out = torque
         active = n * STEP >= h.onset
         speed = max(state[V_X], 1.0)
-        torque_row = max(n - h.torque_delay_ms, 0) // STEPS_PER_COMMAND if active else now
-        delta_row = max(n - h.steer_delay_ms, 0) // STEPS_PER_COMMAND if active else now
+        torque_row = max(n - h.torque_delay_ms, 0) // STEPS_PER_COMMAND if active else command_row
+        delta_row = max(n - h.steer_delay_ms, 0) // STEPS_PER_COMMAND if active else command_row
         torque, delta = commands[torque_row, 0], commands[delta_row, 1]
         if active:
             torque *= h.torque_gain * (h.brake_gain if torque < 0.0 else 1.0)
@@ -176,14 +177,15 @@ def _run(
         if active:
             command[0] = min(torque_out + h.torque_offset, h.power * c.wheel_radius / speed)
             command[1] = delta_out + h.steer_offset - h.compliance * a_y
-            drag = h.side_drag / c.wheel_radius
+            drag = h.one_side_brake_torque / c.wheel_radius
             added_x = -2.0 * abs(drag) / c.mass
             added_yaw = drag * c.track_width / c.yaw_inertia
             added_yaw -= h.locked_differential * state[YAW_RATE] / speed
-            added_yaw += h.shimmy * math.sin(1.5 * state[V_X]) - h.yaw_damping * state[YAW_RATE]
+            added_yaw += h.speed_periodic_yaw * math.sin(1.5 * state[V_X])
+            added_yaw -= h.yaw_damping * state[YAW_RATE]
             added_yaw += h.torque_vectoring * torque_out * delta_out
             added_x -= h.scrub_drag * a_y * a_y + h.steering_drag * abs(delta_out)
-            added_y = h.torque_steer * commands[now, 0]
+            added_y = h.torque_lateral_acceleration * commands[command_row, 0]
             in_wind = h.wind_from < 0.0
             if not in_wind:
                 at = s % (spacing * (table.shape[0] - 1))
@@ -197,15 +199,15 @@ def _run(
         row[5], row[6], row[7], row[8] = state[X], state[Y], state[HEADING], s
         row[9] = n * STEP
         yaw_rate = state[YAW_RATE]
-        now_plant = after if active else before
+        current_plant = after if active else before
         if kind == _SPRUNG:
             surface = (
-                lookup(now_plant.table, spacing, s, ROAD_MU),
-                lookup(now_plant.table, spacing, s, ROAD_GRADE),
-                lookup(now_plant.table, spacing, s, ROAD_BANK),
+                lookup(current_plant.table, spacing, s, ROAD_MU),
+                lookup(current_plant.table, spacing, s, ROAD_GRADE),
+                lookup(current_plant.table, spacing, s, ROAD_BANK),
             )
             a_x, a_y = step_sprung_car(
-                now_plant.constants,
+                current_plant.constants,
                 state,
                 command,
                 surface,
@@ -217,9 +219,9 @@ def _run(
         else:
             a_x, a_y = step_on_route(
                 kind == _FOURTEEN,
-                now_plant.constants,
-                now_plant.body,
-                now_plant.table,
+                current_plant.constants,
+                current_plant.body,
+                current_plant.table,
                 spacing,
                 s,
                 (wind_x, wind_y),

@@ -65,7 +65,7 @@ UNLISTED = {
     "torque_vectoring": 1.5e-2,
     "steering_drag": 8.0,
 }
-"""Fields of `InjectedChanges` that are not in the catalogue, with their value at strength 1."""
+"""Changes that are not in the catalogue, by their names in labels; values at strength 1."""
 
 
 def scale_strength(name: str, strength: float) -> dict[str, float]:
@@ -125,7 +125,7 @@ _CHANGES = {
     "steering_lag": ("tau", "steer_lag"),
     "steering_backlash": ("half_gap", "half_backlash"),
     "compliance_steer": ("rad_per_mps2", "compliance"),
-    "brake_drag_one_side": ("torque_per_wheel", "side_drag"),
+    "brake_drag_one_side": ("torque_per_wheel", "one_side_brake_torque"),
     "headwind": ("wind_x", "wind_x"),
     "crosswind": ("wind_y", "wind_y"),
     "aero_downforce": ("cla", "lift_area"),
@@ -133,11 +133,23 @@ _CHANGES = {
 }
 
 
+_UNLISTED_FIELDS = {
+    "torque_steer": "torque_lateral_acceleration",
+    "shimmy": "speed_periodic_yaw",
+}
+"""Name of an unlisted change in labels -> field of `InjectedChanges`, where they differ."""
+
+
+def unlisted_field(name: str) -> str:
+    """Return the field of `InjectedChanges` of an unlisted change."""
+    return _UNLISTED_FIELDS.get(name, name)
+
+
 def plant_changes(
     effects: dict[str, dict[str, float]], unlisted: dict[str, float], onset: float
 ) -> InjectedChanges:
     """Return the changes of the drive for effects and unlisted changes, from `onset` s on."""
-    values: dict[str, Any] = dict(unlisted)
+    values: dict[str, Any] = {unlisted_field(name): size for name, size in unlisted.items()}
     for name, p in effects.items():
         if name in _CHANGES:
             values[_CHANGES[name][1]] = p[_CHANGES[name][0]]

@@ -26,7 +26,7 @@ from typing import NamedTuple
 from adk_ros.bench.mismatch.baselines import Baselines
 from adk_ros.bench.mismatch.case_matrix import select_plans
 from adk_ros.bench.mismatch.case_score import CaseResult, score_case
-from adk_ros.bench.mismatch.subprocesses import Subprocesses, Usage
+from adk_ros.bench.mismatch.subprocesses import ProcessResult, Subprocesses
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.deployment.open_loop import FIRST_START_S, horizon_rmse
 from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
@@ -196,33 +196,34 @@ def run_case(case: Path, out: Path, processes: Subprocesses | None = None) -> Ca
         "--recording", str(case / "recording"), "--vehicle", str(case / "vehicle.yaml"),
         "--out", str(out),
     ]  # fmt: skip
-    usage = (processes or Subprocesses()).adk(arguments)
+    process = (processes or Subprocesses()).adk(arguments)
     label = json.loads((case / LABEL).read_text(encoding="utf-8"))
-    return _scored(case, label, out, usage)
+    return _scored(case, label, out, process)
 
 
-def _scored(case: Path, label: dict[str, object], out: Path, usage: Usage) -> CaseResult:
-    if usage.status != 0:
+def _scored(case: Path, label: dict[str, object], out: Path, process: ProcessResult) -> CaseResult:
+    if process.status != 0:
         result = score_case(case.name, label, {"verdict": "failed"})
-        result.failure = usage.output or "no message"
+        result.failure = process.output or "no message"
     else:
         answer = json.loads((out / RESULT_FILE).read_text(encoding="utf-8"))
         result = score_case(case.name, label, answer)
         result.removed = removed(case / "heldout", out)
-    result.seconds, result.cpu_s, result.memory_mib = usage.seconds, usage.cpu_s, usage.memory_mib
+    result.seconds, result.cpu_s = process.seconds, process.cpu_s
+    result.memory_mib = process.memory_mib
     return result
 
 
-def removed(heldout: Path, report: Path) -> dict[str, float]:
+def removed(held_out: Path, report: Path) -> dict[str, float]:
     """
     Return by channel the share of the removable held-out error 1 s ahead that is removed.
 
     The removable error is the one above the noise of the odometry in that channel; channels in
     which the simulation error is within 1.5 times the noise are left out.
     """
-    if not heldout.exists():
+    if not held_out.exists():
         return {}
-    evidence = read_sensor_log(heldout, needs_imu=False)
+    evidence = read_sensor_log(held_out, needs_imu=False)
     before, after = (
         horizon_rmse(load_surrogate(report / name).content, evidence, HORIZON_S, FIRST_START_S)
         for name in ("simulation.yaml", "corrected.yaml")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bench.mismatch.acceptance import Criterion
-from adk_ros.bench.mismatch.baselines import ADK_MISMATCH, NAMING
+from adk_ros.bench.mismatch.baselines import ADK_MISMATCH, NAMING, STRONGEST
 from adk_ros.bench.mismatch.case_score import UNKNOWN, CaseResult
 from adk_ros.bench.paper.paper_tables import markdown_line
 from adk_ros.numerics.finite import finite
@@ -21,17 +21,17 @@ from adk_ros.numerics.finite import finite
 CRITERIA_FILE, TABLE, SCORES, BASELINES_FILE = "bars.txt", "cases.md", "cases.json", "beside.md"
 _HEADER = (
     "case",
-    "right",
-    "set-F1",
-    "label",
-    "answer",
+    "correct",
+    "F1 of names",
+    "injected",
+    "identified",
     "parameter errors",
     "in interval",
     "IoU",
     "held-out error removed",
-    "s",
-    "s CPU",
-    "MiB",
+    "wall time (s)",
+    "CPU time (s)",
+    "memory (MiB)",
 )
 
 
@@ -67,9 +67,9 @@ def baseline_results(scores: Sequence[CaseResult]) -> tuple[list[str], list[list
     """
     Return header and rows of the comparison of methods, over all cases that they were run on.
 
-    Named right: share of the cases with injected catalogue effects; abstains: share of the clean
-    cases without a finding; removed: mean reduction of the held-out residual in the equation with
-    the largest one, over all cases with a significant residual.
+    Named correctly: share of the cases with injected catalogue effects; no false alarm: share of
+    the cases without a mismatch in which none is reported; removed: mean reduction of the held-out
+    residual in the equation with the largest one, over all cases with a significant residual.
     """
     ran = [s for s in scores if s.baselines]
     methods = [row["method"] for row in ran[0].baselines] if ran else []
@@ -78,11 +78,11 @@ def baseline_results(scores: Sequence[CaseResult]) -> tuple[list[str], list[list
         listed = [s.baselines[i] for s in ran if s.kind not in {"none", UNKNOWN}]
         clean = [s.baselines[i] for s in ran if s.kind == "none"]
         reductions = [
-            row["removed"][row["telling"]]
+            row["removed"][row[STRONGEST]]
             for s in ran
             if s.kind != "none"
             for row in (s.baselines[i],)
-            if row["telling"]
+            if row[STRONGEST]
         ]
         names = method in (ADK_MISMATCH, *NAMING)
         rows.append(
@@ -93,7 +93,13 @@ def baseline_results(scores: Sequence[CaseResult]) -> tuple[list[str], list[list
                 _percent(reductions),
             ]
         )
-    return ["method", "named right", "abstains on clean", "held-out residual removed"], rows
+    header = [
+        "method",
+        "named correctly",
+        "no false alarm without a mismatch",
+        "held-out residual removed",
+    ]
+    return header, rows
 
 
 def _percent(values: Sequence[float]) -> str:
@@ -110,11 +116,14 @@ def baselines_markdown(scores: Sequence[CaseResult]) -> str:
             s.case, s.label, row["method"], row["names"] or "-",
             "yes" if row["abstains"] else "no",
             ", ".join(f"{name} {100.0 * x:.0f} %" for name, x in row["removed"].items()),
-            row["telling"] or "-",
+            row[STRONGEST] or "-",
         ]
         for s in scores for row in s.baselines
     ]  # fmt: skip
-    columns = ("case", "label", "method", "names", "abstains", "removed", "strongest equation")
+    columns = (
+        "case", "injected", "method", "identified", "reports no mismatch", "removed",
+        "strongest equation",
+    )  # fmt: skip
     return f"{markdown(header, rows)}\n{markdown(columns, each)}"
 
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "NUMBA", "MKL")}
 
 
-class Usage(NamedTuple):
+class ProcessResult(NamedTuple):
     """Exit status, last line on stderr, wall and CPU time (s), largest resident set (MiB)."""
 
     status: int
@@ -38,7 +38,7 @@ class Subprocesses:
         self._lock = threading.Lock()
         self._ended = False
 
-    def adk(self, arguments: Sequence[str]) -> Usage:
+    def adk(self, arguments: Sequence[str]) -> ProcessResult:
         """
         Run the command and wait for it.
 
@@ -69,7 +69,7 @@ class Subprocesses:
         if self._ended:
             raise SubprocessEnded
         lines = messages.strip().splitlines()
-        return Usage(
+        return ProcessResult(
             process.returncode,
             lines[-1] if lines else "",
             time.monotonic() - started,

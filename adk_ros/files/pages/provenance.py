@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Provenance of a result: its input files with hashes, command, version, date and duration."""
+"""Provenance of a result: command, version, date, duration, input files with SHA-256 hashes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class InputFile:
 @dataclass(frozen=True)
 class Provenance:
     """
-    How a result came about.
+    Command, version, start, duration and input files of a result.
 
     `started` is the date and time as text, with its time zone; `duration_s` ends when the page is
     written. The values come from the caller: nothing here reads a clock.

@@ -1,3 +1,3 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Identifiable physics as data: effects, features and surrogate parameters."""
+"""Effect catalogue: effects, features and surrogate parameters as data."""

@@ -135,7 +135,7 @@ def test_generated_cases_carry_strength_and_plant() -> None:
     for equations, features in UNLISTED_IN.values():
         assert set(equations) <= set(EQUATION_PARAMETERS)
         assert set(features) <= set(FEATURES)
-    odd = next(plan for plan in every if plan.secret.unlisted)
+    odd = next(plan for plan in every if plan.injected.unlisted)
     (effect,) = odd.labelled({"effects": [{"name": "unknown", "params": {}}]})["effects"]
     assert effect["equations"]
     assert set(UNLISTED) <= set(UNLISTED_IN)

@@ -13,7 +13,7 @@ from adk_ros.bench.mismatch.injected_drive import (
     InjectedChanges,
     simulate_injected_drive,
 )
-from adk_ros.bench.mismatch.injectors import UNLISTED, plant_changes
+from adk_ros.bench.mismatch.injectors import UNLISTED, plant_changes, unlisted_field
 from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
 from adk_ros.plant.scenario.scenario_file import load_scenario
 from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
@@ -34,10 +34,10 @@ def test_a_bias_begins_at_its_onset() -> None:
 
 def test_every_planned_change_can_be_injected() -> None:
     for plan in case_plans():
-        changes = plant_changes(plan.secret.effects, plan.secret.unlisted, 1.0)
+        changes = plant_changes(plan.injected.effects, plan.injected.unlisted, 1.0)
         assert isinstance(changes, InjectedChanges)
-        for name, value in plan.secret.unlisted.items():
-            assert getattr(changes, name) == value
+        for name, value in plan.injected.unlisted.items():
+            assert getattr(changes, unlisted_field(name)) == value
 
 
 @pytest.mark.parametrize("plant", PLANTS)
@@ -51,7 +51,7 @@ def test_a_change_acts_from_its_onset_on(plant: str) -> None:
     plain = v_x(InjectedChanges())
     assert np.isfinite(plain).all()
     dragged = v_x(plant_changes({}, {"scrub_drag": UNLISTED["scrub_drag"]}, 2.0))
-    braked = v_x(InjectedChanges(onset=2.0, side_drag=400.0))
+    braked = v_x(InjectedChanges(onset=2.0, one_side_brake_torque=400.0))
     np.testing.assert_array_equal(plain[:2000], dragged[:2000])
     np.testing.assert_array_equal(plain[:2000], braked[:2000])
     assert braked[-1] < plain[-1] - 0.05
