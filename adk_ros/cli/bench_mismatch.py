@@ -18,6 +18,8 @@ from adk_ros.errors import UsageError
 if TYPE_CHECKING:
     from adk_ros.bench.mismatch.case_score import CaseResult
 
+_CALIBRATION_CASES = 60
+
 
 def concealed(
     cases: Annotated[
@@ -25,6 +27,12 @@ def concealed(
     ] = None,
     own: Annotated[
         bool, typer.Option("--own", help="generate the cases with the built-in vehicle simulator")
+    ] = False,
+    calibrate: Annotated[
+        bool,
+        typer.Option(
+            "--calibrate", help="calibrate the held-out criteria on other generated cases"
+        ),
     ] = False,
     real: Annotated[
         Path | None,
@@ -34,7 +42,10 @@ def concealed(
         Path | None, typer.Option(help="with --real: vehicle file, masses and lengths (YAML)")
     ] = None,
     limit: Annotated[
-        int, typer.Option(help="with --own: number of cases, spread over the list; 0: all")
+        int,
+        typer.Option(
+            help="number of cases with --own (0: all) or --calibrate (0: 60)"
+        ),
     ] = 0,
     out: Annotated[
         Path | None,
@@ -65,11 +76,14 @@ def concealed(
     """
     from adk_ros.bench.mismatch.acceptance import evaluate_criteria
     from adk_ros.bench.mismatch.baselines import Baselines
+    from adk_ros.bench.mismatch.calibration import calibrate as calibrated
+    from adk_ros.bench.mismatch.calibration import calibration_plans
+    from adk_ros.bench.mismatch.case_matrix import select_plans
     from adk_ros.bench.mismatch.mismatch_bench import (
         SCORED,
         MismatchBench,
-        generated_jobs,
         jobs_of,
+        plan_jobs,
     )
     from adk_ros.bench.mismatch.result_tables import (
         CRITERIA_FILE,
@@ -81,8 +95,8 @@ def concealed(
     from adk_ros.files.output_folder import check_output_folder, refuse_existing
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
-    if (cases is not None) + own + (real is not None) != 1:
-        raise UsageError("give --cases FOLDER, --own or --real FOLDER, one of the three")
+    if (cases is not None) + own + calibrate + (real is not None) != 1:
+        raise UsageError("give --cases FOLDER, --own, --calibrate or --real FOLDER, one of them")
     if not 1 <= jobs <= 64:
         raise UsageError(f"--jobs is {jobs}: choose 1 to 64")
     if limit < 0:
@@ -97,7 +111,12 @@ def concealed(
     if out is not None:
         refuse_existing(out, force or resume, result_files=(CRITERIA_FILE, f"*/{SCORED}"))
         check_output_folder(out)
-    todo = generated_jobs(limit) if cases is None else jobs_of(cases)
+    if cases is not None:
+        todo = jobs_of(cases)
+    elif calibrate:
+        todo = plan_jobs(calibration_plans(limit or _CALIBRATION_CASES))
+    else:
+        todo = plan_jobs(select_plans(limit))
     try:
         with (
             graceful_shutdown(),
@@ -106,6 +125,10 @@ def concealed(
         ):
             baselines = Baselines() if peers else None
             results = MismatchBench(out or Path(folder), jobs, resume, baselines).run(todo, bar)
+            if calibrate:
+                for line in calibrated(results, out or Path(folder)):
+                    console.output.print(str(line), markup=False)
+                return
             criteria = evaluate_criteria(results)
             if out is not None:
                 write_tables(results, criteria, out)

@@ -172,8 +172,9 @@ def test_an_interruption_leaves_no_incomplete_report(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "one of the three"),
-        (["--own", "--real", "x"], "one of the three"),
+        ([], "--calibrate or --real FOLDER, one of them"),
+        (["--own", "--real", "x"], "one of them"),
+        (["--own", "--calibrate"], "one of them"),
         (["--own", "--jobs", "0"], "choose 1 to 64"),
         (["--own", "--resume"], "name it"),
         (["--real", "x"], "needs --vehicle"),

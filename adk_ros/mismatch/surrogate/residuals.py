@@ -175,7 +175,12 @@ class ResidualProblem:
         out: FloatArray | None = None,
         gain: float = 1.0,
     ) -> FloatArray:
-        """Return (6, bins): mean of measured minus simulated per bin, zero for an empty bin."""
+        """
+        Return (6, bins): mean of measured minus simulated per bin, zero for an empty bin.
+
+        Of a given output `out`, values that are not finite stay so.
+        """
+        limit = limited if out is None else np.asarray
         terms = terms or self.no_terms()
         out = self.run(parameters, terms, gain) if out is None else out
         sensors = np.repeat(parameters[_SENSOR_INDEX][:, None], self.steps, axis=1)
@@ -192,7 +197,7 @@ class ResidualProblem:
             SensorSamples(log.odometry_s, log.odometry, self.odometry_bin),
             total,
         )
-        return limited(total / np.maximum(self.counts, 1.0))
+        return np.asarray(limit(total / np.maximum(self.counts, 1.0)))
 
     def weights(self) -> FloatArray:
         """Return (6, bins): inverse noise of each bin's mean, zero for an empty bin."""
