@@ -67,6 +67,21 @@ def compare_with_surrogate() -> None:
     problem.residuals(surrogate.vector())
     find_lap(problem)
     OpenLoopPredictor(surrogate, log).predict(np.array([3.0, 3.5]), 1)
+    search_features()
+
+
+def search_features() -> None:
+    """Evaluate features with a memory and their linear response, as for an unknown effect."""
+    import numpy as np
+
+    from adk_ros.mismatch.inference.linear_response import lagged, propagate
+    from adk_ros.mismatch.library.parametric_features import first_order_lag, resonance
+
+    signal = np.zeros(8)
+    first_order_lag(signal, 0.01, 1.0)
+    resonance(signal, 0.01, 3.0, 0.1)
+    lagged(signal, 0.01, 2.0)
+    propagate(signal, np.ones(8), np.zeros((3, 7)), 0.01, True)
 
 
 def simulate_surrogate() -> None:

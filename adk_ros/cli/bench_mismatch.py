@@ -43,9 +43,7 @@ def concealed(
     ] = None,
     limit: Annotated[
         int,
-        typer.Option(
-            help="number of cases with --own (0: all) or --calibrate (0: 60)"
-        ),
+        typer.Option(help="number of cases with --own (0: all) or --calibrate (0: 60)"),
     ] = 0,
     out: Annotated[
         Path | None,

@@ -19,12 +19,13 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
+import adk_ros
 from adk_ros.bench.mismatch.baselines import Baselines
-from adk_ros.bench.mismatch.case_matrix import select_plans
+from adk_ros.bench.mismatch.case_matrix import CasePlan
 from adk_ros.bench.mismatch.case_score import CaseResult, score_case
 from adk_ros.bench.mismatch.subprocesses import ProcessResult, Subprocesses
 from adk_ros.errors import UsageError
@@ -67,7 +68,11 @@ def find_cases(folder: Path) -> list[Path]:
 def jobs_of(folder: Path) -> list[CaseJob]:
     """Return a job for each case of a folder."""
     return [
-        CaseJob(case.name, _digest((case / LABEL).read_bytes()), partial(_existing_case, case))
+        CaseJob(
+            case.name,
+            _digest((case / LABEL).read_bytes() + code_digest().encode()),
+            partial(_existing_case, case),
+        )
         for case in find_cases(folder)
     ]
 
@@ -77,12 +82,20 @@ def _existing_case(case: Path, folder: Path) -> Path:
     return case
 
 
-def generated_jobs(limit: int) -> list[CaseJob]:
-    """Return jobs that generate their cases; `limit` as of `select_plans`."""
-    return [
-        CaseJob(plan.name, _digest(repr(plan).encode()), plan.write)
-        for plan in select_plans(limit)
-    ]
+def plan_jobs(plans: Sequence[CasePlan]) -> list[CaseJob]:
+    """Return jobs that generate their cases; their key also covers the code of the package."""
+    code = code_digest()
+    return [CaseJob(plan.name, _digest(f"{plan!r} {code}".encode()), plan.write) for plan in plans]
+
+
+@cache
+def code_digest() -> str:
+    """Return a hash of the package's sources: results of other code are not resumed."""
+    root = Path(adk_ros.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def _digest(content: bytes) -> str:

@@ -37,7 +37,8 @@ def rejected_candidates(path: SelectionPath, decision: Decision) -> list[Rejecte
             RejectedCandidate(
                 active.effect.name,
                 intervals(active, deviation[: len(active.theta)]),
-                round((null.loss - h.loss) / max(path.null_excess_loss, 1.0), 3),
+                # A loss below that of a perfect model has no excess to remove.
+                round((null.loss - h.loss) / max(path.null_excess_loss, null.loss - h.loss), 3),
                 active.activation.kind,
                 _reason(h, null, path, decision),
             )
@@ -59,4 +60,6 @@ def _reason(h: Hypothesis, null: Hypothesis, path: SelectionPath, decision: Deci
         names = " and ".join(effect.effect.name for effect in decision.effects)
         verb = "fits" if len(decision.effects) == 1 else "fit"
         return f"{names} {verb} better; no significant residual remains for this effect"
+    if decision.unmodelled is not None and decision.unmodelled.terms:
+        return "the fitted formula explains more"
     return "it does not explain the errors on held-out data"

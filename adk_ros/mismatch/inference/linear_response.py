@@ -81,7 +81,7 @@ class LinearResponse:
         problem = likelihood.problem
         change = np.zeros((6, problem.bins))
         if equation == "v_x":
-            speed_change = _lagged(feature, STEP_S, float(OBSERVER_GAINS[0]))
+            speed_change = lagged(feature, STEP_S, float(OBSERVER_GAINS[0]))
             change[IMU_A_X] = -binned(feature, problem.bins)
             change[ODOMETRY_V_X] = -binned(speed_change, problem.bins)
         else:
@@ -112,7 +112,7 @@ def binned(values: FloatArray, bins: int) -> FloatArray:
 
 
 @strict_kernel
-def _lagged(feature: FloatArray, step: float, rate: float) -> FloatArray:
+def lagged(feature: FloatArray, step: float, rate: float) -> FloatArray:
     """Return x (n,) with x' = feature - rate x."""
     out = np.empty_like(feature)
     x = 0.0

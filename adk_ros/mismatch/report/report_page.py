@@ -12,7 +12,12 @@ from typing import NamedTuple
 from adk_ros.files.pages.page import Figure, embed, render_page
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
-from adk_ros.mismatch.inference.result import FULL, NONE, MismatchResult
+from adk_ros.mismatch.inference.result import (
+    FULL,
+    NONE,
+    WITHOUT_TOLERANCES,
+    MismatchResult,
+)
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
     INEXACT_EQUATION_SHARE,
@@ -20,6 +25,7 @@ from adk_ros.mismatch.library.criteria import (
     TOLERANCE_BOUND,
 )
 from adk_ros.mismatch.library.features import feature
+from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.report.comparison_labels import (
     model_labels,
     residual_labels,
@@ -140,6 +146,8 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         horizon_rows=[] if held_out is None else horizon_rows(held_out),
         held_out_data="the last part" if held_out is None else held_out.source,
         export=FULL if held_out is None else held_out.export,
+        formula_exported=(held_out is None or held_out.export in {FULL, WITHOUT_TOLERANCES})
+        and any(is_transferable(term.feature) for term in terms),
         explained_ratio=MAX_EXPLAINED_RATIO,
         inexact_percent=100.0 * INEXACT_EQUATION_SHARE,
         candidate_rows=candidate_rows(result),

@@ -20,6 +20,7 @@ from adk_ros.mismatch.inference.result import (
 from adk_ros.mismatch.library.criteria import INCONCLUSIVE_ERROR_TO_NOISE, MAX_IMPROVED_RATIO
 from adk_ros.mismatch.library.effect import PLACE, TIME, Effect
 from adk_ros.mismatch.library.features import feature
+from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
 from adk_ros.mismatch.report.vocabulary import (
     CHANNEL_TITLES,
@@ -187,6 +188,12 @@ def improvement_text(result: MismatchResult) -> str:
     if after < MAX_IMPROVED_RATIO * before:
         first, second = pair_text(before, after)
         return f"With the corrected vehicle model, {error} falls from {first} to {second} {unit}."
+    terms = () if result.unexplained is None else result.unexplained.terms
+    if terms and not any(is_transferable(term.feature) for term in terms):
+        return (
+            "Its phase is that of this recording, so no corrected vehicle model contains it, and "
+            f"{error} stays at {before:.2g} {unit}."
+        )
     if has_only_sensor_faults(result):
         return (
             f"Sensor faults are not corrected in the vehicle model, so {error} "
@@ -262,6 +269,8 @@ def sentence(result: MismatchResult) -> str:
     if result.verdict == UNKNOWN and result.unexplained is not None:
         expression = unit_text(result.unexplained.expression)
         formula = f": {expression}" if expression else ""
+        if result.unexplained.meaning:
+            formula += f" ({result.unexplained.meaning})"
         effects = f" It also shows {effects_text(result.effects)}." if result.effects else ""
         return (
             "The recording shows a difference that no known effect explains: "

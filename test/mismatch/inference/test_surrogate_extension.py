@@ -17,7 +17,7 @@ from adk_ros.bench.mismatch.case_matrix import UNLISTED_IN
 from adk_ros.bench.mismatch.injectors import UNLISTED
 from adk_ros.errors import UsageError
 from adk_ros.files.yaml_file import validate
-from adk_ros.mismatch import analysis
+from adk_ros.mismatch import simulator
 from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, horizon_rmse, start_times_of
 from adk_ros.mismatch.deployment.scenario_drive import position_dependent_terms
@@ -211,20 +211,22 @@ def test_road_profile_is_ignored_on_another_road(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     _, plain, extended = hilly_problem()
-    monkeypatch.setattr(analysis, "identify_surrogate", lambda *_: plain)
-    monkeypatch.setattr(analysis, "augment_surrogate", lambda *_: extended)
+    monkeypatch.setattr(simulator, "identify_surrogate", lambda *_: plain)
+    monkeypatch.setattr(simulator, "augment_surrogate", lambda *_: extended)
     log, car = driven(1)
 
-    def report(done: float, total: float, text: str) -> None:
-        assert 0.0 <= done <= total
+    def report(done: float, text: str) -> None:
+        assert 0.0 <= done <= 1.0
         assert text
 
-    surrogate, notes = analysis.surrogate_of(log, log, nominal_vehicle_of(car), report)
-    assert surrogate is extended
+    surrogate, notes = simulator.surrogate_of(log, log, nominal_vehicle_of(car), report)
+    assert surrogate.road is extended.road
+    assert surrogate.open_loop_error is not None
+    assert np.all(surrogate.open_loop_error > 0.0)
     assert "road grade (RMS" in notes[0]
     moved = replace(log, pose=log.pose + np.array([900.0, 0.0, 0.0]))
-    surrogate, notes = analysis.surrogate_of(log, moved, nominal_vehicle_of(car), report)
-    assert surrogate is plain
+    surrogate, notes = simulator.surrogate_of(log, moved, nominal_vehicle_of(car), report)
+    assert surrogate.road is None
     assert "another road" in notes[0]
 
 
