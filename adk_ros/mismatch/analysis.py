@@ -32,7 +32,13 @@ from adk_ros.mismatch.inference.result import NONE, IdentifiedEffect, MismatchRe
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE, SURROGATE_ERROR_AS_NOISE
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
-from adk_ros.mismatch.recording.checks import check_recording, check_same_vehicle, check_vehicle
+from adk_ros.mismatch.recording.checks import (
+    check_recording,
+    check_same_vehicle,
+    check_torque_unit,
+    check_vehicle,
+)
+from adk_ros.mismatch.recording.implied_values import implied_mass
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.residual_series import residual_series
@@ -85,6 +91,11 @@ def identify_mismatch(
         check_same_vehicle(simulation, recording)
         if nominal is not None:
             check_vehicle(nominal, simulation)
+        simulated = implied_mass(simulation, DEFAULT_WHEEL_RADIUS)
+        if nominal is not None:
+            check_torque_unit(recording, nominal.mass, nominal.wheel_radius)
+        elif simulated is not None:
+            check_torque_unit(recording, simulated.value, DEFAULT_WHEEL_RADIUS)
         report(0.0, _TOTAL, "identifying the simulator")
         surrogate, notes = surrogate_of(
             simulation,

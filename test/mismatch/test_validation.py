@@ -208,6 +208,7 @@ def torque_cut() -> MismatchResult:
     return identify_mismatch(c.simulation, replace(log, command=command), c.nominal)
 
 
+@pytest.mark.slow
 def test_what_is_not_explained_is_said() -> None:
     result = torque_cut()
     assert result.verdict == UNKNOWN
@@ -217,6 +218,7 @@ def test_what_is_not_explained_is_said() -> None:
         assert result.after[name] <= 1.02 * result.before[name]
 
 
+@pytest.mark.slow
 def test_the_result_lists_horizons_and_candidates() -> None:
     answer = as_dict(torque_cut())
     assert set(answer["fit"]["horizons"]) == {"0.25", "1", "2"}

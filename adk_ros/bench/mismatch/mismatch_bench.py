@@ -23,7 +23,6 @@ from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
-import adk_ros
 from adk_ros.bench.mismatch.baselines import Baselines
 from adk_ros.bench.mismatch.case_matrix import CasePlan
 from adk_ros.bench.mismatch.case_score import CaseResult, score_case
@@ -91,7 +90,7 @@ def plan_jobs(plans: Sequence[CasePlan]) -> list[CaseJob]:
 @cache
 def code_digest() -> str:
     """Return a hash of the package's sources: results of other code are not resumed."""
-    root = Path(adk_ros.__file__).parent
+    root = Path(__file__).parents[2]
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
         digest.update(str(path.relative_to(root)).encode() + path.read_bytes())

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.errors import DataError
+from adk_ros.mismatch.recording.implied_values import implied_mass, steering_unit
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
@@ -29,6 +30,15 @@ _MIN_MOVING_SHARE = 0.3
 """Least share of the recording in which the vehicle moves."""
 _MAX_MASS_RATIO = 2.5
 """Largest ratio of effective to nominal mass: torque offsets and drag explain smaller ratios."""
+_MAX_MASS_DIFFERENCE = 0.08
+"""
+Largest relative difference of the implied from the nominal mass. Practice simulations imply their
+mass within 1 %; lags of the drive and unknown rotating parts are left room.
+"""
+_LOW_POWER_SHARE = 0.3
+"""Share of the recording with the lowest power."""
+_MAX_UNIT_FACTOR_LOG = 0.5
+"""Largest log distance from a factor of 1000 that identifies kN·m: loads differ by less."""
 _MAX_STEERING_ANGLE = 1.0
 """Largest 99th percentile of the road-wheel angle, rad: trucks and rally cars stay below it."""
 _PERIOD_S = 0.02
@@ -99,10 +109,10 @@ def _check_signs_and_units(log: SensorLog) -> None:
     """Raise `DataError` where a channel contradicts the motion of the vehicle."""
     largest = float(np.quantile(np.abs(_on_grid(log, log.command_s, log.command[:, 1])), 0.99))
     if largest > _MAX_STEERING_ANGLE:
+        unit = steering_unit(log) or "degrees, or the hand-wheel angle"
         raise DataError(
             f"{log.name}: the commanded steering angle reaches {largest:.3g} rad, more than road "
-            "wheels can turn: its unit is not rad at the road wheels (degrees, or the hand-wheel "
-            "angle?)"
+            f"wheels can turn: its unit is not rad at the road wheels (it looks like {unit})"
         )
     for comparison in _comparisons(log):
         _check_comparison(log.name, comparison)
@@ -224,19 +234,47 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
     """
     Check mass and wheel radius of the vehicle file against the simulation's torque response.
 
-    :raises DataError: the effective mass is off by more than a factor of 2.5, both over the whole
-        recording and over its part of low power, which a power limit does not affect.
+    :raises DataError: the implied mass differs by more than 8 %, both over the whole recording and
+        over its part of low power, which a power limit does not affect; where torque and speed do
+        not explain the acceleration well, by more than a factor of 2.5.
     """
-    effective = effective_mass(simulation, nominal.wheel_radius)
-    at_low_power = effective_mass(simulation, nominal.wheel_radius, power_share=0.3)
+    radius, inertia = nominal.wheel_radius, 4.0 * nominal.wheel_inertia
+    overall = implied_mass(simulation, radius, inertia)
+    low_power = implied_mass(simulation, radius, inertia, _LOW_POWER_SHARE)
+    if overall is not None and all(
+        abs(mass.value / nominal.mass - 1.0) > _MAX_MASS_DIFFERENCE
+        for mass in (overall, low_power or overall)
+    ):
+        raise DataError(
+            f"{simulation.name}: the torque response implies a mass of {overall.value:.0f} kg "
+            f"({overall.low:.0f} to {overall.high:.0f}) on wheels of {radius:g} m radius, but the "
+            f"vehicle file says {nominal.mass:.0f} kg: correct its mass, wheel_radius or "
+            "wheel_inertia"
+        )
+    effective = effective_mass(simulation, radius)
+    at_low_power = effective_mass(simulation, radius, _LOW_POWER_SHARE)
     if effective is not None and all(
         not 1.0 / _MAX_MASS_RATIO < mass / nominal.mass < _MAX_MASS_RATIO
         for mass in (effective, effective if at_low_power is None else at_low_power)
     ):
         raise DataError(
             f"{simulation.name}: the effective mass from the torque response is "
-            f"{effective:.0f} kg on wheels of {nominal.wheel_radius:g} m radius, but the vehicle "
+            f"{effective:.0f} kg on wheels of {radius:g} m radius, but the vehicle "
             f"file says {nominal.mass:.0f} kg: give the vehicle file of this vehicle"
+        )
+
+
+def check_torque_unit(recording: SensorLog, mass: float, wheel_radius: float) -> None:
+    """
+    Check that the commanded torque is in N·m, for a car of about this mass.
+
+    :raises DataError: it is about 1000 times too small.
+    """
+    implied = implied_mass(recording, wheel_radius)
+    if implied is not None and abs(np.log(1000.0 * implied.value / mass)) < _MAX_UNIT_FACTOR_LOG:
+        raise DataError(
+            f"{recording.name}: the commanded torque is about 1000 times too small for a car of "
+            f"{mass:.0f} kg: it looks like kN·m, the topic must carry N·m"
         )
 
 

@@ -15,9 +15,11 @@ from adk_ros.errors import DataError
 from adk_ros.mismatch.recording.checks import (
     check_recording,
     check_same_vehicle,
+    check_torque_unit,
     check_vehicle,
     effective_mass,
 )
+from adk_ros.mismatch.recording.implied_values import implied_mass, steering_unit
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 
 
@@ -87,10 +89,58 @@ def test_a_power_limit_does_not_contradict_the_vehicle_file() -> None:
     check_vehicle(c.nominal, c.recording)
 
 
-def test_a_vehicle_file_of_another_mass_is_refused() -> None:
-    other = case().nominal.model_copy(update={"mass": 9000.0})
-    with pytest.raises(DataError, match="effective mass from the torque response is"):
+@pytest.mark.parametrize("factor", [0.6, 0.85, 1.21, 1.7, 5.0])
+def test_a_vehicle_file_of_another_mass_is_refused(factor: float) -> None:
+    nominal = case().nominal
+    other = nominal.model_copy(update={"mass": factor * nominal.mass})
+    with pytest.raises(DataError, match="the torque response implies a mass of") as error:
         check_vehicle(other, case().simulation)
+    # The message gives the value to correct it with.
+    implied = float(str(error.value).split("a mass of ")[1].split(" kg")[0])
+    assert implied == pytest.approx(nominal.mass, rel=0.02)
+
+
+def test_a_wheel_of_another_radius_is_refused() -> None:
+    nominal = case().nominal
+    other = nominal.model_copy(update={"wheel_radius": 1.2 * nominal.wheel_radius})
+    with pytest.raises(DataError, match="correct its mass, wheel_radius or wheel_inertia"):
+        check_vehicle(other, case().simulation)
+
+
+def test_the_implied_mass_is_that_of_the_car_with_an_interval() -> None:
+    c = case()
+    found = implied_mass(c.simulation, c.nominal.wheel_radius, 4.0 * c.nominal.wheel_inertia)
+    assert found is not None
+    assert found.low < found.value < found.high
+    assert found.value == pytest.approx(c.nominal.mass, rel=0.02)
+    random = np.random.default_rng(0).normal(size=c.simulation.command.shape)
+    unrelated = replace(c.simulation, command=c.simulation.command + 1e5 * random)
+    assert implied_mass(unrelated, c.nominal.wheel_radius) is None
+
+
+def test_a_torque_in_kilonewton_metres_is_named() -> None:
+    c = case()
+    wrong = scaled("command", 0, 1e-3)(c.recording)
+    with pytest.raises(DataError, match=r"it looks like kN·m, the topic must carry N·m"):
+        check_torque_unit(wrong, c.nominal.mass, c.nominal.wheel_radius)
+    check_torque_unit(c.recording, c.nominal.mass, c.nominal.wheel_radius)
+    pedal = scaled("command", 0, 1.0 / 5000.0)(c.recording)
+    check_torque_unit(pedal, c.nominal.mass, c.nominal.wheel_radius)
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (180.0 / np.pi, "degrees at the road wheels"),
+        (16.0, "the hand-wheel angle in rad: a ratio of about 1"),
+        (16.0 * 180.0 / np.pi, "the hand-wheel angle in degrees: a ratio of about 1"),
+        (1.0, ""),
+    ],
+)
+def test_the_unit_of_the_steering_angle_is_named(factor: float, said: str) -> None:
+    found = steering_unit(scaled("command", 1, factor)(case().recording))
+    assert found.startswith(said)
+    assert bool(found) == bool(said)
 
 
 def test_the_odometry_period_is_the_median_interval() -> None:
