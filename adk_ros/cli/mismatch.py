@@ -35,9 +35,8 @@ def mismatch(
         Path | None,
         typer.Option(
             help="vehicle file of the simulated car: YAML or packaged name. Its mass must be that "
-            "of the simulation: with 5 % more, the speed error after the correction is 0.077 "
-            "instead of 0.017 m/s in an example (doc/how-to/compare.md). Default: mass estimated "
-            "from the bag, wheel radius 0.325 m"
+            "of the simulation: one that differs by more than 8 % from what the bag implies is "
+            "refused. Default: mass estimated from the bag, wheel radius 0.325 m"
         ),
     ] = None,
     held_out: Annotated[
