@@ -181,8 +181,8 @@ def test_printed_score(capsys, tmp_path: Path) -> None:
         assert word in out
     printed = lines(err)
     count = len(replayed(bag(), Pipeline(artefact.load(small().path).model)))
-    assert printed[-1].startswith(f"{count} predictions on ")
-    assert printed[-1].endswith(f"samples, one every 25 ms, in {tmp_path / 'p'}")
+    assert printed[-1].startswith(f"{count} predictions 25 ms ahead on ")
+    assert printed[-1].endswith(f"samples, in {tmp_path / 'p'}")
     _, err = adk(capsys, bag(), "--model", small().path)
     assert lines(err)[-1].endswith("(not written: no --out)")
 

@@ -63,6 +63,9 @@ UNLISTED_IN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "scrub_drag": (("v_x",), ("lateral_squared", "lateral_size")),
     "torque_vectoring": (("yaw_rate",), ("torque_delta", "torque_yaw_rate", "torque_lateral")),
     "steering_drag": (("v_x",), ("delta_size", "yaw_rate_size")),
+    "torque_cut": (("v_x",), ("drive_torque",)),
+    "sloshing_load": (("v_y",), ("yaw_rate_speed",)),
+    "time_periodic_yaw": (("yaw_rate",), ()),
 }
 """Unlisted change -> equations that it acts in, features any of which identifies its cause."""
 

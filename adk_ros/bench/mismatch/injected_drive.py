@@ -49,6 +49,14 @@ TRUTH = 11
 acceleration."""
 
 
+TORQUE_CUT_FROM = 2.5
+"""Lateral acceleration above which drive torque is cut, m/s²."""
+SLOSH_FREQUENCY_HZ, SLOSH_DAMPING = 0.5, 0.06
+"""Natural frequency and damping ratio of a load that moves sideways."""
+PERIODIC_YAW_HZ, PERIODIC_YAW_FROM = 0.28, 9.0
+"""Frequency of the periodic yaw acceleration, and the speed above which it acts, m/s."""
+
+
 class InjectedChanges(NamedTuple):
     """Injected changes, active from `onset`, s; the defaults change nothing. SI, delays in ms."""
 
@@ -91,6 +99,12 @@ class InjectedChanges(NamedTuple):
     """Yaw acceleration per torque times steering angle, 1/(kg·m²·rad)."""
     steering_drag: float = 0.0
     """Deceleration per magnitude of the steering angle, m/s² per rad."""
+    torque_cut: float = 0.0
+    """Share of the drive torque that is cut above `TORQUE_CUT_FROM` of lateral acceleration."""
+    sloshing_load: float = 0.0
+    """Share of the car's mass that moves sideways at `SLOSH_FREQUENCY_HZ`."""
+    time_periodic_yaw: float = 0.0
+    """Amplitude of a yaw acceleration that oscillates in time above a speed, rad/s²."""
 
 
 class _Plant(NamedTuple):
@@ -136,6 +150,8 @@ def _run(
     command = np.zeros(2)
     s, integral = start, 0.0
     backlash_out, delta_out, torque_out, a_y = 0.0, 0.0, 0.0, 0.0
+    omega = 2.0 * math.pi * SLOSH_FREQUENCY_HZ
+    load_y, load_speed = 0.0, 0.0
     steps = truth.shape[0]
     for n in range(steps):
         s, across, road_heading = locate(table, spacing, s, state[X], state[Y])
@@ -176,6 +192,8 @@ def _run(
         wind_x, wind_y = 0.0, 0.0
         if active:
             command[0] = min(torque_out + h.torque_offset, h.power * c.wheel_radius / speed)
+            if command[0] > 0.0 and abs(a_y) > TORQUE_CUT_FROM:
+                command[0] *= 1.0 - h.torque_cut
             command[1] = delta_out + h.steer_offset - h.compliance * a_y
             drag = h.one_side_brake_torque / c.wheel_radius
             added_x = -2.0 * abs(drag) / c.mass
@@ -186,6 +204,13 @@ def _run(
             added_yaw += h.torque_vectoring * torque_out * delta_out
             added_x -= h.scrub_drag * a_y * a_y + h.steering_drag * abs(delta_out)
             added_y = h.torque_lateral_acceleration * commands[command_row, 0]
+            load_force = omega * omega * load_y + 2.0 * SLOSH_DAMPING * omega * load_speed
+            added_y -= h.sloshing_load * load_force
+            load_speed += STEP * (a_y + added_y - load_force)
+            load_y += STEP * load_speed
+            if state[V_X] > PERIODIC_YAW_FROM:
+                phase = 2.0 * math.pi * PERIODIC_YAW_HZ * n * STEP
+                added_yaw += h.time_periodic_yaw * math.cos(phase)
             in_wind = h.wind_from < 0.0
             if not in_wind:
                 at = s % (spacing * (table.shape[0] - 1))

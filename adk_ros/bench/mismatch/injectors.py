@@ -64,6 +64,9 @@ UNLISTED = {
     "scrub_drag": 0.02,
     "torque_vectoring": 1.5e-2,
     "steering_drag": 8.0,
+    "torque_cut": 0.8,
+    "sloshing_load": 0.08,
+    "time_periodic_yaw": 0.15,
 }
 """Changes that are not in the catalogue, by their names in labels; values at strength 1."""
 

@@ -164,8 +164,15 @@ def _unmodelled_dynamics(
     )
     if small and not best.effects:
         return None
+    at_bound = _is_at_bound(best)
+    # No expression fits better than one effect that leaves only noise: do not search for it.
+    searched = not (small and len(best.effects) == 1 and not at_bound)
     alone = fit_feature_expansion(
-        likelihood, path.levels[0][0], path.expected_loss, path.null_excess_loss
+        likelihood,
+        path.levels[0][0],
+        path.expected_loss,
+        path.null_excess_loss,
+        parametric=searched,
     )
     if not best.effects:
         # An excess that no effect and no feature reduces is the surrogate's error on this route.
@@ -173,21 +180,29 @@ def _unmodelled_dynamics(
         return alone if structured else None
     if prefers_feature_model(alone, best, path):
         return alone
-    at_bound = _is_at_bound(best)
     if small and not at_bound:
         return None
     if at_bound:
         return alone if alone.terms else None
-    combined = fit_feature_expansion(likelihood, best, path.expected_loss, path.null_excess_loss)
+    explains_most = excess < MAX_UNSTRUCTURED_EXCESS * path.null_excess_loss
+    # What an inexact equation leaves, a searched parameter can always reduce a little.
+    combined = fit_feature_expansion(
+        likelihood,
+        best,
+        path.expected_loss,
+        path.null_excess_loss,
+        parametric=not explains_most,
+    )
     excess_alone = alone.hypothesis.loss - path.expected_loss
     excess_combined = combined.hypothesis.loss - path.expected_loss
-    # Effects that a short expression does without only mimic it.
+    # Effects that a short expression does without only mimic it; one with searched parameters must
+    # also fit better than they do.
     if excess_alone < FEATURE_PREFERENCE_RATIO * max(
         excess_combined, MAX_EXCESS_PER_NOISE * path.expected_loss
-    ):
+    ) and (not alone.is_searched or alone.penalised_loss() < penalised_loss(best)):
         return alone
     # Effects explain most, and the residual depends on no feature: their equations are inexact.
-    if not combined.terms and excess < MAX_UNSTRUCTURED_EXCESS * path.null_excess_loss:
+    if not combined.terms and explains_most:
         return None
     return combined
 

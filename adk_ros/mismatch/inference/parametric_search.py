@@ -192,7 +192,7 @@ class ParametricSearch:
         duration = float(self.signals["time"][-1] - self.signals["time"][0])
         best = Found(equation, "", -np.inf)
         for shift in (-0.3, -0.15, 0.0, 0.15, 0.3):
-            near = frequency + shift / duration
+            near = max(frequency + shift / duration, _WAVE_RANGE_HZ[0])
             columns = np.column_stack(
                 [
                     response.column(equation, self.values(wave_name(near, phase, gate)))
@@ -216,6 +216,8 @@ def _peaks(residual: FloatArray) -> list[float]:
     out = []
     for _ in range(_PEAKS):
         top = int(np.argmax(spectrum))
+        if spectrum[top] <= 0.0:
+            break
         out.append(float(frequency[top]))
         spectrum[max(top - 2 * _PADDING, 0) : top + 2 * _PADDING + 1] = 0.0
     return out

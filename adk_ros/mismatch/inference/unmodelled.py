@@ -98,6 +98,11 @@ class UnmodelledDynamics:
             parts.append(f"d({equation})/dt += {' '.join(terms)} [{EQUATION_UNITS[equation]}]")
         return "; ".join(parts)
 
+    @property
+    def is_searched(self) -> bool:
+        """Whether a term has searched parameters."""
+        return any(searched_parameters(term.feature) for term in self.terms)
+
     def penalised_loss(self) -> float:
         """Return the loss with the penalties for coefficients and searched parameters."""
         penalty = PENALTY_PER_PARAMETER * len(self.terms)
