@@ -249,11 +249,15 @@ def _best_extension(
     Return the hypothesis with the best further feature, or None where none gains `least`.
 
     A linearised gain is inaccurate where much is unexplained: the best few are fitted, and the
-    leaders once more with updated nuisance derivatives. Among those tied with the best, within
-    statistical margin and surrogate error, the shortest expression wins.
+    leaders once more with updated nuisance derivatives. A feature without searched parameters is
+    preferred if it is among the leaders. Among those tied with the best, within statistical margin
+    and surrogate error, the shortest expression wins.
     """
     likelihood, current = linearised.likelihood, linearised.hypothesis
     candidates.sort(key=lambda x: -x.gain)
+    leading = candidates[:MAX_FEATURES_FITTED]
+    if all(_is_searched(x.active) for x in leading):
+        leading += [x for x in candidates if not _is_searched(x.active)][:1]
     fitted = [
         likelihood.fit(
             [*current.effects, candidate.active],
@@ -261,7 +265,7 @@ def _best_extension(
             budget=FEATURE,
             jacobian=jacobian,
         )
-        for candidate in candidates[:MAX_FEATURES_FITTED]
+        for candidate in leading
         if candidate.gain > max(least, MIN_SCREENED_GAIN_FEATURE * candidates[0].gain)
     ]
     top = max((current.loss - _cost(h) for h in fitted), default=0.0)
@@ -271,6 +275,9 @@ def _best_extension(
         (h for h in fitted if current.loss - _cost(h) > FEATURE_REFIT_GAIN_SHARE * top),
         key=_cost,
     )
+    # Among hundreds of thresholds and frequencies one nearly always beats a plain feature.
+    plain = [h for h in leaders if not _is_searched(h.effects[-1])]
+    leaders = plain or leaders
     refitted = [
         likelihood.fit(h.effects, nuisances=h.nuisances, budget=FEATURE_REFIT)
         for h in leaders[:MAX_FEATURE_REFITS]
@@ -284,6 +291,12 @@ def most_parsimonious(fitted: list[Hypothesis], margin: float) -> Hypothesis:
     best = min(_cost(h) for h in fitted)
     tied = [h for h in fitted if _cost(h) < best + margin]
     return min(tied, key=lambda h: (_complexity(h.effects[-1]), h.loss))
+
+
+def _is_searched(active: ActiveEffect) -> bool:
+    """Whether a feature has searched parameters."""
+    effect = active.effect
+    return isinstance(effect, FeatureEffect) and searched_parameters(effect.feature) > 0
 
 
 def _complexity(active: ActiveEffect) -> int:
