@@ -119,7 +119,15 @@ def described(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
         for part in unexplained.get("text", "").split("; ")
         if part.startswith(prefix)
     }
-    return not drivers or any(FEATURES[name].description in variables for name in drivers)
+    descriptions = [FEATURES[name].description for name in drivers]
+    return not drivers or any(_is_of(text, given) for text in variables for given in descriptions)
+
+
+def _is_of(text: str, description: str) -> bool:
+    """Whether a text describes a feature, its threshold, its lag or a mass that it moves."""
+    if text == description or f" moved by {description} (" in text:
+        return True
+    return any(text.startswith(f"{description} {x} ") for x in ("only", "while", "with a lag of"))
 
 
 def _neutral(effect: str, parameter: str) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from adk_ros.bench.mismatch.case_score import overlap, score_case
+from adk_ros.bench.mismatch.case_score import described, overlap, score_case
 
 
 def label(*effects: str, kind: str = "always", **params: float) -> dict[str, Any]:
@@ -111,3 +111,29 @@ def test_unlisted_effects_need_equation_and_variable(
 def test_strength_and_plant_come_from_the_label() -> None:
     result = score_case("x", label("gyro_scale") | {"strength": 0.3, "plant": "p"}, answer("none"))
     assert (result.strength, result.plant, result.correctable) == (0.3, "p", False)
+
+
+@pytest.mark.parametrize(
+    ("text", "right"),
+    [
+        ("longitudinal acceleration against drive torque", True),
+        (
+            "longitudinal acceleration against drive torque only above 3.4 m/s² lateral "
+            "acceleration",
+            True,
+        ),
+        ("longitudinal acceleration against drive torque with a lag of 0.4 s", True),
+        (
+            "longitudinal acceleration against a mass on a spring moved by drive torque (0.5 Hz, "
+            "damping ratio 0.1)",
+            True,
+        ),
+        ("longitudinal acceleration against drive torque squared", False),
+        ("lateral acceleration against drive torque", False),
+    ],
+)
+def test_features_with_parameters_are_described_by_their_variable(text: str, right: bool) -> None:
+    label = {"effects": [{"name": "unknown", "equations": ["v_x"], "driven_by": ["drive_torque"]}]}
+    equation = "v_x" if text.startswith("longitudinal") else "v_y"
+    answer = {"unexplained": {"equations": [equation], "text": text}}
+    assert described(label, answer) is right
