@@ -18,7 +18,9 @@ else:
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _CHUNK = 1 << 12
-"""Bytes decompressed at once: at most this much before damage is lost."""
+"""
+Bytes decompressed at once: at most this many intact bytes directly before a damage are lost.
+"""
 
 
 def inflate(compression: str, data: bytes) -> bytes:

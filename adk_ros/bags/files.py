@@ -52,11 +52,12 @@ def storage_files(path: Path, warn: Callable[[str], None]) -> tuple[list[Path], 
         warn("metadata.yaml is missing: the recording was not closed")
         return stored, None
     except Exception:  # untrusted file: its parser may raise any exception
-        warn("metadata.yaml cannot be parsed: read without it")
+        warn("metadata.yaml cannot be parsed: the bag is read without it")
         return stored, None
     missing = [x.name for x in listed if not x.is_file()]
     if missing or not listed:
-        warn(f"metadata.yaml lists {', '.join(missing) or 'no file'}: read the files present")
+        names = ", ".join(missing) or "no file"
+        warn(f"metadata.yaml lists {names}: only the files present are read")
         return stored, expected
     return listed, expected
 

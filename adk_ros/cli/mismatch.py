@@ -25,8 +25,8 @@ def mismatch(
     simulation: Annotated[
         Path,
         typer.Option(
-            help="bag of the simulator, or its vehicle YAML as for 'adk simulate', or the "
-            "simulation.yaml of an earlier report"
+            help="bag of the simulator, or the complete vehicle file of the simulated car (YAML "
+            "with tyres, as a scenario names it), or the simulation.yaml of an earlier report"
         ),
     ],
     recording: Annotated[Path, typer.Option(help="bag of the real car")],
@@ -43,7 +43,7 @@ def mismatch(
         list[Path] | None,
         typer.Option(
             help="another bag of the same car, to measure the improvement on (repeatable). "
-            "Default: the last quarter of the recording, which is then excluded from the fit"
+            "Default: the last quarter of the recording, which the measured fit excludes"
         ),
     ] = None,
     without_imu: Annotated[

@@ -34,7 +34,8 @@ NoImuOption = Annotated[
 ParamsOption = Annotated[
     Path | None,
     typer.Option(
-        help="the node's parameter file: names of the drive and steering joints (JointState), "
+        help="parameter file of the live predictor (predictor.yaml): names of the drive and "
+        "steering joints (JointState), "
         "mass, sensor positions and frames"
     ),
 ]

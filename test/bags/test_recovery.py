@@ -211,13 +211,13 @@ def test_missing_damaged_or_wrong_metadata(tmp_path):
     metadata = folder / "metadata.yaml"
     original = metadata.read_text()
     for changed, warning in [
-        ("a: [", "metadata.yaml cannot be parsed: read without it"),
-        ("", "metadata.yaml cannot be parsed: read without it"),
-        (original[:200], "metadata.yaml cannot be parsed: read without it"),
+        ("a: [", "metadata.yaml cannot be parsed: the bag is read without it"),
+        ("", "metadata.yaml cannot be parsed: the bag is read without it"),
+        (original[:200], "metadata.yaml cannot be parsed: the bag is read without it"),
         (original.replace("version: 9", "version: 99"), None),
         (
             original.replace("bag.db3", "drive.db3"),
-            "metadata.yaml lists drive.db3: read the files present",
+            "metadata.yaml lists drive.db3: only the files present are read",
         ),
         (
             original.replace("message_count: 100", "message_count: 120"),

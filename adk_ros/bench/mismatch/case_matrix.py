@@ -1,7 +1,8 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The list of generated cases: single effects at two strengths, combinations, unlisted and none.
+The list of generated cases: single effects at two strengths, combinations, changes outside
+the catalogue, and no change.
 
 Simulators, roads and noise levels alternate over the list.
 """
@@ -126,7 +127,11 @@ class CasePlan:
 
 
 def injected_mismatch(names: tuple[str, ...], strength: float, kind: str = "") -> InjectedMismatch:
-    """Return these effects at a strength; `kind` ("place" or "time") replaces the default."""
+    """
+    Return these effects at a strength.
+
+    `kind`: they act only on a part of the lap ("place") or from a time on ("time").
+    """
     kinds = {n: kind or _PLACED[n] for n in names if kind or n in _PLACED}
     return InjectedMismatch({n: scale_strength(n, strength) for n in names}, kinds)
 

@@ -127,7 +127,8 @@ def _is_of(text: str, description: str) -> bool:
     """Whether a text describes a feature, its threshold, its lag or a mass that it moves."""
     if text == description or f" moved by {description} (" in text:
         return True
-    return any(text.startswith(f"{description} {x} ") for x in ("only", "while", "with a lag of"))
+    joints = ("where the", "while", "with a lag of")
+    return any(text.startswith(f"{description} {joint} ") for joint in joints)
 
 
 def _neutral(effect: str, parameter: str) -> float:

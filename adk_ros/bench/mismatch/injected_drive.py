@@ -3,9 +3,10 @@
 """
 Simulate a drive with an injected mismatch between the recorded commands and the vehicle.
 
-The vehicle (seven or fourteen degrees of freedom with wheel spins, or `sprung_car`, which labels
-call `spring_car`) shares no code with the surrogate model of `adk mismatch`. Commands are recorded
-as given; `InjectedChanges` alter the actuation, add forces and change the air and the road.
+The vehicle has seven or fourteen degrees of freedom with wheel spins, or is `sprung_car`, with
+brush tyres, sprung roll and kinematic wheel spins, which labels call `spring_car`. It shares no
+code with the surrogate model of `adk mismatch`. Commands are recorded as given; `InjectedChanges`
+alter the actuation, add forces and change the air and the road.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from adk_ros.plant.vehicle.vehicle_parameters import Constants, Vehicle
 STEPS_PER_COMMAND = 25
 """Integration steps of 1 ms between commands."""
 PLANTS = ("seven_dof", "fourteen_dof", "spring_car")
-"""Simulators for injection; the last has equations of motion of another family."""
+"""Simulators for injection; the last has other tyres and no wheel spins."""
 _FOURTEEN, _SPRUNG = 1, 2
 TRUTH = 11
 """Columns of the truth: a_x, a_y, yaw rate, v_x, v_y, x, y, heading, arc length, time, yaw
@@ -86,13 +87,13 @@ class InjectedChanges(NamedTuple):
     rear_steer: float = 0.0
     # Effects that are not in the catalogue of `adk mismatch`.
     locked_differential: float = 0.0
-    """Yaw acceleration against the relative wheel-speed difference r / v_x, m/s²."""
+    """Opposing yaw acceleration per relative wheel-speed difference r / v_x, m/s²."""
     torque_lateral_acceleration: float = 0.0
     """Lateral acceleration per commanded torque, 1/(kg·m)."""
     speed_periodic_yaw: float = 0.0
     """Amplitude of a yaw acceleration that oscillates with the speed, sin(1.5 v_x), rad/s²."""
     yaw_damping: float = 0.0
-    """Yaw acceleration against the yaw rate, 1/s."""
+    """Opposing yaw acceleration per yaw rate, 1/s."""
     scrub_drag: float = 0.0
     """Deceleration per lateral acceleration squared, s²/m."""
     torque_vectoring: float = 0.0
@@ -113,7 +114,7 @@ class _Plant(NamedTuple):
     constants: Constants
     body: SprungMass
     table: FloatArray
-    """Route table (n + 1, ROAD_SIZE); both have the same spacing."""
+    """Route table (n + 1, ROAD_SIZE); those before and from the onset have the same spacing."""
 
 
 class _Inputs(NamedTuple):

@@ -50,11 +50,10 @@ def rejected_candidates(path: SelectionPath, decision: Decision) -> list[Rejecte
 
 def _reason(h: Hypothesis, null: Hypothesis, path: SelectionPath, decision: Decision) -> str:
     if not is_improvement(h, null, path):
-        gain = penalised_loss(null) - penalised_loss(h)
+        gain = max(penalised_loss(null) - penalised_loss(h), 0.0)
         return (
-            "its loss reduction is "
-            f"{100.0 * gain / max(min_required_gain(null, path), 1e-9):.0f} % of the smallest "
-            "that is significant"
+            f"it reduces the loss by {gain:.0f}; at least {min_required_gain(null, path):.0f} is "
+            "required"
         )
     if decision.effects:
         names = " and ".join(effect.effect.name for effect in decision.effects)

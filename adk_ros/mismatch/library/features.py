@@ -167,7 +167,7 @@ def _condition(text: str) -> tuple[str, str]:
     if name == "torque" and threshold == 0.0:
         return ("while driving" if above else "while braking"), f"T {'>' if above else '<'} 0"
     return (
-        f"only {side} {threshold:.3g} {unit} {words}",
+        f"where the {words} is {side} {threshold:.3g} {unit}",
         f"{symbol} {'>' if above else '<'} {threshold:.3g} {unit}",
     )
 

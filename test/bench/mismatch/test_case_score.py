@@ -118,8 +118,8 @@ def test_strength_and_plant_come_from_the_label() -> None:
     [
         ("longitudinal acceleration against drive torque", True),
         (
-            "longitudinal acceleration against drive torque only above 3.4 m/s² lateral "
-            "acceleration",
+            "longitudinal acceleration against drive torque where the lateral acceleration "
+            "is above 3.4 m/s²",
             True,
         ),
         ("longitudinal acceleration against drive torque with a lag of 0.4 s", True),

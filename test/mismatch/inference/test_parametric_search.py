@@ -170,12 +170,12 @@ def test_refinement_leaves_features_without_memory_alone() -> None:
         ),
         (
             FeatureTerm("v_x", "gate:drive_torque:lateral_size>3.4", -0.8 / 600.0, 0.0),
-            "the drive torque is about 80 % less only above 3.4 m/s² lateral acceleration",
+            "the drive torque is about 80 % less where the lateral acceleration is above 3.4 m/s²",
         ),
         (
             FeatureTerm("yaw_rate", "wave:0.3:0.5:speed>20", 0.4, 0.0),
-            "a yaw moment of about 1200 N·m that oscillates in time at 0.3 Hz only above 20 m/s "
-            "speed",
+            "a yaw moment of about 1200 N·m that oscillates in time at 0.3 Hz where the speed is "
+            "above 20 m/s",
         ),
         (FeatureTerm("v_y", "speed", 0.1, 0.0), ""),
     ],

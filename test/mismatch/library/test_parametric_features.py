@@ -93,7 +93,7 @@ def test_names_say_what_was_searched() -> None:
     [
         (
             "gate:drive_torque:lateral_size>3.4",
-            "drive torque only above 3.4 m/s² lateral acceleration",
+            "drive torque where the lateral acceleration is above 3.4 m/s²",
             "max(T, 0) [|a_y| > 3.4 m/s²]",
         ),
         ("gate:constant:torque<0", "a constant while braking", "1 [T < 0]"),
@@ -105,7 +105,7 @@ def test_names_say_what_was_searched() -> None:
         ("lag:delta:0.35", "steering angle with a lag of 0.35 s", "lag(delta, 0.35 s)"),
         (
             "wave:0.3:0.5:speed>20",
-            "an oscillation in time at 0.3 Hz only above 20 m/s speed",
+            "an oscillation in time at 0.3 Hz where the speed is above 20 m/s",
             "cos(2 pi 0.3 t +0.50) [v_x > 20 m/s]",
         ),
     ],

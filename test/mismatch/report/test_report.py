@@ -153,7 +153,7 @@ def test_the_unexplained_residual_is_shown_with_its_formula(folders: dict[str, P
     text = page_of(folders["odd"]).text
     assert "No effect of the catalogue explains a yaw acceleration" in text
     assert "d(yaw_rate)/dt += -6.1 r / v_x" in text
-    assert "41 % of the explainable loss" in text
+    assert "41 % of the excess loss" in text
 
 
 @pytest.mark.parametrize(
