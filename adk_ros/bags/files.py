@@ -56,8 +56,8 @@ def storage_files(path: Path, warn: Callable[[str], None]) -> tuple[list[Path], 
         return stored, None
     missing = [x.name for x in listed if not x.is_file()]
     if missing or not listed:
-        names = ", ".join(missing) or "no file"
-        warn(f"metadata.yaml lists {names}: only the files present are read")
+        shown = ", ".join(missing) or "no file"
+        warn(f"metadata.yaml lists {shown}: only the files present are read")
         return stored, expected
     return listed, expected
 
