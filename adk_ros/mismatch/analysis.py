@@ -13,6 +13,7 @@ from adk_ros.mismatch.deployment.corrected_model import corrected_yaml
 from adk_ros.mismatch.deployment.held_out import HORIZONS_S, REPORTED_HORIZON, Evidence
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.inference.candidates import rejected_candidates
+from adk_ros.mismatch.inference.confirmation import confirmed
 from adk_ros.mismatch.inference.decision import Decision, decide
 from adk_ros.mismatch.inference.experiment_design import (
     Discriminability,
@@ -121,12 +122,14 @@ def identify_mismatch(
         decide(training, path), training, path
     )
     report(_DECIDED, _TOTAL, "predicting held-out data")
+    likelihood = analysis.likelihood()
+    if not held_out:
+        decision = confirmed(decision, training, likelihood)
     evidence = [Evidence(log) for log in held_out] or [Evidence(recording, split_s)]
     validation = validate_on_held_out(
         surrogate, decision.hypothesis, lap, evidence, analysis.not_predicted()
     )
     decision = coherent(decision, validation)
-    likelihood = analysis.likelihood()
     decision = refitted(decision, likelihood)
     correction = exported(decision.hypothesis, validation.export)
     discriminability = _discriminability(surrogate, decision, analysis.problem)

@@ -275,6 +275,11 @@ Least share of the recording on the simulated road for that road's profile to be
 HELD_OUT_SHARE = 0.25
 """Last share of the recording, on which the improvement is measured. Convention."""
 
+MIN_CONFIRMED_SHARE = 0.25
+"""
+Least gain of one of several effects on held-out data, as a share of its gain on the training part
+in proportion to the time that it acts. Empirical.
+"""
 MAX_EXPLAINED_RATIO = 1.5
 """
 Largest held-out error that a correct model explains, over what noise and the surrogate's own error

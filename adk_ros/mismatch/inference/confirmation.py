@@ -1,0 +1,87 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Confirmation of each of several effects on held-out data.
+
+Next to a large effect whose equation is inexact, a small one may fit what is left of the training
+part without being present. Present effects gain on held-out data in proportion to their share of
+it; those that gain less than a quarter of that are dropped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.feature_effect import FeatureEffect
+from adk_ros.mismatch.inference.fit_budget import ABLATION, FINAL
+from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.library.criteria import MIN_CONFIRMED_SHARE, SETTLING_S
+from adk_ros.numerics.arrays import BoolArray
+from adk_ros.numerics.levenberg_marquardt import huber_loss
+
+_MIN_ACTIVE_S = 2.0
+"""s of activity in the held-out data below which an effect cannot be confirmed or refuted."""
+
+
+def confirmed(decision: Decision, training: Likelihood, whole: Likelihood) -> Decision:
+    """
+    Return a decision without the effects that held-out data do not confirm.
+
+    `training`: likelihood of the part before the held-out one; `whole`: of all data. A single
+    effect is left to the check of the held-out errors.
+    """
+    h = decision.hypothesis
+    held_out = whole.problem.bin_s >= training.until_s + SETTLING_S
+    while len(h.effects) > 1:
+        refuted = _refuted(h, training, whole, held_out)
+        if refuted is None:
+            break
+        effects = [active for i, active in enumerate(h.effects) if i != refuted]
+        h = training.fit(effects, nuisances=h.nuisances, budget=FINAL, fit_activation=True)
+    if h is decision.hypothesis:
+        return decision
+    kept = {(active.effect.name, active.activation.kind) for active in h.effects}
+    effects_left = [e for e in decision.effects if (e.effect.name, e.kind) in kept]
+    return replace(decision, effects=effects_left, hypothesis=h)
+
+
+def _refuted(
+    h: Hypothesis, training: Likelihood, whole: Likelihood, held_out: BoolArray
+) -> int | None:
+    """Return the index of the effect that held-out data confirm least, if not enough."""
+    worst, smallest = None, MIN_CONFIRMED_SHARE
+    loss = _loss(whole, h, held_out)
+    for i, active in enumerate(h.effects):
+        ratio = _activity_ratio(active, whole, held_out)
+        if isinstance(active.effect, FeatureEffect) or ratio is None:
+            continue
+        others = [other for j, other in enumerate(h.effects) if j != i]
+        without = training.fit(others, nuisances=h.nuisances, budget=ABLATION)
+        expected = ratio * max(without.loss - h.loss, 1.0)
+        share = (_loss(whole, without, held_out) - loss) / expected
+        if share < smallest:
+            worst, smallest = i, share
+    return worst
+
+
+def _activity_ratio(active: ActiveEffect, whole: Likelihood, held_out: BoolArray) -> float | None:
+    """Return the time that an effect acts in the held-out over that in the training data."""
+    problem = whole.problem
+    weight = np.abs(active.activation.series(problem))
+    counted = (whole.weights > 0.0).any(axis=0)
+    acting = np.interp(problem.bin_s, problem.middle_s, weight) * counted
+    bin_s = float(problem.bin_s[1] - problem.bin_s[0])
+    later, earlier = float(acting[held_out].sum()), float(acting[~held_out].sum())
+    if later * bin_s < _MIN_ACTIVE_S or earlier * bin_s < _MIN_ACTIVE_S:
+        return None
+    return later / earlier
+
+
+def _loss(likelihood: Likelihood, h: Hypothesis, bins: BoolArray) -> float:
+    """Return the loss of a hypothesis, without the prior's, in some bins."""
+    p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
+    e = likelihood.whiten(likelihood.problem.residuals(p, terms))
+    return huber_loss(e[:, bins])
