@@ -1,9 +1,9 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The list of generated cases: single effects at two strengths, combinations, changes outside
-the catalogue, and no change.
+The list of generated cases.
 
+Single effects at two strengths, combinations, changes outside the catalogue, and no change.
 Simulators, roads and noise levels alternate over the list.
 """
 
