@@ -184,8 +184,8 @@ def held_out_result(validation: Validation, evidence: Sequence[Evidence]) -> Hel
 def _source(item: Evidence) -> str:
     log = item.log
     if item.from_s <= FIRST_START_S:
-        return f"the recording ({log.name})"
-    return f"the last {log.duration_s - item.from_s:.0f} s of the recording ({log.name})"
+        return f"the recording (bag {log.name})"
+    return f"the last {log.duration_s - item.from_s:.0f} s of the recording (bag {log.name})"
 
 
 def exported(hypothesis: Hypothesis, export: str) -> Hypothesis | None:

@@ -1,7 +1,9 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Worker that fits baseline methods to residual accelerations, under the Python of `make peers`.
+Worker that fits baseline methods to residual accelerations.
+
+It runs in the Python 3.11 environment that `make peers` makes for the libraries compared with.
 
 Imports nothing of adk_ros, whose requirements conflict. Reads lines `job<TAB>answer` from standard
 input, each naming two .npz files, and replies `done` or `failed <reason>` on standard output. A
@@ -10,8 +12,8 @@ and `names` (k,). An answer has `predicted` (m, 3), `coefficients` (k, 3) of the
 and `expression` (3,), zero or empty if the method has none.
 
 Each method is tried with a few common settings on the first 80 % of the training data. The best
-one on the rest, or the sparsest that is about as good, is fitted to all of it. An equation in
-which no setting gains 1 % gets a zero prediction.
+one on the rest, or the sparsest that is about as good, is fitted to all of it. A target
+column whose mean square no setting reduces by 1 % gets a zero prediction.
 """
 
 from __future__ import annotations

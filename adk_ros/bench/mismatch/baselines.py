@@ -44,9 +44,9 @@ STRONGEST = "telling"
 
 WORKER = Path(__file__).with_name("baseline_worker.py")
 
-_STEERED = ("steering_ratio", "front_tyre_stiffness")
-_SLIDES = ("front_tyre_stiffness", "rear_tyre_stiffness", "cg_shift")
-_HARD = ("low_friction", "load_sensitivity", "compliance_steer", "aero_downforce")
+_STEERED_EFFECTS = ("steering_ratio", "front_tyre_stiffness")
+_SIDESLIP_EFFECTS = ("front_tyre_stiffness", "rear_tyre_stiffness", "cg_shift")
+_HIGH_GRIP_EFFECTS = ("low_friction", "load_sensitivity", "compliance_steer", "aero_downforce")
 MEANS: dict[tuple[str, str], tuple[str, ...]] = {
     ("v_x", "constant"): ("rolling_resistance", "torque_offset"),
     ("v_x", "speed"): ("headwind",),
@@ -61,10 +61,13 @@ MEANS: dict[tuple[str, str], tuple[str, ...]] = {
         for equation in ("v_y", "yaw_rate")
         for features, effects in (
             (("constant",), ("steering_offset", "crosswind", "brake_drag_one_side")),
-            (("delta", "delta_speed", "delta_speed_squared", "delta_cubed"), _STEERED),
-            (("lateral_speed", "lateral_speed_speed", "lateral_speed_per_speed"), _SLIDES),
-            (("lateral_cubed", "lateral_squared", "lateral_size"), _HARD),
-            (("yaw_rate_speed", "yaw_rate_speed_squared"), _HARD),
+            (("delta", "delta_speed", "delta_speed_squared", "delta_cubed"), _STEERED_EFFECTS),
+            (
+                ("lateral_speed", "lateral_speed_speed", "lateral_speed_per_speed"),
+                _SIDESLIP_EFFECTS,
+            ),
+            (("lateral_cubed", "lateral_squared", "lateral_size"), _HIGH_GRIP_EFFECTS),
+            (("yaw_rate_speed", "yaw_rate_speed_squared"), _HIGH_GRIP_EFFECTS),
             (("torque_delta", "torque_lateral", "torque_yaw_rate"), ("payload",)),
             (("speed_squared",), ("crosswind",)),
         )
@@ -103,7 +106,7 @@ class Baselines:
     """
     The baseline methods in a separate process; requests of several threads are serialised.
 
-    :raises UsageError: there is no such environment.
+    :raises UsageError: the Python environment of the baselines (`make peers`) is missing.
     :raises DataError: it fails.
     """
 
@@ -118,7 +121,11 @@ class Baselines:
     def compare_baselines(
         self, recording: SensorLog, report: Path, label: dict[str, Any], answer: dict[str, Any]
     ) -> list[dict[str, Any]]:
-        """Return the row of a `BaselineResult` for `adk mismatch` and each baseline, one case."""
+        """
+        Return the row of a `BaselineResult` for `adk mismatch` and each baseline, one case.
+
+        `answer`: the content of mismatch.json in `report`.
+        """
         plain = equation_errors(recording, load_surrogate(report / SIMULATION_FILE).content)
         corrected = equation_errors(recording, load_surrogate(report / HELD_OUT_MODEL).content)
         cut = round(LEARNED * plain.time_s.size)
@@ -160,7 +167,7 @@ def _removed(before: FloatArray, after: FloatArray) -> dict[str, float]:
 
 
 def _strongest_equation(plain: EquationErrors, label: dict[str, Any]) -> str:
-    """Return the equation with the largest significant residual that the label acts in, or ""."""
+    """Return the equation with the largest significant residual of the label's effects, or ""."""
     entered: set[str] = set()
     for effect in label["effects"]:
         known = EFFECTS.get(effect["name"])

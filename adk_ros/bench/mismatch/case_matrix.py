@@ -4,7 +4,7 @@
 The list of generated cases.
 
 Single effects at two strengths, combinations, changes outside the catalogue, and no change.
-Simulators, roads and noise levels alternate over the list.
+The simulator that makes both bags (`plant`), the road and the noise alternate over the list.
 """
 
 from __future__ import annotations

@@ -54,7 +54,10 @@ FULL: dict[str, dict[str, float]] = {
 """Each effect of the catalogue, at strength 1."""
 
 SPRUNG_CAR_ONLY = ("aero_downforce", "rear_wheel_steer")
-"""Effects that the seven- and fourteen-degree-of-freedom plants cannot represent."""
+"""
+Effects that the plants of seven and fourteen degrees of freedom cannot represent, only the one of
+`sprung_car` (brush tyres, sprung roll; `spring_car` in labels).
+"""
 
 UNLISTED = {
     "locked_differential": 25.0,
@@ -151,7 +154,7 @@ def unlisted_field(name: str) -> str:
 def plant_changes(
     effects: dict[str, dict[str, float]], unlisted: dict[str, float], onset: float
 ) -> InjectedChanges:
-    """Return the changes of the drive for effects and unlisted changes, from `onset` s on."""
+    """Return the changes of a simulated run for effects and unlisted changes, from `onset` s."""
     values: dict[str, Any] = {unlisted_field(name): size for name, size in unlisted.items()}
     for name, p in effects.items():
         if name in _CHANGES:

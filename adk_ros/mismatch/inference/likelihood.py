@@ -69,7 +69,7 @@ _WEAK_DIRECTION_STEP = 0.2
 _SEGMENT_END_STEP_M = 1.0
 _ONSET_STEP_S = 0.1
 _ONSET_RANGE_S = 1e4
-"""s by which a fit may move an onset: without effect, longer than any recording."""
+"""s by which a fit may move an onset: longer than any recording, so in practice unbounded."""
 _SEGMENT_END_RANGE_LAPS = 0.5
 """Laps by which a fit may move a segment's boundary."""
 
@@ -147,12 +147,15 @@ class Likelihood:
     weak_directions: FloatArray
     """(k, SIZE) directions that the simulation determines poorly, one standard deviation long."""
     fixed_terms: ActiveTerms
-    """Terms of the surrogate beyond its parameters, along this recording."""
+    """Parameter changes of the surrogate that vary along this recording: road, formula."""
     surrogate_error_share: FloatArray
     """(6,) share of the surrogate's own error in the residual variance, by channel."""
     until_s: float = np.inf
     unobservable: frozenset[str] = frozenset()
-    """Effects, features and equations that the recorded channels do not show."""
+    """
+    Names that the recorded channels do not show: effects, features of the drive (see
+    `library.features`) and equations (v_x, v_y, yaw_rate).
+    """
 
     @classmethod
     def of(
@@ -212,7 +215,8 @@ class Likelihood:
         """
         Return the parameters and terms of a simulation.
 
-        Effects that are always active change the parameters; the others become terms.
+        Effects that are always active change the parameters; the others become changes that vary
+        along the recording (`ActiveTerms`).
         """
         base = self.with_nuisances(nuisances)
         p = base.copy()

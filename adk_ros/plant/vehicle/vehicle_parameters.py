@@ -49,7 +49,10 @@ class Tyre(FileModel):
     relaxation_length: float = Field(default=0.35, ge=0.0, le=5.0)
     """Travelled distance over which the lateral force builds up, m."""
     relaxation_length_x: float = Field(default=0.15, ge=0.05, le=5.0)
-    """The same for the longitudinal force, m; a longer one makes the wheel spin less stiff."""
+    """
+    The same for the longitudinal force, m. A longer one makes the equation of the wheel's spin
+    numerically less stiff.
+    """
 
 
 class Dimensions(FileModel):
