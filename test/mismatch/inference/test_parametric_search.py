@@ -108,6 +108,7 @@ def test_the_search_finds_kind_signal_and_parameters(
         assert float(found[1]) == pytest.approx(float(expected[1]), rel=0.3)
 
 
+@pytest.mark.slow
 def test_an_oscillation_in_time_is_found_with_its_condition() -> None:
     fast = float(np.quantile(clean()[1].smoothed_odometry[:, 0], 0.5))
     name = f"wave:0.3:0.7:speed>{fast:.4g}"
@@ -128,6 +129,7 @@ def test_without_a_torque_no_feature_of_it_is_tried() -> None:
     assert all("torque" not in name for name in search._names)
 
 
+@pytest.mark.slow
 def test_refinement_finds_the_parameters_and_the_other_equation() -> None:
     true = "resonance:a_y:0.5:0.06"
     likelihood, null, jacobian = problem_with(("v_y", true, 0.08), ("yaw_rate", true, -0.03))
