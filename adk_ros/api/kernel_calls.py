@@ -74,13 +74,12 @@ def search_features() -> None:
     """Evaluate features with a memory and their linear response, as for an unknown effect."""
     import numpy as np
 
-    from adk_ros.mismatch.inference.linear_response import lagged, propagate
-    from adk_ros.mismatch.library.parametric_features import first_order_lag, resonance
+    from adk_ros.mismatch.inference.linear_response import propagate
+    from adk_ros.numerics.filters import low_pass, resonance
 
     signal = np.zeros(8)
-    first_order_lag(signal, 0.01, 1.0)
+    low_pass(signal, 0.01, 1.0)
     resonance(signal, 0.01, 3.0, 0.1)
-    lagged(signal, 0.01, 2.0)
     propagate(signal, np.ones(8), np.zeros((3, 7)), 0.01, True)
 
 

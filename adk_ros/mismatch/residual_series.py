@@ -4,22 +4,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
 from adk_ros.mismatch.inference.result import ResidualSeries
 from adk_ros.mismatch.surrogate.feature_terms import feature_signals
 from adk_ros.mismatch.surrogate.lap import Lap
-from adk_ros.mismatch.surrogate.residuals import BIN_S, ResidualProblem
-from adk_ros.numerics.arrays import FloatArray
-
-
-def _binned(problem: ResidualProblem, values: FloatArray) -> FloatArray:
-    """Return the mean of a signal (n,) in each bin (b,)."""
-    since_start = (problem.middle_s - problem.start_s) / BIN_S
-    row = np.minimum((since_start + 1e-6).astype(np.int64), problem.bins - 1)
-    count = np.maximum(np.bincount(row, minlength=problem.bins), 1)
-    return np.asarray(np.bincount(row, values, problem.bins) / count)
 
 
 def residual_series(likelihood: Likelihood, h: Hypothesis, lap: Lap | None) -> ResidualSeries:
@@ -28,7 +16,7 @@ def residual_series(likelihood: Likelihood, h: Hypothesis, lap: Lap | None) -> R
     counted = likelihood.weights > 0.0
     p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
     out = problem.run(p, terms)
-    signals = {name: _binned(problem, x) for name, x in feature_signals(problem, out).items()}
+    signals = {name: problem.binned(x) for name, x in feature_signals(problem, out).items()}
     without = {}
     for i, active in enumerate(h.effects if len(h.effects) > 1 else ()):
         others = [*h.effects[:i], *h.effects[i + 1 :]]
@@ -36,12 +24,12 @@ def residual_series(likelihood: Likelihood, h: Hypothesis, lap: Lap | None) -> R
         without[active.effect.name] = counted * problem.residuals(*inputs)
     return ResidualSeries(
         time_s=problem.bin_s,
-        x=_binned(problem, problem.pose[:, 0]),
-        y=_binned(problem, problem.pose[:, 1]),
+        x=problem.binned(problem.pose[:, 0]),
+        y=problem.binned(problem.pose[:, 1]),
         signals=signals,
         before=counted * problem.residuals(likelihood.parameters, likelihood.fixed_terms),
         after=counted * problem.residuals(p, terms, out=out),
         noise=problem.bin_noise,
-        distance=None if lap is None else _binned(problem, lap.unwrapped) % lap.length,
+        distance=None if lap is None else problem.binned(lap.unwrapped) % lap.length,
         without=without,
     )

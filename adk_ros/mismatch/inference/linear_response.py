@@ -28,6 +28,7 @@ from adk_ros.mismatch.surrogate.state_index import (
     YAW_RATE,
 )
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.filters import low_pass
 from adk_ros.numerics.numba_cache import strict_kernel
 
 _PROBE_SIZE = (0.2, 0.1)
@@ -36,7 +37,6 @@ _PROBE_HOLD_STEPS = 40
 """Steps for which the probe's sign is held: 0.4 s, near the car's yaw mode."""
 _MIN_SPEED = 3.0
 """m/s; slower, the coefficients are those of this speed."""
-STEPS_PER_BIN = 4
 _LATERAL_CHANNELS = (IMU_A_Y, IMU_YAW_RATE, ODOMETRY_V_Y, ODOMETRY_YAW_RATE)
 
 
@@ -81,15 +81,15 @@ class LinearResponse:
         problem = likelihood.problem
         change = np.zeros((6, problem.bins))
         if equation == "v_x":
-            speed_change = lagged(feature, STEP_S, float(OBSERVER_GAINS[0]))
-            change[IMU_A_X] = -binned(feature, problem.bins)
-            change[ODOMETRY_V_X] = -binned(speed_change, problem.bins)
+            gain = float(OBSERVER_GAINS[0])
+            change[IMU_A_X] = -problem.binned(feature)
+            change[ODOMETRY_V_X] = -problem.binned(low_pass(feature, STEP_S, 1.0 / gain)) / gain
         else:
             response = propagate(
                 feature, self.speed, self.coefficients, STEP_S, equation == "yaw_rate"
             )
             for row, channel in zip((2, 1, 0, 1), _LATERAL_CHANNELS, strict=True):
-                change[channel] = -binned(response[row], problem.bins)
+                change[channel] = -problem.binned(response[row])
         whitened = likelihood.whiten(change).ravel()
         out = np.zeros(self.linearised.e.shape[0])
         out[: whitened.shape[0]] = whitened
@@ -103,23 +103,6 @@ class LinearResponse:
         inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-8, hermitian=True)
         size = inverse @ (right / scale) / scale
         return np.asarray(size), float(right @ size)
-
-
-def binned(values: FloatArray, bins: int) -> FloatArray:
-    """Return the mean of a signal (n,) in each bin of `STEPS_PER_BIN` steps."""
-    padded = np.concatenate([values, np.repeat(values[-1:], bins * STEPS_PER_BIN - values.size)])
-    return np.asarray(padded.reshape(bins, STEPS_PER_BIN).mean(axis=1))
-
-
-@strict_kernel
-def lagged(feature: FloatArray, step: float, rate: float) -> FloatArray:
-    """Return x (n,) with x' = feature - rate x."""
-    out = np.empty_like(feature)
-    x = 0.0
-    for k in range(feature.shape[0]):
-        x += step * (feature[k] - rate * x)
-        out[k] = x
-    return out
 
 
 @strict_kernel

@@ -38,6 +38,7 @@ from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.differentiation import savitzky_golay
+from adk_ros.numerics.filters import low_pass
 
 YAW_FILTER_GRID_S = np.arange(0.0, 1.51, 0.025)
 """Time constants that are tried, s."""
@@ -251,7 +252,7 @@ def yaw_filter(log: SensorLog) -> float:
 
     integrated = changes(np.cumsum(rate) * _STEP_S)
     misfits = [
-        float(np.median(np.abs(integrated - changes(_low_pass(heading, float(tau))))))
+        float(np.median(np.abs(integrated - changes(low_pass(heading, _STEP_S, float(tau))))))
         for tau in YAW_FILTER_GRID_S
     ]
     best = int(np.argmin(misfits))
@@ -259,16 +260,3 @@ def yaw_filter(log: SensorLog) -> float:
     if tau < MIN_YAW_FILTER_S or misfits[best] > MAX_FILTER_MISFIT * misfits[0]:
         return 0.0
     return tau
-
-
-def _low_pass(values: FloatArray, tau: float) -> FloatArray:
-    """Return a first-order low-pass filter of evenly sampled values (n,)."""
-    if tau <= 0.0:
-        return values
-    keep = float(np.exp(-_STEP_S / tau))
-    out = np.empty_like(values)
-    state = float(values[0])
-    for k, value in enumerate(values.tolist()):
-        state = value + (state - value) * keep
-        out[k] = state
-    return out

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adk_ros.mismatch.inference.linear_response import STEPS_PER_BIN, LinearResponse
+from adk_ros.mismatch.inference.linear_response import LinearResponse
 from adk_ros.mismatch.library.criteria import PENALTY_PER_LOCATION
 from adk_ros.mismatch.library.features import FEATURES, Signals, feature
 from adk_ros.mismatch.library.parametric_features import (
@@ -165,7 +165,8 @@ class ParametricSearch:
 
     def _waves(self, response: LinearResponse) -> list[Found]:
         """Return an oscillation in time for each equation, at a peak of the residual spectrum."""
-        bins = response.linearised.likelihood.problem.bins
+        problem = response.linearised.likelihood.problem
+        bins = problem.bins
         residuals = response.linearised.projected[: 6 * bins].reshape(6, bins)
         found = []
         for equation in self.equations:
@@ -175,9 +176,8 @@ class ParametricSearch:
                 weight = np.ones(bins)
                 if gate:
                     condition, above, threshold = split_condition(gate)
-                    values = FEATURES[condition].function(self.signals)[::STEPS_PER_BIN][:bins]
-                    inside = np.asarray((values > threshold) == above, dtype=np.float64)
-                    weight = np.concatenate([inside, np.zeros(bins - inside.size)])
+                    values = problem.binned(FEATURES[condition].function(self.signals))
+                    weight = np.asarray((values > threshold) == above, dtype=np.float64)
                 for frequency in _peaks(residuals[_MAIN_CHANNEL[equation]] * weight):
                     trial = self._fitted_wave(response, equation, frequency, gate)
                     best = max([best, trial], key=lambda x: x.gain)

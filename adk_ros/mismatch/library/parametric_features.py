@@ -23,7 +23,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.numerics.numba_cache import strict_kernel
+from adk_ros.numerics.filters import low_pass, resonance
 
 Signals = Mapping[str, FloatArray]
 Static = Callable[[Signals], FloatArray]
@@ -161,7 +161,7 @@ def values_of(name: str, signals: Signals, static: Mapping[str, Static]) -> Floa
     step = float(time[1] - time[0]) if time.shape[0] > 1 else 0.01
     signal = np.ascontiguousarray(signals[arguments[0]])
     if kind == LAG:
-        return first_order_lag(signal, step, float(arguments[1]))
+        return low_pass(signal, step, float(arguments[1]))
     return resonance(signal, step, 2.0 * math.pi * float(arguments[1]), float(arguments[2]))
 
 
@@ -169,32 +169,3 @@ def _where(text: str, signals: Signals, static: Mapping[str, Static]) -> FloatAr
     name, above, threshold = split_condition(text)
     values = static[name](signals)
     return np.asarray((values > threshold) if above else (values < threshold), dtype=np.float64)
-
-
-@strict_kernel
-def first_order_lag(signal: FloatArray, step: float, tau: float) -> FloatArray:
-    """Return a first-order lag (n,) of a signal, at rest in its first value."""
-    out = np.empty_like(signal)
-    keep = math.exp(-step / tau)
-    value = signal[0]
-    for k in range(signal.shape[0]):
-        value = signal[k] + (value - signal[k]) * keep
-        out[k] = value
-    return out
-
-
-@strict_kernel
-def resonance(signal: FloatArray, step: float, omega: float, damping: float) -> FloatArray:
-    """
-    Return w^2 x + 2 z w x' (n,) with x'' + 2 z w x' + w^2 x = s.
-
-    Semi-implicit Euler steps, at rest in the first value of the signal.
-    """
-    out = np.empty_like(signal)
-    stiffness, friction = omega * omega, 2.0 * damping * omega
-    x, v = signal[0] / stiffness, 0.0
-    for k in range(signal.shape[0]):
-        v = (v + step * (signal[k] - stiffness * x)) / (1.0 + step * friction)
-        x += step * v
-        out[k] = stiffness * x + friction * v
-    return out

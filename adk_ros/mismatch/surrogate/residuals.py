@@ -51,6 +51,7 @@ STEP_S = 0.01
 """Integration step, s: the period of a 100 Hz IMU."""
 BIN_S = 0.04
 """Duration of a residual bin, s: two periods of 50 Hz odometry."""
+_STEPS_PER_BIN = round(BIN_S / STEP_S)
 DISTANCE_INTERVAL_S = 2.0
 """Interval over which travelled distances are compared, s."""
 OBSERVER_GAINS = np.array([2.0, 2.0, 6.0])
@@ -135,6 +136,12 @@ class ResidualProblem:
     def bin_s(self) -> FloatArray:
         """Middles of the bins, s."""
         return np.asarray(self.start_s + BIN_S * (np.arange(self.bins) + 0.5))
+
+    def binned(self, values: FloatArray) -> FloatArray:
+        """Return the mean of a signal (n,) on the grid in each bin (b,)."""
+        first = np.arange(0, self.steps, _STEPS_PER_BIN)
+        count = np.minimum(_STEPS_PER_BIN, self.steps - first)
+        return np.asarray(np.add.reduceat(values, first) / count)
 
     def no_terms(self) -> ActiveTerms:
         """Return terms that add nothing."""

@@ -19,7 +19,7 @@ from helpers.mismatch import case
 from adk_ros.mismatch.inference.feature_effect import feature_as_effect, feature_terms
 from adk_ros.mismatch.inference.fit_budget import FEATURE, NULL_HYPOTHESIS
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
-from adk_ros.mismatch.inference.linear_response import LinearResponse, binned
+from adk_ros.mismatch.inference.linear_response import LinearResponse
 from adk_ros.mismatch.inference.parametric_refinement import refined, with_siblings
 from adk_ros.mismatch.inference.parametric_search import ParametricSearch
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
@@ -78,8 +78,12 @@ def test_the_linear_response_equals_a_run(equation: str, frequency: float) -> No
     assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(exact), rel=0.15)
 
 
-def test_binned_is_the_mean_of_four_steps() -> None:
-    np.testing.assert_allclose(binned(np.arange(10.0), 3), [1.5, 5.5, 8.75])
+def test_a_bin_is_the_mean_of_four_steps() -> None:
+    problem = clean()[1]
+    means = problem.binned(np.arange(float(problem.steps)))
+    assert means.shape == (problem.bins,)
+    np.testing.assert_allclose(means[:3], [1.5, 5.5, 9.5])
+    assert means[-1] <= problem.steps - 1
 
 
 @pytest.mark.parametrize(
