@@ -14,7 +14,8 @@ import yaml
 from helpers.mismatch import case
 
 from adk_ros.mismatch.analysis import identify_mismatch
-from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, horizon_rmse, start_times_of
+from adk_ros.mismatch.deployment.held_out import Evidence, horizon_errors, rmse
+from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, start_times_of
 from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
 from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.report.result_files import as_dict, write_report
@@ -70,7 +71,11 @@ def test_corrected_model_predicts_held_out_data(tmp_path: Path) -> None:
     write_report(drag(), tmp_path / "report")
     held_out = case("aero_drag", cda=DRAG).held_out
     before, after = (
-        horizon_rmse(load_surrogate(tmp_path / "report" / name).content, held_out, 1.0, 2.0)
+        rmse(
+            horizon_errors(
+                load_surrogate(tmp_path / "report" / name).content, [Evidence(held_out)], (1.0,)
+            )
+        )[0]
         for name in ("simulation.yaml", "corrected.yaml")
     )
     assert after[0] < 0.3 * before[0]

@@ -28,7 +28,7 @@ from adk_ros.bench.mismatch.case_matrix import CasePlan
 from adk_ros.bench.mismatch.case_score import CaseResult, score_case
 from adk_ros.bench.mismatch.subprocesses import ProcessResult, Subprocesses
 from adk_ros.errors import UsageError
-from adk_ros.mismatch.deployment.open_loop import FIRST_START_S, horizon_rmse
+from adk_ros.mismatch.deployment.held_out import Evidence, horizon_errors, rmse
 from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.mismatch.report.result_files import RESULT_FILE
@@ -235,12 +235,13 @@ def removed(held_out: Path, report: Path) -> dict[str, float]:
     """
     if not held_out.exists():
         return {}
-    evidence = read_sensor_log(held_out, needs_imu=False)
+    log = read_sensor_log(held_out, needs_imu=False)
+    recordings = [Evidence(log)]
     before, after = (
-        horizon_rmse(load_surrogate(report / name).content, evidence, HORIZON_S, FIRST_START_S)
+        rmse(horizon_errors(load_surrogate(report / name).content, recordings, (HORIZON_S,)))[0]
         for name in ("simulation.yaml", "corrected.yaml")
     )
-    noise = evidence.noise()[3:]
+    noise = log.noise()[3:]
     return {
         name: float((before[i] - after[i]) / (before[i] - noise[i]))
         for i, name in enumerate(STATE_NAMES)

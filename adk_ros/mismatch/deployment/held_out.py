@@ -52,31 +52,37 @@ class Evidence:
     until_s: float = np.inf
 
 
-def horizon_errors(model: SurrogateFile, evidence: Sequence[Evidence]) -> FloatArray:
+def horizon_errors(
+    model: SurrogateFile,
+    evidence: Sequence[Evidence],
+    horizons_s: Sequence[float] = HORIZONS_S,
+) -> FloatArray:
     """
-    Return predicted minus measured (n, horizons, 3) of v_x, v_y, yaw rate.
+    Return predicted minus measured (n, horizons, 3) of v_x, v_y, yaw rate; horizons ascend.
 
     One row per start; NaN where the car is slower than `MIN_SPEED` at the start or at the end of
     the horizon, or where there is no measurement.
     """
-    rows = [_errors(OpenLoopPredictor(model, item.log), item) for item in evidence]
-    return np.concatenate(rows) if rows else np.empty((0, len(HORIZONS_S), 3))
+    return np.concatenate(
+        [_errors(OpenLoopPredictor(model, item.log), item, horizons_s) for item in evidence]
+    )
 
 
 def persistence_errors(evidence: Sequence[Evidence]) -> FloatArray:
     """Return the errors (n, horizons, 3) of the prediction that the state does not change."""
-    rows = [_errors(None, item) for item in evidence]
-    return np.concatenate(rows) if rows else np.empty((0, len(HORIZONS_S), 3))
+    return np.concatenate([_errors(None, item, HORIZONS_S) for item in evidence])
 
 
-def _errors(predictor: OpenLoopPredictor | None, item: Evidence) -> FloatArray:
+def _errors(
+    predictor: OpenLoopPredictor | None, item: Evidence, horizons_s: Sequence[float]
+) -> FloatArray:
     log = item.log
-    ticks = [round(horizon / _TICK_S) for horizon in HORIZONS_S]
+    ticks = [round(horizon / _TICK_S) for horizon in horizons_s]
     try:
         starts = start_times_of(log, ticks[-1], START_STRIDE_S, max(item.from_s, FIRST_START_S))
     except DataError:
         return np.empty((0, len(ticks), 3))
-    starts = starts[starts + HORIZONS_S[-1] <= item.until_s]
+    starts = starts[starts + horizons_s[-1] <= item.until_s]
     if not starts.size:
         return np.empty((0, len(ticks), 3))
 
@@ -87,7 +93,7 @@ def _errors(predictor: OpenLoopPredictor | None, item: Evidence) -> FloatArray:
     at_start = measured(starts)
     predicted = None if predictor is None else predictor.predict(starts, ticks[-1])
     out = np.empty((starts.size, len(ticks), 3))
-    for i, (horizon, tick) in enumerate(zip(HORIZONS_S, ticks, strict=True)):
+    for i, (horizon, tick) in enumerate(zip(horizons_s, ticks, strict=True)):
         at_s = starts + horizon
         at_end = measured(at_s)
         ahead = at_start if predicted is None else predicted[:, tick - 1]

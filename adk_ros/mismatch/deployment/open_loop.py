@@ -17,7 +17,6 @@ import numpy as np
 from adk_ros.errors import DataError
 from adk_ros.mismatch.deployment.position_terms import PositionTerms
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
-from adk_ros.mismatch.library.criteria import MIN_SPEED
 from adk_ros.mismatch.library.features import feature_matrix
 from adk_ros.mismatch.library.parametric_features import has_memory
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -267,30 +266,3 @@ def start_times_of(log: SensorLog, ticks: int, stride_s: float, from_s: float) -
             f"{ticks * tick:g} s: give a longer bag, or a shorter --horizon"
         )
     return np.asarray(starts)
-
-
-def horizon_rmse(
-    model: SurrogateFile,
-    log: SensorLog,
-    horizon_s: float,
-    from_s: float,
-    stride_s: float = 0.5,
-) -> FloatArray:
-    """
-    Return the RMSE (3,) of v_x, v_y, yaw rate at the end of the horizon, from `from_s` on.
-
-    Only where the car is faster than `MIN_SPEED`; NaN where it never is.
-    """
-    ticks = round(horizon_s / (TICK_NS * 1e-9))
-    starts = start_times_of(log, ticks, stride_s, max(from_s, FIRST_START_S))
-    predicted = OpenLoopPredictor(model, log).predict(starts, ticks)[:, -1]
-    at_s = starts + horizon_s
-    counted = at_s <= log.odometry_s[-1]
-    measured = np.column_stack(
-        [np.interp(at_s, log.odometry_s, log.odometry[:, i]) for i in range(3)]
-    )
-    start_speed = np.interp(starts, log.odometry_s, log.odometry[:, 0])
-    counted &= np.minimum(np.abs(measured[:, 0]), np.abs(start_speed)) > MIN_SPEED
-    if not counted.any():
-        return np.full(3, np.nan)
-    return np.asarray(np.sqrt(np.mean((predicted - measured)[counted] ** 2, axis=0)))

@@ -19,7 +19,8 @@ from adk_ros.errors import UsageError
 from adk_ros.files.yaml_file import validate
 from adk_ros.mismatch import simulator
 from adk_ros.mismatch.analysis import identify_mismatch
-from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, horizon_rmse, start_times_of
+from adk_ros.mismatch.deployment.held_out import Evidence, horizon_errors, rmse
+from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, start_times_of
 from adk_ros.mismatch.deployment.scenario_drive import position_dependent_terms
 from adk_ros.mismatch.deployment.simulator_input import sensor_log_of
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
@@ -192,7 +193,9 @@ def test_files_of_a_hilly_simulation_contain_its_road() -> None:
     assert road is not None
     log = driven(1)[0]
     level = model.model_copy(update={"extras": type(model.extras)()})
-    with_road, without = (horizon_rmse(m, log, 1.0, 2.0) for m in (model, level))
+    with_road, without = (
+        rmse(horizon_errors(m, [Evidence(log)], (1.0,)))[0] for m in (model, level)
+    )
     assert with_road[0] < 0.3 * without[0]
     # And nothing of the future is used: cut off after the start, the prediction is the same.
     starts = start_times_of(log, 40, 5.0, 20.0)[:2]
@@ -247,7 +250,7 @@ def test_unmodelled_part_of_a_simulator_becomes_a_feature_term() -> None:
         yaml.safe_load(surrogate_yaml(extended.parameters, surrogate=extended))
     )
     without = model.model_copy(update={"extras": type(model.extras)()})
-    errors = [horizon_rmse(m, c.held_out, 1.0, 2.0) for m in (model, without)]
+    errors = [rmse(horizon_errors(m, [Evidence(c.held_out)], (1.0,)))[0] for m in (model, without)]
     assert errors[0][0] < 0.5 * errors[1][0]
 
 
