@@ -39,11 +39,10 @@ from adk_ros.mismatch.recording.checks import (
     check_torque_unit,
     check_vehicle,
 )
-from adk_ros.mismatch.recording.implied_values import implied_mass
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.residual_series import residual_series
-from adk_ros.mismatch.simulator import DEFAULT_WHEEL_RADIUS, surrogate_of
+from adk_ros.mismatch.simulator import DEFAULT_WHEEL_RADIUS, default_vehicle, surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap, find_lap
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
@@ -92,11 +91,8 @@ def identify_mismatch(
         check_same_vehicle(simulation, recording)
         if nominal is not None:
             check_vehicle(nominal, simulation)
-        simulated = implied_mass(simulation, DEFAULT_WHEEL_RADIUS)
-        if nominal is not None:
-            check_torque_unit(recording, nominal.mass, nominal.wheel_radius)
-        elif simulated is not None:
-            check_torque_unit(recording, simulated.value, DEFAULT_WHEEL_RADIUS)
+        vehicle = nominal or default_vehicle(simulation)
+        check_torque_unit(recording, vehicle.mass, vehicle.wheel_radius)
         report(0.0, _TOTAL, "identifying the simulator")
         surrogate, notes = surrogate_of(
             simulation,

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from adk_ros.mismatch.inference.surrogate_extension import augment_surrogate
 from adk_ros.mismatch.library.criteria import MIN_ROAD_COVERAGE
-from adk_ros.mismatch.recording.checks import effective_mass
+from adk_ros.mismatch.recording.implied_values import implied_mass
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel, identify_surrogate
@@ -80,8 +80,9 @@ def _surrogate_and_notes(
 
 def default_vehicle(simulation: SensorLog) -> NominalVehicle:
     """Return a mid-size car of the mass that the simulation's torque response implies."""
-    identified = effective_mass(simulation, DEFAULT_WHEEL_RADIUS) or _DEFAULT_MASS
-    mass = min(max(identified, _MASS_RANGE[0]), _MASS_RANGE[1])
+    implied = implied_mass(simulation, DEFAULT_WHEEL_RADIUS)
+    mass = _DEFAULT_MASS if implied is None else implied.value
+    mass = min(max(mass, _MASS_RANGE[0]), _MASS_RANGE[1])
     return NominalVehicle(
         mass=mass,
         yaw_inertia=_INERTIA_PER_MASS * mass,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.errors import DataError
-from adk_ros.mismatch.recording.implied_values import implied_mass, steering_unit
+from adk_ros.mismatch.recording.implied_values import ImpliedMass, implied_mass, steering_unit
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
@@ -29,7 +29,9 @@ MIN_MOVING_SPEED = 2.0
 _MIN_MOVING_SHARE = 0.3
 """Least share of the recording in which the vehicle moves."""
 _MAX_MASS_RATIO = 2.5
-"""Largest ratio of effective to nominal mass: torque offsets and drag explain smaller ratios."""
+"""
+Largest ratio of implied to nominal mass where torque and speed explain the acceleration poorly.
+"""
 _MAX_MASS_DIFFERENCE = 0.08
 """
 Largest relative difference of the implied from the nominal mass. Practice simulations imply their
@@ -242,8 +244,7 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
     overall = implied_mass(simulation, radius, inertia)
     low_power = implied_mass(simulation, radius, inertia, _LOW_POWER_SHARE)
     if overall is not None and all(
-        abs(mass.value / nominal.mass - 1.0) > _MAX_MASS_DIFFERENCE
-        for mass in (overall, low_power or overall)
+        _contradicts(mass, nominal.mass) for mass in (overall, low_power or overall)
     ):
         raise DataError(
             f"{simulation.name}: the torque response implies a mass of {overall.value:.0f} kg "
@@ -251,17 +252,11 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
             f"vehicle file says {nominal.mass:.0f} kg: correct its mass, wheel_radius or "
             "wheel_inertia"
         )
-    effective = effective_mass(simulation, radius)
-    at_low_power = effective_mass(simulation, radius, _LOW_POWER_SHARE)
-    if effective is not None and all(
-        not 1.0 / _MAX_MASS_RATIO < mass / nominal.mass < _MAX_MASS_RATIO
-        for mass in (effective, effective if at_low_power is None else at_low_power)
-    ):
-        raise DataError(
-            f"{simulation.name}: the effective mass from the torque response is "
-            f"{effective:.0f} kg on wheels of {radius:g} m radius, but the vehicle "
-            f"file says {nominal.mass:.0f} kg: give the vehicle file of this vehicle"
-        )
+
+
+def _contradicts(implied: ImpliedMass, mass: float) -> bool:
+    largest = 1.0 + _MAX_MASS_DIFFERENCE if implied.is_accurate else _MAX_MASS_RATIO
+    return not 1.0 / largest < implied.value / mass < largest
 
 
 def check_torque_unit(recording: SensorLog, mass: float, wheel_radius: float) -> None:
@@ -271,24 +266,12 @@ def check_torque_unit(recording: SensorLog, mass: float, wheel_radius: float) ->
     :raises DataError: it is about 1000 times too small.
     """
     implied = implied_mass(recording, wheel_radius)
-    if implied is not None and abs(np.log(1000.0 * implied.value / mass)) < _MAX_UNIT_FACTOR_LOG:
+    if (
+        implied is not None
+        and implied.is_accurate
+        and (abs(np.log(1000.0 * implied.value / mass)) < _MAX_UNIT_FACTOR_LOG)
+    ):
         raise DataError(
             f"{recording.name}: the commanded torque is about 1000 times too small for a car of "
             f"{mass:.0f} kg: it looks like kN·m, the topic must carry N·m"
         )
-
-
-def effective_mass(log: SensorLog, wheel_radius: float, power_share: float = 1.0) -> float | None:
-    """
-    Return the mass that the wheel torque accelerates, in kg, or None if they are not correlated.
-
-    Uses the share `power_share` of the recording with the lowest commanded power.
-    """
-    torque = _smooth(_on_grid(log, log.command_s, log.command[:, 0]), _DERIVATIVE_WINDOW_S)
-    a_x = _smooth(_on_grid(log, log.imu_s, log.imu[:, 0]), _DERIVATIVE_WINDOW_S)
-    power = np.abs(torque * _on_grid(log, log.odometry_s, log.odometry[:, 0]))
-    used = power <= np.quantile(power, power_share)
-    slope, correlation = _regression(torque[used], a_x[used])
-    if correlation < _MIN_CORRELATION or slope <= 0.0:
-        return None
-    return 1.0 / (slope * wheel_radius)

@@ -19,16 +19,20 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.differentiation import savitzky_golay
 
 _PERIOD_S = 0.02
-_WINDOW_S = 0.3
-"""Smoothing window, s: longer than the lags of usual drives, shorter than a change of torque."""
+_WINDOW_S = 1.02
+"""Smoothing window, s, of all signals alike: longer than the lags of usual drives."""
 _MIN_SPEED = 3.0
 _MAX_LATERAL = 2.5
 """m/s². Above it, tyre forces take part of the torque, and the steering angle is no ratio."""
-_MIN_DETERMINATION = 0.95
+_MIN_DETERMINATION = 0.25
 """Least share of the acceleration's variance that torque and speed explain."""
-_MIN_ROWS = 500
-_BLOCK_ROWS = 500
-"""Rows of a bootstrap block: 10 s, longer than any memory of the residuals."""
+_ACCURATE_DETERMINATION = 0.95
+"""
+Share from which the mass is accurate: a torque limit, a slope or a pedal explains less. Empirical.
+"""
+_MIN_ROWS = 200
+_BLOCK_ROWS, _MIN_BLOCKS = 500, 10
+"""Rows of a bootstrap block, 10 s: longer than the residuals' memory; fewer for short data."""
 _RESAMPLES = 100
 _WHEELBASE = 2.7
 """m, of a mid-size car; a unit is wrong by far more than wheelbases differ."""
@@ -42,11 +46,21 @@ _STEERING_UNITS = (
 
 
 class ImpliedMass(NamedTuple):
-    """Mass in kg with a 90 % interval."""
+    """
+    Mass in kg with a 90 % interval.
+
+    `determination`: share of the acceleration's variance that torque and speed explain.
+    """
 
     value: float
     low: float
     high: float
+    determination: float
+
+    @property
+    def is_accurate(self) -> bool:
+        """Whether torque and speed explain the acceleration well enough to correct a file."""
+        return self.determination >= _ACCURATE_DETERMINATION
 
 
 def implied_mass(
@@ -77,22 +91,25 @@ def implied_mass(
     rows = np.column_stack([torque, v_x**2, np.ones_like(v_x)])[used]
     target = a_x[used]
     solved, *_ = np.linalg.lstsq(rows, target, rcond=None)
-    left = target - rows @ solved
-    if solved[0] <= 0.0 or left.var() > (1.0 - _MIN_DETERMINATION) * target.var():
+    determination = 1.0 - float((target - rows @ solved).var() / max(target.var(), 1e-12))
+    if solved[0] <= 0.0 or determination < _MIN_DETERMINATION:
         return None
     rotating = wheel_inertia / wheel_radius**2
     slopes = _resampled(rows, target)
     low, high = np.quantile(1.0 / (np.maximum(slopes, 1e-9) * wheel_radius), [0.05, 0.95])
     value = 1.0 / (float(solved[0]) * wheel_radius)
-    return ImpliedMass(value - rotating, float(low) - rotating, float(high) - rotating)
+    return ImpliedMass(
+        value - rotating, float(low) - rotating, float(high) - rotating, determination
+    )
 
 
 def _resampled(rows: FloatArray, target: FloatArray) -> FloatArray:
     """Return the first coefficient of a regression for resampled blocks."""
     random = np.random.default_rng(0)
-    edges = np.arange(0, rows.shape[0], _BLOCK_ROWS)
-    normal = [rows[i : i + _BLOCK_ROWS].T @ rows[i : i + _BLOCK_ROWS] for i in edges]
-    right = [rows[i : i + _BLOCK_ROWS].T @ target[i : i + _BLOCK_ROWS] for i in edges]
+    size = min(_BLOCK_ROWS, rows.shape[0] // _MIN_BLOCKS)
+    edges = np.arange(0, rows.shape[0], size)
+    normal = [rows[i : i + size].T @ rows[i : i + size] for i in edges]
+    right = [rows[i : i + size].T @ target[i : i + size] for i in edges]
     out = []
     for _ in range(_RESAMPLES):
         chosen = random.integers(0, edges.size, edges.size)

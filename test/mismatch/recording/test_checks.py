@@ -17,7 +17,6 @@ from adk_ros.mismatch.recording.checks import (
     check_same_vehicle,
     check_torque_unit,
     check_vehicle,
-    effective_mass,
 )
 from adk_ros.mismatch.recording.implied_values import implied_mass, steering_unit
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -79,13 +78,15 @@ def test_recordings_without_a_common_speed_are_refused() -> None:
 
 def test_a_power_limit_does_not_contradict_the_vehicle_file() -> None:
     c = case("power_limit", power=3e4)
-    overall = effective_mass(c.recording, c.nominal.wheel_radius)
-    at_low_power = effective_mass(c.recording, c.nominal.wheel_radius, power_share=0.3)
+    radius, inertia = c.nominal.wheel_radius, 4.0 * c.nominal.wheel_inertia
+    overall = implied_mass(c.recording, radius, inertia)
+    at_low_power = implied_mass(c.recording, radius, inertia, power_share=0.3)
     assert overall is not None
     assert at_low_power is not None
-    # Torque beyond the power limit accelerates nothing: the effective mass is too high.
-    assert overall > 1.5 * at_low_power
-    assert at_low_power == pytest.approx(c.nominal.mass, rel=0.15)
+    # Torque beyond the power limit accelerates nothing: the implied mass is too high.
+    assert overall.value > 1.5 * at_low_power.value
+    assert not overall.is_accurate
+    assert at_low_power.value == pytest.approx(c.nominal.mass, rel=0.15)
     check_vehicle(c.nominal, c.recording)
 
 
