@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from adk_ros.mismatch.inference.decision import Decision
-from adk_ros.mismatch.inference.final_estimate import intervals
+from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
 from adk_ros.mismatch.inference.forward_selection import (
     SelectionPath,
     is_improvement,
@@ -36,7 +35,7 @@ def rejected_candidates(path: SelectionPath, decision: Decision) -> list[Rejecte
         out.append(
             RejectedCandidate(
                 active.effect.name,
-                intervals(active, deviation[: len(active.theta)]),
+                confidence_intervals(active, deviation[: len(active.theta)]),
                 # A loss below that of a perfect model has no excess to remove.
                 round((null.loss - h.loss) / max(path.null_excess_loss, null.loss - h.loss), 3),
                 active.activation.kind,

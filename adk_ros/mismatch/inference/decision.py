@@ -257,16 +257,10 @@ def _identified(
     deviation: Sequence[float],
     identifiability: Identifiability,
 ) -> IdentifiedEffect:
-    parameters = {
-        parameter.name: confidence_interval(parameter, theta, sigma)
-        for parameter, theta, sigma in zip(
-            active.effect.parameters, active.theta, deviation, strict=True
-        )
-    }
     activation = active.activation
     return IdentifiedEffect(
         active.effect,
-        parameters,
+        confidence_intervals(active, deviation),
         round(identifiability.confidence(), 3),
         identifiability.alternatives,
         activation.kind,
@@ -276,6 +270,16 @@ def _identified(
         activation.segments,
         activation.onset_s,
     )
+
+
+def confidence_intervals(active: ActiveEffect, deviation: Sequence[float]) -> dict[str, Interval]:
+    """Return an effect's parameters with their 90 % confidence intervals."""
+    return {
+        parameter.name: confidence_interval(parameter, theta, sigma)
+        for parameter, theta, sigma in zip(
+            active.effect.parameters, active.theta, deviation, strict=True
+        )
+    }
 
 
 def confidence_interval(parameter: EffectParameter, theta: float, sigma: float) -> Interval:

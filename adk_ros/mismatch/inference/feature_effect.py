@@ -7,10 +7,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from adk_ros.mismatch.inference.likelihood import ActiveEffect
 from adk_ros.mismatch.library.criteria import FEATURE_COEFFICIENT_BOUND
 from adk_ros.mismatch.library.effect import Effect, EffectParameter
+from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS, FeatureTerm
+from adk_ros.numerics.arrays import FloatArray
 
 EQUATION_TEXTS = {
     "v_x": "longitudinal acceleration",
@@ -18,6 +22,7 @@ EQUATION_TEXTS = {
     "yaw_rate": "yaw acceleration",
 }
 EQUATION_UNITS = {"v_x": "m/s^2", "v_y": "m/s^2", "yaw_rate": "rad/s^2"}
+_MIN_RMS = 1e-12
 _DIFFERENCE_STEPS = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.01}
 
 
@@ -57,6 +62,16 @@ def feature_as_effect(equation: str, feature: str, scale: float = 1.0) -> Featur
         feature=feature,
         scale=scale,
     )
+
+
+def active_feature(
+    equation: str, feature: str, values: FloatArray, coefficient: float = 0.0
+) -> ActiveEffect:
+    """Return a feature with `values` (n,) along a recording, and its SI coefficient, as active."""
+    scale = max(float(np.sqrt(np.mean(values**2))), _MIN_RMS)
+    weight = np.ascontiguousarray(values / scale)
+    effect = feature_as_effect(equation, feature, scale)
+    return ActiveEffect(effect, (coefficient * scale,), Activation(weight=weight))
 
 
 def catalogue_effects(effects: Sequence[ActiveEffect]) -> tuple[ActiveEffect, ...]:

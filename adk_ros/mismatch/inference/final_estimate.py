@@ -6,10 +6,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from adk_ros.mismatch.inference.decision import Decision, confidence_interval
+from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
 from adk_ros.mismatch.inference.fit_budget import FINAL
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Likelihood
-from adk_ros.mismatch.inference.result import Interval
+from adk_ros.mismatch.inference.likelihood import Likelihood
 
 
 def refitted(decision: Decision, likelihood: Likelihood) -> Decision:
@@ -32,7 +31,7 @@ def refitted(decision: Decision, likelihood: Likelihood) -> Decision:
         effects.append(
             replace(
                 identified,
-                parameters=intervals(active, deviation),
+                parameters=confidence_intervals(active, deviation),
                 time_intervals_s=activation.intervals(likelihood.problem),
                 segments=activation.segments,
                 onset_s=activation.onset_s,
@@ -49,13 +48,3 @@ def refitted(decision: Decision, likelihood: Likelihood) -> Decision:
         unmodelled=unmodelled,
         unexplained=unexplained,
     )
-
-
-def intervals(active: ActiveEffect, deviation: list[float]) -> dict[str, Interval]:
-    """Return an effect's parameters with their 90 % intervals."""
-    return {
-        parameter.name: confidence_interval(parameter, theta, sigma)
-        for parameter, theta, sigma in zip(
-            active.effect.parameters, active.theta, deviation, strict=True
-        )
-    }

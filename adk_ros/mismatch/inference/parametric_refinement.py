@@ -16,6 +16,7 @@ import numpy as np
 
 from adk_ros.mismatch.inference.feature_effect import (
     FeatureEffect,
+    active_feature,
     feature_as_effect,
     feature_terms,
 )
@@ -33,7 +34,6 @@ from adk_ros.mismatch.library.parametric_features import (
     parsed,
     resonance_name,
 )
-from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.feature_terms import feature_signals
 from adk_ros.numerics.arrays import FloatArray
 
@@ -158,9 +158,6 @@ def _moved(name: str, log_change: FloatArray) -> str:
 def _renamed(active: ActiveEffect, name: str, signals: Signals) -> ActiveEffect:
     """Return another feature in the same equation, of the same size."""
     assert isinstance(active.effect, FeatureEffect)
-    values = feature(name).function(signals)
-    scale = max(float(np.sqrt(np.mean(values**2))), 1e-12)
-    effect = feature_as_effect(active.effect.equations[0], name, scale)
     coefficient = active.effect.term(active.theta[0]).coefficient
-    weight = np.ascontiguousarray(values / scale)
-    return ActiveEffect(effect, (coefficient * scale,), Activation(weight=weight))
+    values = feature(name).function(signals)
+    return active_feature(active.effect.equations[0], name, values, coefficient)

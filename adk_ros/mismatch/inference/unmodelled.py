@@ -12,20 +12,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from adk_ros.mismatch.inference.feature_effect import (
     EQUATION_TEXTS,
     EQUATION_UNITS,
     FeatureEffect,
-    feature_as_effect,
     feature_terms,
 )
+from adk_ros.mismatch.inference.feature_screening import FeatureScreening
 from adk_ros.mismatch.inference.fit_budget import FEATURE, FEATURE_REFIT
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
-from adk_ros.mismatch.inference.linear_response import LinearResponse
 from adk_ros.mismatch.inference.parametric_refinement import refined, with_siblings
-from adk_ros.mismatch.inference.parametric_search import ParametricSearch
 from adk_ros.mismatch.inference.result import UnexplainedResidual
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
 from adk_ros.mismatch.inference.term_meaning import Body, meaning
@@ -40,20 +36,16 @@ from adk_ros.mismatch.library.criteria import (
     MAX_FEATURE_REFITS,
     MAX_FEATURES,
     MAX_FEATURES_FITTED,
-    MAX_PARAMETRIC_SCREENED,
     MIN_GAIN_PER_SURROGATE_ERROR,
     MIN_SCREENED_GAIN_FEATURE,
     PENALTY_PER_LOCATION,
     PENALTY_PER_PARAMETER,
 )
-from adk_ros.mismatch.library.features import FEATURES, feature, feature_matrix
+from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.parametric_features import searched_parameters
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
-from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.feature_terms import (
-    EQUATION_PARAMETERS,
     FeatureTerm,
-    feature_signals,
 )
 from adk_ros.numerics.arrays import FloatArray
 
@@ -105,9 +97,9 @@ class UnmodelledDynamics:
 
     def penalised_loss(self) -> float:
         """Return the loss with the penalties for coefficients and searched parameters."""
-        penalty = PENALTY_PER_PARAMETER * len(self.terms)
-        for term in self.terms:
-            penalty += PENALTY_PER_LOCATION * searched_parameters(term.feature)
+        # A feature in two equations has its parameters in common.
+        searched = sum(searched_parameters(name) for name in {x.feature for x in self.terms})
+        penalty = PENALTY_PER_PARAMETER * len(self.terms) + PENALTY_PER_LOCATION * searched
         return self.hypothesis.loss + penalty
 
     def refitted(self, hypothesis: Hypothesis) -> UnmodelledDynamics:
@@ -141,25 +133,23 @@ def fit_feature_expansion(
 
     `parametric`: also by features with a memory, a threshold or an oscillation.
     """
-    library = _FeatureLibrary.of(likelihood, start, parametric)
+    screening = FeatureScreening.of(likelihood, start, parametric)
     jacobian = likelihood.nuisance_jacobian(start)
     current = start
     excess = max(start.loss - expected_loss, 0.0)
-    least = max(
-        FEATURE_MIN_GAIN + MIN_GAIN_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof(),
-        FEATURE_MIN_GAIN_PER_EXCESS * excess,
-    )
-    least_sibling = FEATURE_MIN_GAIN + MIN_GAIN_PER_SURROGATE_ERROR * (
-        likelihood.surrogate_error_dof()
-    )
+    surrogate_error = MIN_GAIN_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof()
+    least_sibling = FEATURE_MIN_GAIN + surrogate_error
+    least = max(least_sibling, FEATURE_MIN_GAIN_PER_EXCESS * excess)
     gains: list[float] = []
     while len(feature_terms(current.effects)) < MAX_FEATURES:
         linearised = LinearisedProblem(likelihood, current, jacobian)
-        extended = _best_extension(linearised, library.screen(linearised), jacobian, least)
+        extended = _best_extension(linearised, screening.candidates(linearised), jacobian, least)
         if extended is None:
             break
         polished = refined(likelihood, extended, jacobian)
-        polished = with_siblings(likelihood, polished, jacobian, library.equations, least_sibling)
+        polished = with_siblings(
+            likelihood, polished, jacobian, screening.equations, least_sibling
+        )
         if polished is not extended:
             extended = likelihood.fit(
                 polished.effects, nuisances=polished.nuisances, budget=FEATURE_REFIT
@@ -177,59 +167,6 @@ def fit_feature_expansion(
     names = ("mass", "yaw_inertia", "wheel_radius")
     body = Body(*(float(likelihood.parameters[INDEX[name]]) for name in names))
     return UnmodelledDynamics(share, terms, current, body)
-
-
-@dataclass(frozen=True)
-class _FeatureLibrary:
-    """The observable features along a recording: `table` (n, k) of `names`, RMS `scale` (k,)."""
-
-    names: list[str]
-    equations: list[str]
-    table: FloatArray
-    scale: FloatArray
-    search: ParametricSearch | None
-
-    @classmethod
-    def of(
-        cls, likelihood: Likelihood, hypothesis: Hypothesis, parametric: bool
-    ) -> _FeatureLibrary:
-        problem = likelihood.problem
-        p, terms = likelihood.simulation_inputs(hypothesis.nuisances, hypothesis.effects)
-        signals = feature_signals(problem, problem.run(p, terms))
-        names = [name for name in FEATURES if name not in likelihood.unobservable]
-        table = feature_matrix(names, signals)
-        scale = _scale_of(table)
-        equations = [name for name in EQUATION_PARAMETERS if name not in likelihood.unobservable]
-        search = ParametricSearch(signals, equations, names) if parametric else None
-        return cls(names, equations, table, scale, search)
-
-    def screen(self, linearised: LinearisedProblem) -> list[Candidate]:
-        """Return every feature in every equation that the hypothesis does not have."""
-        out = []
-        for equation in self.equations:
-            for j, name in enumerate(self.names):
-                weight = np.ascontiguousarray(self.table[:, j] / self.scale[j])
-                effect = feature_as_effect(equation, name, float(self.scale[j]))
-                if effect.name not in linearised.hypothesis.names:
-                    out.append(linearised.screen_effect(effect, Activation(weight=weight))[0])
-        if self.search is not None:
-            response = LinearResponse.of(linearised)
-            for found in self.search.best(response, MAX_PARAMETRIC_SCREENED):
-                values = self.search.values(found.name)
-                size = float(_scale_of(values[:, None])[0])
-                weight = np.ascontiguousarray(values / size)
-                effect = feature_as_effect(found.equation, found.name, size)
-                if effect.name in linearised.hypothesis.names:
-                    continue
-                exact = linearised.screen_effect(effect, Activation(weight=weight))[0]
-                gain = exact.gain - PENALTY_PER_LOCATION * searched_parameters(found.name)
-                out.append(Candidate(exact.active, gain))
-        return out
-
-
-def _scale_of(table: FloatArray) -> FloatArray:
-    """Return the RMS (k,) of features (n, k)."""
-    return np.asarray(np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-12))
 
 
 def _cost(h: Hypothesis) -> float:

@@ -16,7 +16,11 @@ import numpy as np
 import pytest
 from helpers.mismatch import case
 
-from adk_ros.mismatch.inference.feature_effect import feature_as_effect, feature_terms
+from adk_ros.mismatch.inference.feature_effect import (
+    active_feature,
+    feature_as_effect,
+    feature_terms,
+)
 from adk_ros.mismatch.inference.fit_budget import FEATURE, NULL_HYPOTHESIS
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
 from adk_ros.mismatch.inference.linear_response import LinearResponse
@@ -55,11 +59,8 @@ def signals_of(likelihood: Likelihood, h: Hypothesis) -> Signals:
     return feature_signals(likelihood.problem, likelihood.problem.run(p, terms))
 
 
-def active(equation: str, name: str, signals: Signals, coefficient: float) -> ActiveEffect:
-    values = feature(name).function(signals)
-    scale = float(np.sqrt(np.mean(values**2)))
-    effect = feature_as_effect(equation, name, scale)
-    return ActiveEffect(effect, (coefficient * scale,), Activation(weight=values / scale))
+def in_equation(equation: str, name: str, signals: Signals, coefficient: float) -> ActiveEffect:
+    return active_feature(equation, name, feature(name).function(signals), coefficient)
 
 
 @pytest.mark.parametrize("equation", ["v_x", "v_y", "yaw_rate"])
@@ -139,7 +140,7 @@ def test_refinement_finds_the_parameters_and_the_other_equation() -> None:
     likelihood, null, jacobian = problem_with(("v_y", true, 0.08), ("yaw_rate", true, -0.03))
     signals = signals_of(likelihood, null)
     start = likelihood.fit(
-        [active("v_y", "resonance:a_y:0.57:0.12", signals, -0.05)],
+        [in_equation("v_y", "resonance:a_y:0.57:0.12", signals, -0.05)],
         nuisances=null.nuisances,
         budget=FEATURE,
         jacobian=jacobian,
@@ -161,7 +162,7 @@ def test_refinement_leaves_features_without_memory_alone() -> None:
     likelihood, null, jacobian = problem_with()
     signals = signals_of(likelihood, null)
     start = likelihood.fit(
-        [active("v_x", "speed", signals, 0.0)], nuisances=null.nuisances, jacobian=jacobian
+        [in_equation("v_x", "speed", signals, 0.0)], nuisances=null.nuisances, jacobian=jacobian
     )
     assert refined(likelihood, start, jacobian) is start
     assert with_siblings(likelihood, start, jacobian, ["v_y"], 0.0) is start
