@@ -18,6 +18,7 @@ from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import DISCRIMINATION_LOSS, INDISTINGUISHABLE_LOSS
 from adk_ros.mismatch.library.effect import PLACE, TIME, EffectParameter
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
+from adk_ros.mismatch.report.effect_vocabulary import DIRECT_MEASUREMENTS
 from adk_ros.mismatch.report.summary import (
     activation_text,
     has_only_sensor_faults,
@@ -26,7 +27,6 @@ from adk_ros.mismatch.report.summary import (
 )
 from adk_ros.mismatch.report.vocabulary import (
     CHANNEL_TITLES,
-    DIRECT_MEASUREMENTS,
     STATES,
     listed,
     quantity,

@@ -22,12 +22,11 @@ from adk_ros.mismatch.library.effect import PLACE, TIME, Effect
 from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
+from adk_ros.mismatch.report.effect_vocabulary import EFFECT_VOCABULARY, THAN
+from adk_ros.mismatch.report.quantities import Quantity
 from adk_ros.mismatch.report.vocabulary import (
     CHANNEL_TITLES,
-    EFFECT_VOCABULARY,
     STATES,
-    THAN,
-    Quantity,
     listed,
     quantity,
     title,

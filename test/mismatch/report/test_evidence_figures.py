@@ -26,6 +26,7 @@ from adk_ros.mismatch.inference.likelihood import ActiveEffect, inactive_effect
 from adk_ros.mismatch.inference.result import Interval, RejectedCandidate
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.report import report_tables
+from adk_ros.mismatch.report.effect_vocabulary import DIRECT_MEASUREMENTS
 from adk_ros.mismatch.report.location_figures import inside, line_of, residual_to_noise
 from adk_ros.mismatch.report.residual_trends import (
     BINS,
@@ -36,7 +37,6 @@ from adk_ros.mismatch.report.residual_trends import (
     effect_residual_trend,
     feature_residual_trend,
 )
-from adk_ros.mismatch.report.vocabulary import DIRECT_MEASUREMENTS
 
 
 def test_drag_shows_in_the_accelerometer_over_speed_squared() -> None:

@@ -15,6 +15,8 @@ from adk_ros.mismatch.inference.likelihood import ActiveEffect
 from adk_ros.mismatch.inference.result import Interval, MissingChannel
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect import PLACE
+from adk_ros.mismatch.report.effect_vocabulary import EFFECT_VOCABULARY
+from adk_ros.mismatch.report.quantities import Quantity
 from adk_ros.mismatch.report.report_tables import error_rows
 from adk_ros.mismatch.report.residual_trends import EXPLAINS
 from adk_ros.mismatch.report.result_files import as_dict, where_text
@@ -26,14 +28,7 @@ from adk_ros.mismatch.report.summary import (
     sentence,
     verdict_text,
 )
-from adk_ros.mismatch.report.vocabulary import (
-    EFFECT_VOCABULARY,
-    Quantity,
-    listed,
-    quantity,
-    title,
-    unit_text,
-)
+from adk_ros.mismatch.report.vocabulary import listed, quantity, title, unit_text
 
 POWER = EFFECT_VOCABULARY["power_limit"].quantities["power"]
 
