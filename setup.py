@@ -71,6 +71,7 @@ setup(
         "rich>=13.7",
         "rosbags>=0.11.9",
         "ruamel.yaml>=0.17",
+        "scipy>=1.11",
         "torch>=2.13",
         "typer>=0.15",
     ],

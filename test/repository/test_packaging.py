@@ -49,6 +49,7 @@ KEYS = {
     "python3-rich": ("rich", "rich"),
     "python3-rosbags-pip": ("rosbags", "rosbags"),
     "python3-ruamel.yaml": ("ruamel-yaml", "ruamel"),
+    "python3-scipy": ("scipy", "scipy"),
     "python3-torch": ("torch", "torch"),
     "python3-typer": ("typer", "typer"),
     "python3-yaml": ("pyyaml", "yaml"),
