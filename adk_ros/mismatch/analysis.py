@@ -20,8 +20,8 @@ from adk_ros.mismatch.inference.experiment_design import (
     most_discriminating_manoeuvre,
 )
 from adk_ros.mismatch.inference.feature_effect import catalogue_effects
-from adk_ros.mismatch.inference.final_estimate import refitted
-from adk_ros.mismatch.inference.forward_selection import select_effects
+from adk_ros.mismatch.inference.final_estimate import refitted, with_confidence
+from adk_ros.mismatch.inference.forward_selection import select_effects, selection_steps
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.observability import (
     ObservableEffects,
@@ -29,7 +29,7 @@ from adk_ros.mismatch.inference.observability import (
     observable_effects,
     with_pseudo_imu,
 )
-from adk_ros.mismatch.inference.result import NONE, IdentifiedEffect, MismatchResult
+from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE, SURROGATE_ERROR_AS_NOISE
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
@@ -126,7 +126,7 @@ def identify_mismatch(
         surrogate, decision.hypothesis, lap, evidence, analysis.not_predicted()
     )
     decision = coherent(decision, validation)
-    decision = refitted(decision, likelihood)
+    decision = with_confidence(refitted(decision, likelihood), validation.error_ratio)
     correction = exported(decision.hypothesis, validation.export)
     discriminability = _discriminability(surrogate, decision, analysis.problem)
     tied = [e for e in decision.effects if e.alternatives]
@@ -149,7 +149,7 @@ def identify_mismatch(
         ),
         series=residual_series(likelihood, decision.hypothesis, lap),
         surrogate_error=dict(zip(CHANNELS, (float(x) for x in surrogate.error), strict=True)),
-        losses=[("+".join(level[0].names) or NONE, level[0].loss) for level in path.levels],
+        steps=selection_steps(path),
         expected_loss=path.expected_loss,
         lap_m=None if lap is None else lap.length,
         profiles=path.profiles,
@@ -159,7 +159,7 @@ def identify_mismatch(
         not_judged=sorted(analysis.observable.unobservable & set(EFFECTS)),
         discriminability=discriminability,
         held_out=held_out_result(validation, evidence),
-        candidates=rejected_candidates(path, decision),
+        candidates=rejected_candidates(training, path, decision),
     )
 
 

@@ -67,6 +67,11 @@ class Validation:
     held_out_yaml: str
     raised: tuple[str, ...] = ()
 
+    @property
+    def error_ratio(self) -> float:
+        """Largest error over what a correct model explains; 0 where no state is judged."""
+        return float(np.nanmax(np.append(self.errors.explained_ratio(), 0.0)))
+
 
 def validate_on_held_out(
     surrogate: SurrogateModel,

@@ -19,6 +19,7 @@ from adk_ros.mismatch.inference.result import (
     Interval,
     MismatchResult,
     ResidualSeries,
+    SelectionStep,
     UnexplainedResidual,
 )
 from adk_ros.mismatch.inference.segments import SpatialProfile
@@ -96,7 +97,10 @@ def result_of(missing: str = "", effects: tuple[IdentifiedEffect, ...] = ()) -> 
         corrected_yaml="model: stand_in\nterms: []\n",
         series=series(missing),
         surrogate_error=dict.fromkeys(CHANNELS, 1e-3),
-        losses=[(NONE, 52000.0), *([("+".join(names), 16400.0)] if names else [])],
+        steps=[
+            SelectionStep((), 52000.0),
+            *([SelectionStep(tuple(names), 16400.0, 35600.0, 9000.0)] if names else []),
+        ],
         expected_loss=16000.0,
         lap_m=LAP,
         profiles=[],

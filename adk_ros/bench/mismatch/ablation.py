@@ -229,8 +229,9 @@ def run_ablation(
             f"{recording.name}, {name or 'nothing'} removed", label, as_dict(found)
         )
         result.cpu_s = time.process_time() - started
-        (_, nothing), (best, least) = (*found.losses, ("", found.losses[0][1]))[:2]
-        out.append(AblationResult(recording.name, name, result, best, 1.0 - least / nothing))
+        first, second = (*found.steps, found.steps[0])[:2]
+        gained = 1.0 - second.loss / first.loss
+        out.append(AblationResult(recording.name, name, result, "+".join(second.names), gained))
     tell(1.0, 1.0, "")
     return out
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from adk_ros.mismatch.inference.block_scores import effect_deviations
 from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
 from adk_ros.mismatch.inference.forward_selection import (
     SelectionPath,
@@ -11,16 +12,19 @@ from adk_ros.mismatch.inference.forward_selection import (
     min_required_gain,
     penalised_loss,
 )
-from adk_ros.mismatch.inference.likelihood import Hypothesis
+from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
 from adk_ros.mismatch.inference.result import RejectedCandidate
 from adk_ros.mismatch.library.criteria import MAX_CANDIDATES_LISTED
 
 
-def rejected_candidates(path: SelectionPath, decision: Decision) -> list[RejectedCandidate]:
+def rejected_candidates(
+    likelihood: Likelihood, path: SelectionPath, decision: Decision
+) -> list[RejectedCandidate]:
     """
     Return the single effects that gain most and are not part of the decision.
 
-    Each was fitted alone, to the training part; `share` is that of the excess loss it removes.
+    Each was fitted alone, to the training part, whose `likelihood` is given; `share` is that of
+    the excess loss it removes.
     """
     null = path.levels[0][0]
     claimed = {effect.effect.name for effect in decision.effects}
@@ -30,12 +34,11 @@ def rejected_candidates(path: SelectionPath, decision: Decision) -> list[Rejecte
         active = h.effects[0]
         if active.effect.name in claimed | {c.name for c in out} or h.loss >= null.loss:
             continue
-        assert h.fit is not None
-        deviation = [float(x) for x in h.fit.deviation()[h.nuisances.shape[0] :]]
+        deviation = effect_deviations(likelihood, h)[0]
         out.append(
             RejectedCandidate(
                 active.effect.name,
-                confidence_intervals(active, deviation[: len(active.theta)]),
+                confidence_intervals(active, deviation),
                 # A loss below that of a perfect model has no excess to remove.
                 round((null.loss - h.loss) / max(path.null_excess_loss, null.loss - h.loss), 3),
                 active.activation.kind,

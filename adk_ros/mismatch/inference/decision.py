@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from adk_ros.mismatch.inference.block_scores import BlockScores, effect_deviations
+from adk_ros.mismatch.inference.confidence import UNLISTED, Evidence
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import FINAL, REPLACEMENT
 from adk_ros.mismatch.inference.forward_selection import (
@@ -30,9 +32,9 @@ from adk_ros.mismatch.inference.result import (
     Interval,
     UnexplainedResidual,
 )
+from adk_ros.mismatch.inference.significance import significant_effects
 from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics, fit_feature_expansion
 from adk_ros.mismatch.library.criteria import (
-    COLOURED_NOISE_INFLATION,
     FEATURE_PREFERENCE_RATIO,
     MAX_EXCESS_PER_NOISE,
     MAX_EXCESS_PER_NULL_EXCESS,
@@ -40,14 +42,12 @@ from adk_ros.mismatch.library.criteria import (
     MAX_UNSTRUCTURED_EXCESS,
     MIN_GAIN,
     MIN_GAIN_PER_SURROGATE_ERROR,
-    MIN_SEGMENT_TRANSITIONS,
     MIN_UNSTRUCTURED_EXCESS,
     REPLACEMENT_LOSS,
     SYSTEMATIC_ERROR_PER_MATERIALITY,
     SYSTEMATIC_ERROR_SHARE,
 )
 from adk_ros.mismatch.library.effect import EffectParameter
-from adk_ros.mismatch.surrogate.activation import TRANSITION_LENGTH_M
 from adk_ros.numerics.constants import GRAVITY, QUANTILE_90
 
 
@@ -65,22 +65,29 @@ class Decision:
 def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
     """Decide between no mismatch, effects, and unmodelled dynamics."""
     best = path.best()
-    unmodelled = _unmodelled_dynamics(likelihood, path, best)
+    unmodelled, formula = _unmodelled_dynamics(likelihood, path, best)
     if unmodelled is not None:
         best = unmodelled.hypothesis
     elif not best.effects:
         return Decision(NONE, [], None, best, None)
     final = _fit_final(likelihood, best.effects, best)
     final, identifiability = _resolve_competitors(likelihood, _canonicalised(likelihood, final))
-    significant = _significant(final)
+    significant = significant_effects(likelihood, final, path.examined)
     if len(significant) < len(final.effects):
         final = _fit_final(likelihood, significant, final)
         final, identifiability = _resolve_competitors(likelihood, final)
     if not final.effects:
         return Decision(NONE, [], None, final, None)
-    deviations = final.standard_deviations()
+    deviations = effect_deviations(likelihood, final)
+    evidence_of = _evidence(likelihood, formula, path.levels[0][0].loss - final.loss)
     effects = [
-        _identified(likelihood, active, deviations[i], identifiability[i])
+        _identified(
+            likelihood,
+            active,
+            deviations[i],
+            identifiability[i],
+            evidence_of(identifiability[i]),
+        )
         for i, active in enumerate(final.effects)
         if i in identifiability
     ]
@@ -89,35 +96,27 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
     return Decision(UNKNOWN, effects, unmodelled.unexplained(), final, unmodelled)
 
 
+def _evidence(
+    likelihood: Likelihood, formula: UnmodelledDynamics | None, total_gain: float
+) -> Callable[[Identifiability], Evidence]:
+    """Return what makes the evidence of an effect; `formula` describes the data without any."""
+    alternatives = []
+    if formula is not None and formula.terms:
+        scores = BlockScores.of(likelihood, formula.hypothesis)
+        alternatives.append((UNLISTED, scores.left_out_losses()))
+
+    def of_effect(identifiability: Identifiability) -> Evidence:
+        every = [*identifiability.alternatives_to, *alternatives]
+        differences = np.array([losses - identifiability.losses for _, losses in every])
+        return Evidence(tuple(name for name, _ in every), differences, total_gain)
+
+    return of_effect
+
+
 def _fit_final(
     likelihood: Likelihood, effects: Sequence[ActiveEffect], start: Hypothesis
 ) -> Hypothesis:
     return likelihood.fit(effects, nuisances=start.nuisances, budget=FINAL, fit_activation=True)
-
-
-def _significant(h: Hypothesis) -> list[ActiveEffect]:
-    """
-    Return the effects that are material, significantly non-zero, and in segments of some length.
-
-    Next to a large effect whose equation is inexact, a small one may reduce the loss without being
-    present; its size is then uncertain, or its segments shrink to less than their transitions.
-    """
-    shortest = MIN_SEGMENT_TRANSITIONS * TRANSITION_LENGTH_M
-    kept = []
-    for active, deviation in zip(h.effects, h.standard_deviations(), strict=True):
-        non_zero = any(
-            abs(theta - parameter.theta_neutral) > QUANTILE_90 * COLOURED_NOISE_INFLATION * sigma
-            for parameter, theta, sigma in zip(
-                active.effect.parameters, active.theta, deviation, strict=True
-            )
-        )
-        segments = active.activation.segments
-        extended = not segments or any(b - a > shortest for a, b in segments)
-        if isinstance(active.effect, FeatureEffect) or (
-            active.is_material() and non_zero and extended
-        ):
-            kept.append(active)
-    return kept
 
 
 def _resolve_competitors(
@@ -151,9 +150,9 @@ def _resolve_competitors(
 
 def _unmodelled_dynamics(
     likelihood: Likelihood, path: SelectionPath, best: Hypothesis
-) -> UnmodelledDynamics | None:
+) -> tuple[UnmodelledDynamics | None, UnmodelledDynamics | None]:
     """
-    Return the unmodelled dynamics if the excess loss is material, otherwise None.
+    Return the unmodelled dynamics if the excess is material, and the expression without effects.
 
     Candidates are an expression alone, and an expression in addition to the effects of `best`.
     """
@@ -163,7 +162,7 @@ def _unmodelled_dynamics(
         or excess < MAX_EXCESS_PER_NULL_EXCESS * path.null_excess_loss
     )
     if small and not best.effects:
-        return None
+        return None, None
     at_bound = _is_at_bound(best)
     # No expression fits better than one effect that leaves only noise: do not search for it.
     searched = not (small and len(best.effects) == 1 and not at_bound)
@@ -177,13 +176,13 @@ def _unmodelled_dynamics(
     if not best.effects:
         # An excess that no effect and no feature reduces is the surrogate's error on this route.
         structured = alone.terms or excess > MIN_UNSTRUCTURED_EXCESS * path.expected_loss
-        return alone if structured else None
+        return (alone if structured else None), alone
     if prefers_feature_model(alone, best, path):
-        return alone
+        return alone, alone
     if small and not at_bound:
-        return None
+        return None, alone
     if at_bound:
-        return alone if alone.terms else None
+        return (alone if alone.terms else None), alone
     explains_most = excess < MAX_UNSTRUCTURED_EXCESS * path.null_excess_loss
     # What an inexact equation leaves, a searched parameter can always reduce a little.
     combined = fit_feature_expansion(
@@ -200,11 +199,11 @@ def _unmodelled_dynamics(
     if excess_alone < FEATURE_PREFERENCE_RATIO * max(
         excess_combined, MAX_EXCESS_PER_NOISE * path.expected_loss
     ) and (not alone.is_searched or alone.penalised_loss() < penalised_loss(best)):
-        return alone
+        return alone, alone
     # Effects explain most, and the residual depends on no feature: their equations are inexact.
     if not combined.terms and explains_most:
-        return None
-    return combined
+        return None, alone
+    return combined, alone
 
 
 def _is_at_bound(h: Hypothesis) -> bool:
@@ -238,7 +237,7 @@ def prefers_feature_model(
 
 def _canonicalised(likelihood: Likelihood, h: Hypothesis) -> Hypothesis:
     """Replace effects by their canonical equivalents."""
-    deviations = h.standard_deviations()
+    deviations = effect_deviations(likelihood, h)
     effects = list(h.effects)
     changed = False
     for i, active in enumerate(effects):
@@ -256,12 +255,13 @@ def _identified(
     active: ActiveEffect,
     deviation: Sequence[float],
     identifiability: Identifiability,
+    evidence: Evidence,
 ) -> IdentifiedEffect:
     activation = active.activation
     return IdentifiedEffect(
         active.effect,
         confidence_intervals(active, deviation),
-        round(identifiability.confidence(), 3),
+        np.nan,
         identifiability.alternatives,
         activation.kind,
         activation.intervals(likelihood.problem),
@@ -269,6 +269,7 @@ def _identified(
         identifiability.competitors,
         activation.segments,
         activation.onset_s,
+        evidence=evidence,
     )
 
 
@@ -286,14 +287,14 @@ def confidence_interval(parameter: EffectParameter, theta: float, sigma: float) 
     """
     Return a parameter's 90 % confidence interval.
 
-    The variance of theta is (inflation sigma)^2 + (share |theta - neutral|)^2 + (share
-    threshold)^2: statistical, from the inexact equation, and from the materiality threshold.
+    The variance of theta is sigma^2 + (share |theta - neutral|)^2 + (share threshold)^2:
+    statistical, from the inexact equation, and from the materiality threshold.
     """
     systematic = SYSTEMATIC_ERROR_SHARE * abs(theta - parameter.theta_neutral)
     if not parameter.inverse:
         floor = SYSTEMATIC_ERROR_PER_MATERIALITY * parameter.materiality_threshold
         systematic = float(np.hypot(systematic, floor))
-    half = QUANTILE_90 * float(np.hypot(COLOURED_NOISE_INFLATION * sigma, systematic))
+    half = QUANTILE_90 * float(np.hypot(sigma, systematic))
     ends = sorted(
         parameter.value(max(x, 1e-12) if parameter.inverse else x)
         for x in (theta - half, theta + half)

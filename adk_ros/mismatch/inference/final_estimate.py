@@ -1,11 +1,13 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Final estimate: the sizes of decided effects from the whole recording."""
+"""Final estimate: sizes from the whole recording, and the posterior probability of effects."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+from adk_ros.mismatch.inference.block_scores import effect_deviations
+from adk_ros.mismatch.inference.confidence import ConfidenceModel
 from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
 from adk_ros.mismatch.inference.fit_budget import FINAL
 from adk_ros.mismatch.inference.likelihood import Likelihood
@@ -19,7 +21,7 @@ def refitted(decision: Decision, likelihood: Likelihood) -> Decision:
     """
     h = decision.hypothesis
     final = likelihood.fit(h.effects, nuisances=h.nuisances, budget=FINAL, fit_activation=True)
-    deviations = final.standard_deviations()
+    deviations = effect_deviations(likelihood, final)
     fitted = {
         (active.effect.name, active.activation.kind): (active, deviation)
         for active, deviation in zip(final.effects, deviations, strict=True)
@@ -48,3 +50,19 @@ def refitted(decision: Decision, likelihood: Likelihood) -> Decision:
         unmodelled=unmodelled,
         unexplained=unexplained,
     )
+
+
+def with_confidence(decision: Decision, error_ratio: float) -> Decision:
+    """
+    Return a decision with the posterior probability of each effect.
+
+    `error_ratio`: largest held-out error over what a correct model explains.
+    """
+    model = ConfidenceModel()
+    effects = []
+    for identified in decision.effects:
+        assert identified.evidence is not None
+        posterior = model.posterior(identified.evidence, error_ratio)
+        confidence = max(1.0 - sum(posterior.values()), 0.0)
+        effects.append(replace(identified, confidence=round(confidence, 3), posterior=posterior))
+    return replace(decision, effects=effects)

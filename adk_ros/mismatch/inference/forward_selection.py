@@ -20,11 +20,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from adk_ros.mismatch.inference.block_scores import BLOCK_S
 from adk_ros.mismatch.inference.change_points import locate_change_point
 from adk_ros.mismatch.inference.fit_budget import JOINT, NULL_HYPOTHESIS, SCREENING
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.result import SelectionStep
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
-from adk_ros.mismatch.inference.segments import SpatialProfile, fit_segments, refine_segments
+from adk_ros.mismatch.inference.segments import (
+    BINS,
+    SpatialProfile,
+    fit_segments,
+    refine_segments,
+)
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
     BEAM_EXCESS_SHARE,
@@ -73,6 +80,8 @@ class SelectionPath:
     """Excess loss before any effect."""
     surrogate_error_dof: float = 0.0
     """Number of residuals that the surrogate's own error accounts for."""
+    examined: int = 0
+    """Number of effects, places and onsets among which the first effect was chosen."""
 
     def best(self) -> Hypothesis:
         """Return the largest hypothesis each of whose effects is accepted."""
@@ -82,6 +91,17 @@ class SelectionPath:
                 break
             chosen = level[0]
         return chosen
+
+
+def selection_steps(path: SelectionPath) -> list[SelectionStep]:
+    """Return the best hypothesis of each size, with what its last effect gained."""
+    steps = [SelectionStep((), path.levels[0][0].loss)]
+    for before, level in zip(path.levels, path.levels[1:], strict=False):
+        best = level[0]
+        gain = penalised_loss(before[0]) - penalised_loss(best)
+        required = min_required_gain(before[0], path)
+        steps.append(SelectionStep(best.names, best.loss, gain, required))
+    return steps
 
 
 def penalised_loss(h: Hypothesis) -> float:
@@ -123,6 +143,7 @@ def select_effects(
     path.null_excess_loss = max(null.loss - path.expected_loss, 0.0)
     path.surrogate_error_dof = likelihood.surrogate_error_dof()
     path.levels.append([null])
+    path.examined = _examined(likelihood, lap)
     beam = [null]
     for size in range(1, max_effects + 1):
         level: list[Hypothesis] = []
@@ -216,6 +237,21 @@ def _screen(linearised: LinearisedProblem, lap: Lap | None, path: SelectionPath)
             path.profiles.append(profile)
             out.segments += [candidate] if candidate is not None else []
     return out
+
+
+def _examined(likelihood: Likelihood, lap: Lap | None) -> int:
+    """
+    Return the number of effects, onsets and places that one extension examines.
+
+    Onsets within a block are not independent, nor are segments within a bin of the lap.
+    """
+    effects = [x for x in EFFECTS.values() if x.name not in likelihood.unobservable]
+    problem = likelihood.problem
+    onsets = int((min(problem.bin_s[-1], likelihood.until_s) - problem.start_s) / BLOCK_S)
+    always = sum(len(x.parameters) for x in effects if ALWAYS in x.activations)
+    timed = sum(TIME in x.activations for x in effects)
+    placed = 0 if lap is None else sum(PLACE in x.activations for x in effects)
+    return always + timed * onsets + placed * BINS
 
 
 def _top_candidates(candidates: list[Candidate], least: float, count: int) -> list[ActiveEffect]:

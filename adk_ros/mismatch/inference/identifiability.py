@@ -14,24 +14,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
+from adk_ros.mismatch.inference.block_scores import BlockScores
+from adk_ros.mismatch.inference.confidence import ABSENT
 from adk_ros.mismatch.inference.fit_budget import ABLATION, COMPETITOR, COMPETITOR_REFIT
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
     COMPETITOR_REFIT_MARGINS,
-    CONFIDENCE_MARGINS,
-    CONFIDENCE_NULL_LOSS,
     CONFUSABLE_GAIN_FACTOR,
     GYRO_BIAS_SIGMAS,
     INDISTINGUISHABLE_LOSS,
     INDISTINGUISHABLE_LOSS_SHARE,
     MAX_COMPETITORS,
-    MAX_CONFIDENCE,
 )
 from adk_ros.mismatch.library.effect import ALWAYS, PLACE, Effect
+from adk_ros.numerics.arrays import FloatArray
 
 STRUCTURALLY_EQUIVALENT: dict[str, tuple[str, ...]] = {
     "drive_torque_gain": ("wheel_radius",),
@@ -53,26 +51,22 @@ class CompetingEffect:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """The loss an effect saves, and its competing effects, closest first."""
+    """
+    The loss an effect saves, and its competing effects, closest first.
+
+    `alternatives_to`: name and losses (b,) on blocks left out of what may be in its place, those
+    that the data do not distinguish from it excepted; `losses` (b,) those with the effect.
+    """
 
     gain: float
     competitors: tuple[CompetingEffect, ...]
+    losses: FloatArray
+    alternatives_to: tuple[tuple[str, FloatArray], ...]
 
     @property
     def alternatives(self) -> list[str]:
         """Names of effects that the data do not distinguish from it."""
         return [competitor.name for competitor in self.competitors if competitor.alternative]
-
-    def confidence(self) -> float:
-        """Return a heuristic score between 0 and 1 that the name is right: no probability."""
-        scale = (
-            2.0
-            * (1.0 + INDISTINGUISHABLE_LOSS_SHARE * self.gain / INDISTINGUISHABLE_LOSS)
-            * CONFIDENCE_MARGINS
-        )
-        others = sum(float(np.exp(-max(c.loss_difference, 0.0) / scale)) for c in self.competitors)
-        null = float(np.exp(-max(self.gain, 0.0) / CONFIDENCE_NULL_LOSS))
-        return min(MAX_CONFIDENCE, 1.0 / (1.0 + others + null))
 
 
 def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) -> Identifiability:
@@ -87,6 +81,7 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
     excluded = {a.effect.name for a in h.effects} | likelihood.unobservable
     equivalent = STRUCTURALLY_EQUIVALENT.get(active.effect.name, ())
     competitors = []
+    losses = {ABSENT: _left_out_losses(likelihood, without)}
     for candidate in _similar_effects(linearised, active, excluded)[:MAX_COMPETITORS]:
         fitted = likelihood.fit(
             [*others, candidate.active],
@@ -110,11 +105,19 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
         )
         if overparameterised:
             difference += margin
+        if not alternative:
+            losses[name] = _left_out_losses(likelihood, fitted)
         competitors.append(
             CompetingEffect(active.effect.name, name, difference, competitor, alternative)
         )
     competitors.sort(key=lambda c: c.loss_difference)
-    return Identifiability(gain, tuple(competitors))
+    return Identifiability(
+        gain, tuple(competitors), _left_out_losses(likelihood, h), tuple(losses.items())
+    )
+
+
+def _left_out_losses(likelihood: Likelihood, h: Hypothesis) -> FloatArray:
+    return BlockScores.of(likelihood, h).left_out_losses()
 
 
 def _similar_effects(

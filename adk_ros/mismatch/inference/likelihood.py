@@ -118,22 +118,6 @@ class Hypothesis:
         """Names of the effects."""
         return tuple(active.effect.name for active in self.effects)
 
-    def standard_deviations(self) -> list[list[float]]:
-        """
-        Return the standard deviations of each effect's fitted variables.
-
-        The fit must have included the activations (`fit_activation`).
-        """
-        assert self.fit is not None
-        every = self.fit.deviation()
-        first = self.nuisances.shape[0]
-        out = []
-        for active in self.effects:
-            count = len(active.theta)
-            out.append([float(x) for x in every[first : first + count]])
-            first += count + len(active.activation.variables())
-        return out
-
 
 @dataclass(frozen=True)
 class Likelihood:

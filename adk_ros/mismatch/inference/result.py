@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from adk_ros.mismatch.inference.confidence import Evidence
 from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.segments import SpatialProfile
@@ -40,7 +41,9 @@ class IdentifiedEffect:
 
     `gain`: increase in loss without it. `competitors`: effects fitted in its place, closest first.
     `segments`: (begin, end) in m along the lap of `lap_m`, for an effect at a place; a segment
-    across the start of the lap ends beyond `lap_m` or begins below zero.
+    across the start of the lap ends beyond `lap_m` or begins below zero. `confidence`: posterior
+    probability of the effect, or of those that cannot be distinguished from it; `posterior`: that
+    of each alternative.
     """
 
     effect: Effect
@@ -54,6 +57,8 @@ class IdentifiedEffect:
     segments: tuple[tuple[float, float], ...] = ()
     onset_s: float | None = None
     lap_m: float | None = None
+    evidence: Evidence | None = None
+    posterior: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -132,6 +137,20 @@ class RejectedCandidate:
 
 
 @dataclass(frozen=True)
+class SelectionStep:
+    """
+    The best hypothesis with some number of effects, and its loss.
+
+    `gain`: penalised gain over the best one with an effect less; `required`: what was required.
+    """
+
+    names: tuple[str, ...]
+    loss: float
+    gain: float = 0.0
+    required: float = 0.0
+
+
+@dataclass(frozen=True)
 class MissingChannel:
     """A channel that the recording lacks, and the consequence in one sentence."""
 
@@ -146,7 +165,7 @@ class MismatchResult:
 
     `before`, `after`: RMSE of v_x, v_y and yaw rate `horizon_s` ahead, on the last part of the
     recording, which the parameters of `after` were not fitted to; NaN where a channel allows no
-    statement. `losses`: loss of the best hypothesis with 0, 1, 2, ... effects; `expected_loss`
+    statement. `steps`: the best hypothesis with 0, 1, 2, ... effects; `expected_loss`
     that of a perfect model. `simulation_yaml`, `corrected_yaml`: the models' files.
     """
 
@@ -162,7 +181,7 @@ class MismatchResult:
     corrected_yaml: str
     series: ResidualSeries
     surrogate_error: dict[str, float]
-    losses: list[tuple[str, float]]
+    steps: list[SelectionStep]
     expected_loss: float
     lap_m: float | None = None
     profiles: list[SpatialProfile] = field(default_factory=list)

@@ -139,15 +139,15 @@ CONFUSABLE_GAIN_FACTOR = 4.0
 """Factor on the linearised gain of effects that the catalogue lists as confusable. Empirical."""
 COMPETITOR_REFIT_MARGINS = 20.0
 """A competing effect within this many margins is fitted to convergence. Empirical."""
-CONFIDENCE_MARGINS = 3.0
+CONFIDENCE_INEXACTNESS = 0.002
 """
-Margins by which a competing effect's weight in the confidence falls by e^(-1/2). Empirical: the
-confidence is a heuristic score, not a calibrated probability.
+Share of the loss saved by all effects by which the log-likelihood is tempered (see
+`inference.confidence`).
 """
-CONFIDENCE_NULL_LOSS = 20.0
-"""Gain over no effect at which the weight of no effect falls by e^-1. Empirical."""
-MAX_CONFIDENCE = 0.99
-"""Upper bound of the reported confidence. Empirical: the catalogue is not complete."""
+UNLISTED_ODDS = 0.03
+"""Odds of physics that is not listed, at a held-out error at the limit of an explained one."""
+UNLISTED_EXPONENT = 2.0
+"""Exponent of the held-out error, over that limit, in these odds."""
 GYRO_BIAS_SIGMAS = 3.0
 """
 An IMU bias whose gyro part is within this many standard deviations of zero is reported as a tilt.
@@ -194,10 +194,10 @@ SYSTEMATIC_ERROR_PER_MATERIALITY = 0.1
 Systematic standard deviation as a share of the materiality threshold of the parameter. Enters
 every reported interval. Empirical.
 """
-COLOURED_NOISE_INFLATION = 1.4
+FAMILYWISE_ERROR_RATE = 0.05
 """
-Factor on statistical standard deviations for correlation that whitening does not remove. Enters
-every reported interval. Empirical.
+Probability that any of all examined effects, places and onsets is significantly non-zero by
+chance. Convention; Bonferroni's inequality divides it by their number.
 """
 MAX_EXCESS_PER_NOISE = 0.04
 """Nothing is unexplained where the excess loss is below this share of a perfect model's loss."""

@@ -9,7 +9,6 @@ import math
 from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.result import (
-    NONE,
     HeldOutResult,
     IdentifiedEffect,
     MismatchResult,
@@ -137,8 +136,8 @@ def loss_rows(result: MismatchResult) -> Rows:
     selected = len(result.effects)
     has_formula = result.unexplained is not None and bool(result.unexplained.terms)
     previous: float | None = None
-    for name, loss in result.losses:
-        names = [] if name == NONE else name.split("+")
+    for step in result.steps:
+        names, loss = step.names, step.loss
         gain = "" if previous is None else f"{previous - loss:,.0f}"
         decision = "selected" if len(names) == selected else ""
         if decision and has_formula:

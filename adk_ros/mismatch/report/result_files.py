@@ -12,6 +12,7 @@ from typing import Any
 
 from adk_ros.files.output_folder import staged_folder
 from adk_ros.files.pages.provenance import Provenance
+from adk_ros.mismatch.inference.confidence import Evidence
 from adk_ros.mismatch.inference.result import (
     HeldOutResult,
     IdentifiedEffect,
@@ -49,7 +50,8 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         effects.append(
             {
                 "name": effect.effect.name,
-                "confidence": effect.confidence,
+                "confidence": _number(effect.confidence),
+                "posterior": {name: _number(x) for name, x in effect.posterior.items()},
                 "alternatives": effect.alternatives,
                 "parameters": _parameters(effect.parameters),
                 "where": {
@@ -62,6 +64,7 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
                     {"name": competitor.name, "behind": _number(competitor.loss_difference)}
                     for competitor in effect.competitors
                 ],
+                "evidence": _evidence(effect.evidence),
             }
         )
     answer: dict[str, Any] = {
@@ -79,6 +82,15 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         "notes": list(result.notes),
         "stand_in_error": {name: _number(x) for name, x in result.surrogate_error.items()},
     }
+    answer["selection"] = [
+        {
+            "effects": list(step.names),
+            "loss": _number(step.loss),
+            "gain": _number(step.gain),
+            "required": _number(step.required),
+        }
+        for step in result.steps
+    ]
     if result.held_out is not None:
         answer["fit"] |= _held_out(result.held_out)
     if result.candidates:
@@ -114,6 +126,19 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         if unexplained.meaning:
             answer["unexplained"]["meaning"] = unexplained.meaning
     return answer
+
+
+def _evidence(evidence: Evidence | None) -> dict[str, Any]:
+    """Return by how much each alternative is worse on each block left out."""
+    if evidence is None:
+        return {}
+    rows = zip(evidence.names, evidence.differences, strict=True)
+    return {
+        "total_gain": _number(evidence.total_gain),
+        "alternatives": [
+            {"name": name, "block_losses": [_number(x) for x in row]} for name, row in rows
+        ],
+    }
 
 
 def _parameters(parameters: Mapping[str, Interval]) -> dict[str, Any]:

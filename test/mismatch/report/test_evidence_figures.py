@@ -23,7 +23,7 @@ from helpers.mismatch_report import (
 from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, inactive_effect
-from adk_ros.mismatch.inference.result import Interval, RejectedCandidate
+from adk_ros.mismatch.inference.result import Interval, RejectedCandidate, SelectionStep
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.report import report_tables
 from adk_ros.mismatch.report.effect_vocabulary import DIRECT_MEASUREMENTS
@@ -214,5 +214,5 @@ def test_sensor_faults_alone_have_no_reduction() -> None:
 
 
 def test_a_rejected_hypothesis_has_a_reason() -> None:
-    more = replace(result_of(), losses=[("none", 16100.0), ("payload", 16090.0)])
+    more = replace(result_of(), steps=[SelectionStep((), 16100.0), SelectionStep(("payload",), 16090.0)])
     assert report_tables.loss_rows(more)[1][2:] == ["10", "rejected: gain too small"]

@@ -1,0 +1,55 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The posterior probability of an effect."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from adk_ros.mismatch.inference.confidence import ABSENT, UNLISTED, ConfidenceModel, Evidence
+
+BLOCKS = 16
+
+
+def evidence(*per_block: float, spread: float = 0.0, total: float = 0.0) -> Evidence:
+    """Return alternatives that are worse by so much in each block, alternately more and less."""
+    signs = np.where(np.arange(BLOCKS) % 2 == 0, 1.0, -1.0)
+    names = (ABSENT, "yaw_inertia", UNLISTED)[: len(per_block)]
+    return Evidence(names, np.array([x + spread * signs for x in per_block]), total)
+
+
+def test_probabilities_are_those_of_a_likelihood_ratio() -> None:
+    model = ConfidenceModel(0.0, 0.0, 1.0)
+    posterior = model.posterior(evidence(4.0 / BLOCKS), 1.0)
+    assert posterior[ABSENT] == pytest.approx(1.0 / (1.0 + np.exp(2.0)), abs=0.002)
+    assert posterior[UNLISTED] == 0.0
+
+
+def test_blocks_that_disagree_lower_the_confidence() -> None:
+    model = ConfidenceModel(0.0, 0.0, 1.0)
+    agreed = model.posterior(evidence(2.0), 1.0)
+    disagreed = model.posterior(evidence(2.0, spread=20.0), 1.0)
+    assert agreed[ABSENT] < 1e-4
+    assert disagreed[ABSENT] > 0.05
+
+
+def test_an_inexact_large_effect_tempers_the_evidence_for_a_small_one() -> None:
+    model = ConfidenceModel(0.002, 0.0, 1.0)
+    alone = model.posterior(evidence(3.0, total=48.0), 1.0)
+    beside = model.posterior(evidence(3.0, total=50_000.0), 1.0)
+    assert alone[ABSENT] < 1e-6
+    assert beside[ABSENT] > 0.3
+
+
+def test_held_out_errors_speak_for_unlisted_physics() -> None:
+    model = ConfidenceModel(0.0, 0.1, 2.0)
+    small, large = (model.posterior(evidence(50.0), r)[UNLISTED] for r in (0.3, 3.0))
+    assert small == pytest.approx(0.009 / 1.009, rel=1e-6)
+    assert large == pytest.approx(0.9 / 1.9, rel=1e-6)
+
+
+def test_probabilities_sum_to_at_most_one() -> None:
+    posterior = ConfidenceModel().posterior(evidence(-3.0, -5.0, -2.0), 10.0)
+    assert 0.95 < sum(posterior.values()) <= 1.0
+    assert set(posterior) == {ABSENT, "yaw_inertia", UNLISTED}
