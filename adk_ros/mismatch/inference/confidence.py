@@ -6,16 +6,16 @@ Confidence: the posterior probability that an identified effect is present.
 The alternatives to an effect are: no effect in its place, each competing effect that the data
 distinguish from it, a formula of features in place of all effects, and physics that neither
 describes. All but the last were fitted; their losses on blocks left out (`block_scores`) exceed
-that of the hypothesis by d_ab in block b.
-With weights w_b of a Bayesian bootstrap over the blocks (D. B. Rubin, Ann. Statist. 9 (1981) 130)
-the odds of alternative a against the effect are
+that of the hypothesis by d_ab in block b. With weights w_b of a Bayesian bootstrap over the blocks
+(D. B. Rubin, Ann. Statist. 9 (1981) 130) the odds of alternative a against the effect are
 
-    exp(-sum_b w_b d_ab / (2 tau)),    tau = 1 + CONFIDENCE_INEXACTNESS G,
+    prior_a exp(-sum_b w_b d_ab / (2 tau)),    tau = 1 + CONFIDENCE_INEXACTNESS G,
 
-G: the loss that the hypothesis saves in all. No equation is exact, so that a large effect leaves
-errors in proportion to it that another effect may fit: tau tempers the likelihood accordingly.
-The odds of undescribed physics rise with the largest held-out error r, over what a correct model
-explains: UNLISTED_ODDS r^UNLISTED_EXPONENT. The probability is the mean over the bootstrap of
+with prior_a = 1 except for a formula, which was chosen among many, and G the loss that the
+hypothesis saves in all. No equation is exact, so that a large effect leaves errors in proportion
+to it that another effect may fit: tau tempers the likelihood accordingly. The odds of undescribed
+physics rise with the largest held-out error r, over what a correct model explains:
+UNLISTED_ODDS r^UNLISTED_EXPONENT. The probability is the mean over the bootstrap of
 1 / (1 + all odds): pseudo-Bayesian model averaging (Y. Yao, A. Vehtari, D. Simpson, A. Gelman,
 "Using stacking to average Bayesian predictive distributions", Bayesian Analysis 13 (2018) 917).
 
@@ -33,6 +33,8 @@ from adk_ros.mismatch.library.criteria import (
     UNLISTED_EXPONENT,
     UNLISTED_ODDS,
 )
+from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS
 from adk_ros.numerics.arrays import FloatArray
 
 ABSENT, UNLISTED = "none", "unlisted"
@@ -42,17 +44,27 @@ _DRAWS = 400
 _MAX_LOG_ODDS = 50.0
 
 
+def formula_log_prior(terms: int) -> float:
+    """
+    Return the logarithm of the prior odds of a formula of so many terms against an effect.
+
+    The formula was chosen among all features in three equations, term by term.
+    """
+    return -terms * float(np.log(len(EQUATION_PARAMETERS) * len(FEATURES)))
+
+
 @dataclass(frozen=True)
 class Evidence:
     """
     What speaks for an effect.
 
     `names` (a) of the alternatives, `differences` (a, b) of their losses on blocks left out,
-    `total_gain`: the loss that the whole hypothesis saves.
+    `log_priors` (a) of their prior odds, `total_gain`: the loss that the whole hypothesis saves.
     """
 
     names: tuple[str, ...]
     differences: FloatArray
+    log_priors: FloatArray
     total_gain: float
 
     def margins(self) -> dict[str, float]:
@@ -78,7 +90,7 @@ class ConfidenceModel:
         count = evidence.differences.shape[1]
         weights = np.random.default_rng(0).dirichlet(np.ones(count), _DRAWS) * count
         tau = 1.0 + self.inexactness * max(evidence.total_gain, 0.0)
-        log_odds = -weights @ evidence.differences.T / (2.0 * tau)
+        log_odds = evidence.log_priors - weights @ evidence.differences.T / (2.0 * tau)
         odds = np.exp(np.clip(log_odds, -_MAX_LOG_ODDS, _MAX_LOG_ODDS))
         unlisted = self.unlisted_odds * max(error_ratio, 1e-3) ** self.unlisted_exponent
         every = np.column_stack([odds, np.full(_DRAWS, unlisted)])

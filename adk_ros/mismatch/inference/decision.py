@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.mismatch.inference.block_scores import BlockScores, effect_deviations
-from adk_ros.mismatch.inference.confidence import UNLISTED, Evidence
+from adk_ros.mismatch.inference.confidence import UNLISTED, Evidence, formula_log_prior
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import FINAL, REPLACEMENT
 from adk_ros.mismatch.inference.forward_selection import (
@@ -101,14 +101,17 @@ def _evidence(
 ) -> Callable[[Identifiability], Evidence]:
     """Return what makes the evidence of an effect; `formula` describes the data without any."""
     alternatives = []
+    log_prior = 0.0
     if formula is not None and formula.terms:
+        log_prior = formula_log_prior(len(formula.terms))
         scores = BlockScores.of(likelihood, formula.hypothesis)
         alternatives.append((UNLISTED, scores.left_out_losses()))
 
     def of_effect(identifiability: Identifiability) -> Evidence:
         every = [*identifiability.alternatives_to, *alternatives]
         differences = np.array([losses - identifiability.losses for _, losses in every])
-        return Evidence(tuple(name for name, _ in every), differences, total_gain)
+        log_priors = np.append(np.zeros(len(every) - 1), log_prior)
+        return Evidence(tuple(name for name, _ in every), differences, log_priors, total_gain)
 
     return of_effect
 

@@ -132,11 +132,12 @@ def _evidence(evidence: Evidence | None) -> dict[str, Any]:
     """Return by how much each alternative is worse on each block left out."""
     if evidence is None:
         return {}
-    rows = zip(evidence.names, evidence.differences, strict=True)
+    rows = zip(evidence.names, evidence.log_priors, evidence.differences, strict=True)
     return {
         "total_gain": _number(evidence.total_gain),
         "alternatives": [
-            {"name": name, "block_losses": [_number(x) for x in row]} for name, row in rows
+            {"name": name, "log_prior": _number(prior), "block_losses": [_number(x) for x in row]}
+            for name, prior, row in rows
         ],
     }
 

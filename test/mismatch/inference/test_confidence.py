@@ -7,7 +7,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adk_ros.mismatch.inference.confidence import ABSENT, UNLISTED, ConfidenceModel, Evidence
+from adk_ros.mismatch.inference.confidence import (
+    ABSENT,
+    UNLISTED,
+    ConfidenceModel,
+    Evidence,
+    formula_log_prior,
+)
 
 BLOCKS = 16
 
@@ -16,7 +22,8 @@ def evidence(*per_block: float, spread: float = 0.0, total: float = 0.0) -> Evid
     """Return alternatives that are worse by so much in each block, alternately more and less."""
     signs = np.where(np.arange(BLOCKS) % 2 == 0, 1.0, -1.0)
     names = (ABSENT, "yaw_inertia", UNLISTED)[: len(per_block)]
-    return Evidence(names, np.array([x + spread * signs for x in per_block]), total)
+    differences = np.array([x + spread * signs for x in per_block])
+    return Evidence(names, differences, np.zeros(len(per_block)), total)
 
 
 def test_probabilities_are_those_of_a_likelihood_ratio() -> None:
@@ -47,6 +54,11 @@ def test_held_out_errors_speak_for_unlisted_physics() -> None:
     small, large = (model.posterior(evidence(50.0), r)[UNLISTED] for r in (0.3, 3.0))
     assert small == pytest.approx(0.009 / 1.009, rel=1e-6)
     assert large == pytest.approx(0.9 / 1.9, rel=1e-6)
+
+
+def test_a_formula_that_fits_as_well_as_an_effect_does_not_refute_it() -> None:
+    tie = Evidence((UNLISTED,), np.zeros((1, BLOCKS)), np.array([formula_log_prior(1)]), 1e5)
+    assert ConfidenceModel(0.002, 0.0, 1.0).posterior(tie, 1.0)[UNLISTED] < 0.02
 
 
 def test_probabilities_sum_to_at_most_one() -> None:
