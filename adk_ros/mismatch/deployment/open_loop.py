@@ -10,7 +10,7 @@ evaluated at the predicted position.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -89,15 +89,19 @@ class OpenLoopPredictor:
         `starts_s` (n,) ascending, seconds from the bag's first message.
         """
         out = np.empty((starts_s.shape[0], ticks, 3))
+        for i, run in enumerate(self.runs(starts_s, ticks)):
+            out[i] = run.end_states[STEPS_PER_TICK::STEPS_PER_TICK, :3]
+        return out
+
+    def runs(self, starts_s: FloatArray, ticks: int) -> Iterator[RunBuffers]:
+        """Yield the open-loop run of `ticks` ticks from each start (n,), ascending."""
         now, state = self._initial_state(float(starts_s[0]))
-        for i, start in enumerate(starts_s):
+        for start in starts_s:
             n = round((start - now) / STEP_S)
             if n > 0:
                 state = self._assimilate(state, now, n)
             now = float(start)
-            states = self._predict_from(state, now, ticks * STEPS_PER_TICK)
-            out[i] = states[STEPS_PER_TICK::STEPS_PER_TICK, :3]
-        return out
+            yield self._predict_from(state, now, ticks * STEPS_PER_TICK)
 
     def _initial_state(self, first_start: float) -> tuple[float, FloatArray]:
         """Return the time and state (STATE_SIZE,) at which assimilation begins."""
@@ -110,8 +114,8 @@ class OpenLoopPredictor:
         state[[S_STEER, S_STEER_MORE, S_PLAY]] = angle
         return now, state
 
-    def _predict_from(self, state: FloatArray, now: float, n: int) -> FloatArray:
-        """Return the end states (n + 1, 6) of an open-loop run; sets the pose of `state`."""
+    def _predict_from(self, state: FloatArray, now: float, n: int) -> RunBuffers:
+        """Return an open-loop run of `n` steps; sets the pose of `state`."""
         at_start = self._distances_at(now)
         travelled = state[S_V_X] * STEP_S * (np.arange(n) + 0.5)
         distances = [s + travelled for s in at_start]
@@ -131,7 +135,7 @@ class OpenLoopPredictor:
             poses = run.end_states[:-1, E_X:]
             if self.features:
                 extra = self._feature_accelerations(run.output, now)
-        return run.end_states
+        return run
 
     def _assimilate(self, state: FloatArray, now: float, n: int) -> FloatArray:
         """Return the state after `n` steps with the measurements of that time."""
