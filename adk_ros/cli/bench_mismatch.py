@@ -75,7 +75,7 @@ def concealed(
     from adk_ros.bench.mismatch.acceptance import evaluate_criteria
     from adk_ros.bench.mismatch.baselines import Baselines
     from adk_ros.bench.mismatch.calibration import calibrate as calibrated
-    from adk_ros.bench.mismatch.calibration import calibration_plans
+    from adk_ros.bench.mismatch.calibration_cases import calibration_plans
     from adk_ros.bench.mismatch.case_matrix import select_plans
     from adk_ros.bench.mismatch.mismatch_bench import (
         SCORED,

@@ -1,111 +1,82 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Calibration of the held-out criteria on generated cases that no benchmark contains.
+Calibration of the criteria on generated cases that no benchmark contains.
 
-A correct result leaves an error of noise and of the surrogate model, and a share of the error
-before the correction, since no equation is exact. `MAX_EXPLAINED_RATIO` and
-`INEXACT_EQUATION_SHARE` limit the two; their calibrated values are quantiles over correct results.
+- A correct result leaves an error of noise and of the surrogate model, and a share of the error
+  before the correction, since no equation is exact: `MAX_EXPLAINED_RATIO` and
+  `INEXACT_EQUATION_SHARE` are quantiles over correct results.
+- On clean cases no effect may gain what an effect must gain: the gain is given as a share of it.
+- `SYSTEMATIC_ERROR_SHARE` is the least share with which 90 % of the intervals hold.
+- The constants of the confidence have the largest likelihood (`confidence_fit`).
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
-from adk_ros.bench.mismatch.case_generator import InjectedMismatch
-from adk_ros.bench.mismatch.case_matrix import (
-    NEED_GRIP,
-    NOISES,
-    ROAD_STYLE_SEQUENCE,
-    CasePlan,
-    injected_mismatch,
-)
 from adk_ros.bench.mismatch.case_score import CaseResult
-from adk_ros.bench.mismatch.injected_drive import PLANTS
-from adk_ros.bench.mismatch.injectors import FULL, SPRUNG_CAR_ONLY
-from adk_ros.mismatch.library.criteria import INEXACT_EQUATION_SHARE, MAX_EXPLAINED_RATIO
+from adk_ros.bench.mismatch.confidence_fit import Claim, brier_score, claims_of, fit_confidence
+from adk_ros.bench.mismatch.mismatch_bench import SCORED
+from adk_ros.mismatch.inference.confidence import ConfidenceModel
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import (
+    INEXACT_EQUATION_SHARE,
+    MAX_EXPLAINED_RATIO,
+    SYSTEMATIC_ERROR_PER_MATERIALITY,
+    SYSTEMATIC_ERROR_SHARE,
+)
 from adk_ros.mismatch.report.result_files import RESULT_FILE
+from adk_ros.numerics.constants import QUANTILE_90
 from adk_ros.signals.channels import STATE_NAMES
 
-FIRST_SEED = 500_000
-"""Seed of the first case: those of the benchmark begin at 1000."""
-CLEAN_SHARE = 2
-"""Every second case is clean."""
 QUANTILE = 0.99
 """Quantile of correct results that a criterion must let pass."""
+COVERAGE = 0.9
+"""Of the intervals."""
+_SHARES = np.linspace(0.0, 0.1, 501)
+_MIN_CLAIMS = 10
+"""With fewer claims, the confidence is not calibrated."""
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """A criterion's present value, and the quantile over the largest values of correct results."""
-
-    name: str
-    present: float
-    quantile: float
-    largest: float
-    cases: int
-
-    def __str__(self) -> str:
-        return (
-            f"{self.name} {self.present:g}: {100.0 * QUANTILE:g} % of {self.cases} correct "
-            f"results are below {self.quantile:.3g}, the largest is {self.largest:.3g}"
-        )
-
-
-def calibration_plans(count: int) -> list[CasePlan]:
-    """Return `count` cases: clean ones and single effects in turn, with seeds of their own."""
-    names = [name for name in FULL if name not in SPRUNG_CAR_ONLY]
-    plans = []
-    for i in range(count):
-        name = "" if i % CLEAN_SHARE == 0 else names[(7 * i) % len(names)]
-        injected = injected_mismatch((name,), 1.0) if name else InjectedMismatch()
-        style = "track" if name in NEED_GRIP else ROAD_STYLE_SEQUENCE[i % 3]
-        plans.append(
-            CasePlan(
-                f"calibration_{i:03}_{name or 'clean'}",
-                injected,
-                FIRST_SEED + i,
-                PLANTS[i // 2 % len(PLANTS)],
-                road_style=style,
-                noise=NOISES[i // 3 % len(NOISES)],
-            )
-        )
-    return plans
-
-
-def calibrate(results: Sequence[CaseResult], out: Path) -> list[Calibration]:
-    """Return the calibration of both criteria from the correct results; reports are in `out`."""
-    ratios, shares = [], []
+def calibrate(results: Sequence[CaseResult], out: Path) -> list[str]:
+    """Return a line per calibrated criterion; the reports of the results are in `out`."""
+    ratios: list[float] = []
+    shares: list[float] = []
+    gains: list[float] = []
+    errors: list[tuple[float, float, float]] = []
+    claims: list[Claim] = []
     for result in results:
-        if result.right < 1.0 or result.failure:
+        if result.failure:
             continue
-        answer = json.loads((out / result.case / RESULT_FILE).read_text(encoding="utf-8"))
-        ratio, share = _largest(answer["fit"]["horizons"])
+        answer = _read(out / result.case / RESULT_FILE)
+        label = _read(out / result.case / SCORED)["label"]
+        claims += claims_of(label, answer)
         if result.kind == "none":
-            ratios.append(ratio)
-        else:
-            shares.append(share)
+            gains += [x["gain"] / x["required"] for x in answer["selection"] if x["required"]]
+        if result.right < 1.0:
+            continue
+        ratio, share = largest_errors(answer["fit"]["horizons"])
+        (ratios if result.kind == "none" else shares).append(
+            ratio if result.kind == "none" else share
+        )
+        errors += interval_errors(label, answer)
     return [
-        _calibration("MAX_EXPLAINED_RATIO", MAX_EXPLAINED_RATIO, ratios),
-        _calibration("INEXACT_EQUATION_SHARE", INEXACT_EQUATION_SHARE, shares),
+        _quantile_line("MAX_EXPLAINED_RATIO", MAX_EXPLAINED_RATIO, ratios),
+        _quantile_line("INEXACT_EQUATION_SHARE", INEXACT_EQUATION_SHARE, shares),
+        _gain_line(gains),
+        _interval_line(errors),
+        *_confidence_lines(claims),
     ]
 
 
-def _calibration(name: str, present: float, values: Sequence[float]) -> Calibration:
-    if not values:
-        return Calibration(name, present, np.nan, np.nan, 0)
-    return Calibration(
-        name, present, float(np.quantile(values, QUANTILE)), float(np.max(values)), len(values)
-    )
-
-
-def _largest(horizons: dict[str, Any]) -> tuple[float, float]:
+def largest_errors(horizons: dict[str, Any]) -> tuple[float, float]:
     """
     Return the largest error over the expected one, and the largest share of the error before.
 
@@ -123,3 +94,88 @@ def _largest(horizons: dict[str, Any]) -> tuple[float, float]:
             ratio = max(ratio, error / expected)
             share = max(share, float(np.sqrt(max(error**2 - noise**2, 0.0))) / before)
     return ratio, share
+
+
+def interval_errors(
+    label: dict[str, Any], answer: dict[str, Any]
+) -> list[tuple[float, float, float]]:
+    """
+    Return error, size and standard deviation without its systematic share, by parameter.
+
+    Of parameters that are fitted as they are, not by their inverse.
+    """
+    out = []
+    true = {effect["name"]: effect["params"] for effect in label["effects"]}
+    for effect in answer["effects"]:
+        for parameter in EFFECTS[effect["name"]].parameters:
+            value = true.get(effect["name"], {}).get(parameter.name)
+            if value is None or parameter.inverse:
+                continue
+            given = effect["parameters"][parameter.name]
+            size = abs(given["value"] - parameter.neutral)
+            deviation = 0.5 * (given["high"] - given["low"]) / QUANTILE_90
+            variance = deviation**2 - (SYSTEMATIC_ERROR_SHARE * size) ** 2
+            out.append((abs(given["value"] - value), size, float(np.sqrt(max(variance, 0.0)))))
+    return out
+
+
+def systematic_share(errors: Sequence[tuple[float, float, float]]) -> float:
+    """Return the least systematic share with which `COVERAGE` of the intervals hold."""
+    error, size, sigma = np.array(errors).T
+    for share in _SHARES:
+        if np.mean(error <= QUANTILE_90 * np.hypot(sigma, share * size)) >= COVERAGE:
+            return float(share)
+    return float(_SHARES[-1])
+
+
+def _quantile_line(name: str, present: float, values: Sequence[float]) -> str:
+    if not values:
+        return f"{name} {present:g}: no correct result"
+    return (
+        f"{name} {present:g}: {100.0 * QUANTILE:g} % of {len(values)} correct results are below "
+        f"{np.quantile(values, QUANTILE):.3g}, the largest is {np.max(values):.3g}"
+    )
+
+
+def _gain_line(gains: Sequence[float]) -> str:
+    """Return how near clean cases come to a false alarm, with the rate's upper bound."""
+    if not gains:
+        return "MIN_GAIN: no clean case"
+    alarms = sum(gain > 1.0 for gain in gains)
+    high = binomtest(alarms, len(gains)).proportion_ci(0.9).high
+    return (
+        f"MIN_GAIN and its shares: the best effect gains at most {np.max(gains):.2f} of what is "
+        f"required on {len(gains)} clean cases, 95 % below {np.quantile(gains, 0.95):.2f}; "
+        f"false alarms {alarms}, so at most {100.0 * high:.1f} % (95 % confidence)"
+    )
+
+
+def _interval_line(errors: Sequence[tuple[float, float, float]]) -> str:
+    name = f"SYSTEMATIC_ERROR_SHARE {SYSTEMATIC_ERROR_SHARE:g}"
+    if not errors:
+        return f"{name}: no parameter"
+    return (
+        f"{name}: {100.0 * COVERAGE:g} % of {len(errors)} intervals hold with "
+        f"{systematic_share(errors):.4f} "
+        f"(SYSTEMATIC_ERROR_PER_MATERIALITY {SYSTEMATIC_ERROR_PER_MATERIALITY:g})"
+    )
+
+
+def _confidence_lines(claims: Sequence[Claim]) -> list[str]:
+    right = sum(claim.right for claim in claims)
+    found = f"{len(claims)} claims, {right} of them right"
+    if len(claims) < _MIN_CLAIMS or right == len(claims):
+        return [f"confidence: {found}: not enough to calibrate"]
+    present, best = ConfidenceModel(), fit_confidence(claims)
+    return [
+        f"confidence: {found}; Brier score {brier_score(present, claims):.4f} as it is, "
+        f"{brier_score(best, claims):.4f} with",
+        f"  CONFIDENCE_INEXACTNESS {best.inexactness:.3g} (now {present.inexactness:g}), "
+        f"UNLISTED_ODDS {best.unlisted_odds:.3g} (now {present.unlisted_odds:g}), "
+        f"UNLISTED_EXPONENT {best.unlisted_exponent:.3g} (now {present.unlisted_exponent:g})",
+    ]
+
+
+def _read(path: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return content

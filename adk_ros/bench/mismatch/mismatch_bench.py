@@ -191,7 +191,8 @@ class MismatchBench:
                 json.loads((report / RESULT_FILE).read_text(encoding="utf-8")),
             )
         if not result.failure:
-            content = {"key": job.key, "score": asdict(result)}
+            label = json.loads((case / LABEL).read_text(encoding="utf-8"))
+            content = {"key": job.key, "label": label, "score": asdict(result)}
             (report / SCORED).write_text(json.dumps(content, indent=1), encoding="utf-8")
             path = self.out / job.name
             if path.exists():

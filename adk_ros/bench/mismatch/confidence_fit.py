@@ -1,0 +1,88 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Calibration of the confidence: its constants with the largest likelihood of claims right or wrong.
+
+A claim is an effect that a report names; it is right if the label has the effect, or one that the
+report says cannot be distinguished from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from adk_ros.mismatch.inference.confidence import ConfidenceModel, Evidence
+from adk_ros.numerics.arrays import FloatArray
+
+_LEAST_PROBABILITY = 0.002
+"""Bound of a probability: one claim that is wrong must not outweigh all others."""
+_START = np.log([1e-3, 0.05, 1.0])
+_BOUNDS = np.log([[1e-6, 0.1], [1e-3, 1.0], [0.1, 6.0]])
+"""Of the three constants; wide, so that claims without an error do not lead to infinity."""
+
+
+class Claim(NamedTuple):
+    """A named effect: the evidence for it, the largest held-out error ratio, and the truth."""
+
+    evidence: Evidence
+    error_ratio: float
+    right: bool
+
+
+def claims_of(label: dict[str, Any], answer: dict[str, Any]) -> list[Claim]:
+    """Return the claims of an answer (the content of mismatch.json)."""
+    true = {effect["name"] for effect in label["effects"]}
+    ratios = [
+        ratio
+        for errors in answer["fit"].get("horizons", {}).values()
+        for ratio in errors["ratio"].values()
+        if ratio is not None
+    ]
+    claims = []
+    for effect in answer["effects"]:
+        given = effect["evidence"]
+        alternatives = given["alternatives"]
+        evidence = Evidence(
+            tuple(x["name"] for x in alternatives),
+            np.array([x["block_losses"] for x in alternatives], dtype=np.float64),
+            np.array([x["log_prior"] for x in alternatives]),
+            float(given["total_gain"]),
+        )
+        named = {effect["name"], *effect["alternatives"]}
+        claims.append(Claim(evidence, max(ratios, default=0.0), bool(named & true)))
+    return claims
+
+
+def fit_confidence(claims: Sequence[Claim]) -> ConfidenceModel:
+    """Return the constants of the posterior that make the claims most probable."""
+    right = np.array([claim.right for claim in claims])
+
+    def cost(x: FloatArray) -> float:
+        p = np.clip(probabilities(_model(x), claims), _LEAST_PROBABILITY, 1 - _LEAST_PROBABILITY)
+        return float(-np.log(np.where(right, p, 1.0 - p)).sum())
+
+    found = minimize(
+        cost, _START, method="Nelder-Mead", bounds=[(float(a), float(b)) for a, b in _BOUNDS]
+    )
+    return _model(found.x)
+
+
+def probabilities(model: ConfidenceModel, claims: Sequence[Claim]) -> FloatArray:
+    """Return the probability (n,) of each claim."""
+    return np.array(
+        [1.0 - sum(model.posterior(x.evidence, x.error_ratio).values()) for x in claims]
+    )
+
+
+def brier_score(model: ConfidenceModel, claims: Sequence[Claim]) -> float:
+    """Return the mean squared difference of probability and truth."""
+    right = np.array([float(claim.right) for claim in claims])
+    return float(np.mean((probabilities(model, claims) - right) ** 2))
+
+
+def _model(x: FloatArray) -> ConfidenceModel:
+    return ConfidenceModel(*(float(value) for value in np.exp(x)))
