@@ -39,6 +39,7 @@ from adk_ros.mismatch.recording.checks import (
     check_torque_unit,
     check_vehicle,
 )
+from adk_ros.mismatch.recording.direct_comparison import DirectComparison, compare_directly
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.residual_series import residual_series
@@ -160,6 +161,7 @@ def identify_mismatch(
         discriminability=discriminability,
         held_out=held_out_result(validation, evidence),
         candidates=rejected_candidates(training, path, decision),
+        direct=analysis.direct_comparisons(simulation),
     )
 
 
@@ -182,6 +184,13 @@ class _Analysis:
         """Return the likelihood of the recording, or of its part before `until_s`."""
         filtered = self.observable.with_yaw_filter(self.surrogate)
         return self.observable.masked(Likelihood.of(self.problem, filtered, until_s))
+
+    def direct_comparisons(self, simulation: SensorLog | SurrogateModel) -> list[DirectComparison]:
+        """Return what both bags show without the surrogate; nothing without a simulation's bag."""
+        if isinstance(simulation, SurrogateModel):
+            return []
+        radius = float(self.surrogate.parameters[INDEX["wheel_radius"]])
+        return compare_directly(simulation, self.problem.log, radius, self.observable.unobservable)
 
     def not_predicted(self) -> list[str]:
         """Return the states whose prediction needs a channel that the recording lacks."""

@@ -11,6 +11,7 @@ from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.segments import SpatialProfile
 from adk_ros.mismatch.library.effect import Effect
+from adk_ros.mismatch.recording.direct_comparison import DirectComparison
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.numerics.arrays import FloatArray
 
@@ -197,3 +198,5 @@ class MismatchResult:
     """Errors on held-out data by horizon; None if they were not measured."""
     candidates: list[RejectedCandidate] = field(default_factory=list)
     """Effects that were fitted and are not claimed, largest gain first."""
+    direct: list[DirectComparison] = field(default_factory=list)
+    """Quantities of both recordings without a surrogate model; empty without two bags."""

@@ -31,6 +31,8 @@ from adk_ros.mismatch.report.comparison_labels import (
     residual_labels,
     trend_labels,
 )
+from adk_ros.mismatch.report.direct_table import HEADER as DIRECT_HEADER
+from adk_ros.mismatch.report.direct_table import direct_rows
 from adk_ros.mismatch.report.evidence_figures import (
     errors_figure,
     rms,
@@ -154,6 +156,8 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         residual_rows=unexplained_rows(before, after, series.noise),
         unexplained=None if unexplained is None else unexplained_text(unexplained),
         expression="" if unexplained is None else unit_text(unexplained.expression),
+        direct_header=DIRECT_HEADER,
+        direct=direct_rows(result),
         groups=group_rows(result),
         surrogate=surrogate_rows(result),
         not_judged=listed([title(name) for name in result.not_judged]),

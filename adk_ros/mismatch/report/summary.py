@@ -22,6 +22,7 @@ from adk_ros.mismatch.library.effect import PLACE, TIME, Effect
 from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
+from adk_ros.mismatch.report.direct_table import uncovered_comparisons, uncovered_text
 from adk_ros.mismatch.report.effect_vocabulary import EFFECT_VOCABULARY, THAN
 from adk_ros.mismatch.report.quantities import Quantity
 from adk_ros.mismatch.report.vocabulary import (
@@ -254,14 +255,16 @@ def verdict_text(result: MismatchResult) -> str:
         return "Difference of unknown cause" + (f"; {effects}" if effects else "")
     if effects:
         return effects
-    return "Inconclusive" if underfit_channels(result) else "No significant mismatch"
+    if underfit_channels(result) or uncovered_comparisons(result):
+        return "Inconclusive"
+    return "No significant mismatch"
 
 
 def sentence(result: MismatchResult) -> str:
-    """Return the result in one to four sentences, with missing channels at the end."""
-    missing = ""
+    """Return the result in one to five sentences, with missing channels at the end."""
+    missing = f" {uncovered_text(result)}".rstrip()
     if result.missing_channels:
-        missing = f" Analysed without {listed([x.what for x in result.missing_channels])}."
+        missing += f" Analysed without {listed([x.what for x in result.missing_channels])}."
     if result.verdict == NONE:
         return _no_mismatch(result) + missing
     improvement = improvement_text(result)
@@ -293,6 +296,8 @@ def _no_mismatch(result: MismatchResult) -> str:
             f"Inconclusive: the surrogate model does not fit the simulation in {underfit}; "
             f"smaller differences cannot be found ({error})."
         )
+    if uncovered_comparisons(result):
+        return f"Inconclusive: no effect of the catalogue reduces the residual enough ({error})."
     return (
         "No significant mismatch: the differences are within build tolerance and sensor noise "
         f"({error})."
