@@ -39,3 +39,22 @@ def resonance(signal: FloatArray, step: float, omega: float, damping: float) -> 
         x += step * v
         out[k] = stiffness * x + friction * v
     return out
+
+
+@strict_kernel
+def stop_operator(signal: FloatArray, width: float) -> FloatArray:
+    """
+    Return the stress (n,) of a spring in series with dry friction, from zero.
+
+    It follows the changes of the signal and stays within +-width: the hysteretic part of backlash
+    and of an elastic, perfectly plastic element (Brokate and Sprekels, Hysteresis and Phase
+    Transitions, 1996, section 2.1).
+    """
+    out = np.empty_like(signal)
+    stress = 0.0
+    for k in range(signal.shape[0]):
+        if k > 0:
+            stress += signal[k] - signal[k - 1]
+        stress = min(max(stress, -width), width)
+        out[k] = stress
+    return out

@@ -18,7 +18,7 @@ from adk_ros.errors import DataError
 from adk_ros.mismatch.deployment.position_terms import PositionTerms
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.library.features import feature_matrix
-from adk_ros.mismatch.library.parametric_features import has_memory
+from adk_ros.mismatch.library.parametric_features import has_memory, has_unlimited_memory
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.command_integrals import integrate_commands
 from adk_ros.mismatch.surrogate.equations_of_motion import integrate
@@ -59,7 +59,10 @@ ASSIMILATION_GAINS = np.array([0.1, 0.15, 0.15])
 _WARM_UP_S = 3.0
 """s of measurements assimilated before the first start."""
 _MEMORY_S = 20.0
-"""s of signals that features with a memory take into account, and that are assimilated first."""
+"""
+s of signals that features with a memory take into account, and that are assimilated first; wear
+takes all signals since the start into account.
+"""
 _MAX_ODOMETRY_AGE_S = 0.1
 """s. A start needs a measurement at most this old."""
 _PASSES = 2
@@ -79,8 +82,11 @@ class OpenLoopPredictor:
         self._warm_up_s = _WARM_UP_S
         self._history: dict[str, FloatArray] | None = None
         """Signals before the present start, for features with a memory."""
+        self._memory_s = _MEMORY_S
         if any(has_memory(name) for name in self.features):
-            self._warm_up_s, self._history = _MEMORY_S, {}
+            if any(has_unlimited_memory(name) for name in self.features):
+                self._memory_s = np.inf
+            self._warm_up_s, self._history = self._memory_s, {}
 
     def predict(self, starts_s: FloatArray, ticks: int) -> FloatArray:
         """
@@ -199,11 +205,11 @@ class OpenLoopPredictor:
         }
 
     def _remember(self, signals: dict[str, FloatArray]) -> None:
-        """Append signals to the history, of which the last `_MEMORY_S` are kept."""
+        """Append signals to the history, of which the last `_memory_s` are kept."""
         if self._history is None:
             return
         joined = _joined(self._history, signals) if self._history else signals
-        kept = round(_MEMORY_S / STEP_S)
+        kept = round(min(self._memory_s, self.log.duration_s + 1.0) / STEP_S)
         self._history = {name: values[-kept:].copy() for name, values in joined.items()}
 
     def _since_first_command(self, now: float) -> float:

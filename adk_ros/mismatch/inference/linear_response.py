@@ -79,20 +79,24 @@ class LinearResponse:
         """Return the change (m,) of the projected residuals by a feature (n,) in an equation."""
         likelihood = self.linearised.likelihood
         problem = likelihood.problem
-        change = np.zeros((6, problem.bins))
+        out = np.zeros(self.linearised.e.shape[0])
         if equation == "v_x":
             gain = float(OBSERVER_GAINS[0])
-            change[IMU_A_X] = -problem.binned(feature)
-            change[ODOMETRY_V_X] = -problem.binned(low_pass(feature, STEP_S, 1.0 / gain)) / gain
+            change = {
+                IMU_A_X: feature,
+                ODOMETRY_V_X: low_pass(feature, STEP_S, 1.0 / gain) / gain,
+            }
         else:
             response = propagate(
                 feature, self.speed, self.coefficients, STEP_S, equation == "yaw_rate"
             )
-            for row, channel in zip((2, 1, 0, 1), _LATERAL_CHANNELS, strict=True):
-                change[channel] = -problem.binned(response[row])
-        whitened = likelihood.whiten(change).ravel()
-        out = np.zeros(self.linearised.e.shape[0])
-        out[: whitened.shape[0]] = whitened
+            change = dict(zip(_LATERAL_CHANNELS, response[[2, 1, 0, 1]], strict=True))
+        for channel, values in change.items():
+            # As `Likelihood.whiten`, for the channels that the equation changes.
+            weights = likelihood.weights[channel]
+            whitened = np.convolve(problem.binned(values) * weights, likelihood.filters[channel])
+            begin = channel * problem.bins
+            out[begin : begin + problem.bins] = -whitened[: problem.bins] * (weights != 0.0)
         return np.asarray(self.linearised.project_out(out * self.linearised.root))
 
     def gain(self, columns: FloatArray) -> tuple[FloatArray, float]:

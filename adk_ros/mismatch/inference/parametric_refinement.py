@@ -1,11 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Refinement of a feature with a memory: its parameters, and signals that contain its own effect.
+Refinement of a feature with parameters: their values, and signals that contain its own effect.
 
 A feature is first computed from the motion of the surrogate without it. Where it changes that
 motion, as a moving mass does, its frequency and damping come out shifted. Here the signals are
-those of the corrected model, and the parameters take Gauss-Newton steps.
+those of the corrected model, and the parameters take Gauss-Newton steps. The threshold of a gate,
+on which the residuals depend by steps, and oscillations are left as the search returns them.
 """
 
 from __future__ import annotations
@@ -26,13 +27,12 @@ from adk_ros.mismatch.inference.linear_response import LinearResponse
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.library.features import Signals, feature
 from adk_ros.mismatch.library.parametric_features import (
+    HYSTERESIS,
     LAG,
     RESONANCE,
-    has_memory,
     kind_of,
-    lag_name,
-    parsed,
-    resonance_name,
+    scaled,
+    sizes_of,
 )
 from adk_ros.mismatch.surrogate.feature_terms import feature_signals
 from adk_ros.numerics.arrays import FloatArray
@@ -43,12 +43,13 @@ _DIFFERENCE = 0.02
 _MAX_LOG_STEP = 0.3
 """Largest change of a parameter's logarithm in one round."""
 _LATERAL = ("v_y", "yaw_rate")
-_DAMPING_RANGE = (0.005, 1.5)
+_COUPLED = (LAG, RESONANCE, HYSTERESIS)
+"""Kinds that may act in both lateral equations with the same parameters."""
 
 
 def refined(likelihood: Likelihood, start: Hypothesis, jacobian: FloatArray) -> Hypothesis:
     """
-    Return a hypothesis with the parameters of its last feature refined, if it has a memory.
+    Return a hypothesis with the parameters of its last feature refined, if it has any.
 
     The same feature in other equations keeps the same parameters. `jacobian` (m, nuisances):
     derivatives with respect to the nuisance parameters.
@@ -89,7 +90,8 @@ def with_siblings(
     must gain `least`.
     """
     current = start
-    if not _of_last_feature(start) or start.effects[-1].effect.equations[0] not in _LATERAL:
+    kind = kind_of(_last_feature(start))
+    if kind not in _COUPLED or start.effects[-1].effect.equations[0] not in _LATERAL:
         return start
     for equation in (name for name in _LATERAL if name in equations):
         last = current.effects[-1]
@@ -109,15 +111,21 @@ def with_siblings(
     return current
 
 
-def _of_last_feature(h: Hypothesis) -> list[int]:
-    """Return the indices of the effects with the last feature, if that has a memory."""
+def _last_feature(h: Hypothesis) -> str:
+    """Return the feature that was added last, or an empty text."""
     last = h.effects[-1].effect if h.effects else None
-    if not isinstance(last, FeatureEffect) or not has_memory(last.feature):
+    return last.feature if isinstance(last, FeatureEffect) else ""
+
+
+def _of_last_feature(h: Hypothesis) -> list[int]:
+    """Return the indices of the effects with the last feature, if that can be refined."""
+    name = _last_feature(h)
+    if not kind_of(name) or not sizes_of(name):
         return []
     return [
         i
         for i, active in enumerate(h.effects)
-        if isinstance(active.effect, FeatureEffect) and active.effect.feature == last.feature
+        if isinstance(active.effect, FeatureEffect) and active.effect.feature == name
     ]
 
 
@@ -134,25 +142,17 @@ def _improved_name(
     response = LinearResponse.of(LinearisedProblem(likelihood, h, jacobian))
     base = feature(name).function(signals)
     columns = [response.column(term.equation, base) for term in terms]
-    count = 2 if kind_of(name) == RESONANCE else 1
+    count = len(sizes_of(name))
     for j in range(count):
         change = np.zeros(count)
         change[j] = _DIFFERENCE
-        slope = (feature(_moved(name, change)).function(signals) - base) / _DIFFERENCE
+        moved = scaled(name, np.exp(change).tolist())
+        slope = (feature(moved).function(signals) - base) / _DIFFERENCE
         parts = [response.column(term.equation, term.coefficient * slope) for term in terms]
         columns.append(np.sum(parts, axis=0))
     step, _ = response.gain(np.column_stack(columns))
-    return _moved(name, np.clip(step[len(terms) :], -_MAX_LOG_STEP, _MAX_LOG_STEP))
-
-
-def _moved(name: str, log_change: FloatArray) -> str:
-    """Return a feature whose parameters are multiplied by exp(log_change)."""
-    kind, arguments = parsed(name)
-    factors = np.exp(log_change)
-    if kind == LAG:
-        return lag_name(arguments[0], float(arguments[1]) * float(factors[0]))
-    damping = float(np.clip(float(arguments[2]) * float(factors[1]), *_DAMPING_RANGE))
-    return resonance_name(arguments[0], float(arguments[1]) * float(factors[0]), damping)
+    change = np.clip(step[len(terms) :], -_MAX_LOG_STEP, _MAX_LOG_STEP)
+    return scaled(name, np.exp(change).tolist())
 
 
 def _renamed(active: ActiveEffect, name: str, signals: Signals) -> ActiveEffect:

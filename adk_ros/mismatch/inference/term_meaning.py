@@ -4,14 +4,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from adk_ros.mismatch.library.features import feature
+from adk_ros.mismatch.library.features import feature, readable
 from adk_ros.mismatch.library.parametric_features import (
+    DRIFT,
+    EXCESS,
+    FILTERED_SIGNALS,
     GATE,
+    HEAT,
+    HYSTERESIS,
     RESONANCE,
+    RIPPLE,
+    TIME,
     WAVE,
+    base_of,
     kind_of,
     parsed,
 )
@@ -23,6 +32,16 @@ _TORQUES = {
     "brake_torque": "the brake torque",
 }
 _DIRECTIONS = {("v_x", "a_x"): "fore and aft", ("v_y", "a_y"): "sideways"}
+_REFERENCE_SPEED = 20.0
+"""m/s at which a force that rises with the speed squared is stated."""
+_TURN_TOLERANCE = 0.03
+"""
+Largest relative difference of a wavelength from the wheel's circumference: tyres roll on a radius
+about 2 % below the unloaded one, and slip.
+"""
+_PER_TURN = {1: "once", 2: "twice", 3: "three times"}
+_MAX_SHARE = 100.0
+"""% above which the final value of a drift lies outside the data: its rate is stated instead."""
 
 
 class Body(NamedTuple):
@@ -40,20 +59,24 @@ def meaning(terms: Sequence[FeatureTerm], body: Body) -> str:
 
 def _meaning(term: FeatureTerm, body: Body) -> str:
     kind = kind_of(term.feature)
-    if kind == RESONANCE:
-        return _moving_mass(term, body)
-    base, where = term.feature, ""
-    if kind == GATE:
-        base = parsed(term.feature)[1][0]
+    base = base_of(term.feature) or term.feature
+    if kind in _SPECIAL:
+        return _SPECIAL[kind](term, body)
+    where = ""
+    if kind in {GATE, EXCESS}:
         where = feature(term.feature).description.removeprefix(feature(base).description)
     if base in _TORQUES and term.equation == "v_x":
-        # dv_x/dt = torque / (mass radius): the coefficient is a share of that.
-        share = 100.0 * term.coefficient * body.mass * body.wheel_radius
+        share = _torque_share(term, body)
         side = "less" if share < 0.0 else "more"
         return f"{_TORQUES[base]} is about {abs(share):.0f} % {side}{where}"
     if kind == WAVE or base == "constant":
         return f"{_force(term, body)}{_oscillation(term)}{where}"
     return ""
+
+
+def _torque_share(term: FeatureTerm, body: Body) -> float:
+    """Return the change of a torque in %: dv_x/dt = torque / (mass radius)."""
+    return 100.0 * term.coefficient * body.mass * body.wheel_radius
 
 
 def _moving_mass(term: FeatureTerm, body: Body) -> str:
@@ -68,11 +91,85 @@ def _moving_mass(term: FeatureTerm, body: Body) -> str:
     )
 
 
-def _force(term: FeatureTerm, body: Body) -> str:
+def _friction(term: FeatureTerm, body: Body) -> str:
+    """Return a hysteresis as the force at which the dry friction yields."""
+    signal, width = parsed(term.feature)[1]
+    words, _, unit = FILTERED_SIGNALS[signal]
+    return (
+        f"{_force(term, body, float(width))} that changes sign only after the {words} has turned "
+        f"back by {2.0 * float(width):.2g} {readable(unit)}, as with play or dry friction"
+    )
+
+
+def _wear(term: FeatureTerm, body: Body) -> str:
+    """Return how a torque or a force changes with time or braking work."""
+    base, variable, scale = parsed(term.feature)[1]
+    # Braking work over the wheel radius is in J.
+    unit, size = ("s", 1.0) if variable == TIME else ("MJ", 1e-6 / body.wheel_radius)
+    of = "" if variable == TIME else " of braking work"
+    final = float(scale) * size
+    half = f"{_two_digits(math.log(2.0) * final)} {unit}{of}"
+    if base in _TORQUES and term.equation == "v_x":
+        share = _torque_share(term, body)
+        verb = f"{_TORQUES[base]} {'loses' if share < 0.0 else 'gains'}"
+        if abs(share) > _MAX_SHARE:
+            per = f"per {unit}{of}" if unit == "MJ" else f"per minute{of}"
+            rate = abs(share) / final * (1.0 if unit == "MJ" else 60.0)
+            return f"{verb} {_two_digits(rate)} % {per}"
+        return f"{verb} {0.5 * abs(share):.0f} % after {half}, and at most {abs(share):.0f} %"
+    if base == "constant":
+        return f"{_force(term, body)} that builds up, half of it after {half}"
+    return ""
+
+
+def _fading(term: FeatureTerm, body: Body) -> str:
+    """Return how a torque changes with the recent braking power."""
+    base, tau = parsed(term.feature)[1]
+    if base not in _TORQUES or term.equation != "v_x":
+        return ""
+    # 10 kW are 1e4 N m^2/s times the wheel radius.
+    share = _torque_share(term, body) * 1e4 * body.wheel_radius
+    verb = "loses" if share < 0.0 else "gains"
+    return (
+        f"{_TORQUES[base]} {verb} {_two_digits(abs(share))} % per 10 kW of braking power, "
+        f"averaged over {float(tau):.2g} s"
+    )
+
+
+def _per_distance(term: FeatureTerm, body: Body) -> str:
+    """Return an oscillation with distance, and how often it is in a turn of the wheel."""
+    wavelength, _, base = parsed(term.feature)[1]
+    turns = 2.0 * math.pi * body.wheel_radius / float(wavelength)
+    nearest = round(turns)
+    often = ""
+    if nearest in _PER_TURN and abs(turns / nearest - 1.0) < _TURN_TOLERANCE:
+        often = f", {_PER_TURN[nearest]} per turn of the wheel"
+    every = f"every {float(wavelength):.3g} m{often}"
+    if base in _TORQUES and term.equation == "v_x":
+        share = abs(_torque_share(term, body))
+        return f"{_TORQUES[base]} varies by ±{_two_digits(share)} % {every}"
+    if base == "speed_squared":
+        at_speed = _force(term, body, _REFERENCE_SPEED**2)
+        return f"{at_speed} at {_REFERENCE_SPEED:g} m/s that oscillates {every}"
+    return f"{_force(term, body)} that oscillates {every}" if base == "constant" else ""
+
+
+_SPECIAL: dict[str, Callable[[FeatureTerm, Body], str]] = {
+    RESONANCE: _moving_mass,
+    HYSTERESIS: _friction,
+    DRIFT: _wear,
+    HEAT: _fading,
+    RIPPLE: _per_distance,
+}
+
+
+def _force(term: FeatureTerm, body: Body, size: float = 1.0) -> str:
+    """Return the force or moment of a term at a feature of `size`."""
+    amount = abs(term.coefficient) * size
     if term.equation == "yaw_rate":
-        return f"a yaw moment of about {_two_digits(abs(term.coefficient) * body.yaw_inertia)} N·m"
+        return f"a yaw moment of about {_two_digits(amount * body.yaw_inertia)} N·m"
     direction = "longitudinal" if term.equation == "v_x" else "lateral"
-    return f"a {direction} force of about {_two_digits(abs(term.coefficient) * body.mass)} N"
+    return f"a {direction} force of about {_two_digits(amount * body.mass)} N"
 
 
 def _oscillation(term: FeatureTerm) -> str:

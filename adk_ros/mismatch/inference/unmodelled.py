@@ -4,8 +4,9 @@
 Unmodelled dynamics: which equation lacks a term, and on which features of the drive it depends.
 
 Features (see `library.features`) with a coefficient are added to the accelerations of the three
-equations, one after the other, while each gains enough. Nuisance parameters and identified effects
-are fitted jointly. The result is a short expression, which also corrects the model.
+equations, one after the other, while each gains enough; after a feature with searched parameters,
+earlier ones that no longer gain enough are dropped. Nuisance parameters and identified effects are
+fitted jointly. The result is a short expression, which also corrects the model.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Like
 from adk_ros.mismatch.inference.parametric_refinement import refined, with_siblings
 from adk_ros.mismatch.inference.result import UnexplainedResidual
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
+from adk_ros.mismatch.inference.term_elimination import without_superfluous
 from adk_ros.mismatch.inference.term_meaning import Body, meaning
 from adk_ros.mismatch.library.criteria import (
     EQUATION_GAIN_SHARE,
@@ -131,7 +133,7 @@ def fit_feature_expansion(
     """
     Describe the excess loss of `start` by as few features as possible.
 
-    `parametric`: also by features with a memory, a threshold or an oscillation.
+    `parametric`: also by features with a memory, a threshold, wear or an oscillation.
     """
     screening = FeatureScreening.of(likelihood, start, parametric)
     jacobian = likelihood.nuisance_jacobian(start)
@@ -141,7 +143,7 @@ def fit_feature_expansion(
     least_sibling = FEATURE_MIN_GAIN + surrogate_error
     least = max(least_sibling, FEATURE_MIN_GAIN_PER_EXCESS * excess)
     gains: list[float] = []
-    while len(feature_terms(current.effects)) < MAX_FEATURES:
+    for _ in range(MAX_FEATURES):
         linearised = LinearisedProblem(likelihood, current, jacobian)
         extended = _best_extension(linearised, screening.candidates(linearised), jacobian, least)
         if extended is None:
@@ -150,14 +152,25 @@ def fit_feature_expansion(
         polished = with_siblings(
             likelihood, polished, jacobian, screening.equations, least_sibling
         )
+        n_more = len(polished.effects) - len(current.effects)
         if polished is not extended:
-            extended = likelihood.fit(
+            polished = likelihood.fit(
                 polished.effects, nuisances=polished.nuisances, budget=FEATURE_REFIT
             )
-        n_more = len(extended.effects) - len(current.effects)
-        gains += [(current.loss - _cost(extended)) / n_more] * n_more
-        current = extended
-        if current.loss - expected_loss < FEATURE_RESIDUAL_SHARE * excess:
+        kept = polished
+        if _is_searched(polished.effects[-1]):
+            first = len(start.effects)
+            kept, dropped = without_superfluous(
+                likelihood, polished, range(first, len(current.effects)), jacobian, least
+            )
+            gains = [x for i, x in enumerate(gains) if i + first not in dropped]
+        # The new terms also take over the gain of those that they replace.
+        gains += [(start.loss - sum(gains) - _cost(kept)) / n_more] * n_more
+        current = kept
+        if (
+            current.loss - expected_loss < FEATURE_RESIDUAL_SHARE * excess
+            or len(feature_terms(current.effects)) >= MAX_FEATURES
+        ):
             break
     terms = tuple(
         replace(term, gain=gain)

@@ -6,7 +6,8 @@ Feature library: candidate functions of the signals that a residual may depend o
 Features describe a residual that no effect of the catalogue explains, and correct the model for
 it. A feature is a function of signals (n,) in SI units: v_x, v_y, yaw_rate, a_x, a_y (simulated),
 torque, delta (commanded). `FEATURES` depend on the signals of the same moment; `feature` also
-knows those with a memory, a threshold or an oscillation (see `parametric_features`).
+knows those with parameters: a memory, a threshold, wear or an oscillation (see
+`parametric_features`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.mismatch.library import parametric_features as parametric
+from adk_ros.mismatch.library.parametric_values import values_of
 from adk_ros.numerics.arrays import FloatArray
 
 Signals = Mapping[str, FloatArray]
@@ -123,21 +125,26 @@ def feature(name: str) -> Feature:
     if name in FEATURES:
         return FEATURES[name]
     kind, arguments = parametric.parsed(name)
-    if kind == parametric.GATE and arguments[0] not in FEATURES:
-        raise ValueError(f"feature '{arguments[0]}' is unknown")
-    description, expression, unit = _texts(kind, arguments)
+    base = parametric.base_of(name)
+    if base and base not in FEATURES:
+        raise ValueError(f"feature '{base}' is unknown")
+    description, expression, unit = _texts(kind, arguments, base)
     functions = {key: entry.function for key, entry in FEATURES.items()}
-    return Feature(
-        description, expression, unit, lambda s: parametric.values_of(name, s, functions)
-    )
+    return Feature(description, expression, unit, lambda s: values_of(name, s, functions))
 
 
-def _texts(kind: str, arguments: list[str]) -> tuple[str, str, str]:
+def _texts(kind: str, arguments: list[str], base_name: str) -> tuple[str, str, str]:
     """Return description, expression and unit of a parametric feature."""
-    if kind == parametric.GATE:
-        base = FEATURES[arguments[0]]
-        words, symbol = _condition(arguments[1])
-        return f"{base.description} {words}", f"{base.expression} [{symbol}]", base.unit
+    if base_name:
+        base = FEATURES[base_name]
+        words, symbols, unit = _change(kind, arguments, base)
+        if kind == parametric.RIPPLE and base_name == "constant":
+            return (
+                f"an oscillation{words.removeprefix('that oscillates')} travelled",
+                symbols,
+                unit,
+            )
+        return f"{base.description} {words}", f"{base.expression} {symbols}", unit
     if kind == parametric.WAVE:
         frequency = float(arguments[0])
         words, symbol = _condition(arguments[2]) if len(arguments) == 3 else ("", "")
@@ -148,15 +155,59 @@ def _texts(kind: str, arguments: list[str]) -> tuple[str, str, str]:
             "1",
         )
     words, symbol, unit = parametric.FILTERED_SIGNALS[arguments[0]]
+    first = float(arguments[1])
     if kind == parametric.LAG:
-        tau = float(arguments[1])
-        return f"{words} with a lag of {tau:.2g} s", f"lag({symbol}, {tau:.3g} s)", unit
-    frequency, damping = float(arguments[1]), float(arguments[2])
+        return f"{words} with a lag of {first:.2g} s", f"lag({symbol}, {first:.3g} s)", unit
+    if kind == parametric.HYSTERESIS:
+        return (
+            f"{words} with a hysteresis of ±{first:.2g} {readable(unit)}",
+            f"hysteresis({symbol}, {first:.3g} {unit})",
+            unit,
+        )
+    damping = float(arguments[2])
     return (
-        f"a mass on a spring moved by {words} ({frequency:.2g} Hz, damping ratio {damping:.2g})",
-        f"resonance({symbol}, {frequency:.3g} Hz, {damping:.2g})",
+        f"a mass on a spring moved by {words} ({first:.2g} Hz, damping ratio {damping:.2g})",
+        f"resonance({symbol}, {first:.3g} Hz, {damping:.2g})",
         unit,
     )
+
+
+def _change(kind: str, arguments: list[str], base: Feature) -> tuple[str, str, str]:
+    """Return words, symbols and unit of what a kind makes of the feature `base`."""
+    if kind == parametric.GATE:
+        words, symbol = _condition(arguments[1])
+        return words, f"[{symbol}]", base.unit
+    if kind == parametric.EXCESS:
+        limit = f"{float(arguments[1]):.4g}"
+        return f"beyond {limit} {readable(base.unit)}", f"[beyond {limit} {base.unit}]", base.unit
+    if kind == parametric.RIPPLE:
+        length = float(arguments[0])
+        phase = float(arguments[1])
+        return (
+            f"that oscillates every {length:.4g} m",
+            f"cos(2 pi s / {length:.5g} m {phase:+.2f})",
+            base.unit,
+        )
+    if kind == parametric.HEAT:
+        tau = f"{float(arguments[1]):.3g} s"
+        return (
+            f"that changes with the braking power of the last {tau}",
+            f"lag(max(-T v_x, 0), {tau})",
+            f"{base.unit} N m^2/s",
+        )
+    scale = f"{float(arguments[2]):.3g}"
+    if arguments[1] == parametric.TIME:
+        return f"that changes over {scale} s", f"(1 - exp(-t / {scale} s))", base.unit
+    return (
+        "that changes with the braking work",
+        f"(1 - exp(-W / {scale} N m^2))",
+        base.unit,
+    )
+
+
+def readable(unit: str) -> str:
+    """Return a unit of a feature as people write it."""
+    return unit.replace("^2", "²").replace("^3", "³").replace("N m", "N·m")
 
 
 def _condition(text: str) -> tuple[str, str]:
@@ -164,12 +215,12 @@ def _condition(text: str) -> tuple[str, str]:
     name, above, threshold = parametric.split_condition(text)
     words, symbol, unit = parametric.CONDITIONS[name]
     side = "above" if above else "below"
+    expression = f"{symbol} {'>' if above else '<'} {threshold:.3g} {unit}"
     if name == "torque" and threshold == 0.0:
         return ("while driving" if above else "while braking"), f"T {'>' if above else '<'} 0"
-    return (
-        f"where the {words} is {side} {threshold:.3g} {unit}",
-        f"{symbol} {'>' if above else '<'} {threshold:.3g} {unit}",
-    )
+    if name == parametric.TIME:
+        return f"{'from' if above else 'until'} {threshold:.3g} s", expression
+    return f"where the {words} is {side} {threshold:.3g} {unit}", expression
 
 
 def feature_matrix(names: list[str], signals: Signals) -> FloatArray:

@@ -1,35 +1,37 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Features with parameters of their own: memory, thresholds, and oscillation in time.
+Features with parameters of their own: memory, thresholds, wear, and oscillations.
 
 Each has a name that holds its parameters, so that a file can name it:
 
 - `lag:SIGNAL:TAU`, a first-order lag, y' = (s - y) / tau;
 - `resonance:SIGNAL:FREQUENCY:DAMPING`, the force of a mass on a spring and a damper per unit of
   mass, w^2 x + 2 z w x' with x'' + 2 z w x' + w^2 x = s and w = 2 pi FREQUENCY;
+- `hysteresis:SIGNAL:WIDTH`, the stress of a spring in series with dry friction that yields at
+  WIDTH: the hysteretic part of backlash (`numerics.filters.stop_operator`);
 - `gate:FEATURE:CONDITION>THRESHOLD` (or `<`), a feature where a condition holds, zero elsewhere;
+- `excess:FEATURE:THRESHOLD`, the part of a feature beyond +-THRESHOLD;
+- `drift:FEATURE:VARIABLE:SCALE`, a feature times 1 - exp(-x / SCALE), x the time or the braking
+  work since the start of the recording;
+- `heat:FEATURE:TAU`, a feature times the braking power with a first-order lag: work that cools;
 - `wave:FREQUENCY:PHASE` and `wave:FREQUENCY:PHASE:CONDITION>THRESHOLD`, cos(2 pi FREQUENCY t +
-  PHASE) with t from the start of the recording: it cannot be transferred to another recording.
+  PHASE) with t from the start of the recording;
+- `ripple:WAVELENGTH:PHASE:FEATURE`, a feature times cos(2 pi s / WAVELENGTH + PHASE) with s the
+  distance travelled.
 
-Signals and features are those of `library.features`, which also needs `time`, s, on an even grid.
+Time and the phase of an oscillation cannot be transferred to another recording. The braking work
+is the integral of max(-T v_x, 0), in N m^2: J times the wheel radius. Signals and features are
+those of `library.features`, which also needs `time`, s, on an even grid.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
-
-import numpy as np
-
-from adk_ros.numerics.arrays import FloatArray
-from adk_ros.numerics.filters import low_pass, resonance
-
-Signals = Mapping[str, FloatArray]
-Static = Callable[[Signals], FloatArray]
+from collections.abc import Sequence
 
 LAG, RESONANCE, GATE, WAVE = "lag", "resonance", "gate", "wave"
-KINDS = (LAG, RESONANCE, GATE, WAVE)
+HYSTERESIS, EXCESS, DRIFT, HEAT, RIPPLE = "hysteresis", "excess", "drift", "heat", "ripple"
+TIME, BRAKE_WORK = "time", "brake_work"
 FILTERED_SIGNALS = {
     "a_x": ("longitudinal acceleration", "a_x", "m/s^2"),
     "a_y": ("lateral acceleration", "a_y", "m/s^2"),
@@ -43,33 +45,73 @@ CONDITIONS = {
     "speed": ("speed", "v_x", "m/s"),
     "delta_size": ("steering angle", "|delta|", "rad"),
     "torque": ("torque", "T", "N·m"),
+    "deceleration": ("deceleration", "-a_x", "m/s²"),
+    TIME: ("time", "t", "s"),
 }
-"""Feature -> words, symbol and unit, of those that may switch another feature on."""
+"""Name -> words, symbol and unit, of what may switch a feature on."""
 MAX_FREQUENCY_HZ, MIN_FREQUENCY_HZ = 10.0, 0.02
-MAX_TAU_S = 100.0
+MAX_TAU_S = 1000.0
+_TAU = (1e-3, MAX_TAU_S)
+_FREQUENCY = (MIN_FREQUENCY_HZ, MAX_FREQUENCY_HZ)
+_PHASE = (-10.0, 10.0)
+_DAMPING = (0.0, 2.0)
+_WAVELENGTH_M = (0.1, 1e4)
+_SIZE = (1e-9, 1e12)
+_LAYOUTS: dict[str, tuple[str | tuple[float, float], ...]] = {
+    LAG: ("signal", _TAU),
+    RESONANCE: ("signal", _FREQUENCY, _DAMPING),
+    HYSTERESIS: ("signal", _SIZE),
+    GATE: ("feature", "condition"),
+    EXCESS: ("feature", _SIZE),
+    DRIFT: ("feature", "variable", _SIZE),
+    HEAT: ("feature", _TAU),
+    WAVE: (_FREQUENCY, _PHASE, "condition"),
+    RIPPLE: (_WAVELENGTH_M, _PHASE, "feature"),
+}
+"""Kind -> its arguments: a name, or the range of a number. The condition of a wave is optional."""
+_SEARCHED = {RESONANCE: 2, RIPPLE: 2}
+"""Searched parameters of a kind, where not one; those of a wave depend on its condition."""
 
 
 def kind_of(name: str) -> str:
     """Return the kind of a parametric feature's name, or an empty text."""
     kind = name.split(":", 1)[0]
-    return kind if kind in KINDS and ":" in name else ""
+    return kind if kind in _LAYOUTS and ":" in name else ""
 
 
 def searched_parameters(name: str) -> int:
     """Return how many parameters of a feature were searched, besides its coefficient."""
-    return {LAG: 1, RESONANCE: 2, GATE: 1, WAVE: 2 + name.count(">") + name.count("<")}.get(
-        kind_of(name), 0
-    )
+    kind = kind_of(name)
+    if kind == WAVE:
+        return 2 + name.count(">") + name.count("<")
+    return _SEARCHED.get(kind, 1) if kind else 0
 
 
 def has_memory(name: str) -> bool:
     """Whether a feature depends on earlier signals."""
-    return kind_of(name) in {LAG, RESONANCE}
+    return kind_of(name) in {LAG, RESONANCE, HYSTERESIS} or has_unlimited_memory(name)
+
+
+def has_unlimited_memory(name: str) -> bool:
+    """Whether a feature depends on all signals since the start of a recording."""
+    return kind_of(name) in {DRIFT, HEAT, RIPPLE}
 
 
 def is_transferable(name: str) -> bool:
     """Whether a feature has a meaning in another recording."""
-    return kind_of(name) != WAVE
+    kind = kind_of(name)
+    if kind == GATE:
+        return split_condition(name.split(":")[2])[0] != TIME
+    if kind == DRIFT:
+        return name.split(":")[2] != TIME
+    return kind not in {WAVE, RIPPLE}
+
+
+def base_of(name: str) -> str:
+    """Return the feature that a gate, an excess, a drift, heat or a ripple modifies, or ''."""
+    kind, *arguments = name.split(":")
+    layout = _LAYOUTS.get(kind, ())
+    return arguments[layout.index("feature")] if "feature" in layout else ""
 
 
 def number_text(value: float) -> str:
@@ -87,9 +129,29 @@ def resonance_name(signal: str, frequency: float, damping: float) -> str:
     return f"{RESONANCE}:{signal}:{number_text(frequency)}:{number_text(damping)}"
 
 
+def hysteresis_name(signal: str, width: float) -> str:
+    """Return the name of the hysteresis of a signal."""
+    return f"{HYSTERESIS}:{signal}:{number_text(width)}"
+
+
 def gate_name(feature: str, condition: str, above: bool, threshold: float) -> str:
     """Return the name of a feature that acts above or below a threshold."""
     return f"{GATE}:{feature}:{condition}{'>' if above else '<'}{number_text(threshold)}"
+
+
+def excess_name(feature: str, threshold: float) -> str:
+    """Return the name of the part of a feature beyond a threshold."""
+    return f"{EXCESS}:{feature}:{number_text(threshold)}"
+
+
+def drift_name(feature: str, variable: str, scale: float) -> str:
+    """Return the name of a feature that grows with the time or the braking work."""
+    return f"{DRIFT}:{feature}:{variable}:{number_text(scale)}"
+
+
+def heat_name(feature: str, tau: float) -> str:
+    """Return the name of a feature that grows with the recent braking power."""
+    return f"{HEAT}:{feature}:{number_text(tau)}"
 
 
 def wave_name(frequency: float, phase: float, gate: str = "") -> str:
@@ -97,6 +159,34 @@ def wave_name(frequency: float, phase: float, gate: str = "") -> str:
     # The phase is that at t = 0: the frequency needs more digits than others.
     text = f"{WAVE}:{frequency:.6g}:{number_text(phase)}"
     return f"{text}:{gate}" if gate else text
+
+
+def ripple_name(wavelength: float, phase: float, feature: str) -> str:
+    """Return the name of a feature that oscillates with the distance travelled."""
+    return f"{RIPPLE}:{wavelength:.7g}:{number_text(phase)}:{feature}"
+
+
+def sizes_of(name: str) -> list[float]:
+    """Return the positive numbers of a feature that scale it: no threshold of a gate, no phase."""
+    kind, arguments = parsed(name)
+    if kind in {GATE, WAVE, RIPPLE}:
+        return []
+    layout = _LAYOUTS[kind]
+    return [float(x) for x, of in zip(arguments, layout, strict=True) if isinstance(of, tuple)]
+
+
+def scaled(name: str, factors: Sequence[float]) -> str:
+    """Return a feature with each of its `sizes_of` multiplied by a factor, within its range."""
+    kind, arguments = parsed(name)
+    remaining = list(factors)
+    parts = [kind]
+    for argument, expected in zip(arguments, _LAYOUTS[kind], strict=True):
+        if isinstance(expected, tuple):
+            value = float(argument) * float(remaining.pop(0))
+            parts.append(number_text(min(max(value, expected[0]), expected[1])))
+        else:
+            parts.append(argument)
+    return ":".join(parts)
 
 
 def split_condition(text: str) -> tuple[str, bool, float]:
@@ -119,20 +209,20 @@ def parsed(name: str) -> tuple[str, list[str]]:
     Raises `ValueError` with what is wrong.
     """
     kind, *arguments = name.split(":")
-    if kind == LAG and len(arguments) == 2 and arguments[0] in FILTERED_SIGNALS:
-        _number(arguments[1], 1e-3, MAX_TAU_S)
-    elif kind == RESONANCE and len(arguments) == 3 and arguments[0] in FILTERED_SIGNALS:
-        _number(arguments[1], MIN_FREQUENCY_HZ, MAX_FREQUENCY_HZ)
-        _number(arguments[2], 0.0, 2.0)
-    elif kind == GATE and len(arguments) == 2:
-        split_condition(arguments[1])
-    elif kind == WAVE and len(arguments) in {2, 3}:
-        _number(arguments[0], MIN_FREQUENCY_HZ, MAX_FREQUENCY_HZ)
-        _number(arguments[1], -10.0, 10.0)
-        if len(arguments) == 3:
-            split_condition(arguments[2])
-    else:
+    layout = _LAYOUTS.get(kind, ())
+    if kind == WAVE and len(arguments) == len(layout) - 1:
+        layout = layout[:-1]
+    if not layout or len(arguments) != len(layout):
         raise ValueError(f"feature '{name}' is unknown")
+    for argument, expected in zip(arguments, layout, strict=True):
+        if isinstance(expected, tuple):
+            _number(argument, *expected)
+        elif expected == "condition":
+            split_condition(argument)
+        elif (expected == "signal" and argument not in FILTERED_SIGNALS) or (
+            expected == "variable" and argument not in {TIME, BRAKE_WORK}
+        ):
+            raise ValueError(f"feature '{name}' is unknown")
     return kind, arguments
 
 
@@ -144,28 +234,3 @@ def _number(text: str, low: float, high: float) -> float:
     if not low <= value <= high:
         raise ValueError(f"{text} is not within {low:g} to {high:g}")
     return value
-
-
-def values_of(name: str, signals: Signals, static: Mapping[str, Static]) -> FloatArray:
-    """Return a parametric feature along a recording (n,); `static`: the other features."""
-    kind, arguments = parsed(name)
-    if kind == GATE:
-        return static[arguments[0]](signals) * _where(arguments[1], signals, static)
-    time = signals["time"]
-    if kind == WAVE:
-        phase = 2.0 * math.pi * float(arguments[0]) * time + float(arguments[1])
-        wave = np.cos(phase)
-        if len(arguments) == 3:
-            wave = wave * _where(arguments[2], signals, static)
-        return np.asarray(wave)
-    step = float(time[1] - time[0]) if time.shape[0] > 1 else 0.01
-    signal = np.ascontiguousarray(signals[arguments[0]])
-    if kind == LAG:
-        return low_pass(signal, step, float(arguments[1]))
-    return resonance(signal, step, 2.0 * math.pi * float(arguments[1]), float(arguments[2]))
-
-
-def _where(text: str, signals: Signals, static: Mapping[str, Static]) -> FloatArray:
-    name, above, threshold = split_condition(text)
-    values = static[name](signals)
-    return np.asarray((values > threshold) if above else (values < threshold), dtype=np.float64)
