@@ -143,7 +143,7 @@ def select_effects(
     path.null_excess_loss = max(null.loss - path.expected_loss, 0.0)
     path.surrogate_error_dof = likelihood.surrogate_error_dof()
     path.levels.append([null])
-    path.examined = _examined(likelihood, lap)
+    path.examined = examined_count(likelihood, lap)
     beam = [null]
     for size in range(1, max_effects + 1):
         level: list[Hypothesis] = []
@@ -239,7 +239,7 @@ def _screen(linearised: LinearisedProblem, lap: Lap | None, path: SelectionPath)
     return out
 
 
-def _examined(likelihood: Likelihood, lap: Lap | None) -> int:
+def examined_count(likelihood: Likelihood, lap: Lap | None) -> int:
     """
     Return the number of effects, onsets and places that one extension examines.
 
