@@ -11,6 +11,7 @@ import numpy as np
 
 from adk_ros.mismatch.deployment.corrected_model import corrected_yaml
 from adk_ros.mismatch.deployment.held_out import HORIZONS_S, REPORTED_HORIZON, Evidence
+from adk_ros.mismatch.deployment.predicted_signals import predicted_signals, unpredicted_signals
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.inference.candidates import rejected_candidates
 from adk_ros.mismatch.inference.confirmation import confirmed
@@ -29,6 +30,7 @@ from adk_ros.mismatch.inference.observability import (
     observable_effects,
     with_pseudo_imu,
 )
+from adk_ros.mismatch.inference.question import Questioned, answer
 from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE, SURROGATE_ERROR_AS_NOISE
@@ -44,6 +46,7 @@ from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.residual_series import residual_series
 from adk_ros.mismatch.simulator import DEFAULT_WHEEL_RADIUS, default_vehicle, surrogate_of
+from adk_ros.mismatch.steady_state import steady_state
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap, find_lap
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
@@ -67,6 +70,7 @@ def identify_mismatch(
     nominal: NominalVehicle | None = None,
     progress: Progress | None = None,
     held_out: Sequence[SensorLog] = (),
+    ask: Sequence[str] = (),
 ) -> MismatchResult:
     """
     Identify the effects in `recording` that `simulation` lacks.
@@ -77,6 +81,7 @@ def identify_mismatch(
     identified. Without an IMU or a torque command, fewer effects are examined (see
     `inference.observability`). Without a `nominal` vehicle, mass and lengths are identified from
     the simulation as far as possible. `progress` is called with (done, total, stage).
+    `ask`: effects of the catalogue, to be answered why they are claimed or not.
 
     Raises `DataError` for recordings that do not allow an analysis.
     """
@@ -127,6 +132,8 @@ def identify_mismatch(
         surrogate, decision.hypothesis, lap, evidence, analysis.not_predicted()
     )
     decision = coherent(decision, validation)
+    about = Questioned(training, path, decision, lap, surrogate.parameters)
+    asked = [answer(name, about) for name in ask]
     decision = with_confidence(refitted(decision, likelihood), validation.error_ratio)
     correction = exported(decision.hypothesis, validation.export)
     discriminability = _discriminability(surrogate, decision, analysis.problem)
@@ -162,6 +169,14 @@ def identify_mismatch(
         held_out=held_out_result(validation, evidence),
         candidates=rejected_candidates(training, path, decision),
         direct=analysis.direct_comparisons(simulation),
+        asked=asked,
+        signals=predicted_signals(
+            (simulation_yaml(surrogate), validation.held_out_yaml),
+            evidence[0],
+            held_out_result(validation, evidence[:1]).source,
+            unpredicted_signals(analysis.observable.torque, has_imu),
+        ),
+        steady_state=steady_state(likelihood, decision.hypothesis, analysis.observable.torque),
     )
 
 

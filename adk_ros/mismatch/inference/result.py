@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
+from adk_ros.mismatch.inference.asked_effect import AskedEffect
 from adk_ros.mismatch.inference.confidence import Evidence
 from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
@@ -14,6 +16,10 @@ from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.recording.direct_comparison import DirectComparison
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.numerics.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from adk_ros.mismatch.deployment.predicted_signals import PredictedSignals
+    from adk_ros.mismatch.steady_state import SteadyState
 
 NONE, EXPLAINED, UNKNOWN = "none", "explained", "unknown"
 FULL, WITHOUT_TOLERANCES, WITHOUT_FEATURES, NOT_EXPORTED = (
@@ -200,3 +206,9 @@ class MismatchResult:
     """Effects that were fitted and are not claimed, largest gain first."""
     direct: list[DirectComparison] = field(default_factory=list)
     """Quantities of both recordings without a surrogate model; empty without two bags."""
+    asked: list[AskedEffect] = field(default_factory=list)
+    """Answers to the questions why an effect is claimed or not."""
+    signals: PredictedSignals | None = None
+    """Held-out signals in physical units, predicted 1 s ahead; None where none fits in."""
+    steady_state: SteadyState | None = None
+    """Understeer and resistance, measured and simulated on the same inputs."""

@@ -1,0 +1,108 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Required size: that from which an effect would be claimed, and the driving that it would take.
+
+With s the size and sigma its standard deviation next to all other fitted parameters, the gain of a
+present effect is about (s / sigma)^2, since a loss difference is twice a log-likelihood ratio.
+The size from which it would be claimed on this recording is where this gain is the required one
+and the size is significant. The required gain depends on the size too, through the excess loss
+that the effect causes. On k times as much driving of the same kind, gain, excess losses and
+surrogate error are k times as large, and only the fixed part of the required gain is not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from adk_ros.mismatch.inference.block_scores import BlockScores, effect_variables
+from adk_ros.mismatch.inference.forward_selection import SelectionPath, min_required_gain
+from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.significance import critical_value
+
+MAX_MORE_DRIVING = 100.0
+"""Largest factor on the duration of driving that is stated. Convention: nobody drives longer."""
+_FACTORS = np.geomspace(1.0, MAX_MORE_DRIVING, 200)
+_GAINS = np.geomspace(1.0, 1e8, 400)
+"""Gains among which the least sufficient one is sought."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """
+    What limits the detection of an effect, by fitted variable.
+
+    `curvature`: standard deviation by the loss alone, `deviation`: over blocks of time;
+    `critical`: deviations that a significant effect exceeds.
+    """
+
+    curvature: list[float]
+    deviation: list[float]
+    critical: list[float]
+
+    @classmethod
+    def of(cls, likelihood: Likelihood, h: Hypothesis, examined: int) -> Reach:
+        """Return the reach of the last effect of a fitted hypothesis."""
+        assert h.fit is not None
+        scores, part = BlockScores.of(likelihood, h), effect_variables(h)[-1]
+        tests = examined * (part.stop - part.start)
+        return cls(
+            [float(x) for x in h.fit.deviation()[part]],
+            [float(x) for x in scores.deviations()[part]],
+            [critical_value(scores.active_blocks(j), tests) for j in range(part.start, part.stop)],
+        )
+
+    def significance(self, active: ActiveEffect) -> float:
+        """Return the largest size over the least significant one, over the variables."""
+        return max(
+            abs(theta - p.theta_neutral) / max(sigma * critical, 1e-30)
+            for p, theta, sigma, critical in zip(
+                active.effect.parameters, active.theta, self.deviation, self.critical, strict=True
+            )
+        )
+
+    def detectable(self, active: ActiveEffect, loss: float) -> dict[str, float | None]:
+        """Return the least size that removes `loss`, is significant and material."""
+        sizes: dict[str, float | None] = {}
+        for i, (parameter, theta) in enumerate(
+            zip(active.effect.parameters, active.theta, strict=True)
+        ):
+            least = self.curvature[i] * float(np.sqrt(max(loss, 0.0)))
+            least = max(least, self.critical[i] * self.deviation[i])
+            # A parameter at its bound has no deviation.
+            known = least > 0.0
+            if not parameter.inverse:
+                least = max(least, parameter.materiality_threshold)
+            x = parameter.theta_neutral + (-least if theta < parameter.theta_neutral else least)
+            low, high = parameter.bounds()
+            known = known and low <= x <= high
+            sizes[parameter.name] = parameter.value(x) if known else None
+        return sizes
+
+
+def sufficient_loss(h: Hypothesis, path: SelectionPath, penalty: float) -> float:
+    """Return the loss that an effect must remove to be claimed, next to the others of `h`."""
+    for removed in _GAINS:
+        if removed - penalty > min_required_gain(replace(h, loss=h.loss + removed), path):
+            return float(removed)
+    return np.inf
+
+
+def more_driving(
+    before: Hypothesis, path: SelectionPath, removed: float, penalty: float, significance: float
+) -> float | None:
+    """Return the least factor on the duration with which the fitted size would be claimed."""
+    for k in _FACTORS:
+        longer = replace(
+            path,
+            expected_loss=k * path.expected_loss,
+            null_excess_loss=k * path.null_excess_loss,
+            surrogate_error_dof=k * path.surrogate_error_dof,
+        )
+        required = min_required_gain(replace(before, loss=k * before.loss), longer)
+        # A standard deviation falls with the square root of the duration.
+        if k * removed - penalty > required and significance * np.sqrt(k) > 1.0:
+            return float(k)
+    return None
