@@ -11,6 +11,7 @@ programming yields the segments of one common size. Size and boundaries are then
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,9 +25,14 @@ from adk_ros.mismatch.library.criteria import (
     PENALTY_PER_SEGMENT,
 )
 from adk_ros.mismatch.library.effect import PLACE, Effect
-from adk_ros.mismatch.surrogate.activation import TRANSITION_LENGTH_M, Activation
+from adk_ros.mismatch.surrogate.activation import (
+    ALWAYS_ACTIVE,
+    TRANSITION_LENGTH_M,
+    Activation,
+)
 from adk_ros.mismatch.surrogate.lap import Lap
 from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.numerics.levenberg_marquardt import huber_values
 
 BINS = 90
 """Bins of a lap; 10 to 20 m each on usual routes."""
@@ -44,6 +50,8 @@ _RIDGE = 0.03
 """Weight of the smoothness prior, relative to the median of the normal matrix's diagonal."""
 _RIDGE_SIZE = 0.02
 """Weight of the profile's size in that prior, relative to its second difference."""
+_MAX_RESEGMENTATIONS = 2
+"""Most times that segments are chosen anew. Empirical: computing time."""
 _EMPTY_BIN_COST = 1e-3
 """Loss of including a bin: bins without data count only between two that gain."""
 
@@ -167,19 +175,29 @@ def refine_segments(likelihood: Likelihood, start: Hypothesis, jacobian: FloatAr
     """
     Fit sizes and boundaries, with wide transitions first.
 
-    The last effect also gets the best of its `GRADUAL_EDGE_WIDTHS`.
+    The segments of the last effect are then chosen anew at its fitted size, while that fits
+    better; it also gets the best of its `GRADUAL_EDGE_WIDTHS`.
     """
 
-    def fit(effects: list[ActiveEffect], nuisances: FloatArray) -> Hypothesis:
+    def fit(effects: Sequence[ActiveEffect], nuisances: FloatArray) -> Hypothesis:
         return likelihood.fit(
             effects, nuisances=nuisances, budget=SEGMENTS, jacobian=jacobian, fit_activation=True
         )
 
-    wide = [_with_transition(a, _SEARCH_TRANSITION_M) for a in start.effects]
-    coarse = fit(wide, start.nuisances)
-    merged = [replace(a, activation=_merged(a.activation)) for a in coarse.effects]
-    sharp = [_with_transition(a, TRANSITION_LENGTH_M) for a in merged]
-    best = fit(sharp, coarse.nuisances)
+    def fit_coarse_to_fine(h: Hypothesis) -> Hypothesis:
+        wide = [_with_transition(a, _SEARCH_TRANSITION_M) for a in h.effects]
+        coarse = fit(wide, h.nuisances)
+        merged = [replace(a, activation=_merged(a.activation)) for a in coarse.effects]
+        sharp = [_with_transition(a, TRANSITION_LENGTH_M) for a in merged]
+        return fit(sharp, coarse.nuisances)
+
+    best = fit_coarse_to_fine(start)
+    for _ in range(_MAX_RESEGMENTATIONS):
+        anew = _resegmented(likelihood, best)
+        trial = best if anew is None else fit_coarse_to_fine(anew)
+        if trial.loss >= best.loss:
+            break
+        best = trial
     last = best.effects[-1]
     if last.activation.kind != PLACE or last.effect.name not in GRADUAL_EDGE_WIDTHS:
         return best
@@ -190,6 +208,41 @@ def refine_segments(likelihood: Likelihood, start: Hypothesis, jacobian: FloatAr
             break
         best = trial
     return best
+
+
+def _resegmented(likelihood: Likelihood, h: Hypothesis) -> Hypothesis | None:
+    """
+    Return a hypothesis with the segments of its last effect chosen at its fitted size.
+
+    The first choice is made at the derivative for a standard size, which is inexact for friction.
+    A bin's gain is the loss of the recording without the effect minus that with the effect
+    everywhere. None where other segments gain no more than another segment would cost.
+    """
+    last = h.effects[-1]
+    activation = last.activation
+    if activation.kind != PLACE or activation.distance is None:
+        return None
+    problem = likelihood.problem
+    rows = 6 * problem.bins
+    others = h.effects[:-1]
+    everywhere = replace(last, activation=ALWAYS_ACTIVE)
+    losses = [
+        huber_values(likelihood.residuals(h.nuisances, effects)[:rows])
+        for effects in (others, (*others, everywhere))
+    ]
+    unwrapped = np.unwrap(activation.distance, period=activation.lap_length)
+    along = np.interp(problem.bin_s, problem.middle_s, unwrapped)
+    bin_of = np.floor(along / (activation.lap_length / BINS)).astype(np.int64) % BINS
+    by_time = (losses[0] - losses[1]).reshape(6, problem.bins).sum(axis=0)
+    gain = np.asarray(np.bincount(bin_of, by_time, minlength=BINS), dtype=np.float64)
+    mask = optimal_segmentation(gain, PENALTY_PER_SEGMENT)
+    segments = segments_of_mask(mask, activation.lap_length)
+    weight = np.interp(problem.bin_s, problem.middle_s, activation.series(problem))
+    improvement = float(gain[mask].sum() - by_time @ weight)
+    if not 0 < len(segments) <= MAX_SEGMENTS or improvement < PENALTY_PER_SEGMENT:
+        return None
+    anew = replace(last, activation=replace(activation, segments=segments))
+    return Hypothesis((*others, anew), h.nuisances, h.loss)
 
 
 def _with_transition(active: ActiveEffect, length: float) -> ActiveEffect:
