@@ -138,7 +138,8 @@ class FitResult:
 
     `x` (n,); `cost` includes the prior, `residuals` and `jacobian` (m, n) do not. `normal` (n, n)
     is the normal matrix with the prior: its inverse is the covariance of x where the residuals
-    are white. `jacobian` and `normal` are those of the last linearisation.
+    are white. `jacobian` and `normal` are those of the last linearisation. `low`, `high` (n,) are
+    the bounds of x.
     """
 
     x: FloatArray
@@ -146,6 +147,8 @@ class FitResult:
     residuals: FloatArray
     jacobian: FloatArray
     normal: FloatArray
+    low: FloatArray
+    high: FloatArray
 
     def deviation(self) -> FloatArray:
         """Return the standard deviations (n,) of the parameters for white residuals."""
@@ -292,4 +295,4 @@ def minimise(
         damping = schedule.accepted(damping)
         if gain < options.relative_tolerance * cost + options.absolute_tolerance:
             break
-    return FitResult(x, cost, e, jacobian, normal)
+    return FitResult(x, cost, e, jacobian, normal, parameters.low, parameters.high)

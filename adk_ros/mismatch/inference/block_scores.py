@@ -20,17 +20,24 @@ K.-Y. Liang and S. L. Zeger, Biometrika 73 (1986) 13). Without block b, the fit 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
 from adk_ros.mismatch.surrogate.residuals import DISTANCE_INTERVAL_S
 from adk_ros.numerics.arrays import FloatArray, IntArray
-from adk_ros.numerics.levenberg_marquardt import FitResult, huber_root, huber_values
+from adk_ros.numerics.levenberg_marquardt import (
+    FitResult,
+    bounded_step,
+    huber_root,
+    huber_values,
+)
 
 BLOCK_S = 10.0
 """s. Eight times the memory of the whitening filters (1.2 s), about the duration of a bend."""
+_DAMPING = 1e-6
+"""Relative damping of that move: a variable that only block b informs about has no other value."""
 _MIN_INFORMATION_SHARE = 0.01
 """A block with less than this share of the largest block's information on a parameter is idle."""
 
@@ -49,7 +56,8 @@ class BlockScores:
     A fit's linearisation by block.
 
     `gradients` (b, n) s_b, `normals` (b, n, n) N_b, `losses` (b,) Huber losses, `normal` (n, n)
-    with the prior, `prior` (n, n).
+    with the prior, `prior` (n, n). `room` (2, n): how far each fitted value may change downwards
+    and upwards when a block is left out.
     """
 
     gradients: FloatArray
@@ -57,12 +65,19 @@ class BlockScores:
     losses: FloatArray
     normal: FloatArray
     prior: FloatArray
+    room: FloatArray
 
     @classmethod
     def of(cls, likelihood: Likelihood, h: Hypothesis) -> BlockScores:
         """Return the scores of a hypothesis by blocks, of those with data."""
         assert h.fit is not None
-        return cls.of_fit(h.fit, block_of_rows(likelihood, h.fit.residuals.shape[0]))
+        scores = cls.of_fit(h.fit, block_of_rows(likelihood, h.fit.residuals.shape[0]))
+        # A single block may determine an onset or the end of a segment: they stay.
+        fixed = np.ones(h.fit.x.shape[0], dtype=bool)
+        fixed[: h.nuisances.shape[0]] = False
+        for part in effect_variables(h):
+            fixed[part] = False
+        return replace(scores, room=np.where(fixed, 0.0, scores.room))
 
     @classmethod
     def of_fit(cls, fit: FitResult, block: IntArray) -> BlockScores:
@@ -78,7 +93,8 @@ class BlockScores:
         losses = np.array([values[used].sum() for used in rows])
         data = normals.sum(axis=0)
         prior = np.diag(np.maximum(np.diag(fit.normal) - np.diag(data), 0.0))
-        return cls(gradients, normals, losses, data + prior, prior)
+        room = np.array([fit.low - fit.x, fit.high - fit.x])
+        return cls(gradients, normals, losses, data + prior, prior, room)
 
     def deviations(self) -> FloatArray:
         """
@@ -102,11 +118,14 @@ class BlockScores:
         return int(np.count_nonzero(information > _MIN_INFORMATION_SHARE * information.max()))
 
     def left_out_losses(self) -> FloatArray:
-        """Return the loss (b,) of each block under the fit to all other blocks, linearised."""
+        """
+        Return the loss (b,) of each block under the fit to all other blocks, linearised.
+
+        Within the bounds of the fit; onsets and ends of segments stay.
+        """
         out = np.empty(self.losses.size)
         for i, (gradient, normal) in enumerate(zip(self.gradients, self.normals, strict=True)):
-            scale, inverse = self._inverse(self.normal - normal)
-            change = (inverse @ (gradient / scale)) / scale
+            change = bounded_step(self.normal - normal, -gradient, _DAMPING, *self.room)
             out[i] = self.losses[i] + 2.0 * gradient @ change + change @ normal @ change
         return out
 

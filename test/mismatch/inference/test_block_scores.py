@@ -66,9 +66,10 @@ def test_rows_without_data_count_in_no_block() -> None:
 def test_a_variable_is_active_in_the_blocks_that_inform_about_it() -> None:
     early = np.where(np.arange(N) < 5 * PER_BLOCK, 1.0, 0.0)
     normal = np.zeros((2, 2))
+    wide = np.full(2, 1e6)
     jacobian = np.column_stack([early, np.ones(N)])
     residuals = np.random.default_rng(5).normal(size=N)
-    fit = FitResult(np.zeros(2), 0.0, residuals, jacobian, normal)
+    fit = FitResult(np.zeros(2), 0.0, residuals, jacobian, normal, -wide, wide)
     scores = BlockScores.of_fit(fit, BLOCK)
     assert (scores.active_blocks(0), scores.active_blocks(1)) == (5, 20)
 
