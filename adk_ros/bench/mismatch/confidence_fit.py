@@ -3,8 +3,8 @@
 """
 Calibration of the confidence: its constants with the largest likelihood of claims right or wrong.
 
-A claim is an effect that a report names; it is right if the label has the effect, or one that the
-report says cannot be distinguished from it.
+A claim is an effect that a report names; it is right if the label has the effect, or one that no
+recording distinguishes from it.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ def claims_of(label: dict[str, Any], answer: dict[str, Any]) -> list[Claim]:
             np.array([x["log_prior"] for x in alternatives]),
             float(given["total_gain"]),
         )
-        named = {effect["name"], *effect["alternatives"]}
+        # What joined the alternatives for its probability is itself among those of the evidence.
+        named = {effect["name"], *effect["alternatives"]} - set(evidence.names)
         claims.append(Claim(evidence, max(ratios, default=0.0), bool(named & true)))
     return claims
 

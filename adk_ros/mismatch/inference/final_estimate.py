@@ -12,6 +12,11 @@ from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
 from adk_ros.mismatch.inference.fit_budget import FINAL
 from adk_ros.mismatch.inference.likelihood import Likelihood
 
+CREDIBLE = 0.9
+"""Probability of the set of effects that is reported, one of which is present. Convention."""
+SMALLEST_SHARE = 0.05
+"""Least probability of an effect in that set: the usual size of a significance test."""
+
 
 def refitted(decision: Decision, likelihood: Likelihood) -> Decision:
     """
@@ -56,6 +61,7 @@ def with_confidence(decision: Decision, error_ratio: float) -> Decision:
     """
     Return a decision with the posterior probability of each effect.
 
+    While it is below `CREDIBLE`, the most probable competing effect joins the alternatives.
     `error_ratio`: largest held-out error over what a correct model explains.
     """
     model = ConfidenceModel()
@@ -64,5 +70,25 @@ def with_confidence(decision: Decision, error_ratio: float) -> Decision:
         assert identified.evidence is not None
         posterior = model.posterior(identified.evidence, error_ratio)
         confidence = max(1.0 - sum(posterior.values()), 0.0)
-        effects.append(replace(identified, confidence=round(confidence, 3), posterior=posterior))
+        joined: list[str] = []
+        for competitor in sorted(
+            identified.competitors, key=lambda c: -posterior.get(c.name, 0.0)
+        ):
+            share = posterior.get(competitor.name, 0.0)
+            if confidence >= CREDIBLE or share < SMALLEST_SHARE:
+                break
+            joined.append(competitor.name)
+            confidence += share
+        effects.append(
+            replace(
+                identified,
+                confidence=round(confidence, 3),
+                posterior=posterior,
+                alternatives=[*identified.alternatives, *joined],
+                competitors=tuple(
+                    replace(c, alternative=c.alternative or c.name in joined)
+                    for c in identified.competitors
+                ),
+            )
+        )
     return replace(decision, effects=effects)

@@ -14,6 +14,12 @@ from adk_ros.mismatch.inference.confidence import (
     Evidence,
     formula_log_prior,
 )
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.final_estimate import with_confidence
+from adk_ros.mismatch.inference.identifiability import CompetingEffect
+from adk_ros.mismatch.inference.likelihood import Hypothesis, inactive_effect
+from adk_ros.mismatch.inference.result import EXPLAINED, IdentifiedEffect
+from adk_ros.mismatch.library.catalogue import EFFECTS
 
 BLOCKS = 16
 
@@ -65,3 +71,26 @@ def test_probabilities_sum_to_at_most_one() -> None:
     posterior = ConfidenceModel().posterior(evidence(-3.0, -5.0, -2.0), 10.0)
     assert 0.95 < sum(posterior.values()) <= 1.0
     assert set(posterior) == {ABSENT, "yaw_inertia", UNLISTED}
+
+
+def competitor(name: str, alternative: bool = False) -> CompetingEffect:
+    return CompetingEffect("aero_drag", name, 5.0, inactive_effect(EFFECTS[name]), alternative)
+
+
+def decision(per_block: float) -> Decision:
+    differences = np.array([[50.0] * BLOCKS, [per_block] * BLOCKS])
+    found = Evidence((ABSENT, "headwind"), differences, np.zeros(2), 0.0)
+    drag = IdentifiedEffect(
+        EFFECTS["aero_drag"], {}, np.nan, [], "always", [], 800.0,
+        (competitor("headwind"), competitor("rolling_resistance")), evidence=found,
+    )  # fmt: skip
+    return Decision(EXPLAINED, [drag], None, Hypothesis((), np.zeros(0), 0.0), None)
+
+
+def test_the_most_probable_competitor_joins_an_uncertain_effect() -> None:
+    (certain,) = with_confidence(decision(10.0), 0.1).effects
+    assert (certain.alternatives, certain.confidence > 0.95) == ([], True)
+    (tied,) = with_confidence(decision(2.0 / BLOCKS), 0.1).effects
+    assert tied.alternatives == ["headwind"]
+    assert tied.confidence > 0.9 > 1.0 - tied.posterior["headwind"]
+    assert [c.alternative for c in tied.competitors] == [True, False]
