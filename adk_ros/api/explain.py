@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -55,6 +56,13 @@ class MismatchExplanation:
         """The result in a sentence."""
         text: str = self.as_dict()["sentence"]
         return text
+
+    @property
+    def answers(self) -> list[str]:
+        """Answers to the effects that were asked for, one paragraph each."""
+        from adk_ros.mismatch.report.asked_text import asked_text
+
+        return [asked_text(each) for each in self.result.asked]
 
     @property
     def notes(self) -> list[str]:
@@ -156,6 +164,7 @@ def explain(
     out: Path | str | None = None,
     *,
     held_out: Sequence[Path | str] = (),
+    ask: Sequence[str] = (),
     without_imu: bool = False,
     options: RecordingOptions | None = None,
     force: bool = False,
@@ -172,6 +181,7 @@ def explain(
     :param out: folder for the report; default: none, see `MismatchExplanation.write`.
     :param held_out: further bags of the same car, on which the improvement is measured. Default:
         the last quarter of `recording`, which is then left out of every selection.
+    :param ask: effects of the catalogue, to be answered why they are claimed or not.
     :param without_imu: accept a recording without an IMU and use odometry only.
     :param options: how to read both bags, see `recording_options`.
     :param force: replace an earlier result in `out`.
@@ -189,6 +199,7 @@ def explain(
     from adk_ros.mismatch.recording.sensor_log import SensorLog
 
     timer = RunTimer()
+    check_asked(ask)
     simulation, recording = Path(simulation), Path(recording)
     if out is not None:
         check_output(Path(out), force, RESULT_FILES, simulation, recording)
@@ -208,7 +219,7 @@ def explain(
         in_stage(progress, "comparing")(done, total, detail)
 
     explanation = MismatchExplanation(
-        identify_mismatch(simulated, recorded, nominal, comparing, others), warnings
+        identify_mismatch(simulated, recorded, nominal, comparing, others, ask), warnings
     )
     sources = [("simulation", simulation), ("recording", recording)]
     sources += [("held-out recording", Path(path)) for path in held_out]
@@ -218,6 +229,25 @@ def explain(
     if out is not None:
         explanation.write(out, force)
     return explanation
+
+
+def check_asked(names: Sequence[str]) -> None:
+    """
+    Check the names of effects to ask for.
+
+    :raises UsageError: a name is not in the catalogue; the message lists close names.
+    """
+    from adk_ros.mismatch.library.catalogue import EFFECTS
+
+    for name in names:
+        if name in EFFECTS:
+            continue
+        close = difflib.get_close_matches(name.replace("-", "_"), EFFECTS, n=3, cutoff=0.4)
+        close += [each for each in EFFECTS if name in each and each not in close]
+        listed = f": {', '.join(close)}?" if close else ""
+        raise UsageError(
+            f"--ask {name}: no such effect{listed} (all names: doc/reference/effects.md)"
+        )
 
 
 def _read_held_out(

@@ -46,6 +46,13 @@ def mismatch(
             "Default: the last quarter of the recording, which the measured fit excludes"
         ),
     ] = None,
+    ask: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="effect of the catalogue, such as steering_lag: why is it claimed, or not, and "
+            "what would decide (repeatable)"
+        ),
+    ] = None,
     without_imu: Annotated[
         bool,
         typer.Option(
@@ -84,6 +91,7 @@ def mismatch(
                 vehicle,
                 out,
                 held_out=held_out or (),
+                ask=ask or (),
                 without_imu=without_imu,
                 options=options,
                 force=force,
@@ -99,6 +107,8 @@ def mismatch(
     for text in result.notes:
         console.note(text)
     console.output.print(result.summary, markup=False)
+    for text in result.answers:
+        console.output.print(f"\n{text}", markup=False)
     console.note(
         f"report.html, mismatch.json and the models (simulation, corrected, held_out) in {out}"
     )

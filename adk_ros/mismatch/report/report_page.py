@@ -40,6 +40,7 @@ from adk_ros.mismatch.report.evidence_figures import (
     unexplained_figure,
 )
 from adk_ros.mismatch.report.location_figures import map_figure, timeline_figure
+from adk_ros.mismatch.report.opening_sections import OPENING_FIGURES, opening_values
 from adk_ros.mismatch.report.report_tables import (
     candidate_rows,
     competitor_rows,
@@ -70,6 +71,7 @@ PAGE = "report.html"
 _MAX_TERM_FIGURES = 8
 
 FIGURES = (
+    *OPENING_FIGURES,
     "map.png",
     "timeline.png",
     "errors.png",
@@ -163,6 +165,7 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         not_judged=listed([title(name) for name in result.not_judged]),
         drivers=listed([feature(term.feature).description for term in terms]),
         manoeuvres=[(title(one.effect.name), one.effect.manoeuvre) for one in result.effects],
+        **opening_values(result, out),
     )
     path = out / PAGE
     path.write_text(text, encoding="utf-8")

@@ -21,6 +21,7 @@ from adk_ros.mismatch.inference.result import (
 )
 from adk_ros.mismatch.library.effect import PLACE, TIME
 from adk_ros.mismatch.report.direct_table import direct_as_dicts
+from adk_ros.mismatch.report.opening_json import opening_as_dict
 from adk_ros.mismatch.report.report_page import FIGURES, PAGE, write_page
 from adk_ros.mismatch.report.summary import segment_texts, sentence, underfit_channels
 from adk_ros.mismatch.report.vocabulary import unit_text
@@ -107,6 +108,7 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         ]
     if result.direct:
         answer["direct"] = direct_as_dicts(result)
+    answer |= opening_as_dict(result)
     underfit = underfit_channels(result)
     if underfit:
         answer["caveat"] = (
