@@ -35,7 +35,7 @@ from adk_ros.mismatch.inference.segments import (
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
     BEAM_EXCESS_SHARE,
-    BEAM_LOSS,
+    BEAM_NOISE_SHARE,
     BEAM_WIDTH,
     MAX_EFFECTS,
     MAX_ONSETS_FITTED,
@@ -55,7 +55,7 @@ from adk_ros.mismatch.library.criteria import (
     PENALTY_PER_PARAMETER,
     PRUNING_SHARE,
     REFIT_EXCESS_RATIO,
-    REFIT_LOSS,
+    REFIT_NOISE_SHARE,
 )
 from adk_ros.mismatch.library.effect import ALWAYS, PLACE, TIME
 from adk_ros.mismatch.surrogate.lap import Lap
@@ -160,7 +160,8 @@ def select_effects(
         if not is_improvement(best, path.levels[size - 1][0], path):
             break
         excess = max(best.loss - path.expected_loss, 0.0)
-        limit = penalised_loss(best) + BEAM_EXCESS_SHARE * excess + BEAM_LOSS
+        margin = BEAM_EXCESS_SHARE * excess + BEAM_NOISE_SHARE * path.expected_loss
+        limit = penalised_loss(best) + margin
         beam = [h for h in level[:BEAM_WIDTH] if penalised_loss(h) < limit]
     return path
 
@@ -267,7 +268,7 @@ def _refit_competitive(
     screened = _distinct(level)[:MAX_REFITS]
     best_excess = max(screened[0].loss - expected_loss, 0.0) if screened else 0.0
     # A joint fit may change the order of those that a screening fit leaves close together.
-    limit = REFIT_EXCESS_RATIO * best_excess + REFIT_LOSS
+    limit = REFIT_EXCESS_RATIO * best_excess + REFIT_NOISE_SHARE * expected_loss
     fitted = [
         likelihood.fit(h.effects, nuisances=h.nuisances, budget=JOINT, fit_activation=True)
         if h.loss - expected_loss < limit

@@ -106,12 +106,12 @@ ONSET_MIN_GAIN_RATIO = 1.1
 """An effect from an onset on must gain this many times what it gains throughout. Empirical."""
 BEAM_EXCESS_SHARE = 0.5
 """A hypothesis within this share of the best one's excess loss is extended. Empirical."""
-BEAM_LOSS = 1000.0
-"""Loss added to that margin. Empirical; absolute, so it depends on the recording's length."""
+BEAM_NOISE_SHARE = 0.04
+"""Share of a perfect model's loss added to that margin. Empirical: computing time."""
 REFIT_EXCESS_RATIO = 2.0
 """A hypothesis below this multiple of the best excess loss is fitted jointly. Empirical."""
-REFIT_LOSS = 2000.0
-"""Loss added to that margin. Empirical; absolute, so it depends on the recording's length."""
+REFIT_NOISE_SHARE = 0.08
+"""Share of a perfect model's loss added to that margin. Empirical: computing time."""
 
 # --- Where and when an effect acts -------------------------------------------------------------
 
