@@ -16,12 +16,14 @@ import numpy as np
 from adk_ros.mismatch.library.features import FEATURES, Signals
 from adk_ros.mismatch.library.parametric_features import (
     BRAKE_WORK,
+    DECAY,
     DRIFT,
     FILTERED_SIGNALS,
     GATE,
     LAG,
     RESONANCE,
     TIME,
+    decay_name,
     drift_name,
     excess_name,
     gate_name,
@@ -58,7 +60,7 @@ GATED = (
     "speed_squared",
 )
 """Features that a threshold may switch, or that may change with time."""
-EXCEEDING = ("drive_torque", "brake_torque", "speed", "yaw_rate_speed", "delta")
+EXCEEDING = ("drive_torque", "brake_torque", "speed", "yaw_rate_speed", "yaw_rate", "delta")
 """Features of which the part beyond a threshold is tried."""
 HYSTERETIC = ("torque", "delta", "a_y")
 _RESONATING = ("a_x", "a_y")
@@ -124,10 +126,11 @@ class ParametricGrid:
     def _worn(self, signals: Signals) -> list[str]:
         variables = [(TIME, GATED), (BRAKE_WORK, ("brake_torque",))]
         names = [
-            drift_name(base, variable, scale * last)
+            named(base, variable, scale * last)
             for variable, bases in variables
             for scale in SCALES
             for base in bases
+            for named in (drift_name, decay_name)
             if (last := float(drift_variable(variable, signals)[-1])) > 0.0
         ]
         return [*names, *(heat_name("brake_torque", tau) for tau in COOLING_S)]
@@ -141,7 +144,7 @@ class ParametricGrid:
             return [scaled(name, [f, d]) for f in factors for d in dampings]
         if kind == GATE:
             return self._near_thresholds(arguments, spacing)
-        reach = 1.7 if kind == DRIFT else 1.5 if kind == LAG else 1.3
+        reach = 1.7 if kind in {DRIFT, DECAY} else 1.5 if kind == LAG else 1.3
         return [scaled(name, [reach ** (spacing * k)]) for k in (-1, -0.5, 0.5, 1)]
 
     def _near_thresholds(self, arguments: Sequence[str], spacing: float) -> list[str]:

@@ -22,6 +22,7 @@ from adk_ros.mismatch.inference.periodic_search import PeriodicSearch
 from adk_ros.mismatch.library.criteria import PENALTY_PER_LOCATION
 from adk_ros.mismatch.library.features import Signals, feature
 from adk_ros.mismatch.library.parametric_features import (
+    DECAY,
     DRIFT,
     GATE,
     kind_of,
@@ -90,7 +91,7 @@ def _distinct(found: Sequence[Found]) -> list[Found]:
         key = [item.equation, *arguments[:2]]
         if kind_of(item.name) == GATE:
             key.append(split_condition(arguments[2])[0])
-        elif kind_of(item.name) == DRIFT:
+        elif kind_of(item.name) in {DRIFT, DECAY}:
             key.append(arguments[2])
         seen.setdefault(tuple(key), item)
     return list(seen.values())

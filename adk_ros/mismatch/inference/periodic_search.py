@@ -21,6 +21,7 @@ from adk_ros.mismatch.inference.linear_response import LinearResponse
 from adk_ros.mismatch.library.criteria import PENALTY_PER_LOCATION
 from adk_ros.mismatch.library.features import FEATURES, Signals, feature
 from adk_ros.mismatch.library.parametric_features import (
+    pulsation_name,
     ripple_name,
     searched_parameters,
     split_condition,
@@ -32,11 +33,16 @@ from adk_ros.mismatch.surrogate.state_index import IMU_A_X, IMU_A_Y, IMU_YAW_RAT
 from adk_ros.numerics.arrays import FloatArray
 
 _MAIN_CHANNEL = {"v_x": IMU_A_X, "v_y": IMU_A_Y, "yaw_rate": IMU_YAW_RATE}
-_WAVE_RANGE_HZ = (0.05, 3.0)
-_WAVELENGTHS_M = (1.0, 500.0)
+_WAVE_RANGE_HZ = (0.05, 8.0)
+"""
+Frequencies in time that are tried: 8 Hz lies above those of body, steering and pressure control.
+"""
+_WAVELENGTHS_M = (1.0, 1000.0)
 """Wavelengths that are tried: from less than a turn of a small wheel to a section of a lap."""
 _RIPPLING = ("constant", "speed_squared", "brake_torque")
 """Features that may oscillate with distance: an unbalanced wheel's force rises with v_x^2."""
+_PULSATING = ("torque", "drive_torque", "brake_torque")
+"""Features that may oscillate in time."""
 _DISTANCE_STEP_M = 0.1
 _PEAKS = 2
 """Peaks of a spectrum that are tried."""
@@ -73,19 +79,24 @@ class PeriodicSearch:
         return [x for x in found if x.name]
 
     def _wave(self, response: LinearResponse, equation: str, residual: FloatArray) -> Found:
-        """Return the best oscillation in time, always or above a speed."""
+        """Return the best oscillation in time: always, above a speed, or of a torque."""
         problem = response.linearised.likelihood.problem
         speed = problem.binned(self.signals["v_x"])
+        size = _PADDING * residual.size
+        axis = _axis(size, BIN_S)
         trials = []
-        for gate in self._gates:
-            above = speed > split_condition(gate)[2] if gate else np.ones_like(speed)
-            size = _PADDING * residual.size
-            spectrum = np.abs(np.fft.rfft(residual * above, size))
-            axis = _axis(size, BIN_S)
+        for of in (*self._gates, *(name for name in _PULSATING if name in self._features)):
+            if of in _PULSATING:
+                weight = problem.binned(FEATURES[of].function(self.signals))
+            else:
+                above = speed > (split_condition(of)[2] if of else -np.inf)
+                weight = above.astype(np.float64)
 
-            def named(frequency: float, phase: float, gate: str = gate) -> str:
-                return wave_name(frequency, phase, gate)
+            def named(frequency: float, phase: float, of: str = of) -> str:
+                build = pulsation_name if of in _PULSATING else wave_name
+                return build(frequency, phase, of)
 
+            spectrum = np.abs(np.fft.rfft(residual * weight, size))
             trials += [(f, named) for f in _peaks(spectrum, axis, _WAVE_RANGE_HZ)]
         duration = float(self.signals["time"][-1] - self.signals["time"][0])
         return self._refined(response, equation, trials, 1.0 / duration)

@@ -10,12 +10,14 @@ from typing import NamedTuple
 
 from adk_ros.mismatch.library.features import feature, readable
 from adk_ros.mismatch.library.parametric_features import (
+    DECAY,
     DRIFT,
     EXCESS,
     FILTERED_SIGNALS,
     GATE,
     HEAT,
     HYSTERESIS,
+    PULSATION,
     RESONANCE,
     RIPPLE,
     TIME,
@@ -105,21 +107,36 @@ def _wear(term: FeatureTerm, body: Body) -> str:
     """Return how a torque or a force changes with time or braking work."""
     base, variable, scale = parsed(term.feature)[1]
     # Braking work over the wheel radius is in J.
-    unit, size = ("s", 1.0) if variable == TIME else ("MJ", 1e-6 / body.wheel_radius)
-    of = "" if variable == TIME else " of braking work"
-    final = float(scale) * size
-    half = f"{_two_digits(math.log(2.0) * final)} {unit}{of}"
+    unit, size = (" s", 1.0) if variable == TIME else (" MJ of braking work", 1e-6)
+    final = float(scale) * size / (1.0 if variable == TIME else body.wheel_radius)
+    half = f"{_two_digits(math.log(2.0) * final)}{unit}"
+    fades = kind_of(term.feature) == DECAY
     if base in _TORQUES and term.equation == "v_x":
         share = _torque_share(term, body)
+        if fades:
+            side = "less" if share < 0.0 else "more"
+            return (
+                f"{_TORQUES[base]} is at first {abs(share):.0f} % {side}, half of it after {half}"
+            )
         verb = f"{_TORQUES[base]} {'loses' if share < 0.0 else 'gains'}"
         if abs(share) > _MAX_SHARE:
-            per = f"per {unit}{of}" if unit == "MJ" else f"per minute{of}"
-            rate = abs(share) / final * (1.0 if unit == "MJ" else 60.0)
-            return f"{verb} {_two_digits(rate)} % {per}"
+            per = "minute" if variable == TIME else "MJ of braking work"
+            rate = abs(share) / final * (60.0 if variable == TIME else 1.0)
+            return f"{verb} {_two_digits(rate)} % per {per}"
         return f"{verb} {0.5 * abs(share):.0f} % after {half}, and at most {abs(share):.0f} %"
     if base == "constant":
-        return f"{_force(term, body)} that builds up, half of it after {half}"
+        verb = "fades" if fades else "builds up"
+        return f"{_force(term, body)} that {verb}, half of it after {half}"
     return ""
+
+
+def _pulsating(term: FeatureTerm, body: Body) -> str:
+    """Return a torque that oscillates in time."""
+    frequency, _, base = parsed(term.feature)[1]
+    if base not in _TORQUES or term.equation != "v_x":
+        return ""
+    share = _two_digits(abs(_torque_share(term, body)))
+    return f"{_TORQUES[base]} varies by ±{share} % at {float(frequency):.3g} Hz"
 
 
 def _fading(term: FeatureTerm, body: Body) -> str:
@@ -158,6 +175,8 @@ _SPECIAL: dict[str, Callable[[FeatureTerm, Body], str]] = {
     RESONANCE: _moving_mass,
     HYSTERESIS: _friction,
     DRIFT: _wear,
+    DECAY: _wear,
+    PULSATION: _pulsating,
     HEAT: _fading,
     RIPPLE: _per_distance,
 }

@@ -92,6 +92,12 @@ FEATURES: dict[str, Feature] = {
         "N m^2/s^2",
         lambda s: s["torque"] * s["a_y"],
     ),
+    "torque_size_curvature": Feature(
+        "torque's size times path curvature (differential that locks)",
+        "|T| r / v_x",
+        "N",
+        lambda s: np.abs(s["torque"]) * s["yaw_rate"] / np.maximum(s["v_x"], 1.0),
+    ),
     "delta": Feature("steering angle", "delta", "rad", lambda s: s["delta"]),
     "delta_size": Feature("steering angle's size", "|delta|", "rad", lambda s: np.abs(s["delta"])),
     "delta_cubed": Feature("steering angle cubed", "delta^3", "rad^3", lambda s: s["delta"] ** 3),
@@ -138,12 +144,8 @@ def _texts(kind: str, arguments: list[str], base_name: str) -> tuple[str, str, s
     if base_name:
         base = FEATURES[base_name]
         words, symbols, unit = _change(kind, arguments, base)
-        if kind == parametric.RIPPLE and base_name == "constant":
-            return (
-                f"an oscillation{words.removeprefix('that oscillates')} travelled",
-                symbols,
-                unit,
-            )
+        if kind in {parametric.RIPPLE, parametric.PULSATION} and base_name == "constant":
+            return f"an oscillation{words.removeprefix('that oscillates')}", symbols, unit
         return f"{base.description} {words}", f"{base.expression} {symbols}", unit
     if kind == parametric.WAVE:
         frequency = float(arguments[0])
@@ -184,8 +186,15 @@ def _change(kind: str, arguments: list[str], base: Feature) -> tuple[str, str, s
         length = float(arguments[0])
         phase = float(arguments[1])
         return (
-            f"that oscillates every {length:.4g} m",
+            f"that oscillates every {length:.4g} m travelled",
             f"cos(2 pi s / {length:.5g} m {phase:+.2f})",
+            base.unit,
+        )
+    if kind == parametric.PULSATION:
+        frequency = float(arguments[0])
+        return (
+            f"that oscillates in time at {frequency:.3g} Hz",
+            f"cos(2 pi {frequency:.4g} t {float(arguments[1]):+.2f})",
             base.unit,
         )
     if kind == parametric.HEAT:
@@ -196,13 +205,12 @@ def _change(kind: str, arguments: list[str], base: Feature) -> tuple[str, str, s
             f"{base.unit} N m^2/s",
         )
     scale = f"{float(arguments[2]):.3g}"
-    if arguments[1] == parametric.TIME:
-        return f"that changes over {scale} s", f"(1 - exp(-t / {scale} s))", base.unit
-    return (
-        "that changes with the braking work",
-        f"(1 - exp(-W / {scale} N m^2))",
-        base.unit,
-    )
+    in_time = arguments[1] == parametric.TIME
+    words = f"with the time over {scale} s" if in_time else "with the braking work"
+    left = f"exp(-t / {scale} s)" if in_time else f"exp(-W / {scale} N m^2)"
+    fades = kind == parametric.DECAY
+    share = left if fades else f"(1 - {left})"
+    return f"that {'fades' if fades else 'changes'} {words}", share, base.unit
 
 
 def readable(unit: str) -> str:

@@ -14,9 +14,11 @@ Each has a name that holds its parameters, so that a file can name it:
 - `excess:FEATURE:THRESHOLD`, the part of a feature beyond +-THRESHOLD;
 - `drift:FEATURE:VARIABLE:SCALE`, a feature times 1 - exp(-x / SCALE), x the time or the braking
   work since the start of the recording;
+- `decay:FEATURE:VARIABLE:SCALE`, a feature times exp(-x / SCALE);
 - `heat:FEATURE:TAU`, a feature times the braking power with a first-order lag: work that cools;
 - `wave:FREQUENCY:PHASE` and `wave:FREQUENCY:PHASE:CONDITION>THRESHOLD`, cos(2 pi FREQUENCY t +
   PHASE) with t from the start of the recording;
+- `pulsation:FREQUENCY:PHASE:FEATURE`, a feature times the same;
 - `ripple:WAVELENGTH:PHASE:FEATURE`, a feature times cos(2 pi s / WAVELENGTH + PHASE) with s the
   distance travelled.
 
@@ -31,6 +33,7 @@ from collections.abc import Sequence
 
 LAG, RESONANCE, GATE, WAVE = "lag", "resonance", "gate", "wave"
 HYSTERESIS, EXCESS, DRIFT, HEAT, RIPPLE = "hysteresis", "excess", "drift", "heat", "ripple"
+DECAY, PULSATION = "decay", "pulsation"
 TIME, BRAKE_WORK = "time", "brake_work"
 FILTERED_SIGNALS = {
     "a_x": ("longitudinal acceleration", "a_x", "m/s^2"),
@@ -64,12 +67,14 @@ _LAYOUTS: dict[str, tuple[str | tuple[float, float], ...]] = {
     GATE: ("feature", "condition"),
     EXCESS: ("feature", _SIZE),
     DRIFT: ("feature", "variable", _SIZE),
+    DECAY: ("feature", "variable", _SIZE),
     HEAT: ("feature", _TAU),
     WAVE: (_FREQUENCY, _PHASE, "condition"),
+    PULSATION: (_FREQUENCY, _PHASE, "feature"),
     RIPPLE: (_WAVELENGTH_M, _PHASE, "feature"),
 }
 """Kind -> its arguments: a name, or the range of a number. The condition of a wave is optional."""
-_SEARCHED = {RESONANCE: 2, RIPPLE: 2}
+_SEARCHED = {RESONANCE: 2, PULSATION: 2, RIPPLE: 2}
 """Searched parameters of a kind, where not one; those of a wave depend on its condition."""
 
 
@@ -94,7 +99,7 @@ def has_memory(name: str) -> bool:
 
 def has_unlimited_memory(name: str) -> bool:
     """Whether a feature depends on all signals since the start of a recording."""
-    return kind_of(name) in {DRIFT, HEAT, RIPPLE}
+    return kind_of(name) in {DRIFT, DECAY, HEAT, RIPPLE}
 
 
 def is_transferable(name: str) -> bool:
@@ -102,13 +107,13 @@ def is_transferable(name: str) -> bool:
     kind = kind_of(name)
     if kind == GATE:
         return split_condition(name.split(":")[2])[0] != TIME
-    if kind == DRIFT:
+    if kind in {DRIFT, DECAY}:
         return name.split(":")[2] != TIME
-    return kind not in {WAVE, RIPPLE}
+    return kind not in {WAVE, PULSATION, RIPPLE}
 
 
 def base_of(name: str) -> str:
-    """Return the feature that a gate, an excess, a drift, heat or a ripple modifies, or ''."""
+    """Return the feature that a parametric feature modifies, or an empty text."""
     kind, *arguments = name.split(":")
     layout = _LAYOUTS.get(kind, ())
     return arguments[layout.index("feature")] if "feature" in layout else ""
@@ -149,6 +154,11 @@ def drift_name(feature: str, variable: str, scale: float) -> str:
     return f"{DRIFT}:{feature}:{variable}:{number_text(scale)}"
 
 
+def decay_name(feature: str, variable: str, scale: float) -> str:
+    """Return the name of a feature that fades with the time or the braking work."""
+    return f"{DECAY}:{feature}:{variable}:{number_text(scale)}"
+
+
 def heat_name(feature: str, tau: float) -> str:
     """Return the name of a feature that grows with the recent braking power."""
     return f"{HEAT}:{feature}:{number_text(tau)}"
@@ -161,6 +171,11 @@ def wave_name(frequency: float, phase: float, gate: str = "") -> str:
     return f"{text}:{gate}" if gate else text
 
 
+def pulsation_name(frequency: float, phase: float, feature: str) -> str:
+    """Return the name of a feature that oscillates in time."""
+    return f"{PULSATION}:{frequency:.6g}:{number_text(phase)}:{feature}"
+
+
 def ripple_name(wavelength: float, phase: float, feature: str) -> str:
     """Return the name of a feature that oscillates with the distance travelled."""
     return f"{RIPPLE}:{wavelength:.7g}:{number_text(phase)}:{feature}"
@@ -169,7 +184,7 @@ def ripple_name(wavelength: float, phase: float, feature: str) -> str:
 def sizes_of(name: str) -> list[float]:
     """Return the positive numbers of a feature that scale it: no threshold of a gate, no phase."""
     kind, arguments = parsed(name)
-    if kind in {GATE, WAVE, RIPPLE}:
+    if kind in {GATE, WAVE, PULSATION, RIPPLE}:
         return []
     layout = _LAYOUTS[kind]
     return [float(x) for x, of in zip(arguments, layout, strict=True) if isinstance(of, tuple)]

@@ -10,12 +10,14 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from adk_ros.mismatch.library.parametric_features import (
+    DECAY,
     DRIFT,
     EXCESS,
     GATE,
     HEAT,
     HYSTERESIS,
     LAG,
+    PULSATION,
     RIPPLE,
     TIME,
     WAVE,
@@ -39,18 +41,20 @@ def values_of(name: str, signals: Signals, static: Mapping[str, Static]) -> Floa
         return base * _where(arguments[1], signals, static)
     if kind == EXCESS:
         return base - np.clip(base, -float(arguments[1]), float(arguments[1]))
-    if kind == WAVE:
+    if kind in {WAVE, PULSATION}:
         phase = 2.0 * math.pi * float(arguments[0]) * signals["time"] + float(arguments[1])
-        active = _where(arguments[2], signals, static) if len(arguments) == 3 else base
-        return np.asarray(np.cos(phase) * active)
+        if kind == WAVE and len(arguments) == 3:
+            base = _where(arguments[2], signals, static)
+        return np.asarray(np.cos(phase) * base)
     step = step_of(signals)
     if kind == RIPPLE:
         turns = accumulated(signals["v_x"], step) / float(arguments[0])
         return np.asarray(base * np.cos(2.0 * math.pi * turns + float(arguments[1])))
     if kind == HEAT:
         return base * low_pass(braking_power(signals), step, float(arguments[1]))
-    if kind == DRIFT:
-        return base * -np.expm1(-drift_variable(arguments[1], signals) / float(arguments[2]))
+    if kind in {DRIFT, DECAY}:
+        left = np.exp(-drift_variable(arguments[1], signals) / float(arguments[2]))
+        return base * (left if kind == DECAY else 1.0 - left)
     return _filtered(kind, np.ascontiguousarray(signals[arguments[0]]), step, arguments[1:])
 
 

@@ -51,6 +51,18 @@ from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
             "the drive torque gains 60 % per minute",
         ),
         (
+            FeatureTerm("v_x", "decay:constant:time:50", -0.2, 0.0),
+            "a longitudinal force of about 400 N that fades, half of it after 35 s",
+        ),
+        (
+            FeatureTerm("v_x", "decay:drive_torque:time:50", -0.2 / 600.0, 0.0),
+            "the drive torque is at first 20 % less, half of it after 35 s",
+        ),
+        (
+            FeatureTerm("v_x", "pulsation:2.5:0.3:torque", 0.12 / 600.0, 0.0),
+            "the wheel torque varies by ±12 % at 2.5 Hz",
+        ),
+        (
             FeatureTerm("v_y", "drift:constant:time:60", 0.2, 0.0),
             "a lateral force of about 400 N that builds up, half of it after 42 s",
         ),

@@ -9,6 +9,7 @@ import pytest
 
 from adk_ros.mismatch.library.features import feature, feature_matrix
 from adk_ros.mismatch.library.parametric_features import (
+    decay_name,
     drift_name,
     excess_name,
     gate_name,
@@ -18,6 +19,7 @@ from adk_ros.mismatch.library.parametric_features import (
     hysteresis_name,
     is_transferable,
     lag_name,
+    pulsation_name,
     resonance_name,
     ripple_name,
     scaled,
@@ -117,6 +119,8 @@ def test_a_drift_in_time_and_an_onset_count_from_the_start_of_the_recording() ->
     given = signals(delta=np.ones_like(TIME))
     out = feature(drift_name("delta", "time", 30.0)).function(given)
     np.testing.assert_allclose(out, 1.0 - np.exp(-TIME / 30.0))
+    fading = feature(decay_name("delta", "time", 30.0)).function(given)
+    np.testing.assert_allclose(out + fading, 1.0)
     onset = feature(gate_name("delta", "time", True, 25.0)).function(given)
     np.testing.assert_array_equal(onset, TIME > 25.0)
 
@@ -135,6 +139,13 @@ def test_a_ripple_repeats_every_wavelength_whatever_the_speed() -> None:
     out = feature(ripple_name(2.04, 0.3, "speed_squared")).function(signals(v_x=speed))
     expected = speed**2 * np.cos(2.0 * np.pi * distance / 2.04 + 0.3)
     np.testing.assert_allclose(out, expected, atol=1e-6)
+
+
+def test_a_pulsation_is_a_feature_that_oscillates_in_time() -> None:
+    given = signals(torque=np.full_like(TIME, 300.0))
+    out = feature(pulsation_name(2.5, 0.3, "torque")).function(given)
+    np.testing.assert_allclose(out, 300.0 * np.cos(5.0 * np.pi * TIME + 0.3), atol=1e-9)
+    assert not is_transferable(pulsation_name(2.5, 0.3, "torque"))
 
 
 def test_what_depends_on_time_or_phase_is_not_transferable() -> None:
@@ -206,8 +217,18 @@ def test_names_say_what_was_searched() -> None:
         ),
         (
             "drift:delta:time:90",
-            "steering angle that changes over 90 s",
+            "steering angle that changes with the time over 90 s",
             "delta (1 - exp(-t / 90 s))",
+        ),
+        (
+            "decay:constant:time:50",
+            "a constant that fades with the time over 50 s",
+            "1 exp(-t / 50 s)",
+        ),
+        (
+            "pulsation:2.5:0.3:drive_torque",
+            "drive torque that oscillates in time at 2.5 Hz",
+            "max(T, 0) cos(2 pi 2.5 t +0.30)",
         ),
         (
             "heat:brake_torque:30",
