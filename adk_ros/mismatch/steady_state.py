@@ -51,8 +51,8 @@ _SMOOTHED = round(0.4 / BIN_S)
 """Residual bins over which signals are averaged before they are differentiated: 0.4 s."""
 _BINS = 12
 """Most bins of a cross plot."""
-_MIN_COUNT = 25
-"""Least samples in a bin of a cross plot: one second of driving."""
+_MIN_COUNT = 50
+"""Least samples in a bin of a cross plot: two seconds of driving."""
 BLOCKS = 20
 """Blocks of contiguous samples that the standard errors leave out in turn (jackknife)."""
 
@@ -220,7 +220,7 @@ def _characteristic(
     known = np.isfinite([*x, *y]).all(axis=0)
     use, line = use & known, np.flatnonzero(fitted & known)
     groups = [_groups(values, use) for values in x]
-    if not groups[0] or line.size < BLOCKS * _MIN_COUNT // 2 or float(np.ptp(x[0][line])) == 0.0:
+    if not groups[0] or line.size < 5 * _MIN_COUNT or float(np.ptp(x[0][line])) == 0.0:
         return None
     measured, simulation, corrected = (
         _cross_plot(u, w, bins, line, power) for u, w, bins in zip(x, y, groups, strict=True)

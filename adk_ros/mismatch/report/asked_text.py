@@ -13,12 +13,9 @@ from adk_ros.mismatch.library.criteria import DISCRIMINATION_LOSS
 from adk_ros.mismatch.library.effect import PLACE, TIME
 from adk_ros.mismatch.report.effect_vocabulary import DIRECT_MEASUREMENTS, THAN
 from adk_ros.mismatch.report.summary import interval_text, phrase
+from adk_ros.mismatch.report.tie_rows import MAX_SHOWN, NO_LIMIT
 from adk_ros.mismatch.report.vocabulary import listed, quantity, title, with_titles
 
-NO_LIMIT = "no limit"
-"""Size of an inverse parameter at neutral: a limit that is never reached."""
-MAX_SHOWN = 1e11
-"""SI. A larger value is that of an inverse parameter at neutral."""
 HEADER = [
     "fit",
     "size (90 % interval)",

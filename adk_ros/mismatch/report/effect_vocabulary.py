@@ -104,14 +104,14 @@ _ROAD_AND_AIR = {
 _TYRES_AND_BODY = {
     "front_tyre_stiffness": EffectVocabulary(
         "front tyre stiffness",
-        "{size} higher front cornering stiffness than",
-        "{size} lower front cornering stiffness than",
+        "{size} stiffer front tyres (cornering stiffness) than",
+        "{size} softer front tyres (cornering stiffness) than",
         {"scale": change("cornering stiffness")},
     ),
     "rear_tyre_stiffness": EffectVocabulary(
         "rear tyre stiffness",
-        "{size} higher rear cornering stiffness than",
-        "{size} lower rear cornering stiffness than",
+        "{size} stiffer rear tyres (cornering stiffness) than",
+        "{size} softer rear tyres (cornering stiffness) than",
         {"scale": change("cornering stiffness")},
     ),
     "tyre_relaxation": EffectVocabulary(

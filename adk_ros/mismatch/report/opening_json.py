@@ -11,8 +11,9 @@ from typing import Any
 from adk_ros.mismatch.deployment.predicted_signals import AHEAD_S, PredictedSignals
 from adk_ros.mismatch.inference.asked_effect import AskedEffect, AskedFit
 from adk_ros.mismatch.inference.result import Interval, MismatchResult
-from adk_ros.mismatch.report.asked_text import MAX_SHOWN
-from adk_ros.mismatch.steady_state import AIR_DENSITY, Characteristic, CrossPlot, line_error
+from adk_ros.mismatch.report.tie_rows import MAX_SHOWN
+from adk_ros.mismatch.steady_state import AIR_DENSITY, Characteristic, line_error
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY, QUANTILE_90
 
 
@@ -60,19 +61,20 @@ def _signals(signals: PredictedSignals) -> dict[str, Any]:
 
 
 def _line(shown: Characteristic, entry: int, unit: float, name: str) -> dict[str, Any]:
-    def interval(plot: CrossPlot) -> dict[str, float | None]:
-        value = unit * float(plot.line[entry])
-        half = QUANTILE_90 * unit * float(line_error(plot.left_out)[entry])
-        return {
-            "value": _number(value),
-            "low": _number(value - half),
-            "high": _number(value + half),
-        }
+    def interval(line: FloatArray, left_out: FloatArray) -> dict[str, float | None]:
+        value = unit * float(line[entry])
+        half = QUANTILE_90 * unit * float(line_error(left_out)[entry])
+        ends = {"low": _number(value - half), "high": _number(value + half)}
+        return {"value": _number(value), **ends}
 
+    measured, simulation = shown.measured, shown.simulation
     return {
-        "measured": interval(shown.measured),
-        "simulation": interval(shown.simulation),
-        "corrected": interval(shown.corrected),
+        "measured": interval(measured.line, measured.left_out),
+        "simulation": interval(simulation.line, simulation.left_out),
+        "corrected": interval(shown.corrected.line, shown.corrected.left_out),
+        "difference": interval(
+            measured.line - simulation.line, measured.left_out - simulation.left_out
+        ),
         "unit": name,
     }
 

@@ -24,6 +24,7 @@ from adk_ros.mismatch.report.summary import (
     interval_text,
     pair_text,
 )
+from adk_ros.mismatch.report.tie_rows import probability_text, tie_rows, value_text
 from adk_ros.mismatch.report.vocabulary import (
     CHANNEL_TITLES,
     STATES,
@@ -72,16 +73,17 @@ def effect_rows(result: MismatchResult) -> tuple[list[str], Rows]:
                     interval_text(x, written),
                     written.ratio_or_angle(x.value),
                     where if i == 0 else "",
-                    f"{identified.confidence:.2f}" if i == 0 else "",
+                    probability_text(identified.confidence) if i == 0 else "",
                 ]
             )
+        rows += tie_rows(identified)
     header = [
         "effect",
         "parameter",
         "size relative to the simulation (90 % interval)",
         "ratio or angle",
         "where",
-        "confidence score",
+        "confidence",
     ]
     if not any(row[3] for row in rows):
         header, rows = [*header[:3], *header[4:]], [[*row[:3], *row[4:]] for row in rows]
@@ -98,9 +100,10 @@ def competitor_rows(identified: IdentifiedEffect) -> Rows:
         fitted = zip(competitor.fitted.effect.parameters, competitor.fitted.theta, strict=True)
         for parameter, theta in fitted if not values else ():
             written = quantity(competitor.name, parameter.name, parameter.unit)
-            value = written.convert(parameter.value(theta))
-            size = f"{float(f'{value:.3g}'):{'+' if written.is_change else ''}g}"
-            text = f"{written.label} {size} {written.unit}".rstrip()
+            value = value_text(
+                competitor.name, parameter.name, parameter.unit, parameter.value(theta)
+            )
+            text = f"{written.label} {value}"
             values.append(text + (AT_BOUND if is_at_bound(parameter, theta) else ""))
         gain = identified.gain
         share = 1.0 - competitor.loss_difference / gain if gain > 0.0 else 0.0
@@ -188,9 +191,14 @@ def horizon_rows(held_out: HeldOutResult) -> Rows:
                     f"{state} ({unit})" if i == 0 else "",
                     f"{horizon:g} s",
                     f"{before:.2g}",
-                    f"{held_out.after[name][i]:.2g}",
-                    f"{held_out.expected[name][i]:.2g}",
-                    f"{held_out.persistence[name][i]:.2g}",
+                    *(
+                        f"{x:.2g}" if math.isfinite(x) else ""
+                        for x in (
+                            held_out.after[name][i],
+                            held_out.expected[name][i],
+                            held_out.persistence[name][i],
+                        )
+                    ),
                     "" if not math.isfinite(ratio) else "yes" if ratio <= 1.0 else "no",
                 ]
             )

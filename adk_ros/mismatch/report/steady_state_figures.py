@@ -33,7 +33,13 @@ from adk_ros.mismatch.steady_state import (
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY, QUANTILE_90
 
-HEADER = ["quantity", "measured", "simulation", "measured less simulation", "less corrected"]
+HEADER = [
+    "quantity",
+    "measured",
+    "simulation",
+    "measured less simulation",
+    "measured less corrected",
+]
 Bands = Callable[[Characteristic, CrossPlot], FloatArray]
 
 
@@ -136,4 +142,4 @@ def _cell(line: FloatArray, left_out: FloatArray, entry: int, unit: float, sign:
     value, half = unit * line[entry], QUANTILE_90 * unit * line_error(left_out)[entry]
     digits = int(np.clip(1 - np.floor(np.log10(max(half, 1e-6))), 0, 6))
     rounded = round(float(value), digits) + 0.0
-    return f"{rounded:{sign}.{digits}f} ± {half:.{digits}f}"
+    return f"{rounded:{sign}.{digits}f}\u00a0±\u00a0{half:.{digits}f}"

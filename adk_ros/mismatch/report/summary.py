@@ -127,8 +127,10 @@ def _alternative_text(identified: IdentifiedEffect, name: str) -> str:
     if "{size}" not in text:
         return text
     written = quantity(name, parameter.name, parameter.unit)
-    size = f"{abs(written.convert(values[0])):.2g}"
-    return text.format(size=f"{size} {written.unit}".rstrip())
+    size = f"{abs(written.convert(values[0])):.2g} {written.unit}".rstrip()
+    if written.is_angle:
+        size += f" ({written.ratio_or_angle(abs(values[0]))})"
+    return text.format(size=size)
 
 
 def segment_texts(identified: IdentifiedEffect) -> list[str]:
@@ -248,7 +250,9 @@ def underfit_channels(result: MismatchResult) -> str:
 
 def verdict_text(result: MismatchResult) -> str:
     """Return the verdict in a few words."""
-    titles = listed([title(x.effect.name) for x in result.effects])
+    titles = listed(
+        [listed([title(x.effect.name), *map(title, x.alternatives)], "or") for x in result.effects]
+    )
     count = len(result.effects)
     effects = f"{count} effect{'s' if count > 1 else ''} identified: {titles}" if count else ""
     if result.verdict == UNKNOWN:

@@ -133,7 +133,9 @@ def test_alternatives_tie_or_have_a_reason_for_rejection() -> None:
 
 
 def test_table_rows() -> None:
-    header, (row,) = report_tables.effect_rows(drag())
+    header, (row, tie) = report_tables.effect_rows(drag())
+    assert tie[0] == "or longitudinal wind"
+    assert tie[2:] == ["-4 m/s", "not distinguishable", ""]
     assert row == [
         "air drag",
         "drag area C_dA",
@@ -214,5 +216,7 @@ def test_sensor_faults_alone_have_no_reduction() -> None:
 
 
 def test_a_rejected_hypothesis_has_a_reason() -> None:
-    more = replace(result_of(), steps=[SelectionStep((), 16100.0), SelectionStep(("payload",), 16090.0)])
+    more = replace(
+        result_of(), steps=[SelectionStep((), 16100.0), SelectionStep(("payload",), 16090.0)]
+    )
     assert report_tables.loss_rows(more)[1][2:] == ["10", "rejected: gain too small"]

@@ -172,8 +172,8 @@ def test_missing_channels_are_stated_and_not_evaluated() -> None:
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (0.8, "20 % lower front cornering stiffness than the simulation"),
-        (1.2, "20 % higher front cornering stiffness than the simulation"),
+        (0.8, "20 % softer front tyres (cornering stiffness) than the simulation"),
+        (1.2, "20 % stiffer front tyres (cornering stiffness) than the simulation"),
     ],
 )
 def test_more_or_less_than_the_simulation(value: float, text: str) -> None:
@@ -187,8 +187,8 @@ def test_two_effects_are_counted_and_numbered() -> None:
     result = result_of("", (slow, soft))
     assert (
         "two differences from the simulation: (1) a steering lag (first-order time constant) that "
-        "is 0.10 s longer (90 % confidence interval 0.09 to 0.11 s); (2) 20 % lower rear "
-        "cornering stiffness (90 % confidence interval 16 to 24 %)"
+        "is 0.10 s longer (90 % confidence interval 0.09 to 0.11 s); (2) 20 % softer rear tyres "
+        "(cornering stiffness) (90 % confidence interval 16 to 24 %)"
     ) in sentence(result)
     assert verdict_text(result) == "2 effects identified: steering lag and rear tyre stiffness"
 
