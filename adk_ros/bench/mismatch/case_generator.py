@@ -14,15 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.bench.mismatch.injected_drive import InjectedChanges, simulate_injected_drive
-from adk_ros.bench.mismatch.injectors import changed_vehicle, plant_changes
+from adk_ros.bench.mismatch.injected_changes import InjectedChanges
+from adk_ros.bench.mismatch.injectors import plant_changes
 from adk_ros.bench.mismatch.random_routes import ROAD_STYLES, plan_route, random_route
+from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS, with_dropouts
 from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
+from adk_ros.bench.mismatch.vehicle_family import Drive, family_of
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.environment.road import ROAD_MU, RoadPatch
-from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
 
 SIMULATED_S, RECORDED_S, HELD_OUT_S = 150.0, 220.0, 100.0
 """Durations of the simulation, the recording and the held-out recording, s."""
@@ -41,12 +42,6 @@ _SLOWER, _MAX_TRIES = 0.9, 9
 """Speed factor from one try to the next, and most tries to stay below `_SPIN_V_Y`, by choice."""
 _SPIN_V_Y = 3.0
 """Lateral velocity from which on the vehicle counts as spinning, m/s, by choice."""
-_TOLERANCE = 0.004
-"""
-Largest build tolerance drawn, relative: `criteria.TOLERANCE_SIGMA`, the prior standard deviation
-of `adk mismatch`. The 1.2 % on its pages is the bound of the fit, three times as much.
-"""
-
 Span = tuple[float, float]
 
 
@@ -56,7 +51,7 @@ class InjectedMismatch:
     An injected mismatch: `effects`, name -> parameters, as in a label.
 
     `kinds`: name -> "place" or "time" for effects that do not act always; `unlisted`: changes
-    that are not in the catalogue, key of `injectors.UNLISTED` -> value.
+    that are not in the catalogue, key of `injectors.UNLISTED` or `DROPOUTS` -> value.
     """
 
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -74,63 +69,6 @@ class GeneratedCase:
     held_out: SensorLog
     nominal: NominalVehicle
     label: dict[str, Any]
-
-
-def _vehicle(rng: np.random.Generator, windy: bool) -> Vehicle:
-    """
-    Return a random vehicle; `windy`: with drag, without which a headwind has no effect.
-
-    The ranges, by choice, are those of a passenger car of 2 t around the vehicle `imdv`.
-    """
-    u = rng.uniform
-    tyre = {
-        "mu": u(0.95, 1.1),
-        "b_y": u(9.0, 11.0),
-        "c_y": u(1.3, 1.5),
-        "nominal_load": 5300.0,
-        "load_sensitivity": u(0.05, 0.15),
-        "relaxation_length": u(0.0, 0.35),
-    }
-    drag = bool(rng.random() < 0.6) or windy
-    return Vehicle.model_validate(
-        {
-            "mass": u(1900.0, 2250.0),
-            "yaw_inertia": u(3300.0, 3900.0),
-            "cg_to_front_axle": u(1.26, 1.34),
-            "cg_to_rear_axle": u(1.3, 1.42),
-            "track_width": 1.7,
-            "cg_height": u(0.49, 0.59),
-            "wheel_radius": 0.325,
-            "wheel_inertia": 1.3,
-            "cda": 0.7 * drag,
-            "crr": 0.01 * drag,
-            "load_lag": u(0.0, 0.06),
-            "torque_lag": u(0.0, 0.03),
-            "steer_lag": u(0.0, 0.03),
-            "front_tyre": tyre,
-            "rear_tyre": {**tyre, "b_y": tyre["b_y"] * u(1.05, 1.2)},
-        }
-    )
-
-
-def _with_tolerances(rng: np.random.Generator, vehicle: Vehicle) -> Vehicle:
-    """Return the vehicle with random build tolerances."""
-    names = (
-        "mass",
-        "yaw_inertia",
-        "cg_to_front_axle",
-        "cg_to_rear_axle",
-        "cda",
-        "crr",
-        "wheel_radius",
-    )
-    values = vehicle.model_dump()
-    for name in names:
-        values[name] *= 1.0 + _TOLERANCE * rng.uniform(-1.0, 1.0)
-    for axle in ("front_tyre", "rear_tyre"):
-        for name in ("mu", "b_y"):
-            values[axle][name] *= 1.0 + _TOLERANCE * rng.uniform(-1.0, 1.0)
-    return Vehicle.model_validate(values)
 
 
 def _spans(rng: np.random.Generator, length: float) -> list[Span]:
@@ -172,7 +110,8 @@ def make_case(
     """
     rng = np.random.default_rng([seed, 77])
     roads = ROAD_STYLES[road_style]
-    vehicle = _vehicle(rng, "headwind" in injected.effects)
+    family = family_of(plant)
+    vehicle = family.random_vehicle(rng, "headwind" in injected.effects)
     placed = [
         k for k in injected.effects if injected.kinds.get(k) == "place" or k in _ALWAYS_PLACED
     ]
@@ -197,17 +136,12 @@ def make_case(
     changes = plant_changes(injected.effects, injected.unlisted, onset)
     if "crosswind" in placed:
         changes = changes._replace(wind_from=spans[0][0], wind_to=spans[0][1])
-    built = _with_tolerances(rng, vehicle)
-    car = changed_vehicle(built, injected.effects)
+    built = family.with_tolerances(rng, vehicle)
+    car = family.changed(built, injected.effects)
     lateral = float(rng.uniform(*roads.lateral))
-    truth, commands, _ = simulate_injected_drive(
-        vehicle,
-        vehicle,
-        plan_route(simulated, [], roads, lateral),
-        InjectedChanges(),
-        seed + 1,
-        seconds[0],
-        plant,
+    route = plan_route(simulated, [], roads, lateral)
+    truth, commands = family.drive(
+        vehicle, vehicle, Drive(route, InjectedChanges(), seed + 1, seconds[0])
     )
     simulation = simulate_faulty_sensors("simulation", truth, commands, {}, None)
     for tried in range(_MAX_TRIES):
@@ -216,21 +150,12 @@ def make_case(
             table = route.table.copy()
             table[:, ROAD_MU] *= injected.effects["low_friction"]["mu_scale"]
             later = replace(route, table=table)
-        truth, commands, _ = simulate_injected_drive(
-            vehicle, car, route, changes, seed + 2, seconds[1], plant, 0.0, built, later
+        drive = Drive(route, changes, seed + 2, seconds[1], 0.0, built, later)
+        truth, commands = family.drive(vehicle, car, drive)
+        drive = Drive(
+            route, changes._replace(onset=0.0), seed + 3, seconds[2], 0.2 * length, None, later
         )
-        held_out_truth, held_out_commands, _ = simulate_injected_drive(
-            vehicle,
-            car,
-            route,
-            changes._replace(onset=0.0),
-            seed + 3,
-            seconds[2],
-            plant,
-            0.2 * length,
-            None,
-            later,
-        )
+        held_out_truth, held_out_commands = family.drive(vehicle, car, drive)
         if max(np.abs(truth[:, 4]).max(), np.abs(held_out_truth[:, 4]).max()) < _SPIN_V_Y:
             break
     recording = simulate_faulty_sensors(
@@ -239,6 +164,8 @@ def make_case(
     held_out = simulate_faulty_sensors(
         "heldout", held_out_truth, held_out_commands, injected.effects, rng, noise
     )
+    dropouts = {name: x for name, x in injected.unlisted.items() if name in DROPOUTS}
+    recording = with_dropouts(recording, dropouts, rng)
     label: dict[str, Any] = {"effects": []}
     for effect, parameters in injected.effects.items():
         kind = "place" if effect in placed else injected.kinds.get(effect, "always")
@@ -258,5 +185,4 @@ def make_case(
                 "time_intervals_s": [[0.0, seconds[1]]],
             }
         )
-    nominal = NominalVehicle(**{key: getattr(vehicle, key) for key in NominalVehicle.model_fields})
-    return GeneratedCase(name, simulation, recording, held_out, nominal, label)
+    return GeneratedCase(name, simulation, recording, held_out, family.nominal(vehicle), label)

@@ -3,14 +3,16 @@
 """
 The list of generated cases.
 
-Single effects at two strengths, combinations, changes outside the catalogue, and no change.
-The simulator that makes both bags (`plant`), the road and the noise alternate over the list.
+Single effects at three strengths, combinations, changes outside the catalogue, dropouts of
+sensors, and no change. The simulator that makes both bags (`plant`), the road and the noise
+alternate over the list; the multi-body model of another project has cases of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +20,28 @@ from adk_ros.bench.mismatch.case_files import write_case
 from adk_ros.bench.mismatch.case_generator import GeneratedCase, InjectedMismatch, make_case
 from adk_ros.bench.mismatch.injected_drive import PLANTS
 from adk_ros.bench.mismatch.injectors import FULL, SPRUNG_CAR_ONLY, UNLISTED, scale_strength
+from adk_ros.bench.mismatch.multibody import MULTI_BODY
+from adk_ros.bench.mismatch.multibody_changes import EFFECTS as MULTIBODY_EFFECTS
+from adk_ros.bench.mismatch.multibody_changes import SIZES as MULTIBODY_SIZES
+from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS
+from adk_ros.bench.mismatch.unlisted_labels import describe_unlisted
+from adk_ros.errors import UsageError
 
-STRENGTHS = (1.0, 0.3)
-CLEAN = 60
-"""Control cases without a mismatch: with none of 60 misjudged, the false-positive rate is below
-5 % at 95 % confidence."""
+FULL_STRENGTH, WEAK, WEAKEST = 1.0, 0.3, 0.1
+CLEAN = 100
+"""Control cases without a mismatch: with none of 100 misjudged, the false-positive rate is below
+3 % at 95 % confidence."""
+FIRST_CLEAN, CLEAN_MULTI_BODY = 60, 25
+"""Clean cases at the begin of the list, and those of the multi-body model after them."""
+FIRST_UNLISTED = 10
+"""Unlisted changes in the first part of the list."""
 ROAD_STYLE_SEQUENCE = ("track", "track", "town")
 NOISES = (1.0, 0.5, 1.0, 2.0)
 NEED_GRIP = ("aero_downforce", "low_friction", "load_sensitivity")
 """Effects that are not observable in a town: at its speeds and in its bends they change the motion
 by less than the noise."""
+NEED_SPEED = ("speed_limiter", "low_gear_gain", "wheel_imbalance")
+"""Unlisted changes that hardly act, or never end, at the speeds of a town."""
 
 PAIRS = (
     ("aero_drag", "steering_lag"),
@@ -55,20 +69,6 @@ TIMED = (
     "imu_bias",
 )
 """Effects that are also injected from a time on."""
-
-UNLISTED_IN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "locked_differential": (("yaw_rate",), ("yaw_rate_per_speed", "yaw_rate", "delta")),
-    "torque_steer": (("v_y",), ("torque", "torque_squared")),
-    "shimmy": (("yaw_rate",), ("sine_of_speed", "speed", "speed_squared", "speed_cubed")),
-    "yaw_damping": (("yaw_rate",), ("yaw_rate", "yaw_rate_per_speed", "yaw_rate_speed")),
-    "scrub_drag": (("v_x",), ("lateral_squared", "lateral_size")),
-    "torque_vectoring": (("yaw_rate",), ("torque_delta", "torque_yaw_rate", "torque_lateral")),
-    "steering_drag": (("v_x",), ("delta_size", "yaw_rate_size")),
-    "torque_cut": (("v_x",), ("drive_torque",)),
-    "sloshing_load": (("v_y",), ("yaw_rate_speed",)),
-    "time_periodic_yaw": (("yaw_rate",), ()),
-}
-"""Unlisted change -> equations that it acts in, features any of which identifies its cause."""
 
 _PLACED = {
     "road_grade": "place",
@@ -110,15 +110,8 @@ class CasePlan:
 
     def labelled(self, label: dict[str, Any]) -> dict[str, Any]:
         """Add strength, simulator, and equation and features of an unlisted change to a label."""
-        effects = [dict(effect) for effect in label["effects"]]
-        known = [UNLISTED_IN[name] for name in self.injected.unlisted if name in UNLISTED_IN]
-        for effect in effects:
-            if effect["name"] == "unknown" and known:
-                effect["equations"] = [x for equations, _ in known for x in equations]
-                effect["driven_by"] = [x for _, features in known for x in features]
         return {
-            **label,
-            "effects": effects,
+            **describe_unlisted(label, self.injected.unlisted),
             "strength": self.strength,
             "plant": self.plant,
             "drive": self.road_style,
@@ -136,47 +129,90 @@ def injected_mismatch(names: tuple[str, ...], strength: float, kind: str = "") -
     return InjectedMismatch({n: scale_strength(n, strength) for n in names}, kinds)
 
 
-def _plan(i: int, name: str, injected: InjectedMismatch, strength: float = 1.0) -> CasePlan:
+def _plan(
+    i: int, name: str, injected: InjectedMismatch, strength: float = 1.0, plant: str = ""
+) -> CasePlan:
     """Return the plan of case `i`; the number decides on simulator, road and noise."""
-    plant = PLANTS[i % len(PLANTS)]
+    plant = plant or PLANTS[i % len(PLANTS)]
     if set(SPRUNG_CAR_ONLY) & set(injected.effects):
         plant = "spring_car"
     road_style = ROAD_STYLE_SEQUENCE[i // 3 % len(ROAD_STYLE_SEQUENCE)]
     noise = NOISES[i // 9 % len(NOISES)]
-    if set(NEED_GRIP) & set(injected.effects):
+    if {*NEED_GRIP, *NEED_SPEED} & {*injected.effects, *injected.unlisted}:
         road_style = "track"
     return CasePlan(name, injected, 1000 + i, plant, strength, road_style, noise)
 
 
 def case_plans() -> Iterator[CasePlan]:
-    """Yield all cases."""
-    every: list[tuple[str, InjectedMismatch, float]] = []
-    every += [(f"clean_{i:02}", InjectedMismatch(), 1.0) for i in range(CLEAN)]
-    every += [
-        (f"{name}_{strength:g}", injected_mismatch((name,), strength), strength)
-        for strength in STRENGTHS
-        for name in FULL
-    ]
-    every += [
-        ("_and_".join(names), injected_mismatch(names, 1.0), 1.0) for names in (*PAIRS, *TRIPLES)
-    ]
-    every += [(f"{n}_from_a_time_on", injected_mismatch((n,), 1.0, "time"), 1.0) for n in TIMED]
-    every += [
-        (
-            f"unlisted_{name}_{strength:g}",
-            InjectedMismatch(unlisted={name: strength * size}),
-            strength,
-        )
-        for name, size in UNLISTED.items()
-        for strength in STRENGTHS
-    ]
-    for i, (name, injected, strength) in enumerate(every):
-        yield _plan(i, name, injected, strength)
+    """
+    Yield all cases.
+
+    The number of a case decides on its random vehicle, so new ones are added at the end.
+    """
+    every = [*_first_cases(), *_further_cases()]
+    for i, (name, injected, strength, plant) in enumerate(every):
+        yield _plan(i, name, injected, strength, plant)
 
 
-def select_plans(limit: int) -> list[CasePlan]:
-    """Return at most `limit` plans, spread evenly over the list; 0: all."""
+_Case = tuple[str, InjectedMismatch, float, str]
+"""Name, mismatch, strength, and plant, or "" for one of `PLANTS` in turn."""
+
+
+def _first_cases() -> Iterator[_Case]:
+    """Yield clean cases, single effects, combinations, and the first unlisted changes."""
+    yield from ((f"clean_{i:02}", InjectedMismatch(), 1.0, "") for i in range(FIRST_CLEAN))
+    yield from _singles((FULL_STRENGTH, WEAK))
+    for names in (*PAIRS, *TRIPLES):
+        yield "_and_".join(names), injected_mismatch(names, 1.0), 1.0, ""
+    for name in TIMED:
+        yield f"{name}_from_a_time_on", injected_mismatch((name,), 1.0, "time"), 1.0, ""
+    yield from _unlisted(list(UNLISTED)[:FIRST_UNLISTED])
+
+
+def _further_cases() -> Iterator[_Case]:
+    """Yield the multi-body model, weakest effects, and further clean cases and changes."""
+    for i in range(FIRST_CLEAN, CLEAN):
+        plant = MULTI_BODY if i < FIRST_CLEAN + CLEAN_MULTI_BODY else ""
+        yield f"clean_{i:02}", InjectedMismatch(), 1.0, plant
+    yield from _singles((WEAKEST,))
+    yield from _unlisted(list(UNLISTED)[FIRST_UNLISTED:])
+    yield from _unlisted(list(DROPOUTS))
+    for name in MULTIBODY_EFFECTS:
+        effects = {name: MULTIBODY_SIZES.get(name, FULL[name])}
+        yield f"{MULTI_BODY}_{name}", InjectedMismatch(effects), FULL_STRENGTH, MULTI_BODY
+
+
+def _singles(strengths: Sequence[float]) -> Iterator[_Case]:
+    for strength in strengths:
+        for name in FULL:
+            yield f"{name}_{strength:g}", injected_mismatch((name,), strength), strength, ""
+
+
+def _unlisted(names: Sequence[str]) -> Iterator[_Case]:
+    for name in names:
+        for strength in (FULL_STRENGTH, WEAK):
+            size = strength * {**UNLISTED, **DROPOUTS}[name]
+            injected = InjectedMismatch(unlisted={name: size})
+            yield f"unlisted_{name}_{strength:g}", injected, strength, ""
+
+
+def select_plans(limit: int, only: str = "") -> list[CasePlan]:
+    """
+    Return at most `limit` plans, spread evenly over the list; 0: all.
+
+    `only`: a name or a pattern with `*`, `?` and `[...]`, several separated by commas.
+    :raises UsageError: no case has such a name.
+    """
+    patterns = [pattern.strip() for pattern in only.split(",") if pattern.strip()]
     every = list(case_plans())
+    for pattern in patterns:
+        if not any(fnmatchcase(plan.name, pattern) for plan in every):
+            raise UsageError(
+                f"no generated case is called '{pattern}': names are such as {every[0].name}, "
+                f"{every[FIRST_CLEAN].name} or 'unlisted_*'"
+            )
+    if patterns:
+        every = [p for p in every if any(fnmatchcase(p.name, x) for x in patterns)]
     if limit <= 0 or limit >= len(every):
         return every
     return [every[i * len(every) // limit] for i in range(limit)]

@@ -11,13 +11,19 @@ alter the actuation, add forces and change the air and the road.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from adk_ros.bench.mismatch import sprung_car
+from adk_ros.bench.mismatch.injected_changes import (
+    STEPS_PER_COMMAND,
+    InjectedChanges,
+    act,
+    start_memory,
+)
 from adk_ros.bench.mismatch.sprung_car import step_sprung_car
+from adk_ros.bench.mismatch.unlisted_changes import MEMORY_SIZE, Motion
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.plant.environment.road import (
@@ -40,72 +46,12 @@ from adk_ros.plant.vehicle.seven_dof import HEADING, STEP, V_X, V_Y, YAW_RATE, X
 from adk_ros.plant.vehicle.sprung_mass import NO_SPRUNG_MASS, SprungMass, resolve
 from adk_ros.plant.vehicle.vehicle_parameters import Constants, Vehicle
 
-STEPS_PER_COMMAND = 25
-"""Integration steps of 1 ms between commands."""
 PLANTS = ("seven_dof", "fourteen_dof", "spring_car")
 """Simulators for injection; the last has other tyres and no wheel spins."""
 _FOURTEEN, _SPRUNG = 1, 2
 TRUTH = 11
 """Columns of the truth: a_x, a_y, yaw rate, v_x, v_y, x, y, heading, arc length, time, yaw
 acceleration."""
-
-
-TORQUE_CUT_FROM = 2.5
-"""Lateral acceleration above which drive torque is cut, m/s²."""
-SLOSH_FREQUENCY_HZ, SLOSH_DAMPING = 0.5, 0.06
-"""Natural frequency and damping ratio of a load that moves sideways."""
-PERIODIC_YAW_HZ, PERIODIC_YAW_FROM = 0.28, 9.0
-"""Frequency of the periodic yaw acceleration, and the speed above which it acts, m/s."""
-
-
-class InjectedChanges(NamedTuple):
-    """Injected changes, active from `onset`, s; the defaults change nothing. SI, delays in ms."""
-
-    onset: float = 0.0
-    torque_gain: float = 1.0
-    brake_gain: float = 1.0
-    torque_offset: float = 0.0
-    torque_delay_ms: int = 0
-    torque_lag: float = 0.0
-    power: float = 1e12
-    steer_gain: float = 1.0
-    steer_offset: float = 0.0
-    steer_delay_ms: int = 0
-    steer_lag: float = 0.0
-    half_backlash: float = 0.0
-    """Half of the steering backlash, rad at the road wheels."""
-    compliance: float = 0.0
-    one_side_brake_torque: float = 0.0
-    """Torque of dragging brakes, N·m per wheel; left side positive, right side negative."""
-    wind_x: float = 0.0
-    wind_y: float = 0.0
-    wind_from: float = -1.0
-    """The crosswind acts between these arc lengths of the lap, m; negative: everywhere."""
-    wind_to: float = -1.0
-    lift_area: float = 0.0
-    """Lift area, m²; sprung car only, like `rear_steer`."""
-    rear_steer: float = 0.0
-    # Effects that are not in the catalogue of `adk mismatch`.
-    locked_differential: float = 0.0
-    """Opposing yaw acceleration per relative wheel-speed difference r / v_x, m/s²."""
-    torque_lateral_acceleration: float = 0.0
-    """Lateral acceleration per commanded torque, 1/(kg·m)."""
-    speed_periodic_yaw: float = 0.0
-    """Amplitude of a yaw acceleration that oscillates with the speed, sin(1.5 v_x), rad/s²."""
-    yaw_damping: float = 0.0
-    """Opposing yaw acceleration per yaw rate, 1/s."""
-    scrub_drag: float = 0.0
-    """Deceleration per lateral acceleration squared, s²/m."""
-    torque_vectoring: float = 0.0
-    """Yaw acceleration per torque times steering angle, 1/(kg·m²·rad)."""
-    steering_drag: float = 0.0
-    """Deceleration per magnitude of the steering angle, m/s² per rad."""
-    torque_cut: float = 0.0
-    """Share of the drive torque that is cut above `TORQUE_CUT_FROM` of lateral acceleration."""
-    sloshing_load: float = 0.0
-    """Share of the car's mass that moves sideways at `SLOSH_FREQUENCY_HZ`."""
-    time_periodic_yaw: float = 0.0
-    """Amplitude of a yaw acceleration that oscillates in time above a speed, rad/s²."""
 
 
 class _Plant(NamedTuple):
@@ -149,12 +95,10 @@ def _run(
     road = np.empty((4, 5))
     work = np.empty((5, state.shape[0]))
     command = np.zeros(2)
-    s, integral = start, 0.0
-    backlash_out, delta_out, torque_out, a_y = 0.0, 0.0, 0.0, 0.0
-    omega = 2.0 * math.pi * SLOSH_FREQUENCY_HZ
-    load_y, load_speed = 0.0, 0.0
-    steps = truth.shape[0]
-    for n in range(steps):
+    memory = np.zeros(MEMORY_SIZE)
+    lap = spacing * (table.shape[0] - 1)
+    s, integral, a_y = start, 0.0, 0.0
+    for n in range(truth.shape[0]):
         s, across, road_heading = locate(table, spacing, s, state[X], state[Y])
         command_row = n // STEPS_PER_COMMAND
         if n % STEPS_PER_COMMAND == 0:
@@ -171,55 +115,14 @@ def _run(
             )
             commands[command_row, 0], commands[command_row, 1] = torque, delta
             if n == 0:
-                backlash_out = delta_out = delta
-                torque_out = torque
+                start_memory(memory, torque, delta)
         active = n * STEP >= h.onset
-        speed = max(state[V_X], 1.0)
-        torque_row = max(n - h.torque_delay_ms, 0) // STEPS_PER_COMMAND if active else command_row
-        delta_row = max(n - h.steer_delay_ms, 0) // STEPS_PER_COMMAND if active else command_row
-        torque, delta = commands[torque_row, 0], commands[delta_row, 1]
-        if active:
-            torque *= h.torque_gain * (h.brake_gain if torque < 0.0 else 1.0)
-            delta *= h.steer_gain
-            backlash_out = min(max(backlash_out, delta - h.half_backlash), delta + h.half_backlash)
-            delta = backlash_out
-        keep = math.exp(-STEP / h.steer_lag) if active and h.steer_lag > 0.0 else 0.0
-        delta_out = delta + (delta_out - delta) * keep
-        keep = math.exp(-STEP / h.torque_lag) if active and h.torque_lag > 0.0 else 0.0
-        torque_out = torque + (torque_out - torque) * keep
-        command[0], command[1] = torque_out, delta_out
-        # Accelerations besides those of the vehicle model, m/s² and rad/s².
-        added_x, added_y, added_yaw = 0.0, 0.0, 0.0
-        wind_x, wind_y = 0.0, 0.0
-        if active:
-            command[0] = min(torque_out + h.torque_offset, h.power * c.wheel_radius / speed)
-            if command[0] > 0.0 and abs(a_y) > TORQUE_CUT_FROM:
-                command[0] *= 1.0 - h.torque_cut
-            command[1] = delta_out + h.steer_offset - h.compliance * a_y
-            drag = h.one_side_brake_torque / c.wheel_radius
-            added_x = -2.0 * abs(drag) / c.mass
-            added_yaw = drag * c.track_width / c.yaw_inertia
-            added_yaw -= h.locked_differential * state[YAW_RATE] / speed
-            added_yaw += h.speed_periodic_yaw * math.sin(1.5 * state[V_X])
-            added_yaw -= h.yaw_damping * state[YAW_RATE]
-            added_yaw += h.torque_vectoring * torque_out * delta_out
-            added_x -= h.scrub_drag * a_y * a_y + h.steering_drag * abs(delta_out)
-            added_y = h.torque_lateral_acceleration * commands[command_row, 0]
-            load_force = omega * omega * load_y + 2.0 * SLOSH_DAMPING * omega * load_speed
-            added_y -= h.sloshing_load * load_force
-            load_speed += STEP * (a_y + added_y - load_force)
-            load_y += STEP * load_speed
-            if state[V_X] > PERIODIC_YAW_FROM:
-                phase = 2.0 * math.pi * PERIODIC_YAW_HZ * n * STEP
-                added_yaw += h.time_periodic_yaw * math.cos(phase)
-            in_wind = h.wind_from < 0.0
-            if not in_wind:
-                at = s % (spacing * (table.shape[0] - 1))
-                in_wind = h.wind_from <= at <= h.wind_to
-            cos, sin = math.cos(state[HEADING]), math.sin(state[HEADING])
-            crosswind = h.wind_y if in_wind else 0.0
-            wind_x = h.wind_x * cos - crosswind * sin
-            wind_y = h.wind_x * sin + crosswind * cos
+        motion = Motion(
+            n * STEP, s, lap, state[V_X], state[V_Y], state[YAW_RATE], state[HEADING], a_y
+        )
+        action = act(c, h, motion, commands, n, memory)
+        command[0], command[1] = action.torque, action.delta
+        wind = (action.wind_x, action.wind_y)
         row = truth[n]
         row[2], row[3], row[4] = state[YAW_RATE], state[V_X], state[V_Y]
         row[5], row[6], row[7], row[8] = state[X], state[Y], state[HEADING], s
@@ -237,7 +140,7 @@ def _run(
                 state,
                 command,
                 surface,
-                (wind_x, wind_y),
+                wind,
                 h.lift_area if active else 0.0,
                 h.rear_steer if active else 0.0,
                 STEP,
@@ -250,16 +153,16 @@ def _run(
                 current_plant.table,
                 spacing,
                 s,
-                (wind_x, wind_y),
+                wind,
                 state,
                 command,
                 road,
                 work,
             )
-        state[V_X] += STEP * added_x
-        state[V_Y] += STEP * added_y
-        state[YAW_RATE] += STEP * added_yaw
-        row[0], row[1] = a_x + added_x, a_y + added_y
+        state[V_X] += STEP * action.added_x
+        state[V_Y] += STEP * action.added_y
+        state[YAW_RATE] += STEP * action.added_yaw
+        row[0], row[1] = a_x + action.added_x, a_y + action.added_y
         row[10] = (state[YAW_RATE] - yaw_rate) / STEP
 
 
@@ -285,11 +188,7 @@ def simulate_injected_drive(
     """
     steps = round(seconds / STEP)
     count = steps // STEPS_PER_COMMAND + 1
-    rng = np.random.default_rng(seed)
-    excitation = Excitation(steer=0.003, torque=150.0, torque_step=200.0)
-    added = excitation_signals(
-        rng, count, STEPS_PER_COMMAND * STEP, excitation, SpeedPlan(variation=0.05)
-    )
+    added = excitation(seed, count)
     kind = PLANTS.index(plant)
     constants = car.constants()
     first_plant = _plant(before or car, route, kind)
@@ -317,3 +216,15 @@ def simulate_injected_drive(
 def _plant(vehicle: Vehicle, route: Route, kind: int) -> _Plant:
     body = resolve(vehicle) if kind == _FOURTEEN else NO_SPRUNG_MASS
     return _Plant(vehicle.constants(), body, route.table)
+
+
+def excitation(seed: int, count: int) -> FloatArray:
+    """Return the excitation that every generated drive has, (count, 5): one row per command."""
+    size = Excitation(steer=0.003, torque=150.0, torque_step=200.0)
+    return excitation_signals(
+        np.random.default_rng(seed),
+        count,
+        STEPS_PER_COMMAND * STEP,
+        size,
+        SpeedPlan(variation=0.05),
+    )

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from adk_ros.bench.mismatch.injected_drive import InjectedChanges
+from adk_ros.bench.mismatch.injected_changes import InjectedChanges
+from adk_ros.bench.mismatch.unlisted_changes import UnlistedChanges
 from adk_ros.files.yaml_file import with_replacements
 from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
 
@@ -70,8 +71,29 @@ UNLISTED = {
     "torque_cut": 0.8,
     "sloshing_load": 0.08,
     "time_periodic_yaw": 0.15,
+    "brake_fade": 0.5,
+    "torque_hysteresis": 150.0,
+    "brake_judder": 0.6,
+    "torque_ripple": 0.4,
+    "abs_release": 0.7,
+    "speed_limiter": 0.8,
+    "low_gear_gain": 0.35,
+    "battery_sag": 0.4,
+    "torque_locking_differential": 0.03,
+    "wheel_imbalance": 0.6,
+    "gust_series": 1.2,
+    "phantom_braking": 1.0,
+    "lap_periodic_yaw": 0.15,
+    "warming_tyres": 0.03,
+    "fading_front_tyre": 0.3,
+    "yaw_limiter": 3.0,
+    "trailer_sway": 0.05,
+    "variable_steering_ratio": 0.25,
+    "brake_pull": 7.0e-5,
+    "engine_braking": 0.35,
 }
-"""Changes that are not in the catalogue, by their names in labels; values at strength 1."""
+"""Changes that are not in the catalogue: name, a field of `UnlistedChanges`, -> size at strength
+1."""
 
 
 def scale_strength(name: str, strength: float) -> dict[str, float]:
@@ -139,23 +161,12 @@ _CHANGES = {
 }
 
 
-_UNLISTED_FIELDS = {
-    "torque_steer": "torque_lateral_acceleration",
-    "shimmy": "speed_periodic_yaw",
-}
-"""Name of an unlisted change in labels -> field of `InjectedChanges`, where they differ."""
-
-
-def unlisted_field(name: str) -> str:
-    """Return the field of `InjectedChanges` of an unlisted change."""
-    return _UNLISTED_FIELDS.get(name, name)
-
-
 def plant_changes(
     effects: dict[str, dict[str, float]], unlisted: dict[str, float], onset: float
 ) -> InjectedChanges:
     """Return the changes of a simulated run for effects and unlisted changes, from `onset` s."""
-    values: dict[str, Any] = {unlisted_field(name): size for name, size in unlisted.items()}
+    known = {name: size for name, size in unlisted.items() if name in UnlistedChanges._fields}
+    values: dict[str, Any] = {"unlisted": UnlistedChanges(**known)}
     for name, p in effects.items():
         if name in _CHANGES:
             values[_CHANGES[name][1]] = p[_CHANGES[name][0]]

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.bench.mismatch.injected_drive import STEPS_PER_COMMAND
+from adk_ros.bench.mismatch.injected_changes import STEPS_PER_COMMAND
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY

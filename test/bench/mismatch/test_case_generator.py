@@ -7,14 +7,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adk_ros.bench.mismatch.case_matrix import case_plans
-from adk_ros.bench.mismatch.injected_drive import (
-    PLANTS,
-    InjectedChanges,
-    simulate_injected_drive,
-)
-from adk_ros.bench.mismatch.injectors import UNLISTED, plant_changes, unlisted_field
+from adk_ros.bench.mismatch.case_matrix import NOISES, case_plans, select_plans
+from adk_ros.bench.mismatch.injected_changes import InjectedChanges
+from adk_ros.bench.mismatch.injected_drive import PLANTS, simulate_injected_drive
+from adk_ros.bench.mismatch.injectors import FULL, UNLISTED, plant_changes
+from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS
 from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
+from adk_ros.errors import UsageError
 from adk_ros.plant.scenario.scenario_file import load_scenario
 from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
 
@@ -37,7 +36,7 @@ def test_every_planned_change_can_be_injected() -> None:
         changes = plant_changes(plan.injected.effects, plan.injected.unlisted, 1.0)
         assert isinstance(changes, InjectedChanges)
         for name, value in plan.injected.unlisted.items():
-            assert getattr(changes, unlisted_field(name)) == value
+            assert name in DROPOUTS or getattr(changes.unlisted, name) == value
 
 
 @pytest.mark.parametrize("plant", PLANTS)
@@ -55,3 +54,28 @@ def test_a_change_acts_from_its_onset_on(plant: str) -> None:
     np.testing.assert_array_equal(plain[:2000], dragged[:2000])
     np.testing.assert_array_equal(plain[:2000], braked[:2000])
     assert braked[-1] < plain[-1] - 0.05
+
+
+def test_the_list_has_every_kind_of_case() -> None:
+    plans = list(case_plans())
+    clean = [plan for plan in plans if plan.name.startswith("clean")]
+    assert len(clean) == 100
+    assert {(p.plant, p.noise) for p in clean} >= {(x, y) for x in PLANTS for y in NOISES}
+    assert sum(p.plant == "multi_body" for p in clean) >= 20
+    unlisted = [plan for plan in plans if plan.injected.unlisted]
+    assert len(unlisted) >= 60
+    assert sum(p.plant == "multi_body" and bool(p.injected.effects) for p in plans) >= 20
+    for strength in (1.0, 0.3, 0.1):
+        singles = {p.name for p in plans if p.strength == strength and p.injected.effects}
+        assert {f"{name}_{strength:g}" for name in FULL} <= singles
+
+
+def test_cases_are_selected_by_name_or_pattern() -> None:
+    assert [plan.name for plan in select_plans(0, "payload_1")] == ["payload_1"]
+    both = select_plans(0, "unlisted_torque_cut_*, clean_07")
+    assert [plan.name for plan in both] == [
+        "clean_07", "unlisted_torque_cut_1", "unlisted_torque_cut_0.3",
+    ]  # fmt: skip
+    assert len(select_plans(3, "clean_*")) == 3
+    with pytest.raises(UsageError, match="no generated case is called 'paylod"):
+        select_plans(0, "paylod*")
