@@ -41,6 +41,13 @@ def concealed(
     vehicle: Annotated[
         Path | None, typer.Option(help="with --real: vehicle file, masses and lengths (YAML)")
     ] = None,
+    only: Annotated[
+        str,
+        typer.Option(
+            help="with --own: cases of these names or patterns, such as 'unlisted_*', separated "
+            "by commas"
+        ),
+    ] = "",
     limit: Annotated[
         int,
         typer.Option(help="number of cases with --own (0: all) or --calibrate (0: 60)"),
@@ -83,6 +90,8 @@ def concealed(
         jobs_of,
         plan_jobs,
     )
+    from adk_ros.bench.mismatch.multibody import MULTI_BODY, base_parameters
+    from adk_ros.bench.mismatch.reliability import reliability_markdown
     from adk_ros.bench.mismatch.result_tables import (
         CRITERIA_FILE,
         baseline_results,
@@ -97,6 +106,8 @@ def concealed(
         raise UsageError("give --cases FOLDER, --own, --calibrate or --real FOLDER, one of them")
     if not 1 <= jobs <= 64:
         raise UsageError(f"--jobs is {jobs}: choose 1 to 64")
+    if only and not own:
+        raise UsageError("--only selects from the list of generated cases: use it with --own")
     if limit < 0:
         raise UsageError(f"--limit is {limit}: choose 0 (all cases) or more")
     if real is not None:
@@ -114,7 +125,10 @@ def concealed(
     elif calibrate:
         todo = plan_jobs(calibration_plans(limit or _CALIBRATION_CASES))
     else:
-        todo = plan_jobs(select_plans(limit))
+        plans = select_plans(limit, only)
+        if any(plan.plant == MULTI_BODY for plan in plans):
+            base_parameters()  # Refuses here, not after an hour.
+        todo = plan_jobs(plans)
     try:
         with (
             graceful_shutdown(),
@@ -140,6 +154,8 @@ def concealed(
         console.output.print(_line(result), markup=False)
     if peers:
         console.output.print(markdown(*baseline_results(results)), markup=False, end="")
+    claims = [claim for result in results for claim in result.claims]
+    console.output.print(reliability_markdown(claims), markup=False)
     for criterion in criteria:
         console.output.print(str(criterion), markup=False)
 

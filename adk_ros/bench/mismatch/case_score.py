@@ -4,27 +4,50 @@
 Score one answer of `adk mismatch` against the label of a case.
 
 A reported name counts 1, or 1 / (1 + number of alternatives) if it has indistinguishable
-alternatives; so does a labelled name among the alternatives. Set-F1 is 2 right / (reported +
-labelled). The error of a parameter is relative to its distance from the neutral value. Activation
-is compared as a set of times by intersection over union. The label `unknown` expects the verdict
-`unknown` and, where the label gives them, the equation and the driving variable; an empty label
-expects `none`.
+alternatives; so does a labelled name among the alternatives. Alternatives that no drive can
+separate from it (`TIES`) do not reduce the credit. Set-F1 is 2 right / (reported + labelled). The
+error of a parameter is relative to its distance from the neutral value. Activation is compared as
+a set of times by intersection over union. The label `unknown` expects the verdict `unknown` and,
+where the label gives them, the equation and the driving variable; an empty label expects `none`.
 
 Optional keys of a label: `strength` (fraction of full strength, default 1), `plant` (simulator),
-and for `unknown` its `equations` and `driven_by` (names in `FEATURES`, any of which is right).
+and for `unknown` its `equations` and `driven_by` (names in `FEATURES`, `time` or `distance`, any
+of which is right), or for a faulty sensor `accepts`: the verdicts that are right without a named
+effect.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
 from typing import Any
 
+from adk_ros.bench.mismatch.reliability import Claim
+from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, TIME
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.features import FEATURES
 
 UNKNOWN = "unknown"
+TIES = (
+    frozenset({"drive_torque_gain", "wheel_radius"}),
+    frozenset({"rolling_resistance", "torque_offset"}),
+)
+"""Effects that no drive can separate: torque enters as torque over radius; both drags are constant
+forces."""
+MEMORY_WORDS = (
+    "where the", "while", "with a lag of", "with a hysteresis of", "beyond", "that oscillates",
+    "that changes", "that fades", "from", "until",
+)  # fmt: skip
+"""Words that follow a feature's description if the feature acts with a memory or in a part."""
+_VARIABLES = {
+    TIME: re.compile(
+        r"^time: |oscillat(ion|es) in time| with the time over | (from|until) [\d.e+]+ s$"
+    ),
+    DISTANCE: re.compile(r"oscillat(ion|es) every [\d.e+]+ m travelled$"),
+}
+"""Driving variable that is no feature -> how a description states it."""
 _RESOLUTION_S = 0.01
 """Time resolution of the intersection over union, s."""
 
@@ -62,6 +85,15 @@ class CaseResult:
     """`BaselineResult` of each method as a dict, `adk mismatch` first, if baselines were run."""
     correctable: bool = True
     """Whether anything but sensor faults is injected: no correction removes those."""
+    claims: list[Claim] = field(default_factory=list)
+    """Named effects with confidence."""
+    raised: float = math.nan
+    """Largest relative increase of a state's error by the correction, over the errors that the
+    report states; negative if it falls in every state, NaN without errors."""
+    raised_held_out: float = math.nan
+    """The same on the held-out recording of the case."""
+    detectable: bool | None = None
+    """Whether the injected effect exceeds its detectable size in the report; None if unstated."""
 
 
 def kind_of(label: dict[str, Any]) -> str:
@@ -93,8 +125,10 @@ def shares(name: str, found: list[dict[str, Any]]) -> float:
     best = 0.0
     for effect in found:
         alternatives = list(effect.get("alternatives", []))
-        if name == effect["name"] or name in alternatives:
-            best = max(best, 1.0 / (1 + len(alternatives)))
+        members = {effect["name"], *alternatives}
+        if name in members:
+            tied = next((tie for tie in TIES if name in tie), frozenset())
+            best = max(best, 1.0 / (1 + len(members - tied - {name})))
     return best
 
 
@@ -119,16 +153,44 @@ def described(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
         for part in unexplained.get("text", "").split("; ")
         if part.startswith(prefix)
     }
-    descriptions = [FEATURES[name].description for name in drivers]
-    return not drivers or any(_is_of(text, given) for text in variables for given in descriptions)
+    return not drivers or any(_is_of(text, name) for text in variables for name in drivers)
 
 
-def _is_of(text: str, description: str) -> bool:
-    """Whether a text describes a feature, its threshold, its lag or a mass that it moves."""
+def _is_of(text: str, variable: str) -> bool:
+    """Whether a text describes a variable, its threshold, its memory or a mass that it moves."""
+    if variable in _VARIABLES:
+        return _VARIABLES[variable].search(text) is not None
+    description = FEATURES[variable].description
     if text == description or f" moved by {description} (" in text:
         return True
-    joints = ("where the", "while", "with a lag of")
-    return any(text.startswith(f"{description} {joint} ") for joint in joints)
+    return any(text.startswith(f"{description} {words} ") for words in MEMORY_WORDS)
+
+
+def claims_of(label: dict[str, Any], answer: dict[str, Any]) -> list[Claim]:
+    """Return the named effects of an answer that state a confidence."""
+    labelled = {effect["name"] for effect in label["effects"]}
+    return [
+        Claim(
+            "|".join([effect["name"], *effect.get("alternatives", [])]),
+            float(effect["confidence"]),
+            bool(labelled & {effect["name"], *effect.get("alternatives", [])}),
+        )
+        for effect in answer.get("effects", [])
+        if effect.get("confidence") is not None
+    ]
+
+
+def raised_error(answer: dict[str, Any]) -> float:
+    """Return the largest relative increase of a state's error that an answer states, or NaN."""
+    fit = answer.get("fit", {})
+    pairs = [fit, *fit.get("horizons", {}).values()]
+    increases = [
+        pair["after"][state] / before - 1.0
+        for pair in pairs
+        for state, before in pair.get("before", {}).items()
+        if before and pair.get("after", {}).get(state) is not None
+    ]
+    return max(increases, default=math.nan)
 
 
 def _neutral(effect: str, parameter: str) -> float:
@@ -148,8 +210,11 @@ def score_case(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Case
     both = named + len(wanted)
     f1 = 2.0 * sum(counts) / both if both else 1.0
     verdict = answer.get("verdict", "")
+    accepts = [x for effect in label["effects"] for x in effect.get("accepts", [])]
     if kind == "none":
         right = float(verdict == "none" and not found)
+    elif accepts:
+        right = float(verdict in accepts and not found)
     elif kind == UNKNOWN:
         right = float(verdict == "unknown" and described(label, answer) is not False)
     elif named == len(wanted) and verdict == "explained":
@@ -173,9 +238,12 @@ def score_case(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Case
         plant=str(label.get("plant", "")),
         described=described(label, answer) if verdict == UNKNOWN == kind else None,
         correctable=any(
-            effect["name"] not in EFFECTS or not EFFECTS[effect["name"]].sensor
+            not (EFFECTS[effect["name"]].sensor if effect["name"] in EFFECTS else False)
+            and not effect.get("sensor")
             for effect in label["effects"]
         ),
+        claims=claims_of(label, answer),
+        raised=raised_error(answer),
     )
     end_s = max((t[1] for e in wanted for t in e["time_intervals_s"]), default=0.0)
     for effect in wanted:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import shutil
 import tempfile
@@ -23,9 +24,12 @@ from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from adk_ros.bench.mismatch.baselines import Baselines
 from adk_ros.bench.mismatch.case_matrix import CasePlan
 from adk_ros.bench.mismatch.case_score import CaseResult, score_case
+from adk_ros.bench.mismatch.reliability import Claim
 from adk_ros.bench.mismatch.subprocesses import ProcessResult, Subprocesses
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.deployment.held_out import Evidence, horizon_errors, rmse
@@ -170,6 +174,7 @@ class MismatchBench:
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
             earlier = CaseResult(**content["score"])
+            earlier.claims = [Claim(*claim) for claim in earlier.claims]
         except (ValueError, KeyError, TypeError):
             return None
         if self.baselines is not None and not earlier.baselines:
@@ -221,21 +226,23 @@ def _scored(case: Path, label: dict[str, object], out: Path, process: ProcessRes
     else:
         answer = json.loads((out / RESULT_FILE).read_text(encoding="utf-8"))
         result = score_case(case.name, label, answer)
-        result.removed = removed(case / "heldout", out)
+        result.removed, result.raised_held_out = held_out_errors(case / "heldout", out)
     result.seconds, result.cpu_s = process.seconds, process.cpu_s
     result.memory_mib = process.memory_mib
     return result
 
 
-def removed(held_out: Path, report: Path) -> dict[str, float]:
+def held_out_errors(held_out: Path, report: Path) -> tuple[dict[str, float], float]:
     """
-    Return by channel the share of the removable held-out error 1 s ahead that is removed.
+    Return the effect of the correction on the error 1 s ahead on a further recording.
 
-    The removable error is the one above the noise of the odometry in that channel; channels in
-    which the simulation error is within 1.5 times the noise are left out.
+    First by channel the share of the removable error that is removed: the removable error is the
+    one above the noise of the odometry; channels in which the simulation's error is within 1.5
+    times the noise are left out. Second the largest relative increase of any channel's error, NaN
+    without a recording.
     """
     if not held_out.exists():
-        return {}
+        return {}, math.nan
     log = read_sensor_log(held_out, needs_imu=False)
     recordings = [Evidence(log)]
     before, after = (
@@ -243,8 +250,9 @@ def removed(held_out: Path, report: Path) -> dict[str, float]:
         for name in ("simulation.yaml", "corrected.yaml")
     )
     noise = log.noise()[3:]
-    return {
+    removed = {
         name: float((before[i] - after[i]) / (before[i] - noise[i]))
         for i, name in enumerate(STATE_NAMES)
         if before[i] > 1.5 * noise[i]
     }
+    return removed, float(np.max(after / before)) - 1.0

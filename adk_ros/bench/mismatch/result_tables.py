@@ -15,6 +15,11 @@ import numpy as np
 from adk_ros.bench.mismatch.acceptance import Criterion
 from adk_ros.bench.mismatch.baselines import ADK_MISMATCH, NAMING, STRONGEST
 from adk_ros.bench.mismatch.case_score import UNKNOWN, CaseResult
+from adk_ros.bench.mismatch.reliability import (
+    brier_score,
+    reliability_table,
+    write_reliability,
+)
 from adk_ros.bench.paper.paper_tables import markdown_line
 from adk_ros.numerics.finite import finite
 
@@ -130,20 +135,31 @@ def baselines_markdown(scores: Sequence[CaseResult]) -> str:
 def case_json(result: CaseResult) -> dict[str, Any]:
     """Return a case for JSON, under the keys of the first release; not finite values are null."""
     content = asdict(result)
+    content["claims"] = [claim._asdict() for claim in result.claims]
     content["said"], content["beside"] = content.pop("reported"), content.pop("baselines")
     return dict(finite(content))
 
 
 def as_json(scores: Sequence[CaseResult], criteria: Sequence[Criterion]) -> dict[str, Any]:
-    """Return criteria and cases for JSON; values that are not finite become null."""
+    """Return criteria, reliability and cases for JSON; values that are not finite become null."""
+    claims = [claim for result in scores for claim in result.claims]
+    reliability = {
+        "brier_score": brier_score(claims),
+        "bins": [b._asdict() for b in reliability_table(claims)],
+    }
     return {
+        "reliability": finite(reliability),
         "bars": [asdict(criterion) for criterion in criteria],
         "cases": [case_json(s) for s in scores],
     }
 
 
 def write_tables(scores: Sequence[CaseResult], criteria: Sequence[Criterion], out: Path) -> None:
-    """Write `cases.md`, `cases.json`, `bars.txt`, and `beside.md` if baselines ran."""
+    """
+    Write cases, criteria and reliability of the claims, and `beside.md` if baselines ran.
+
+    Cases: `cases.md`, `cases.json`; criteria: `bars.txt`; reliability: table and diagram.
+    """
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(as_json(scores, criteria), indent=1) + "\n"
     (out / SCORES).write_text(text, encoding="utf-8")
@@ -151,5 +167,6 @@ def write_tables(scores: Sequence[CaseResult], criteria: Sequence[Criterion], ou
     comparison = baselines_markdown(scores)
     if comparison:
         (out / BASELINES_FILE).write_text(comparison, encoding="utf-8")
+    write_reliability([claim for result in scores for claim in result.claims], out)
     lines = "".join(f"{criterion}\n" for criterion in criteria)
     (out / CRITERIA_FILE).write_text(lines, encoding="utf-8")

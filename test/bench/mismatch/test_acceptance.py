@@ -13,12 +13,14 @@ import pytest
 
 from adk_ros.bench.mismatch import mismatch_bench
 from adk_ros.bench.mismatch.acceptance import FAIL, NONE, PASS, Criterion, evaluate_criteria
-from adk_ros.bench.mismatch.case_matrix import UNLISTED_IN, case_plans
+from adk_ros.bench.mismatch.case_matrix import case_plans
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.injectors import UNLISTED
 from adk_ros.bench.mismatch.mismatch_bench import CaseJob, MismatchBench, jobs_of
+from adk_ros.bench.mismatch.reliability import Claim
 from adk_ros.bench.mismatch.result_tables import write_tables
 from adk_ros.bench.mismatch.subprocesses import SubprocessEnded, Subprocesses
+from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, TIME, UNLISTED_IN
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS
@@ -40,6 +42,8 @@ def good(kind: str = "single", **changes: Any) -> CaseResult:
         30.0,
         29.0,
         400.0,
+        raised=0.0,
+        claims=[Claim("aero_drag", 0.97, True)],
     )
     return replace(plain, **changes)
 
@@ -64,25 +68,27 @@ def test_a_criterion_without_cases_is_none() -> None:
     [
         ("singles-strength-1", good(), good(right=0.0)),
         ("singles-strength-0.3", good(strength=0.3), good(strength=0.3, right=0.5)),
-        ("pairs-set-f1", good("pair", f1=0.93, right=0.0), good("pair", f1=0.9)),
-        ("triples-set-f1", good("triple", f1=0.8), good("triple", f1=0.7)),
+        ("singles-strength-0.1", good(strength=0.1), good(strength=0.1, right=0.5)),
+        ("pairs-set-f1", good("pair", f1=0.95, right=0.0), good("pair", f1=0.94)),
+        ("triples-set-f1", good("triple", f1=0.88), good("triple", f1=0.87)),
         ("unlisted-unknown", good("unknown", described=True), good("unknown", right=0.0)),
-        ("false-alarms", good("none"), good("none", right=0.0)),
+        ("error-raised", good(raised=0.02), good(raised=0.021)),
+        ("confident-claims-right", good(), good(claims=[Claim("payload", 0.9, False)])),
         (
             "other-family-simulators",
             good(plant="fourteen_dof"),
             good(plant="fourteen_dof", right=0.0),
         ),
-        ("parameter-error", good(), good(errors={"a.b": 0.031})),
+        ("parameter-error", good(), good(errors={"a.b": 0.016})),
         (
             "interval-coverage",
             good(covered={str(i): i > 3 for i in range(40)}),
             good(covered={str(i): True for i in range(40)}),
         ),
         ("where-iou", good(iou={"a": 0.9}), good(iou={"a": 0.89})),
-        ("held-out-error-removed", good(), good(removed={"v_x": 0.89})),
-        ("seconds-a-case", good(), good(seconds=61.0)),
-        ("memory-a-case", good(), good(memory_mib=2049.0)),
+        ("held-out-error-removed", good(), good(removed={"v_x": 0.94})),
+        ("seconds-a-case", good(), good(seconds=46.0)),
+        ("memory-a-case", good(), good(memory_mib=1025.0)),
     ],
 )
 def test_each_criterion_passes_and_fails(
@@ -95,9 +101,43 @@ def test_each_criterion_passes_and_fails(
 def test_a_criterion_is_one_line_with_its_figure() -> None:
     both = bars(good(), good(right=0.5))
     assert str(both["singles-strength-1"]) == (
-        "FAIL singles-strength-1 0.750 of 2 cases (at least 0.95)"
+        "FAIL singles-strength-1 0.750 of 2 cases (at least 0.97)"
     )
     assert both["false-alarms"].figure == "no case ran"
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "case"),
+    [
+        ("false-alarms", 100, {"kind": "none"}),
+        ("multi-body-singles", 20, {"kind": "single", "plant": "multi_body"}),
+    ],
+)
+def test_few_cases_can_fail_a_criterion_but_not_pass_it(
+    name: str, count: int, case: dict[str, Any]
+) -> None:
+    assert bars(*[good(**case)] * count)[name].verdict == PASS
+    few = bars(*[good(**case)] * (count - 1))[name]
+    assert few.verdict == NONE
+    assert f"at least {count} are needed" in few.figure
+    assert bars(good(**case), *[good(**case, right=0.0)] * 3)[name].verdict == FAIL
+
+
+def test_effects_below_their_detectable_size_are_left_out() -> None:
+    weak = {"strength": 0.1}
+    criterion = bars(good(**weak), good(**weak, right=0.0, detectable=False))[
+        "singles-strength-0.1"
+    ]
+    assert criterion.verdict == PASS
+    assert "1 below their detectable size" in criterion.figure
+    assert bars(good(**weak, right=0.0, detectable=True))["singles-strength-0.1"].verdict == FAIL
+
+
+def test_the_multi_body_model_has_a_criterion_of_its_own() -> None:
+    found = bars(good(plant="multi_body", right=0.0))
+    assert found["singles-strength-1"].verdict == NONE
+    assert found["other-family-simulators"].verdict == NONE
+    assert found["multi-body-singles"].verdict == FAIL
 
 
 def test_weak_and_clean_cases_do_not_count_for_other_families() -> None:
@@ -122,19 +162,23 @@ def test_tables_list_all_cases(tmp_path: Path) -> None:
     assert "a\\|b" in table[3]
     lines = (tmp_path / "bars.txt").read_text().splitlines()
     assert len(lines) == len(content["bars"])
+    assert content["cases"][0]["claims"][0]["confidence"] == 0.97
+    assert content["reliability"]["bins"][-1]["claims"] == 2
+    assert (tmp_path / "reliability.png").stat().st_size > 10_000
+    assert "| 0.9 to 1 | 2 | 0.97 | 1.00 |" in (tmp_path / "reliability.md").read_text()
     assert lines[0].startswith("PASS singles-strength-1 1.000 of 2 cases")
 
 
 def test_generated_cases_carry_strength_and_plant() -> None:
     every = list(case_plans())
     assert len({plan.name for plan in every}) == len(every)
-    assert {plan.strength for plan in every} == {1.0, 0.3}
+    assert {plan.strength for plan in every} == {1.0, 0.3, 0.1}
     weak = next(plan for plan in every if plan.name == "aero_drag_0.3")
     label = weak.labelled({"effects": []})
     assert (label["strength"], label["plant"]) == (0.3, weak.plant)
     for equations, features in UNLISTED_IN.values():
         assert set(equations) <= set(EQUATION_PARAMETERS)
-        assert set(features) <= set(FEATURES)
+        assert set(features) <= {*FEATURES, TIME, DISTANCE}
     odd = next(plan for plan in every if plan.injected.unlisted)
     (effect,) = odd.labelled({"effects": [{"name": "unknown", "params": {}}]})["effects"]
     assert effect["equations"]
@@ -180,6 +224,7 @@ def test_an_interrupted_run_keeps_complete_reports_and_resumes(
     assert [s.case for s in scores] == ["a", "b", "c"]
     assert "a" not in again.ran
     assert {p.name for p in out.iterdir()} == {"a", "b", "c"}
+    assert scores[0].claims == good().claims
 
 
 def test_a_changed_case_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
 
-from adk_ros.bench.mismatch.case_score import described, overlap, score_case
+from adk_ros.bench.mismatch.case_score import described, overlap, raised_error, score_case
+from adk_ros.bench.mismatch.reliability import Claim
 
 
 def label(*effects: str, kind: str = "always", **params: float) -> dict[str, Any]:
@@ -44,6 +46,23 @@ def answer(verdict: str, *effects: str, **alternatives: list[str]) -> dict[str, 
         (label("aero_drag"), answer("none"), 0.0, 0.0),
         (label("aero_drag"), answer("explained", "headwind", headwind=["aero_drag"]), 0.5, 0.5),
         (label("aero_drag"), answer("explained", "aero_drag", "payload"), 0.0, 2.0 / 3.0),
+        (
+            label("wheel_radius"),
+            answer("explained", "drive_torque_gain", drive_torque_gain=["wheel_radius"]),
+            1.0,
+            1.0,
+        ),
+        (
+            label("torque_offset"),
+            answer(
+                "explained",
+                "rolling_resistance",
+                rolling_resistance=["torque_offset", "aero_drag"],
+            ),
+            0.5,
+            0.5,
+        ),
+        (label("wheel_radius"), answer("explained", "drive_torque_gain"), 0.0, 0.0),
         (label("aero_drag", "payload"), answer("explained", "payload"), 0.0, 2.0 / 3.0),
         (label("unknown"), answer("unknown"), 1.0, 1.0),
         (label("unknown"), answer("explained", "aero_drag"), 0.0, 0.0),
@@ -137,3 +156,60 @@ def test_features_with_parameters_are_described_by_their_variable(text: str, rig
     equation = "v_x" if text.startswith("longitudinal") else "v_y"
     answer = {"unexplained": {"equations": [equation], "text": text}}
     assert described(label, answer) is right
+
+
+FAULTY = label("unknown")
+FAULTY["effects"][0] |= {"accepts": ["none", "unknown"], "sensor": True}
+
+
+def test_a_faulty_sensor_is_no_effect_of_the_car() -> None:
+    for said, right in (
+        (answer("none"), 1.0),
+        (answer("unknown"), 1.0),
+        (answer("explained", "aero_drag"), 0.0),
+        (answer("unknown", "aero_drag"), 0.0),
+    ):
+        result = score_case("x", FAULTY, said)
+        assert (result.right, result.correctable) == (right, False)
+
+
+@pytest.mark.parametrize(
+    ("variable", "text", "right"),
+    [
+        ("time", "yaw acceleration against an oscillation in time at 0.28 Hz", True),
+        ("time", "yaw acceleration against a constant that changes with the time over 55 s", True),
+        ("time", "yaw acceleration against a constant from 120 s", True),
+        ("time", "yaw acceleration against a constant", False),
+        ("time", "yaw acceleration against an oscillation with speed", False),
+        ("distance", "yaw acceleration against an oscillation every 2.04 m travelled", True),
+        ("distance", "yaw acceleration against speed", False),
+        ("torque", "yaw acceleration against torque with a hysteresis of ±120 N·m", True),
+        ("yaw_rate", "yaw acceleration against yaw rate (wheel-speed difference) beyond 0.2 rad/s",
+         True),
+    ],
+)  # fmt: skip
+def test_time_distance_and_memory_are_driving_variables(
+    variable: str, text: str, right: bool
+) -> None:
+    truth = {"effects": [LOCKED["effects"][0] | {"driven_by": [variable]}]}
+    said = answer("unknown") | {"unexplained": {"equations": ["yaw_rate"], "text": text}}
+    assert described(truth, said) is right
+
+
+def test_claims_are_right_if_an_alternative_is_labelled() -> None:
+    said = answer("explained", "headwind", "payload", headwind=["aero_drag"])
+    for effect, confidence in zip(said["effects"], (0.8, None), strict=True):
+        effect["confidence"] = confidence
+    assert score_case("x", label("aero_drag"), said).claims == [
+        Claim("headwind|aero_drag", 0.8, True)
+    ]
+
+
+def test_the_largest_raised_error_of_all_horizons() -> None:
+    fit = {
+        "before": {"v_x": 0.1, "v_y": 0.02},
+        "after": {"v_x": 0.02, "v_y": 0.021},
+        "horizons": {"2": {"before": {"v_x": 0.2, "v_y": None}, "after": {"v_x": 0.22}}},
+    }
+    assert raised_error({"fit": fit}) == pytest.approx(0.1)
+    assert math.isnan(raised_error({}))
