@@ -16,6 +16,11 @@ from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.inference.candidates import rejected_candidates
 from adk_ros.mismatch.inference.confirmation import confirmed
 from adk_ros.mismatch.inference.decision import Decision, decide
+from adk_ros.mismatch.inference.downweighted import (
+    downweighted_residuals,
+    note_on,
+    with_episodes,
+)
 from adk_ros.mismatch.inference.experiment_design import (
     Discriminability,
     most_discriminating_manoeuvre,
@@ -42,6 +47,7 @@ from adk_ros.mismatch.recording.checks import (
     check_vehicle,
 )
 from adk_ros.mismatch.recording.direct_comparison import DirectComparison, compare_directly
+from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.residual_series import residual_series
@@ -89,6 +95,7 @@ def identify_mismatch(
     has_imu = recording.imu_s.size > 0
     recording = recording if has_imu else with_pseudo_imu(longest_moving_segment(recording))
     check_recording(recording)
+    recording, dropouts = without_frozen_readings(recording)
     if isinstance(simulation, SurrogateModel):
         surrogate, notes = simulation, _notes_on_known(simulation)
         noise = np.maximum(recording.noise(), _error_as_noise(simulation))
@@ -135,6 +142,8 @@ def identify_mismatch(
     about = Questioned(training, path, decision, lap, surrogate.parameters)
     asked = [answer(name, about) for name in ask]
     decision = with_confidence(refitted(decision, likelihood), validation.error_ratio)
+    hidden = downweighted_residuals(likelihood, decision.hypothesis, surrogate, lap)
+    decision = with_episodes(decision, hidden)
     correction = exported(decision.hypothesis, validation.export)
     discriminability = _discriminability(surrogate, decision, analysis.problem)
     tied = [e for e in decision.effects if e.alternatives]
@@ -161,7 +170,7 @@ def identify_mismatch(
         expected_loss=path.expected_loss,
         lap_m=None if lap is None else lap.length,
         profiles=path.profiles,
-        notes=notes + _notes_on_lap(lap),
+        notes=[*notes, *dropouts, *note_on(hidden), *_notes_on_lap(lap)],
         held_out_yaml=validation.held_out_yaml,
         missing_channels=analysis.observable.missing_channels(),
         not_judged=sorted(analysis.observable.unobservable & set(EFFECTS)),
@@ -176,6 +185,7 @@ def identify_mismatch(
             held_out_result(validation, evidence[:1]).source,
             unpredicted_signals(analysis.observable.torque, has_imu),
         ),
+        downweighted=hidden,
         steady_state=steady_state(likelihood, decision.hypothesis, analysis.observable.torque),
     )
 

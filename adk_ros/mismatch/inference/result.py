@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from adk_ros.mismatch.inference.asked_effect import AskedEffect
 from adk_ros.mismatch.inference.confidence import Evidence
+from adk_ros.mismatch.inference.downweighted_episodes import Downweighted
 from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.segments import SpatialProfile
@@ -212,3 +213,5 @@ class MismatchResult:
     """Held-out signals in physical units, predicted 1 s ahead; None where none fits in."""
     steady_state: SteadyState | None = None
     """Understeer and resistance, measured and simulated on the same inputs."""
+    downweighted: Downweighted | None = None
+    """Residuals that the robust loss does not count in full; None if there are none."""

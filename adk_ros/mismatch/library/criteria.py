@@ -181,6 +181,16 @@ FEATURE_TIE_LOSS_PER_SURROGATE_ERROR = 0.02
 """Share of the surrogate error added to that margin. Empirical."""
 EQUATION_GAIN_SHARE = 0.1
 """Least share of the leading equation's gain for an equation to be named. Empirical."""
+DOWNWEIGHTED_FALSE_ALARM = 0.05
+"""
+Probability that chance has as many seconds with downweighted residuals: the rate of false alarms
+that the decision allows over all effects. Convention.
+"""
+ACCIDENTAL_SECONDS = 1.0
+"""
+Expected seconds per recording with an accident that is no physics of the car: a pothole, a bird, a
+loose message. An assumption: with a Poisson distribution four such seconds are then material.
+"""
 
 # --- Decision ----------------------------------------------------------------------------------
 

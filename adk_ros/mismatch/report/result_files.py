@@ -13,6 +13,7 @@ from typing import Any
 from adk_ros.files.output_folder import staged_folder
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.mismatch.inference.confidence import Evidence
+from adk_ros.mismatch.inference.downweighted_episodes import Downweighted
 from adk_ros.mismatch.inference.result import (
     HeldOutResult,
     IdentifiedEffect,
@@ -109,6 +110,8 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
     if result.direct:
         answer["direct"] = direct_as_dicts(result)
     answer |= opening_as_dict(result)
+    if result.downweighted is not None:
+        answer["downweighted"] = _downweighted(result.downweighted)
     underfit = underfit_channels(result)
     if underfit:
         answer["caveat"] = (
@@ -181,6 +184,24 @@ def _held_out(errors: HeldOutResult) -> dict[str, Any]:
         "explained": errors.explained,
         "exported": errors.export,
         "raised": list(errors.raised),
+    }
+
+
+def _downweighted(hidden: Downweighted) -> dict[str, Any]:
+    """Return when and where the robust loss downweights residuals, and in which channel."""
+    return {
+        "seconds": hidden.seconds,
+        "expected_seconds": _number(hidden.expected),
+        "share": _number(hidden.share),
+        "material": hidden.is_material,
+        "equations": list(hidden.equations),
+        "episodes": [
+            {
+                key: _number(value) if isinstance(value, float) else value
+                for key, value in episode._asdict().items()
+            }
+            for episode in hidden.episodes
+        ],
     }
 
 

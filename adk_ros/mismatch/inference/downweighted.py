@@ -1,0 +1,142 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the robust loss hides: episodes of residuals beyond the Huber threshold.
+
+A Gaussian residual exceeds eight standard deviations with a probability of 1e-15, so that in a
+recording of any length none is expected. What exceeds them is a disturbance that acts rarely, a
+fault of a sensor, or what the surrogate already gets wrong about the simulation. The last is
+counted there (`downweighted_episodes`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.downweighted_episodes import Downweighted, Episode
+from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
+from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
+from adk_ros.mismatch.inference.result import NONE, UNKNOWN, UnexplainedResidual
+from adk_ros.mismatch.library.criteria import EQUATION_GAIN_SHARE
+from adk_ros.mismatch.recording.sensor_log import CHANNELS
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.lap import Lap
+from adk_ros.mismatch.surrogate.residuals import BIN_S
+from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.numerics.levenberg_marquardt import HUBER_THRESHOLD, huber_values
+
+EQUATIONS = ("v_x", "v_y", "yaw_rate", "v_x", "v_y", "yaw_rate")
+"""Equation of motion of each channel."""
+_JOINED_S = 1.0
+"""s. Residuals closer than this are one episode: the observer's slowest time constant is 0.5 s."""
+
+
+def downweighted_residuals(
+    likelihood: Likelihood, hypothesis: Hypothesis, surrogate: SurrogateModel, lap: Lap | None
+) -> Downweighted | None:
+    """Return what the robust loss downweights at a hypothesis, or None if nothing."""
+    problem = likelihood.problem
+    p, terms = likelihood.simulation_inputs(hypothesis.nuisances, hypothesis.effects)
+    residuals = problem.residuals(p, terms)
+    e = likelihood.whiten(residuals)
+    beyond = np.abs(e) > HUBER_THRESHOLD
+    if not beyond.any():
+        return None
+    cut = (e**2 - huber_values(e)).sum(axis=1)
+    by_equation = dict.fromkeys(EQUATIONS, 0.0)
+    for name, part in zip(EQUATIONS, cut, strict=True):
+        by_equation[name] += float(part)
+    order = sorted(by_equation, key=lambda name: -by_equation[name])
+    least = EQUATION_GAIN_SHARE * by_equation[order[0]]
+    counted_s = BIN_S * int((likelihood.weights > 0.0).any(axis=0).sum())
+    return Downweighted(
+        tuple(_episode(likelihood, residuals, e, bins, lap) for bins in _groups(beyond)),
+        _seconds(beyond),
+        _rate_on_simulation(likelihood, surrogate) * counted_s,
+        float(cut.sum() / (e**2).sum()),
+        tuple(name for name in order if by_equation[name] > least),
+    )
+
+
+def _groups(beyond: BoolArray) -> list[slice]:
+    """Return the bins of each episode."""
+    at = np.flatnonzero(beyond.any(axis=0))
+    cuts = np.flatnonzero(np.diff(at) > _JOINED_S / BIN_S) + 1
+    return [slice(int(part[0]), int(part[-1]) + 1) for part in np.split(at, cuts)]
+
+
+def _episode(
+    likelihood: Likelihood, residuals: FloatArray, e: FloatArray, bins: slice, lap: Lap | None
+) -> Episode:
+    problem = likelihood.problem
+    sizes = np.abs(e[:, bins])
+    channel, offset = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+    at = bins.start + int(offset)
+    step = min(round((problem.bin_s[at] - problem.start_s) / (BIN_S / 4.0)), problem.steps - 1)
+    return Episode(
+        float(problem.bin_s[bins.start] - 0.5 * BIN_S),
+        float(problem.bin_s[bins.stop - 1] + 0.5 * BIN_S),
+        CHANNELS[channel],
+        float(residuals[channel, at]),
+        float(sizes[channel, offset]),
+        float(problem.pose[step, 0]),
+        float(problem.pose[step, 1]),
+        None if lap is None else float(lap.distance[step]),
+    )
+
+
+def _seconds(beyond: BoolArray) -> int:
+    """Return the number of seconds with a residual beyond the threshold."""
+    at = np.flatnonzero(beyond.any(axis=0))
+    return len(set((at * BIN_S).astype(np.int64).tolist()))
+
+
+def _rate_on_simulation(likelihood: Likelihood, surrogate: SurrogateModel) -> float:
+    """Return the share of seconds in which the surrogate is as wrong about the simulation."""
+    scaled = surrogate.residuals / likelihood.problem.bin_noise[:, None]
+    bins = int(scaled.shape[1])
+    whitened = [
+        np.convolve(row, coefficients)[:bins]
+        for row, coefficients in zip(scaled, likelihood.filters, strict=True)
+    ]
+    used: BoolArray = np.asarray((likelihood.weights > 0.0).any(axis=1))
+    beyond: BoolArray = (np.abs(np.array(whitened)) > HUBER_THRESHOLD) & used[:, None]
+    return _seconds(beyond) / max(BIN_S * float(bins), 1.0)
+
+
+def with_episodes(decision: Decision, hidden: Downweighted | None) -> Decision:
+    """
+    Return a decision that does not pass over material downweighted residuals.
+
+    `none` becomes `unknown`; an unexplained residual without terms is described by them.
+    """
+    unexplained = decision.unexplained
+    described = unexplained is not None and bool(unexplained.terms)
+    if hidden is None or not hidden.is_material or described:
+        return decision
+    if decision.verdict not in {NONE, UNKNOWN}:
+        return decision
+    share = hidden.share if unexplained is None else unexplained.share
+    texts = [f"{EQUATION_TEXTS[x]} against time: {hidden.text()}" for x in hidden.equations]
+    episodes = UnexplainedResidual(
+        list(hidden.equations),
+        round(share, 3),
+        "; ".join(texts),
+        "",
+    )
+    return replace(decision, verdict=UNKNOWN, unexplained=episodes)
+
+
+def note_on(hidden: Downweighted | None) -> list[str]:
+    """Return a note on downweighted residuals, if there are any."""
+    if hidden is None:
+        return []
+    largest = max(hidden.episodes, key=lambda x: x.sigmas)
+    place = "" if largest.lap_m is None else f", {largest.lap_m:.0f} m along the lap"
+    return [
+        f"residuals beyond {HUBER_THRESHOLD:g} standard deviations are downweighted in "
+        f"{hidden.text()}{place} ({largest.channel} {largest.size:+.2g}); noise causes none"
+    ]

@@ -1,0 +1,125 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Episodes that the robust loss hides: times, channels, and whether chance explains them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers.mismatch import case
+
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.downweighted import (
+    downweighted_residuals,
+    note_on,
+    with_episodes,
+)
+from adk_ros.mismatch.inference.downweighted_episodes import Downweighted, Episode
+from adk_ros.mismatch.inference.fit_budget import NULL_HYPOTHESIS
+from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
+from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN, UnexplainedResidual
+from adk_ros.mismatch.simulator import surrogate_of
+from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.lap import find_lap
+from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
+
+PULSES_S = (15.0, 24.0, 33.0, 47.0, 58.0, 71.0)
+
+
+@cache
+def surrogate() -> SurrogateModel:
+    c = case()
+    return surrogate_of(c.simulation, c.recording, c.nominal, lambda done, text: None)[0]
+
+
+def hidden_by(pulses_s: Sequence[float], size: float = 1.5) -> Downweighted | None:
+    """What is downweighted in a clean recording with pulses of 0.4 s of a_y."""
+    log = case().recording
+    imu = log.imu.copy()
+    for begin in pulses_s:
+        imu[(log.imu_s > begin) & (log.imu_s < begin + 0.4), 1] += size
+    problem = prepare_residual_problem(replace(log, imu=imu))
+    likelihood = Likelihood.of(problem, surrogate())
+    null = likelihood.fit([], budget=NULL_HYPOTHESIS)
+    return downweighted_residuals(likelihood, null, surrogate(), find_lap(problem))
+
+
+def test_nothing_is_downweighted_in_a_clean_recording() -> None:
+    assert hidden_by([]) is None
+    assert note_on(None) == []
+
+
+@pytest.mark.slow
+def test_episodes_have_their_times_channel_and_size() -> None:
+    hidden = hidden_by(PULSES_S)
+    assert hidden is not None
+    assert hidden.is_material
+    assert [round(x.begin_s) for x in hidden.episodes] == [round(x) for x in PULSES_S]
+    for episode in hidden.episodes:
+        assert episode.channel == "imu_a_y"
+        assert episode.size == pytest.approx(1.5, abs=0.3)
+        assert 0.1 < episode.end_s - episode.begin_s < 0.8
+    assert hidden.equations == ("v_y",)
+    assert 0.0 < hidden.share < 1.0
+    assert note_on(hidden)[0].startswith(
+        "residuals beyond 8 standard deviations are downweighted in 6 episodes of 0."
+    )
+
+
+@pytest.mark.slow
+def test_one_accident_is_noted_and_not_material() -> None:
+    hidden = hidden_by(PULSES_S[:1])
+    assert hidden is not None
+    assert not hidden.is_material
+    assert len(hidden.episodes) == 1
+
+
+def material(seconds: int, expected: float = 0.0) -> Downweighted:
+    episode = Episode(35.2, 35.8, "imu_a_y", 1.4, 20.0, 3.0, 4.0, 120.0)
+    return Downweighted((episode,) * seconds, seconds, expected, 0.4, ("v_y", "yaw_rate"))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected", "is_material"),
+    [(3, 0.0, False), (4, 0.0, True), (6, 2.5, False), (8, 2.5, True)],
+)
+def test_what_the_simulation_has_as_well_is_not_material(
+    seconds: int, expected: float, is_material: bool
+) -> None:
+    assert material(seconds, expected).is_material is is_material
+
+
+def decision(verdict: str, unexplained: UnexplainedResidual | None = None) -> Decision:
+    return Decision(verdict, [], unexplained, Hypothesis((), np.zeros(0), 0.0), None)
+
+
+def test_episodes_rule_out_the_verdict_none() -> None:
+    changed = with_episodes(decision(NONE), material(5))
+    assert changed.verdict == UNKNOWN
+    assert changed.unexplained is not None
+    assert changed.unexplained.equations == ["v_y", "yaw_rate"]
+    assert changed.unexplained.text == (
+        "lateral acceleration against time: 5 episodes of 0.6 to 0.6 s, the largest at 35.2 s; "
+        "yaw acceleration against time: 5 episodes of 0.6 to 0.6 s, the largest at 35.2 s"
+    )
+    for same in (decision(NONE), decision(EXPLAINED)):
+        assert with_episodes(same, material(2)) is same
+        assert with_episodes(same, None) is same
+    explained = decision(EXPLAINED)
+    assert with_episodes(explained, material(5)) is explained
+
+
+def test_episodes_do_not_replace_a_formula() -> None:
+    terms = (FeatureTerm("v_x", "speed", 0.1, 50.0),)
+    formula = decision(UNKNOWN, UnexplainedResidual(["v_x"], 0.3, "text", "expression", terms))
+    assert with_episodes(formula, material(5)) is formula
+    nothing = decision(UNKNOWN, UnexplainedResidual(["v_x"], 0.3, "a structured residual", ""))
+    replaced = with_episodes(nothing, material(5)).unexplained
+    assert replaced is not None
+    assert replaced.share == 0.3
+    assert replaced.text.startswith("lateral acceleration against time: 5 episodes")
