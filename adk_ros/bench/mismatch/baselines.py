@@ -4,9 +4,9 @@
 Baseline methods on identical residuals: naming accuracy, abstention, residual reduction.
 
 Each method gets the equation-error residuals of the surrogate model (`equation_errors`) and the
-features of the recording. It is fitted on the first three quarters of the recording and tested on
-the last, like the corrected model of `adk mismatch`. `MEANS` maps the features that a sparse
-regression selects to effects.
+features of the recording. It is fitted on the training part of the recording and tested on the
+held-out part, like the corrected model of `adk mismatch`; both parts are those of the tool.
+`MEANS` maps the features that a sparse regression selects to effects.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bench.mismatch.baseline_worker import METHODS
-from adk_ros.bench.mismatch.equation_errors import EquationErrors, equation_errors
+from adk_ros.bench.mismatch.equation_errors import HALF, EquationErrors, equation_errors
 from adk_ros.bench.paper.baseline_libraries import Worker, find_python
 from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.report.result_files import HELD_OUT_FILE as HELD_OUT_MODEL
 from adk_ros.mismatch.report.result_files import SIMULATION_FILE
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.mismatch.surrogate.residuals import STEP_S
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.channels import STATE_NAMES
 
 ADK_MISMATCH = "adk mismatch"
 NAMING = ("pysindy STLSQ", "pysindy ensemble")
-LEARNED = 0.75
-"""Share of the recording that methods are fitted on."""
 TIMEOUT_S = 600.0
 MIN_RESIDUAL_TO_NOISE = 1.5
 """Smallest ratio of RMS residual to noise at which the residual counts as significant."""
@@ -128,8 +128,8 @@ class Baselines:
         """
         plain = equation_errors(recording, load_surrogate(report / SIMULATION_FILE).content)
         corrected = equation_errors(recording, load_surrogate(report / HELD_OUT_MODEL).content)
-        cut = round(LEARNED * plain.time_s.size)
-        before = plain.residuals[cut:]
+        learned, tested = split_rows(plain.time_s, recording.duration_s)
+        before = plain.residuals[tested]
         strongest = _strongest_equation(plain, label)
         wanted = {effect["name"] for effect in label["effects"]}
         reported = [str(effect["name"]) for effect in answer.get("effects", [])]
@@ -137,15 +137,15 @@ class Baselines:
         rows = [BaselineResult(
             ADK_MISMATCH, " + ".join(reported) or verdict, set(reported) == wanted - {"unknown"}
             and (verdict == "unknown") == ("unknown" in wanted),
-            verdict == "none", _removed(before, corrected.residuals[cut:]), strongest,
+            verdict == "none", _removed(before, corrected.residuals[tested]), strongest,
         )]  # fmt: skip
         for method in METHODS:
             with self._lock:
                 found = self._worker.ask(
                     method=np.array(method),
-                    features=plain.features[:cut],
-                    targets=plain.residuals[:cut],
-                    later=plain.features[cut:],
+                    features=plain.features[learned],
+                    targets=plain.residuals[learned],
+                    later=plain.features[tested],
                     names=np.array(plain.names),
                 )
             predicted = np.asarray(found["predicted"], dtype=np.float64)
@@ -157,6 +157,16 @@ class Baselines:
                 not predicted.any(), _removed(before, before - predicted), strongest,
             ))  # fmt: skip
         return [row.as_row() for row in rows]
+
+
+def split_rows(time_s: FloatArray, duration_s: float) -> tuple[BoolArray, BoolArray]:
+    """
+    Return the rows of the training part and of the held-out part of `adk mismatch`.
+
+    A row is a slope over a time to either side; those that reach over the limit are in neither.
+    """
+    limit_s = duration_s * (1.0 - HELD_OUT_SHARE)
+    return time_s < limit_s - HALF * STEP_S, time_s > limit_s + HALF * STEP_S
 
 
 def _removed(before: FloatArray, after: FloatArray) -> dict[str, float]:

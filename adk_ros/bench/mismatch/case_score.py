@@ -27,6 +27,7 @@ from adk_ros.bench.mismatch.reliability import Claim
 from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, TIME
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.library.features import FEATURES
 
 UNKNOWN = "unknown"
@@ -193,6 +194,35 @@ def raised_error(answer: dict[str, Any]) -> float:
     return max(increases, default=math.nan)
 
 
+def detectable(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
+    """
+    Return whether the single labelled effect reaches its detectable size, by the report's table.
+
+    Rows of `detectable_sizes`: effect, parameter, minutes of driving and size, the difference from
+    neutral; of a parameter that enters by its inverse, the largest detectable value. Without a
+    size, no size within the parameter's bounds is detectable. The row with the most minutes that
+    the training part has decides, or the first. None if the table does not have the effect.
+    """
+    if len(label["effects"]) != 1:
+        return None
+    (effect,) = label["effects"]
+    rows = [x for x in answer.get("detectable_sizes", []) if x["effect"] == effect["name"]]
+    if not rows:
+        return None
+    end_min = (1.0 - HELD_OUT_SHARE) * max(t[1] for t in effect["time_intervals_s"]) / 60.0
+    minutes = [x["minutes"] for x in rows]
+    nearest = max((x for x in minutes if x <= end_min), default=min(minutes))
+    inverse = {p.name for p in EFFECTS[effect["name"]].parameters if p.inverse}
+    for row in rows:
+        name, size = row["parameter"], row["size"]
+        if row["minutes"] != nearest or size is None or name not in effect["params"]:
+            continue
+        true = effect["params"][name]
+        if true <= size if name in inverse else abs(true - _neutral(effect["name"], name)) >= size:
+            return True
+    return False
+
+
 def _neutral(effect: str, parameter: str) -> float:
     for known in EFFECTS[effect].parameters if effect in EFFECTS else ():
         if known.name == parameter and not known.inverse:
@@ -244,6 +274,7 @@ def score_case(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Case
         ),
         claims=claims_of(label, answer),
         raised=raised_error(answer),
+        detectable=detectable(label, answer) if kind == "single" else None,
     )
     end_s = max((t[1] for e in wanted for t in e["time_intervals_s"]), default=0.0)
     for effect in wanted:

@@ -124,7 +124,7 @@ def test_few_cases_can_fail_a_criterion_but_not_pass_it(
 
 
 def test_effects_below_their_detectable_size_are_left_out() -> None:
-    weak = {"strength": 0.1}
+    weak: dict[str, Any] = {"strength": 0.1}
     criterion = bars(good(**weak), good(**weak, right=0.0, detectable=False))[
         "singles-strength-0.1"
     ]

@@ -16,7 +16,14 @@ import pytest
 from helpers.mismatch import case
 
 from adk_ros.bench.mismatch.baseline_worker import METHODS
-from adk_ros.bench.mismatch.baselines import ADK_MISMATCH, MEANS, Baselines, matches, named
+from adk_ros.bench.mismatch.baselines import (
+    ADK_MISMATCH,
+    MEANS,
+    Baselines,
+    matches,
+    named,
+    split_rows,
+)
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.equation_errors import EquationErrors, equation_errors, slopes
 from adk_ros.bench.mismatch.result_tables import baseline_results, baselines_markdown
@@ -54,6 +61,14 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "simulation.yaml").write_text(surrogate_yaml(vector))
     (folder / "held_out.yaml").write_text(surrogate_yaml(vector, terms=[DRAG]))
     return folder
+
+
+def test_methods_learn_from_the_part_that_the_tool_trains_on() -> None:
+    time_s = np.arange(0.5, 199.5, 0.04)
+    learned, tested = split_rows(time_s, 200.0)
+    assert time_s[learned].max() < 150.0 < time_s[tested].min()
+    # A row is a slope over 0.25 s to either side.
+    assert time_s[tested].min() - time_s[learned].max() == pytest.approx(0.52, abs=0.05)
 
 
 def test_slopes_of_a_line() -> None:

@@ -213,3 +213,26 @@ def test_the_largest_raised_error_of_all_horizons() -> None:
     }
     assert raised_error({"fit": fit}) == pytest.approx(0.1)
     assert math.isnan(raised_error({}))
+
+
+@pytest.mark.parametrize(
+    ("cda", "size", "expected"), [(0.1, 0.05, True), (0.1, 0.2, False), (0.1, None, False)]
+)
+def test_a_table_of_the_report_says_what_is_detectable(
+    cda: float, size: float | None, expected: bool
+) -> None:
+    rows = [
+        {"effect": "aero_drag", "parameter": "cda", "minutes": minutes, "size": value}
+        for minutes, value in ((1.0, size), (30.0, 0.001))
+    ]
+    said = answer("none") | {"detectable_sizes": rows}
+    assert score_case("x", label("aero_drag", cda=cda), said).detectable is expected
+    assert score_case("x", label("aero_drag", cda=cda), answer("none")).detectable is None
+    assert score_case("x", label("payload", mass=30.0), said).detectable is None
+
+
+def test_an_inverse_parameter_is_detectable_below_its_size() -> None:
+    rows = [{"effect": "power_limit", "parameter": "power", "minutes": 2.0, "size": 4e4}]
+    for power, expected in ((2e4, True), (7e4, False)):
+        said = answer("none") | {"detectable_sizes": rows}
+        assert score_case("x", label("power_limit", power=power), said).detectable is expected
