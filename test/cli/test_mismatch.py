@@ -18,6 +18,8 @@ from helpers.mismatch_report import drag
 from adk_ros.bench.mismatch.case_files import write_case, write_evidence
 from adk_ros.cli.main import main
 from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
+from adk_ros.mismatch.inference.asked_effect import AskedEffect
+from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 
@@ -253,3 +255,35 @@ def test_an_earlier_report_is_replaced_only_with_force(
     assert main([*arguments, "--force"]) == 0
     assert (out / "notes.txt").read_text() == "kept"
     capsys.readouterr()
+
+
+def test_a_question_for_an_unknown_effect_is_refused_with_close_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bags = ["--simulation", str(tmp_path / "no"), "--recording", str(tmp_path / "none")]
+    arguments = ["mismatch", *bags, "--out", str(tmp_path / "out"), "--ask", "aero_drag"]
+    line = refused(capsys, 2, *arguments, "--ask", "steering-lga")
+    assert "--ask steering-lga: no such effect" in line
+    assert "steering_lag" in line
+    assert "effects.md" in line
+
+
+def test_answers_follow_the_summary(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def answering(*arguments: object) -> MismatchResult:
+        assert arguments[-1] == ["imu_delay"]
+        hidden = AskedEffect("imu_delay", False, "the channels of this recording do not show it")
+        return replace(drag(), asked=[hidden])
+
+    monkeypatch.setattr("adk_ros.mismatch.analysis.identify_mismatch", answering)
+    arguments = ["mismatch", "--simulation", str(folder / "simulation"), "--ask", "imu_delay"]
+    arguments += ["--recording", str(folder / "recording"), "--out", str(tmp_path / "out")]
+    assert main(arguments) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.endswith(
+        "IMU delay is not claimed: the channels of this recording do not show it."
+    )

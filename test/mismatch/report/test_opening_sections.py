@@ -8,6 +8,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,7 +55,7 @@ def characteristic() -> Characteristic:
     return Characteristic(measured, simulation, curve(0.2), errors, np.full(8, 0.05), 42.0)
 
 
-def fit(value: float, **changes: object) -> AskedFit:
+def fit(value: float, **changes: Any) -> AskedFit:
     effect = AskedFit(
         {"tau": Interval(value, value - 0.01, value + 0.01, "s")},
         "always",
@@ -72,7 +73,7 @@ def fit(value: float, **changes: object) -> AskedFit:
     return replace(effect, **changes)
 
 
-def asked(**changes: object) -> AskedEffect:
+def asked(**changes: Any) -> AskedEffect:
     distinguishing = Discriminability("steering_lag", "steering_lag", "a slalom", 100.0, 9)
     one = AskedEffect(
         "steering_lag",
