@@ -15,6 +15,7 @@ import pandas as pd
 
 from adk_ros.api.output import check_output
 from adk_ros.api.progress import Progress, in_stage
+from adk_ros.api.recording_paths import different_recordings
 from adk_ros.api.tables import UNITS, as_html
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
@@ -54,8 +55,10 @@ class MismatchExplanation:
     @cached_property
     def summary(self) -> str:
         """The result in a sentence."""
+        from adk_ros.mismatch.report.agreement_table import agreement_text
+
         text: str = self.as_dict()["sentence"]
-        return text
+        return f"{text} {agreement_text(self.result.agreement)}".rstrip()
 
     @property
     def answers(self) -> list[str]:
@@ -159,7 +162,7 @@ class MismatchExplanation:
 
 def explain(
     simulation: Path | str,
-    recording: Path | str,
+    recording: Path | str | Sequence[Path | str],
     vehicle: Path | str | None = None,
     out: Path | str | None = None,
     *,
@@ -175,12 +178,13 @@ def explain(
 
     :param simulation: bag of the simulator; or the YAML file of the simulated vehicle; or the
         simulation.yaml of an earlier report.
-    :param recording: bag of the real car.
+    :param recording: bag of the real car; or several, in their order in time, to be analysed
+        jointly and compared (`result.agreement`).
     :param vehicle: nominal vehicle of the simulation, YAML or a packaged name; only with a bag of
         the simulator. Default: mass estimated from the bag, wheel radius 0.325 m.
     :param out: folder for the report; default: none, see `MismatchExplanation.write`.
     :param held_out: further bags of the same car, on which the improvement is measured. Default:
-        the last quarter of `recording`, which is then left out of every selection.
+        the last quarter of each recording, which is then left out of every selection.
     :param ask: effects of the catalogue, to be answered why they are claimed or not.
     :param without_imu: accept a recording without an IMU and use odometry only.
     :param options: how to read both bags, see `recording_options`.
@@ -200,18 +204,19 @@ def explain(
 
     timer = RunTimer()
     check_asked(ask)
-    simulation, recording = Path(simulation), Path(recording)
+    simulation = Path(simulation)
+    recordings = different_recordings(recording)
     if out is not None:
-        check_output(Path(out), force, RESULT_FILES, simulation, recording)
+        check_output(Path(out), force, RESULT_FILES, simulation, *recordings)
         check_output_folder(Path(out))
-    if simulation.resolve() == recording.resolve():
-        raise UsageError(f"{recording}: simulation and recording are the same bag")
+    if simulation.resolve() in [bag.resolve() for bag in recordings]:
+        raise UsageError(f"{simulation}: simulation and recording are the same bag")
     inputs = _read_inputs(
-        simulation, recording, vehicle, without_imu, options or RecordingOptions(), progress
+        simulation, recordings, vehicle, without_imu, options or RecordingOptions(), progress
     )
     simulated, recorded, nominal = inputs
-    others = _read_held_out([Path(path) for path in held_out], recording, options, progress)
-    warnings = [*recorded.warnings, *(line for log in others for line in log.warnings)]
+    others = _read_held_out([Path(path) for path in held_out], recordings, options, progress)
+    warnings = [line for log in (*recorded, *others) for line in log.warnings]
     if isinstance(simulated, SensorLog):
         warnings += simulated.warnings
 
@@ -221,7 +226,7 @@ def explain(
     explanation = MismatchExplanation(
         identify_mismatch(simulated, recorded, nominal, comparing, others, ask), warnings
     )
-    sources = [("simulation", simulation), ("recording", recording)]
+    sources = [("simulation", simulation), *(("recording", bag) for bag in recordings)]
     sources += [("held-out recording", Path(path)) for path in held_out]
     if vehicle is not None and Path(vehicle).is_file():
         sources.append(("vehicle", Path(vehicle)))
@@ -252,7 +257,7 @@ def check_asked(names: Sequence[str]) -> None:
 
 def _read_held_out(
     bags: Sequence[Path],
-    recording: Path,
+    recordings: Sequence[Path],
     options: RecordingOptions | None,
     progress: Progress | None,
 ) -> list[SensorLog]:
@@ -262,7 +267,7 @@ def _read_held_out(
 
     logs = []
     for bag in bags:
-        if bag.resolve() == recording.resolve():
+        if bag.resolve() in [recording.resolve() for recording in recordings]:
             raise UsageError(f"{bag}: the recording itself is not held out: give another bag")
         report = in_stage(progress, f"reading {bag.name}")
         log = read_sensor_log(bag, options or RecordingOptions(), report, needs_imu=False)
@@ -273,13 +278,13 @@ def _read_held_out(
 
 def _read_inputs(
     simulation: Path,
-    recording: Path,
+    recordings: Sequence[Path],
     vehicle: Path | str | None,
     without_imu: bool,
     options: RecordingOptions,
     progress: Progress | None,
-) -> tuple[SensorLog | SurrogateModel, SensorLog, NominalVehicle | None]:
-    """Return the simulation, the recording and the nominal vehicle."""
+) -> tuple[SensorLog | SurrogateModel, list[SensorLog], NominalVehicle | None]:
+    """Return the simulation, the recordings and the nominal vehicle."""
     from adk_ros.mismatch.deployment.simulator_input import (
         is_simulator_file,
         load_simulator,
@@ -301,10 +306,12 @@ def _read_inputs(
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
     # If the simulation is a bag with an IMU, a recording without one probably misses a topic.
     needs_imu = simulator is None and not without_imu
-    report = in_stage(progress, f"reading {recording.name}")
-    recorded = read_sensor_log(recording, options, report, needs_imu)
+    recorded = [
+        read_sensor_log(bag, options, in_stage(progress, f"reading {bag.name}"), needs_imu)
+        for bag in recordings
+    ]
     if isinstance(simulator, Vehicle):
-        driven = simulate_matched_drive(simulator, recorded, simulation.name)
+        driven = simulate_matched_drive(simulator, recorded[0], simulation.name)
         return driven, recorded, nominal_vehicle_of(simulator)
     if simulator is not None:
         return simulator, recorded, nominal

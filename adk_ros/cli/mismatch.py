@@ -29,7 +29,13 @@ def mismatch(
             "with tyres, as a scenario names it), or the simulation.yaml of an earlier report"
         ),
     ],
-    recording: Annotated[Path, typer.Option(help="bag of the real car")],
+    recording: Annotated[
+        list[Path],
+        typer.Option(
+            help="bag of the real car (repeatable: several recordings of one car, in their order "
+            "in time, are analysed jointly and compared)"
+        ),
+    ],
     out: Annotated[Path, typer.Option(help="folder for the report")],
     vehicle: Annotated[
         Path | None,
@@ -43,7 +49,7 @@ def mismatch(
         list[Path] | None,
         typer.Option(
             help="another bag of the same car, to measure the improvement on (repeatable). "
-            "Default: the last quarter of the recording, which the measured fit excludes"
+            "Default: the last quarter of each recording, which the measured fit excludes"
         ),
     ] = None,
     ask: Annotated[

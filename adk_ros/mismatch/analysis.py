@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,34 +28,28 @@ from adk_ros.mismatch.inference.experiment_design import (
 from adk_ros.mismatch.inference.feature_effect import catalogue_effects
 from adk_ros.mismatch.inference.final_estimate import refitted, with_confidence
 from adk_ros.mismatch.inference.forward_selection import select_effects, selection_steps
-from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.observability import (
-    ObservableEffects,
-    longest_moving_segment,
-    observable_effects,
-    with_pseudo_imu,
-)
 from adk_ros.mismatch.inference.question import Questioned, answer
 from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult
+from adk_ros.mismatch.leave_one_out import agreement_of
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE, SURROGATE_ERROR_AS_NOISE
-from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.recorded_data import RecordedData, usable_recordings
 from adk_ros.mismatch.recording.checks import (
     check_recording,
     check_same_vehicle,
     check_torque_unit,
     check_vehicle,
 )
-from adk_ros.mismatch.recording.direct_comparison import DirectComparison, compare_directly
 from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
+from adk_ros.mismatch.recording.joined import concatenated, in_sequence
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.residual_series import residual_series
 from adk_ros.mismatch.simulator import DEFAULT_WHEEL_RADIUS, default_vehicle, surrogate_of
 from adk_ros.mismatch.steady_state import steady_state
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
-from adk_ros.mismatch.surrogate.lap import Lap, find_lap
-from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
+from adk_ros.mismatch.surrogate.lap import Lap
+from adk_ros.mismatch.surrogate.residuals import ResidualProblem
 from adk_ros.mismatch.validation import (
     coherent,
     exported,
@@ -72,7 +66,7 @@ _IDENTIFIED, _SELECTED, _DECIDED = 2.0, 7.0, 9.0
 
 def identify_mismatch(
     simulation: SensorLog | SurrogateModel,
-    recording: SensorLog,
+    recording: SensorLog | Sequence[SensorLog],
     nominal: NominalVehicle | None = None,
     progress: Progress | None = None,
     held_out: Sequence[SensorLog] = (),
@@ -81,7 +75,9 @@ def identify_mismatch(
     """
     Identify the effects in `recording` that `simulation` lacks.
 
-    Effects, places, onsets and sizes are selected on the part before the last quarter, which is
+    Several recordings of one car, in their order in time, are analysed jointly: one set of effects
+    and sizes, places per route, and a comparison of the recordings. Effects, places, onsets and
+    sizes are selected on the part before the last quarter of each recording, which is
     used only to measure the improvement; with `held_out` recordings, on all of `recording`. The
     reported sizes are then fitted to all of it. The simulation may be a surrogate that is already
     identified. Without an IMU or a torque command, fewer effects are examined (see
@@ -92,33 +88,40 @@ def identify_mismatch(
     Raises `DataError` for recordings that do not allow an analysis.
     """
     report = progress or (lambda done, total, text: None)
-    has_imu = recording.imu_s.size > 0
-    recording = recording if has_imu else with_pseudo_imu(longest_moving_segment(recording))
-    check_recording(recording)
-    recording, dropouts = without_frozen_readings(recording)
+    logs = [recording] if isinstance(recording, SensorLog) else list(recording)
+    has_imu = all(log.imu_s.size > 0 for log in logs)
+    logs = usable_recordings(logs)
+    dropouts: list[str] = []
+    for i, log in enumerate(logs):
+        logs[i], lost = without_frozen_readings(log)
+        dropouts += [f"{log.name}: {line}" for line in lost] if len(logs) > 1 else lost
+    noise = [log.noise() for log in logs]
     if isinstance(simulation, SurrogateModel):
         surrogate, notes = simulation, _notes_on_known(simulation)
-        noise = np.maximum(recording.noise(), _error_as_noise(simulation))
+        noise = [np.maximum(x, _error_as_noise(simulation)) for x in noise]
     else:
         check_recording(simulation)
-        check_same_vehicle(simulation, recording)
+        for log in logs:
+            check_same_vehicle(simulation, log)
         if nominal is not None:
             check_vehicle(nominal, simulation)
         vehicle = nominal or default_vehicle(simulation)
-        check_torque_unit(recording, vehicle.mass, vehicle.wheel_radius)
+        for log in logs:
+            check_torque_unit(log, vehicle.mass, vehicle.wheel_radius)
         report(0.0, _TOTAL, "identifying the simulator")
         surrogate, notes = surrogate_of(
             simulation,
-            recording,
+            logs[0] if len(logs) == 1 else concatenated(in_sequence(logs)),
             nominal,
             lambda done, text: report(_IDENTIFIED * done, _TOTAL, text),
         )
         notes += _notes_on_default_vehicle(nominal)
-        noise = recording.noise()
-    analysis = _Analysis.of(surrogate, prepare_residual_problem(recording, noise), has_imu)
-    lap = analysis.lap
-    split_s = np.inf if held_out else recording.duration_s * (1.0 - HELD_OUT_SHARE)
-    training = analysis.likelihood(split_s)
+    share = 0.0 if held_out else HELD_OUT_SHARE
+    data = RecordedData.of(surrogate, logs, noise, has_imu, share)
+    lap = data.lap
+    single_lap = lap if lap is not None and len(lap.routes) == 1 else None
+    lap_m = None if single_lap is None else single_lap.length
+    training = data.training()
     path = select_effects(
         training,
         lap,
@@ -127,30 +130,28 @@ def identify_mismatch(
         ),
     )
     report(_SELECTED, _TOTAL, "comparing competing effects")
-    decision = analysis.observable.withhold_if_underexplained(
-        decide(training, path), training, path
-    )
+    decision = data.observable.withhold_if_underexplained(decide(training, path), training, path)
     report(_DECIDED, _TOTAL, "predicting held-out data")
-    likelihood = analysis.likelihood()
+    likelihood = data.whole()
     if not held_out:
         decision = confirmed(decision, training, likelihood)
-    evidence = [Evidence(log) for log in held_out] or [Evidence(recording, split_s)]
+    evidence = [Evidence(log) for log in held_out] or data.held_out(decision.hypothesis)
     validation = validate_on_held_out(
-        surrogate, decision.hypothesis, lap, evidence, analysis.not_predicted()
+        surrogate, decision.hypothesis, lap, evidence, data.not_predicted()
     )
     decision = coherent(decision, validation)
     about = Questioned(training, path, decision, lap, surrogate.parameters)
     asked = [answer(name, about) for name in ask]
     decision = with_confidence(refitted(decision, likelihood), validation.error_ratio)
-    hidden = downweighted_residuals(likelihood, decision.hypothesis, surrogate, lap)
+    hidden = downweighted_residuals(likelihood, decision.hypothesis, surrogate, single_lap)
     decision = with_episodes(decision, hidden)
     correction = exported(decision.hypothesis, validation.export)
-    discriminability = _discriminability(surrogate, decision, analysis.problem)
+    discriminability = _discriminability(surrogate, decision, data.problem)
     tied = [e for e in decision.effects if e.alternatives]
     suggestions = [_suggested_manoeuvre(e, discriminability) for e in tied]
     report(_TOTAL, _TOTAL, "done")
     return MismatchResult(
-        effects=[replace(e, lap_m=None if lap is None else lap.length) for e in decision.effects],
+        effects=[replace(e, lap_m=lap_m, recordings=data.recordings) for e in decision.effects],
         verdict=decision.verdict,
         unexplained=decision.unexplained,
         horizon_s=HORIZONS_S[REPORTED_HORIZON],
@@ -168,58 +169,27 @@ def identify_mismatch(
         surrogate_error=dict(zip(CHANNELS, (float(x) for x in surrogate.error), strict=True)),
         steps=selection_steps(path),
         expected_loss=path.expected_loss,
-        lap_m=None if lap is None else lap.length,
-        profiles=path.profiles,
+        lap_m=lap_m,
+        profiles=path.profiles if lap_m else [],
         notes=[*notes, *dropouts, *note_on(hidden), *_notes_on_lap(lap)],
         held_out_yaml=validation.held_out_yaml,
-        missing_channels=analysis.observable.missing_channels(),
-        not_judged=sorted(analysis.observable.unobservable & set(EFFECTS)),
+        missing_channels=data.observable.missing_channels(),
+        not_judged=sorted(data.observable.unobservable & set(EFFECTS)),
         discriminability=discriminability,
         held_out=held_out_result(validation, evidence),
         candidates=rejected_candidates(training, path, decision),
-        direct=analysis.direct_comparisons(simulation),
+        direct=data.direct_comparisons(simulation),
         asked=asked,
         signals=predicted_signals(
             (simulation_yaml(surrogate), validation.held_out_yaml),
             evidence[0],
             held_out_result(validation, evidence[:1]).source,
-            unpredicted_signals(analysis.observable.torque, has_imu),
+            unpredicted_signals(data.observable.torque, has_imu),
         ),
         downweighted=hidden,
-        steady_state=steady_state(likelihood, decision.hypothesis, analysis.observable.torque),
+        steady_state=steady_state(likelihood, decision.hypothesis, data.observable.torque),
+        agreement=agreement_of(data, decision, likelihood),
     )
-
-
-@dataclass(frozen=True)
-class _Analysis:
-    """A surrogate and a recording's residual problem, with what the channels show, and the lap."""
-
-    surrogate: SurrogateModel
-    problem: ResidualProblem
-    observable: ObservableEffects
-    lap: Lap | None
-
-    @classmethod
-    def of(cls, surrogate: SurrogateModel, problem: ResidualProblem, has_imu: bool) -> _Analysis:
-        mass, radius = (float(surrogate.parameters[INDEX[k]]) for k in ("mass", "wheel_radius"))
-        observable = observable_effects(problem.log, mass, radius, has_imu)
-        return cls(surrogate, problem, observable, find_lap(problem))
-
-    def likelihood(self, until_s: float = np.inf) -> Likelihood:
-        """Return the likelihood of the recording, or of its part before `until_s`."""
-        filtered = self.observable.with_yaw_filter(self.surrogate)
-        return self.observable.masked(Likelihood.of(self.problem, filtered, until_s))
-
-    def direct_comparisons(self, simulation: SensorLog | SurrogateModel) -> list[DirectComparison]:
-        """Return what both bags show without the surrogate; nothing without a simulation's bag."""
-        if isinstance(simulation, SurrogateModel):
-            return []
-        radius = float(self.surrogate.parameters[INDEX["wheel_radius"]])
-        return compare_directly(simulation, self.problem.log, radius, self.observable.unobservable)
-
-    def not_predicted(self) -> list[str]:
-        """Return the states whose prediction needs a channel that the recording lacks."""
-        return [] if self.observable.torque else ["v_x"]
 
 
 def _error_as_noise(surrogate: SurrogateModel) -> FloatArray:

@@ -4,10 +4,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
 from adk_ros.mismatch.inference.result import ResidualSeries
 from adk_ros.mismatch.surrogate.feature_terms import feature_signals
+from adk_ros.mismatch.surrogate.joined_problem import JoinedProblem
 from adk_ros.mismatch.surrogate.lap import Lap
+from adk_ros.mismatch.surrogate.residuals import ResidualProblem
+from adk_ros.numerics.arrays import FloatArray
 
 
 def residual_series(likelihood: Likelihood, h: Hypothesis, lap: Lap | None) -> ResidualSeries:
@@ -17,6 +22,11 @@ def residual_series(likelihood: Likelihood, h: Hypothesis, lap: Lap | None) -> R
     p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
     out = problem.run(p, terms)
     signals = {name: problem.binned(x) for name, x in feature_signals(problem, out).items()}
+    x, y = (problem.binned(problem.pose[:, i]) for i in range(2))
+    if isinstance(problem, JoinedProblem):
+        # No line connects the end of one recording with the start of the next.
+        for values in (x, y):
+            values[[bins.start for bins in problem.bin_slices[1:]]] = np.nan
     without = {}
     for i, active in enumerate(h.effects if len(h.effects) > 1 else ()):
         others = [*h.effects[:i], *h.effects[i + 1 :]]
@@ -24,12 +34,19 @@ def residual_series(likelihood: Likelihood, h: Hypothesis, lap: Lap | None) -> R
         without[active.effect.name] = counted * problem.residuals(*inputs)
     return ResidualSeries(
         time_s=problem.bin_s,
-        x=problem.binned(problem.pose[:, 0]),
-        y=problem.binned(problem.pose[:, 1]),
+        x=x,
+        y=y,
         signals=signals,
         before=counted * problem.residuals(likelihood.parameters, likelihood.fixed_terms),
         after=counted * problem.residuals(p, terms, out=out),
         noise=problem.bin_noise,
-        distance=None if lap is None else problem.binned(lap.unwrapped) % lap.length,
+        distance=_distance(problem, lap),
         without=without,
     )
+
+
+def _distance(problem: ResidualProblem, lap: Lap | None) -> FloatArray | None:
+    """Return the distance along the lap in each bin; None without a lap, or with several."""
+    if lap is None or len(lap.routes) > 1:
+        return None
+    return np.asarray(problem.binned(lap.unwrapped) % lap.length)

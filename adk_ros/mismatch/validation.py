@@ -122,6 +122,20 @@ def validate_on_held_out(
     )
 
 
+def correction_errors(
+    surrogate: SurrogateModel, h: Hypothesis, lap: Lap | None, evidence: Sequence[Evidence]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the RMSE by state at the reported horizon: of the simulation, and corrected."""
+    models = (simulation_yaml(surrogate), corrected_yaml(surrogate, h, lap))
+    first, second = (
+        rmse(horizon_errors(_parsed(text), evidence))[REPORTED_HORIZON] for text in models
+    )
+    return (
+        dict(zip(STATE_NAMES, map(float, first), strict=True)),
+        dict(zip(STATE_NAMES, map(float, second), strict=True)),
+    )
+
+
 def expected_error(surrogate: SurrogateModel, logs: Sequence[SensorLog]) -> FloatArray:
     """Return the RMSE (horizons, 3) of a correct model: noise and the surrogate's own error."""
     noise = np.sqrt(np.mean([noise_error(log) ** 2 for log in logs], axis=0))

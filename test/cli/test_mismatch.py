@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -214,6 +215,23 @@ def test_the_same_bag_twice_is_refused(
         str(tmp_path / "out"),
     )
     assert "are the same bag" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_given_twice_is_refused(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = folder / "recording"
+    arguments = ["mismatch", "--simulation", str(folder / "simulation"), "--recording", str(bag)]
+    line = refused(
+        capsys, 2, *arguments, "--recording", f"{bag}/../recording", "--out", str(tmp_path / "out")
+    )
+    assert "given twice: give each recording once" in line
+    shutil.copytree(bag, tmp_path / "copy")
+    line = refused(
+        capsys, 3, *arguments, "--recording", str(tmp_path / "copy"), "--out", str(tmp_path / "o")
+    )
+    assert "recording and copy have the same odometry" in line
     assert not (tmp_path / "out").exists()
 
 

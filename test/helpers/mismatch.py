@@ -61,3 +61,13 @@ def steady(
 def with_commands(log: SensorLog, command: FloatArray) -> SensorLog:
     """The log with other commands (c, 2)."""
     return replace(log, command=command)
+
+
+def moved(log: SensorLog, angle: float = 0.7, x: float = 5000.0, y: float = -2000.0) -> SensorLog:
+    """The log with its poses in another frame."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    pose = log.pose.copy()
+    pose[:, 0] = x + cos * log.pose[:, 0] - sin * log.pose[:, 1]
+    pose[:, 1] = y + sin * log.pose[:, 0] + cos * log.pose[:, 1]
+    pose[:, 2] += angle
+    return replace(log, pose=pose)

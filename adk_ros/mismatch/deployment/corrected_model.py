@@ -19,23 +19,26 @@ from adk_ros.mismatch.inference.likelihood import (
 from adk_ros.mismatch.library.effect import PLACE
 from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.library.surrogate_parameters import HIGH, LOW
+from adk_ros.mismatch.surrogate.activation import segments_by_route
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
 
 
 def corrected_yaml(surrogate: SurrogateModel, h: Hypothesis, lap: Lap | None) -> str:
     """Return the text of the corrected model's file; sensor faults are not part of it."""
-    weak_directions = h.nuisances[N_FIXED_NUISANCES:] @ surrogate.weak_directions
-    parameters = np.clip(surrogate.parameters + weak_directions, LOW, HIGH)
+    n_weak = surrogate.weak_directions.shape[0]
+    weak = h.nuisances[N_FIXED_NUISANCES : N_FIXED_NUISANCES + n_weak]
+    parameters = np.clip(surrogate.parameters + weak @ surrogate.weak_directions, LOW, HIGH)
     tolerances = h.nuisances[: len(TOLERANCE_PARAMETERS)]
     terms = [
         {
             "effect": a.effect.name,
             "parameters": {name: float(f"{value:.8g}") for name, value in a.values().items()},
-            "where": _activation_entry(a, lap),
+            "where": where,
         }
         for a in catalogue_effects(h.effects)
         if not a.effect.sensor
+        for where in _activation_entries(a, lap)
     ]
     return surrogate_yaml(
         parameters,
@@ -46,18 +49,26 @@ def corrected_yaml(surrogate: SurrogateModel, h: Hypothesis, lap: Lap | None) ->
     )
 
 
-def _activation_entry(active: ActiveEffect, lap: Lap | None) -> dict[str, Any]:
+def _activation_entries(active: ActiveEffect, lap: Lap | None) -> list[dict[str, Any]]:
+    """Return where an effect acts: one entry, or one for each route with segments."""
     activation = active.activation
     if activation.kind != PLACE or lap is None:
         out: dict[str, Any] = {"kind": activation.kind}
         if activation.onset_s is not None:
             out["onset_s"] = round(activation.onset_s, 3)
-        return out
-    line = np.column_stack([lap.line_s, lap.line])
-    return {
-        "kind": PLACE,
-        "lap": round(lap.length, 3),
-        "stretches": [[round(a, 2), round(b, 2)] for a, b in activation.segments],
-        "edge": activation.transition_length,
-        "line": [[round(float(x), 4) for x in row] for row in line],
-    }
+        return [out]
+    segments = segments_by_route(activation.segments, len(lap.routes))
+    return [
+        {
+            "kind": PLACE,
+            "lap": round(route.length, 3),
+            "stretches": [[round(a, 2), round(b, 2)] for a, b in stretches],
+            "edge": activation.transition_length,
+            "line": [
+                [round(float(x), 4) for x in row]
+                for row in np.column_stack([route.line_s, route.line])
+            ],
+        }
+        for route, stretches in zip(lap.routes, segments, strict=True)
+        if stretches
+    ]

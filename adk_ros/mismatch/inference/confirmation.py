@@ -18,7 +18,7 @@ from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import ABLATION, FINAL
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
-from adk_ros.mismatch.library.criteria import MIN_CONFIRMED_SHARE, SETTLING_S
+from adk_ros.mismatch.library.criteria import MIN_CONFIRMED_SHARE
 from adk_ros.numerics.arrays import BoolArray
 from adk_ros.numerics.levenberg_marquardt import huber_loss
 
@@ -34,7 +34,7 @@ def confirmed(decision: Decision, training: Likelihood, whole: Likelihood) -> De
     effect is left to the check of the held-out errors.
     """
     h = decision.hypothesis
-    held_out = whole.problem.bin_s >= training.until_s + SETTLING_S
+    held_out = training.held_out_bins()
     while len(h.effects) > 1:
         refuted = _refuted(h, training, whole, held_out)
         if refuted is None:

@@ -26,8 +26,8 @@ from adk_ros.mismatch.inference.fit_budget import JOINT, NULL_HYPOTHESIS, SCREEN
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
 from adk_ros.mismatch.inference.result import SelectionStep
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
+from adk_ros.mismatch.inference.segmentation import BINS
 from adk_ros.mismatch.inference.segments import (
-    BINS,
     SpatialProfile,
     fit_segments,
     refine_segments,
@@ -251,8 +251,9 @@ def examined_count(likelihood: Likelihood, lap: Lap | None) -> int:
     onsets = int((min(problem.bin_s[-1], likelihood.until_s) - problem.start_s) / BLOCK_S)
     always = sum(len(x.parameters) for x in effects if ALWAYS in x.activations)
     timed = sum(TIME in x.activations for x in effects)
-    placed = 0 if lap is None else sum(PLACE in x.activations for x in effects)
-    return always + timed * onsets + placed * BINS
+    placed = sum(PLACE in x.activations for x in effects)
+    bins = 0 if lap is None else BINS * len(lap.routes)
+    return always + timed * onsets + placed * bins
 
 
 def _top_candidates(candidates: list[Candidate], least: float, count: int) -> list[ActiveEffect]:

@@ -179,6 +179,10 @@ class Likelihood:
         """Number of nuisance parameters: tolerances, sensor offsets, weak directions."""
         return N_FIXED_NUISANCES + int(self.weak_directions.shape[0])
 
+    def along_weak_directions(self, nuisances: FloatArray) -> FloatArray:
+        """Return the nuisance parameters (k,) of the weakly determined directions."""
+        return nuisances[N_FIXED_NUISANCES : N_FIXED_NUISANCES + self.weak_directions.shape[0]]
+
     def with_nuisances(self, nuisances: FloatArray) -> FloatArray:
         """
         Return the surrogate's parameters with nuisance parameters applied.
@@ -187,7 +191,9 @@ class Likelihood:
         """
         k = len(TOLERANCE_PARAMETERS)
         p = np.clip(
-            self.parameters + nuisances[N_FIXED_NUISANCES:] @ self.weak_directions, LOW, HIGH
+            self.parameters + self.along_weak_directions(nuisances) @ self.weak_directions,
+            LOW,
+            HIGH,
         )
         p[_TOLERANCE_INDEX] *= 1.0 + nuisances[:k]
         p[_OFFSET_INDEX] += nuisances[k:N_FIXED_NUISANCES]
@@ -231,10 +237,18 @@ class Likelihood:
         """Return all whitened residuals as one vector, travelled distances last."""
         p, terms = self.simulation_inputs(nuisances, effects)
         e = self.whiten(self.problem.residuals(p, terms))
-        distances = self.problem.distance_residuals(p)
+        return np.concatenate([e.ravel(), self.distance_residuals(p)])
+
+    def distance_residuals(self, parameters: FloatArray) -> FloatArray:
+        """Return the residuals of the distances travelled (w,) that count, over their noise."""
+        distances = self.problem.distance_residuals(parameters)
         duration_s = max(0.0, self.until_s - self.problem.start_s)
         keep = int(min(distances.shape[0], duration_s / DISTANCE_INTERVAL_S))
-        return np.concatenate([e.ravel(), distances[:keep]])
+        return distances[:keep]
+
+    def held_out_bins(self) -> BoolArray:
+        """Return the bins (b,) after the part that counts, without those that settle."""
+        return np.asarray(self.problem.bin_s >= self.until_s + SETTLING_S)
 
     def whiten(self, residuals: FloatArray) -> FloatArray:
         """Return residuals (6, bins) over their noise, whitened."""

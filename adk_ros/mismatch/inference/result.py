@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -43,6 +44,22 @@ class Interval:
 
 
 @dataclass(frozen=True)
+class RecordingSpan:
+    """
+    One of several recordings on their common axis of time, which follow each other.
+
+    `begin_s`: its zero of time; `route`: index of its route, None if it drives no known lap;
+    `lap_m`: length of that route's lap.
+    """
+
+    name: str
+    begin_s: float
+    end_s: float
+    route: int | None = None
+    lap_m: float | None = None
+
+
+@dataclass(frozen=True)
 class IdentifiedEffect:
     """
     An effect in the recording that the simulation lacks.
@@ -67,6 +84,8 @@ class IdentifiedEffect:
     lap_m: float | None = None
     evidence: Evidence | None = None
     posterior: dict[str, float] = field(default_factory=dict)
+    recordings: tuple[RecordingSpan, ...] = ()
+    """The recordings of a joint analysis: onsets and segments refer to them."""
 
 
 @dataclass(frozen=True)
@@ -159,6 +178,44 @@ class SelectionStep:
 
 
 @dataclass(frozen=True)
+class ParameterAgreement:
+    """
+    One parameter of an effect, from all recordings (`joint`) and from each alone.
+
+    `each`: None where the effect does not act. Cochran's Q, its p-value and I^2, if at least two
+    recordings show the effect; `odd`: the recording without which the others agree on `others`.
+    """
+
+    effect: str
+    parameter: str
+    joint: Interval
+    each: tuple[Interval | None, ...]
+    q: float = math.nan
+    p_value: float = math.nan
+    i_squared: float = math.nan
+    disagree: bool = False
+    odd: int | None = None
+    others: float = math.nan
+
+
+@dataclass(frozen=True)
+class LeftOutErrors:
+    """RMSE by state `horizon_s` ahead on a recording, with sizes fitted to the others only."""
+
+    before: dict[str, float]
+    after: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Several recordings of one car, compared; one of `left_out` per recording."""
+
+    recordings: tuple[RecordingSpan, ...]
+    parameters: tuple[ParameterAgreement, ...]
+    left_out: tuple[LeftOutErrors, ...]
+
+
+@dataclass(frozen=True)
 class MissingChannel:
     """A channel that the recording lacks, and the consequence in one sentence."""
 
@@ -215,3 +272,5 @@ class MismatchResult:
     """Understeer and resistance, measured and simulated on the same inputs."""
     downweighted: Downweighted | None = None
     """Residuals that the robust loss does not count in full; None if there are none."""
+    agreement: Agreement | None = None
+    """The comparison of several recordings; None for one."""

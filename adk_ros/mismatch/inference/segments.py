@@ -19,6 +19,7 @@ import numpy as np
 from adk_ros.mismatch.inference.fit_budget import SEGMENTS
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
+from adk_ros.mismatch.inference.segmentation import BINS, best_segments, bins_of_lap
 from adk_ros.mismatch.library.criteria import (
     MAX_SEGMENTS,
     MIN_SEGMENT_TRANSITIONS,
@@ -27,15 +28,14 @@ from adk_ros.mismatch.library.criteria import (
 from adk_ros.mismatch.library.effect import PLACE, Effect
 from adk_ros.mismatch.surrogate.activation import (
     ALWAYS_ACTIVE,
+    ROUTE_SPACING_M,
     TRANSITION_LENGTH_M,
     Activation,
 )
 from adk_ros.mismatch.surrogate.lap import Lap
-from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.levenberg_marquardt import huber_values
 
-BINS = 90
-"""Bins of a lap; 10 to 20 m each on usual routes."""
 _SCAN_SIZES = {"low_friction": -0.15, "crosswind": 4.0, "headwind": 4.0}
 """Sizes at which the derivative is taken, in the effect's unit."""
 _SCAN_STEPS = 5.0
@@ -52,8 +52,6 @@ _RIDGE_SIZE = 0.02
 """Weight of the profile's size in that prior, relative to its second difference."""
 _MAX_RESEGMENTATIONS = 2
 """Most times that segments are chosen anew. Empirical: computing time."""
-_EMPTY_BIN_COST = 1e-3
-"""Loss of including a bin: bins without data count only between two that gain."""
 
 
 @dataclass(frozen=True)
@@ -65,22 +63,6 @@ class SpatialProfile:
     size: FloatArray
 
 
-def segments_of_mask(mask: BoolArray, lap: float) -> tuple[tuple[float, float], ...]:
-    """Return the (begin, end) in m of runs of True on a ring of bins."""
-    n = mask.shape[0]
-    if mask.all() or not mask.any():
-        return ()
-    width = lap / n
-    out = []
-    begins = np.flatnonzero(mask & ~np.roll(mask, 1))
-    for begin in begins:
-        count = 1
-        while mask[(begin + count) % n]:
-            count += 1
-        out.append((float(begin * width), float((begin + count) * width)))
-    return tuple(out)
-
-
 def fit_segments(
     linearised: LinearisedProblem, effect: Effect, lap: Lap
 ) -> tuple[Candidate | None, SpatialProfile]:
@@ -90,7 +72,8 @@ def fit_segments(
     For an amplitude a, bin b gains 2 a n_b - a^2 d_b, with n and d its entries in the normal
     equation. `optimal_segmentation` selects the bins; the best of `AMPLITUDE_GRID` is kept.
     """
-    parameter = effect.parameters[0]
+    parameter, routes = effect.parameters[0], lap.routes
+    lengths = [route.length for route in routes]
     scan = _SCAN_SIZES.get(effect.name, parameter.step * _SCAN_STEPS)
     neutral = parameter.theta_neutral
     columns = _bin_columns(linearised, ActiveEffect(effect, (neutral + scan,)), lap)
@@ -98,10 +81,16 @@ def fit_segments(
     normal = free.T @ free
     usual = float(np.median(np.diag(normal)))
     smooth = 2.0 * np.eye(BINS) - np.roll(np.eye(BINS), 1, axis=0) - np.roll(np.eye(BINS), -1, 0)
-    penalty = _RIDGE * usual * (smooth + _RIDGE_SIZE * np.eye(BINS))
+    ring = smooth + _RIDGE_SIZE * np.eye(BINS)
+    penalty = _RIDGE * usual * np.kron(np.eye(len(routes)), ring)
     right = -(free.T @ linearised.projected)
     amplitude = np.linalg.solve(normal + penalty, right)
-    at = np.asarray((np.arange(BINS) + 0.5) * (lap.length / BINS), dtype=np.float64)
+    at = np.concatenate(
+        [
+            i * ROUTE_SPACING_M + (np.arange(BINS) + 0.5) * (route.length / BINS)
+            for i, route in enumerate(routes)
+        ]
+    )
     profile = SpatialProfile(effect.name, at, np.asarray(amplitude * scan))
     low, high = parameter.bounds()
     weight = np.diag(normal)
@@ -109,66 +98,36 @@ def fit_segments(
     for amount in AMPLITUDE_GRID:
         if not low <= neutral + scan * amount <= high:
             continue
-        mask = optimal_segmentation(2.0 * amount * right - amount**2 * weight, PENALTY_PER_SEGMENT)
-        segments = segments_of_mask(mask, lap.length)
-        if not 0 < len(segments) <= MAX_SEGMENTS:
+        gains = 2.0 * amount * right - amount**2 * weight
+        mask, segments = best_segments(gains, lengths)
+        if not 0 < len(segments) <= MAX_SEGMENTS * len(routes):
             continue
         solved, gain = linearised.solve(columns[:, mask].sum(axis=1)[:, None])
         gain -= PENALTY_PER_SEGMENT * len(segments)
         if best is None or gain > best.gain:
             theta = float(np.clip(neutral + scan * solved[0], low, high))
             activation = Activation(
-                segments=segments, lap_length=lap.length, distance=lap.distance
+                segments=segments,
+                lap_length=lap.length,
+                distance=lap.distance,
+                route_lengths=tuple(lengths) if len(routes) > 1 else (),
             )
             best = Candidate(ActiveEffect(effect, (theta,), activation), gain)
     return best, profile
 
 
 def _bin_columns(linearised: LinearisedProblem, active: ActiveEffect, lap: Lap) -> FloatArray:
-    """Return the change of the residuals (m, BINS) by an effect in each bin of the lap."""
+    """Return the change of the residuals by an effect in each bin of the laps, route by route."""
     problem = linearised.likelihood.problem
     everywhere = linearised.column(active)
     n = 6 * problem.bins
     response = everywhere[:n].reshape(6, problem.bins)
-    distance = np.interp(problem.bin_s, problem.middle_s, lap.unwrapped)
-    bin_of = np.floor(distance / (lap.length / BINS)).astype(np.int64) % BINS
-    columns = np.zeros((everywhere.shape[0], BINS))
-    for b in range(BINS):
-        columns[:n, b] = (response * (bin_of == b)).ravel()
+    columns = np.zeros((everywhere.shape[0], BINS * len(lap.routes)))
+    for i, route in enumerate(lap.routes):
+        bin_of = bins_of_lap(problem, route.distance, route.length)
+        for b in range(BINS):
+            columns[:n, i * BINS + b] = (response * (bin_of == b)).ravel()
     return columns
-
-
-def optimal_segmentation(gain: FloatArray, penalty_per_segment: float) -> BoolArray:
-    """
-    Return the bins (n,) of a ring with the largest sum of gains minus a penalty per segment.
-
-    Dynamic programming over two states, once for each initial state of the ring. Bins with almost
-    no gain join their neighbours' segment, since a further segment costs more than they do.
-    """
-    n = gain.shape[0]
-    best_total, best = 0.0, np.zeros(n, dtype=bool)
-    net = gain - _EMPTY_BIN_COST
-    for first in (0, 1):
-        value = np.array([0.0, -np.inf]) if first == 0 else np.array([-np.inf, net[0]])
-        previous = np.zeros((n, 2), dtype=np.int64)
-        for k in range(1, n):
-            off = (value[0], value[1])
-            on = (value[0] - penalty_per_segment, value[1])
-            previous[k] = int(off[1] > off[0]), int(on[1] >= on[0])
-            value = np.array([max(off), max(on) + net[k]])
-        # Closing the ring: a segment that begins at bin 0 after an inactive last bin costs, too.
-        if first == 1:
-            value[0] -= penalty_per_segment
-        state = int(np.argmax(value))
-        total = float(value[state])
-        if total <= best_total:
-            continue
-        mask = np.zeros(n, dtype=bool)
-        for k in range(n - 1, -1, -1):
-            mask[k] = state == 1
-            state = int(previous[k, state])
-        best_total, best = total, mask
-    return best
 
 
 def refine_segments(likelihood: Likelihood, start: Hypothesis, jacobian: FloatArray) -> Hypothesis:
@@ -230,16 +189,19 @@ def _resegmented(likelihood: Likelihood, h: Hypothesis) -> Hypothesis | None:
         huber_values(likelihood.residuals(h.nuisances, effects)[:rows])
         for effects in (others, (*others, everywhere))
     ]
-    unwrapped = np.unwrap(activation.distance, period=activation.lap_length)
-    along = np.interp(problem.bin_s, problem.middle_s, unwrapped)
-    bin_of = np.floor(along / (activation.lap_length / BINS)).astype(np.int64) % BINS
     by_time = (losses[0] - losses[1]).reshape(6, problem.bins).sum(axis=0)
-    gain = np.asarray(np.bincount(bin_of, by_time, minlength=BINS), dtype=np.float64)
-    mask = optimal_segmentation(gain, PENALTY_PER_SEGMENT)
-    segments = segments_of_mask(mask, activation.lap_length)
+    gains, lengths = [], []
+    for distance, _, length in activation.by_route(activation.distance):
+        bin_of = bins_of_lap(problem, distance, length)
+        on = np.isfinite(bin_of)
+        gains.append(np.bincount(bin_of[on].astype(np.int64), by_time[on], minlength=BINS))
+        lengths.append(length)
+    gain = np.asarray(np.concatenate(gains), dtype=np.float64)
+    mask, segments = best_segments(gain, lengths)
     weight = np.interp(problem.bin_s, problem.middle_s, activation.series(problem))
     improvement = float(gain[mask].sum() - by_time @ weight)
-    if not 0 < len(segments) <= MAX_SEGMENTS or improvement < PENALTY_PER_SEGMENT:
+    most = MAX_SEGMENTS * len(lengths)
+    if not 0 < len(segments) <= most or improvement < PENALTY_PER_SEGMENT:
         return None
     anew = replace(last, activation=replace(activation, segments=segments))
     return Hypothesis((*others, anew), h.nuisances, h.loss)

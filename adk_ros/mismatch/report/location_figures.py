@@ -138,6 +138,7 @@ def _mark(axis: Axes, result: MismatchResult, identified: IdentifiedEffect, hatc
     series = result.series
     lap = result.lap_m
     if series.distance is None or lap is None:
+        _mark_times(axis, result, identified)
         return
     along = np.arange(0.0, lap, _LAP_STEP)
     order = np.argsort(series.distance, kind="stable")
@@ -162,6 +163,24 @@ def _mark(axis: Axes, result: MismatchResult, identified: IdentifiedEffect, hatc
             zorder=1 if not dashed else 2,
             label=label,
         )
+
+
+def _mark_times(axis: Axes, result: MismatchResult, identified: IdentifiedEffect) -> None:
+    """Draw where the car is while an effect acts: with several routes there is no common lap."""
+    series = result.series
+    active = np.zeros(series.time_s.shape[0], dtype=bool)
+    for begin, end in identified.time_intervals_s:
+        active |= (series.time_s >= begin) & (series.time_s <= end)
+    x, y = (np.where(active, values, np.nan) for values in (series.x, series.y))
+    axis.plot(
+        x,
+        y,
+        color="0.72",
+        linewidth=17.0,
+        solid_capstyle="butt",
+        zorder=1,
+        label=f"{title(identified.effect.name)} active",
+    )
 
 
 def timeline_figure(result: MismatchResult, path: Path) -> None:

@@ -26,6 +26,7 @@ from adk_ros.mismatch.library.criteria import (
 )
 from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.parametric_features import is_transferable
+from adk_ros.mismatch.report.agreement_table import agreement_parts
 from adk_ros.mismatch.report.comparison_labels import (
     model_labels,
     residual_labels,
@@ -164,6 +165,7 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         surrogate=surrogate_rows(result),
         not_judged=listed([title(name) for name in result.not_judged]),
         drivers=listed([feature(term.feature).description for term in terms]),
+        agreement=None if result.agreement is None else agreement_parts(result.agreement),
         manoeuvres=[(title(one.effect.name), one.effect.manoeuvre) for one in result.effects],
         **opening_values(result, out),
     )

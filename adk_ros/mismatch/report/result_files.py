@@ -21,10 +21,12 @@ from adk_ros.mismatch.inference.result import (
     MismatchResult,
 )
 from adk_ros.mismatch.library.effect import PLACE, TIME
+from adk_ros.mismatch.report.agreement_table import agreement_dict
 from adk_ros.mismatch.report.direct_table import direct_as_dicts
 from adk_ros.mismatch.report.opening_json import opening_as_dict
+from adk_ros.mismatch.report.recording_texts import onset_text, segment_texts
 from adk_ros.mismatch.report.report_page import FIGURES, PAGE, write_page
-from adk_ros.mismatch.report.summary import segment_texts, sentence, underfit_channels
+from adk_ros.mismatch.report.summary import sentence, underfit_channels
 from adk_ros.mismatch.report.vocabulary import unit_text
 
 SCHEMA = 1
@@ -42,7 +44,7 @@ def where_text(effect: IdentifiedEffect) -> str:
     if effect.kind == PLACE:
         return f"local: {', '.join(segment_texts(effect))} along the lap, every lap"
     if effect.kind == TIME:
-        return f"from {effect.onset_s or 0.0:.1f} s on"
+        return onset_text(effect)
     return unit_text(effect.effect.where)
 
 
@@ -112,6 +114,8 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
     answer |= opening_as_dict(result)
     if result.downweighted is not None:
         answer["downweighted"] = _downweighted(result.downweighted)
+    if result.agreement is not None:
+        answer["agreement"] = agreement_dict(result.agreement)
     underfit = underfit_channels(result)
     if underfit:
         answer["caveat"] = (

@@ -25,6 +25,7 @@ from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
 from adk_ros.mismatch.report.direct_table import uncovered_comparisons, uncovered_text
 from adk_ros.mismatch.report.effect_vocabulary import EFFECT_VOCABULARY, THAN
 from adk_ros.mismatch.report.quantities import Quantity
+from adk_ros.mismatch.report.recording_texts import onset_text, segment_texts
 from adk_ros.mismatch.report.vocabulary import (
     CHANNEL_TITLES,
     STATES,
@@ -133,24 +134,13 @@ def _alternative_text(identified: IdentifiedEffect, name: str) -> str:
     return text.format(size=size)
 
 
-def segment_texts(identified: IdentifiedEffect) -> list[str]:
-    """Return "306 to 617 m" by segment; "1700 m over the start to 60 m" past the lap's end."""
-    lap = identified.lap_m
-    parts = []
-    within = ((a % lap, b % lap) if lap else (a, b) for a, b in identified.segments)
-    for begin, end in sorted(within):
-        over = " m over the start" if end < begin else ""
-        parts.append(f"{begin:.0f}{over} to {end:.0f} m")
-    return parts
-
-
 def activation_text(identified: IdentifiedEffect) -> str:
     """Return where or from when an effect acts; nothing if it acts always and everywhere."""
     if identified.kind == PLACE:
         parts = segment_texts(identified)
         return f"at {listed(parts)} of every lap" if parts else "at a place"
     if identified.kind == TIME:
-        return f"from {identified.onset_s or 0.0:.1f} s on"
+        return onset_text(identified)
     return ""
 
 

@@ -19,6 +19,11 @@ TRANSITION_LENGTH_M = 3.0
 """Distance over which the activation at a segment's end rises from 1/8 to 7/8, about, m."""
 TRANSITION_TIME_S = 0.3
 """Time over which the activation at an onset rises from 1/8 to 7/8, about, s."""
+ROUTE_SPACING_M = 1e6
+"""
+Distance from the start of one route's lap to that of the next in the coordinate of several routes,
+m: longer than any lap, so that a segment belongs to the route nearest to it.
+"""
 _SCALE_SHARE = 0.25
 """Scale of the logistic function over the transition: it rises from 1/8 to 7/8 in 4 scales."""
 
@@ -39,6 +44,8 @@ class Activation:
     transition_length: float = TRANSITION_LENGTH_M
     weight: FloatArray | None = None
     """(n,) explicit weight per step: of a feature instead of a place or a time."""
+    route_lengths: tuple[float, ...] = ()
+    """Length of each route's lap, where `distance` is that of several (see `routes`), m."""
 
     @property
     def always(self) -> bool:
@@ -74,10 +81,25 @@ class Activation:
                 (problem.middle_s - self.onset_s) / (_SCALE_SHARE * TRANSITION_TIME_S)
             )
         if self.segments and self.distance is not None:
-            weight = weight * inside_segments(
-                self.distance, self.segments, self.lap_length, self.transition_length
-            )
+            inside = [
+                inside_segments(distance, segments, length, self.transition_length)
+                for distance, segments, length in self.by_route(self.distance)
+            ]
+            weight = weight * np.nan_to_num(np.fmax.reduce(inside))
         return weight
+
+    def by_route(
+        self, distance: FloatArray
+    ) -> list[tuple[FloatArray, tuple[tuple[float, float], ...], float]]:
+        """Return the distances, NaN off the route, segments and lap length of each route."""
+        if not self.route_lengths:
+            return [(distance, self.segments, self.lap_length)]
+        route = np.floor(distance / ROUTE_SPACING_M)
+        segments = segments_by_route(self.segments, len(self.route_lengths))
+        return [
+            (np.where(route == i, distance - i * ROUTE_SPACING_M, np.nan), segments[i], length)
+            for i, length in enumerate(self.route_lengths)
+        ]
 
     def intervals(self, problem: ResidualProblem) -> list[list[float]]:
         """Return the times [begin, end] in which the effect acts, s."""
@@ -93,6 +115,17 @@ class Activation:
 
 
 ALWAYS_ACTIVE = Activation()
+
+
+def segments_by_route(
+    segments: Sequence[tuple[float, float]], routes: int
+) -> list[tuple[tuple[float, float], ...]]:
+    """Return the segments of each route, along its lap."""
+    out: list[list[tuple[float, float]]] = [[] for _ in range(routes)]
+    for begin, end in segments:
+        i = min(max(round(0.5 * (begin + end) / ROUTE_SPACING_M), 0), routes - 1)
+        out[i].append((begin - i * ROUTE_SPACING_M, end - i * ROUTE_SPACING_M))
+    return [tuple(each) for each in out]
 
 
 def _smooth_step(x: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from adk_ros.mismatch.library.features import Signals, feature
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
-from adk_ros.mismatch.surrogate.residuals import STEP_S, ResidualProblem
+from adk_ros.mismatch.surrogate.residuals import ResidualProblem
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.mismatch.surrogate.state_index import A_X, A_Y, V_Y, YAW_RATE
 from adk_ros.numerics.arrays import FloatArray
@@ -36,9 +36,7 @@ class FeatureTerm:
 
 def feature_signals(problem: ResidualProblem, out: FloatArray) -> Signals:
     """Return the signals (n,) at the steps of the grid; `out` is the output of a run."""
-    commands = problem.commands
-    at = problem.start_s - problem.command_start_s + STEP_S * np.arange(problem.steps + 1)
-    grid = commands.spacing * np.arange(commands.torque.shape[0])
+    torque, delta = problem.mean_commands()
     return {
         "time": problem.middle_s,
         "v_x": problem.smoothed_odometry[:, 0],
@@ -46,8 +44,8 @@ def feature_signals(problem: ResidualProblem, out: FloatArray) -> Signals:
         "yaw_rate": out[YAW_RATE],
         "a_x": out[A_X],
         "a_y": out[A_Y],
-        "torque": np.diff(np.interp(at, grid, commands.torque)) / STEP_S,
-        "delta": np.diff(np.interp(at, grid, commands.angle)) / STEP_S,
+        "torque": torque,
+        "delta": delta,
     }
 
 

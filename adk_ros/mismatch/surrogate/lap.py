@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,12 +45,19 @@ class Lap:
     line: FloatArray
     line_s: FloatArray
     distance: FloatArray
-    """(n,) distance along the lap at each step of the recording, m."""
+    """(n,) distance along the lap at each step of the recording, m; NaN where it is on none."""
 
     @property
     def unwrapped(self) -> FloatArray:
         """Distance (n,), continued from lap to lap, m."""
-        return np.asarray(np.unwrap(self.distance, period=self.length))
+        out, known = self.distance.copy(), np.isfinite(self.distance)
+        out[known] = np.unwrap(self.distance[known], period=self.length)
+        return np.asarray(out)
+
+    @property
+    def routes(self) -> tuple[Lap, ...]:
+        """The laps of the routes that the recordings drive: this one."""
+        return (self,)
 
 
 @relaxed_kernel
@@ -103,11 +110,17 @@ def find_lap(problem: ResidualProblem) -> Lap | None:
         rows = np.arange(begin, end, _LINE_STRIDE)
         length = float(travelled[end] - travelled[begin])
         line_s = travelled[rows] - travelled[begin]
-        distance = np.empty(n)
-        line = np.ascontiguousarray(pose[rows])
-        _project_on_lap(line, line_s, length, np.ascontiguousarray(pose), distance)
-        return Lap(length, line, line_s, distance)
+        lap = Lap(length, np.ascontiguousarray(pose[rows]), line_s, np.empty(0))
+        return replace(lap, distance=project_on_lap(lap, pose))
     return None
+
+
+def project_on_lap(lap: Lap, pose: FloatArray) -> FloatArray:
+    """Return the distance along a lap (n,) of the poses (n, 3) of a recording, m."""
+    distance = np.empty(pose.shape[0])
+    poses = np.ascontiguousarray(pose)
+    _project_on_lap(lap.line, lap.line_s, lap.length, poses, distance)
+    return distance
 
 
 def distance_on_lap(

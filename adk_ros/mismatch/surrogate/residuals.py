@@ -143,6 +143,14 @@ class ResidualProblem:
         count = np.minimum(_STEPS_PER_BIN, self.steps - first)
         return np.asarray(np.add.reduceat(values, first) / count)
 
+    def mean_commands(self) -> tuple[FloatArray, FloatArray]:
+        """Return the mean torque and road-wheel angle of each step (n,), N·m and rad."""
+        commands = self.commands
+        at = self.start_s - self.command_start_s + STEP_S * np.arange(self.steps + 1)
+        grid = commands.spacing * np.arange(commands.torque.shape[0])
+        torque = np.diff(np.interp(at, grid, commands.torque)) / STEP_S
+        return torque, np.diff(np.interp(at, grid, commands.angle)) / STEP_S
+
     def no_terms(self) -> ActiveTerms:
         """Return terms that add nothing."""
         return no_terms(self.steps)

@@ -26,6 +26,10 @@ class ActiveTerms(NamedTuple):
     rows: IntArray
     activations: FloatArray
 
+    def between(self, steps: slice) -> ActiveTerms:
+        """Return the terms of some steps of a run."""
+        return self._replace(activations=np.ascontiguousarray(self.activations[:, steps]))
+
     def merged_with(self, other: ActiveTerms) -> ActiveTerms:
         """Return the terms of both; the activations of `other` follow these."""
         first = self.activations.shape[0] - 1

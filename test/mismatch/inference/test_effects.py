@@ -19,10 +19,9 @@ from adk_ros.mismatch.inference.likelihood import (
     Likelihood,
     inactive_effect,
 )
+from adk_ros.mismatch.inference.segmentation import optimal_segmentation, segments_of_mask
 from adk_ros.mismatch.inference.segments import (
     GRADUAL_EDGE_WIDTHS,
-    optimal_segmentation,
-    segments_of_mask,
 )
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import SENSOR_OFFSET_PRIORS
