@@ -29,6 +29,7 @@ from adk_ros.mismatch.inference.term_elimination import without_superfluous
 from adk_ros.mismatch.inference.term_meaning import Body, meaning
 from adk_ros.mismatch.library.criteria import (
     EQUATION_GAIN_SHARE,
+    FEATURE_MAJORITY_SHARE,
     FEATURE_MIN_GAIN,
     FEATURE_MIN_GAIN_PER_EXCESS,
     FEATURE_REFIT_GAIN_SHARE,
@@ -141,10 +142,11 @@ def fit_feature_expansion(
     excess = max(start.loss - expected_loss, 0.0)
     surrogate_error = MIN_GAIN_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof()
     least_sibling = FEATURE_MIN_GAIN + surrogate_error
-    least = max(least_sibling, FEATURE_MIN_GAIN_PER_EXCESS * excess)
     gains: list[float] = []
     for _ in range(MAX_FEATURES):
         linearised = LinearisedProblem(likelihood, current, jacobian)
+        left = FEATURE_MAJORITY_SHARE * (current.loss - expected_loss)
+        least = max(least_sibling, min(FEATURE_MIN_GAIN_PER_EXCESS * excess, left))
         extended = _best_extension(linearised, screening.candidates(linearised), jacobian, least)
         if extended is None:
             break

@@ -161,6 +161,11 @@ FEATURE_MIN_GAIN = 60.0
 """Least gain of a feature; there are more features than effects to choose from. Empirical."""
 FEATURE_MIN_GAIN_PER_EXCESS = 0.08
 """Least gain of a feature, as a share of the excess loss that the expression starts from."""
+FEATURE_MAJORITY_SHARE = 0.5
+"""
+A feature that gains this share of the excess loss that is left is accepted as well: one that
+explains most of it is no accident, however much the features before it explain. By choice.
+"""
 FEATURE_COEFFICIENT_BOUND = 20.0
 """Bound of a feature's coefficient at a feature of unit RMS, m/s² or rad/s²: two g."""
 FEATURE_RESIDUAL_SHARE = 0.03
