@@ -19,7 +19,19 @@ from typing import Annotated, Any
 import typer
 
 from adk_ros.api.provenance import COMMAND_LINE
-from adk_ros.cli import bench, demo, echo, info, mismatch, play, replay, rollout, simulate, train
+from adk_ros.cli import (
+    bench,
+    demo,
+    detectable,
+    echo,
+    info,
+    mismatch,
+    play,
+    replay,
+    rollout,
+    simulate,
+    train,
+)
 from adk_ros.cli.command import COMPARE, DATA, INSTALL, MEASURE, PREDICT, VerbCommand, VerbGroup
 from adk_ros.cli.compile import compile_code
 from adk_ros.errors import AdkError
@@ -64,6 +76,7 @@ VERBS: dict[str, tuple[str, Callable[..., Any]]] = {
     "echo": (PREDICT, echo.echo),
     "demo": (PREDICT, demo.demo),
     "mismatch": (COMPARE, mismatch.mismatch),
+    "detectable": (COMPARE, detectable.detectable),
     "compile": (INSTALL, compile_code),
 }
 """Verb -> (group in the help, function)."""
