@@ -17,8 +17,8 @@ import numpy as np
 
 from adk_ros.errors import DataError, UsageError
 from adk_ros.files.yaml_file import validate
+from adk_ros.mismatch.deployment.feature_history import FeatureHistory
 from adk_ros.mismatch.deployment.surrogate_file import NamedSurrogate, SurrogateFile
-from adk_ros.mismatch.library.features import feature_matrix
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.surrogate.command_integrals import COMMAND_GRID_S, CommandIntegrals
 from adk_ros.mismatch.surrogate.equations_of_motion import integrate
@@ -198,7 +198,8 @@ class _SurrogateRun:
         self._parameters = model.vector_with_terms()
         grid = math.ceil((seconds + 1.0) / COMMAND_GRID_S) + 1
         self._commands = CommandIntegrals(np.zeros(grid), np.zeros(grid), COMMAND_GRID_S)
-        self._features, self._coefficients = model.feature_coefficients()
+        features, self._coefficients = model.feature_coefficients()
+        self._features = FeatureHistory(features) if features else None
         self._acceleration = np.zeros(2)
         self._ends: list[FloatArray] = []
         self._ends_s: list[FloatArray] = []
@@ -224,7 +225,7 @@ class _SurrogateRun:
         n = math.ceil((end_s - begin_s) / _MAX_STEP_S - 1e-9)
         step = (end_s - begin_s) / n
         p = self._in_environment(environment)
-        extra = self._feature_accelerations(n, command)
+        extra = self._feature_accelerations(n, begin_s, command)
         buffers = run_buffers(self.state, n, keep_end_states=True)
         inputs = open_loop_inputs(self._commands, begin_s, step, n, extra)
         integrate(p, no_terms(n), inputs, buffers)
@@ -256,11 +257,14 @@ class _SurrogateRun:
             ahead = COMMAND_GRID_S * np.arange(last - first + 1)
             integral[first : last + 1] = integral[first] + value * ahead
 
-    def _feature_accelerations(self, n: int, command: tuple[float, float]) -> FloatArray:
+    def _feature_accelerations(
+        self, n: int, begin_s: float, command: tuple[float, float]
+    ) -> FloatArray:
         """Return what the features add to the accelerations (n, 3), at the present state."""
-        if not self._features:
+        if self._features is None:
             return np.empty((0, 3))
         signals = {
+            "time": begin_s,
             "v_x": self.state[S_V_X],
             "v_y": self.state[S_V_Y],
             "yaw_rate": self.state[S_YAW_RATE],
@@ -269,8 +273,8 @@ class _SurrogateRun:
             "torque": command[0],
             "delta": command[1],
         }
-        table = feature_matrix(self._features, {k: np.array([x]) for k, x in signals.items()})
-        return np.ascontiguousarray(np.repeat(table @ self._coefficients, n, axis=0))
+        added = self._features.after(signals) @ self._coefficients
+        return np.ascontiguousarray(np.repeat(added, n, axis=0))
 
     def truth(self, at_s: FloatArray, distance: FloatArray) -> FloatArray:
         """Return the history (len, TRUTH_SIZE) that `simulate_sensors` takes, at times `at_s`."""
