@@ -94,7 +94,7 @@ def _difference_text(each: DirectComparison) -> str:
     half = QUANTILE_90 * found.deviation * factor
     decimals = 3
     if half > 0.0:
-        decimals = max(1 - math.floor(math.log10(half)), 0)
+        decimals = max(-math.floor(math.log10(half)), 0)
     value = found.value * factor
     text = f"{value:+.{decimals}f}" + ("" if unit == "-" else f" {unit}")
     return f"{text} ({value - half:+.{decimals}f} to {value + half:+.{decimals}f})"
