@@ -26,7 +26,7 @@ def concealed(
         Path | None, typer.Option(help="folder of cases, each with a label.json")
     ] = None,
     own: Annotated[
-        bool, typer.Option("--own", help="generate the cases with the built-in vehicle simulator")
+        bool, typer.Option("--own", help="generate the cases: simulated drives of four plants")
     ] = False,
     calibrate: Annotated[
         bool,
