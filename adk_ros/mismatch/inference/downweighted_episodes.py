@@ -61,8 +61,8 @@ class Downweighted:
         """Return number, duration and largest episode in words."""
         largest = max(self.episodes, key=lambda x: x.sigmas)
         durations = [x.end_s - x.begin_s for x in self.episodes]
-        lasting = f"{min(durations):.1f} to {max(durations):.1f} s"
+        lasting = f"{min(durations):.2g} to {max(durations):.2g} s"
         count = f"{len(self.episodes)} episodes of {lasting}, the largest"
         if len(self.episodes) == 1:
-            count = f"an episode of {durations[0]:.1f} s"
+            count = f"an episode of {durations[0]:.2g} s"
         return f"{count} at {largest.begin_s:.1f} s"
