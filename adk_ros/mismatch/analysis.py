@@ -31,6 +31,7 @@ from adk_ros.mismatch.inference.forward_selection import select_effects, selecti
 from adk_ros.mismatch.inference.question import Questioned, answer
 from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult
 from adk_ros.mismatch.leave_one_out import agreement_of
+from adk_ros.mismatch.inference.steady_state import steady_state
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE, SURROGATE_ERROR_AS_NOISE
 from adk_ros.mismatch.recorded_data import RecordedData, usable_recordings
@@ -46,7 +47,6 @@ from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.residual_series import residual_series
 from adk_ros.mismatch.simulator import DEFAULT_WHEEL_RADIUS, default_vehicle, surrogate_of
-from adk_ros.mismatch.steady_state import steady_state
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem

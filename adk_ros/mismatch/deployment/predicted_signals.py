@@ -5,18 +5,12 @@ Signals in physical units: measured, and predicted open loop 1 s ahead by two mo
 
 Each value is the mean over the last 40 ms of a prediction, and of the samples of the same 40 ms.
 Predictions begin every 0.1 s from the state that follows odometry up to there
-(`open_loop.OpenLoopPredictor`). The fit of a signal y with its prediction y_hat is
-
-    fit = 100 (1 - |y - y_hat| / |y - mean(y)|)
-
-in percent: 100 is perfect, 0 is as good as the mean, below it is worse (normalised root mean
-square error, L. Ljung, System Identification, 2nd ed., section 16.4; `compare` of MATLAB).
+(`open_loop.OpenLoopPredictor`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import yaml  # type: ignore[import-untyped, unused-ignore]
@@ -31,6 +25,7 @@ from adk_ros.mismatch.deployment.open_loop import (
     start_times_of,
 )
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
+from adk_ros.mismatch.inference.signal_fit import SIGNALS, PredictedSignals
 from adk_ros.mismatch.library.criteria import MIN_SPEED
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -46,53 +41,12 @@ from adk_ros.mismatch.surrogate.state_index import (
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS
 
-SIGNALS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
-SIGNAL_UNITS = ("m/s", "m/s", "rad/s", "m/s^2", "m/s^2")
 AHEAD_S = 1.0
 """Horizon of the predictions, s: that of the errors reported first."""
 STRIDE_S = 0.1
 """Interval between the starts of predictions, s."""
 AVERAGED_S = 0.04
 """Time over which samples and predictions are averaged, s: a residual bin."""
-
-
-@dataclass(frozen=True)
-class PredictedSignals:
-    """
-    Signals (5, n) at `time_s` (n,), by `SIGNALS`, SI; NaN where a signal allows no statement.
-
-    `noise` (5,): standard deviation of a measured value due to sensor noise. `source`: which data.
-    """
-
-    source: str
-    time_s: FloatArray
-    measured: FloatArray
-    simulation: FloatArray
-    corrected: FloatArray
-    noise: FloatArray
-
-    def fits(self) -> dict[str, tuple[float, float, float]]:
-        """Return the fit of simulation, corrected model and a perfect model by signal, %."""
-        out = {}
-        for i, name in enumerate(SIGNALS):
-            y = self.measured[i]
-            spread = float(np.sqrt(np.nanmean((y - np.nanmean(y)) ** 2))) if _known(y) else 0.0
-            perfect = 100.0 * (1.0 - self.noise[i] / spread) if spread > 0.0 else np.nan
-            out[name] = (
-                fit_percent(y, self.simulation[i]),
-                fit_percent(y, self.corrected[i]),
-                perfect,
-            )
-        return out
-
-
-def fit_percent(measured: FloatArray, predicted: FloatArray) -> float:
-    """Return the fit of a prediction (n,), %; NaN where there is nothing to compare."""
-    both = np.isfinite(measured) & np.isfinite(predicted)
-    y, y_hat = measured[both], predicted[both]
-    if y.size < 2 or float(np.ptp(y)) == 0.0:
-        return float("nan")
-    return float(100.0 * (1.0 - np.linalg.norm(y - y_hat) / np.linalg.norm(y - y.mean())))
 
 
 def predicted_signals(
@@ -136,10 +90,6 @@ def unpredicted_signals(has_torque: bool, has_imu: bool) -> list[str]:
 
 def _ticks() -> int:
     return round(AHEAD_S / (TICK_NS * 1e-9))
-
-
-def _known(values: FloatArray) -> bool:
-    return bool(np.isfinite(values).any())
 
 
 def _periods(log: SensorLog) -> tuple[float, ...]:

@@ -5,12 +5,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from adk_ros.mismatch.inference.experiment_design import Discriminability
-
-if TYPE_CHECKING:
-    from adk_ros.mismatch.inference.result import Interval
+from adk_ros.mismatch.inference.interval import Interval
 
 FORMULA = "the formula of the unexplained residual"
 

@@ -6,22 +6,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from adk_ros.mismatch.inference.asked_effect import AskedEffect
 from adk_ros.mismatch.inference.confidence import Evidence
 from adk_ros.mismatch.inference.downweighted_episodes import Downweighted
 from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
+from adk_ros.mismatch.inference.interval import Interval as Interval
 from adk_ros.mismatch.inference.segments import SpatialProfile
+from adk_ros.mismatch.inference.signal_fit import PredictedSignals
+from adk_ros.mismatch.inference.steady_state import SteadyState
 from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.recording.direct_comparison import DirectComparison
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.numerics.arrays import FloatArray
-
-if TYPE_CHECKING:
-    from adk_ros.mismatch.deployment.predicted_signals import PredictedSignals
-    from adk_ros.mismatch.steady_state import SteadyState
 
 NONE, EXPLAINED, UNKNOWN = "none", "explained", "unknown"
 FULL, WITHOUT_TOLERANCES, WITHOUT_FEATURES, NOT_EXPORTED = (
@@ -31,16 +29,6 @@ FULL, WITHOUT_TOLERANCES, WITHOUT_FEATURES, NOT_EXPORTED = (
     "none",
 )
 """What an exported correction consists of, in the order in which it is tried."""
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A parameter's value with its 90 % confidence interval."""
-
-    value: float
-    low: float
-    high: float
-    unit: str
 
 
 @dataclass(frozen=True)

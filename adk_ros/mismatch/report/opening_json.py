@@ -8,11 +8,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from adk_ros.mismatch.deployment.predicted_signals import AHEAD_S, PredictedSignals
+from adk_ros.mismatch.deployment.predicted_signals import AHEAD_S
 from adk_ros.mismatch.inference.asked_effect import AskedEffect, AskedFit
 from adk_ros.mismatch.inference.result import Interval, MismatchResult
+from adk_ros.mismatch.inference.signal_fit import PredictedSignals
+from adk_ros.mismatch.inference.steady_state import AIR_DENSITY, Characteristic, line_error
 from adk_ros.mismatch.report.tie_rows import MAX_SHOWN
-from adk_ros.mismatch.steady_state import AIR_DENSITY, Characteristic, line_error
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY, QUANTILE_90
 

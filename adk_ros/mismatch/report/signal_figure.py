@@ -15,11 +15,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from adk_ros.files.pages.figure_style import AFTER, BEFORE, BLACK
-from adk_ros.mismatch.deployment.predicted_signals import (
-    SIGNAL_UNITS,
-    SIGNALS,
-    PredictedSignals,
-)
+from adk_ros.mismatch.inference.signal_fit import SIGNAL_UNITS, SIGNALS, PredictedSignals
 from adk_ros.mismatch.report.location_figures import DPI
 from adk_ros.mismatch.report.vocabulary import unit_text
 from adk_ros.numerics.arrays import FloatArray

@@ -17,18 +17,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from adk_ros.files.pages.figure_style import AFTER, BEFORE, BLACK
-from adk_ros.mismatch.report.location_figures import DPI
-from adk_ros.mismatch.report.tolerance_bands import (
-    inside,
-    resistance_half_width,
-    understeer_half_width,
-)
-from adk_ros.mismatch.steady_state import (
+from adk_ros.mismatch.inference.steady_state import (
     AIR_DENSITY,
     LINEAR_RANGE,
     Characteristic,
     CrossPlot,
     line_error,
+)
+from adk_ros.mismatch.report.location_figures import DPI
+from adk_ros.mismatch.report.tolerance_bands import (
+    inside,
+    resistance_half_width,
+    understeer_half_width,
 )
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY, QUANTILE_90

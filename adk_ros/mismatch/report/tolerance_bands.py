@@ -21,8 +21,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from adk_ros.mismatch.inference.steady_state import Characteristic, CrossPlot
 from adk_ros.mismatch.library.criteria import SENSOR_OFFSET_PRIORS, TOLERANCE_BOUND
-from adk_ros.mismatch.steady_state import Characteristic, CrossPlot
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 
 LATERAL_OFFSET, LATERAL_SHARE = 0.1, 0.06
@@ -39,7 +39,7 @@ to 20; the band is for the eye and decides nothing.
 def understeer_half_width(shown: Characteristic, model: CrossPlot) -> FloatArray:
     """Return half the band (k,) of a model's understeer curve, rad at the road wheel."""
     lateral = LATERAL_OFFSET + LATERAL_SHARE * np.abs(model.x)
-    size = np.interp(model.x, shown.simulation.x, shown.input)
+    size = np.interp(model.x, shown.simulation.x, shown.command_size)
     steering = HAND_WHEEL_OFFSET / STEERING_RATIO + STEERING_SHARE * size
     return np.asarray(np.hypot(steering, float(model.line[0]) * lateral))
 
@@ -51,7 +51,7 @@ def resistance_half_width(shown: Characteristic, model: CrossPlot) -> FloatArray
     The drive force over mass varies as the mass, the resistance as drag area and rolling
     resistance, each by the bound of a build tolerance; the offset of the accelerometer adds.
     """
-    force = TOLERANCE_BOUND * np.interp(model.x, shown.simulation.x, shown.input)
+    force = TOLERANCE_BOUND * np.interp(model.x, shown.simulation.x, shown.command_size)
     resistance = TOLERANCE_BOUND * np.abs(model.y)
     offset = SENSOR_OFFSET_PRIORS["bias_a_x"][1]
     return np.asarray(np.sqrt(force**2 + resistance**2 + offset**2))

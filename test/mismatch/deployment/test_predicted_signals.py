@@ -12,13 +12,9 @@ import pytest
 from helpers.mismatch_drive import driven, simulated_car
 
 from adk_ros.mismatch.deployment.held_out import Evidence
-from adk_ros.mismatch.deployment.predicted_signals import (
-    SIGNALS,
-    fit_percent,
-    predicted_signals,
-    unpredicted_signals,
-)
+from adk_ros.mismatch.deployment.predicted_signals import predicted_signals, unpredicted_signals
 from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
+from adk_ros.mismatch.inference.signal_fit import SIGNALS, fit_percent
 
 MODELS = (surrogate_yaml(simulated_car()), surrogate_yaml(simulated_car(drag_area=2.6)))
 

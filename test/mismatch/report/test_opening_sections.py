@@ -15,10 +15,11 @@ import pytest
 from helpers.mismatch_report import drag, identified, odd, result_of
 from helpers.pages import Page, assert_contents, assert_self_contained
 
-from adk_ros.mismatch.deployment.predicted_signals import PredictedSignals
 from adk_ros.mismatch.inference.asked_effect import AskedEffect, AskedFit
 from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.result import HeldOutResult, Interval, MismatchResult
+from adk_ros.mismatch.inference.signal_fit import PredictedSignals
+from adk_ros.mismatch.inference.steady_state import BLOCKS, Characteristic, CrossPlot, SteadyState
 from adk_ros.mismatch.report.asked_text import answer_of, asked_text
 from adk_ros.mismatch.report.opening_json import opening_as_dict
 from adk_ros.mismatch.report.result_files import as_dict, write_report
@@ -28,7 +29,6 @@ from adk_ros.mismatch.report.tolerance_bands import (
     resistance_half_width,
     understeer_half_width,
 )
-from adk_ros.mismatch.steady_state import BLOCKS, Characteristic, CrossPlot, SteadyState
 
 NAN = float("nan")
 
@@ -171,7 +171,9 @@ def test_a_tie_is_named_as_one() -> None:
 def test_the_band_widens_with_acceleration_and_steering() -> None:
     plot = characteristic()
     narrow = understeer_half_width(plot, plot.simulation)
-    wide = understeer_half_width(replace(plot, input=plot.input * 10.0), plot.simulation)
+    wide = understeer_half_width(
+        replace(plot, command_size=plot.command_size * 10.0), plot.simulation
+    )
     assert np.all(wide > narrow)
     assert np.all(np.diff(narrow) > 0.0)
     # 5 degrees at the steering wheel are the least.

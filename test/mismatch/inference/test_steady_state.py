@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 from helpers.mismatch_drive import driven, likelihood_of, questioned, simulated_car
 
+from adk_ros.mismatch.inference.steady_state import (
+    AIR_DENSITY,
+    SteadyState,
+    line_error,
+    steady_state,
+)
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
-from adk_ros.mismatch.steady_state import AIR_DENSITY, SteadyState, line_error, steady_state
 from adk_ros.numerics.constants import QUANTILE_90
 
 

@@ -79,7 +79,7 @@ class Characteristic:
     A cross plot of the recording, and of simulation and corrected model on the same inputs.
 
     `errors` (2, k): standard error of measured less simulated, and less corrected, in the bins of
-    `measured`. `input` (k,): in the bins of the simulation, mean size of what is set: the
+    `measured`. `command_size` (k,): in the bins of the simulation, mean size of the command: the
     road-wheel angle, rad, or the drive force over mass, m/s². `seconds`: of quasi-steady driving.
     """
 
@@ -87,7 +87,7 @@ class Characteristic:
     simulation: CrossPlot
     corrected: CrossPlot
     errors: FloatArray
-    input: FloatArray
+    command_size: FloatArray
     seconds: float
 
 
