@@ -27,7 +27,6 @@ from adk_ros.bench.mismatch.reliability import Claim
 from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, TIME
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.library.catalogue import EFFECTS
-from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.library.features import FEATURES
 
 UNKNOWN = "unknown"
@@ -94,7 +93,7 @@ class CaseResult:
     raised_held_out: float = math.nan
     """The same on the held-out recording of the case."""
     detectable: bool | None = None
-    """Whether the injected effect exceeds its detectable size in the report; None if unstated."""
+    """Whether the injected effect reaches its detectable size; None if that is not known."""
 
 
 def kind_of(label: dict[str, Any]) -> str:
@@ -194,33 +193,25 @@ def raised_error(answer: dict[str, Any]) -> float:
     return max(increases, default=math.nan)
 
 
-def detectable(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
+def detectable(label: dict[str, Any], sizes: dict[tuple[str, str], float]) -> bool | None:
     """
-    Return whether the single labelled effect reaches its detectable size, by the report's table.
+    Return whether the single labelled effect reaches its detectable size in any parameter.
 
-    Rows of `detectable_sizes`: effect, parameter, minutes of driving and size, the difference from
-    neutral; of a parameter that enters by its inverse, the largest detectable value. Without a
-    size, no size within the parameter's bounds is detectable. The row with the most minutes that
-    the training part has decides, or the first. None if the table does not have the effect.
+    `sizes`: by effect and parameter, the difference from neutral; of a parameter that enters by
+    its inverse, the largest detectable value; NaN if no size is detectable. None if the effect
+    has no size.
     """
-    if len(label["effects"]) != 1:
-        return None
     (effect,) = label["effects"]
-    rows = [x for x in answer.get("detectable_sizes", []) if x["effect"] == effect["name"]]
-    if not rows:
+    name = effect["name"]
+    given = {p: size for (other, p), size in sizes.items() if other == name}
+    if not given:
         return None
-    end_min = (1.0 - HELD_OUT_SHARE) * max(t[1] for t in effect["time_intervals_s"]) / 60.0
-    minutes = [x["minutes"] for x in rows]
-    nearest = max((x for x in minutes if x <= end_min), default=min(minutes))
-    inverse = {p.name for p in EFFECTS[effect["name"]].parameters if p.inverse}
-    for row in rows:
-        name, size = row["parameter"], row["size"]
-        if row["minutes"] != nearest or size is None or name not in effect["params"]:
-            continue
-        true = effect["params"][name]
-        if true <= size if name in inverse else abs(true - _neutral(effect["name"], name)) >= size:
-            return True
-    return False
+    inverse = {p.name for p in EFFECTS[name].parameters if p.inverse}
+    return any(
+        true <= given[p] if p in inverse else abs(true - _neutral(name, p)) >= given[p]
+        for p, true in effect["params"].items()
+        if p in given
+    )
 
 
 def _neutral(effect: str, parameter: str) -> float:
@@ -274,7 +265,6 @@ def score_case(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Case
         ),
         claims=claims_of(label, answer),
         raised=raised_error(answer),
-        detectable=detectable(label, answer) if kind == "single" else None,
     )
     end_s = max((t[1] for e in wanted for t in e["time_intervals_s"]), default=0.0)
     for effect in wanted:

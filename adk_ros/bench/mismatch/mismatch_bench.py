@@ -10,6 +10,7 @@ the output folder when it is complete and scored, so an interrupted run can be r
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import json
 import math
@@ -22,13 +23,13 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from adk_ros.bench.mismatch.baselines import Baselines
 from adk_ros.bench.mismatch.case_matrix import CasePlan
-from adk_ros.bench.mismatch.case_score import CaseResult, score_case
+from adk_ros.bench.mismatch.case_score import CaseResult, detectable, score_case
 from adk_ros.bench.mismatch.reliability import Claim
 from adk_ros.bench.mismatch.subprocesses import ProcessResult, Subprocesses
 from adk_ros.errors import UsageError
@@ -40,8 +41,10 @@ from adk_ros.signals.channels import STATE_NAMES
 
 HORIZON_S = 1.0
 """Horizon of the held-out error, s."""
-SCORED = "score.json"
+SCORED, SIZES = "score.json", "detectable.csv"
 LABEL = "label.json"
+WEAKEST = 0.1
+"""Strength up to which the detectable size of an effect is computed, about 40 s a case."""
 
 Progress = Callable[[float, float, str], None]
 
@@ -216,10 +219,33 @@ def run_case(case: Path, out: Path, processes: Subprocesses | None = None) -> Ca
     ]  # fmt: skip
     process = (processes or Subprocesses()).adk(arguments)
     label = json.loads((case / LABEL).read_text(encoding="utf-8"))
-    return _scored(case, label, out, process)
+    result = _scored(case, label, out, process)
+    if result.kind == "single" and result.strength <= WEAKEST and not result.failure:
+        sizes = _detectable_sizes(case, label, out / SIZES, processes or Subprocesses())
+        result.detectable = detectable(label, sizes)
+    return result
 
 
-def _scored(case: Path, label: dict[str, object], out: Path, process: ProcessResult) -> CaseResult:
+def _detectable_sizes(
+    case: Path, label: dict[str, Any], out: Path, processes: Subprocesses
+) -> dict[tuple[str, str], float]:
+    """Return the sizes that `adk detectable` states for as much driving; empty if it fails."""
+    minutes = max(t[1] for x in label["effects"] for t in x["time_intervals_s"]) / 60.0
+    arguments = [
+        "detectable", "--simulation", str(case / "simulation"),
+        "--recording", str(case / "recording"), "--vehicle", str(case / "vehicle.yaml"),
+        "--minutes", f"{minutes:.3f}", "--out", str(out),
+    ]  # fmt: skip
+    if processes.adk(arguments).status != 0:
+        return {}
+    with out.open(encoding="utf-8", newline="") as file:
+        return {
+            (row["effect"], row["parameter"]): float(row["size"] or math.nan)
+            for row in csv.DictReader(file)
+        }
+
+
+def _scored(case: Path, label: dict[str, Any], out: Path, process: ProcessResult) -> CaseResult:
     if process.status != 0:
         result = score_case(case.name, label, {"verdict": "failed"})
         result.failure = process.output or "no message"

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from adk_ros.bench.mismatch.injectors import UNLISTED
 from adk_ros.bench.mismatch.mismatch_bench import CaseJob, MismatchBench, jobs_of
 from adk_ros.bench.mismatch.reliability import Claim
 from adk_ros.bench.mismatch.result_tables import write_tables
-from adk_ros.bench.mismatch.subprocesses import SubprocessEnded, Subprocesses
+from adk_ros.bench.mismatch.subprocesses import ProcessResult, SubprocessEnded, Subprocesses
 from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, TIME, UNLISTED_IN
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.library.features import FEATURES
@@ -251,6 +252,33 @@ def test_a_foreign_folder_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "out" / "b").mkdir(parents=True)
     with pytest.raises(UsageError, match="not a report of this command"):
         MismatchBench(tmp_path / "out").run(jobs(tmp_path))
+
+
+def test_weak_effects_are_compared_with_their_detectable_size(tmp_path: Path) -> None:
+    class Tool(Subprocesses):
+        """Answer both commands: nothing named, and a table of sizes."""
+
+        def adk(self, arguments: Sequence[str]) -> ProcessResult:
+            out = Path(arguments[arguments.index("--out") + 1])
+            if arguments[0] == "mismatch":
+                out.mkdir()
+                (out / "mismatch.json").write_text('{"verdict": "none", "effects": []}')
+            else:
+                assert arguments[arguments.index("--minutes") + 1] == "2.000"
+                out.write_text("effect,parameter,minutes,size\naero_drag,cda,2,0.2\n")
+            return ProcessResult(0, "", 1.0, 1.0, 100.0)
+
+    effect = {
+        "name": "aero_drag", "params": {"cda": 0.1}, "kind": "always",
+        "time_intervals_s": [[0.0, 120.0]],
+    }  # fmt: skip
+    for strength, expected in ((0.1, False), (0.3, None)):
+        case = tmp_path / f"case_{strength}"
+        case.mkdir()
+        content = {"effects": [effect], "strength": strength}
+        (case / "label.json").write_text(json.dumps(content))
+        result = mismatch_bench.run_case(case, case / "report", Tool())
+        assert result.detectable is expected
 
 
 def test_no_process_starts_after_the_end() -> None:

@@ -9,7 +9,13 @@ from typing import Any
 
 import pytest
 
-from adk_ros.bench.mismatch.case_score import described, overlap, raised_error, score_case
+from adk_ros.bench.mismatch.case_score import (
+    described,
+    detectable,
+    overlap,
+    raised_error,
+    score_case,
+)
 from adk_ros.bench.mismatch.reliability import Claim
 
 
@@ -216,23 +222,20 @@ def test_the_largest_raised_error_of_all_horizons() -> None:
 
 
 @pytest.mark.parametrize(
-    ("cda", "size", "expected"), [(0.1, 0.05, True), (0.1, 0.2, False), (0.1, None, False)]
+    ("effect", "params", "size", "expected"),
+    [
+        ("aero_drag", {"cda": 0.1}, 0.05, True),
+        ("aero_drag", {"cda": 0.1}, 0.2, False),
+        ("aero_drag", {"cda": 0.1}, math.nan, False),
+        ("yaw_inertia", {"scale": 0.97}, 0.02, True),
+        # A limit of power is the more detectable the smaller it is.
+        ("power_limit", {"power": 2e4}, 4e4, True),
+        ("power_limit", {"power": 7e4}, 4e4, False),
+    ],
 )
-def test_a_table_of_the_report_says_what_is_detectable(
-    cda: float, size: float | None, expected: bool
+def test_an_effect_is_detectable_from_its_size_on(
+    effect: str, params: dict[str, float], size: float, expected: bool
 ) -> None:
-    rows = [
-        {"effect": "aero_drag", "parameter": "cda", "minutes": minutes, "size": value}
-        for minutes, value in ((1.0, size), (30.0, 0.001))
-    ]
-    said = answer("none") | {"detectable_sizes": rows}
-    assert score_case("x", label("aero_drag", cda=cda), said).detectable is expected
-    assert score_case("x", label("aero_drag", cda=cda), answer("none")).detectable is None
-    assert score_case("x", label("payload", mass=30.0), said).detectable is None
-
-
-def test_an_inverse_parameter_is_detectable_below_its_size() -> None:
-    rows = [{"effect": "power_limit", "parameter": "power", "minutes": 2.0, "size": 4e4}]
-    for power, expected in ((2e4, True), (7e4, False)):
-        said = answer("none") | {"detectable_sizes": rows}
-        assert score_case("x", label("power_limit", power=power), said).detectable is expected
+    sizes = {(effect, name): size for name in params} | {("payload", "mass"): 1.0}
+    assert detectable(label(effect, **params), sizes) is expected
+    assert detectable(label("gyro_scale", scale=1.01), sizes) is None
