@@ -98,8 +98,9 @@ def _friction(term: FeatureTerm, body: Body) -> str:
     signal, width = parsed(term.feature)[1]
     words, _, unit = FILTERED_SIGNALS[signal]
     return (
-        f"{_force(term, body, float(width))} that changes sign only after the {words} has turned "
-        f"back by {2.0 * float(width):.2g} {readable(unit)}, as with play or dry friction"
+        f"{_force(term, body, float(width))} that changes sign only after the {words} has "
+        f"reversed by {_two_digits(2.0 * float(width))} {readable(unit)}, as with play or dry "
+        "friction"
     )
 
 

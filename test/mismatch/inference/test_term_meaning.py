@@ -73,7 +73,7 @@ from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
         (
             FeatureTerm("yaw_rate", "hysteresis:delta:0.004", -20.0, 0.0),
             "a yaw moment of about 240 N·m that changes sign only after the steering angle has "
-            "turned back by 0.008 rad, as with play or dry friction",
+            "reversed by 0.008 rad, as with play or dry friction",
         ),
         (
             FeatureTerm("v_x", "ripple:1.87:0.3:speed_squared", 1e-4, 0.0),
