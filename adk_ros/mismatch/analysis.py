@@ -30,8 +30,8 @@ from adk_ros.mismatch.inference.final_estimate import refitted, with_confidence
 from adk_ros.mismatch.inference.forward_selection import select_effects, selection_steps
 from adk_ros.mismatch.inference.question import Questioned, answer
 from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult
-from adk_ros.mismatch.leave_one_out import agreement_of
 from adk_ros.mismatch.inference.steady_state import steady_state
+from adk_ros.mismatch.leave_one_out import agreement_of
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE, SURROGATE_ERROR_AS_NOISE
 from adk_ros.mismatch.recorded_data import RecordedData, usable_recordings
@@ -169,6 +169,7 @@ def identify_mismatch(
         surrogate_error=dict(zip(CHANNELS, (float(x) for x in surrogate.error), strict=True)),
         steps=selection_steps(path),
         expected_loss=path.expected_loss,
+        surrogate_error_dof=path.surrogate_error_dof,
         lap_m=lap_m,
         profiles=path.profiles if lap_m else [],
         notes=[*notes, *dropouts, *note_on(hidden), *_notes_on_lap(lap)],

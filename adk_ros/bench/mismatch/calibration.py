@@ -7,6 +7,7 @@ Calibration of the criteria on generated cases that no benchmark contains.
   before the correction, since no equation is exact: `MAX_EXPLAINED_RATIO` and
   `INEXACT_EQUATION_SHARE` are quantiles over correct results.
 - On clean cases no effect may gain what an effect must gain: the gain is given as a share of it.
+- The conditions of a further effect lie between absent and present ones (`selection_calibration`).
 - `SYSTEMATIC_ERROR_SHARE` is the least share with which 90 % of the intervals hold.
 - The constants of the confidence have the largest likelihood (`confidence_fit`).
 """
@@ -24,6 +25,7 @@ from scipy.stats import binomtest
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.confidence_fit import Claim, brier_score, claims_of, fit_confidence
 from adk_ros.bench.mismatch.mismatch_bench import SCORED
+from adk_ros.bench.mismatch.selection_calibration import SelectionCalibration
 from adk_ros.mismatch.inference.confidence import ConfidenceModel
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
@@ -52,14 +54,18 @@ def calibrate(results: Sequence[CaseResult], out: Path) -> list[str]:
     gains: list[float] = []
     errors: list[tuple[float, float, float]] = []
     claims: list[Claim] = []
+    selection = SelectionCalibration()
     for result in results:
         if result.failure:
             continue
         answer = _read(out / result.case / RESULT_FILE)
         label = _read(out / result.case / SCORED)["label"]
         claims += claims_of(label, answer)
+        selection.add([effect["name"] for effect in label["effects"]], answer)
         if result.kind == "none":
-            gains += [x["gain"] / x["required"] for x in answer["selection"] if x["required"]]
+            gains += [
+                x["gain"] / x["required"] for x in answer["selection"]["steps"] if x["required"]
+            ]
         if result.right < 1.0:
             continue
         ratio, share = largest_errors(answer["fit"]["horizons"])
@@ -71,6 +77,7 @@ def calibrate(results: Sequence[CaseResult], out: Path) -> list[str]:
         _quantile_line("MAX_EXPLAINED_RATIO", MAX_EXPLAINED_RATIO, ratios),
         _quantile_line("INEXACT_EQUATION_SHARE", INEXACT_EQUATION_SHARE, shares),
         _gain_line(gains),
+        *selection.lines(),
         _interval_line(errors),
         *_confidence_lines(claims),
     ]

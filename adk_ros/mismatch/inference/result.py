@@ -236,6 +236,8 @@ class MismatchResult:
     surrogate_error: dict[str, float]
     steps: list[SelectionStep]
     expected_loss: float
+    surrogate_error_dof: float = 0.0
+    """Number of residuals that the surrogate's own error accounts for."""
     lap_m: float | None = None
     profiles: list[SpatialProfile] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)

@@ -87,15 +87,19 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         "notes": list(result.notes),
         "stand_in_error": {name: _number(x) for name, x in result.surrogate_error.items()},
     }
-    answer["selection"] = [
-        {
-            "effects": list(step.names),
-            "loss": _number(step.loss),
-            "gain": _number(step.gain),
-            "required": _number(step.required),
-        }
-        for step in result.steps
-    ]
+    answer["selection"] = {
+        "expected_loss": _number(result.expected_loss),
+        "surrogate_error": _number(result.surrogate_error_dof),
+        "steps": [
+            {
+                "effects": list(step.names),
+                "loss": _number(step.loss),
+                "gain": _number(step.gain),
+                "required": _number(step.required),
+            }
+            for step in result.steps
+        ],
+    }
     if result.held_out is not None:
         answer["fit"] |= _held_out(result.held_out)
     if result.candidates:
