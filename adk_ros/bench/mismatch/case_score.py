@@ -23,7 +23,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
-from adk_ros.bench.mismatch.reliability import Claim
+from adk_ros.bench.mismatch.reliability import ScoredClaim
 from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, TIME
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.library.catalogue import EFFECTS
@@ -85,7 +85,7 @@ class CaseResult:
     """`BaselineResult` of each method as a dict, `adk mismatch` first, if baselines were run."""
     correctable: bool = True
     """Whether anything but sensor faults is injected: no correction removes those."""
-    claims: list[Claim] = field(default_factory=list)
+    claims: list[ScoredClaim] = field(default_factory=list)
     """Named effects with confidence."""
     raised: float = math.nan
     """Largest relative increase of a state's error by the correction, over the errors that the
@@ -166,18 +166,22 @@ def _is_of(text: str, variable: str) -> bool:
     return any(text.startswith(f"{description} {words} ") for words in MEMORY_WORDS)
 
 
-def claims_of(label: dict[str, Any], answer: dict[str, Any]) -> list[Claim]:
-    """Return the named effects of an answer that state a confidence."""
+def claims_of(label: dict[str, Any], answer: dict[str, Any]) -> list[ScoredClaim]:
+    """
+    Return the named effects of an answer that state a confidence.
+
+    An alternative counts if the confidence is that of the effect or the alternative: not if the
+    effect's `evidence` sets a probability of its own against it, as in `confidence_fit`.
+    """
     labelled = {effect["name"] for effect in label["effects"]}
-    return [
-        Claim(
-            "|".join([effect["name"], *effect.get("alternatives", [])]),
-            float(effect["confidence"]),
-            bool(labelled & {effect["name"], *effect.get("alternatives", [])}),
-        )
-        for effect in answer.get("effects", [])
-        if effect.get("confidence") is not None
-    ]
+    claims = []
+    for effect in answer.get("effects", []):
+        competing = {x["name"] for x in effect.get("evidence", {}).get("alternatives", [])}
+        names = [effect["name"], *effect.get("alternatives", [])]
+        right = bool(labelled & (set(names) - competing))
+        if effect.get("confidence") is not None:
+            claims.append(ScoredClaim("|".join(names), float(effect["confidence"]), right))
+    return claims
 
 
 def raised_error(answer: dict[str, Any]) -> float:

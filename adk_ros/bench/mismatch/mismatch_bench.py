@@ -30,7 +30,7 @@ import numpy as np
 from adk_ros.bench.mismatch.baselines import Baselines
 from adk_ros.bench.mismatch.case_matrix import CasePlan
 from adk_ros.bench.mismatch.case_score import CaseResult, detectable, score_case
-from adk_ros.bench.mismatch.reliability import Claim
+from adk_ros.bench.mismatch.reliability import ScoredClaim
 from adk_ros.bench.mismatch.subprocesses import ProcessResult, Subprocesses
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.deployment.held_out import Evidence, horizon_errors, rmse
@@ -177,7 +177,7 @@ class MismatchBench:
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
             earlier = CaseResult(**content["score"])
-            earlier.claims = [Claim(*claim) for claim in earlier.claims]
+            earlier.claims = [ScoredClaim(*claim) for claim in earlier.claims]
         except (ValueError, KeyError, TypeError):
             return None
         if self.baselines is not None and not earlier.baselines:

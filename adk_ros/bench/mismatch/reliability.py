@@ -3,10 +3,10 @@
 """
 Reliability of stated confidences: how often claims with a confidence are right.
 
-A claim is a named effect with its confidence; it is right if the effect, or an alternative that is
-reported with it, is in the label. Table and diagram compare the mean confidence of a bin with the
-share that is right and its 95 % interval of Clopper and Pearson. The Brier score is the mean
-squared difference of confidence and outcome (0 or 1): 0 is perfect, 0.25 that of always 0.5.
+A claim is a named effect with its confidence; it is right if the effect, or an alternative that
+the confidence includes, is in the label. Table and diagram compare the mean confidence of a bin
+with the share that is right and its 95 % interval of Clopper and Pearson. The Brier score is the
+mean squared difference of confidence and outcome (0 or 1): 0 is perfect, 0.25 that of always 0.5.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ TABLE_FILE, DIAGRAM_FILE = "reliability.md", "reliability.png"
 _HEADER = ("confidence", "claims", "mean confidence", "right", "95 % interval")
 
 
-class Claim(NamedTuple):
+class ScoredClaim(NamedTuple):
     """Reported effect with its alternatives, its confidence, and whether the label has it."""
 
     effect: str
@@ -55,7 +55,7 @@ class Bin(NamedTuple):
     interval: tuple[float, float]
 
 
-def reliability_table(claims: Sequence[Claim]) -> list[Bin]:
+def reliability_table(claims: Sequence[ScoredClaim]) -> list[Bin]:
     """Return the bins; means and interval of an empty one are NaN."""
     bins = []
     for low, high in pairwise(EDGES):
@@ -85,14 +85,14 @@ def share_interval(right: int, count: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def brier_score(claims: Sequence[Claim]) -> float:
+def brier_score(claims: Sequence[ScoredClaim]) -> float:
     """Return the mean squared difference of confidence and outcome; NaN without claims."""
     if not claims:
         return float("nan")
     return float(np.mean([(c.confidence - c.right) ** 2 for c in claims]))
 
 
-def reliability_markdown(claims: Sequence[Claim]) -> str:
+def reliability_markdown(claims: Sequence[ScoredClaim]) -> str:
     """Return the table of bins and the Brier score as Markdown."""
     lines = [markdown_line(_HEADER), markdown_line(["---"] * len(_HEADER))]
     for b in reliability_table(claims):
@@ -105,7 +105,7 @@ def reliability_markdown(claims: Sequence[Claim]) -> str:
     return "\n".join([*lines, "", f"Brier score of {len(claims)} claims: {score}", ""])
 
 
-def write_reliability(claims: Sequence[Claim], out: Path) -> None:
+def write_reliability(claims: Sequence[ScoredClaim], out: Path) -> None:
     """Write the table and the reliability diagram to the folder `out`."""
     (out / TABLE_FILE).write_text(reliability_markdown(claims), encoding="utf-8")
     bins = [b for b in reliability_table(claims) if b.claims]

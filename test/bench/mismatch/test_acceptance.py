@@ -18,7 +18,7 @@ from adk_ros.bench.mismatch.case_matrix import case_plans
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.injectors import UNLISTED
 from adk_ros.bench.mismatch.mismatch_bench import CaseJob, MismatchBench, jobs_of
-from adk_ros.bench.mismatch.reliability import Claim
+from adk_ros.bench.mismatch.reliability import ScoredClaim
 from adk_ros.bench.mismatch.result_tables import write_tables
 from adk_ros.bench.mismatch.subprocesses import ProcessResult, SubprocessEnded, Subprocesses
 from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, TIME, UNLISTED_IN
@@ -44,7 +44,7 @@ def good(kind: str = "single", **changes: Any) -> CaseResult:
         29.0,
         400.0,
         raised=0.0,
-        claims=[Claim("aero_drag", 0.97, True)],
+        claims=[ScoredClaim("aero_drag", 0.97, True)],
     )
     return replace(plain, **changes)
 
@@ -74,7 +74,7 @@ def test_a_criterion_without_cases_is_none() -> None:
         ("triples-set-f1", good("triple", f1=0.88), good("triple", f1=0.87)),
         ("unlisted-unknown", good("unknown", described=True), good("unknown", right=0.0)),
         ("error-raised", good(raised=0.02), good(raised=0.021)),
-        ("confident-claims-right", good(), good(claims=[Claim("payload", 0.9, False)])),
+        ("confident-claims-right", good(), good(claims=[ScoredClaim("payload", 0.9, False)])),
         (
             "other-family-simulators",
             good(plant="fourteen_dof"),

@@ -16,7 +16,7 @@ from adk_ros.bench.mismatch.case_score import (
     raised_error,
     score_case,
 )
-from adk_ros.bench.mismatch.reliability import Claim
+from adk_ros.bench.mismatch.reliability import ScoredClaim
 
 
 def label(*effects: str, kind: str = "always", **params: float) -> dict[str, Any]:
@@ -207,8 +207,11 @@ def test_claims_are_right_if_an_alternative_is_labelled() -> None:
     for effect, confidence in zip(said["effects"], (0.8, None), strict=True):
         effect["confidence"] = confidence
     assert score_case("x", label("aero_drag"), said).claims == [
-        Claim("headwind|aero_drag", 0.8, True)
+        ScoredClaim("headwind|aero_drag", 0.8, True)
     ]
+    # An alternative with a probability of its own is not part of the confidence.
+    said["effects"][0]["evidence"] = {"alternatives": [{"name": "aero_drag"}]}
+    assert not score_case("x", label("aero_drag"), said).claims[0].right
 
 
 def test_the_largest_raised_error_of_all_horizons() -> None:
@@ -234,7 +237,7 @@ def test_the_largest_raised_error_of_all_horizons() -> None:
     ],
 )
 def test_an_effect_is_detectable_from_its_size_on(
-    effect: str, params: dict[str, float], size: float, expected: bool
+    effect: str, params: dict[str, Any], size: float, expected: bool
 ) -> None:
     sizes = {(effect, name): size for name in params} | {("payload", "mass"): 1.0}
     assert detectable(label(effect, **params), sizes) is expected

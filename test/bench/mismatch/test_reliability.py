@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import beta
 
 from adk_ros.bench.mismatch.reliability import (
-    Claim,
+    ScoredClaim,
     brier_score,
     reliability_markdown,
     reliability_table,
@@ -19,8 +19,8 @@ from adk_ros.bench.mismatch.reliability import (
 )
 
 
-def claims(confidence: float, right: int, wrong: int) -> list[Claim]:
-    return [Claim("a", confidence, i < right) for i in range(right + wrong)]
+def claims(confidence: float, right: int, wrong: int) -> list[ScoredClaim]:
+    return [ScoredClaim("a", confidence, i < right) for i in range(right + wrong)]
 
 
 def test_bins_hold_their_lower_limit_and_one_the_last() -> None:
@@ -34,7 +34,7 @@ def test_bins_hold_their_lower_limit_and_one_the_last() -> None:
 
 def test_calibrated_claims_have_the_variance_as_their_score() -> None:
     rng = np.random.default_rng(1)
-    many = [Claim("a", 0.8, bool(rng.random() < 0.8)) for _ in range(4000)]
+    many = [ScoredClaim("a", 0.8, bool(rng.random() < 0.8)) for _ in range(4000)]
     assert brier_score(many) == pytest.approx(0.16, abs=0.01)
     (b,) = [b for b in reliability_table(many) if b.claims]
     assert b.interval[0] < 0.8 < b.interval[1]
