@@ -49,6 +49,7 @@ AIR_DENSITY = 1.225
 """kg/m³, ISO 2533 at sea level: converts the slope of the resistance to a drag area."""
 _SMOOTHED = round(0.4 / BIN_S)
 """Residual bins over which signals are averaged before they are differentiated: 0.4 s."""
+_SECOND = round(1.0 / BIN_S)
 _BINS = 12
 """Most bins of a cross plot."""
 _MIN_COUNT = 50
@@ -153,9 +154,9 @@ def _measured(problem: ResidualProblem) -> dict[str, FloatArray]:
     }
 
 
-def _averaged(values: FloatArray) -> FloatArray:
-    """Return the moving average over `_SMOOTHED` bins."""
-    kernel = np.ones(_SMOOTHED)
+def _averaged(values: FloatArray, bins: int = _SMOOTHED) -> FloatArray:
+    """Return the moving average over some residual bins."""
+    kernel = np.ones(bins)
     count = np.convolve(np.ones(values.shape[0]), kernel, mode="same")
     return np.asarray(np.convolve(values, kernel, mode="same") / count)
 
@@ -225,9 +226,10 @@ def _characteristic(
     measured, simulation, corrected = (
         _cross_plot(u, w, bins, line, power) for u, w, bins in zip(x, y, groups, strict=True)
     )
-    # Samples within a second are not independent.
+    # Samples within a second are not independent, but their white noise is.
     seconds = np.array([max(g.size * BIN_S, 1.0) for g in groups[0]])
-    errors = [[(y[0] - model)[g].std() for g in groups[0]] for model in y[1:]]
+    differences = [_averaged(np.nan_to_num(y[0] - model), _SECOND) for model in y[1:]]
+    errors = [[difference[g].std() for g in groups[0]] for difference in differences]
     return Characteristic(
         measured,
         simulation,

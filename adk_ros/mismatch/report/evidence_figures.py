@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import matplotlib
@@ -30,6 +31,8 @@ from adk_ros.mismatch.report.summary import pair_text
 from adk_ros.mismatch.report.vocabulary import CHANNEL_TITLES, STATES, quantity, unit_text
 from adk_ros.numerics.arrays import FloatArray
 
+_LABEL_WIDTH = 80
+"""Characters of an axis label that fit below a figure."""
 _MIN_RATIO = 0.05
 """Lower end of the axis of residual over noise."""
 
@@ -88,7 +91,7 @@ def trend_figure(
         each.grid(alpha=0.3)
         if identified is not None and identified.kind == PLACE and result.lap_m is not None:
             _shade(each, identified, result.lap_m)
-    axes[-1, 0].set_xlabel(item.label)
+    axes[-1, 0].set_xlabel(textwrap.fill(item.label, _LABEL_WIDTH))
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
 

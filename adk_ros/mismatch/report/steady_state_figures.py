@@ -123,8 +123,8 @@ def understeer_rows(shown: Characteristic) -> list[list[str]]:
 def resistance_rows(shown: Characteristic, mass: float) -> list[list[str]]:
     """Return the drag area and the rolling resistance that the resistance's line implies."""
     return [
-        ["drag area C_dA (m²), from the slope", *_cells(shown, 0, 2.0 * mass / AIR_DENSITY)],
-        ["rolling resistance coefficient, from the intercept", *_cells(shown, 1, 1.0 / GRAVITY)],
+        ["drag area C_dA (m²)", *_cells(shown, 0, 2.0 * mass / AIR_DENSITY)],
+        ["rolling resistance coefficient", *_cells(shown, 1, 1.0 / GRAVITY)],
     ]
 
 

@@ -219,10 +219,13 @@ def unexplained_text(unexplained: UnexplainedResidual) -> str:
     features: dict[str, list[str]] = {}
     for term in unexplained.terms:
         features.setdefault(term.equation, []).append(feature(term.feature).description)
+    equations: dict[str, list[str]] = {}
+    for equation, names in features.items():
+        equations.setdefault(listed(names), []).append(EQUATION_TEXTS[equation])
     return listed(
         [
-            f"a {EQUATION_TEXTS[equation]} that depends on {listed(names)}"
-            for equation, names in features.items()
+            f"a {listed(kinds)} that depend{'s' if len(kinds) == 1 else ''} on {names}"
+            for names, kinds in equations.items()
         ]
     )
 
@@ -265,12 +268,15 @@ def sentence(result: MismatchResult) -> str:
     if result.verdict == UNKNOWN and result.unexplained is not None:
         expression = unit_text(result.unexplained.expression)
         formula = f": {expression}" if expression else ""
+        said = f"{unexplained_text(result.unexplained)}{formula}"
         if result.unexplained.meaning:
-            formula += f" ({result.unexplained.meaning})"
+            # What a person can picture comes first, the formula second.
+            said = result.unexplained.meaning
+            said += f". As a formula: {expression}" if expression else ""
         effects = f" It also shows {effects_text(result.effects)}." if result.effects else ""
         return (
             "The recording shows a difference that no known effect explains: "
-            f"{unexplained_text(result.unexplained)}{formula}. {improvement}{effects}{missing}"
+            f"{said}. {improvement}{effects}{missing}"
         )
     return f"The recording shows {effects_text(result.effects)}. {improvement}{missing}"
 

@@ -26,6 +26,7 @@ from adk_ros.mismatch.report.summary import (
     number,
     pair_text,
     sentence,
+    unexplained_text,
     verdict_text,
 )
 from adk_ros.mismatch.report.vocabulary import listed, quantity, title, unit_text
@@ -216,6 +217,12 @@ def test_an_unknown_cause_is_stated_with_formula_and_identified_effects() -> Non
     assert verdict_text(odd()) == "Difference of unknown cause"
     bare = odd()
     assert bare.unexplained is not None
+    meaning = "a mass of about 190 kg moves sideways at 0.52 Hz"
+    meant = replace(bare, unexplained=replace(bare.unexplained, meaning=meaning))
+    assert f"explains: {meaning}. As a formula: d(yaw_rate)/dt" in sentence(meant)
+    both = (*bare.unexplained.terms, replace(bare.unexplained.terms[0], equation="v_y"))
+    text = unexplained_text(replace(bare.unexplained, terms=both))
+    assert text.startswith("a yaw acceleration and lateral acceleration that depend on")
     nothing = replace(bare, unexplained=replace(bare.unexplained, terms=(), expression=""))
     assert "explains: yaw acceleration against relative wheel-speed" in sentence(nothing)
 
