@@ -60,7 +60,7 @@ def detectable(
 
     For each effect of the catalogue: the size that 'adk mismatch' would name with a probability of
     80 % after so many minutes of driving like that of the simulation, and what limits it. Sizes
-    are differences from the simulation. Takes about 40 s on one AMD EPYC core.
+    are differences from the simulation. Takes about 1 min on one AMD EPYC core.
 
     Example: adk detectable --simulation sim --vehicle vehicle.yaml --minutes 5,20
     """
