@@ -96,7 +96,7 @@ def _difference_text(each: DirectComparison) -> str:
     if half > 0.0:
         decimals = max(-math.floor(math.log10(half)), 0)
     value = found.value * factor
-    text = f"{value:+.{decimals}f}" + ("" if unit == "-" else f" {unit}")
+    text = f"{value:+.{decimals}f} {unit}".rstrip()
     return f"{text} ({value - half:+.{decimals}f} to {value + half:+.{decimals}f})"
 
 
