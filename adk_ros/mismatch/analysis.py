@@ -131,6 +131,8 @@ def identify_mismatch(
     )
     report(_SELECTED, _TOTAL, "comparing competing effects")
     decision = data.observable.withhold_if_underexplained(decide(training, path), training, path)
+    if data.recordings:
+        decision = data.with_onsets_at_starts(decision)
     report(_DECIDED, _TOTAL, "predicting held-out data")
     likelihood = data.whole()
     if not held_out:
@@ -189,7 +191,7 @@ def identify_mismatch(
         ),
         downweighted=hidden,
         steady_state=steady_state(likelihood, decision.hypothesis, data.observable.torque),
-        agreement=agreement_of(data, decision, likelihood),
+        agreement=agreement_of(data, decision, likelihood, path),
     )
 
 

@@ -11,6 +11,8 @@ import numpy as np
 
 from adk_ros.errors import DataError
 from adk_ros.mismatch.deployment.held_out import Evidence
+from adk_ros.mismatch.inference.agreement import MIN_ACTIVE_S
+from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
 from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
 from adk_ros.mismatch.inference.observability import (
@@ -155,7 +157,7 @@ class RecordedData:
         after = [
             replace(item, from_s=max(item.from_s, onset_s))
             for item in evidence
-            if item.log.duration_s > onset_s
+            if item.log.duration_s > onset_s + MIN_ACTIVE_S
         ]
         return after or evidence
 
@@ -170,6 +172,30 @@ class RecordedData:
         radius = float(self.surrogate.parameters[INDEX["wheel_radius"]])
         longest = max(self.parts, key=lambda part: part.steps)
         return compare_directly(simulation, longest.log, radius, self.observable.unobservable)
+
+    def with_onsets_at_starts(self, decision: Decision) -> Decision:
+        """
+        Return a decision whose onsets in a held-out part are at the start of the next recording.
+
+        No data of the selection lie between the end of a training part and that start; a car
+        changes between two recordings rather than at the end of one.
+        """
+        gaps = [
+            (split, later.begin_s)
+            for split, later in zip(self.splits_s, self.recordings[1:], strict=False)
+        ]
+
+        def moved(onset_s: float | None) -> float | None:
+            found = (end for begin, end in gaps if onset_s is not None and begin <= onset_s < end)
+            return next(found, onset_s)
+
+        h = decision.hypothesis
+        active = tuple(
+            replace(a, activation=replace(a.activation, onset_s=moved(a.activation.onset_s)))
+            for a in h.effects
+        )
+        effects = [replace(e, onset_s=moved(e.onset_s)) for e in decision.effects]
+        return replace(decision, effects=effects, hypothesis=replace(h, effects=active))
 
     def not_predicted(self) -> list[str]:
         """Return the states whose prediction needs a channel that the recordings lack."""

@@ -16,10 +16,16 @@ import numpy as np
 
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.final_estimate import refitted
+from adk_ros.mismatch.inference.forward_selection import SelectionPath, is_improvement
 from adk_ros.mismatch.inference.heterogeneity import heterogeneity, odd_one_out
 from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
-from adk_ros.mismatch.inference.result import Interval, ParameterAgreement
+from adk_ros.mismatch.inference.result import (
+    UNKNOWN,
+    IdentifiedEffect,
+    Interval,
+    ParameterAgreement,
+)
 from adk_ros.mismatch.library.effect import ALWAYS
 from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.residuals import BIN_S
@@ -55,6 +61,20 @@ def sizes_from(decision: Decision, joint: JointLikelihood, kept: Collection[int]
         for a, before in zip(fitted.hypothesis.effects, acting, strict=True)
     )
     return replace(fitted, hypothesis=replace(fitted.hypothesis, effects=effects))
+
+
+def best_single(path: SelectionPath, decision: Decision) -> Decision | None:
+    """Return the best single effect of a selection, if it gains enough and is not decided."""
+    if len(path.levels) < 2:
+        return None
+    null, h = path.levels[0][0], path.levels[1][0]
+    (active,) = h.effects
+    decided = {name for e in decision.effects for name in (e.effect.name, *e.alternatives)}
+    if active.effect.name in decided or not is_improvement(h, null, path):
+        return None
+    kind = active.activation.kind
+    given = IdentifiedEffect(active.effect, {}, 0.0, [], kind, [], null.loss - h.loss, ())
+    return Decision(UNKNOWN, [given], None, h, None)
 
 
 def active_duration(active: ActiveEffect, likelihood: Likelihood) -> float:

@@ -184,6 +184,8 @@ class ParameterAgreement:
     disagree: bool = False
     odd: int | None = None
     others: float = math.nan
+    claimed: bool = True
+    """False: the best single effect, which is no part of the result; listed if it disagrees."""
 
 
 @dataclass(frozen=True)

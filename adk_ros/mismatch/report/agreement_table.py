@@ -55,9 +55,15 @@ def _disagreement(row: ParameterAgreement, names: list[str]) -> str:
             f"{others} in {rest} ({test})."
         )
     sizes = [f"{interval_text(x, written)} in {names[i]}" for i, x in shown.items()]
+    what = f"{written.label} of {title(row.effect)}"
+    if not row.claimed:
+        return (
+            f"The recordings disagree on {what}, the best single effect, which is therefore not "
+            f"claimed with one size: {listed(sizes)} ({test}). Analyse them separately."
+        )
     return (
-        f"The recordings disagree on {written.label} of {title(row.effect)}: "
-        f"{listed(sizes)} ({test}). The joint size is a mean of different sizes."
+        f"The recordings disagree on {what}: {listed(sizes)} ({test}). The joint size is a mean "
+        "of different sizes."
     )
 
 
@@ -94,7 +100,8 @@ def agreement_rows(agreement: Agreement) -> tuple[list[str], Rows]:
         if not math.isnan(row.q):
             test = [f"{row.q:.1f}", _p_text(row.p_value), f"{100.0 * row.i_squared:.0f} %"]
         joint = interval_text(row.joint, written)
-        rows.append([title(row.effect), written.label, *sizes, joint, *test])
+        name = title(row.effect) if row.claimed else f"{title(row.effect)} (not claimed)"
+        rows.append([name, written.label, *sizes, joint, *test])
     return header, rows
 
 
@@ -148,6 +155,7 @@ def agreement_dict(agreement: Agreement) -> dict[str, Any]:
                 "q": _number(row.q),
                 "p_value": _number(row.p_value),
                 "i_squared": _number(row.i_squared),
+                "claimed": row.claimed,
                 "agree": None if math.isnan(row.q) else not row.disagree,
             }
             for row in agreement.parameters

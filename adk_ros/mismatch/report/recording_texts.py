@@ -49,7 +49,7 @@ def onset_text(identified: IdentifiedEffect) -> str:
     """Return "from 63.2 s on"; with several recordings, in which of them."""
     onset_s = identified.onset_s or 0.0
     for i, span in enumerate(identified.recordings):
-        if i > 0 and abs(onset_s - span.begin_s) < _JOINT_S:
+        if onset_s < span.begin_s + (_JOINT_S if i > 0 else 0.0):
             return f"from the start of {span.name} on"
         if onset_s < span.end_s - _JOINT_S:
             return f"from {onset_s - span.begin_s:.1f} s of {span.name} on"
