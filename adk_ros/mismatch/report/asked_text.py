@@ -40,7 +40,9 @@ def answer_of(asked: AskedEffect) -> Answer:
     """Return the answer as its parts."""
     rows = [_row(asked.name, "alone", asked.alone)] if asked.alone is not None else []
     if asked.added is not None:
-        rows.append(_row(asked.name, f"next to {_next_to(asked)}", asked.added))
+        # The first column does not wrap on a narrow screen.
+        names = _next_to(asked).replace(FORMULA, "the formula")
+        rows.append(_row(asked.name, f"next to {names}", asked.added))
     verdict = "claimed" if asked.claimed else "not claimed"
     return Answer(
         title(asked.name),
@@ -92,7 +94,8 @@ def _row(name: str, label: str, fit: AskedFit) -> list[str]:
 def where_text(fit: AskedFit) -> str:
     """Return where or when a fitted effect acts."""
     if fit.kind == PLACE:
-        return listed([f"{a:.0f} to {b:.0f} m" for a, b in fit.segments]) + " of the lap"
+        ends = [f"{a:.0f}\u00a0to\u00a0{b:.0f}\u00a0m" for a, b in fit.segments]
+        return f"{listed(ends)} of the lap"
     if fit.kind == TIME:
         return f"from {fit.onset_s or 0.0:.1f} s on"
     return "always"
