@@ -106,10 +106,10 @@ def _with_and_without(effect: Effect, about: Questioned) -> tuple[Hypothesis, Hy
         return h, _fitted(effect, about, h)
     # Last, as in a hypothesis to which it is added.
     others = [a for a in h.effects if a.effect.name != effect.name]
-    own = [a for a in h.effects if a.effect.name == effect.name][:1]
+    asked = [a for a in h.effects if a.effect.name == effect.name][:1]
     without = about.likelihood.fit(others, nuisances=h.nuisances, budget=ABLATION)
     return without, about.likelihood.fit(
-        [*others, *own], nuisances=h.nuisances, budget=FINAL, fit_activation=True
+        [*others, *asked], nuisances=h.nuisances, budget=FINAL, fit_activation=True
     )
 
 

@@ -5,7 +5,7 @@ Tolerance bands of cross plots, as in ISO 19364: boundaries around a simulated c
 
 ISO 19364:2016 overlays measurements on a simulated curve of steering-wheel angle against lateral
 acceleration. Each point of the curve has the tolerances eps_x = offset + share |x| and eps_y
-alike, and the boundaries touch the ellipses with these half axes: at a slope K they are
+in the same way, and the boundaries touch the ellipses with these half axes: at a slope K they are
 
     sqrt(eps_y^2 + K^2 eps_x^2)
 
