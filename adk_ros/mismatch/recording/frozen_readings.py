@@ -41,8 +41,8 @@ def without_frozen_readings(log: SensorLog) -> tuple[SensorLog, list[str]]:
         pose=log.pose[~frozen],
     )
     if not notes:
-        notes += _note("the IMU", "is missing", _gaps(log.imu_s))
-        notes += _note("odometry", "is missing", _gaps(log.odometry_s))
+        notes += _note("the IMU", "is missing", gaps(log.imu_s))
+        notes += _note("odometry", "is missing", gaps(log.odometry_s))
     return log, notes
 
 
@@ -72,7 +72,7 @@ def _intervals(at_s: FloatArray, inside: BoolArray) -> list[tuple[float, float]]
     ]
 
 
-def _gaps(at_s: FloatArray) -> list[tuple[float, float]]:
+def gaps(at_s: FloatArray) -> list[tuple[float, float]]:
     """Return the times (begin, end) without messages."""
     if at_s.size < 2:
         return []

@@ -7,10 +7,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from helpers.mismatch import steady
 
+from adk_ros.mismatch.inference.likelihood import _unmeasured_bins
 from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
 from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
 
 
 def noisy(resolution: float = 0.0) -> SensorLog:
@@ -66,3 +69,20 @@ def test_missing_messages_are_named() -> None:
         "the IMU is missing in one interval, 0.5 s in all, the longest 0.5 s, the first at 12.0 s:"
         " a dropout of the sensor, which counts as missing data"
     ]
+
+
+def test_bins_in_a_gap_of_odometry_do_not_count() -> None:
+    log = noisy()
+    kept = (log.odometry_s < 12.0) | (log.odometry_s > 12.5)
+    problem = prepare_residual_problem(
+        replace(
+            log,
+            odometry_s=log.odometry_s[kept],
+            odometry=log.odometry[kept],
+            pose=log.pose[kept],
+        )
+    )
+    out = problem.bin_s[_unmeasured_bins(problem)]
+    assert out[0] == pytest.approx(11.8, abs=0.1)
+    assert out[-1] == pytest.approx(13.5, abs=0.1)
+    assert not _unmeasured_bins(prepare_residual_problem(log)).any()
