@@ -22,8 +22,7 @@ import numpy as np
 
 from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
 from adk_ros.mismatch.library.criteria import SETTLING_S
-from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
-from adk_ros.mismatch.surrogate.feature_terms import feature_signals
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.surrogate.residuals import BIN_S, ResidualProblem
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.mismatch.surrogate.state_index import A_X, YAW_RATE
@@ -142,15 +141,15 @@ def _run(problem: ResidualProblem, p: FloatArray, terms: ActiveTerms) -> dict[st
 def _measured(problem: ResidualProblem) -> dict[str, FloatArray]:
     """Return speed, yaw rate, a_x, torque and road-wheel angle (b,) of the recording."""
     log, bins = problem.log, problem.bins
-    signals = feature_signals(problem, problem.run(default_parameters()))
+    torque, delta = problem.mean_commands()
     count = np.bincount(problem.imu_bin, minlength=bins)
     total = np.bincount(problem.imu_bin, log.imu[:, 0], bins)
     return {
         "v_x": problem.binned(problem.smoothed_odometry[:, 0]),
         "yaw_rate": problem.binned(problem.smoothed_odometry[:, 2]),
         "a_x": np.where(count > 0, total / np.maximum(count, 1), np.nan),
-        "torque": problem.binned(signals["torque"]),
-        "delta": problem.binned(signals["delta"]),
+        "torque": problem.binned(torque),
+        "delta": problem.binned(delta),
     }
 
 

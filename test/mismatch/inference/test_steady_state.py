@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 from helpers.mismatch_drive import driven, likelihood_of, questioned, simulated_car
 
+from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.steady_state import (
     AIR_DENSITY,
     SteadyState,
     line_error,
     steady_state,
 )
-from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.library.surrogate_parameters import INDEX, SIZE
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.joined_problem import JoinedProblem
 from adk_ros.numerics.constants import QUANTILE_90
 
 
@@ -67,3 +71,21 @@ def test_too_little_quasi_steady_driving_gives_none() -> None:
     wild[:, 1] += 0.05 * np.sign(np.sin(40.0 * log.command_s))
     likelihood = likelihood_of(type(log)(**{**vars(log), "command": wild}))
     assert steady_state(likelihood, likelihood.fit([]), has_torque=True).understeer is None
+
+
+def test_several_recordings_are_one_characteristic() -> None:
+    log = driven(drag_area=1.6)
+    joined = JoinedProblem.of([log, log], [log.noise(), log.noise()])
+    surrogate = SurrogateModel(
+        simulated_car(), np.zeros(6), 1e-4 * np.ones((6, joined.bins)), np.empty((0, SIZE))
+    )
+    parts = [Likelihood.of(part, surrogate) for part in joined.parts]
+    both = JointLikelihood.joined(joined, surrogate, parts)
+    result = steady_state(both, both.fit([]), has_torque=True)
+    assert result.resistance is not None
+    alone = shown(drag_area=1.6).resistance
+    assert alone is not None
+    assert result.resistance.seconds == pytest.approx(2.0 * alone.seconds, rel=0.1)
+    np.testing.assert_allclose(
+        result.resistance.measured.line, alone.measured.line, rtol=0.1, atol=1e-3
+    )
