@@ -13,8 +13,8 @@ import yaml
 from helpers.mismatch import CAR, case, steady
 
 from adk_ros.bench.mismatch.case_generator import InjectedMismatch, make_case
-from adk_ros.bench.mismatch.case_matrix import UNLISTED_IN
 from adk_ros.bench.mismatch.injectors import UNLISTED
+from adk_ros.bench.mismatch.unlisted_labels import UNLISTED_IN
 from adk_ros.errors import UsageError
 from adk_ros.files.yaml_file import validate
 from adk_ros.mismatch import simulator

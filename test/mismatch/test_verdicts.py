@@ -1,0 +1,127 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Verdicts on recordings that mislead: what is said must be true of the car."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from adk_ros.bench.mismatch.case_generator import GeneratedCase, InjectedMismatch, make_case
+from adk_ros.bench.mismatch.injectors import FULL, UNLISTED
+from adk_ros.bench.mismatch.multibody import MULTI_BODY
+from adk_ros.mismatch.analysis import identify_mismatch
+from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN, MismatchResult
+from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
+from adk_ros.mismatch.report.result_files import as_dict
+from adk_ros.mismatch.report.summary import sentence
+
+pytestmark = pytest.mark.slow
+SECONDS = (100.0, 150.0, 30.0)
+
+
+@cache
+def made(name: str, strength: float = 1.0, plant: str = "seven_dof") -> GeneratedCase:
+    if name in UNLISTED:
+        injected = InjectedMismatch(unlisted={name: strength * UNLISTED[name]})
+    else:
+        injected = InjectedMismatch({name: FULL[name]} if name else {})
+    return make_case(name or "clean", injected, 21, plant, seconds=SECONDS)
+
+
+@cache
+def result_of(name: str, strength: float = 1.0, plant: str = "seven_dof") -> MismatchResult:
+    case = made(name, strength, plant)
+    return identify_mismatch(case.simulation, case.recording, case.nominal)
+
+
+def claimed(result: MismatchResult) -> list[str]:
+    """Return the effects that are named with a confidence of 0.9 or more."""
+    return [x.effect.name for x in result.effects if x.confidence >= 0.9]
+
+
+def test_a_sloshing_load_is_no_soft_tyre() -> None:
+    result = result_of("sloshing_load")
+    assert result.verdict == UNKNOWN
+    assert claimed(result) == []
+    assert result.unexplained is not None
+    assert "moves sideways at 0.5" in result.unexplained.meaning
+
+
+def test_an_oscillating_yaw_moment_is_no_yaw_inertia() -> None:
+    result = result_of("time_periodic_yaw")
+    assert result.verdict == UNKNOWN
+    assert claimed(result) == []
+    assert result.unexplained is not None
+    assert "oscillates in time at 0.28 Hz" in result.unexplained.meaning
+
+
+def test_downforce_comes_alone() -> None:
+    result = result_of("aero_downforce", plant="spring_car")
+    assert result.verdict == EXPLAINED
+    assert claimed(result) == ["aero_downforce"]
+
+
+def test_rotating_inertia_is_no_build_tolerance() -> None:
+    result = result_of("rotating_inertia")
+    assert result.verdict in {EXPLAINED, UNKNOWN}
+    if result.verdict == EXPLAINED:
+        assert "rotating_inertia" in {x.effect.name for x in result.effects} | {
+            name for x in result.effects for name in x.alternatives
+        }
+
+
+def test_a_foreign_car_steers_less() -> None:
+    """The multi-body model of another project, on both sides."""
+    injected = InjectedMismatch({"steering_ratio": {"scale": 0.93}})
+    case = make_case("ratio", injected, 22, MULTI_BODY, seconds=SECONDS)
+    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    named = {x.effect.name for x in result.effects}
+    assert "steering_ratio" in named | {name for x in result.effects for name in x.alternatives}
+    direct = [x for x in result.direct if "steering_ratio" in x.effects]
+    assert any(x.differs for x in direct)
+
+
+def test_a_change_in_the_held_out_part_alone_is_not_selected() -> None:
+    """Effects are selected on the part before; what they leave later is said."""
+    case = made("")
+    log = case.recording
+    later = log.command_s > log.duration_s * (1.0 - HELD_OUT_SHARE) + 2.0
+    command = log.command.copy()
+    command[later, 0] *= 1.4
+    result = identify_mismatch(case.simulation, replace(log, command=command), case.nominal)
+    assert result.effects == []
+    assert result.verdict == UNKNOWN
+    assert result.unexplained is not None
+    assert "v_x" in result.unexplained.equations
+
+
+def test_a_different_build_is_no_mismatch() -> None:
+    result = result_of("")
+    assert (result.verdict, result.effects) == (NONE, [])
+
+
+@pytest.mark.parametrize(
+    ("name", "plant"),
+    [("sloshing_load", "seven_dof"), ("time_periodic_yaw", "seven_dof"), ("", "seven_dof"),
+     ("rotating_inertia", "seven_dof"), ("aero_downforce", "spring_car")],
+)  # fmt: skip
+def test_no_correction_makes_held_out_data_worse(name: str, plant: str) -> None:
+    result = result_of(name, plant=plant)
+    for state, before in result.before.items():
+        assert result.after[state] <= 1.02 * before, state
+    assert not re.search(r"\bnan\b", sentence(result), re.IGNORECASE)
+    assert not re.search(r"\bnan\b", str(as_dict(result)), re.IGNORECASE)
+
+
+def test_every_claim_has_a_probability() -> None:
+    for effect in result_of("rotating_inertia").effects:
+        total = effect.confidence + sum(
+            p for name, p in effect.posterior.items() if name not in effect.alternatives
+        )
+        assert total == pytest.approx(1.0, abs=2e-3)
+        assert np.isfinite(effect.confidence)
