@@ -50,8 +50,8 @@ def test_losses_on_blocks_left_out_are_those_of_refits() -> None:
     y = np.random.default_rng(2).normal(size=N) + 0.3 * COLUMNS[:, 0]
     losses = BlockScores.of_fit(fit_of(y, sigma=0.1), BLOCK).left_out_losses()
     for number in (0, 7, 19):
-        without = fit_of(y, BLOCK != number, sigma=0.1)
-        held = BLOCK == number
+        without = fit_of(y, number != BLOCK, sigma=0.1)
+        held = number == BLOCK
         expected = ((y - COLUMNS @ without.x)[held] ** 2).sum()
         assert losses[number] == pytest.approx(expected, rel=1e-3)
 
