@@ -74,6 +74,11 @@ class RecordedData:
     splits_s: tuple[float, ...]
     recordings: tuple[RecordingSpan, ...] = ()
 
+    @property
+    def single_lap(self) -> Lap | None:
+        """The lap of the only route, None for several routes."""
+        return self.lap if self.lap is not None and len(self.lap.routes) == 1 else None
+
     @classmethod
     def of(
         cls,

@@ -82,8 +82,6 @@ def test_a_foreign_car_steers_less() -> None:
     result = identify_mismatch(case.simulation, case.recording, case.nominal)
     named = {x.effect.name for x in result.effects}
     assert "steering_ratio" in named | {name for x in result.effects for name in x.alternatives}
-    direct = [x for x in result.direct if "steering_ratio" in x.effects]
-    assert any(x.differs for x in direct)
 
 
 def test_a_change_in_the_held_out_part_alone_is_not_selected() -> None:

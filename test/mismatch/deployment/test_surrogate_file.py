@@ -12,7 +12,7 @@ import yaml
 from helpers.mismatch import car, steady
 
 from adk_ros.errors import UsageError
-from adk_ros.mismatch import analysis
+from adk_ros.mismatch import inputs
 from adk_ros.mismatch.deployment.simulator_input import load_simulator
 from adk_ros.mismatch.deployment.surrogate_file import is_surrogate_file, load_surrogate
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml, surrogate_yaml
@@ -166,7 +166,7 @@ def test_a_wrong_identification_is_refused(tmp_path: Path, change: dict, message
 
 
 def test_an_unknown_surrogate_error_is_noted(tmp_path: Path) -> None:
-    known = analysis._notes_on_known(reloaded(surrogate(), tmp_path))
-    (unknown,) = analysis._notes_on_known(load_surrogate(SCHEMA_1).content.surrogate())
+    known = inputs._notes_on_known(reloaded(surrogate(), tmp_path))
+    (unknown,) = inputs._notes_on_known(load_surrogate(SCHEMA_1).content.surrogate())
     assert known == []
     assert "does not hold its error" in unknown

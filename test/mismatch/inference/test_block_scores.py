@@ -9,7 +9,7 @@ import pytest
 
 from adk_ros.mismatch.inference.block_scores import BlockScores
 from adk_ros.mismatch.inference.significance import critical_value
-from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.numerics.levenberg_marquardt import BoundedParameters, FitOptions, FitResult, minimise
 
 N, PER_BLOCK = 800, 40
@@ -17,9 +17,9 @@ BLOCK: IntArray = np.repeat(np.arange(N // PER_BLOCK), PER_BLOCK)
 COLUMNS = np.column_stack([np.sin(0.02 * np.arange(N)), np.ones(N)])
 
 
-def fit_of(y: FloatArray, rows: FloatArray | None = None, sigma: float = np.inf) -> FitResult:
+def fit_of(y: FloatArray, rows: BoolArray | None = None, sigma: float = np.inf) -> FitResult:
     """Fit a straight-line model to `y` (n,), with a prior of `sigma` on the second parameter."""
-    used = np.ones(N, dtype=bool) if rows is None else np.asarray(rows, dtype=bool)
+    used = np.ones(N, dtype=bool) if rows is None else rows
     wide = np.full(2, 1e6)
     parameters = BoundedParameters(
         np.zeros(2), -wide, wide, np.full(2, 1e-4), np.zeros(2), np.array([np.inf, sigma])
@@ -50,8 +50,8 @@ def test_losses_on_blocks_left_out_are_those_of_refits() -> None:
     y = np.random.default_rng(2).normal(size=N) + 0.3 * COLUMNS[:, 0]
     losses = BlockScores.of_fit(fit_of(y, sigma=0.1), BLOCK).left_out_losses()
     for number in (0, 7, 19):
-        without = fit_of(y, number != BLOCK, sigma=0.1)
-        held = number == BLOCK
+        held = np.equal(BLOCK, number)
+        without = fit_of(y, ~held, sigma=0.1)
         expected = ((y - COLUMNS @ without.x)[held] ** 2).sum()
         assert losses[number] == pytest.approx(expected, rel=1e-3)
 

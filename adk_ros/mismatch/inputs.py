@@ -1,0 +1,127 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Inputs of a mismatch analysis: checked recordings, and the simulator's surrogate model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.mismatch.library.criteria import SURROGATE_ERROR_AS_NOISE
+from adk_ros.mismatch.recorded_data import RecordedData, usable_recordings
+from adk_ros.mismatch.recording.checks import (
+    check_recording,
+    check_same_vehicle,
+    check_torque_unit,
+    check_vehicle,
+)
+from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
+from adk_ros.mismatch.recording.joined import concatenated, in_sequence
+from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
+from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
+from adk_ros.mismatch.simulator import DEFAULT_WHEEL_RADIUS, default_vehicle, surrogate_of
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.lap import Lap
+from adk_ros.numerics.arrays import FloatArray
+
+SurrogateProgress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The simulator's bag or surrogate, the identified surrogate, the recordings, and notes."""
+
+    simulation: SensorLog | SurrogateModel
+    surrogate: SurrogateModel
+    data: RecordedData
+    has_imu: bool
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        simulation: SensorLog | SurrogateModel,
+        recordings: Sequence[SensorLog],
+        nominal: NominalVehicle | None,
+        held_out_share: float,
+        progress: SurrogateProgress,
+    ) -> Inputs:
+        """
+        Check recordings and simulation, and identify the simulator.
+
+        `held_out_share` of each recording is not used for training.
+        :raises DataError: the recordings do not allow an analysis.
+        """
+        has_imu = all(log.imu_s.size > 0 for log in recordings)
+        logs = usable_recordings(recordings)
+        notes: list[str] = []
+        for i, log in enumerate(logs):
+            logs[i], dropouts = without_frozen_readings(log)
+            notes += [f"{log.name}: {line}" for line in dropouts] if len(logs) > 1 else dropouts
+        noise = [log.noise() for log in logs]
+        if isinstance(simulation, SurrogateModel):
+            surrogate = simulation
+            notes += _notes_on_known(surrogate)
+            noise = [np.maximum(x, _error_as_noise(surrogate)) for x in noise]
+        else:
+            _check_simulation(simulation, logs, nominal)
+            progress(0.0, "identifying the simulator")
+            every = logs[0] if len(logs) == 1 else concatenated(in_sequence(logs))
+            surrogate, found = surrogate_of(simulation, every, nominal, progress)
+            notes += [*found, *_notes_on_default_vehicle(nominal)]
+        data = RecordedData.of(surrogate, logs, noise, has_imu, held_out_share)
+        notes += _notes_on_lap(data.lap)
+        return cls(simulation, surrogate, data, has_imu, tuple(notes))
+
+
+def _check_simulation(
+    simulation: SensorLog, logs: Sequence[SensorLog], nominal: NominalVehicle | None
+) -> None:
+    check_recording(simulation)
+    for log in logs:
+        check_same_vehicle(simulation, log)
+    if nominal is not None:
+        check_vehicle(nominal, simulation)
+    vehicle = nominal or default_vehicle(simulation)
+    for log in logs:
+        check_torque_unit(log, vehicle.mass, vehicle.wheel_radius)
+
+
+def _error_as_noise(surrogate: SurrogateModel) -> FloatArray:
+    """
+    Return the part (6,) of a known surrogate's error that counts as sensor noise.
+
+    Not for a surrogate from a file, which was identified on a noise-free simulation.
+    """
+    if surrogate.autocovariance is not None:
+        return np.zeros(len(CHANNELS))
+    return np.asarray(SURROGATE_ERROR_AS_NOISE * surrogate.error)
+
+
+def _notes_on_known(surrogate: SurrogateModel) -> list[str]:
+    if np.any(surrogate.error > 0.0):
+        return []
+    return [
+        "the surrogate's file does not hold its error on the simulation: effects may be reported "
+        "with too much confidence; write the file again from the simulation's bag"
+    ]
+
+
+def _notes_on_default_vehicle(nominal: NominalVehicle | None) -> list[str]:
+    if nominal is not None:
+        return []
+    return [
+        "no --vehicle: masses and lengths are identified from the simulation, for wheels of "
+        f"{DEFAULT_WHEEL_RADIUS:g} m radius"
+    ]
+
+
+def _notes_on_lap(lap: Lap | None) -> list[str]:
+    if lap is not None:
+        return []
+    return [
+        "no part of the route is driven twice, so local effects (grade, bank, friction patches) "
+        "cannot be identified"
+    ]
