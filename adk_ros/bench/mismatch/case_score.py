@@ -166,19 +166,17 @@ def _is_of(text: str, variable: str) -> bool:
     return any(text.startswith(f"{description} {words} ") for words in MEMORY_WORDS)
 
 
-def claims_of(label: dict[str, Any], answer: dict[str, Any]) -> list[ScoredClaim]:
+def scored_claims(label: dict[str, Any], answer: dict[str, Any]) -> list[ScoredClaim]:
     """
     Return the named effects of an answer that state a confidence.
 
-    An alternative counts if the confidence is that of the effect or the alternative: not if the
-    effect's `evidence` sets a probability of its own against it, as in `confidence_fit`.
+    It is that of the effect or one of its alternatives, and right if the label has one of them.
     """
     labelled = {effect["name"] for effect in label["effects"]}
     claims = []
     for effect in answer.get("effects", []):
-        competing = {x["name"] for x in effect.get("evidence", {}).get("alternatives", [])}
         names = [effect["name"], *effect.get("alternatives", [])]
-        right = bool(labelled & (set(names) - competing))
+        right = not labelled.isdisjoint(names)
         if effect.get("confidence") is not None:
             claims.append(ScoredClaim("|".join(names), float(effect["confidence"]), right))
     return claims
@@ -267,7 +265,7 @@ def score_case(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Case
             and not effect.get("sensor")
             for effect in label["effects"]
         ),
-        claims=claims_of(label, answer),
+        claims=scored_claims(label, answer),
         raised=raised_error(answer),
     )
     end_s = max((t[1] for e in wanted for t in e["time_intervals_s"]), default=0.0)
