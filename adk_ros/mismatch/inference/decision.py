@@ -38,7 +38,6 @@ from adk_ros.mismatch.library.criteria import (
     FEATURE_PREFERENCE_RATIO,
     MAX_EXCESS_PER_NOISE,
     MAX_EXCESS_PER_NULL_EXCESS,
-    MAX_REPLACEMENTS,
     MAX_UNSTRUCTURED_EXCESS,
     MIN_GAIN,
     MIN_GAIN_PER_SURROGATE_ERROR,
@@ -48,6 +47,7 @@ from adk_ros.mismatch.library.criteria import (
     SYSTEMATIC_ERROR_SHARE,
 )
 from adk_ros.mismatch.library.effect import EffectParameter
+from adk_ros.mismatch.library.search_limits import MAX_REPLACEMENTS
 from adk_ros.numerics.constants import GRAVITY, QUANTILE_90
 
 

@@ -11,9 +11,10 @@ from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
 from adk_ros.mismatch.inference.linear_response import LinearResponse
 from adk_ros.mismatch.inference.parametric_search import ParametricSearch
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
-from adk_ros.mismatch.library.criteria import MAX_PARAMETRIC_SCREENED, PENALTY_PER_LOCATION
+from adk_ros.mismatch.library.criteria import PENALTY_PER_LOCATION
 from adk_ros.mismatch.library.features import FEATURES, feature_matrix
 from adk_ros.mismatch.library.parametric_features import searched_parameters
+from adk_ros.mismatch.library.search_limits import MAX_PARAMETRIC_SCREENED
 from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS, feature_signals
 from adk_ros.numerics.arrays import FloatArray
 

@@ -34,6 +34,16 @@ from adk_ros.mismatch.inference.segments import (
 )
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
+    MIN_GAIN,
+    MIN_GAIN_PER_EXCESS,
+    MIN_GAIN_PER_NULL_EXCESS,
+    MIN_GAIN_PER_SURROGATE_ERROR,
+    ONSET_MIN_GAIN_RATIO,
+    PENALTY_PER_LOCATION,
+    PENALTY_PER_PARAMETER,
+)
+from adk_ros.mismatch.library.effect import ALWAYS, PLACE, TIME
+from adk_ros.mismatch.library.search_limits import (
     BEAM_EXCESS_SHARE,
     BEAM_NOISE_SHARE,
     BEAM_WIDTH,
@@ -42,22 +52,14 @@ from adk_ros.mismatch.library.criteria import (
     MAX_REFITS,
     MAX_SEGMENTED_FITTED,
     MAX_SINGLES_FITTED,
-    MIN_GAIN,
-    MIN_GAIN_PER_EXCESS,
-    MIN_GAIN_PER_NULL_EXCESS,
-    MIN_GAIN_PER_SURROGATE_ERROR,
     MIN_SCREENED_GAIN,
     MIN_SCREENED_GAIN_ONSET,
     MIN_SCREENED_GAIN_SEGMENT,
     MIN_SCREENED_GAIN_SINGLE,
-    ONSET_MIN_GAIN_RATIO,
-    PENALTY_PER_LOCATION,
-    PENALTY_PER_PARAMETER,
     PRUNING_SHARE,
     REFIT_EXCESS_RATIO,
     REFIT_NOISE_SHARE,
 )
-from adk_ros.mismatch.library.effect import ALWAYS, PLACE, TIME
 from adk_ros.mismatch.surrogate.lap import Lap
 
 Progress = Callable[[float, float, str], None]

@@ -21,14 +21,16 @@ from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Like
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
-    COMPETITOR_REFIT_MARGINS,
-    CONFUSABLE_GAIN_FACTOR,
     GYRO_BIAS_SIGMAS,
     INDISTINGUISHABLE_LOSS,
     INDISTINGUISHABLE_LOSS_SHARE,
-    MAX_COMPETITORS,
 )
 from adk_ros.mismatch.library.effect import ALWAYS, PLACE, Effect
+from adk_ros.mismatch.library.search_limits import (
+    COMPETITOR_REFIT_MARGINS,
+    CONFUSABLE_GAIN_FACTOR,
+    MAX_COMPETITORS,
+)
 from adk_ros.numerics.arrays import FloatArray
 
 STRUCTURALLY_EQUIVALENT: dict[str, tuple[str, ...]] = {

@@ -20,12 +20,9 @@ from adk_ros.mismatch.inference.fit_budget import SEGMENTS
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
 from adk_ros.mismatch.inference.segmentation import BINS, best_segments, bins_of_lap
-from adk_ros.mismatch.library.criteria import (
-    MAX_SEGMENTS,
-    MIN_SEGMENT_TRANSITIONS,
-    PENALTY_PER_SEGMENT,
-)
+from adk_ros.mismatch.library.criteria import MIN_SEGMENT_TRANSITIONS, PENALTY_PER_SEGMENT
 from adk_ros.mismatch.library.effect import PLACE, Effect
+from adk_ros.mismatch.library.search_limits import MAX_SEGMENTS
 from adk_ros.mismatch.surrogate.activation import (
     ALWAYS_ACTIVE,
     ROUTE_SPACING_M,

@@ -23,14 +23,13 @@ from adk_ros.mismatch.inference.forward_selection import select_effects
 from adk_ros.mismatch.inference.likelihood import ActiveEffect, Likelihood
 from adk_ros.mismatch.inference.unmodelled import fit_feature_expansion
 from adk_ros.mismatch.library.criteria import (
-    DOMINANT_EFFECT_MISFIT,
     EFFECT_PRIOR_SHARE,
     EXTENSION_ERROR_TO_NOISE,
     MAX_EXTENSION_MISFIT,
-    MAX_EXTENSION_PASSES,
     MAX_ROAD_MISFIT,
 )
 from adk_ros.mismatch.library.features import feature
+from adk_ros.mismatch.library.search_limits import DOMINANT_EFFECT_MISFIT, MAX_EXTENSION_PASSES
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, NAMES, SIZE
 from adk_ros.mismatch.surrogate.identification import (
     OBSERVER_GAIN_FACTORS,

@@ -32,20 +32,22 @@ from adk_ros.mismatch.library.criteria import (
     FEATURE_MAJORITY_SHARE,
     FEATURE_MIN_GAIN,
     FEATURE_MIN_GAIN_PER_EXCESS,
-    FEATURE_REFIT_GAIN_SHARE,
     FEATURE_RESIDUAL_SHARE,
     FEATURE_TIE_LOSS,
     FEATURE_TIE_LOSS_PER_SURROGATE_ERROR,
-    MAX_FEATURE_REFITS,
-    MAX_FEATURES,
-    MAX_FEATURES_FITTED,
     MIN_GAIN_PER_SURROGATE_ERROR,
-    MIN_SCREENED_GAIN_FEATURE,
     PENALTY_PER_LOCATION,
     PENALTY_PER_PARAMETER,
 )
 from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.parametric_features import searched_parameters
+from adk_ros.mismatch.library.search_limits import (
+    FEATURE_REFIT_GAIN_SHARE,
+    MAX_FEATURE_REFITS,
+    MAX_FEATURES,
+    MAX_FEATURES_FITTED,
+    MIN_SCREENED_GAIN_FEATURE,
+)
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.surrogate.feature_terms import (
     FeatureTerm,

@@ -79,39 +79,9 @@ MIN_GAIN_PER_SURROGATE_ERROR = 0.12
 Least gain, as a share of the surrogate error: that error repeats every lap, whitening takes it for
 new noise, and any effect may resemble part of it. Empirical.
 """
-MAX_EFFECTS = 3
-"""Most effects of one hypothesis. Empirical: bounds the computing time."""
 
-MAX_SINGLES_FITTED = 16
-"""Most single effects that are fitted, of those screened. Empirical: computing time."""
-BEAM_WIDTH = 3
-"""Hypotheses of one size that are extended by another effect. Empirical: computing time."""
-MAX_REFITS = 6
-"""Hypotheses of one size that are fitted jointly. Empirical: computing time."""
-PRUNING_SHARE = 0.4
-"""Candidates with a linearised gain below this share of the required gain are not fitted."""
-MIN_SCREENED_GAIN_SINGLE = 0.05
-"""Least linearised gain of a single effect that is fitted, as a share of the best. Empirical."""
-MIN_SCREENED_GAIN = 0.3
-"""The same for a second and third effect."""
-MIN_SCREENED_GAIN_ONSET = 0.5
-"""The same for effects that begin at a time."""
-MIN_SCREENED_GAIN_SEGMENT = 0.2
-"""The same for effects in segments of the lap."""
-MAX_ONSETS_FITTED = 2
-"""Most effects with an onset that are fitted for one start. Empirical: computing time."""
-MAX_SEGMENTED_FITTED = 3
-"""Most effects in segments that are fitted for one start. Empirical: computing time."""
 ONSET_MIN_GAIN_RATIO = 1.1
 """An effect from an onset on must gain this many times what it gains throughout. Empirical."""
-BEAM_EXCESS_SHARE = 0.5
-"""A hypothesis within this share of the best one's excess loss is extended. Empirical."""
-BEAM_NOISE_SHARE = 0.04
-"""Share of a perfect model's loss added to that margin. Empirical: computing time."""
-REFIT_EXCESS_RATIO = 2.0
-"""A hypothesis below this multiple of the best excess loss is fitted jointly. Empirical."""
-REFIT_NOISE_SHARE = 0.08
-"""Share of a perfect model's loss added to that margin. Empirical: computing time."""
 
 # --- Where and when an effect acts -------------------------------------------------------------
 
@@ -119,8 +89,6 @@ MIN_DISTANCE_TO_END_S = 15.0
 """s. Onsets closer than this to either end of the recording are not considered. Empirical."""
 PENALTY_PER_SEGMENT = 16.0
 """Loss that each segment must gain: two boundaries of `PENALTY_PER_LOCATION`."""
-MAX_SEGMENTS = 6
-"""Most segments of one effect on a lap. Empirical."""
 MIN_SEGMENT_TRANSITIONS = 2.0
 """A segment shorter than this many transition lengths has vanished."""
 
@@ -133,12 +101,6 @@ likelihood ratio of e^6. Empirical.
 """
 INDISTINGUISHABLE_LOSS_SHARE = 2e-4
 """Share of the identified effect's gain added to that margin: no effect's equation is exact."""
-MAX_COMPETITORS = 4
-"""Competing effects that are fitted for each identified one. Empirical: computing time."""
-CONFUSABLE_GAIN_FACTOR = 4.0
-"""Factor on the linearised gain of effects that the catalogue lists as confusable. Empirical."""
-COMPETITOR_REFIT_MARGINS = 20.0
-"""A competing effect within this many margins is fitted to convergence. Empirical."""
 CONFIDENCE_INEXACTNESS = 0.002
 """
 Share of the loss saved by all effects by which the log-likelihood is tempered (see
@@ -155,8 +117,6 @@ An IMU bias whose gyro part is within this many standard deviations of zero is r
 
 # --- Unmodelled dynamics -----------------------------------------------------------------------
 
-MAX_FEATURES = 4
-"""Most features of one expression. Empirical."""
 FEATURE_MIN_GAIN = 60.0
 """Least gain of a feature; there are more features than effects to choose from. Empirical."""
 FEATURE_MIN_GAIN_PER_EXCESS = 0.08
@@ -170,16 +130,6 @@ FEATURE_COEFFICIENT_BOUND = 20.0
 """Bound of a feature's coefficient at a feature of unit RMS, m/s² or rad/s²: two g."""
 FEATURE_RESIDUAL_SHARE = 0.03
 """No further feature is added when less than this share of the excess loss is left. Empirical."""
-MAX_FEATURES_FITTED = 5
-"""Features that are fitted in each round. Empirical: computing time."""
-MAX_PARAMETRIC_SCREENED = 6
-"""Features with searched parameters that are simulated in each round. Empirical: time."""
-MAX_FEATURE_REFITS = 2
-"""Features that are fitted anew with updated nuisance derivatives. Empirical: computing time."""
-MIN_SCREENED_GAIN_FEATURE = 0.5
-"""Least linearised gain of a feature that is fitted, as a share of the best. Empirical."""
-FEATURE_REFIT_GAIN_SHARE = 0.85
-"""Least gain of a feature that is fitted anew, as a share of the best. Empirical."""
 FEATURE_TIE_LOSS = 20.0
 """Features within this loss of the best are tied: the shortest expression is taken. Empirical."""
 FEATURE_TIE_LOSS_PER_SURROGATE_ERROR = 0.02
@@ -233,8 +183,6 @@ FEATURE_PREFERENCE_RATIO = 1.5
 An expression without effects is preferred if its excess loss is less than this multiple of that of
 effects with an expression. Empirical.
 """
-MAX_REPLACEMENTS = 2
-"""Most exchanges of an identified effect for a competing one. Empirical."""
 REPLACEMENT_LOSS = 8.0
 """Loss by which a competing effect must be better to take the place of an identified one."""
 
@@ -270,10 +218,6 @@ an error already hides effects, but an extension of the surrogate would fit nois
 """
 MAX_EXTENSION_MISFIT = 0.67
 """An extension is kept if it leaves at most this share of the misfit. Empirical."""
-DOMINANT_EFFECT_MISFIT = 0.2
-"""An effect that leaves at most this share of the misfit ends the search of a pass. Empirical."""
-MAX_EXTENSION_PASSES = 3
-"""Most extensions of one surrogate. Empirical."""
 MAX_ROAD_MISFIT = 0.85
 """A road profile is dropped if its first fit leaves more than this share. Empirical."""
 EFFECT_PRIOR_SHARE = 0.5
