@@ -9,8 +9,9 @@ parameter without effect gains 1 on average. The excess loss is the loss above t
 model. The surrogate error counts in the same unit: the residuals that the surrogate's own error,
 and not noise, accounts for.
 
-"Empirical" marks a value that was set on generated cases (`adk bench concealed --own`) and has
-not been calibrated on real vehicles.
+Sources: "calibrated" marks a value that `adk bench concealed --calibrate` compares with what it
+has to separate, on generated cases that no benchmark contains; "convention" a usual level; "by
+choice" a value that neither data nor a derivation decides. None is calibrated on real vehicles.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ SENSOR_OFFSET_PRIORS: dict[str, tuple[float, float]] = {
     "bias_gyro": (2e-4, 7e-4),
 }
 """
-Prior standard deviation and hard bound of a sensor's constant offset, m/s² and rad/s. Empirical,
-of the order of a calibrated automotive IMU; no data sheet is named.
+Prior standard deviation and hard bound of a sensor's constant offset, m/s² and rad/s. By
+choice, of the order of a calibrated automotive IMU; no data sheet is named.
 """
 WEAK_DIRECTION_BOUND = 3.0
 """
@@ -40,7 +41,7 @@ Hard bound along a direction that the simulation determines poorly, in its own s
 SURROGATE_ERROR_CLIP = 5.0
 """
 The surrogate's residuals on the simulation are clipped at this many noise standard deviations
-before their spectrum is estimated: a few outliers must not blind a channel. Empirical.
+before their spectrum is estimated: a few outliers must not blind a channel. By choice.
 """
 
 # --- Data that count ---------------------------------------------------------------------------
@@ -58,35 +59,40 @@ SETTLING_S = 1.0
 PENALTY_PER_PARAMETER = 8.0
 """
 Loss that each fitted parameter of an effect must gain. AIC asks 2, BIC ln(n), about 11 for the
-6e4 residuals of four minutes; the value lies between. Empirical.
+6e4 residuals of four minutes; the value, by choice, lies between.
 """
 PENALTY_PER_LOCATION = 8.0
 """Loss that each onset or segment boundary must gain in addition, since it was searched for."""
 MIN_GAIN = 40.0
-"""Least penalised gain in loss of an accepted effect. Empirical."""
+"""
+Least penalised gain in loss of an accepted effect, calibrated. In white noise, chance exceeds a
+chi-square of 17 anywhere among some 1300 effects, onsets and places in one of 20 recordings; what
+whitening leaves correlated about doubles it, and `PENALTY_PER_PARAMETER` comes on top.
+"""
 MIN_GAIN_PER_EXCESS = 0.25
 """
 Least gain, as a share of the excess loss before the effect: where much is unexplained, accidental
-correlations gain hundreds. Empirical.
+correlations gain hundreds. Calibrated.
 """
 MIN_GAIN_PER_NULL_EXCESS = 5e-4
 """
 Least gain, as a share of the excess loss before any effect: no effect's equation is exact.
-Empirical.
+Calibrated.
 """
 MIN_GAIN_PER_SURROGATE_ERROR = 0.12
 """
 Least gain, as a share of the surrogate error: that error repeats every lap, whitening takes it for
-new noise, and any effect may resemble part of it. Empirical.
+new noise, and any effect may resemble part of it. Calibrated.
 """
 
 ONSET_MIN_GAIN_RATIO = 1.1
-"""An effect from an onset on must gain this many times what it gains throughout. Empirical."""
+"""An effect from an onset on must gain this many times what it gains throughout. By choice."""
 
 # --- Where and when an effect acts -------------------------------------------------------------
 
 MIN_DISTANCE_TO_END_S = 15.0
-"""s. Onsets closer than this to either end of the recording are not considered. Empirical."""
+"""s. Onsets closer than this to either end of the recording are not considered. By choice: of
+fewer than two blocks (`inference.block_scores`), the later part shows no effect."""
 PENALTY_PER_SEGMENT = 16.0
 """Loss that each segment must gain: two boundaries of `PENALTY_PER_LOCATION`."""
 MIN_SEGMENT_TRANSITIONS = 2.0
@@ -97,7 +103,8 @@ MIN_SEGMENT_TRANSITIONS = 2.0
 INDISTINGUISHABLE_LOSS = 12.0
 """
 A competing effect within this loss of the identified one is indistinguishable from it; a
-likelihood ratio of e^6. Empirical.
+likelihood ratio of e^6. By choice; the credible set of `inference.final_estimate` adds those that
+the posterior leaves probable.
 """
 INDISTINGUISHABLE_LOSS_SHARE = 2e-4
 """Share of the identified effect's gain added to that margin: no effect's equation is exact."""
@@ -118,7 +125,7 @@ An IMU bias whose gyro part is within this many standard deviations of zero is r
 # --- Unmodelled dynamics -----------------------------------------------------------------------
 
 FEATURE_MIN_GAIN = 60.0
-"""Least gain of a feature; there are more features than effects to choose from. Empirical."""
+"""Least gain of a feature; by choice above `MIN_GAIN`: there are more to choose from."""
 FEATURE_MIN_GAIN_PER_EXCESS = 0.08
 """Least gain of a feature, as a share of the excess loss that the expression starts from."""
 FEATURE_MAJORITY_SHARE = 0.5
@@ -129,13 +136,13 @@ explains most of it is no accident, however much the features before it explain.
 FEATURE_COEFFICIENT_BOUND = 20.0
 """Bound of a feature's coefficient at a feature of unit RMS, m/s² or rad/s²: two g."""
 FEATURE_RESIDUAL_SHARE = 0.03
-"""No further feature is added when less than this share of the excess loss is left. Empirical."""
+"""No further feature is added when less than this share of the excess loss is left. By choice."""
 FEATURE_TIE_LOSS = 20.0
-"""Features within this loss of the best are tied: the shortest expression is taken. Empirical."""
+"""Features within this loss of the best are tied: the shortest expression is taken. By choice."""
 FEATURE_TIE_LOSS_PER_SURROGATE_ERROR = 0.02
-"""Share of the surrogate error added to that margin. Empirical."""
+"""Share of the surrogate error added to that margin. By choice."""
 EQUATION_GAIN_SHARE = 0.1
-"""Least share of the leading equation's gain for an equation to be named. Empirical."""
+"""Least share of the leading equation's gain for an equation to be named. By choice."""
 DOWNWEIGHTED_FALSE_ALARM = 0.05
 """
 Probability that chance has as many seconds with downweighted residuals: the rate of false alarms
@@ -152,12 +159,12 @@ loose message. An assumption: with a Poisson distribution four such seconds are 
 SYSTEMATIC_ERROR_SHARE = 0.012
 """
 Systematic standard deviation of an effect's parameter as a share of its size: no effect's equation
-is exact. Enters every reported interval. Empirical.
+is exact. Enters every reported interval. Calibrated.
 """
 SYSTEMATIC_ERROR_PER_MATERIALITY = 0.1
 """
 Systematic standard deviation as a share of the materiality threshold of the parameter. Enters
-every reported interval. Empirical.
+every reported interval. By choice.
 """
 FAMILYWISE_ERROR_RATE = 0.05
 """
@@ -165,23 +172,26 @@ Probability that any of all examined effects, places and onsets is significantly
 chance. Convention; Bonferroni's inequality divides it by their number.
 """
 MAX_EXCESS_PER_NOISE = 0.04
-"""Nothing is unexplained where the excess loss is below this share of a perfect model's loss."""
+"""
+Nothing is unexplained where the excess loss is below this share of a perfect model's loss.
+Calibrated.
+"""
 MAX_EXCESS_PER_NULL_EXCESS = 0.06
-"""The same, as a share of the excess loss before any effect. Empirical, both."""
+"""The same, as a share of the excess loss before any effect. Calibrated."""
 MAX_UNSTRUCTURED_EXCESS = 0.35
 """
 Share of the excess loss before any effect that effects may leave where no feature reduces it.
-Empirical.
+By choice; the held-out errors decide beyond it.
 """
 MIN_UNSTRUCTURED_EXCESS = 0.25
 """
 Excess loss that no effect and no feature reduces is reported above this share of a perfect model's
-loss; below, the surrogate's error on another route explains it. Empirical.
+loss; below, the surrogate's error on another route explains it. By choice.
 """
 FEATURE_PREFERENCE_RATIO = 1.5
 """
 An expression without effects is preferred if its excess loss is less than this multiple of that of
-effects with an expression. Empirical.
+effects with an expression. By choice.
 """
 REPLACEMENT_LOSS = 8.0
 """Loss by which a competing effect must be better to take the place of an identified one."""
@@ -191,16 +201,16 @@ REPLACEMENT_LOSS = 8.0
 MAX_NORMALISED_LOSS = 2.0
 """
 With channels missing, no effect is reported where more than this multiple of a perfect model's
-loss is left: with few channels, effects fit what they do not explain. Empirical.
+loss is left: with few channels, effects fit what they do not explain. By choice.
 """
 MIN_YAW_FILTER_S = 0.1
-"""s. A shorter time constant of the published yaw rate is not taken for a filter. Empirical."""
+"""s. A shorter time constant of the published yaw rate is not taken for a filter. By choice."""
 MAX_FILTER_MISFIT = 0.5
-"""Share of the median misfit without a filter that a yaw-rate filter may leave. Empirical."""
+"""Share of the median misfit without a filter that a yaw-rate filter may leave. By choice."""
 MIN_TORQUE_TO_INERTIA_RATIO = 0.2
 """
 The command is a torque if it accounts for at least this share of the largest accelerations.
-Empirical; a pedal position in [0, 1] accounts for less than 1 %.
+By choice; a pedal position in [0, 1] accounts for less than 1 %.
 """
 
 # --- Surrogate model ---------------------------------------------------------------------------
@@ -208,28 +218,28 @@ Empirical; a pedal position in [0, 1] accounts for less than 1 %.
 EXTENSION_ERROR_TO_NOISE = 4.0
 """
 The surrogate underfits the simulation, and is extended beyond vehicle parameters, where a
-channel's error exceeds this many times the noise of a 40 ms bin. Empirical.
+channel's error exceeds this many times the noise of a 40 ms bin. By choice.
 """
 INCONCLUSIVE_ERROR_TO_NOISE = 2.0
 """
 Without an identified effect, a caveat is added to the result where a channel's surrogate error
 exceeds this many times the noise of a 40 ms bin. Lower than `EXTENSION_ERROR_TO_NOISE`: such
-an error already hides effects, but an extension of the surrogate would fit noise. Empirical.
+an error already hides effects, but an extension of the surrogate would fit noise. By choice.
 """
 MAX_EXTENSION_MISFIT = 0.67
-"""An extension is kept if it leaves at most this share of the misfit. Empirical."""
+"""An extension is kept if it leaves at most this share of the misfit. By choice."""
 MAX_ROAD_MISFIT = 0.85
-"""A road profile is dropped if its first fit leaves more than this share. Empirical."""
+"""A road profile is dropped if its first fit leaves more than this share. By choice."""
 EFFECT_PRIOR_SHARE = 0.5
-"""Prior standard deviation of a surrogate's own effect as a share of its first fit. Empirical."""
+"""Prior standard deviation of a surrogate's own effect as a share of its first fit. By choice."""
 SURROGATE_ERROR_AS_NOISE = 0.5
 """
 Share of the error of a surrogate that was calibrated on a real recording, taken for noise: much of
-it would otherwise be cut off as outliers of a quiet sensor. Empirical.
+it would otherwise be cut off as outliers of a quiet sensor. By choice.
 """
 MIN_ROAD_COVERAGE = 0.8
 """
-Least share of the recording on the simulated road for that road's profile to be used. Empirical.
+Least share of the recording on the simulated road for that road's profile to be used. By choice.
 """
 HELD_OUT_SHARE = 0.25
 """Last share of the recording, on which the improvement is measured. Convention."""
@@ -237,7 +247,7 @@ HELD_OUT_SHARE = 0.25
 MIN_CONFIRMED_SHARE = 0.25
 """
 Least gain of one of several effects on held-out data, as a share of its gain on the training part
-in proportion to the time that it acts. Empirical.
+in proportion to the time that it acts. By choice.
 """
 MAX_EXPLAINED_RATIO = 1.5
 """
@@ -254,14 +264,17 @@ alone moves the RMSE of a hundred predictions by about one per cent.
 MAX_CANDIDATES_LISTED = 5
 """Most candidates that are listed as not claimed. Convention."""
 MAX_IMPROVED_RATIO = 0.98
-"""Error after over before up to which a correction counts as an improvement. Empirical."""
+"""
+Error after over before up to which a correction counts as an improvement: the inverse of
+`MAX_RAISED_RATIO`.
+"""
 
 # --- Experiment design -------------------------------------------------------------------------
 
 DISCRIMINATION_LOSS = 5.0 * INDISTINGUISHABLE_LOSS
 """
 Least loss by which a manoeuvre must separate two effects to be suggested: five times the margin of
-indistinguishable effects. Empirical.
+indistinguishable effects. By choice.
 """
 COMPETITOR_SIZE_SIGMA = 0.03
-"""Standard deviation of a competing effect's size in that comparison, relative. Empirical."""
+"""Standard deviation of a competing effect's size in that comparison, relative. By choice."""
