@@ -107,7 +107,7 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
         )
         if overparameterised:
             difference += margin
-        if not alternative:
+        if not alternative and not overparameterised:
             losses[name] = _left_out_losses(likelihood, fitted)
         competitors.append(
             CompetingEffect(active.effect.name, name, difference, competitor, alternative)
