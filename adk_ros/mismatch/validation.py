@@ -45,7 +45,7 @@ from adk_ros.mismatch.inference.result import (
     HeldOutResult,
     UnexplainedResidual,
 )
-from adk_ros.mismatch.library.criteria import MAX_RAISED_RATIO
+from adk_ros.mismatch.library.criteria import MAX_IMPROVED_RATIO, MAX_RAISED_RATIO
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
@@ -89,14 +89,19 @@ def validate_on_held_out(
     before = rmse(simulation)
     raised: tuple[str, ...] = ()
     text, export, after = simulation_yaml(surrogate), NOT_EXPORTED, before
+    expected = expected_error(surrogate, [x.log for x in held_out])
+    trials = []
     for rung, candidate in _rungs(hypothesis):
         trial = corrected_yaml(surrogate, candidate, lap)
-        errors = rmse(horizon_errors(_parsed(trial), held_out))
-        higher = _raised_states(before, errors, not_judged)
+        trials.append((trial, rung, rmse(horizon_errors(_parsed(trial), held_out))))
+        higher = _raised_states(before, trials[-1][2], not_judged)
         if not higher:
-            text, export, after = trial, rung, errors
+            text, export, after = trials[-1]
             break
         raised = raised or tuple(higher)
+    else:
+        beyond_noise = (x for x in trials if _improves(before, x[2], expected, not_judged))
+        text, export, after = next(beyond_noise, (text, export, after))
     effects = hypothesis.effects
     clean = [replace(x, log=without_sensor_faults(x.log, effects)) for x in held_out]
     unchanged = all(a.log is b.log for a, b in zip(clean, held_out, strict=True))
@@ -112,7 +117,7 @@ def validate_on_held_out(
             before,
             after,
             rmse(persistence_errors(held_out)),
-            expected_error(surrogate, [x.log for x in held_out]),
+            expected,
             corrected,
             int(np.isfinite(simulation[:, REPORTED_HORIZON, 0]).sum()),
         ),
@@ -233,6 +238,21 @@ def _raised_states(before: FloatArray, after: FloatArray, not_judged: Sequence[s
         and not after[REPORTED_HORIZON, i] <= MAX_RAISED_RATIO * before[REPORTED_HORIZON, i]
         and np.isfinite(before[REPORTED_HORIZON, i])
     ]
+
+
+def _improves(
+    before: FloatArray, after: FloatArray, expected: FloatArray, not_judged: Sequence[str]
+) -> bool:
+    """
+    Whether a correction lowers an error above the expected one, and raises none above it.
+
+    Within what noise and the surrogate's own error explain, a higher error is chance.
+    """
+    judged = [i for i, name in enumerate(STATE_NAMES) if name not in not_judged]
+    first, then, noise = (x[REPORTED_HORIZON, judged] for x in (before, after, expected))
+    lower = (first > noise) & (then <= MAX_IMPROVED_RATIO * first)
+    higher = ~(then <= np.maximum(MAX_RAISED_RATIO * first, noise)) & np.isfinite(first)
+    return bool(lower.any() and not higher.any())
 
 
 def _unexplained_share(errors: HeldOutErrors, states: Sequence[str]) -> float:

@@ -47,7 +47,7 @@ from adk_ros.mismatch.report.result_files import as_dict
 from adk_ros.mismatch.report.summary import sentence
 from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
-from adk_ros.mismatch.validation import Validation, coherent, validate_on_held_out
+from adk_ros.mismatch.validation import Validation, _improves, coherent, validate_on_held_out
 from adk_ros.numerics.arrays import FloatArray
 
 SHAPE = (len(HORIZONS_S), 3)
@@ -70,12 +70,12 @@ def hypothesis(*effects: ActiveEffect, tolerance: float = 0.0) -> Hypothesis:
     return Hypothesis(effects, nuisances, 0.0)
 
 
+def table(value: float) -> FloatArray:
+    return np.full(SHAPE, value)
+
+
 def errors(before: float, corrected: float, expected: float = 0.02) -> HeldOutErrors:
     """The same error of all states and horizons."""
-
-    def table(value: float) -> FloatArray:
-        return np.full(SHAPE, value)
-
     return HeldOutErrors(
         table(before), table(corrected), table(1.0), table(expected), table(corrected), 50
     )
@@ -159,6 +159,17 @@ def test_a_correction_that_raises_an_error_is_not_exported() -> None:
     assert "v_x" in done.raised
     assert done.held_out_yaml == simulation_yaml(model)
     np.testing.assert_array_equal(done.errors.after, done.errors.before)
+
+
+def test_an_error_within_the_noise_may_rise() -> None:
+    before, expected = table(0.01), table(0.016)
+    before[:, 0] = 1.0
+    right, wrong = table(0.011), table(0.018)
+    right[:, 0] = wrong[:, 0] = 0.02
+    assert _improves(before, right, expected, [])
+    assert not _improves(before, wrong, expected, [])
+    # Nothing above the noise is gained.
+    assert not _improves(table(0.01), table(0.011), expected, [])
 
 
 def test_tolerances_are_dropped_before_the_effect() -> None:
