@@ -27,6 +27,7 @@ from adk_ros.bench.mismatch.confidence_fit import Claim, brier_score, claims_of,
 from adk_ros.bench.mismatch.mismatch_bench import SCORED
 from adk_ros.bench.mismatch.selection_calibration import SelectionCalibration
 from adk_ros.mismatch.inference.confidence import ConfidenceModel
+from adk_ros.mismatch.inference.result import EXPLAINED
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
     INEXACT_EQUATION_SHARE,
@@ -63,15 +64,15 @@ def calibrate(results: Sequence[CaseResult], out: Path) -> list[str]:
         claims += claims_of(label, answer)
         selection.add([effect["name"] for effect in label["effects"]], answer)
         if result.kind == "none":
-            gains += [
-                x["gain"] / x["required"] for x in answer["selection"]["steps"] if x["required"]
-            ]
+            steps = answer["selection"]["steps"][1:]
+            gains.append(max((x["gain"] / x["required"] for x in steps), default=0.0))
         if result.right < 1.0:
             continue
         ratio, share = largest_errors(answer["fit"]["horizons"])
-        (ratios if result.kind == "none" else shares).append(
-            ratio if result.kind == "none" else share
-        )
+        if result.kind == "none":
+            ratios.append(ratio)
+        elif answer["verdict"] == EXPLAINED:
+            shares.append(share)
         errors += interval_errors(label, answer)
     return [
         _quantile_line("MAX_EXPLAINED_RATIO", MAX_EXPLAINED_RATIO, ratios),
@@ -171,7 +172,7 @@ def _interval_line(errors: Sequence[tuple[float, float, float]]) -> str:
 def _confidence_lines(claims: Sequence[Claim]) -> list[str]:
     right = sum(claim.right for claim in claims)
     found = f"{len(claims)} claims, {right} of them right"
-    if len(claims) < _MIN_CLAIMS or right == len(claims):
+    if len(claims) < _MIN_CLAIMS:
         return [f"confidence: {found}: not enough to calibrate"]
     present, best = ConfidenceModel(), fit_confidence(claims)
     return [

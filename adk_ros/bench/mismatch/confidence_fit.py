@@ -20,9 +20,11 @@ from adk_ros.numerics.arrays import FloatArray
 
 _LEAST_PROBABILITY = 0.002
 """Bound of a probability: one claim that is wrong must not outweigh all others."""
-_START = np.log([1e-3, 0.05, 1.0])
+_START = np.log([1e-4, 0.03, 2.0])
 _BOUNDS = np.log([[1e-6, 0.1], [1e-3, 1.0], [0.1, 6.0]])
-"""Of the three constants; wide, so that claims without an error do not lead to infinity."""
+"""Of the three constants."""
+_EXPONENT_SPREAD = 0.5
+"""Prior standard deviation of the exponent's logarithm, around that of a variance: 2."""
 
 
 class Claim(NamedTuple):
@@ -59,12 +61,23 @@ def claims_of(label: dict[str, Any], answer: dict[str, Any]) -> list[Claim]:
 
 
 def fit_confidence(claims: Sequence[Claim]) -> ConfidenceModel:
-    """Return the constants of the posterior that make the claims most probable."""
+    """
+    Return the constants of the posterior that make the claims most probable.
+
+    With Jeffreys' prior on the error of a claim that no fitted alternative doubts: half a right
+    and half a wrong one at the median error ratio. Few wrong claims do not determine how the odds
+    grow with that ratio: their exponent has a prior.
+    """
     right = np.array([claim.right for claim in claims])
+    usual = float(np.median([claim.error_ratio for claim in claims]))
 
     def cost(x: FloatArray) -> float:
-        p = np.clip(probabilities(_model(x), claims), _LEAST_PROBABILITY, 1 - _LEAST_PROBABILITY)
-        return float(-np.log(np.where(right, p, 1.0 - p)).sum())
+        model = _model(x)
+        p = np.clip(probabilities(model, claims), _LEAST_PROBABILITY, 1 - _LEAST_PROBABILITY)
+        odds = model.unlisted_odds * usual**model.unlisted_exponent
+        prior = np.log1p(odds) - 0.5 * np.log(odds)
+        prior += 0.5 * ((x[2] - _START[2]) / _EXPONENT_SPREAD) ** 2
+        return float(prior - np.log(np.where(right, p, 1.0 - p)).sum())
 
     found = minimize(
         cost, _START, method="Nelder-Mead", bounds=[(float(a), float(b)) for a, b in _BOUNDS]

@@ -3,92 +3,69 @@
 """
 Calibration of the selection: what effects gain that are present, and effects that are not.
 
-Each criterion of `library.criteria` is compared with the same quantity on both sides: it should
-lie above what absent effects reach, and below what present ones reach. An effect that is the next
-best on a clean case, or after all effects of the label, is absent.
+A gain is given as a share of the one required (`MIN_GAIN` and its shares), an excess loss as a
+share of the one that counts as explained (`MAX_EXCESS_PER_NOISE`, `MAX_EXCESS_PER_NULL_EXCESS`).
+Each should be below 1 on one side and above 1 on the other. An effect that is the best on a clean
+case, or the next after all effects of the label, is absent.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from adk_ros.mismatch.library import criteria
+from adk_ros.mismatch.library.criteria import MAX_EXCESS_PER_NOISE, MAX_EXCESS_PER_NULL_EXCESS
 
 UNKNOWN = "unknown"
-_GAINS = (
-    "MIN_GAIN",
-    "MIN_GAIN_PER_SURROGATE_ERROR",
-    "MIN_GAIN_PER_EXCESS",
-    "MIN_GAIN_PER_NULL_EXCESS",
-)
-_EXCESSES = ("MAX_EXCESS_PER_NOISE", "MAX_EXCESS_PER_NULL_EXCESS")
-
-
-@dataclass
-class Sides:
-    """Values of one quantity: of absent effects or complete results, and of the contrary."""
-
-    below: list[float] = field(default_factory=list)
-    above: list[float] = field(default_factory=list)
-
-    def line(self, name: str, low: str, high: str) -> str:
-        """Return both sides in words: the 95 % quantile below, the 5 % quantile above."""
-        parts = [f"{name} {getattr(criteria, name):g}:"]
-        if self.below:
-            parts.append(f"95 % of {len(self.below)} {low} stay below {_at(self.below, 0.95)}")
-        if self.above:
-            parts.append(f"95 % of {len(self.above)} {high} exceed {_at(self.above, 0.05)}")
-        return f"{parts[0]} {', '.join(parts[1:]) or 'no case'}"
-
-
-def _at(values: list[float], quantile: float) -> str:
-    return f"{np.quantile(values, quantile):.3g}"
 
 
 @dataclass
 class SelectionCalibration:
-    """The quantities of all selections that were added, by criterion."""
+    """Shares of the required gain and of the explained excess, of all answers that were added."""
 
-    sides: dict[str, Sides] = field(
-        default_factory=lambda: {name: Sides() for name in (*_GAINS, *_EXCESSES)}
-    )
+    absent: list[float] = field(default_factory=list)
+    present: list[float] = field(default_factory=list)
+    complete: list[float] = field(default_factory=list)
+    incomplete: list[float] = field(default_factory=list)
 
     def add(self, true: Iterable[str], answer: dict[str, Any]) -> None:
         """Add an answer (the content of mismatch.json); `true`: names of the label."""
         names = set(true)
         found = answer["selection"]
         expected, steps = found["expected_loss"], found["steps"]
-        null = max(steps[0]["loss"] - expected, 1.0)
-        for before, step in itertools.pairwise(steps):
-            if UNKNOWN in names:
-                break
-            excess = max(before["loss"] - expected, 1.0)
-            units = (1.0, max(found["surrogate_error"], 1.0), excess, null)
-            present = set(step["effects"]) <= names
-            for name, unit in zip(_GAINS, units, strict=True):
-                side = self.sides[name]
-                (side.above if present else side.below).append(step["gain"] / unit)
-            if not present:
-                break
-        complete = [step for step in steps if set(step["effects"]) == names]
-        left = (complete or steps)[-1]["loss"] - expected
-        if not complete and UNKNOWN not in names:
+        limit = max(
+            MAX_EXCESS_PER_NOISE * expected,
+            MAX_EXCESS_PER_NULL_EXCESS * (steps[0]["loss"] - expected),
+        )
+        if UNKNOWN in names:
+            self.incomplete.append((steps[-1]["loss"] - expected) / limit)
             return
-        for name, unit in zip(_EXCESSES, (expected, null), strict=True):
-            side = self.sides[name]
-            (side.below if complete else side.above).append(left / unit)
+        for _, step in pairwise(steps):
+            gained = step["gain"] / step["required"]
+            if not set(step["effects"]) <= names:
+                self.absent.append(gained)
+                break
+            self.present.append(gained)
+        self.complete += [
+            (step["loss"] - expected) / limit for step in steps if set(step["effects"]) == names
+        ]
 
     def lines(self) -> list[str]:
-        """Return a line per criterion."""
+        """Return a line for the required gain, and one for the explained excess."""
         return [
-            *(self.sides[x].line(x, "absent effects", "present ones") for x in _GAINS),
-            *(
-                self.sides[x].line(x, "complete results", "results without what is not listed")
-                for x in _EXCESSES
-            ),
+            f"required gain: {_side(self.absent, 'absent effects', 0.95)} of it, "
+            f"{_side(self.present, 'present ones', 0.05)}",
+            f"explained excess loss: {_side(self.complete, 'complete results', 0.95)} of it, "
+            f"{_side(self.incomplete, 'best ones without what is not listed', 0.05)}",
         ]
+
+
+def _side(values: Sequence[float], what: str, quantile: float) -> str:
+    if not values:
+        return f"no {what}"
+    verb = "stay below" if quantile > 0.5 else "exceed"
+    return f"95 % of {len(values)} {what} {verb} {np.quantile(values, quantile):.2g}"

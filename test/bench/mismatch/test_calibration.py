@@ -24,7 +24,7 @@ from adk_ros.bench.mismatch.confidence_fit import (
 )
 from adk_ros.bench.mismatch.mismatch_bench import code_digest, plan_jobs
 from adk_ros.mismatch.inference.confidence import ConfidenceModel, Evidence
-from adk_ros.mismatch.library.criteria import INEXACT_EQUATION_SHARE, MAX_EXPLAINED_RATIO, MIN_GAIN
+from adk_ros.mismatch.library.criteria import INEXACT_EQUATION_SHARE, MAX_EXPLAINED_RATIO
 
 
 def test_its_cases_are_not_those_of_the_benchmark() -> None:
@@ -72,6 +72,7 @@ def report(
     }
     label = [] if true is None else [{"name": "aero_drag", "params": {"cda": true}}]
     content = {
+        "verdict": "explained" if effects else "none",
         "effects": list(effects),
         "selection": {
             "expected_loss": 1000.0,
@@ -98,13 +99,12 @@ def test_criteria_are_calibrated_on_correct_results(tmp_path: Path) -> None:
         result("wrong", "single", 0.0),
     ]  # fmt: skip
     ratio, share, gain, *selection, interval, confidence = calibrate(results, tmp_path)
-    assert selection[0] == (
-        f"MIN_GAIN {MIN_GAIN:g}: 95 % of 3 absent effects stay below 20, "
-        "95 % of 1 present ones exceed 20"
-    )
-    assert "95 % of 3 absent effects stay below 0.2," in selection[1]
-    assert "MAX_EXCESS_PER_NOISE" in selection[4]
-    assert "complete results stay below 0.1" in selection[4]
+    assert selection == [
+        "required gain: 95 % of 3 absent effects stay below 0.4 of it, "
+        "95 % of 1 present ones exceed 0.4",
+        "explained excess loss: 95 % of 4 complete results stay below 2.5 of it, "
+        "no best ones without what is not listed",
+    ]
     assert "2 correct results are below 1.2, the largest is 1.2" in ratio
     left = np.sqrt(0.05**2 - (MAX_EXPLAINED_RATIO * 0.02) ** 2) / 0.5
     assert f"the largest is {left:.3g}" in share
