@@ -24,9 +24,11 @@ def rejected_candidates(
     Return the single effects that gain most and are not part of the decision.
 
     Each was fitted alone, to the training part, whose `likelihood` is given; `share` is that of
-    the excess loss it removes.
+    the excess loss it removes, or of the required gain if that is larger.
     """
     null = path.levels[0][0]
+    # Where no model could save as much as an effect must, shares are of what is required.
+    least = max(path.null_excess_loss, min_required_gain(null, path))
     claimed = {effect.effect.name for effect in decision.effects}
     claimed |= {name for effect in decision.effects for name in effect.alternatives}
     out: list[RejectedCandidate] = []
@@ -39,8 +41,7 @@ def rejected_candidates(
             RejectedCandidate(
                 active.effect.name,
                 confidence_intervals(active, deviation),
-                # A loss below that of a perfect model has no excess to remove.
-                round((null.loss - h.loss) / max(path.null_excess_loss, null.loss - h.loss), 3),
+                round((null.loss - h.loss) / max(least, null.loss - h.loss), 3),
                 active.activation.kind,
                 _reason(h, null, path, decision),
             )
