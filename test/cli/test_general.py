@@ -68,7 +68,7 @@ def test_help_groups_the_verbs(capsys) -> None:
     assert verbs == {
         "Data": ["info", "simulate", "play"],
         "Predict": ["train", "replay", "rollout", "echo", "demo"],
-        "Compare": ["mismatch"],
+        "Compare": ["mismatch", "detectable"],
         "Measure": ["bench"],
         "Install": ["compile"],
     }
@@ -117,7 +117,7 @@ def test_wrong_usage_is_reported_in_one_line(capsys, arguments: list[str], messa
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["mismatch", "--recording", "a", "--recording", "b", "--simulation", "s", "--out", "o"],
+        ["mismatch", "--recording", "a", "--simulation", "s", "--simulation", "t", "--out", "o"],
         ["rollout", "--bag", "a", "--bag", "b", "--model", "m", "--out", "o"],
         ["replay", "a", "--model", "m", "--model", "n"],
         ["train", "a", "b", "--out", "o", "--out", "p"],

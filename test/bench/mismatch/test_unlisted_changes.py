@@ -82,6 +82,7 @@ def test_a_change_acts_in_the_equations_of_its_label(drive: Any, name: str) -> N
             assert rms[equation] < 1e-12, rms
 
 
+@pytest.mark.slow
 def test_brakes_fade_with_the_work_done(drive: Any) -> None:
     c, _, commands, _ = drive
     lost = changed(drive, "brake_fade", 0.5)["v_x"]

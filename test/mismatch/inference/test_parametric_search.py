@@ -64,7 +64,10 @@ def in_equation(equation: str, name: str, signals: Signals, coefficient: float) 
 
 
 @pytest.mark.parametrize("equation", ["v_x", "v_y", "yaw_rate"])
-@pytest.mark.parametrize("frequency", [0.1, 0.6, 2.0])
+@pytest.mark.parametrize(
+    "frequency",
+    [pytest.param(0.1, marks=pytest.mark.slow), 0.6, pytest.param(2.0, marks=pytest.mark.slow)],
+)
 def test_the_linear_response_equals_a_run(equation: str, frequency: float) -> None:
     likelihood, null, jacobian = problem_with()
     linearised = LinearisedProblem(likelihood, null, jacobian)
@@ -93,18 +96,18 @@ def test_a_bin_is_the_mean_of_four_steps() -> None:
         ("v_y", "resonance:a_y:0.5:0.06", 0.08),
         ("v_x", "gate:drive_torque:lateral_size>2.5", 1e-3),
         ("yaw_rate", "lag:torque:1.5", 2e-5),
-        ("yaw_rate", "hysteresis:delta:0.004", 8.0),
-        ("v_x", "excess:brake_torque:400", 1e-3),
-        ("v_x", "drift:brake_torque:brake_work:4e5", 1e-3),
-        ("v_x", "drift:drive_torque:time:30", 1e-3),
-        ("v_x", "decay:constant:time:30", 0.3),
-        ("v_x", "pulsation:2.5:0.3:torque", 2e-4),
-        ("yaw_rate", "excess:yaw_rate:0.15", 1.0),
-        ("yaw_rate", "ripple:260:0.7:constant", 0.05),
-        ("v_x", "heat:brake_torque:30", 1e-7),
-        ("v_x", "gate:drive_torque:time>40", 2e-4),
-        ("v_x", "gate:brake_torque:deceleration>2", 8e-4),
-        ("v_x", "ripple:2.042:0.7:speed_squared", 1e-3),
+        pytest.param("yaw_rate", "hysteresis:delta:0.004", 8.0, marks=pytest.mark.slow),
+        pytest.param("v_x", "excess:brake_torque:400", 1e-3, marks=pytest.mark.slow),
+        pytest.param("v_x", "drift:brake_torque:brake_work:4e5", 1e-3, marks=pytest.mark.slow),
+        pytest.param("v_x", "drift:drive_torque:time:30", 1e-3, marks=pytest.mark.slow),
+        pytest.param("v_x", "decay:constant:time:30", 0.3, marks=pytest.mark.slow),
+        pytest.param("v_x", "pulsation:2.5:0.3:torque", 2e-4, marks=pytest.mark.slow),
+        pytest.param("yaw_rate", "excess:yaw_rate:0.15", 1.0, marks=pytest.mark.slow),
+        pytest.param("yaw_rate", "ripple:260:0.7:constant", 0.05, marks=pytest.mark.slow),
+        pytest.param("v_x", "heat:brake_torque:30", 1e-7, marks=pytest.mark.slow),
+        pytest.param("v_x", "gate:drive_torque:time>40", 2e-4, marks=pytest.mark.slow),
+        pytest.param("v_x", "gate:brake_torque:deceleration>2", 8e-4, marks=pytest.mark.slow),
+        pytest.param("v_x", "ripple:2.042:0.7:speed_squared", 1e-3, marks=pytest.mark.slow),
     ],
 )
 def test_the_search_finds_kind_signal_and_parameters(
