@@ -19,7 +19,7 @@ def demo(
     steps: Annotated[int, typer.Option(help="training steps")] = 1500,
 ) -> None:
     """
-    Run the complete demo: train, predict live, score (4 min).
+    Run the demo: train, predict live, score (about 4 min).
 
     Starts the real ROS node in a separate process and plays a recording to it in real time. The
     duration is for an AMD EPYC, 2 cores.
