@@ -159,10 +159,11 @@ loose message. An assumption: with a Poisson distribution four such seconds are 
 
 # --- Decision ----------------------------------------------------------------------------------
 
-SYSTEMATIC_ERROR_SHARE = 0.008
+SYSTEMATIC_ERROR_SHARE = 0.012
 """
 Systematic standard deviation of an effect's parameter as a share of its size: no effect's equation
-is exact. Enters every reported interval. Calibrated.
+is exact. Enters every reported interval. Calibrated; above 0.008, with which 90 % of all intervals
+hold, because weak effects do not show it: of effects at strength 0.4 and more, 88 % then hold.
 """
 SYSTEMATIC_ERROR_PER_MATERIALITY = 0.1
 """
