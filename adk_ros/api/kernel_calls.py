@@ -75,11 +75,12 @@ def search_features() -> None:
     import numpy as np
 
     from adk_ros.mismatch.inference.linear_response import propagate
-    from adk_ros.numerics.filters import low_pass, resonance
+    from adk_ros.numerics.filters import low_pass, resonance, stop_operator
 
     signal = np.zeros(8)
     low_pass(signal, 0.01, 1.0)
     resonance(signal, 0.01, 3.0, 0.1)
+    stop_operator(signal, 1.0)
     propagate(signal, np.ones(8), np.zeros((3, 7)), 0.01, True)
 
 
