@@ -13,8 +13,9 @@ from adk_ros.errors import DataError
 from adk_ros.mismatch.deployment.held_out import Evidence
 from adk_ros.mismatch.inference.agreement import MIN_ACTIVE_S
 from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
-from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.observability import (
     ObservableEffects,
     longest_moving_segment,

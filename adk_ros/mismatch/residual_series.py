@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import ResidualSeries
 from adk_ros.mismatch.surrogate.feature_terms import feature_signals
 from adk_ros.mismatch.surrogate.joined_problem import JoinedProblem

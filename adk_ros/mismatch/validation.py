@@ -35,7 +35,7 @@ from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.feature_effect import catalogue_effects
-from adk_ros.mismatch.inference.likelihood import Hypothesis
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.result import (
     FULL,
     NOT_EXPORTED,

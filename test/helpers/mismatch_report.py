@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
-from adk_ros.mismatch.inference.likelihood import ActiveEffect
 from adk_ros.mismatch.inference.result import (
     EXPLAINED,
     NONE,

@@ -30,7 +30,8 @@ from adk_ros.mismatch.deployment.open_loop import ASSIMILATION_GAINS
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.inference.decision import Decision
-from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES, ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES
 from adk_ros.mismatch.inference.result import (
     EXPLAINED,
     FULL,

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.observability import with_pseudo_imu
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect import PLACE, TIME

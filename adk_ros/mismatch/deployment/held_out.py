@@ -23,7 +23,7 @@ from adk_ros.mismatch.deployment.open_loop import (
     start_times_of,
 )
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
-from adk_ros.mismatch.inference.likelihood import ActiveEffect
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.library.criteria import (
     INEXACT_EQUATION_SHARE,
     MAX_EXPLAINED_RATIO,

@@ -18,8 +18,9 @@ from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.final_estimate import refitted
 from adk_ros.mismatch.inference.forward_selection import SelectionPath, is_improvement
 from adk_ros.mismatch.inference.heterogeneity import heterogeneity, odd_one_out
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import (
     UNKNOWN,
     IdentifiedEffect,

@@ -24,7 +24,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.surrogate.residuals import DISTANCE_INTERVAL_S
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.levenberg_marquardt import (

@@ -12,7 +12,8 @@ from adk_ros.mismatch.inference.forward_selection import (
     min_required_gain,
     penalised_loss,
 )
-from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import RejectedCandidate
 from adk_ros.mismatch.library.criteria import MAX_CANDIDATES_LISTED
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.mismatch.inference.likelihood import ActiveEffect
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
 from adk_ros.mismatch.library.criteria import MIN_DISTANCE_TO_END_S
 from adk_ros.mismatch.surrogate.activation import Activation

@@ -17,7 +17,8 @@ import numpy as np
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import ABLATION, FINAL
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.library.criteria import MIN_CONFIRMED_SHARE
 from adk_ros.numerics.arrays import BoolArray
 from adk_ros.numerics.levenberg_marquardt import huber_loss

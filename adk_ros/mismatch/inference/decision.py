@@ -18,12 +18,13 @@ from adk_ros.mismatch.inference.forward_selection import (
     min_required_gain,
     penalised_loss,
 )
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.identifiability import (
     Identifiability,
     assess_identifiability,
     canonical_effect,
 )
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import (
     EXPLAINED,
     NONE,

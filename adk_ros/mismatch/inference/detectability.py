@@ -34,12 +34,8 @@ from adk_ros.mismatch.inference.forward_selection import (
     min_required_gain,
     penalised_loss,
 )
-from adk_ros.mismatch.inference.likelihood import (
-    N_FIXED_NUISANCES,
-    ActiveEffect,
-    Hypothesis,
-    Likelihood,
-)
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES, Likelihood
 from adk_ros.mismatch.inference.significance import critical_value
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.surrogate.lap import Lap

@@ -19,7 +19,7 @@ from adk_ros.mismatch.inference.detectability import (
     Drive,
     NoiseModel,
 )
-from adk_ros.mismatch.inference.likelihood import ActiveEffect
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect import ALWAYS, Effect, EffectParameter
 from adk_ros.mismatch.surrogate.activation import ALWAYS_ACTIVE, Activation

@@ -18,7 +18,8 @@ import numpy as np
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.downweighted_episodes import Downweighted, Episode
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
-from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import NONE, UNKNOWN, UnexplainedResidual
 from adk_ros.mismatch.library.criteria import EQUATION_GAIN_SHARE
 from adk_ros.mismatch.recording.sensor_log import CHANNELS

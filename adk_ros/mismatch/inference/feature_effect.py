@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.inference.likelihood import ActiveEffect
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.library.criteria import FEATURE_COEFFICIENT_BOUND
 from adk_ros.mismatch.library.effect import Effect, EffectParameter
 from adk_ros.mismatch.surrogate.activation import Activation

@@ -7,7 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from adk_ros.mismatch.inference.feature_effect import active_feature
-from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.linear_response import LinearResponse
 from adk_ros.mismatch.inference.parametric_search import ParametricSearch
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem

@@ -23,7 +23,8 @@ from dataclasses import dataclass, field
 from adk_ros.mismatch.inference.block_scores import BLOCK_S
 from adk_ros.mismatch.inference.change_points import locate_change_point
 from adk_ros.mismatch.inference.fit_budget import JOINT, NULL_HYPOTHESIS, SCREENING
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import SelectionStep
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
 from adk_ros.mismatch.inference.segmentation import BINS

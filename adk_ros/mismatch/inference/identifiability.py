@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from adk_ros.mismatch.inference.block_scores import BlockScores
 from adk_ros.mismatch.inference.confidence import ABSENT
 from adk_ros.mismatch.inference.fit_budget import ABLATION, COMPETITOR, COMPETITOR_REFIT
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (

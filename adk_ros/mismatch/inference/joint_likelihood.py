@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.library.criteria import SENSOR_OFFSET_PRIORS
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.surrogate.identification import SurrogateModel

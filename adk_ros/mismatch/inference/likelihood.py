@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.mismatch.inference.fit_budget import SIMULATION
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, with_parameters
 from adk_ros.mismatch.inference.whitening import prediction_error_filters
 from adk_ros.mismatch.library.criteria import (
     MIN_SPEED,
@@ -30,10 +31,8 @@ from adk_ros.mismatch.library.criteria import (
     TOLERANCE_SIGMA,
     WEAK_DIRECTION_BOUND,
 )
-from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW
 from adk_ros.mismatch.recording.frozen_readings import gaps
-from adk_ros.mismatch.surrogate.activation import ALWAYS_ACTIVE, Activation
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.residuals import (
     BIN_S,
@@ -45,7 +44,6 @@ from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.numerics.levenberg_marquardt import (
     BoundedParameters,
     FitOptions,
-    FitResult,
     minimise,
 )
 
@@ -82,44 +80,6 @@ _OFFSET_PRIORS = np.array(list(SENSOR_OFFSET_PRIORS.values()))
 _OFFSET_STEPS = np.array([_SENSOR_OFFSET_STEPS[name] for name in SENSOR_OFFSET_PRIORS])
 N_FIXED_NUISANCES = len(TOLERANCE_PARAMETERS) + len(SENSOR_OFFSET_PRIORS)
 """Tolerances and sensor offsets; the weakly identified directions follow them."""
-
-
-@dataclass(frozen=True)
-class ActiveEffect:
-    """An effect with its fitted variables `theta`, one per parameter, and its activation."""
-
-    effect: Effect
-    theta: tuple[float, ...]
-    activation: Activation = ALWAYS_ACTIVE
-
-    def values(self) -> dict[str, float]:
-        """Return parameter name -> value in the parameter's unit."""
-        return {
-            parameter.name: parameter.value(x)
-            for parameter, x in zip(self.effect.parameters, self.theta, strict=True)
-        }
-
-    def is_material(self) -> bool:
-        """Whether any parameter exceeds its materiality threshold."""
-        return any(
-            parameter.is_material(x)
-            for parameter, x in zip(self.effect.parameters, self.theta, strict=True)
-        )
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """Effects with a fit: nuisance parameters, loss (with the prior's), and the fit itself."""
-
-    effects: tuple[ActiveEffect, ...]
-    nuisances: FloatArray
-    loss: float
-    fit: FitResult | None = None
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the effects."""
-        return tuple(active.effect.name for active in self.effects)
 
 
 @dataclass(frozen=True)
@@ -385,25 +345,3 @@ def _unmeasured_bins(problem: ResidualProblem) -> BoolArray:
         # Smoothing spreads what is interpolated by a fraction of the settling time.
         out |= (problem.bin_s > begin - _SMOOTHED_S) & (problem.bin_s < end + SETTLING_S)
     return out
-
-
-def with_parameters(
-    effects: Sequence[ActiveEffect], values: FloatArray, fit_activation: bool = False
-) -> list[ActiveEffect]:
-    """Return the effects with their fitted variables, and those of activations, replaced."""
-    out, remaining = [], [float(v) for v in values]
-    for active in effects:
-        count = len(active.theta)
-        theta, remaining = tuple(remaining[:count]), remaining[count:]
-        activation = active.activation
-        if fit_activation:
-            count = len(activation.variables())
-            activation = activation.with_variables(remaining[:count])
-            remaining = remaining[count:]
-        out.append(ActiveEffect(active.effect, theta, activation))
-    return out
-
-
-def inactive_effect(effect: Effect, activation: Activation = ALWAYS_ACTIVE) -> ActiveEffect:
-    """Return an effect at its neutral values."""
-    return ActiveEffect(effect, tuple(p.theta_neutral for p in effect.parameters), activation)

@@ -22,7 +22,8 @@ from adk_ros.mismatch.inference.feature_effect import (
     feature_terms,
 )
 from adk_ros.mismatch.inference.fit_budget import FEATURE
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.linear_response import LinearResponse
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.library.features import Signals, feature

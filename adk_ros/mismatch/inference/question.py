@@ -28,12 +28,8 @@ from adk_ros.mismatch.inference.forward_selection import (
     min_required_gain,
     penalised_loss,
 )
-from adk_ros.mismatch.inference.likelihood import (
-    ActiveEffect,
-    Hypothesis,
-    Likelihood,
-    inactive_effect,
-)
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.required_size import Reach, more_driving, sufficient_loss
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.inference.segments import fit_segments, refine_segments

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.surrogate.activation import ALWAYS_ACTIVE, Activation
 from adk_ros.numerics.arrays import FloatArray

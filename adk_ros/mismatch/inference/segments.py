@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from adk_ros.mismatch.inference.fit_budget import SEGMENTS
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
 from adk_ros.mismatch.inference.segmentation import BINS, best_segments, bins_of_lap
 from adk_ros.mismatch.library.criteria import MIN_SEGMENT_TRANSITIONS, PENALTY_PER_SEGMENT

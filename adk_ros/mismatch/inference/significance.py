@@ -8,7 +8,8 @@ from scipy.special import stdtrit
 
 from adk_ros.mismatch.inference.block_scores import BlockScores, effect_variables
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE, MIN_SEGMENT_TRANSITIONS
 from adk_ros.mismatch.surrogate.activation import TRANSITION_LENGTH_M
 

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.library.criteria import SETTLING_S
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.surrogate.residuals import BIN_S, ResidualProblem

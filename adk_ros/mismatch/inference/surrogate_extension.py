@@ -20,7 +20,8 @@ import numpy as np
 from adk_ros.mismatch.inference.feature_effect import EQUATION_UNITS
 from adk_ros.mismatch.inference.fit_budget import SIMULATION
 from adk_ros.mismatch.inference.forward_selection import select_effects
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.unmodelled import fit_feature_expansion
 from adk_ros.mismatch.library.criteria import (
     EFFECT_PRIOR_SHARE,

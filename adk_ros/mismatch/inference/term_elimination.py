@@ -13,7 +13,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from adk_ros.mismatch.inference.fit_budget import FEATURE, FEATURE_REFIT
-from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.parametric_refinement import refined
 from adk_ros.numerics.arrays import FloatArray
 

@@ -21,7 +21,8 @@ from adk_ros.mismatch.inference.feature_effect import (
 )
 from adk_ros.mismatch.inference.feature_screening import FeatureScreening
 from adk_ros.mismatch.inference.fit_budget import FEATURE, FEATURE_REFIT
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.parametric_refinement import refined, with_siblings
 from adk_ros.mismatch.inference.result import UnexplainedResidual
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem

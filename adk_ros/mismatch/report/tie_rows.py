@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 
-from adk_ros.mismatch.inference.likelihood import ActiveEffect
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.result import IdentifiedEffect
 from adk_ros.mismatch.report.vocabulary import quantity, title
 

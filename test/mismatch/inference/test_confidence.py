@@ -16,8 +16,8 @@ from adk_ros.mismatch.inference.confidence import (
 )
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.final_estimate import with_confidence
+from adk_ros.mismatch.inference.hypothesis import Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
-from adk_ros.mismatch.inference.likelihood import Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.result import EXPLAINED, IdentifiedEffect
 from adk_ros.mismatch.library.catalogue import EFFECTS
 

@@ -14,7 +14,8 @@ from helpers.mismatch import case
 from adk_ros.mismatch.inference.confirmation import confirmed
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.fit_budget import FINAL
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import EXPLAINED, IdentifiedEffect
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.simulator import surrogate_of

@@ -14,7 +14,7 @@ from adk_ros.mismatch.inference.feature_effect import (
     feature_terms,
 )
 from adk_ros.mismatch.inference.forward_selection import SelectionPath
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, Hypothesis, inactive_effect
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.term_meaning import Body
 from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics, most_parsimonious
 from adk_ros.mismatch.library.catalogue import EFFECTS

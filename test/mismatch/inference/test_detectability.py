@@ -16,7 +16,7 @@ from adk_ros.mismatch.inference.detectable_sizes import (
     active_effect,
     detectable_sizes,
 )
-from adk_ros.mismatch.inference.likelihood import ActiveEffect
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.planned_drive import is_detectable, planned_drive, typical_noise
 from adk_ros.mismatch.simulator import surrogate_of

@@ -20,7 +20,8 @@ from adk_ros.mismatch.inference.downweighted import (
 )
 from adk_ros.mismatch.inference.downweighted_episodes import Downweighted, Episode
 from adk_ros.mismatch.inference.fit_budget import NULL_HYPOTHESIS
-from adk_ros.mismatch.inference.likelihood import Hypothesis, Likelihood
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN, UnexplainedResidual
 from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm

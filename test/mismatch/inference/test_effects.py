@@ -11,13 +11,11 @@ import pytest
 from helpers.mismatch import car, steady, with_commands
 
 from adk_ros.mismatch.inference.forward_selection import SelectionPath, min_required_gain
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.likelihood import (
     N_FIXED_NUISANCES,
     TOLERANCE_PARAMETERS,
-    ActiveEffect,
-    Hypothesis,
     Likelihood,
-    inactive_effect,
 )
 from adk_ros.mismatch.inference.segmentation import optimal_segmentation, segments_of_mask
 from adk_ros.mismatch.inference.segments import (

@@ -12,7 +12,7 @@ from adk_ros.mismatch.inference.experiment_design import (
     most_discriminating_manoeuvre,
     parameters_with_effects,
 )
-from adk_ros.mismatch.inference.likelihood import ActiveEffect
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import DISCRIMINATION_LOSS
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters

@@ -21,8 +21,8 @@ from helpers.mismatch_report import (
 )
 
 from adk_ros.mismatch.inference.experiment_design import Discriminability
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, inactive_effect
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
-from adk_ros.mismatch.inference.likelihood import ActiveEffect, inactive_effect
 from adk_ros.mismatch.inference.result import Interval, RejectedCandidate, SelectionStep
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.report import report_tables

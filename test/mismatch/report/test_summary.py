@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from helpers.mismatch_report import bank, drag, identified, late, odd, result_of
 
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
-from adk_ros.mismatch.inference.likelihood import ActiveEffect
 from adk_ros.mismatch.inference.result import Interval, MissingChannel
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect import PLACE

@@ -1,0 +1,73 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A hypothesis: effects with their fitted variables and where they act."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from adk_ros.mismatch.library.effect import Effect
+from adk_ros.mismatch.surrogate.activation import ALWAYS_ACTIVE, Activation
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.levenberg_marquardt import FitResult
+
+
+@dataclass(frozen=True)
+class ActiveEffect:
+    """An effect with its fitted variables `theta`, one per parameter, and its activation."""
+
+    effect: Effect
+    theta: tuple[float, ...]
+    activation: Activation = ALWAYS_ACTIVE
+
+    def values(self) -> dict[str, float]:
+        """Return parameter name -> value in the parameter's unit."""
+        return {
+            parameter.name: parameter.value(x)
+            for parameter, x in zip(self.effect.parameters, self.theta, strict=True)
+        }
+
+    def is_material(self) -> bool:
+        """Whether any parameter exceeds its materiality threshold."""
+        return any(
+            parameter.is_material(x)
+            for parameter, x in zip(self.effect.parameters, self.theta, strict=True)
+        )
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Effects with a fit: nuisance parameters, loss (with the prior's), and the fit itself."""
+
+    effects: tuple[ActiveEffect, ...]
+    nuisances: FloatArray
+    loss: float
+    fit: FitResult | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(active.effect.name for active in self.effects)
+
+
+def with_parameters(
+    effects: Sequence[ActiveEffect], values: FloatArray, fit_activation: bool = False
+) -> list[ActiveEffect]:
+    """Return the effects with their fitted variables, and those of activations, replaced."""
+    out, remaining = [], [float(v) for v in values]
+    for active in effects:
+        count = len(active.theta)
+        theta, remaining = tuple(remaining[:count]), remaining[count:]
+        activation = active.activation
+        if fit_activation:
+            count = len(activation.variables())
+            activation = activation.with_variables(remaining[:count])
+            remaining = remaining[count:]
+        out.append(ActiveEffect(active.effect, theta, activation))
+    return out
+
+
+def inactive_effect(effect: Effect, activation: Activation = ALWAYS_ACTIVE) -> ActiveEffect:
+    """Return an effect at its neutral values."""
+    return ActiveEffect(effect, tuple(p.theta_neutral for p in effect.parameters), activation)
