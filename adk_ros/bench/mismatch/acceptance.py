@@ -104,7 +104,7 @@ def evaluate_criteria(scores: Sequence[CaseResult]) -> list[Criterion]:
     Evaluate all criteria.
 
     Cases of simulators of another family count with set-F1 if they have several effects; clean
-    and weak cases are excluded there. The multi-body model has a criterion of its own, and counts
+    and weak cases are excluded there. The multi-body model has a separate criterion, and counts
     for all others except those of single effects.
     """
     found = [s for s in scores if s.errors]

@@ -23,8 +23,9 @@ import numpy as np
 from scipy.stats import binomtest
 
 from adk_ros.bench.mismatch.case_score import CaseResult
-from adk_ros.bench.mismatch.confidence_fit import Claim, brier_score, claims_of, fit_confidence
+from adk_ros.bench.mismatch.confidence_fit import Claim, claims_of, fit_confidence, stated
 from adk_ros.bench.mismatch.mismatch_bench import SCORED
+from adk_ros.bench.mismatch.reliability import brier_score
 from adk_ros.bench.mismatch.selection_calibration import SelectionCalibration
 from adk_ros.mismatch.inference.confidence import ConfidenceModel
 from adk_ros.mismatch.inference.result import EXPLAINED
@@ -176,8 +177,8 @@ def _confidence_lines(claims: Sequence[Claim]) -> list[str]:
         return [f"confidence: {found}: not enough to calibrate"]
     present, best = ConfidenceModel(), fit_confidence(claims)
     return [
-        f"confidence: {found}; Brier score {brier_score(present, claims):.4f} as it is, "
-        f"{brier_score(best, claims):.4f} with",
+        f"confidence: {found}; Brier score {brier_score(stated(present, claims)):.4f} as it is, "
+        f"{brier_score(stated(best, claims)):.4f} with",
         f"  CONFIDENCE_INEXACTNESS {best.inexactness:.3g} (now {present.inexactness:g}), "
         f"UNLISTED_ODDS {best.unlisted_odds:.3g} (now {present.unlisted_odds:g}), "
         f"UNLISTED_EXPONENT {best.unlisted_exponent:.3g} (now {present.unlisted_exponent:g})",

@@ -5,7 +5,7 @@ The list of generated cases.
 
 Single effects at three strengths, combinations, changes outside the catalogue, dropouts of
 sensors, and no change. The simulator that makes both bags (`plant`), the road and the noise
-alternate over the list; the multi-body model of another project has cases of its own.
+alternate over the list; the multi-body model of another project has further cases.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
+from adk_ros.bench.mismatch.reliability import ScoredClaim
 from adk_ros.mismatch.inference.confidence import ConfidenceModel, Evidence
 from adk_ros.numerics.arrays import FloatArray
 
@@ -92,10 +93,10 @@ def probabilities(model: ConfidenceModel, claims: Sequence[Claim]) -> FloatArray
     )
 
 
-def brier_score(model: ConfidenceModel, claims: Sequence[Claim]) -> float:
-    """Return the mean squared difference of probability and truth."""
-    right = np.array([float(claim.right) for claim in claims])
-    return float(np.mean((probabilities(model, claims) - right) ** 2))
+def stated(model: ConfidenceModel, claims: Sequence[Claim]) -> list[ScoredClaim]:
+    """Return the claims with the confidence that a model states."""
+    found = zip(probabilities(model, claims), claims, strict=True)
+    return [ScoredClaim("", float(p), claim.right) for p, claim in found]
 
 
 def _model(x: FloatArray) -> ConfidenceModel:

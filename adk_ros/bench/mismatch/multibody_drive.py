@@ -6,7 +6,7 @@ Drive the multi-body model along a route, with the driver and the injected chang
 Torque T enters as the acceleration T / (m R), which the model converts back: driving at the rear
 axle, braking at both. The steering angle is set, since the model's steering is a rate limit
 without dynamics. Integrated by RK4 at 1 ms. Drag, rolling resistance and added accelerations act
-on body and axles alike.
+on body and axles.
 """
 
 from __future__ import annotations

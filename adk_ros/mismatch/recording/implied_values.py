@@ -20,7 +20,7 @@ from adk_ros.numerics.differentiation import savitzky_golay
 
 _PERIOD_S = 0.02
 _WINDOW_S = 1.02
-"""Smoothing window, s, of all signals alike: longer than the lags of usual drives."""
+"""Smoothing window, s, of all signals: longer than the lags of usual drives."""
 _MIN_SPEED = 3.0
 _MAX_LATERAL = 2.5
 """m/s². Above it, tyre forces take part of the torque, and the steering angle is no ratio."""

@@ -13,6 +13,7 @@ from adk_ros.mismatch.inference.result import (
     ParameterAgreement,
     RecordingSpan,
 )
+from adk_ros.mismatch.report.json_values import json_interval, json_number
 from adk_ros.mismatch.report.quantities import Quantity
 from adk_ros.mismatch.report.summary import interval_text, pair_text, size_and_interval
 from adk_ros.mismatch.report.vocabulary import STATES, listed, quantity, title
@@ -138,10 +139,10 @@ def agreement_dict(agreement: Agreement) -> dict[str, Any]:
         "recordings": [
             {
                 "name": span.name,
-                "begin_s": _number(span.begin_s),
-                "end_s": _number(span.end_s),
+                "begin_s": json_number(span.begin_s),
+                "end_s": json_number(span.end_s),
                 "route": span.route,
-                "lap_m": None if span.lap_m is None else _number(span.lap_m),
+                "lap_m": None if span.lap_m is None else json_number(span.lap_m),
             }
             for span in agreement.recordings
         ],
@@ -150,11 +151,11 @@ def agreement_dict(agreement: Agreement) -> dict[str, Any]:
                 "effect": row.effect,
                 "parameter": row.parameter,
                 "unit": row.joint.unit,
-                "each": [None if x is None else _interval(x) for x in row.each],
-                "joint": _interval(row.joint),
-                "q": _number(row.q),
-                "p_value": _number(row.p_value),
-                "i_squared": _number(row.i_squared),
+                "each": [None if x is None else json_interval(x) for x in row.each],
+                "joint": json_interval(row.joint),
+                "q": json_number(row.q),
+                "p_value": json_number(row.p_value),
+                "i_squared": json_number(row.i_squared),
                 "claimed": row.claimed,
                 "agree": None if math.isnan(row.q) else not row.disagree,
             }
@@ -162,18 +163,10 @@ def agreement_dict(agreement: Agreement) -> dict[str, Any]:
         ],
         "left_out": [
             {
-                "before": {name: _number(x) for name, x in errors.before.items()},
-                "after": {name: _number(x) for name, x in errors.after.items()},
+                "before": {name: json_number(x) for name, x in errors.before.items()},
+                "after": {name: json_number(x) for name, x in errors.after.items()},
             }
             for errors in agreement.left_out
         ],
         "text": agreement_text(agreement),
     }
-
-
-def _interval(x: Interval) -> dict[str, float | None]:
-    return {"value": _number(x.value), "low": _number(x.low), "high": _number(x.high)}
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.6g}") if math.isfinite(value) else None

@@ -4,16 +4,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from typing import Any
 
 from adk_ros.mismatch.deployment.predicted_signals import AHEAD_S
 from adk_ros.mismatch.inference.asked_effect import AskedEffect, AskedFit
-from adk_ros.mismatch.inference.result import Interval, MismatchResult
+from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.inference.signal_fit import PredictedSignals
 from adk_ros.mismatch.inference.steady_state import AIR_DENSITY, Characteristic, line_error
-from adk_ros.mismatch.report.tie_rows import MAX_SHOWN
+from adk_ros.mismatch.report.json_values import json_number, json_parameters
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY, QUANTILE_90
 
@@ -41,20 +39,13 @@ def opening_as_dict(result: MismatchResult) -> dict[str, Any]:
     return keys
 
 
-def _number(value: float | None) -> float | None:
-    """Return six digits; null for what is not finite, or a limit that is never reached."""
-    if value is None or not math.isfinite(value) or abs(value) >= MAX_SHOWN:
-        return None
-    return float(f"{value:.6g}")
-
-
 def _signals(signals: PredictedSignals) -> dict[str, Any]:
     return {
         "data": signals.source,
         "ahead_s": AHEAD_S,
         "fit_percent": {
             name: dict(
-                zip(("before", "after", "noise_limit"), (_number(x) for x in fit), strict=True)
+                zip(("before", "after", "noise_limit"), (json_number(x) for x in fit), strict=True)
             )
             for name, fit in signals.fits().items()
         },
@@ -65,8 +56,8 @@ def _line(shown: Characteristic, entry: int, unit: float, name: str) -> dict[str
     def interval(line: FloatArray, left_out: FloatArray) -> dict[str, float | None]:
         value = unit * float(line[entry])
         half = QUANTILE_90 * unit * float(line_error(left_out)[entry])
-        ends = {"low": _number(value - half), "high": _number(value + half)}
-        return {"value": _number(value), **ends}
+        ends = {"low": json_number(value - half), "high": json_number(value + half)}
+        return {"value": json_number(value), **ends}
 
     measured, simulation = shown.measured, shown.simulation
     return {
@@ -96,7 +87,7 @@ def _asked(asked: AskedEffect) -> dict[str, Any]:
             "against": None
             if found.other == found.of
             else _other(asked.name, found.of, found.other),
-            "loss": _number(found.loss),
+            "loss": json_number(found.loss),
             "distinguishes": found.distinguishes,
         },
     }
@@ -110,25 +101,13 @@ def _fit(fit: AskedFit | None) -> dict[str, Any] | None:
     if fit is None:
         return None
     return {
-        "parameters": _parameters(fit.parameters),
+        "parameters": json_parameters(fit.parameters),
         "kind": fit.kind,
         "segments_m": [[round(a, 1), round(b, 1)] for a, b in fit.segments],
-        "onset_s": _number(fit.onset_s),
-        "gain": _number(fit.gain),
-        "required": _number(fit.required),
-        "share": _number(fit.share),
-        "detectable": {name: _number(x) for name, x in fit.detectable.items()},
-        "more_driving": _number(fit.more_driving),
-    }
-
-
-def _parameters(parameters: Mapping[str, Interval]) -> dict[str, Any]:
-    return {
-        name: {
-            "value": _number(x.value),
-            "low": _number(x.low),
-            "high": _number(x.high),
-            "unit": x.unit,
-        }
-        for name, x in parameters.items()
+        "onset_s": json_number(fit.onset_s),
+        "gain": json_number(fit.gain),
+        "required": json_number(fit.required),
+        "share": json_number(fit.share),
+        "detectable": {name: json_number(x) for name, x in fit.detectable.items()},
+        "more_driving": json_number(fit.more_driving),
     }

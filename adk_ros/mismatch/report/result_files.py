@@ -5,8 +5,6 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +15,12 @@ from adk_ros.mismatch.inference.downweighted_episodes import Downweighted
 from adk_ros.mismatch.inference.result import (
     HeldOutResult,
     IdentifiedEffect,
-    Interval,
     MismatchResult,
 )
 from adk_ros.mismatch.library.effect import PLACE, TIME
 from adk_ros.mismatch.report.agreement_table import agreement_dict
 from adk_ros.mismatch.report.direct_table import direct_as_dicts
+from adk_ros.mismatch.report.json_values import json_number, json_parameters
 from adk_ros.mismatch.report.opening_json import opening_as_dict
 from adk_ros.mismatch.report.recording_texts import onset_text, segment_texts
 from adk_ros.mismatch.report.report_page import FIGURES, PAGE, write_page
@@ -33,10 +31,6 @@ SCHEMA = 1
 RESULT_FILE, SIMULATION_FILE, CORRECTED_FILE = "mismatch.json", "simulation.yaml", "corrected.yaml"
 HELD_OUT_FILE = "held_out.yaml"
 """Corrected model fitted to the first part only; the held-out errors are computed with it."""
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.6g}") if math.isfinite(value) else None
 
 
 def where_text(effect: IdentifiedEffect) -> str:
@@ -55,10 +49,10 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         effects.append(
             {
                 "name": effect.effect.name,
-                "confidence": _number(effect.confidence),
-                "posterior": {name: _number(x) for name, x in effect.posterior.items()},
+                "confidence": json_number(effect.confidence),
+                "posterior": {name: json_number(x) for name, x in effect.posterior.items()},
                 "alternatives": effect.alternatives,
-                "parameters": _parameters(effect.parameters),
+                "parameters": json_parameters(effect.parameters),
                 "where": {
                     "kind": effect.kind,
                     "time_intervals_s": effect.time_intervals_s,
@@ -66,7 +60,7 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
                 },
                 "equations": list(effect.effect.equations),
                 "rivals": [
-                    {"name": competitor.name, "behind": _number(competitor.loss_difference)}
+                    {"name": competitor.name, "behind": json_number(competitor.loss_difference)}
                     for competitor in effect.competitors
                 ],
                 "evidence": _evidence(effect.evidence),
@@ -79,23 +73,23 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         "fit": {
             "horizon_s": result.horizon_s,
             "held_out": True,
-            "before": {name: _number(x) for name, x in result.before.items()},
-            "after": {name: _number(x) for name, x in result.after.items()},
+            "before": {name: json_number(x) for name, x in result.before.items()},
+            "after": {name: json_number(x) for name, x in result.after.items()},
         },
         "identifiability": {"groups": result.groups, "suggest": result.suggestion},
         "sentence": sentence(result),
         "notes": list(result.notes),
-        "stand_in_error": {name: _number(x) for name, x in result.surrogate_error.items()},
+        "stand_in_error": {name: json_number(x) for name, x in result.surrogate_error.items()},
     }
     answer["selection"] = {
-        "expected_loss": _number(result.expected_loss),
-        "surrogate_error": _number(result.surrogate_error_dof),
+        "expected_loss": json_number(result.expected_loss),
+        "surrogate_error": json_number(result.surrogate_error_dof),
         "steps": [
             {
                 "effects": list(step.names),
-                "loss": _number(step.loss),
-                "gain": _number(step.gain),
-                "required": _number(step.required),
+                "loss": json_number(step.loss),
+                "gain": json_number(step.gain),
+                "required": json_number(step.required),
             }
             for step in result.steps
         ],
@@ -106,7 +100,7 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         answer["candidates"] = [
             {
                 "name": candidate.name,
-                "parameters": _parameters(candidate.parameters),
+                "parameters": json_parameters(candidate.parameters),
                 "kind": candidate.kind,
                 "share": candidate.share,
                 "not_claimed_because": candidate.reason,
@@ -150,23 +144,15 @@ def _evidence(evidence: Evidence | None) -> dict[str, Any]:
         return {}
     rows = zip(evidence.names, evidence.log_priors, evidence.differences, strict=True)
     return {
-        "total_gain": _number(evidence.total_gain),
+        "total_gain": json_number(evidence.total_gain),
         "alternatives": [
-            {"name": name, "log_prior": _number(prior), "block_losses": [_number(x) for x in row]}
+            {
+                "name": name,
+                "log_prior": json_number(prior),
+                "block_losses": [json_number(x) for x in row],
+            }
             for name, prior, row in rows
         ],
-    }
-
-
-def _parameters(parameters: Mapping[str, Interval]) -> dict[str, Any]:
-    return {
-        name: {
-            "value": _number(x.value),
-            "low": _number(x.low),
-            "high": _number(x.high),
-            "unit": x.unit,
-        }
-        for name, x in parameters.items()
     }
 
 
@@ -184,7 +170,7 @@ def _held_out(errors: HeldOutResult) -> dict[str, Any]:
         "starts": errors.starts,
         "horizons": {
             f"{horizon:g}": {
-                name: {state: _number(values[i]) for state, values in table.items()}
+                name: {state: json_number(values[i]) for state, values in table.items()}
                 for name, table in tables.items()
             }
             for i, horizon in enumerate(errors.horizons_s)
@@ -199,13 +185,13 @@ def _downweighted(hidden: Downweighted) -> dict[str, Any]:
     """Return when and where the robust loss downweights residuals, and in which channel."""
     return {
         "seconds": hidden.seconds,
-        "expected_seconds": _number(hidden.expected),
-        "share": _number(hidden.share),
+        "expected_seconds": json_number(hidden.expected),
+        "share": json_number(hidden.share),
         "material": hidden.is_material,
         "equations": list(hidden.equations),
         "episodes": [
             {
-                key: _number(value) if isinstance(value, float) else value
+                key: json_number(value) if isinstance(value, float) else value
                 for key, value in episode._asdict().items()
             }
             for episode in hidden.episodes

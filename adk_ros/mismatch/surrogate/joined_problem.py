@@ -3,7 +3,7 @@
 """
 Residuals of several recordings of one car, one after the other on one axis of time.
 
-Each recording is a residual problem of its own: the model starts at its first measurement, and no
+Each recording is a separate residual problem: the model starts at its first measurement, and no
 smoothing, filter or distance runs across a joint. Steps and bins are numbered through.
 """
 

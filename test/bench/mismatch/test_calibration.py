@@ -18,11 +18,12 @@ from adk_ros.bench.mismatch.case_matrix import case_plans
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.confidence_fit import (
     Claim,
-    brier_score,
     fit_confidence,
     probabilities,
+    stated,
 )
 from adk_ros.bench.mismatch.mismatch_bench import code_digest, plan_jobs
+from adk_ros.bench.mismatch.reliability import brier_score
 from adk_ros.mismatch.inference.confidence import ConfidenceModel, Evidence
 from adk_ros.mismatch.library.criteria import INEXACT_EQUATION_SHARE, MAX_EXPLAINED_RATIO
 
@@ -137,7 +138,8 @@ def test_confidence_is_fitted_to_claims_right_and_wrong() -> None:
     p = probabilities(model, claims)
     assert p[:60].min() > 0.9
     assert p[60:].mean() < 0.6
-    assert brier_score(model, claims) < brier_score(ConfidenceModel(1e-6, 1e-3, 0.1), claims)
+    worse = stated(ConfidenceModel(1e-6, 1e-3, 0.1), claims)
+    assert brier_score(stated(model, claims)) < brier_score(worse)
 
 
 def test_results_of_other_code_are_not_resumed(monkeypatch: pytest.MonkeyPatch) -> None:
