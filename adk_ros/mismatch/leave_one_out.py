@@ -14,7 +14,6 @@ from functools import cache
 
 from adk_ros.mismatch.deployment.held_out import Evidence
 from adk_ros.mismatch.inference.agreement import (
-    MIN_ACTIVE_S,
     active_duration,
     agreements,
     best_single,
@@ -26,6 +25,7 @@ from adk_ros.mismatch.inference.forward_selection import SelectionPath
 from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import Agreement, LeftOutErrors
+from adk_ros.mismatch.library.criteria import MIN_ACTIVE_S
 from adk_ros.mismatch.recorded_data import RecordedData
 from adk_ros.mismatch.validation import correction_errors
 

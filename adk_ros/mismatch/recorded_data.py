@@ -11,7 +11,6 @@ import numpy as np
 
 from adk_ros.errors import DataError
 from adk_ros.mismatch.deployment.held_out import Evidence
-from adk_ros.mismatch.inference.agreement import MIN_ACTIVE_S
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
@@ -23,7 +22,7 @@ from adk_ros.mismatch.inference.observability import (
     with_pseudo_imu,
 )
 from adk_ros.mismatch.inference.result import RecordingSpan
-from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
+from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE, MIN_ACTIVE_S
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.checks import check_recording
 from adk_ros.mismatch.recording.direct_comparison import DirectComparison, compare_directly

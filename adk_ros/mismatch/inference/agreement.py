@@ -27,6 +27,7 @@ from adk_ros.mismatch.inference.result import (
     Interval,
     ParameterAgreement,
 )
+from adk_ros.mismatch.library.criteria import MIN_ACTIVE_S
 from adk_ros.mismatch.library.effect import ALWAYS
 from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.residuals import BIN_S
@@ -37,8 +38,6 @@ DISAGREEMENT_LEVEL = 0.05
 Probability that any compared size differs by chance. Convention; Bonferroni's inequality divides
 it by the number of sizes.
 """
-MIN_ACTIVE_S = 2.0
-"""s that an effect must act in a recording for its size there: as for the confirmation of one."""
 
 
 def sizes_from(decision: Decision, joint: JointLikelihood, kept: Collection[int]) -> Decision:

@@ -19,12 +19,9 @@ from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import ABLATION, FINAL
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.library.criteria import MIN_CONFIRMED_SHARE
+from adk_ros.mismatch.library.criteria import MIN_ACTIVE_S, MIN_CONFIRMED_SHARE
 from adk_ros.numerics.arrays import BoolArray
 from adk_ros.numerics.levenberg_marquardt import huber_loss
-
-_MIN_ACTIVE_S = 2.0
-"""s of activity in the held-out data below which an effect cannot be confirmed or refuted."""
 
 
 def confirmed(decision: Decision, training: Likelihood, whole: Likelihood) -> Decision:
@@ -76,7 +73,7 @@ def _activity_ratio(active: ActiveEffect, whole: Likelihood, held_out: BoolArray
     acting = np.interp(problem.bin_s, problem.middle_s, weight) * counted
     bin_s = float(problem.bin_s[1] - problem.bin_s[0])
     later, earlier = float(acting[held_out].sum()), float(acting[~held_out].sum())
-    if later * bin_s < _MIN_ACTIVE_S or earlier * bin_s < _MIN_ACTIVE_S:
+    if later * bin_s < MIN_ACTIVE_S or earlier * bin_s < MIN_ACTIVE_S:
         return None
     return later / earlier
 

@@ -253,6 +253,8 @@ MIN_CONFIRMED_SHARE = 0.25
 Least gain of one of several effects on held-out data, as a share of its gain on the training part
 in proportion to the time that it acts. By choice.
 """
+MIN_ACTIVE_S = 2.0
+"""s that an effect must act in data to be confirmed, refuted or measured there. By choice."""
 MAX_EXPLAINED_RATIO = 1.2
 """
 Largest held-out error that a correct model explains, over what noise and the surrogate's own error
