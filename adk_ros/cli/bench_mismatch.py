@@ -48,6 +48,9 @@ def concealed(
             "by commas"
         ),
     ] = "",
+    seed: Annotated[
+        int, typer.Option(help="with --own: other vehicles, drives and roads for each number")
+    ] = 0,
     limit: Annotated[
         int,
         typer.Option(help="number of cases with --own (0: all) or --calibrate (0: 60)"),
@@ -83,7 +86,7 @@ def concealed(
     from adk_ros.bench.mismatch.baselines import Baselines
     from adk_ros.bench.mismatch.calibration import calibrate as calibrated
     from adk_ros.bench.mismatch.calibration_cases import calibration_plans
-    from adk_ros.bench.mismatch.case_matrix import select_plans
+    from adk_ros.bench.mismatch.case_matrix import LISTS, select_plans
     from adk_ros.bench.mismatch.mismatch_bench import (
         SCORED,
         MismatchBench,
@@ -108,6 +111,10 @@ def concealed(
         raise UsageError(f"--jobs is {jobs}: choose 1 to 64")
     if only and not own:
         raise UsageError("--only selects from the list of generated cases: use it with --own")
+    if seed and not own:
+        raise UsageError("--seed selects generated cases: use it with --own")
+    if not 0 <= seed < LISTS:
+        raise UsageError(f"--seed is {seed}: choose 0 to {LISTS - 1}")
     if limit < 0:
         raise UsageError(f"--limit is {limit}: choose 0 (all cases) or more")
     if real is not None:
@@ -125,7 +132,7 @@ def concealed(
     elif calibrate:
         todo = plan_jobs(calibration_plans(limit or _CALIBRATION_CASES))
     else:
-        plans = select_plans(limit, only)
+        plans = select_plans(limit, only, seed)
         if any(plan.plant == MULTI_BODY for plan in plans):
             base_parameters()  # Refuses here, not after an hour.
         todo = plan_jobs(plans)

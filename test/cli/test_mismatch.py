@@ -180,6 +180,8 @@ def test_an_interruption_leaves_no_incomplete_report(
         (["--own", "--calibrate"], "one of them"),
         (["--own", "--jobs", "0"], "choose 1 to 64"),
         (["--own", "--resume"], "name it"),
+        (["--own", "--seed", "499"], "choose 0 to 498"),
+        (["--calibrate", "--seed", "1"], "use it with --own"),
         (["--real", "x"], "needs --vehicle"),
     ],
 )

@@ -28,6 +28,9 @@ from adk_ros.bench.mismatch.unlisted_labels import describe_unlisted
 from adk_ros.errors import UsageError
 
 FULL_STRENGTH, WEAK, WEAKEST = 1.0, 0.3, 0.1
+FIRST_SEED, SEEDS_PER_LIST, LISTS = 1000, 1000, 499
+"""Seed of the first case of list 0; seeds of two lists differ by `SEEDS_PER_LIST`, and those of
+all `LISTS` end before the seeds of the calibration."""
 CLEAN = 100
 """Control cases without a mismatch: with none of 100 misjudged, the false-positive rate is below
 3 % at 95 % confidence."""
@@ -140,17 +143,17 @@ def _plan(
     noise = NOISES[i // 9 % len(NOISES)]
     if {*NEED_GRIP, *NEED_SPEED} & {*injected.effects, *injected.unlisted}:
         road_style = "track"
-    return CasePlan(name, injected, 1000 + i, plant, strength, road_style, noise)
+    return CasePlan(name, injected, FIRST_SEED + i, plant, strength, road_style, noise)
 
 
-def case_plans() -> Iterator[CasePlan]:
+def case_plans(number: int = 0) -> Iterator[CasePlan]:
     """
-    Yield all cases.
+    Yield all cases of list `number`, of `LISTS` with other vehicles, drives, roads and plants.
 
     The number of a case decides on its random vehicle, so new ones are added at the end.
     """
     every = [*_first_cases(), *_further_cases()]
-    for i, (name, injected, strength, plant) in enumerate(every):
+    for i, (name, injected, strength, plant) in enumerate(every, number * SEEDS_PER_LIST):
         yield _plan(i, name, injected, strength, plant)
 
 
@@ -196,15 +199,15 @@ def _unlisted(names: Sequence[str]) -> Iterator[_Case]:
             yield f"unlisted_{name}_{strength:g}", injected, strength, ""
 
 
-def select_plans(limit: int, only: str = "") -> list[CasePlan]:
+def select_plans(limit: int, only: str = "", number: int = 0) -> list[CasePlan]:
     """
-    Return at most `limit` plans, spread evenly over the list; 0: all.
+    Return at most `limit` plans of list `number`, spread evenly over it; 0: all.
 
     `only`: a name or a pattern with `*`, `?` and `[...]`, several separated by commas.
     :raises UsageError: no case has such a name.
     """
     patterns = [pattern.strip() for pattern in only.split(",") if pattern.strip()]
-    every = list(case_plans())
+    every = list(case_plans(number))
     for pattern in patterns:
         if not any(fnmatchcase(plan.name, pattern) for plan in every):
             raise UsageError(

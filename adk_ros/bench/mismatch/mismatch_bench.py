@@ -113,7 +113,7 @@ class MismatchBench:
     """
     Benchmark run: output folder, number of parallel cases, and whether to skip finished ones.
 
-    `baselines`: other methods to run on each case as well.
+    `baselines`: other methods to run on each case as well, also on those finished without them.
     """
 
     out: Path
@@ -130,7 +130,11 @@ class MismatchBench:
         """
         tell = progress or (lambda done, total, text: None)
         self._check(jobs)
-        found = {job.name: s for job in jobs if (s := self._earlier(job)) is not None}
+        found = {
+            job.name: s
+            for job in jobs
+            if (s := self._earlier(job)) is not None and (s.baselines or self.baselines is None)
+        }
         todo = [job for job in jobs if job.name not in found]
         existed = self.out.exists()
         self.out.mkdir(parents=True, exist_ok=True)
@@ -180,8 +184,6 @@ class MismatchBench:
             earlier.claims = [ScoredClaim(*claim) for claim in earlier.claims]
         except (ValueError, KeyError, TypeError):
             return None
-        if self.baselines is not None and not earlier.baselines:
-            return None
         return earlier if content["key"] == job.key else None
 
     def _case(self, job: CaseJob, scratch: Path, processes: Subprocesses) -> CaseResult:
@@ -189,17 +191,21 @@ class MismatchBench:
         folder.mkdir()
         case = job.write(folder)
         report = folder / "report"
-        result = run_case(case, report, processes)
-        result.case = job.name
+        result = self._earlier(job)
+        if result is None:
+            result = run_case(case, report, processes)
+            result.case = job.name
+        else:
+            shutil.copytree(self.out / job.name, report)
+        label = json.loads((case / LABEL).read_text(encoding="utf-8"))
         if self.baselines is not None and not result.failure:
             result.baselines = self.baselines.compare_baselines(
                 read_sensor_log(case / "recording", needs_imu=False),
                 report,
-                json.loads((case / LABEL).read_text(encoding="utf-8")),
+                label,
                 json.loads((report / RESULT_FILE).read_text(encoding="utf-8")),
             )
         if not result.failure:
-            label = json.loads((case / LABEL).read_text(encoding="utf-8"))
             content = {"key": job.key, "label": label, "score": asdict(result)}
             (report / SCORED).write_text(json.dumps(content, indent=1), encoding="utf-8")
             path = self.out / job.name

@@ -239,6 +239,35 @@ def test_a_changed_case_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert again.ran == ["b"]
 
 
+def test_baselines_are_added_to_finished_cases(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class FakeBaselines:
+        asked = 0
+
+        def compare_baselines(self, *arguments: Any) -> list[dict[str, Any]]:
+            self.asked += 1
+            return [{"method": "other"}]
+
+        def close(self) -> None:
+            pass
+
+    out, todo = tmp_path / "out", jobs(tmp_path)
+    monkeypatch.setattr(mismatch_bench, "run_case", Fake())
+    monkeypatch.setattr(mismatch_bench, "read_sensor_log", lambda *_, **__: None)
+    MismatchBench(out).run(todo)
+    for name in ("a", "b", "c"):
+        (out / name / "mismatch.json").write_text("{}")
+    again, others = Fake(), FakeBaselines()
+    monkeypatch.setattr(mismatch_bench, "run_case", again)
+    for _ in range(2):
+        bench = MismatchBench(out, resume=True, baselines=others)  # type: ignore[arg-type]
+        scores = bench.run(todo)
+    assert again.ran == []
+    assert others.asked == 3
+    assert [s.baselines for s in scores] == [[{"method": "other"}]] * 3
+
+
 def test_an_interrupted_first_case_leaves_no_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

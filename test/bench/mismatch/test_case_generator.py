@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adk_ros.bench.mismatch.case_matrix import NOISES, case_plans, select_plans
+from adk_ros.bench.mismatch.calibration_cases import FIRST_SEED as FIRST_CALIBRATION_SEED
+from adk_ros.bench.mismatch.case_matrix import LISTS, NOISES, case_plans, select_plans
 from adk_ros.bench.mismatch.injected_changes import InjectedChanges
 from adk_ros.bench.mismatch.injected_drive import PLANTS, simulate_injected_drive
 from adk_ros.bench.mismatch.injectors import FULL, UNLISTED, plant_changes
@@ -68,6 +69,17 @@ def test_the_list_has_every_kind_of_case() -> None:
     for strength in (1.0, 0.3, 0.1):
         singles = {p.name for p in plans if p.strength == strength and p.injected.effects}
         assert {f"{name}_{strength:g}" for name in FULL} <= singles
+
+
+def test_lists_of_other_numbers_share_names_and_sizes_but_no_car() -> None:
+    first, second = list(case_plans()), list(case_plans(1))
+    assert [p.name for p in first] == [p.name for p in second]
+    assert [p.injected for p in first] == [p.injected for p in second]
+    assert not {p.seed for p in first} & {p.seed for p in second}
+    assert sum(a.plant != b.plant for a, b in zip(first, second, strict=True)) > 200
+    clean = [p for p in second if p.name.startswith("clean")]
+    assert {(p.plant, p.noise) for p in clean} >= {(x, y) for x in PLANTS for y in NOISES}
+    assert max(p.seed for p in case_plans(LISTS - 1)) < FIRST_CALIBRATION_SEED
 
 
 def test_cases_are_selected_by_name_or_pattern() -> None:
