@@ -38,6 +38,13 @@ def held_input_errors(model: KoopmanModel, steps: int) -> FloatArray:
     return np.asarray(increment * np.arange(1, steps + 1)[:, None, None])
 
 
+def tick_change(model: KoopmanModel) -> FloatArray:
+    """Return the RMS change (3,) of the state over one tick, SI, on validation data if known."""
+    if len(model.mean_square_change):
+        return np.asarray(np.sqrt(model.mean_square_change[0]))
+    return np.asarray(np.sqrt(_typical_increment_squared(model)))
+
+
 def make_rollout_monitor(model: KoopmanModel) -> RolloutMonitor | None:
     """Return a monitor, or None if the model is not lifted by a compiled encoder at each step."""
     encoder = model.lifting.compiled

@@ -10,16 +10,21 @@ what the live node published.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.initial_errors import one_step_errors, tick_change
 from adk_ros.model.koopman import KoopmanModel
-from adk_ros.model.prediction import Prediction
+from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.align import Aligner
 from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample, Source
 from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
+from adk_ros.signals.gate import GateSettings, ReadingGate
 from adk_ros.signals.plausibility import Plausibility
 
 _TICK_S = TICK_NS * 1e-9
@@ -45,6 +50,7 @@ class PipelineSettings:
     frozen_after_s: float = 1.0
     max_wait_s: float = 0.05
     max_coast_s: float = 1.0
+    gate: GateSettings = field(default_factory=GateSettings)
 
 
 class Pipeline:
@@ -52,17 +58,20 @@ class Pipeline:
     Turns messages into predictions and counts events.
 
     `last_sample` and `last_prediction` are the newest. Diagnostics read `predictor`, `aligner`,
-    `decoder` and `plausibility`.
+    `gate`, `decoder` and `plausibility`.
     """
 
     def __init__(self, model: KoopmanModel, settings: PipelineSettings | None = None) -> None:
         settings = settings or PipelineSettings()
         self.settings = settings
         self.decoder = Decoder(settings.sensors)
+        errors = np.diag(one_step_errors(model))
+        self.gate = ReadingGate(tick_change(model), errors, settings.gate)
         self.aligner = Aligner(
             odometry_timeout_s=settings.odometry_timeout_s,
             frozen_after_s=settings.frozen_after_s,
             max_wait_s=settings.max_wait_s,
+            gate=self.gate if settings.gate.false_rejection else None,
         )
         self.predictor = Predictor(
             model,
@@ -96,7 +105,7 @@ class Pipeline:
         """Take a decoded reading; return as `take`."""
         if reading.source is _ODOMETRY:
             self.plausibility.see(reading)
-        samples = self.aligner.push(reading)
+        samples = self.aligner.take(reading)
         return self._predict(samples) if samples else []
 
     def advance(self, now_ns: int) -> list[Prediction]:
@@ -107,10 +116,11 @@ class Pipeline:
         """Forget samples and adaptation; keep the counts."""
         self.decoder.reset()
         self.aligner.reset()
+        self.gate.reset()
         self.predictor.reset()
         self.plausibility.reset()
 
-    def _predict(self, samples: list[Sample]) -> list[Prediction]:
+    def _predict(self, samples: Iterable[Sample]) -> list[Prediction]:
         predictions = []
         for sample in samples:
             self.ticks += 1
@@ -120,7 +130,16 @@ class Pipeline:
             self.last_sample = sample
             self.plausibility.add(sample)
             prediction = self.predictor.step(sample)
-            if prediction is not None:
-                self.last_prediction = prediction
-                predictions.append(prediction)
+            if prediction is None:
+                if self.predictor.status is not Status.IMPLAUSIBLE:
+                    self.gate.forget()
+                continue
+            self.gate.expect(
+                sample.stamp_ns,
+                self.predictor.filtered_state,
+                prediction.x,
+                self.predictor.uncertainty_growth,
+            )
+            self.last_prediction = prediction
+            predictions.append(prediction)
         return predictions

@@ -17,6 +17,7 @@ class Status(Enum):
     WARMING_UP = "warming up"
     COASTING = "coasting"
     NO_STATE = "no state"
+    IMPLAUSIBLE = "implausible"
 
 
 class Prediction(NamedTuple):

@@ -21,6 +21,7 @@ import numpy as np
 
 from adk_ros.errors import UsageError
 from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
+from adk_ros.model.drivable import is_drivable
 from adk_ros.model.estimation.disturbance import ewma_covariance, regression_pair
 from adk_ros.model.estimation.observer import TickArrays, observer_update
 from adk_ros.model.initial_errors import (
@@ -40,13 +41,18 @@ from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, Sample
 
 _COVARIANCE_GAIN = 0.01
 """Gain per tick of the innovation covariance: time constant 2.5 s. Empirical, not calibrated."""
+_MAX_WITHHELD = 4
+"""Implausible predictions in succession after which the predictor is reset: a single wrong sample
+causes one or two. By choice."""
 _MAX_HORIZON_STEPS = 400
 """10 s. A rollout of 400 steps takes about a millisecond."""
 # Plain integers: operations on flags take a microsecond each.
 _RESTART, _COASTING, _UNLEARNABLE = int(Flag.RESTART), int(Flag.COASTING), int(UNLEARNABLE)
-_ODOMETRY_STALE = int(Flag.ODOMETRY_STALE)
+_ODOMETRY_STALE, _LEVEL_CHANGE = int(Flag.ODOMETRY_STALE), int(Flag.LEVEL_CHANGE)
+_REJECTED = int(Flag.REJECTED)
 _NAN3 = np.full(3, math.nan)
 _NAN3.flags.writeable = False
+_NO_GROWTH = np.zeros(3)
 _NO_PREDICTION = np.full(3, math.nan)
 """Writable, as predictions are: for a read-only array numba would compile the observer again."""
 
@@ -120,10 +126,12 @@ class Predictor:
         self._published = PublishedHorizonErrors(
             held_input_errors(model, horizon_steps), PRIOR_ROLLOUTS
         )
+        self.implausible = 0
+        """Number of predictions withheld because no vehicle can move like that."""
         self.reset()
 
     def reset(self) -> None:
-        """Forget all samples and adaptation."""
+        """Forget all samples and adaptation; keep the count of implausible predictions."""
         self.online.reset()
         if self.rollout_monitor is not None:
             self.rollout_monitor.reset()
@@ -132,6 +140,8 @@ class Predictor:
         self._n_samples = 0
         self._last_ns: int | None = None
         self._coasted = 0
+        self._uncertain_ticks = 0
+        self._withheld_in_succession = 0
         self._predicted: FloatArray | None = None
         self._consecutive_valid_samples = 0
         self._disturbance[:] = 0.0
@@ -189,6 +199,8 @@ class Predictor:
             self._lose_state()
             return None
         measured = not sample.flags & _COASTING and math.isfinite(sum(sample.x))
+        trusted = measured and not sample.flags & _REJECTED
+        self._uncertain_ticks = 0 if trusted else self._uncertain_ticks + 1
         if measured:
             self._coasted = 0
             state = np.array(sample.x)
@@ -225,6 +237,8 @@ class Predictor:
         self, sample: Sample, state: FloatArray, measured: bool, horizon_steps: int
     ) -> Prediction | None:
         usable = measured and not sample.flags & _UNLEARNABLE
+        if measured and sample.flags & _LEVEL_CHANGE:
+            self._shift_past(state)
         self._observe(sample, state, usable)
         self._n_samples += 1
         self._consecutive_valid_samples = self._consecutive_valid_samples + 1 if usable else 0
@@ -249,6 +263,10 @@ class Predictor:
             # Not reachable from finite samples with a valid model; if it happens, start again.
             self.reset()
             return None
+        if not is_drivable(state, horizon):
+            self._withhold(state, horizon[0])
+            return None
+        self._withheld_in_succession = 0
         ahead = horizon[:horizon_steps]
         # A copy: callers may write to what is returned.
         self._predicted = horizon[0].copy()
@@ -259,10 +277,21 @@ class Predictor:
             x=horizon[0],
             covariance=self._published_covariance(),
             horizon=ahead,
-            horizon_covariance=self._published.tick(state, usable, ahead, self._coasted),
+            horizon_covariance=self._published.tick(state, usable, ahead, self._uncertain_ticks),
             innovation=innovation,
             status=self.status,
         )
+
+    def _shift_past(self, state: FloatArray) -> None:
+        """
+        Move the past states by the difference of `state` (3,) from its prediction.
+
+        The jump of a new level is then no increment, which would be taken for a disturbance.
+        """
+        if self._predicted is not None:
+            past = self._tick.x_past
+            past += (state - self._predicted) / self.model.scaling.x_scale
+            self._predicted = state
 
     def _observe(self, sample: Sample, state: FloatArray, usable: bool) -> None:
         # A repeated odometry reading says less than the prediction for this tick.
@@ -291,12 +320,30 @@ class Predictor:
     def _rollout(self, u_ahead: FloatArray, steps: int) -> FloatArray | None:
         return self._model_rollout.run(self.online.theta, u_ahead, steps, self.rollout_monitor)
 
+    @property
+    def uncertainty_growth(self) -> FloatArray:
+        """Variance (3,), SI, that ticks without a trusted measurement add to a prediction."""
+        if not self._uncertain_ticks:
+            return _NO_GROWTH
+        return np.array(np.diag(self._published_covariance() - self._covariance))
+
+    def _withhold(self, state: FloatArray, predicted: FloatArray) -> None:
+        """Count an implausible prediction; discard the adaptation that leads to several."""
+        self.implausible += 1
+        self._withheld_in_succession += 1
+        if self._withheld_in_succession >= _MAX_WITHHELD:
+            self.reset()
+        else:
+            drivable = is_drivable(state, predicted[None])
+            self._predicted = predicted.copy() if drivable else state.copy()
+        self.status = Status.IMPLAUSIBLE
+
     def _published_covariance(self) -> FloatArray:
         covariance: FloatArray = self._covariance.copy()
-        if self._coasted:
+        if self._uncertain_ticks:
             table = self.model.horizon_covariance
             if len(table):
-                covariance += table[min(self._coasted, len(table) - 1)]
+                covariance += table[min(self._uncertain_ticks, len(table) - 1)]
             else:
-                covariance *= 1.0 + self._coasted
+                covariance *= 1.0 + self._uncertain_ticks
         return covariance

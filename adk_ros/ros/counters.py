@@ -60,12 +60,16 @@ class CounterSnapshot(NamedTuple):
     published: int
     received: Counter[Source]
     refused: Counter[tuple[Source, str]]
+    rejected: Counter[Source]
+    level_changes: Counter[Source]
+    noise_changes: Counter[Source]
     aligned: Counter[str]
     flagged: Counter[int]
     failures: int
     missed: int
     errors: int
     withheld: int
+    implausible: int
     resets: int
     innovations: int
     innovation_squares: FloatArray
@@ -79,12 +83,16 @@ def snapshot(pipeline: Pipeline, counters: Counters, now_s: float) -> CounterSna
         published=counters.published,
         received=Counter(pipeline.received),
         refused=Counter(pipeline.decoder.refused),
+        rejected=Counter(pipeline.gate.rejected),
+        level_changes=Counter(pipeline.gate.level_changes),
+        noise_changes=Counter(pipeline.gate.noise_changes),
         aligned=Counter(pipeline.aligner.counts),
         flagged=Counter(counters.flagged),
         failures=pipeline.predictor.online.failures,
         missed=counters.missed_deadlines,
         errors=counters.internal_errors,
         withheld=counters.withheld,
+        implausible=pipeline.predictor.implausible,
         resets=counters.resets,
         innovations=counters.innovations,
         innovation_squares=counters.innovation_squares.copy(),

@@ -12,6 +12,7 @@ import numpy as np
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.ros.counters import Counters, CounterSnapshot
 from adk_ros.signals.channels import STATE_NAMES, Flag, Source
+from adk_ros.signals.gate import CHANNELS
 
 _ALIGNER_KEYS = {
     "stray stamp": "stray_stamps",
@@ -52,6 +53,10 @@ def diagnostic_values(
         values[f"{name}.received"] = now.received[source]
         values[f"{name}.rate_hz"] = (now.received[source] - before.received[source]) / elapsed_s
         values[f"{name}.age_s"] = math.nan if received_s is None else clocks.now_s - received_s
+        if source in CHANNELS:
+            values[f"{name}.rejected"] = now.rejected[source]
+            values[f"{name}.level_changes"] = now.level_changes[source]
+            values[f"{name}.latest_rejection"] = pipeline.gate.latest.get(source, "none")
     for (source, reason), count in sorted(now.refused.items()):
         values[f"{source.name.lower()}.refused: {reason}"] = count
     for key, name in _ALIGNER_KEYS.items():
@@ -69,6 +74,7 @@ def diagnostic_values(
         "missed_deadlines": now.missed,
         "internal_errors": now.errors,
         "predictions_withheld": now.withheld,
+        "predictions_implausible": now.implausible,
         "online_failures": now.failures,
         "condition_number": pipeline.predictor.online.condition_number(),
     }

@@ -19,6 +19,9 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | WARN | a topic stopped, predictions continue | `command timeout (3.2 s): ...` |
 | WARN | no odometry, predictions continue | `coasting for n samples: ...` |
 | WARN | a sensor repeats its values in motion | `IMU frozen: ...`, `odometry frozen: ...` |
+| WARN | readings contradict the prediction | `2 odometry readings rejected: v_x 37.8 m/s, ...` |
+| WARN | consistent readings at another level | `odometry is at a new level: v_x 9.1 m/s, ...` |
+| WARN | inconsistent readings in succession | `odometry is noisier than before` |
 | WARN | messages are refused | `5 command messages refused: joint 'drive' is missing` |
 | WARN | implausible stamps, not confirmed later | `3 implausible time stamps ignored` |
 | WARN | time jumped, e.g. a looping bag | `clock jumped: all state was reset` |
@@ -32,6 +35,7 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | ERROR | stamps of a topic do not match | `odometry timestamps are in a different time base` |
 | ERROR | `use_imu` is `required`, no IMU | `no IMU, but use_imu is 'required'` |
 | ERROR | an exception was caught, state reset | `n internal errors, last: ...` |
+| ERROR | no vehicle can move as predicted | `n predictions withheld: no vehicle ...` |
 | ERROR | a prediction was not finite | `n predictions withheld: not finite` |
 """
 
@@ -63,6 +67,10 @@ _RATE_CHANGE = 1.5
 
 _RATE_TRACKING = 0.3
 """Share of a rate's deviation that each report takes over, so that slow drift is not reported."""
+
+_MANY_REJECTED, _MIN_SHARE_READINGS = 0.2, 10
+"""Share of rejected readings, of at least so many, from which a second publisher is suggested: two
+at equal rates have half of them rejected."""
 
 _REQUIRED = (Source.ODOMETRY, Source.COMMAND)
 
@@ -171,7 +179,7 @@ class Diagnostics:
                 self._add(Level.ERROR, "no predictions: " + reasons)
         elif self._pipeline.predictor.status is Status.NO_STATE:
             self._add(Level.ERROR, "no predictions: no usable state or command")
-        else:
+        elif self._pipeline.predictor.status is not Status.IMPLAUSIBLE:
             self._add(Level.OK, "warming up")
 
     def _has_readings(self, source: Source) -> bool:
@@ -212,6 +220,7 @@ class Diagnostics:
         now, before = self._now, self._before
         for (source, reason), count in sorted((now.refused - before.refused).items()):
             self._add(Level.WARN, f"{count} {source.name.lower()} messages refused: {reason}")
+        self._check_gate()
         aligned = now.aligned - before.aligned
         rows = (
             ("clock jump", Level.WARN, "clock jumped: all state was reset"),
@@ -225,6 +234,23 @@ class Diagnostics:
                 self._add(level, text.format(aligned[key]))
         for source in Source:
             self._check_rate(source)
+
+    def _check_gate(self) -> None:
+        now, before = self._now, self._before
+        for source, latest in sorted(self._pipeline.gate.latest.items()):
+            name = source.name.lower()
+            rejected = now.rejected[source] - before.rejected[source]
+            received = now.received[source] - before.received[source]
+            if rejected:
+                hint = ""
+                if received > _MIN_SHARE_READINGS and rejected > _MANY_REJECTED * received:
+                    hint = "; if another node publishes on this topic, stop one of the two"
+                noun = "reading" if rejected == 1 else "readings"
+                self._add(Level.WARN, f"{rejected} {name} {noun} rejected: {latest}{hint}")
+            if now.level_changes[source] > before.level_changes[source]:
+                self._add(Level.WARN, f"{name} is at a new level: {latest}")
+            if now.noise_changes[source] > before.noise_changes[source]:
+                self._add(Level.WARN, f"{name} is noisier than before: {latest}")
 
     def _check_rate(self, source: Source) -> None:
         period_ns = self._pipeline.aligner.streams[source].period_ns
@@ -265,6 +291,9 @@ class Diagnostics:
         if now.withheld > before.withheld:
             count = now.withheld - before.withheld
             self._add(Level.ERROR, f"{count} predictions withheld: not finite")
+        if now.implausible > before.implausible:
+            count = now.implausible - before.implausible
+            self._add(Level.ERROR, f"{count} predictions withheld: no vehicle moves as predicted")
         if now.missed > before.missed:
             self._add(Level.WARN, f"{now.missed - before.missed} deadlines missed")
         if now.failures > before.failures:

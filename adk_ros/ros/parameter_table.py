@@ -25,6 +25,7 @@ from adk_ros.model.pipeline import PipelineSettings
 from adk_ros.signals.channels import TICK_NS
 from adk_ros.signals.commands import COMMAND_TYPES
 from adk_ros.signals.decode import SensorConfig
+from adk_ros.signals.gate import GateSettings
 
 Value = str | bool | int | float | list[float] | list[str]
 Values = Mapping[str, Any]
@@ -239,6 +240,21 @@ TABLE: tuple[ParameterSpec, ...] = (
         60.0,
     ),
     ParameterSpec(
+        "gate_false_rejection",
+        1e-6,
+        "Share of good IMU and odometry readings that may be rejected as contradicting the "
+        "prediction; 0: reject none.",
+        0.0,
+        0.1,
+    ),
+    ParameterSpec(
+        "gate_confirmations",
+        5,
+        "Rejected readings in succession after which a new level is accepted.",
+        2,
+        1000,
+    ),
+    ParameterSpec(
         "diagnostics_period_s", 1.0, "Period of /diagnostics in wall-clock time, s.", 0.1, 60.0
     ),
 )
@@ -352,6 +368,7 @@ def pipeline_settings(values: Values, model_settings: OnlineSettings) -> Pipelin
         frozen_after_s=values["frozen_after_s"],
         max_wait_s=values["max_wait_s"],
         max_coast_s=values["max_coast_s"],
+        gate=GateSettings(values["gate_false_rejection"], values["gate_confirmations"]),
     )
 
 

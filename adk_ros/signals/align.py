@@ -19,16 +19,22 @@ velocities from the last odometry reading, integrated to t_k with the accelerome
     dv_x = (a_x + r v_y) dt,  dv_y = (a_y - r v_x) dt,
 else by `SampledStream.extrapolate`. Commands are held until the next one (zero-order hold). A
 measured road-wheel angle, if there is such a stream, replaces the commanded one.
+
+With a gate (`signals.gate`), the readings of IMU and odometry are judged when the first sample
+that may use them is formed, in order of their stamps, and rejected ones are removed. What is
+judged thus depends on the set of readings only, too.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from operator import attrgetter
 
-from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample
+from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample, Source
 from adk_ros.signals.clock import ClockGuard, StampVerdict
+from adk_ros.signals.gate import ReadingGate
 from adk_ros.signals.stream import SampledStream, StreamSnapshot
 
 _PERIODS_UNTIL_STALE = 3.0
@@ -56,6 +62,9 @@ _NO_IMU, _IMU_STALE, _ODOMETRY_STALE = (
 )
 _COMMAND_STALE, _FROZEN = int(Flag.COMMAND_STALE), int(Flag.FROZEN)
 _COASTING, _RESTART = int(Flag.COASTING), int(Flag.RESTART)
+_REJECTED, _LEVEL_CHANGE = int(Flag.REJECTED), int(Flag.LEVEL_CHANGE)
+_ODOMETRY = Source.ODOMETRY
+_stamp_of = attrgetter("stamp_ns")
 _NAN2 = (math.nan, math.nan)
 _NAN3 = (math.nan, math.nan, math.nan)
 
@@ -72,6 +81,7 @@ class Aligner:
         moves is frozen, s; 0: never.
     :param max_wait_s: longest wait for a stream that is due, s, see above.
     :param jump_s: deviation of a stamp from the newest one that is implausible, s.
+    :param gate: judges the readings; the caller tells it each prediction.
     """
 
     def __init__(
@@ -80,7 +90,9 @@ class Aligner:
         frozen_after_s: float = 1.0,
         max_wait_s: float = 0.05,
         jump_s: float = 1.0,
+        gate: ReadingGate | None = None,
     ) -> None:
+        self._gate = gate
         self._timeout_ns = round(odometry_timeout_s * 1e9)
         self._frozen_after_s = frozen_after_s
         self._max_wait_ns = round(max_wait_s * 1e9)
@@ -92,6 +104,8 @@ class Aligner:
         self.streams = (SampledStream(), SampledStream(), SampledStream(), SampledStream())
         self._tick_ns: int | None = None
         self._restarted = True
+        if self._gate is not None:
+            self._gate.forget()
 
     @property
     def newest_ns(self) -> int | None:
@@ -105,19 +119,28 @@ class Aligner:
 
     def push(self, reading: Reading) -> list[Sample]:
         """Process one reading; return the samples that it completes, oldest first."""
+        return list(self.take(reading))
+
+    def take(self, reading: Reading) -> Iterable[Sample]:
+        """
+        Process one reading; return the samples that it completes, oldest first, to iterate once.
+
+        Each is formed when it is asked for, so that the gate knows the prediction from the one
+        before. All of them must be taken before the next call.
+        """
         if self._guard.follows(reading.stamp_ns):
             # Fast path: nearly every reading.
             self._insert(reading)
             tick_ns, newest = self._tick_ns, self._guard.newest_ns
             if tick_ns is not None and newest is not None and newest < tick_ns:
-                return []
+                return ()
             return self._complete()
         verdict, released = self._guard.check_stamp(reading)
         if verdict is not StampVerdict.JUMP:
             if released:
                 self.counts["stray stamp"] += len(released)
             if verdict is StampVerdict.HOLD:
-                return []
+                return ()
             self._insert(reading)
             return self._complete()
         self.counts["clock jump"] += 1
@@ -126,16 +149,16 @@ class Aligner:
             self._insert(item)
         return self._complete()
 
-    def advance(self, now_ns: int) -> list[Sample]:
+    def advance(self, now_ns: int) -> Iterable[Sample]:
         """
-        Complete samples by the clock, for streams too slow to complete them in time.
+        Complete samples by the clock, for streams too slow to complete them in time; as `take`.
 
         `now_ns` is the caller's clock minus the transit time of messages. It is used only while
         it leads the stamps by less than 1 s; otherwise it has another time base.
         """
         newest = self._guard.newest_ns
         if newest is None or not 0 < now_ns - newest < _MAX_CLOCK_LEAD_NS:
-            return []
+            return ()
         return self._complete(now_ns)
 
     def _insert(self, reading: Reading) -> None:
@@ -151,22 +174,41 @@ class Aligner:
                 self.counts["late"] += 1
         stream.add(stamp_ns, reading.values)
         stream.awaited = True
+        if self._gate is not None and reading.source <= _ODOMETRY:
+            stream.unjudged.append(reading)
 
-    def _complete(self, now_ns: int | None = None) -> list[Sample]:
+    def _complete(self, now_ns: int | None = None) -> Iterator[Sample]:
         newest = self._guard.newest_ns
         _, odometry, command, _ = self.streams
         if newest is None or not odometry.stamps or not command.stamps:
-            return []
+            return
         reached = newest if now_ns is None else max(newest, now_ns)
         if self._tick_ns is None:
             first = max(odometry.stamps[0], command.stamps[0])
             self._tick_ns = -(-first // TICK_NS) * TICK_NS
-        samples = []
         while self._tick_ns <= reached and self._is_complete(self._tick_ns, reached):
-            samples.append(self._sample(self._tick_ns))
+            tick_ns, flags = self._tick_ns, _RESTART if self._restarted else 0
             self._tick_ns += TICK_NS
             self._restarted = False
-        return samples
+            if self._gate is not None:
+                flags |= self._judge(self._gate, tick_ns)
+            yield self._sample(tick_ns, flags)
+
+    def _judge(self, gate: ReadingGate, tick_ns: int) -> int:
+        """Remove the readings up to a tick that the gate rejects; return the flags."""
+        flags = 0
+        for stream in self.streams[:2]:
+            if not stream.unjudged:
+                continue
+            due = [r for r in stream.unjudged if r.stamp_ns <= tick_ns]
+            stream.unjudged = [r for r in stream.unjudged if r.stamp_ns > tick_ns]
+            for reading in sorted(due, key=_stamp_of) if len(due) > 1 else due:
+                if not gate.accepts(reading):
+                    stream.remove(reading.stamp_ns)
+                    flags |= _REJECTED
+                    if reading.source is _ODOMETRY:
+                        flags |= _ODOMETRY_STALE
+        return flags | _LEVEL_CHANGE if gate.level_changed else flags
 
     def _is_complete(self, tick_ns: int, reached_ns: int) -> bool:
         for stream in self.streams:
@@ -193,9 +235,8 @@ class Aligner:
             and known.unchanged_s() >= self._frozen_after_s
         )
 
-    def _sample(self, tick_ns: int) -> Sample:
+    def _sample(self, tick_ns: int, flags: int) -> Sample:
         imu, odometry, command, steering = self.streams
-        flags = _RESTART if self._restarted else 0
         odometry_at = odometry.at_or_before(tick_ns)
         command_at = command.at_or_before(tick_ns)
         # None if the stream's readings up to this tick were dropped or arrived late.

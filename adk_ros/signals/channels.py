@@ -46,12 +46,14 @@ class Reading(NamedTuple):
     Content of one message, at the vehicle's reference point.
 
     `values` by source: IMU (a_x, a_y, yaw_rate), ODOMETRY (v_x, v_y, yaw_rate), COMMAND (torque,
-    delta), STEERING (delta,). A channel that the message does not report is NaN.
+    delta), STEERING (delta,). A channel that the message does not report is NaN. `variances`: of
+    `values`, as the message reports them, None if it does not.
     """
 
     source: Source
     stamp_ns: int
     values: tuple[float, ...]
+    variances: tuple[float, ...] | None = None
 
 
 class Flag(IntFlag):
@@ -72,10 +74,20 @@ class Flag(IntFlag):
     """No measured state: the caller substitutes a predicted state, or makes no prediction."""
     RESTART = 64
     """First sample after a start or a clock jump: earlier samples are not its past."""
+    REJECTED = 128
+    """The gate rejected a reading of this tick."""
+    LEVEL_CHANGE = 256
+    """The gate accepted a new level: the state is not a continuation of its past."""
 
 
 UNLEARNABLE = (
-    Flag.IMU_STALE | Flag.ODOMETRY_STALE | Flag.COMMAND_STALE | Flag.FROZEN | Flag.COASTING
+    Flag.IMU_STALE
+    | Flag.ODOMETRY_STALE
+    | Flag.COMMAND_STALE
+    | Flag.FROZEN
+    | Flag.COASTING
+    | Flag.REJECTED
+    | Flag.LEVEL_CHANGE
 )
 """Flags that exclude a sample from every fit."""
 

@@ -29,6 +29,9 @@ MAX_FORCE = 500.0
 _MAX_GYRO_RATE = MAX_YAW_RATE * 57.3
 """rad/s for the gyro: a gyro in deg/s is accepted, so that `plausibility` can name the fault."""
 
+_MAX_VARIANCE = 1e4
+"""SI units squared; a larger variance, of 100 m/s, marks a value that is not measured."""
+
 __all__ = ["Decoder", "RefusedMessage", "SensorConfig"]
 
 
@@ -127,6 +130,7 @@ class Decoder:
             if stamp_ns <= 0:
                 raise RefusedMessage("no time stamp")
             values = self._values[source](stamp_ns, msg)
+            variances = self._variances(source, msg)
         except RefusedMessage as refusal:
             self.refused[(source, str(refusal))] += 1
             raise
@@ -134,7 +138,22 @@ class Decoder:
             reason = f"not the expected message type ({type(msg).__name__})"
             self.refused[(source, reason)] += 1
             raise RefusedMessage(reason) from error
-        return Reading(source, stamp_ns, values)
+        return Reading(source, stamp_ns, values, variances)
+
+    def _variances(self, source: Source, msg: Any) -> tuple[float, ...] | None:
+        """Return the variances (3,) that a message of IMU or odometry reports, if any."""
+        if source is Source.ODOMETRY:
+            covariance = msg.twist.covariance
+            found = (covariance[0], covariance[7], covariance[35])
+        elif source is Source.IMU and not self._is_rotated:
+            force, rate = msg.linear_acceleration_covariance, msg.angular_velocity_covariance
+            found = (force[0], force[4], rate[8])
+        else:
+            return None
+        # All zero means unknown, and so do the large values that mark an axis as not measured.
+        if all(0.0 < x < _MAX_VARIANCE for x in found):
+            return (float(found[0]), float(found[1]), float(found[2]))
+        return None
 
     def reset(self) -> None:
         """Discard the previous gyro value, after a clock jump."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import NamedTuple
 
-from adk_ros.signals.channels import TICK_NS
+from adk_ros.signals.channels import TICK_NS, Reading
 
 _KEEP_NS = 500_000_000
 """ns of readings kept: the odometry timeout, beyond which no sample uses them."""
@@ -65,6 +65,8 @@ class SampledStream:
         self.stamps: list[int] = []
         self._values: list[tuple[float, ...]] = []
         self._states: list[tuple[float, int, int]] = []
+        self.unjudged: list[Reading] = []
+        """Readings that the gate has not seen yet; used only if there is one."""
         self.period_ns = 0.0
         self.awaited = True
 
@@ -108,6 +110,16 @@ class SampledStream:
             del stamps[:drop]
             del self._values[:drop]
             del self._states[:drop]
+            self.unjudged = [r for r in self.unjudged if r.stamp_ns >= stamps[0]]
+
+    def remove(self, stamp_ns: int) -> None:
+        """Remove the reading with this stamp, if it is still kept."""
+        if not self.has(stamp_ns):
+            return
+        index = bisect_right(self.stamps, stamp_ns) - 1
+        del self.stamps[index]
+        del self._values[index]
+        del self._states[index]
 
     def _update_period(self, gap_ns: int) -> None:
         if self.period_ns == 0.0:

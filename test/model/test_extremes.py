@@ -45,7 +45,7 @@ def drives(draw: Any) -> list[Sample]:
 def check(made: Prediction | None, predictor: Predictor, steps: int) -> None:
     assert np.isfinite(predictor.online.theta).all()
     if made is None:
-        assert predictor.status in (Status.WARMING_UP, Status.NO_STATE)
+        assert predictor.status in (Status.WARMING_UP, Status.NO_STATE, Status.IMPLAUSIBLE)
         return
     assert made.horizon.shape == (steps, 3)
     assert np.isfinite(made.horizon).all()
@@ -128,8 +128,8 @@ def test_a_method_that_blows_up_is_withheld_and_starts_afresh() -> None:
     assert [item is None for item in made] == [True] * 2 + [False] * 17
 
 
-def test_coasting_for_ever_is_asked_for() -> None:
-    """Even then predictions stay within bounds and the covariance finite."""
+def test_an_unstable_model_that_coasts_for_ever() -> None:
+    """Predictions stay within bounds and are withheld once no car can move like them."""
     model = make_model()
     model.theta0[:3, :3] += 0.5 * np.eye(3)
     predictor = Predictor(model, OnlineSettings("constant"), 3, max_coast_steps=10**6)
@@ -139,13 +139,27 @@ def test_coasting_for_ever_is_asked_for() -> None:
     for k in range(20, 3000):
         made = predictor.step(sample(k, nothing, (500.0, 0.1), int(Flag.COASTING)))
         check(made, predictor, 3)
-    assert made is not None
+    assert made is None
+    assert predictor.implausible > 0
 
 
 def test_commands_that_swing_from_limit_to_limit() -> None:
     predictor = Predictor(make_model(), horizon_steps=20)
     limits: Array = np.array([[1e6, math.pi / 2], [-1e6, -math.pi / 2]])
     for k, item in enumerate(slalom(300)):
-        made = predictor.step(item._replace(u=tuple(limits[k % 2])))
-        check(made, predictor, 20)
-    assert made is not None
+        check(predictor.step(item._replace(u=tuple(limits[k % 2]))), predictor, 20)
+    made = [predictor.step(s._replace(stamp_ns=s.stamp_ns + 10**9 * 300)) for s in slalom(30)]
+    assert made[-1] is not None
+
+
+def test_implausible_predictions_are_withheld_and_end_the_adaptation_that_makes_them() -> None:
+    predictor = Predictor(make_model(), horizon_steps=5)
+    items = list(slalom(60))
+    for item in items[:30]:
+        predictor.step(item)
+    predictor.online.theta[0, -1] += 500.0
+    made = [predictor.step(item) for item in items[30:]]
+    withheld = [item is None for item in made].index(False)
+    assert 1 <= withheld <= 8
+    assert predictor.implausible >= 1
+    assert all(item is not None for item in made[withheld:])

@@ -75,11 +75,11 @@ def test_a_wrong_model_of_a_linear_car_is_put_right() -> None:
     assert far.max() > 0.2
 
 
-SPOILT = [Flag(bit) for bit in (2, 4, 8, 16)]
+SPOILT = [Flag(bit) for bit in (2, 4, 8, 16, 128)]
 
 
 def test_spoilt_flags_are_those_that_must_not_be_learned() -> None:
-    together = Flag.COASTING
+    together = Flag.COASTING | Flag.LEVEL_CHANGE
     for flag in SPOILT:
         together |= flag
     assert together == UNLEARNABLE
@@ -163,7 +163,9 @@ def test_every_method_in_every_form(method: str, form: str) -> None:
     model = make_model() if form == "default" else paper_model()
     predictor = Predictor(model, online, horizon_steps=10)
     made = [item for item in fold(predictor, slalom(400)) if item is not None]
-    assert len(made) == 400 - model.history
+    # The paper's method diverges now and then; what no car can follow is withheld.
+    assert len(made) + predictor.implausible == 400 - model.history
+    assert predictor.implausible <= (5 if method == "swls" else 0)
     assert all(np.isfinite(item.horizon).all() for item in made)
     changed = np.abs(predictor.online.theta - model.theta0).max()
     assert (changed > 1e-4) == (method != "constant")

@@ -36,7 +36,7 @@ def message(reading: Reading, **changes: float) -> Message:
         twist = Message(
             linear=Message(x=values[0], y=values[1], z=0.0), angular=Message(x=0, y=0, z=values[2])
         )  # fmt: skip
-        return Message(header=header, twist=Message(twist=twist))
+        return Message(header=header, twist=Message(twist=twist, covariance=[0.0] * 36))
     return Message(
         header=header,
         linear_acceleration=Message(x=values[0], y=values[1], z=9.8),

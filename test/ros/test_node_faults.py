@@ -116,6 +116,77 @@ def test_all_odometry_is_nan(rig: Rig) -> None:
     assert_recovered(rig)
 
 
+@pytest.mark.parametrize(
+    ("source", "field", "text"),
+    [
+        (Source.ODOMETRY, "twist.twist.linear.x", "1 odometry reading rejected: v_x 90 m/s, exp"),
+        (Source.ODOMETRY, "twist.twist.linear.y", "1 odometry reading rejected: v_y 90 m/s, exp"),
+        (Source.IMU, "linear_acceleration.x", "1 imu reading rejected: a_x 90 m/s², expected"),
+        (Source.IMU, "angular_velocity.z", "1 imu reading rejected: yaw_rate 90 rad/s, expected"),
+    ],
+)
+def test_a_single_glitch_is_rejected_and_named(
+    rig: Rig, source: Source, field: str, text: str
+) -> None:
+    rig.drive(3.0)
+    published = len(rig.published)
+    once = corrupted(source, field, 90.0, every=30 if source is Source.ODOMETRY else 120)
+    report = rig.drive(1.0, once)[-1]
+    assert report.level is Level.WARN
+    assert text in report.message
+    assert dict(report.values)[f"{source.name.lower()}.rejected"] == "1"
+    assert (
+        text.partition(": ")[2] in dict(report.values)[f"{source.name.lower()}.latest_rejection"]
+    )
+    assert len(rig.published) - published >= 38
+    speeds = np.array([p.horizon[:, 0] for p in rig.published[published:]])
+    assert np.abs(speeds).max() < 30.0
+    assert_recovered(rig)
+
+
+def test_a_second_publisher_is_suspected(rig: Rig) -> None:
+    def twice(source: Source, msg: Any) -> Any:
+        if source is not Source.ODOMETRY:
+            return msg
+        other = copy.deepcopy(msg)
+        other.header.stamp.nanosec = (msg.header.stamp.nanosec + 1_000_000) % 10**9
+        other.twist.twist.linear.x = 0.0
+        return [msg, other] if other.header.stamp.nanosec > msg.header.stamp.nanosec else msg
+
+    rig.drive(3.0)
+    report = rig.drive(2.0, twice)[-1]
+    assert report.level is Level.WARN
+    assert "odometry readings rejected: v_x 0 m/s, expected" in report.message
+    assert "if another node publishes on this topic, stop one of the two" in report.message
+    assert_recovered(rig)
+
+
+def test_a_new_level_is_accepted_and_reported(rig: Rig) -> None:
+    def faster(source: Source, msg: Any) -> Any:
+        if source is Source.ODOMETRY:
+            msg.twist.twist.linear.x += 4.0
+        return msg
+
+    rig.drive(3.0)
+    report = rig.drive(1.0, faster)[-1]
+    assert report.level is Level.WARN
+    assert "4 odometry readings rejected" in report.message
+    assert "odometry is at a new level: v_x" in report.message
+    assert rig.drive(2.0, faster)[-1].level is Level.OK
+
+
+def test_predictions_that_no_car_can_follow_are_withheld(rig: Rig) -> None:
+    rig.drive(2.0)
+    rig.pipeline.predictor.online.theta[0, -1] += 1e4
+    published = len(rig.published)
+    report = rig.drive(1.0)[-1]
+    assert report.level is Level.ERROR
+    assert "predictions withheld: no vehicle moves as predicted" in report.message
+    assert np.abs(np.array([p.horizon[:, 0] for p in rig.published[published:]])).max() < 150.0
+    rig.drive(1.0)
+    assert_recovered(rig)
+
+
 @pytest.mark.parametrize("hours", [1, -1, 24 * 365 * 10])
 @pytest.mark.parametrize("source", STANDARD_SOURCES)
 def test_single_implausible_stamp(rig: Rig, source: Source, hours: int) -> None:

@@ -28,6 +28,7 @@ from adk_ros.ros.parameter_table import (
 )
 from adk_ros.ros.parameters import declare_parameters, descriptor, unknown_parameters
 from adk_ros.signals.decode import SensorConfig
+from adk_ros.signals.gate import GateSettings
 
 YAML = Path(__file__).resolve().parents[2] / "config" / "predictor.yaml"
 
@@ -109,7 +110,7 @@ def test_given_values_are_used(node_with: Callable[..., Any]) -> None:
         "reference_point:=[1, 0]", "imu_position:=[0.5, -0.25]", "imu_rotation:=[0.0, 0.0, 3.14]",
         "drive_joints:=[left, right]", "steer_joint:=wheel", "steering_ratio:=16",
         "odometry_timeout_s:=1", "frozen_after_s:=0", "max_wait_s:=0.1", "max_coast_s:=2",
-        "forgetting:=0.9",
+        "forgetting:=0.9", "gate_false_rejection:=0.0001", "gate_confirmations:=7",
     )  # fmt: skip
     values = declare_parameters(node)
     settings = pipeline_settings(values, OnlineSettings())
@@ -120,7 +121,7 @@ def test_given_values_are_used(node_with: Callable[..., Any]) -> None:
         ),
         online=OnlineSettings("rls", 50, 20.0, 0.9),
         horizon_steps=40, odometry_timeout_s=1.0, frozen_after_s=0.0, max_wait_s=0.1,
-        max_coast_s=2.0,
+        max_coast_s=2.0, gate=GateSettings(1e-4, 7),
     )  # fmt: skip
     assert model_path(values) == Path.home() / "m"
     # Declared as a real parameter although 20 was given.

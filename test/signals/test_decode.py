@@ -42,7 +42,7 @@ def imu(force: Any = (1.0, 2.0, 9.8), rate: Any = (0.0, 0.0, 0.3), **fields: Any
 
 def odometry(v_x: float = 20.0, v_y: float = 0.1, rate: float = 0.3) -> Message:
     twist = Message(linear=vector(v_x, v_y), angular=vector(0.0, 0.0, rate))
-    return Message(header=header(), twist=Message(twist=twist))
+    return Message(header=header(), twist=Message(twist=twist, covariance=[0.0] * 36))
 
 
 def joints(**fields: Any) -> Message:

@@ -1,0 +1,184 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Innovation gate: reject single readings that contradict the prediction, and accept new levels.
+
+Each channel of an IMU or odometry reading is compared with the value that the last prediction
+gives for its stamp (linear between the tick and the predicted one). With the innovation e,
+
+    e^2 / (s^2 + c^2 + g) > chi2(1 - p)     for any channel rejects the reading.
+
+s^2 is the mean square of the innovations accepted so far, c the RMS change of the state over one
+tick in the training data (what a vehicle does without being predicted is no fault), and g what is
+added while predictions are uncertain. A message that reports a larger variance than it used to
+adds the difference. p is the share of good readings that is rejected if innovations are normal.
+
+After `confirmations` rejected readings in succession it is not single readings that are wrong. If
+they agree with each other, their level is accepted: the vehicle or the sensor has changed. If not,
+s^2 becomes their mean square: the noise has grown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+
+from adk_ros.errors import UsageError
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import TICK_NS, Reading, Source
+from adk_ros.signals.gate_kernel import (
+    ACCEPTED,
+    NEW_LEVEL,
+    REJECTED,
+    gate_arrays,
+    judge_reading,
+    set_expectation,
+)
+
+CHANNELS = {
+    Source.IMU: (("a_x", "m/s²"), ("a_y", "m/s²"), ("yaw_rate", "rad/s")),
+    Source.ODOMETRY: (("v_x", "m/s"), ("v_y", "m/s"), ("yaw_rate", "rad/s")),
+}
+"""Tested streams, and name and unit of their channels."""
+_MIN_VARIANCE = 1e-12
+"""SI units squared; only a guard against a division by zero."""
+_NO_VARIANCES = (math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class GateSettings:
+    """
+    `false_rejection`: p above, 0 to switch the gate off; `confirmations` of a change.
+
+    :raises UsageError: a value is out of range.
+    """
+
+    false_rejection: float = 1e-6
+    confirmations: int = 5
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.false_rejection <= 0.1:
+            raise UsageError(f"gate_false_rejection is {self.false_rejection}: choose 0 to 0.1")
+        if not 2 <= self.confirmations <= 1000:
+            raise UsageError(f"gate_confirmations is {self.confirmations}: choose 2 to 1000")
+
+
+class Rejection(NamedTuple):
+    """A rejected reading: its channel that deviates most from the expectation, SI units."""
+
+    source: Source
+    channel: str
+    unit: str
+    stamp_ns: int
+    value: float
+    expected: float
+    bound: float
+    """Largest deviation that would have been accepted."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.channel} {self.value:.4g} {self.unit}, expected {self.expected:.4g} "
+            f"± {self.bound:.2g} {self.unit}"
+        )
+
+
+class ReadingGate:
+    """
+    Judges the readings of one pipeline.
+
+    By source, `rejected` counts rejected readings, `level_changes` accepted new levels and
+    `noise_changes` cases of grown noise; `latest` has the latest rejection.
+
+    :param change: RMS change (3,) of v_x, v_y and yaw rate over one tick, SI.
+    :param errors: initial mean square (3,) of their innovations, SI units squared.
+    """
+
+    def __init__(
+        self, change: FloatArray, errors: FloatArray, settings: GateSettings | None = None
+    ) -> None:
+        settings = settings or GateSettings()
+        self._confirmations = settings.confirmations
+        p = settings.false_rejection
+        self._chi2 = NormalDist().inv_cdf(1.0 - 0.5 * p) ** 2 if p else math.inf
+        square = np.maximum(np.square(change), _MIN_VARIANCE)
+        # A force changes by as much as a velocity does in a tick, divided by the tick.
+        tick_s = np.array([TICK_NS * 1e-9, TICK_NS * 1e-9, 1.0])
+        self._floor = np.array([square / tick_s**2, square])
+        # Nothing is known of the forces: their noise is adopted after a few readings.
+        self._errors = np.array([[0.0, 0.0, errors[2]], errors])
+        self.rejected: Counter[Source] = Counter()
+        self.level_changes: Counter[Source] = Counter()
+        self.noise_changes: Counter[Source] = Counter()
+        self.latest: dict[Source, Rejection] = {}
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget statistics and expectation; keep the counts."""
+        self._arrays = gate_arrays(self._errors, self._floor, self._confirmations)
+        self._begin_ns: int | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Accept all readings until the next prediction."""
+        self._tick_ns: int | None = None
+        self.level_changed = False
+
+    def expect(
+        self, tick_ns: int, state: FloatArray, predicted: FloatArray, growth: FloatArray
+    ) -> None:
+        """
+        Take over the `state` (3,) at a tick and the one `predicted` (3,) for the next, SI.
+
+        `growth` (3,): variance added because the prediction is uncertain, SI units squared.
+        """
+        self._tick_ns = tick_ns
+        self.level_changed = False
+        set_expectation(state, predicted, growth, *self._arrays)
+
+    def accepts(self, reading: Reading) -> bool:
+        """
+        Return whether a reading of IMU or odometry may be used; call in order of the stamps.
+
+        A channel that is NaN is not tested.
+        """
+        if self._tick_ns is None:
+            return True
+        source, stamp_ns = reading.source, reading.stamp_ns
+        if self._begin_ns is None:
+            self._begin_ns = stamp_ns
+        decision = judge_reading(
+            int(source),
+            (stamp_ns - self._tick_ns) * 1e-9,
+            (stamp_ns - self._begin_ns) * 1e-9,
+            reading.values,
+            reading.variances or _NO_VARIANCES,
+            self._chi2,
+            *self._arrays,
+        )
+        if decision == ACCEPTED:
+            return True
+        if decision == REJECTED:
+            self.rejected[source] += 1
+            self.latest[source] = self._rejection(reading)
+            return False
+        if decision == NEW_LEVEL:
+            self.level_changes[source] += 1
+            self.level_changed = True
+        else:
+            self.noise_changes[source] += 1
+        return True
+
+    def _rejection(self, reading: Reading) -> Rejection:
+        detail: Sequence[float] = self._arrays.detail.tolist()
+        channel, innovation, bound = int(detail[0]), detail[1], detail[2]
+        name, unit = CHANNELS[reading.source][channel]
+        value = reading.values[channel]
+        return Rejection(
+            reading.source, name, unit, reading.stamp_ns, value, value - innovation, bound
+        )
