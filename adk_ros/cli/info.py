@@ -32,15 +32,14 @@ def info(
 
 
 def _show_model(path: Path, as_json: bool) -> None:
-    from adk_ros.api.model import load_model
+    from adk_ros.model.stored_model import inspect_model
 
-    model = load_model(path)
-    manifest, facts = model.manifest, model.facts
+    manifest = inspect_model(path)
+    facts = manifest["training"]
     if as_json:
         console.print_json({"kind": "model", "path": str(path)} | manifest)
         return
     console.output.print(f"model {path}: complete, hashes match", markup=False)
-    slow = "" if model.artefact.model.lifting.compiled else " (not compiled: slow rollouts)"
     rows = {
         "kind": facts.get("kind", "unknown"),
         "trained on": ", ".join(
@@ -50,7 +49,7 @@ def _show_model(path: Path, as_json: bool) -> None:
         "reference": str(manifest["reference_point"]).replace("_", " "),
         "yaw rate": "gyro" if manifest["uses_imu"] else "odometry (trained without an IMU)",
         "encoder": f"{manifest['history']} past samples -> lifted state of "
-        f"{manifest['lifted_size']}{slow}",
+        f"{manifest['lifted_size']}",
         "online": ", ".join(f"{key} {value}" for key, value in manifest["online"].items()),
     }
     held_out = facts.get("held_out")

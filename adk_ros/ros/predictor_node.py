@@ -27,6 +27,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Prediction
+from adk_ros.model.stored_model import ARRAYS
 from adk_ros.ros.core import Core, warm_up
 from adk_ros.ros.diagnostic_values import Clocks
 from adk_ros.ros.diagnostics import Diagnostics, Level
@@ -140,7 +141,7 @@ class PredictorNode:
         """Return the constant pairs of the diagnostics: model, method, topics."""
         facts = {
             "model": Path(loaded.path).name,
-            "model_hash": str(loaded.manifest["sha256"][artefact.ARRAYS])[:12],
+            "model_hash": str(loaded.manifest["sha256"][ARRAYS])[:12],
             "method": self.core.pipeline.predictor.settings.method,
         }
         for source in Source:

@@ -18,7 +18,9 @@ from adk_ros.bags import BagWriter, message
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.cli.main import main
 from adk_ros.model import artefact
+from adk_ros.model.manifest import MANIFEST
 from adk_ros.model.pipeline import PipelineSettings
+from adk_ros.model.stored_model import ARRAYS, ENCODER
 from adk_ros.offline.replay import TWIST_TOPIC, TWIST_TYPE, ReplayOutput, replay
 
 
@@ -97,13 +99,13 @@ def test_a_model_as_text(capsys) -> None:
 
 def test_a_model_as_json(capsys) -> None:
     about = json.loads(printed(capsys, small().path, "--json"))
-    manifest = json.loads((small().path / artefact.MANIFEST).read_text())
+    manifest = json.loads((small().path / MANIFEST).read_text())
     assert about == {"kind": "model", "path": str(small().path)} | manifest
 
 
 def test_a_model_without_training_facts(capsys, tmp_path: Path) -> None:
     loaded = artefact.load(small().path)
-    program = (small().path / artefact.ENCODER).read_bytes()
+    program = (small().path / ENCODER).read_bytes()
     artefact.save(tmp_path / "m", program, loaded.model, {})
     assert "kind        unknown" in printed(capsys, tmp_path / "m")
 
@@ -124,7 +126,7 @@ def test_other_files_are_refused_in_one_line(capsys, tmp_path: Path) -> None:
         assert path.name in result.err
 
 
-@pytest.mark.parametrize("name", [artefact.ENCODER, artefact.ARRAYS])
+@pytest.mark.parametrize("name", [ENCODER, ARRAYS])
 def test_a_damaged_model_is_refused(capsys, tmp_path: Path, name: str) -> None:
     path = tmp_path / "m"
     shutil.copytree(small().path, path)
@@ -158,6 +160,6 @@ def test_a_bag_is_described_without_importing_pytorch() -> None:
 
 
 def test_the_manifest_of_a_model_has_the_name_that_info_looks_for() -> None:
-    assert api_model.MANIFEST == artefact.MANIFEST
+    assert api_model.MANIFEST == MANIFEST
     assert api_model.is_model_folder(small().path)
     assert not api_model.is_model_folder(bag())

@@ -29,11 +29,12 @@ from helpers.model import (
 )
 
 from adk_ros.errors import UsageError
-from adk_ros.model import artefact
-from adk_ros.model.artefact import ARRAYS, ENCODER, MANIFEST
+from adk_ros.model import artefact, stored_model
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder import Lifting, input_size
+from adk_ros.model.manifest import MANIFEST, read_manifest
 from adk_ros.model.predictor import Predictor
+from adk_ros.model.stored_model import ARRAYS, ENCODER
 
 FACTS = {"data": [{"name": "town", "seconds": 60.0}], "seed": 3}
 Change = Callable[[Path], object]
@@ -82,7 +83,7 @@ def test_loaded_model_predicts_as_the_saved_one(
         np.testing.assert_array_equal(one, other)
     assert loaded.path == tmp_path / "model"
     assert loaded.manifest["training"] == FACTS
-    assert loaded.manifest == artefact.read_manifest(tmp_path / "model")
+    assert loaded.manifest == read_manifest(tmp_path / "model")
     assert loaded.model.online == model.online
     for name in ("history", "residual", "affine", "relift", "uses_imu", "n_z"):
         assert getattr(loaded.model, name) == getattr(model, name)
@@ -220,8 +221,16 @@ def entries(content: bytes) -> bytes:
     """A zip of the right names with the same content each."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
-        for name in artefact._ARRAYS:
+        for name in stored_model._ARRAYS:
             archive.writestr(name + ".npy", content)
+    return buffer.getvalue()
+
+
+def zipped(content: bytes) -> bytes:
+    """A small zip that unpacks to a large one."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("theta0.npy", content)
     return buffer.getvalue()
 
 
@@ -248,6 +257,22 @@ def flipped(name: str) -> Change:
         content = bytearray((folder / name).read_bytes())
         content[len(content) // 2] ^= 1
         (folder / name).write_bytes(bytes(content))
+
+    return change
+
+
+def linked_to(name: str, target: str) -> Change:
+    def change(folder: Path) -> None:
+        (folder / name).unlink()
+        (folder / name).symlink_to(target)
+
+    return change
+
+
+def pipe(name: str) -> Change:
+    def change(folder: Path) -> None:
+        (folder / name).unlink()
+        os.mkfifo(folder / name)
 
     return change
 
@@ -307,6 +332,13 @@ READABLE, FINITE = "arrays.npz is not readable", "contains values that are not f
         (edit(sha256=["a"]), "'sha256' is missing or not of type dict"),
         (lambda f: (f / ENCODER).unlink(), "encoder.pt cannot be read"),
         (lambda f: (f / ARRAYS).unlink(), "arrays.npz cannot be read"),
+        (linked_to(ARRAYS, "/dev/zero"), "arrays.npz is not a regular file"),
+        (linked_to(MANIFEST, "/dev/zero"), "manifest.json is not a regular file"),
+        (pipe(ENCODER), "encoder.pt is not a regular file"),
+        (pipe(MANIFEST), "manifest.json is not a regular file"),
+        (manifest_is(b" " * (17 << 20)), "manifest.json has 17.0 MiB: at most 16 MiB"),
+        (replaced(ARRAYS, bytes(65 << 20)), "arrays.npz has 65.0 MiB: at most 64 MiB"),
+        (replaced(ARRAYS, zipped(bytes(100 << 20))), "it unpacks to 100 MiB"),
         (cut(ENCODER, 0.5), HASH),
         (cut(ENCODER, 0.0), HASH),
         (cut(ARRAYS, 0.99), HASH),

@@ -31,6 +31,7 @@ from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
+from adk_ros.model.stored_model import ENCODER
 from adk_ros.offline.replay import (
     COVARIANCE_TOPIC,
     HORIZON_TOPIC,
@@ -314,7 +315,7 @@ def test_sensor_configuration_comes_from_the_model(capsys, tmp_path: Path) -> No
         drive_joints=("left", "right"), steer_joint="column", steering_ratio=16.0
     )
     loaded = artefact.load(small().path)
-    program = (small().path / artefact.ENCODER).read_bytes()
+    program = (small().path / ENCODER).read_bytes()
     facts = loaded.manifest["training"] | {"sensors": asdict(sensors)}
     artefact.save(tmp_path / "m", program, loaded.model, facts)
     path = with_other_joints(tmp_path / "b")
@@ -329,7 +330,7 @@ def test_sensor_configuration_comes_from_the_model(capsys, tmp_path: Path) -> No
 
 def test_manifest_with_unknown_sensors_is_refused(capsys, tmp_path: Path) -> None:
     loaded = artefact.load(small().path)
-    program = (small().path / artefact.ENCODER).read_bytes()
+    program = (small().path / ENCODER).read_bytes()
     facts = loaded.manifest["training"] | {"sensors": {"sonar": 3}}
     artefact.save(tmp_path / "m", program, loaded.model, facts)
     line = refused(capsys, ["replay", bag(), "--model", tmp_path / "m"], 2)

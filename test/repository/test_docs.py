@@ -32,7 +32,7 @@ DOC = ROOT / "doc"
 PAGES = sorted(path for path in DOC.rglob("*.md") if "paper" not in path.relative_to(DOC).parts)
 TEXTS = [
     *PAGES,
-    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "bags/README.md")),
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "bags/README.md")),
 ]
 
 SOURCES = [

@@ -31,6 +31,8 @@ from torch import nn
 
 from adk_ros.errors import UsageError
 from adk_ros.model.lifting.encoder_kernels import EncoderArrays, Float32Array, perceptron
+from adk_ros.model.lifting.program_cost import check_cost
+from adk_ros.model.lifting.program_grammar import check_program
 
 _WARM_UP_CALLS = 30
 """Calls after which TorchScript's profiling executor has optimised the program."""
@@ -84,20 +86,23 @@ class Lifting:
         """
         Load the TorchScript `program`.
 
-        :raises UsageError: it does not load, or does not map (1, n_in) to finite (1, n_features).
+        :raises UsageError: it does not load, does what no encoder needs, or does not map (1, n_in)
+            to finite (1, n_features).
         """
         torch.set_num_threads(1)
+        functions = check_program(program)
         try:
             with _torchscript_warnings_ignored():
                 module = torch.jit.load(io.BytesIO(program), map_location="cpu").eval()
             forward: Any = module.forward
-            parameters = {k: v.detach().clone() for k, v in module.state_dict().items()}
         except Exception as error:
             # A damaged or foreign program can raise any exception, here and below.
             first = _lines(error)[0]
             raise UsageError(
                 f"the encoder is not a readable TorchScript program: {first}"
             ) from None
+        check_cost(module, functions, n_in)
+        parameters = {k: v.detach().clone() for k, v in module.state_dict().items()}
         self._buffer = np.zeros((1, n_in), dtype=np.float32)
         self._row = torch.from_numpy(self._buffer)
         try:

@@ -101,11 +101,12 @@ def test_same_parameter_names_with_other_shapes_are_not_compiled() -> None:
 
         def __init__(self) -> None:
             super().__init__()
-            for name in ("w1", "b1", "w2", "b2", "w3", "b3", "skip"):
+            for name in ("b1", "w2", "b2", "w3", "b3", "skip"):
                 self.register_parameter(name, nn.Parameter(torch.ones(())))
+            self.register_parameter("w1", nn.Parameter(torch.ones(15, 4)))
 
         def forward(self, row: Tensor) -> Tensor:
-            return row[:, :4] * self.w1
+            return torch.mm(row, self.w1)
 
     assert Lifting(to_torchscript(Odd()), 15, 4).compiled is None
 
@@ -134,8 +135,12 @@ class NoForward(nn.Module):
 
 
 class NotANumber(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.weights = nn.Buffer(torch.full((15, 4), float("nan")))
+
     def forward(self, row: Tensor) -> Tensor:
-        return torch.full((1, 4), float("nan"))
+        return torch.mm(row, self.weights)
 
 
 def pickled() -> bytes:
@@ -157,15 +162,15 @@ READABLE = "the encoder is not a readable TorchScript program: "
         (program()[: len(program()) // 2], READABLE),
         (program()[:-1], READABLE),
         (pickled(), READABLE),
-        (to_torchscript(NoForward()), READABLE),
+        (to_torchscript(NoForward()), "the encoder has a method 'other'"),
         (program(history=3), "the encoder does not accept 15 inputs: "),
         (plain_program(12), "the encoder does not accept 15 inputs: "),
         (to_torchscript(Two()), "the encoder does not accept 15 inputs: "),
         (to_torchscript(Pair()), "the encoder does not accept 15 inputs: "),
-        (to_torchscript(Raising()), "the encoder does not accept 15 inputs: "),
+        (to_torchscript(Raising()), "the encoder calls 'ops.prim.RaiseException'"),
         (program(features=5), r"the encoder returns shape \(1, 5\); the manifest says \(1, 4\)"),
         (to_torchscript(nn.Identity()), r"the encoder returns shape \(1, 15\)"),
-        (to_torchscript(nn.Flatten(0)), r"the encoder returns shape \(15,\)"),
+        (to_torchscript(nn.Flatten(0)), "the encoder calls 'torch.flatten'"),
         (to_torchscript(NotANumber()), "the encoder returns values that are not finite"),
     ],
 )
