@@ -10,17 +10,20 @@ and a verdict that leaves an error unexplained becomes `unknown`.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import yaml  # type: ignore[import-untyped, unused-ignore]
+from scipy.stats import t as student
 
 from adk_ros.files.yaml_file import validate
 from adk_ros.mismatch.deployment.corrected_model import corrected_yaml
 from adk_ros.mismatch.deployment.held_out import (
     HORIZONS_S,
     REPORTED_HORIZON,
+    START_STRIDE_S,
     Evidence,
     HeldOutErrors,
     horizon_errors,
@@ -33,6 +36,7 @@ from adk_ros.mismatch.deployment.held_out import (
 from adk_ros.mismatch.deployment.open_loop import FIRST_START_S
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
+from adk_ros.mismatch.inference.block_scores import BLOCK_S
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.feature_effect import catalogue_effects
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
@@ -49,8 +53,10 @@ from adk_ros.mismatch.library.criteria import MAX_IMPROVED_RATIO, MAX_RAISED_RAT
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.channels import STATE_NAMES
+
+_MIN_BLOCKS = 4
 
 
 @dataclass(frozen=True)
@@ -91,18 +97,22 @@ def validate_on_held_out(
     text, export, after = simulation_yaml(surrogate), NOT_EXPORTED, before
     expected = expected_error(surrogate, [x.log for x in held_out])
     trials = []
+    effects = hypothesis.effects
     for rung, candidate in _rungs(hypothesis):
         trial = corrected_yaml(surrogate, candidate, lap)
-        trials.append((trial, rung, rmse(horizon_errors(_parsed(trial), held_out))))
-        higher = _raised_states(before, trials[-1][2], not_judged)
+        errors = horizon_errors(_parsed(trial), held_out)
+        higher = _raised_states(before, rmse(errors), not_judged)
         if not higher:
-            text, export, after = trials[-1]
+            text, export, after = trial, rung, rmse(errors)
             break
         raised = raised or tuple(higher)
+        trials.append((trial, rung, errors))
     else:
-        beyond_noise = (x for x in trials if _improves(before, x[2], expected, not_judged))
-        text, export, after = next(beyond_noise, (text, export, after))
-    effects = hypothesis.effects
+        # Tolerances alone promise nothing that would be worth a risk.
+        for trial, rung, errors in trials if effects else []:
+            if _improves(simulation, errors, expected, not_judged):
+                text, export, after = trial, rung, rmse(errors)
+                break
     clean = [replace(x, log=without_sensor_faults(x.log, effects)) for x in held_out]
     unchanged = all(a.log is b.log for a, b in zip(clean, held_out, strict=True))
     corrected = after if unchanged else rmse(horizon_errors(_parsed(text), clean))
@@ -231,28 +241,49 @@ def _rungs(h: Hypothesis) -> list[tuple[str, Hypothesis]]:
 
 def _raised_states(before: FloatArray, after: FloatArray, not_judged: Sequence[str]) -> list[str]:
     """Return the states whose error at the reported horizon a correction raises."""
-    return [
-        name
-        for i, name in enumerate(STATE_NAMES)
-        if name not in not_judged
-        and not after[REPORTED_HORIZON, i] <= MAX_RAISED_RATIO * before[REPORTED_HORIZON, i]
-        and np.isfinite(before[REPORTED_HORIZON, i])
-    ]
+    first, then = before[REPORTED_HORIZON], after[REPORTED_HORIZON]
+    higher = ~(then <= MAX_RAISED_RATIO * first) & np.isfinite(first)
+    return [x for x, y in zip(STATE_NAMES, higher, strict=True) if y and x not in not_judged]
 
 
 def _improves(
     before: FloatArray, after: FloatArray, expected: FloatArray, not_judged: Sequence[str]
 ) -> bool:
     """
-    Whether a correction lowers an error above the expected one, and raises none above it.
+    Whether a correction lowers an error above the expected one, and raises none beyond chance.
 
-    Within what noise and the surrogate's own error explain, a higher error is chance.
+    `before` and `after`: errors (n, horizons, 3). A rise at the reported horizon is chance where
+    noise and the surrogate's own error explain the error, and the paired difference of the squares
+    is not significant.
     """
     judged = [i for i, name in enumerate(STATE_NAMES) if name not in not_judged]
-    first, then, noise = (x[REPORTED_HORIZON, judged] for x in (before, after, expected))
+    first, then = (rmse(x)[REPORTED_HORIZON, judged] for x in (before, after))
+    noise = expected[REPORTED_HORIZON, judged]
     lower = (first > noise) & (then <= MAX_IMPROVED_RATIO * first)
-    higher = ~(then <= np.maximum(MAX_RAISED_RATIO * first, noise)) & np.isfinite(first)
+    rises = significant_rise(*(x[:, REPORTED_HORIZON, judged] for x in (before, after)))
+    higher = ~(then <= MAX_RAISED_RATIO * first) & (~(then <= noise) | rises) & np.isfinite(first)
     return bool(lower.any() and not higher.any())
+
+
+def significant_rise(before: FloatArray, after: FloatArray) -> BoolArray:
+    """
+    Return whether squared errors (n, ...) of the same starts are larger than before.
+
+    Student's t at 5 % over the means of blocks of `BLOCK_S`, after which errors of predictions
+    over two seconds are independent. Never with fewer than four blocks.
+    """
+    size = round(BLOCK_S / START_STRIDE_S)
+    blocks = len(before) // size
+    shape = before.shape[1:]
+    if blocks < _MIN_BLOCKS:
+        return np.zeros(shape, dtype=bool)
+    difference = (after**2 - before**2)[: blocks * size].reshape(blocks, size, *shape)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # A block of which no start counts.
+        means = np.nanmean(difference, axis=1)
+        spread = np.nanstd(means, axis=0, ddof=1) / np.sqrt(np.isfinite(means).sum(axis=0))
+        found = np.nanmean(means, axis=0) > student.ppf(0.95, blocks - 1) * spread
+    return np.asarray(found)
 
 
 def _unexplained_share(errors: HeldOutErrors, states: Sequence[str]) -> float:

@@ -48,7 +48,13 @@ from adk_ros.mismatch.report.result_files import as_dict
 from adk_ros.mismatch.report.summary import sentence
 from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
-from adk_ros.mismatch.validation import Validation, _improves, coherent, validate_on_held_out
+from adk_ros.mismatch.validation import (
+    Validation,
+    _improves,
+    coherent,
+    significant_rise,
+    validate_on_held_out,
+)
 from adk_ros.numerics.arrays import FloatArray
 
 SHAPE = (len(HORIZONS_S), 3)
@@ -162,15 +168,29 @@ def test_a_correction_that_raises_an_error_is_not_exported() -> None:
     np.testing.assert_array_equal(done.errors.after, done.errors.before)
 
 
-def test_an_error_within_the_noise_may_rise() -> None:
-    before, expected = table(0.01), table(0.016)
-    before[:, 0] = 1.0
-    right, wrong = table(0.011), table(0.018)
-    right[:, 0] = wrong[:, 0] = 0.02
-    assert _improves(before, right, expected, [])
-    assert not _improves(before, wrong, expected, [])
+def test_an_error_within_the_noise_may_rise_by_chance() -> None:
+    rng, expected = np.random.default_rng(0), table(0.016)
+
+    def errors(v_x: float, others: float) -> FloatArray:
+        return rng.normal(0.0, 1.0, (110, *SHAPE)) * [v_x, others, others]
+
+    before = errors(1.0, 0.01)
+    assert _improves(before, before[::-1] * [0.02, 1.03, 1.03], expected, [])
+    # Above the noise, or significant: every error is a fifth larger.
+    assert not _improves(before, errors(0.02, 0.03), expected, [])
+    assert not _improves(before, before * [0.02, 1.2, 1.2], expected, [])
     # Nothing above the noise is gained.
-    assert not _improves(table(0.01), table(0.011), expected, [])
+    assert not _improves(errors(0.01, 0.01), errors(0.01, 0.0105), expected, [])
+
+
+def test_a_rise_is_significant_over_blocks() -> None:
+    errors = np.random.default_rng(1).normal(0.0, 1.0, (110, 3))
+    assert significant_rise(errors, 1.1 * errors).all()
+    assert not significant_rise(errors, errors[::-1]).any()
+    assert not significant_rise(errors[:30], 2.0 * errors[:30]).any()
+    once = errors.copy()
+    once[:5] *= 10.0
+    assert not significant_rise(errors, once).any()
 
 
 def test_tolerances_are_dropped_before_the_effect() -> None:

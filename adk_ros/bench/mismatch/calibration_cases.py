@@ -15,7 +15,10 @@ from adk_ros.bench.mismatch.case_matrix import (
     injected_mismatch,
 )
 from adk_ros.bench.mismatch.injected_drive import PLANTS
-from adk_ros.bench.mismatch.injectors import FULL, SPRUNG_CAR_ONLY, UNLISTED
+from adk_ros.bench.mismatch.injectors import FULL, SPRUNG_CAR_ONLY, UNLISTED, scale_strength
+from adk_ros.bench.mismatch.multibody import MULTI_BODY
+from adk_ros.bench.mismatch.multibody_changes import EFFECTS as MULTIBODY_EFFECTS
+from adk_ros.bench.mismatch.multibody_changes import SIZES as MULTIBODY_SIZES
 
 FIRST_SEED = 500_000
 """Seed of the first case: those of the benchmark begin at 1000."""
@@ -24,6 +27,8 @@ KINDS = ("clean", "single", "unlisted", "single", "clean", "pair", "single", "un
 Kinds of cases in turn. Much that is not listed, since it is what a wrong name stands for; much
 that is clean, since a wrong effect there is the worst error.
 """
+FOREIGN = (3, 4)
+"""Places in `KINDS` that the multi-body model of another project takes: a single, a clean case."""
 WEAKEST, STRONGEST = 0.1, 1.2
 """Strengths, drawn uniformly in their logarithm."""
 
@@ -33,16 +38,22 @@ def calibration_plans(count: int) -> list[CasePlan]:
     rng = np.random.default_rng(FIRST_SEED)
     names = [str(x) for x in rng.permutation([x for x in FULL if x not in SPRUNG_CAR_ONLY])]
     unlisted = [str(x) for x in rng.permutation(sorted(UNLISTED))]
+    foreign = [str(x) for x in rng.permutation(MULTIBODY_EFFECTS)]
     taken = untaken = 0
     plans = []
     for i in range(count):
         kind = KINDS[i % len(KINDS)]
+        plant = MULTI_BODY if i % len(KINDS) in FOREIGN else PLANTS[i // 2 % len(PLANTS)]
         strength = float(np.exp(rng.uniform(np.log(WEAKEST), np.log(STRONGEST))))
         injected, title = InjectedMismatch(), "clean"
         if kind == "unlisted":
             title = unlisted[untaken % len(unlisted)]
             untaken += 1
             injected = InjectedMismatch(unlisted={title: strength * UNLISTED[title]})
+        elif kind == "single" and plant == MULTI_BODY:
+            title = foreign[i // len(KINDS) % len(foreign)]
+            full = MULTIBODY_SIZES.get(title, FULL[title])
+            injected = InjectedMismatch({title: scale_strength(title, strength, full)})
         elif kind != "clean":
             number = 2 if kind == "pair" else 1
             chosen = [names[(taken + j) % len(names)] for j in range(number)]
@@ -55,7 +66,7 @@ def calibration_plans(count: int) -> list[CasePlan]:
                 f"calibration_{i:03}_{title}",
                 injected,
                 FIRST_SEED + i,
-                PLANTS[i // 2 % len(PLANTS)],
+                plant,
                 strength,
                 "track" if set(NEED_GRIP) & set(injected.effects) else style,
                 NOISES[i // 3 % len(NOISES)],

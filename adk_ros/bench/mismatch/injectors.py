@@ -96,12 +96,15 @@ UNLISTED = {
 1."""
 
 
-def scale_strength(name: str, strength: float) -> dict[str, float]:
-    """Return the parameters of an effect at a fraction of full strength."""
+def scale_strength(
+    name: str, strength: float, full: dict[str, float] | None = None
+) -> dict[str, float]:
+    """Return the parameters of an effect at a fraction of full strength, `full` or `FULL`."""
+    full = full or FULL[name]
     if name == "power_limit":
-        return {"power": FULL[name]["power"] / strength**0.5}
+        return {"power": full["power"] / strength**0.5}
     out = {}
-    for parameter, value in FULL[name].items():
+    for parameter, value in full.items():
         neutral = 1.0 if parameter in {"scale", "mu_scale"} else 0.0
         out[parameter] = neutral + strength * (value - neutral)
     return out

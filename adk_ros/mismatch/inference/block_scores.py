@@ -35,8 +35,8 @@ from adk_ros.numerics.levenberg_marquardt import (
     huber_values,
 )
 
-BLOCK_S = 10.0
-"""s. Eight times the memory of the whitening filters (1.2 s), about the duration of a bend."""
+BLOCK_S = 5.0
+"""s. Four times the memory of the whitening filters (1.2 s), about the duration of a bend."""
 _DAMPING = 1e-6
 """Relative damping of that move: a variable that only block b informs about has no other value."""
 _MIN_INFORMATION_SHARE = 0.01

@@ -103,6 +103,7 @@ def _evidence(
     """Return what makes the evidence of an effect; `formula` describes the data without any."""
     alternatives = []
     log_prior = 0.0
+    surrogate_error = likelihood.surrogate_error_dof()
     if formula is not None and formula.terms:
         log_prior = formula_log_prior(len(formula.terms))
         scores = BlockScores.of(likelihood, formula.hypothesis)
@@ -112,7 +113,9 @@ def _evidence(
         every = [*identifiability.alternatives_to, *alternatives]
         differences = np.array([losses - identifiability.losses for _, losses in every])
         log_priors = np.append(np.zeros(len(every) - 1), log_prior)
-        return Evidence(tuple(name for name, _ in every), differences, log_priors, total_gain)
+        return Evidence(
+            tuple(name for name, _ in every), differences, log_priors, total_gain, surrogate_error
+        )
 
     return of_effect
 
@@ -230,7 +233,8 @@ def prefers_feature_model(
     wrong effects only mimic a missing term. An expression with fewer terms needs to fit only as
     well, less what each effect more would have to gain, beyond the surrogate's own error.
     """
-    fewer = len(effects.effects) - len(features.terms)
+    # One feature in two equations is one cause.
+    fewer = len(effects.effects) - len({term.feature for term in features.terms})
     if not features.terms or fewer < 0:
         return False
     if fewer > 0:

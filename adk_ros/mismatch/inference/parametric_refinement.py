@@ -46,6 +46,8 @@ _MAX_LOG_STEP = 0.3
 _LATERAL = ("v_y", "yaw_rate")
 _COUPLED = (LAG, RESONANCE, HYSTERESIS)
 """Kinds that may act in both lateral equations with the same parameters."""
+_STEERED = ("delta", "delta_cubed", "delta_speed", "delta_speed_squared")
+"""Features that a missing steering angle has, which is a force and a moment of the front axle."""
 
 
 def refined(likelihood: Likelihood, start: Hypothesis, jacobian: FloatArray) -> Hypothesis:
@@ -85,14 +87,15 @@ def with_siblings(
     least: float,
 ) -> Hypothesis:
     """
-    Return a hypothesis with its last feature, if it has a memory, in both lateral equations.
+    Return a hypothesis with its last feature in both lateral equations.
 
-    A mass that moves sideways away from the centre of gravity also turns the car. The second term
-    must gain `least`.
+    Only features with a memory, since a mass that moves sideways away from the centre of gravity
+    also turns the car, and those of a steering angle. The second term must gain `least`.
     """
     current = start
-    kind = kind_of(_last_feature(start))
-    if kind not in _COUPLED or start.effects[-1].effect.equations[0] not in _LATERAL:
+    name = _last_feature(start)
+    coupled = kind_of(name) in _COUPLED or name in _STEERED
+    if not coupled or start.effects[-1].effect.equations[0] not in _LATERAL:
         return start
     for equation in (name for name in _LATERAL if name in equations):
         last = current.effects[-1]

@@ -145,6 +145,7 @@ def _evidence(evidence: Evidence | None) -> dict[str, Any]:
     rows = zip(evidence.names, evidence.log_priors, evidence.differences, strict=True)
     return {
         "total_gain": json_number(evidence.total_gain),
+        "surrogate_error": json_number(evidence.surrogate_error),
         "alternatives": [
             {
                 "name": name,

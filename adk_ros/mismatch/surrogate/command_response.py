@@ -5,6 +5,9 @@ Command response: dead times, lags, backlash and limits of steering and drive.
 
 Dead times average the held command over a step; lags use their exact solution over a step. Both
 are smooth in their parameters, and both may be zero.
+
+A wheel must spin up before its tyre transmits a torque. For small slip, with the longitudinal
+slip stiffness K F_z of the tyres, the force lags the torque by I_w v_x / (R^2 K F_z).
 """
 
 from __future__ import annotations
@@ -22,12 +25,20 @@ from adk_ros.mismatch.surrogate.state_index import (
     S_TORQUE_MORE,
 )
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import GRAVITY
 from adk_ros.numerics.numba_cache import relaxed_kernel
 
+_SLIP_STIFFNESS = 21.5
+"""
+Longitudinal slip stiffness over wheel load: p_Kx1 of the passenger-car tyre in appendix 3 of
+H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed. (2012). Only the wheels' spin depends on it.
+"""
 _MIN_POWER_SPEED = 1.0
 """Speed from which the power limit acts, m/s: below it P / v_x is unbounded."""
 
+_MASS = INDEX["mass"]
 _RADIUS = INDEX["wheel_radius"]
+_WHEEL_INERTIA = INDEX["wheel_inertia"]
 _STEER_GAIN = INDEX["steer_gain"]
 _STEER_OFFSET = INDEX["steer_offset"]
 _STEER_DELAY = INDEX["steer_delay"]
@@ -88,6 +99,14 @@ def zoh_mean(integral: FloatArray, spacing: float, begin: float, step: float) ->
 
 
 @relaxed_kernel
+def spin_up_lag(p: FloatArray, v_x: float) -> float:
+    """Return the lag of the longitudinal force behind the wheel torque, s."""
+    stiffness = _SLIP_STIFFNESS * p[_MASS] * GRAVITY
+    lag: float = max(p[_WHEEL_INERTIA], 0.0) * max(v_x, 0.0) / (p[_RADIUS] ** 2 * stiffness)
+    return lag
+
+
+@relaxed_kernel
 def actuate(
     p: FloatArray,
     state: FloatArray,
@@ -113,9 +132,9 @@ def actuate(
     demand = zoh_mean(commands.torque, commands.spacing, begin - p[_TORQUE_DELAY], step)
     demand *= p[_TORQUE_GAIN] * (p[_BRAKE_GAIN] if demand < 0.0 else 1.0)
     mean, state[S_TORQUE] = first_order_lag(state[S_TORQUE], demand, p[_TORQUE_LAG], step)
-    torque, state[S_TORQUE_MORE] = first_order_lag(
-        state[S_TORQUE_MORE], mean, p[_TORQUE_LAG_2], step
-    )
+    # Two short lags in series are one of their sum.
+    lag = p[_TORQUE_LAG_2] + spin_up_lag(p, v_x)
+    torque, state[S_TORQUE_MORE] = first_order_lag(state[S_TORQUE_MORE], mean, lag, step)
     torque += p[_TORQUE_OFFSET]
     if p[_INVERSE_POWER] > 0.0:
         torque = min(torque, p[_RADIUS] / (p[_INVERSE_POWER] * max(v_x, _MIN_POWER_SPEED)))

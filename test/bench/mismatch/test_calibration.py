@@ -22,7 +22,9 @@ from adk_ros.bench.mismatch.confidence_fit import (
     probabilities,
     stated,
 )
+from adk_ros.bench.mismatch.injected_drive import PLANTS
 from adk_ros.bench.mismatch.mismatch_bench import code_digest, plan_jobs
+from adk_ros.bench.mismatch.multibody import MULTI_BODY
 from adk_ros.bench.mismatch.reliability import brier_score
 from adk_ros.mismatch.inference.confidence import ConfidenceModel, Evidence
 from adk_ros.mismatch.library.criteria import INEXACT_EQUATION_SHARE, MAX_EXPLAINED_RATIO
@@ -34,7 +36,8 @@ def test_its_cases_are_not_those_of_the_benchmark() -> None:
     unlisted = sum(bool(plan.injected.unlisted) for plan in plans)
     clean = sum(not plan.injected.effects and not plan.injected.unlisted for plan in plans)
     assert (clean, unlisted) == (20, 20)
-    assert len({plan.plant for plan in plans}) > 1
+    assert {plan.plant for plan in plans} == {*PLANTS, MULTI_BODY}
+    assert sum(plan.plant == MULTI_BODY for plan in plans) == 20
     assert len({plan.strength for plan in plans}) == 80
     seeds = {plan.seed for plan in plans}
     assert min(seeds) == FIRST_SEED
@@ -52,7 +55,11 @@ def claim(margin: float, value: float) -> dict[str, Any]:
         "name": "aero_drag",
         "alternatives": [],
         "parameters": {"cda": {"value": value, "low": value - 0.05, "high": value + 0.05}},
-        "evidence": {"total_gain": 12.0 * margin, "alternatives": alternatives},
+        "evidence": {
+            "total_gain": 12.0 * margin,
+            "surrogate_error": 0.0,
+            "alternatives": alternatives,
+        },
     }
 
 
