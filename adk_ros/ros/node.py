@@ -4,20 +4,29 @@
 The executable `predictor`: starts the node, spins it, ends it on a signal.
 
 Exit code 0 after SIGINT or SIGTERM; 2 if a parameter or the model is refused, with a one-line
-reason on standard error. Heavy imports follow the signal handlers, so that a signal during
-start-up also ends the process cleanly.
+reason on standard error.
+
+A Python signal handler runs between two bytecodes of the main thread, which the compiler of the
+kernels may keep busy for seconds, and what it raises can be lost in a callback from C. So signals
+are blocked, and a thread waits for them.
 """
 
 from __future__ import annotations
 
+import math
+import os
 import signal
 import sys
-from types import FrameType
+import threading
+import time
 
 from adk_ros.errors import AdkError, UsageError
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SPIN_S = 0.1
-"""s after which the spin loop checks for a signal: below the 1 s that a stop may take."""
+"""s after which the loops check for a signal or its consequence: far below `_GRACE_S`."""
+_GRACE_S = 1.5
+"""s that the end may take after a signal: launch files and service managers expect two."""
 _USAGE = """\
 usage: predictor --ros-args -p model:=FOLDER [-p NAME:=VALUE ...] [-r imu:=/TOPIC ...]
 
@@ -30,21 +39,35 @@ Parameters and their defaults:"""
 
 class Stop:
     """
-    Records that SIGINT or SIGTERM came; a second signal has no effect.
+    Waits for SIGINT and SIGTERM from construction to `close`; more of them have no effect.
 
-    While `starting`, the first signal raises SystemExit(0), since no loop checks for it yet.
+    While `starting`, a signal ends the process at once, since no loop checks for it yet; nothing
+    is half-written then. Later it sets `requested`, and the process has `_GRACE_S` to end.
     """
 
     def __init__(self) -> None:
         self.requested = False
         self.starting = True
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
+        self._closed = False
+        # Threads that are started from now on inherit the mask.
+        self._mask = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+        threading.Thread(target=self._wait, name="signals", daemon=True).start()
 
-    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        repeated, self.requested = self.requested, True
-        if self.starting and not repeated:
-            raise SystemExit(0)
+    def close(self) -> None:
+        """Let signals have their usual effect again."""
+        self._closed = True
+        signal.pthread_sigmask(signal.SIG_SETMASK, self._mask)
+
+    def _wait(self) -> None:
+        ends_s = math.inf
+        while not self._closed:
+            if signal.sigtimedwait(_SIGNALS, _SPIN_S) is not None:
+                if self.starting:
+                    os._exit(0)
+                self.requested = True
+                ends_s = min(ends_s, time.monotonic() + _GRACE_S)
+            if time.monotonic() > ends_s:
+                os._exit(0)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -55,8 +78,12 @@ def main(argv: list[str] | None = None) -> int:
     except AdkError as error:
         print(f"predictor: {error}", file=sys.stderr)
         return error.exit_code
-    except SystemExit:
+    except BrokenPipeError:
+        # The reader of `predictor --help | head` has seen enough.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    finally:
+        stop.close()
 
 
 def _run(argv: list[str], stop: Stop) -> int:
@@ -75,7 +102,7 @@ def _run(argv: list[str], stop: Stop) -> int:
         if unknown and unknown[0] in ("-h", "--help"):
             from adk_ros.ros.parameter_table import help_text
 
-            print(f"{_USAGE}\n{help_text()}")
+            print(f"{_USAGE}\n{help_text()}", flush=True)
             return 0
         if unknown:
             raise UsageError(
@@ -84,7 +111,6 @@ def _run(argv: list[str], stop: Stop) -> int:
             )
         _spin(stop)
     finally:
-        stop.starting = False
         try_shutdown()
     return 0
 

@@ -11,7 +11,7 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -22,20 +22,13 @@ from adk_ros.ros.parameter_table import TABLE
 
 
 @pytest.fixture
-def _signal_handlers() -> Iterator[None]:
-    """Restore the signal handlers, which the node replaces."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
-@pytest.fixture
-def refused(capfd: pytest.CaptureFixture[str], _signal_handlers: None) -> Callable[..., str]:
+def refused(capfd: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """Return a function that calls the node with arguments, which it must refuse."""
 
     def call(*arguments: str) -> str:
         code = node.main(["predictor", *arguments])
+        # Signals have their usual effect again.
+        assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == set()
         return only_line(code, *capfd.readouterr())
 
     return call
@@ -126,13 +119,21 @@ def test_wrong_arguments_are_refused_by_the_process(given: list[str], message: s
     assert message in refused_by_process(*given)
 
 
-@pytest.mark.usefixtures("_signal_handlers")
 def test_help_names_every_parameter(capfd: pytest.CaptureFixture[str]) -> None:
     assert node.main(["predictor", "--help"]) == 0
     out, _ = capfd.readouterr()
     assert all(f"\n  {spec.name} " in out for spec in TABLE)
     assert "Example: predictor --ros-args" in out
     assert max(map(len, out.splitlines())) < 100
+
+
+def test_help_ends_quietly_with_its_reader() -> None:
+    command = f"{sys.executable} -m adk_ros.ros.node --help | head -1"
+    done = subprocess.run(
+        ["sh", "-c", command], capture_output=True, text=True, timeout=60.0, check=True
+    )
+    assert done.stdout.startswith("usage: predictor")
+    assert done.stderr == ""
 
 
 def test_command_type_that_is_not_installed(tmp_path: Path, refused: Callable[..., str]) -> None:

@@ -336,10 +336,16 @@ def test_faults_and_late_simulation_time_over_real_topics(model: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_during_start_up(model: Path, number: int) -> None:
-    for delay_s in (0.7, 1.4):
+def test_signal_during_start_up(
+    model: Path, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While it imports, and while it compiles all kernels; three signals are as good as one."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))
+    for delay_s in (0.7, 1.4, 3.0, 6.0):
         node = NodeProcess(model=model)
         time.sleep(delay_s)
+        for _ in range(2):
+            node.process.send_signal(number)
         code, spent_s = node.end(number)
         _, errors = node.process.communicate()
         assert "Traceback" not in errors

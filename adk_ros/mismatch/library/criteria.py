@@ -100,11 +100,11 @@ MIN_SEGMENT_TRANSITIONS = 2.0
 
 # --- Identifiability ---------------------------------------------------------------------------
 
-INDISTINGUISHABLE_LOSS = 12.0
+INDISTINGUISHABLE_LOSS = 6.0
 """
-A competing effect within this loss of the identified one is indistinguishable from it; a
-likelihood ratio of e^6. By choice; the credible set of `inference.final_estimate` adds those that
-the posterior leaves probable.
+A competing effect within this loss of the identified one is indistinguishable from it: 2 ln 20, a
+likelihood ratio of 20. The credible set of `inference.final_estimate` adds others that are still
+probable.
 """
 INDISTINGUISHABLE_LOSS_SHARE = 2e-4
 """Share of the identified effect's gain added to that margin: no effect's equation is exact."""
@@ -281,9 +281,9 @@ Error after over before up to which a correction counts as an improvement: the i
 
 # --- Experiment design -------------------------------------------------------------------------
 
-DISCRIMINATION_LOSS = 5.0 * INDISTINGUISHABLE_LOSS
+DISCRIMINATION_LOSS = 10.0 * INDISTINGUISHABLE_LOSS
 """
-Least loss by which a manoeuvre must separate two effects to be suggested: five times the margin of
+Least loss by which a manoeuvre must separate two effects to be suggested: ten times the margin of
 indistinguishable effects. By choice.
 """
 COMPETITOR_SIZE_SIGMA = 0.03
