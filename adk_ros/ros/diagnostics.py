@@ -8,6 +8,7 @@ is gone. The message lists the findings, worst level first; the values hold all 
 
 | level | condition | message |
 | --- | --- | --- |
+| OK | the model is loaded, kernels are compiled | `starting for 12 s: ...` |
 | OK | predictions are published | `predicting` |
 | OK | never an IMU, and the model needs none | `no IMU: yaw rate from odometry` |
 | OK | too few samples so far | `warming up` |

@@ -35,6 +35,7 @@ from adk_ros.ros.messages import DIAGNOSTIC_NAME, CovarianceBytes, HorizonBytes,
 from adk_ros.ros.parameter_table import differences_from_training, model_path, pipeline_settings
 from adk_ros.ros.parameters import declare_parameters, unknown_parameters
 from adk_ros.ros.session import message_class
+from adk_ros.ros.starting import reporting_start
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.commands import COMMAND_TYPES
 
@@ -63,16 +64,22 @@ class PredictorNode:
             self._logger.warning(text)
         path = model_path(self.values)
         self._logger.info(f"loading {path}; the first start compiles kernels (some seconds)")
-        loaded = artefact.load(path)
-        settings = pipeline_settings(self.values, loaded.model.online)
+        self._clock = self.node.get_clock()
+        self._name = self.node.get_fully_qualified_name().lstrip("/")
+        self._diagnostics_out = self.node.create_publisher(
+            DiagnosticArray, "/diagnostics", OUTPUT_DEPTH
+        )
         kind = COMMAND_TYPES[self.values["command_type"]]
         needed_by = f"command_type '{self.values['command_type']}'"
         classes = {Source.COMMAND: message_class(kind.msgtype, needed_by)}
         if kind.steering_msgtype is not None:
             classes[Source.STEERING] = message_class(kind.steering_msgtype, needed_by)
+        with reporting_start(lambda text: self._publish_status(Level.OK, text, [])):
+            loaded = artefact.load(path)
+            settings = pipeline_settings(self.values, loaded.model.online)
+            warm_up(loaded.model, settings)
         for text in differences_from_training(settings.sensors, loaded.manifest["training"]):
             self._logger.warning(text)
-        warm_up(loaded.model, settings)
 
         self.core = Core(Pipeline(loaded.model, settings), self._publish, self._log_internal_error)
         frame_id = self.values["frame_id"]
@@ -83,7 +90,6 @@ class PredictorNode:
             self._covariance = CovarianceBytes(settings.horizon_steps)
         self._publish_horizon = bool(self.values["publish_horizon"])
         self._sim_time = bool(self.node.get_parameter("use_sim_time").value)
-        self._clock = self.node.get_clock()
         self.node.add_on_set_parameters_callback(self._on_set)
         self._create_outputs()
         self._inputs = self._create_inputs(classes)
@@ -109,9 +115,6 @@ class PredictorNode:
         )
         self._covariance_out = node.create_publisher(
             Float64MultiArray, "~/predicted_horizon_covariance", OUTPUT_DEPTH
-        )
-        self._diagnostics_out = node.create_publisher(
-            DiagnosticArray, "/diagnostics", OUTPUT_DEPTH
         )
         node.create_service(Trigger, "~/reset", self._on_reset)
         # Both timers use steady time: simulation time may start late, stop, or never start.
@@ -193,17 +196,21 @@ class PredictorNode:
         now = self._clock.now()
         clocks = Clocks(time.monotonic(), now.nanoseconds, self._sim_time)
         level, text, values = self.diagnostics.report(clocks)
+        self._publish_status(level, text, values)
+        self._log(level, text)
+
+    def _publish_status(self, level: Level, text: str, values: list[tuple[str, str]]) -> None:
+        """Publish a status under the full name of the node, which tells two cars apart."""
         status = DiagnosticStatus(
             level=bytes([level]),
-            name=self.node.get_name() + DIAGNOSTIC_NAME,
+            name=self._name + DIAGNOSTIC_NAME,
             message=text,
-            hardware_id=self._facts["model"],
+            hardware_id=self._name,
             values=[KeyValue(key=key, value=value) for key, value in values],
         )
         array = DiagnosticArray(status=[status])
-        array.header.stamp = now.to_msg()
+        array.header.stamp = self._clock.now().to_msg()
         self._diagnostics_out.publish(array)
-        self._log(level, text)
 
     def _log(self, level: Level, text: str) -> None:
         """Log a message when the level rises and when it returns to OK."""

@@ -353,6 +353,26 @@ def test_signal_during_start_up(
         assert spent_s < 1.5
 
 
+def test_start_is_reported_under_the_full_name(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With an empty cache the kernels take far longer than a second to compile."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))
+    seen: list[Any] = []
+    with (
+        running_node("-r", "__ns:=/car1", model=model) as node,
+        Session("watcher") as session,
+    ):
+        session.node.create_subscription(
+            DiagnosticArray, "/diagnostics", lambda array: seen.extend(array.status), 10
+        )
+        wait_for(session, lambda: len(seen) >= 2, 40.0)
+        assert node.end()[0] == 0
+    assert {status.name for status in seen} == {"car1/predictor: prediction"}
+    assert {status.hardware_id for status in seen} == {"car1/predictor"}
+    assert all(status.message.startswith("starting for ") for status in seen[:2])
+
+
 def test_no_predictor_running() -> None:
     with pytest.raises(UsageError, match="no node publishes a topic predicted_twist"):
         record(wait_s=0.5)
