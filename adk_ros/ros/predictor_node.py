@@ -36,12 +36,15 @@ from adk_ros.ros.parameter_table import differences_from_training, model_path, p
 from adk_ros.ros.parameters import declare_parameters, unknown_parameters
 from adk_ros.ros.session import message_class
 from adk_ros.ros.starting import reporting_start
+from adk_ros.ros.waiting import waiting_hint
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.commands import COMMAND_TYPES
 
 NODE_NAME = "predictor"
 INPUT_DEPTH = 200
 """Queue depth of the subscriptions, messages: 0.2 s of an IMU at 1000 Hz."""
+_WAIT_S = 5.0
+"""s without a message after which the log says what is published instead; discovery takes 3 s."""
 OUTPUT_DEPTH = 10
 """Queue depth of the publishers, messages: the default of ROS 2."""
 
@@ -101,6 +104,8 @@ class PredictorNode:
             self.values["use_imu"],
             time.monotonic(),
         )
+        self._types = {Source.ODOMETRY: "nav_msgs/msg/Odometry", Source.COMMAND: kind.msgtype}
+        self._begin_s, self._waited = time.monotonic(), False
         self._logged_level = Level.OK
         self._logged_imu = False
         self._logger.info(", ".join(f"{key} {value}" for key, value in self._facts.items()))
@@ -198,6 +203,24 @@ class PredictorNode:
         level, text, values = self.diagnostics.report(clocks)
         self._publish_status(level, text, values)
         self._log(level, text)
+        self._log_missing_topics()
+
+    def _log_missing_topics(self) -> None:
+        """Say once, after `_WAIT_S`, which topics nobody publishes and which exist instead."""
+        if self._waited or time.monotonic() - self._begin_s < _WAIT_S:
+            return
+        self._waited = True
+        received = self.core.pipeline.received
+        missing = {
+            source: (str(self._inputs[source].topic_name), self._types[source])
+            for source in (Source.ODOMETRY, Source.COMMAND)
+            if not received[source]
+        }
+        if not missing:
+            return
+        topics = self.node.get_topic_names_and_types()
+        published = [(name, types) for name, types in topics if self.node.count_publishers(name)]
+        self._logger.warning(waiting_hint(missing, published))
 
     def _publish_status(self, level: Level, text: str, values: list[tuple[str, str]]) -> None:
         """Publish a status under the full name of the node, which tells two cars apart."""

@@ -1,0 +1,55 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A mis-remapped node says which topic it should have been given."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.node import running_node, write_model
+from nav_msgs.msg import Odometry
+
+from adk_ros.ros.session import Session
+from adk_ros.ros.waiting import waiting_hint
+from adk_ros.signals.channels import Source
+
+ODOMETRY, COMMAND = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"
+MISSING = {Source.ODOMETRY: ("/odometry", ODOMETRY), Source.COMMAND: ("/command", COMMAND)}
+
+
+@pytest.mark.parametrize(
+    ("published", "words"),
+    [
+        ([], "odometry: nobody publishes /odometry or any other nav_msgs/msg/Odometry; command: "),
+        (
+            [("/vehicle/odometry", [ODOMETRY]), ("/gps", [ODOMETRY]), ("/odom", ["other"])],
+            "did you mean -r odometry:=/vehicle/odometry?",
+        ),
+        ([("/odometry", [ODOMETRY])], "/odometry is published but sends nothing that arrives"),
+        ([("/joints", [COMMAND])], "did you mean -r command:=/joints?"),
+    ],
+)
+def test_the_closest_topic_of_the_type_is_named(published: Any, words: str) -> None:
+    text = waiting_hint(MISSING, published)
+    assert text.startswith("waiting for odometry: ")
+    assert words in text
+
+
+def test_a_node_on_wrong_topics_says_so(tmp_path: Path) -> None:
+    with (
+        Session("car") as session,
+        running_node(model=write_model(tmp_path / "m")) as node,
+    ):
+        session.node.create_publisher(Odometry, "/vehicle/odometry", 1)
+        until_s = time.monotonic() + 14.0
+        while time.monotonic() < until_s:
+            session.spin(0.2)
+        node.end()
+        _, errors = node.process.communicate()
+    (line,) = [text for text in errors.splitlines() if "did you mean" in text]
+    assert (
+        "odometry: nobody publishes /odometry; did you mean -r odometry:=/vehicle/odometry?"
+        in line
+    )
+    assert "command: nobody publishes /command" in line
