@@ -195,9 +195,19 @@ _BODY = (
     ),
     Effect(
         "rotating_inertia",
-        (EffectParameter("inertia", "kg m^2", -4.0, 60.0, 0.3, 1.0, {"wheel_inertia": 1.0}),),
+        (
+            EffectParameter(
+                "inertia",
+                "kg m^2",
+                -4.0,
+                60.0,
+                0.3,
+                1.0,
+                {"wheel_inertia": 1.0, "spin_up_inertia": 1.0},
+            ),
+        ),
         ("v_x",),
-        "F_x = (T - inertia dv_x/dt / R) / R",
+        "F_x = (T - inertia dv_x/dt / R) / R, with the lag of the wheels' spin-up",
         "driving torque",
         ("drive_torque_gain", "payload", "wheel_radius"),
         "constant speed on a grade or near top speed, where the inertia has no influence",

@@ -7,7 +7,8 @@ Dead times average the held command over a step; lags use their exact solution o
 are smooth in their parameters, and both may be zero.
 
 A wheel must spin up before its tyre transmits a torque. For small slip, with the longitudinal
-slip stiffness K F_z of the tyres, the force lags the torque by I_w v_x / (R^2 K F_z).
+slip stiffness K F_z of the tyres, the force lags the torque by I_w v_x / (R^2 K F_z). The lag of
+the torque, identified from the simulation, contains it, so that only additional inertia counts.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _MIN_POWER_SPEED = 1.0
 
 _MASS = INDEX["mass"]
 _RADIUS = INDEX["wheel_radius"]
-_WHEEL_INERTIA = INDEX["wheel_inertia"]
+_SPIN_UP_INERTIA = INDEX["spin_up_inertia"]
 _STEER_GAIN = INDEX["steer_gain"]
 _STEER_OFFSET = INDEX["steer_offset"]
 _STEER_DELAY = INDEX["steer_delay"]
@@ -100,9 +101,9 @@ def zoh_mean(integral: FloatArray, spacing: float, begin: float, step: float) ->
 
 @relaxed_kernel
 def spin_up_lag(p: FloatArray, v_x: float) -> float:
-    """Return the lag of the longitudinal force behind the wheel torque, s."""
+    """Return the additional lag of the longitudinal force behind the wheel torque, s."""
     stiffness = _SLIP_STIFFNESS * p[_MASS] * GRAVITY
-    lag: float = max(p[_WHEEL_INERTIA], 0.0) * max(v_x, 0.0) / (p[_RADIUS] ** 2 * stiffness)
+    lag: float = max(p[_SPIN_UP_INERTIA], 0.0) * max(v_x, 0.0) / (p[_RADIUS] ** 2 * stiffness)
     return lag
 
 
