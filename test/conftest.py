@@ -35,6 +35,8 @@ os.environ.setdefault("HOME", tempfile.gettempdir())
 settings.register_profile("adk_ros", derandomize=True, deadline=None, database=None)
 settings.load_profile("adk_ros")
 
+SLOW_S = 10
+"""s that a slow test takes if its mark says nothing else."""
 FIRST = "test/cli/test_info.py"
 """A short file whose tests train the model that other files use."""
 
@@ -60,14 +62,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     Order the files so that no worker waits for a model that another is training.
 
     First a file that trains the model, then the files that need none, then those that do. Within
-    each, files with many tests come first, so that the workers end at about the same time.
+    each, files that take long come first, so that the workers end at about the same time: those
+    with many tests, and slow tests by their `seconds`, if the mark gives any.
     """
     files = [item.nodeid.partition("::")[0] for item in items]
-    tests = Counter(files)
+    seconds: Counter[str] = Counter()
+    for file, item in zip(files, items, strict=True):
+        slow = item.get_closest_marker("slow")
+        seconds[file] += 1 if slow is None else slow.kwargs.get("seconds", SLOW_S)
 
     def rank(file: str, item: pytest.Item) -> tuple[bool, bool, int]:
         module = item.getparent(pytest.Module)
-        return file != FIRST, module is not None and hasattr(module.obj, "small"), -tests[file]
+        return file != FIRST, module is not None and hasattr(module.obj, "small"), -seconds[file]
 
     ranks = dict(zip(items, map(rank, files, items), strict=True))
     items.sort(key=lambda item: ranks[item])

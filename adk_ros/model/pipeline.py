@@ -78,6 +78,7 @@ class Pipeline:
             settings.online,
             horizon_steps=settings.horizon_steps,
             max_coast_steps=round(settings.max_coast_s / _TICK_S),
+            withhold_implausible=True,
         )
         self.plausibility = Plausibility()
         # A list: an enum as dictionary key is hashed in Python, eight times per tick.

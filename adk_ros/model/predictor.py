@@ -65,6 +65,8 @@ class Predictor:
     :param horizon_steps: length of the horizon; 0 for none.
     :param max_coast_steps: number of ticks without a measured state that are bridged by
         predictions.
+    :param withhold_implausible: return no prediction that no vehicle can follow. Not where models
+        are scored: what is withheld has no error.
     :raises UsageError: a setting is out of range.
     """
 
@@ -74,6 +76,7 @@ class Predictor:
         online: OnlineSettings | None = None,
         horizon_steps: int = 80,
         max_coast_steps: int = 40,
+        withhold_implausible: bool = False,
     ) -> None:
         if not 0 <= horizon_steps <= _MAX_HORIZON_STEPS:
             raise UsageError(
@@ -84,6 +87,7 @@ class Predictor:
         self.online = METHODS[self.settings.method](model.theta0, self.settings)
         self.horizon_steps = horizon_steps
         self.max_coast_steps = max_coast_steps
+        self._withholds = withhold_implausible
         self._tick = TickArrays(
             measured=np.zeros(3),
             x_past=np.zeros((model.history + 1, 3)),
@@ -263,7 +267,7 @@ class Predictor:
             # Not reachable from finite samples with a valid model; if it happens, start again.
             self.reset()
             return None
-        if not is_drivable(state, horizon):
+        if self._withholds and not is_drivable(state, horizon):
             self._withhold(state, horizon[0])
             return None
         self._withheld_in_succession = 0

@@ -28,7 +28,7 @@ def run(name: str, out: Path, *arguments: object) -> str:
     return process.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=120)
 def test_predict(tmp_path: Path) -> None:
     out = tmp_path / "out"
     printed = run("01_predict.py", out, "--steps", 20)
@@ -49,7 +49,7 @@ def test_rollout_and_compare(tmp_path: Path) -> None:
     assert {path.name for path in out.iterdir()} == {"rollouts.png", "rollouts.csv"}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=120)
 def test_explain_a_mismatch(tmp_path: Path) -> None:
     out = tmp_path / "out"
     printed = run("03_explain_a_mismatch.py", out)

@@ -14,7 +14,7 @@ from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow(seconds=25)
 NAMES = ("", "aero_drag")
 
 

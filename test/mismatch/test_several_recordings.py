@@ -21,7 +21,7 @@ from adk_ros.mismatch.report.summary import activation_text
 from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow(seconds=25)
 EXAMINED = (
     "aero_drag", "rolling_resistance", "payload", "steering_ratio", "low_friction", "imu_bias",
     "brake_torque_gain", "rear_tyre_stiffness", "road_bank",

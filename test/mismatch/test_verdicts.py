@@ -20,7 +20,7 @@ from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.report.result_files import as_dict
 from adk_ros.mismatch.report.summary import sentence
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow(seconds=45)
 SECONDS = (100.0, 150.0, 30.0)
 
 

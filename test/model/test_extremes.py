@@ -132,7 +132,9 @@ def test_an_unstable_model_that_coasts_for_ever() -> None:
     """Predictions stay within bounds and are withheld once no car can move like them."""
     model = make_model()
     model.theta0[:3, :3] += 0.5 * np.eye(3)
-    predictor = Predictor(model, OnlineSettings("constant"), 3, max_coast_steps=10**6)
+    predictor = Predictor(
+        model, OnlineSettings("constant"), 3, max_coast_steps=10**6, withhold_implausible=True
+    )
     for item in slalom(20):
         predictor.step(item)
     nothing = (math.nan,) * 3
@@ -153,7 +155,7 @@ def test_commands_that_swing_from_limit_to_limit() -> None:
 
 
 def test_implausible_predictions_are_withheld_and_end_the_adaptation_that_makes_them() -> None:
-    predictor = Predictor(make_model(), horizon_steps=5)
+    predictor = Predictor(make_model(), horizon_steps=5, withhold_implausible=True)
     items = list(slalom(60))
     for item in items[:30]:
         predictor.step(item)

@@ -82,7 +82,8 @@ def test_messages_to_predictions() -> None:
 def test_pipeline_equals_decode_align_and_step() -> None:
     readings = arriving(drive(4.0, noise=1e-3), 1, 0.01)
     model = make_model()
-    aligner, predictor = Aligner(), Predictor(model, horizon_steps=80, max_coast_steps=40)
+    aligner = Aligner()
+    predictor = Predictor(model, None, 80, max_coast_steps=40, withhold_implausible=True)
     samples = [s for r in readings for s in aligner.push(r)]
     by_hand = [p for s in samples if (p := predictor.step(s)) is not None]
     assert_same(run(Pipeline(model), readings), by_hand)

@@ -89,7 +89,7 @@ def test_empty_quadratic_features_change_nothing() -> None:
     assert encoder(torch.zeros(2, 15)).shape == (2, 3)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=120)
 def test_training_with_them_is_nearer_to_smooth_data(tmp_path: Path) -> None:
     """On a drive without noise, against the same training without the forms."""
     of = [drive_of("handling", 300.0, clean=True).truth()]

@@ -152,7 +152,9 @@ def _stages(
     aligner: Any = pipeline.aligner
     predictor: Any = pipeline.predictor
     decoder.decode = watches["decode"].wrap(decoder.decode)
-    aligner.push = watches["align"].wrap(aligner.push)
+    take = aligner.take
+    # Samples are formed when they are asked for.
+    aligner.take = watches["align"].wrap(lambda reading: list(take(reading)))
     predictor._lift = watches["lift"].wrap(predictor._lift)
     predictor.online.update = watches["update"].wrap(predictor.online.update)
     predictor._rollout = watches["horizon"].wrap(predictor._rollout)

@@ -46,7 +46,7 @@ def test_matched_drive_covers_the_recording() -> None:
     np.testing.assert_array_equal(again.imu, driven.imu)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=90)
 def test_drag_missing_in_a_vehicle_file_is_identified() -> None:
     plain = vehicle()
     real = plain.model_copy(update={"cda": plain.cda + 1.0})

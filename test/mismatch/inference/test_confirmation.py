@@ -22,7 +22,7 @@ from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.activation import ALWAYS_ACTIVE, Activation
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow(seconds=20)
 SPLIT_S = 65.0
 
 

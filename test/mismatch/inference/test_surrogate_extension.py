@@ -140,7 +140,7 @@ def test_knots_of_one_colour_have_disjoint_influence() -> None:
     assert colours.max() < 20
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=25)
 def test_grade_of_a_simulated_road_is_identified() -> None:
     problem, plain, surrogate = hilly_problem()
     assert is_underfit(problem, plain)
@@ -174,7 +174,7 @@ def test_surrogate_that_fits_is_not_extended() -> None:
     assert augment_surrogate(problem, plain, start) is plain
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=25)
 def test_effect_is_identified_on_a_hilly_road() -> None:
     result = drag_on_hills()
     assert [e.effect.name for e in result.effects] == ["aero_drag"]
@@ -185,7 +185,7 @@ def test_effect_is_identified_on_a_hilly_road() -> None:
     assert "drag area" in sentence(result)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=25)
 def test_files_of_a_hilly_simulation_contain_its_road() -> None:
     result = drag_on_hills()
     model = SurrogateFile.model_validate(yaml.safe_load(result.simulation_yaml))
@@ -209,7 +209,7 @@ def test_files_of_a_hilly_simulation_contain_its_road() -> None:
     assert OpenLoopPredictor(model, cut).predict(starts, 40) == pytest.approx(extended)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=25)
 def test_road_profile_is_ignored_on_another_road(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -233,7 +233,7 @@ def test_road_profile_is_ignored_on_another_road(
     assert "another road" in notes[0]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=25)
 def test_unmodelled_part_of_a_simulator_becomes_a_feature_term() -> None:
     injected = InjectedMismatch(unlisted={"scrub_drag": UNLISTED["scrub_drag"]})
     c = make_case("scrub", injected, 5, seconds=(60.0, 90.0, 30.0), noise=0.02)
@@ -254,7 +254,7 @@ def test_unmodelled_part_of_a_simulator_becomes_a_feature_term() -> None:
     assert errors[0][0] < 0.5 * errors[1][0]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=25)
 def test_effect_of_a_simulator_extends_the_surrogate() -> None:
     injected = InjectedMismatch({"steering_backlash": {"half_gap": 0.0025}})
     c = make_case("play", injected, 6, seconds=(60.0, 90.0, 30.0), noise=0.02)

@@ -30,7 +30,7 @@ def surrogate() -> SurrogateModel:
     return surrogate_of(c.simulation, c.recording, c.nominal, lambda done, text: None)[0]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=25)
 @pytest.mark.parametrize(
     ("name", "equation", "feature"),
     [
