@@ -199,7 +199,8 @@ def test_every_method_runs(capsys, scores: dict[str, dict[str, Any]], method: st
     out, _ = adk(capsys, bag("town", 20.0), "--model", small().path, "--method", method, "--json")
     result = json.loads(out)
     assert result["method"] == method
-    assert result["predictions"] > 700
+    # The paper's method diverges again and again; what no vehicle can follow is withheld.
+    assert result["predictions"] > (400 if method == "swls" else 700)
     assert result["predictions"] <= result["ticks"]
     assert result["restarts"] == 1
     assert result["out"] is None
