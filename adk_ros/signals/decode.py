@@ -29,6 +29,8 @@ MAX_FORCE = 500.0
 _MAX_GYRO_RATE = MAX_YAW_RATE * 57.3
 """rad/s for the gyro: a gyro in deg/s is accepted, so that `plausibility` can name the fault."""
 
+# Looked up once: an attribute of an enum takes as long as a comparison.
+_IMU, _ODOMETRY = Source.IMU, Source.ODOMETRY
 _MAX_VARIANCE = 1e4
 """SI units squared; a larger variance, of 100 m/s, marks a value that is not measured."""
 
@@ -142,18 +144,22 @@ class Decoder:
 
     def _variances(self, source: Source, msg: Any) -> tuple[float, ...] | None:
         """Return the variances (3,) that a message of IMU or odometry reports, if any."""
-        if source is Source.ODOMETRY:
+        # All zero means unknown, and so do the large values that mark an axis as not measured.
+        if source is _ODOMETRY:
             covariance = msg.twist.covariance
-            found = (covariance[0], covariance[7], covariance[35])
-        elif source is Source.IMU and not self._is_rotated:
-            force, rate = msg.linear_acceleration_covariance, msg.angular_velocity_covariance
-            found = (force[0], force[4], rate[8])
+            x = float(covariance[0])
+            if not 0.0 < x < _MAX_VARIANCE:
+                return None
+            y, z = float(covariance[7]), float(covariance[35])
+        elif source is _IMU and not self._is_rotated:
+            force = msg.linear_acceleration_covariance
+            x = float(force[0])
+            if not 0.0 < x < _MAX_VARIANCE:
+                return None
+            y, z = float(force[4]), float(msg.angular_velocity_covariance[8])
         else:
             return None
-        # All zero means unknown, and so do the large values that mark an axis as not measured.
-        if all(0.0 < x < _MAX_VARIANCE for x in found):
-            return (float(found[0]), float(found[1]), float(found[2]))
-        return None
+        return (x, y, z) if 0.0 < y < _MAX_VARIANCE and 0.0 < z < _MAX_VARIANCE else None
 
     def reset(self) -> None:
         """Discard the previous gyro value, after a clock jump."""
