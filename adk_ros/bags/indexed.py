@@ -13,13 +13,17 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from adk_ros.bags.storage import Channel, RawMessage
 
 
+class NoIndex(Exception):
+    """A file is whole, but without an index of its messages."""
+
+
 class Indexed:
     """
     A storage file that rosbags reads by its index.
 
     `reader` is an unopened reader of rosbags. It may raise any exception for a damaged file.
 
-    :raises ValueError: the index does not describe the file.
+    :raises NoIndex: the file has no index of all its messages.
     """
 
     def __init__(self, reader: Any) -> None:
@@ -30,7 +34,7 @@ class Indexed:
         # An MCAP file without chunk index is not sorted; one without message count looks empty.
         if not (getattr(reader, "chunks", True) and about.message_count):
             reader.close()
-            raise ValueError("the index is incomplete")
+            raise NoIndex
         self.start_ns: int = about.start_time
         self.end_ns: int = about.end_time - 1
         self._connections = {connection.id: connection for connection in reader.connections}

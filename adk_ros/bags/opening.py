@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag1 import ReaderError as Ros1ReaderError
 from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import ReaderError as Ros2ReaderError
 
 from adk_ros.bags.compression import ZSTD_MAGIC, inflate_file
-from adk_ros.bags.indexed import Indexed
+from adk_ros.bags.indexed import Indexed, NoIndex
 from adk_ros.bags.recovery import Scan
 from adk_ros.bags.recovery_mcap import MCAP_MAGIC, McapScan
 from adk_ros.bags.recovery_ros1 import ROS1_MAGIC, Ros1Scan
@@ -63,16 +65,21 @@ def open_storage(path: Path, stack: ExitStack) -> StorageFile:
         fault = "is neither MCAP, SQLite nor a ROS 1 bag (CSV is not read)"
         raise NoBagError(fault if head else "is empty")
     storage: Storage | None = None
+    reason = ""
     # SQLite silently returns only the rows that the b-tree of a truncated file still reaches.
     if scan is not SqliteScan or _is_whole(file):
         try:
             storage = Indexed(reader(file))
-        except Exception:
-            # The parsers of rosbags may raise any exception for an untrusted file. Nothing is
-            # lost: the scan below reads the file, reports damage, and raises if unreadable.
-            storage = None
+        except (NoIndex, Ros1ReaderError, Ros2ReaderError):
+            # Of another writer, or damaged: the scan below reads it, and reports what is damaged.
+            pass
+        except Exception as error:
+            # The parsers may fail in any way on an untrusted file. The scan reads it too; if it
+            # finds no damage, the reason is reported.
+            reason = f"its index is not readable ({type(error).__name__}: {error})"
     if storage is None:
         storage = scan(file)
+        storage.fault = storage.fault or reason
     stack.callback(storage.close)
     return StorageFile(path.name, storage, lambda: scan(file))
 

@@ -26,7 +26,7 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionMode
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from adk_ros.bags import Bag, BagWriter, TopicInfo, Topics, find_topics, message, open_bag
+from adk_ros.bags import Bag, BagWriter, TopicInfo, Topics, find_topics, message, open_bag, opening
 from adk_ros.errors import DataError, UsageError
 
 IMU, ODOMETRY, COMMAND = "/imu/data", "/odometry", "/vehicle/command"
@@ -92,6 +92,20 @@ def test_mcap_of_other_writers(tmp_path, compression, profile):
         same(bag.messages(), expected)
         assert bag.message_count == 200
         assert bag.warnings == []
+
+
+def test_an_index_that_fails_in_an_unknown_way_is_reported(tmp_path, monkeypatch):
+    """All messages are read by a scan, and nobody has to wonder why it takes longer."""
+
+    def fail(*_):
+        raise KeyError("statistics")
+
+    path = write(tmp_path / "bag", drive(200), "mcap")
+    monkeypatch.setattr(opening, "Indexed", fail)
+    with Bag(path) as bag:
+        assert bag.message_count == 200
+        (warning,) = bag.warnings
+    assert "its index is not readable (KeyError: 'statistics')" in warning
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
