@@ -49,14 +49,17 @@ from adk_ros.mismatch.inference.result import (
     HeldOutResult,
     UnexplainedResidual,
 )
-from adk_ros.mismatch.library.criteria import MAX_IMPROVED_RATIO, MAX_RAISED_RATIO
+from adk_ros.mismatch.library.criteria import (
+    MAX_IMPROVED_RATIO,
+    MAX_RAISED_RATIO,
+    MIN_RAISED_BLOCKS,
+    RAISED_FALSE_ALARM,
+)
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.channels import STATE_NAMES
-
-_MIN_BLOCKS = 4
 
 
 @dataclass(frozen=True)
@@ -269,20 +272,21 @@ def significant_rise(before: FloatArray, after: FloatArray) -> BoolArray:
     """
     Return whether squared errors (n, ...) of the same starts are larger than before.
 
-    Student's t at 5 % over the means of blocks of `BLOCK_S`, after which errors of predictions
-    over two seconds are independent. Never with fewer than four blocks.
+    Student's t over the means of blocks of `BLOCK_S`, after which errors of predictions
+    over two seconds are independent. Never with fewer than `MIN_RAISED_BLOCKS` of them.
     """
     size = round(BLOCK_S / START_STRIDE_S)
     blocks = len(before) // size
     shape = before.shape[1:]
-    if blocks < _MIN_BLOCKS:
+    if blocks < MIN_RAISED_BLOCKS:
         return np.zeros(shape, dtype=bool)
     difference = (after**2 - before**2)[: blocks * size].reshape(blocks, size, *shape)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # A block of which no start counts.
         means = np.nanmean(difference, axis=1)
         spread = np.nanstd(means, axis=0, ddof=1) / np.sqrt(np.isfinite(means).sum(axis=0))
-        found = np.nanmean(means, axis=0) > student.ppf(0.95, blocks - 1) * spread
+        critical = student.ppf(1.0 - RAISED_FALSE_ALARM, blocks - 1)
+        found = np.nanmean(means, axis=0) > critical * spread
     return np.asarray(found)
 
 

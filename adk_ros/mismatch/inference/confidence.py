@@ -10,13 +10,13 @@ that of the hypothesis by d_ab in block b. With weights w_b of a Bayesian bootst
 (D. B. Rubin, Ann. Statist. 9 (1981) 130) the odds of alternative a against the effect are
 
     prior_a exp(-sum_b w_b d_ab / (2 tau)),
-    tau = 1 + CONFIDENCE_INEXACTNESS G + MIN_GAIN_PER_SURROGATE_ERROR S / (2 ln 20),
+    tau = 1 + CONFIDENCE_INEXACTNESS G + MIN_GAIN_PER_SURROGATE_ERROR S / (2 ln SIGNIFICANT_ODDS),
 
 with prior_a = 1 except for a formula, which was chosen among many, G the loss that the hypothesis
 saves in all, and S that of the surrogate's own error. No equation is exact, so that a large effect
 leaves errors in proportion to it that another effect may fit; and the surrogate's own error, which
 repeats on every lap, favours one of two similar effects. tau tempers the likelihood accordingly: a
-difference that the selection just accepts has odds of 20. The odds of undescribed
+difference that the selection just accepts has these odds. The odds of undescribed
 physics rise with the largest held-out error r, over what a correct model explains:
 UNLISTED_ODDS r^UNLISTED_EXPONENT. The probability is the mean over the bootstrap of
 1 / (1 + all odds): pseudo-Bayesian model averaging (Y. Yao, A. Vehtari, D. Simpson, A. Gelman,
@@ -34,6 +34,7 @@ import numpy as np
 from adk_ros.mismatch.library.criteria import (
     CONFIDENCE_INEXACTNESS,
     MIN_GAIN_PER_SURROGATE_ERROR,
+    SIGNIFICANT_ODDS,
     UNLISTED_EXPONENT,
     UNLISTED_ODDS,
 )
@@ -46,8 +47,6 @@ ABSENT, UNLISTED = "none", "unlisted"
 _DRAWS = 400
 """Draws of the bootstrap: their mean is exact to a few per cent of a small probability."""
 _MAX_LOG_ODDS = 50.0
-_ODDS = 20.0
-"""Odds at which something is significant: those of 5 %. Convention."""
 
 
 def formula_log_prior(terms: int) -> float:
@@ -98,7 +97,8 @@ class ConfidenceModel:
         count = evidence.differences.shape[1]
         weights = np.random.default_rng(0).dirichlet(np.ones(count), _DRAWS) * count
         tau = 1.0 + self.inexactness * max(evidence.total_gain, 0.0)
-        tau += MIN_GAIN_PER_SURROGATE_ERROR * evidence.surrogate_error / (2.0 * np.log(_ODDS))
+        least = MIN_GAIN_PER_SURROGATE_ERROR * evidence.surrogate_error
+        tau += least / (2.0 * np.log(SIGNIFICANT_ODDS))
         log_odds = evidence.log_priors - weights @ evidence.differences.T / (2.0 * tau)
         odds = np.exp(np.clip(log_odds, -_MAX_LOG_ODDS, _MAX_LOG_ODDS))
         unlisted = self.unlisted_odds * max(error_ratio, 1e-3) ** self.unlisted_exponent

@@ -16,6 +16,8 @@ choice" a value that neither data nor a derivation decides. None is calibrated o
 
 from __future__ import annotations
 
+import math
+
 # --- Nuisance parameters: differences between a car and its data sheet that are no mismatch ------
 
 TOLERANCE_SIGMA = 0.004
@@ -100,11 +102,13 @@ MIN_SEGMENT_TRANSITIONS = 2.0
 
 # --- Identifiability ---------------------------------------------------------------------------
 
-INDISTINGUISHABLE_LOSS = 6.0
+SIGNIFICANT_ODDS = 20.0
+"""Odds at which one of two explanations is significantly better: those of 5 %. Convention."""
+INDISTINGUISHABLE_LOSS = 2.0 * math.log(SIGNIFICANT_ODDS)
 """
-A competing effect within this loss of the identified one is indistinguishable from it: 2 ln 20, a
-likelihood ratio of 20. The credible set of `inference.final_estimate` adds others that are still
-probable.
+A competing effect within this loss of the identified one is indistinguishable from it: the
+likelihood ratio is below `SIGNIFICANT_ODDS`. The credible set of `inference.final_estimate` adds
+others that are still probable.
 """
 INDISTINGUISHABLE_LOSS_SHARE = 2e-4
 """Share of the identified effect's gain added to that margin: no effect's equation is exact."""
@@ -271,6 +275,10 @@ MAX_RAISED_RATIO = 1.02
 A correction is not exported if it raises the held-out error of any state above this ratio: chance
 alone moves the RMSE of a hundred predictions by about one per cent.
 """
+RAISED_FALSE_ALARM = 0.05
+"""Probability that chance makes the rise of a held-out error significant. Convention."""
+MIN_RAISED_BLOCKS = 4
+"""Blocks of `BLOCK_S` that a significant rise needs: fewer determine no spread. By choice."""
 MAX_CANDIDATES_LISTED = 5
 """Most candidates that are listed as not claimed. Convention."""
 MAX_IMPROVED_RATIO = 0.98
