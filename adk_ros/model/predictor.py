@@ -327,9 +327,8 @@ class Predictor:
     @property
     def uncertainty_growth(self) -> FloatArray:
         """Variance (3,), SI, that ticks without a trusted measurement add to a prediction."""
-        if not self._uncertain_ticks:
-            return _NO_GROWTH
-        return np.array(np.diag(self._published_covariance() - self._covariance))
+        # A copy: for a read-only view numba would compile the gate again.
+        return np.array(np.diag(self._growth())) if self._uncertain_ticks else _NO_GROWTH
 
     def _withhold(self, state: FloatArray, predicted: FloatArray) -> None:
         """Count an implausible prediction; discard the adaptation that leads to several."""
@@ -343,11 +342,12 @@ class Predictor:
         self.status = Status.IMPLAUSIBLE
 
     def _published_covariance(self) -> FloatArray:
-        covariance: FloatArray = self._covariance.copy()
-        if self._uncertain_ticks:
-            table = self.model.horizon_covariance
-            if len(table):
-                covariance += table[min(self._uncertain_ticks, len(table) - 1)]
-            else:
-                covariance *= 1.0 + self._uncertain_ticks
-        return covariance
+        # A sum is a copy: the predictor goes on to change its covariance.
+        return np.asarray(self._covariance + (self._growth() if self._uncertain_ticks else 0.0))
+
+    def _growth(self) -> FloatArray:
+        """Return the covariance (3, 3) that ticks without a trusted measurement have added."""
+        table = self.model.horizon_covariance
+        if len(table):
+            return np.asarray(table[min(self._uncertain_ticks, len(table) - 1)])
+        return self._uncertain_ticks * self._covariance
