@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from adk_ros.model.adaptation.online_methods import OnlineSettings
+    from adk_ros.model.pipeline import Pipeline
     from adk_ros.model.prediction import Prediction
     from adk_ros.train.held_out import HeldOutScores
 
@@ -242,8 +243,20 @@ def replay(
         restarts=pipeline.restarts,
         counts=pipeline.aligner.counts,
         out=target,
-        warnings=_warnings(recording, model, held_out),
+        warnings=_warnings(recording, model, held_out) + _rejections(pipeline),
     )
+
+
+def _rejections(pipeline: Pipeline) -> list[str]:
+    """Return a line on each stream with rejected readings, and on withheld predictions."""
+    texts = [
+        f"{pipeline.gate.rejected[source]} {source.name.lower()} readings contradict the "
+        f"prediction and are left out, the last one {latest}"
+        for source, latest in sorted(pipeline.gate.latest.items())
+    ]
+    if count := pipeline.predictor.implausible:
+        texts.append(f"{count} predictions are withheld: no vehicle moves as predicted")
+    return texts
 
 
 def _online_settings(

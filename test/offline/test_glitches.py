@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers.train import small
 
+from adk_ros.api.replay import _rejections
 from adk_ros.bags import Bag
 from adk_ros.bags.recording import RecordingOptions, choose_topics, selected_messages
 from adk_ros.model import artefact
@@ -109,6 +110,11 @@ def test_a_glitch_is_named_and_the_covariance_grows() -> None:
     latest = pipeline.gate.latest[Source.ODOMETRY]
     assert latest.channel == "v_x"
     assert latest.value - latest.expected == pytest.approx(30.0, abs=0.3)
+    (line,) = _rejections(pipeline)
+    assert line.startswith(
+        "1 odometry readings contradict the prediction and are left out, the last"
+    )
+    assert _rejections(undisturbed()[1]) == []
     at_ns = -(-latest.stamp_ns // TICK_NS) * TICK_NS
     assert made[at_ns].covariance[0, 0] > usual[at_ns].covariance[0, 0]
     horizons = [found[at_ns].horizon_covariance[:, 0, 0].mean() for found in (made, usual)]
