@@ -15,7 +15,7 @@ def read_regular_file(path: Path, limit: int) -> bytes:
     """
     Return the content of a regular file of at most `limit` bytes.
 
-    A device or a pipe, also behind a link, is not opened: reading it may never end.
+    A device or a pipe, also behind a link, is not read: that may never end.
     :raises UsageError: it is another kind of file, or larger.
     :raises OSError: it cannot be opened or read.
     """
