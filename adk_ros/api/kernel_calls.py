@@ -75,9 +75,10 @@ def search_features() -> None:
     import numpy as np
 
     from adk_ros.mismatch.inference.linear_response import propagate
-    from adk_ros.numerics.filters import low_pass, resonance, stop_operator
+    from adk_ros.numerics.filters import causal_filter, low_pass, resonance, stop_operator
 
     signal = np.zeros(8)
+    causal_filter(signal, np.ones(3))
     low_pass(signal, 0.01, 1.0)
     resonance(signal, 0.01, 3.0, 0.1)
     stop_operator(signal, 1.0)

@@ -9,7 +9,20 @@ import math
 import numpy as np
 
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.numerics.numba_cache import strict_kernel
+from adk_ros.numerics.numba_cache import relaxed_kernel, strict_kernel
+
+
+@relaxed_kernel
+def causal_filter(signal: FloatArray, taps: FloatArray) -> FloatArray:
+    """Return the sum over j of taps[j] signal[k - j] (n,), at rest before the signal."""
+    n = signal.shape[0]
+    out = np.zeros(n)
+    for j in range(min(taps.shape[0], n)):
+        tap = taps[j]
+        # Along the signal, which the compiler vectorises, not along the taps.
+        for k in range(n - j):
+            out[k + j] += tap * signal[k]
+    return out
 
 
 @strict_kernel

@@ -27,6 +27,7 @@ from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
 from adk_ros.mismatch.surrogate.residuals import BIN_S
 from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.numerics.filters import causal_filter
 from adk_ros.numerics.levenberg_marquardt import HUBER_THRESHOLD, huber_values
 
 EQUATIONS = ("v_x", "v_y", "yaw_rate", "v_x", "v_y", "yaw_rate")
@@ -100,7 +101,7 @@ def _rate_on_simulation(likelihood: Likelihood, surrogate: SurrogateModel) -> fl
     scaled = surrogate.residuals / likelihood.problem.bin_noise[:, None]
     bins = int(scaled.shape[1])
     whitened = [
-        np.convolve(row, coefficients)[:bins]
+        causal_filter(row, coefficients)
         for row, coefficients in zip(scaled, likelihood.filters, strict=True)
     ]
     used: BoolArray = np.asarray((likelihood.weights > 0.0).any(axis=1))

@@ -41,6 +41,7 @@ from adk_ros.mismatch.surrogate.residuals import (
 )
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.numerics.filters import causal_filter
 from adk_ros.numerics.levenberg_marquardt import (
     BoundedParameters,
     FitOptions,
@@ -217,9 +218,8 @@ class Likelihood:
         """Return residuals (6, bins) over their noise, whitened."""
         scaled = residuals * self.weights
         out = np.empty_like(scaled)
-        n = scaled.shape[1]
         for channel in range(6):
-            out[channel] = np.convolve(scaled[channel], self.filters[channel])[:n]
+            out[channel] = causal_filter(scaled[channel], self.filters[channel])
         out[self.weights == 0.0] = 0.0
         return out
 

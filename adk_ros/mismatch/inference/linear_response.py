@@ -28,7 +28,7 @@ from adk_ros.mismatch.surrogate.state_index import (
     YAW_RATE,
 )
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.numerics.filters import low_pass
+from adk_ros.numerics.filters import causal_filter, low_pass
 from adk_ros.numerics.numba_cache import strict_kernel
 
 _PROBE_SIZE = (0.2, 0.1)
@@ -94,9 +94,9 @@ class LinearResponse:
         for channel, values in change.items():
             # As `Likelihood.whiten`, for the channels that the equation changes.
             weights = likelihood.weights[channel]
-            whitened = np.convolve(problem.binned(values) * weights, likelihood.filters[channel])
+            whitened = causal_filter(problem.binned(values) * weights, likelihood.filters[channel])
             begin = channel * problem.bins
-            out[begin : begin + problem.bins] = -whitened[: problem.bins] * (weights != 0.0)
+            out[begin : begin + problem.bins] = -whitened * (weights != 0.0)
         return np.asarray(self.linearised.project_out(out * self.linearised.root))
 
     def gain(self, columns: FloatArray) -> tuple[FloatArray, float]:

@@ -3,8 +3,8 @@
 """
 Command response: dead times, lags, backlash and limits of steering and drive.
 
-Dead times average the held command over a step; lags use their exact solution over a step. Both
-are smooth in their parameters, and both may be zero.
+Dead times average the held command over a step; they and the lags are smooth in their parameters,
+and may be zero.
 
 A wheel must spin up before its tyre transmits a torque. For small slip, with the longitudinal
 slip stiffness K F_z of the tyres, the force lags the torque by I_w v_x / (R^2 K F_z). The lag of
@@ -12,8 +12,6 @@ the torque, identified from the simulation, contains it, so that only additional
 """
 
 from __future__ import annotations
-
-import math
 
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.surrogate.command_integrals import CommandIntegrals
@@ -25,9 +23,10 @@ from adk_ros.mismatch.surrogate.state_index import (
     S_TORQUE,
     S_TORQUE_MORE,
 )
+from adk_ros.mismatch.surrogate.step_constants import StepConstants, first_order_lag, lag_of
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
-from adk_ros.numerics.numba_cache import relaxed_kernel
+from adk_ros.numerics.numba_cache import inlined_kernel
 
 _SLIP_STIFFNESS = 21.5
 """
@@ -43,42 +42,18 @@ _SPIN_UP_INERTIA = INDEX["spin_up_inertia"]
 _STEER_GAIN = INDEX["steer_gain"]
 _STEER_OFFSET = INDEX["steer_offset"]
 _STEER_DELAY = INDEX["steer_delay"]
-_STEER_LAG = INDEX["steer_lag"]
-_STEER_LAG_2 = INDEX["steer_lag_more"]
 _BACKLASH = INDEX["steer_half_gap"]
 _COMPLIANCE = INDEX["steer_compliance"]
 _TORQUE_GAIN = INDEX["torque_gain"]
 _BRAKE_GAIN = INDEX["brake_gain"]
 _TORQUE_OFFSET = INDEX["torque_offset"]
 _TORQUE_DELAY = INDEX["torque_delay"]
-_TORQUE_LAG = INDEX["torque_lag"]
 _TORQUE_LAG_2 = INDEX["torque_lag_more"]
 _INVERSE_POWER = INDEX["power_inverse"]
 _COMMAND_DELAY = INDEX["command_delay"]
 
 
-@relaxed_kernel
-def first_order_lag(state: float, to: float, time: float, step: float) -> tuple[float, float]:
-    """Return a first-order lag's (mean, final value) of a step towards the constant input `to`."""
-    if time < 1e-6 * step:
-        return to, to
-    x = step / time
-    keep = math.exp(-x)
-    return to + (state - to) * (1.0 - keep) / x, to + (state - to) * keep
-
-
-@relaxed_kernel
-def second_order_lag(
-    state: float, rate: float, to: float, frequency: float, damping: float, step: float
-) -> tuple[float, float]:
-    """Return a second-order lag's (value, rate) after a step towards the constant input `to`."""
-    # Implicit Euler: stable at any frequency.
-    x = frequency * step
-    rate = (rate + x * frequency * (to - state)) / (1.0 + 2.0 * damping * x + x * x)
-    return state + step * rate, rate
-
-
-@relaxed_kernel
+@inlined_kernel
 def zoh_mean(integral: FloatArray, spacing: float, begin: float, step: float) -> float:
     """Return the mean over `step` seconds from `begin` of a held signal, given its integral."""
     last = integral.shape[0] - 1
@@ -99,7 +74,7 @@ def zoh_mean(integral: FloatArray, spacing: float, begin: float, step: float) ->
     return mean
 
 
-@relaxed_kernel
+@inlined_kernel
 def spin_up_lag(p: FloatArray, v_x: float) -> float:
     """Return the additional lag of the longitudinal force behind the wheel torque, s."""
     stiffness = _SLIP_STIFFNESS * p[_MASS] * GRAVITY
@@ -107,9 +82,10 @@ def spin_up_lag(p: FloatArray, v_x: float) -> float:
     return lag
 
 
-@relaxed_kernel
+@inlined_kernel
 def actuate(
     p: FloatArray,
+    constants: StepConstants,
     state: FloatArray,
     commands: CommandIntegrals,
     time: float,
@@ -127,15 +103,17 @@ def actuate(
     gap = p[_BACKLASH]
     play = min(max(state[S_PLAY], requested - gap), requested + gap)
     state[S_PLAY] = play
-    mean, state[S_STEER] = first_order_lag(state[S_STEER], play, p[_STEER_LAG], step)
-    delta, state[S_STEER_MORE] = first_order_lag(state[S_STEER_MORE], mean, p[_STEER_LAG_2], step)
+    mean, state[S_STEER] = first_order_lag(state[S_STEER], play, constants.steering)
+    delta, state[S_STEER_MORE] = first_order_lag(state[S_STEER_MORE], mean, constants.steering_2)
     delta += p[_STEER_OFFSET] - p[_COMPLIANCE] * state[S_LOAD_Y]
     demand = zoh_mean(commands.torque, commands.spacing, begin - p[_TORQUE_DELAY], step)
     demand *= p[_TORQUE_GAIN] * (p[_BRAKE_GAIN] if demand < 0.0 else 1.0)
-    mean, state[S_TORQUE] = first_order_lag(state[S_TORQUE], demand, p[_TORQUE_LAG], step)
-    # Two short lags in series are one of their sum.
-    lag = p[_TORQUE_LAG_2] + spin_up_lag(p, v_x)
-    torque, state[S_TORQUE_MORE] = first_order_lag(state[S_TORQUE_MORE], mean, lag, step)
+    mean, state[S_TORQUE] = first_order_lag(state[S_TORQUE], demand, constants.torque)
+    lag = constants.torque_2
+    if p[_SPIN_UP_INERTIA] > 0.0:
+        # Two short lags in series are one of their sum.
+        lag = lag_of(p[_TORQUE_LAG_2] + spin_up_lag(p, v_x), step)
+    torque, state[S_TORQUE_MORE] = first_order_lag(state[S_TORQUE_MORE], mean, lag)
     torque += p[_TORQUE_OFFSET]
     if p[_INVERSE_POWER] > 0.0:
         torque = min(torque, p[_RADIUS] / (p[_INVERSE_POWER] * max(v_x, _MIN_POWER_SPEED)))

@@ -13,8 +13,8 @@ its measurement, because a model on a slippery road would spin otherwise:
 A sprung mass rolls and pitches with second-order lags behind a_y and a_x, and behind the bank and
 grade of the road; an accelerometer on it measures the corresponding share of gravity.
 
-Midpoint rule, with the middle of a step extrapolated by the derivative of the step before. Slip
-relaxation and lags use their exact solution over a step.
+Midpoint rule, with the middle of a step extrapolated by the derivative of the step before. The
+slip relaxation uses its exact solution over a step.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ import math
 import numpy as np
 
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
-from adk_ros.mismatch.surrogate.command_response import actuate, first_order_lag, second_order_lag
+from adk_ros.mismatch.surrogate.body_forces import BodyMotion, body_forces
+from adk_ros.mismatch.surrogate.command_response import actuate
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms, RunBuffers, RunInputs
 from adk_ros.mismatch.surrogate.state_index import (
     A_X,
@@ -57,9 +58,21 @@ from adk_ros.mismatch.surrogate.state_index import (
     YAW_ACCELERATION,
     YAW_RATE,
 )
-from adk_ros.mismatch.surrogate.tyre_forces import BodyMotion, body_forces
+from adk_ros.mismatch.surrogate.step_constants import (
+    first_order_lag,
+    second_order_lag,
+    step_constants,
+)
+from adk_ros.mismatch.surrogate.wheel_forces import (
+    SLIP,
+    WHEEL_TABLE_SIZE,
+    WHEELS,
+    relax_slips,
+    set_wheels,
+)
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
+from adk_ros.numerics.elementary import fast_sin
 from adk_ros.numerics.numba_cache import relaxed_kernel
 
 _MIN_BODY_GRADIENT = 1e-3
@@ -72,7 +85,6 @@ _MAX_YAW_RATE = 5.0
 """Limit of |yaw rate|, rad/s: keeps a spinning surrogate finite."""
 
 _RELAXATION_LENGTH = INDEX["relaxation_length"]
-_LOAD_LAG = INDEX["load_lag"]
 _ROLL_GRADIENT = INDEX["roll_gradient"]
 _ROLL_FREQUENCY = INDEX["roll_frequency"]
 _ROLL_DAMPING = INDEX["roll_damping"]
@@ -109,7 +121,9 @@ def integrate(
     state, out, end_states = buffers.state, buffers.output, buffers.end_states
     n = out.shape[1]
     p = base.copy()
-    slip_targets = np.zeros(4)
+    constants = step_constants(base, step)
+    wheels = np.zeros(WHEEL_TABLE_SIZE)
+    wheels[SLIP : SLIP + WHEELS] = state[S_SLIP : S_SLIP + WHEELS]
     last_v_x, last_v_y, last_yaw_rate = 0.0, 0.0, 0.0
     is_prescribed = prescribed_v_x.shape[0] > 0
     has_extra = extra.shape[0] > 0
@@ -122,6 +136,8 @@ def integrate(
                 changed = True
         if changed:
             _set_parameters(base, terms, k, p)
+            constants = step_constants(p, step)
+            set_wheels(wheels, p)
         v_x, v_y, yaw_rate = state[S_V_X], state[S_V_Y], state[S_YAW_RATE]
         v_x0 = prescribed_v_x[k] / p[_ODOMETRY_GAIN] if is_prescribed else v_x
         if keeps_end_states and k == 0:
@@ -130,7 +146,7 @@ def integrate(
             end_states[0, E_X], end_states[0, E_Y] = state[S_X], state[S_Y]
             end_states[0, E_HEADING] = state[S_HEADING]
         time = inputs.start + k * step
-        torque, delta = actuate(p, state, inputs.commands, time, step, v_x0)
+        torque, delta = actuate(p, constants, state, inputs.commands, time, step, v_x0)
         roll_rate = p[_ROLL_GRADIENT] * state[S_ROLL_RATE]
         # A change of grade accelerates a sprung mass vertically.
         vertical = v_x0 * state[S_SLOPE_RATE] if p[_PITCH_GRADIENT] > _MIN_BODY_GRADIENT else 0.0
@@ -144,8 +160,6 @@ def integrate(
             load_y += share * (state[S_ROLL] + damper_y - load_y)
         x = v_x0 * step / max(p[_RELAXATION_LENGTH], _MIN_RELAXATION_LENGTH)
         half = math.exp(-0.5 * x)
-        slips = state[S_SLIP : S_SLIP + 4]
-        sin_grade, sin_bank = math.sin(p[_GRADE]), math.sin(p[_BANK])
         # Middle of the step, extrapolated by the derivative of the step before.
         v_y1 = v_y + 0.5 * step * last_v_y
         yaw_rate1 = yaw_rate + 0.5 * step * last_yaw_rate
@@ -155,13 +169,13 @@ def integrate(
         motion = BodyMotion(
             v_x1, v_y1, yaw_rate1, delta, torque, load_x, load_y, roll_rate, vertical
         )
-        a_x, a_y, yaw_acceleration = body_forces(p, motion, slips, half, slip_targets)
+        a_x, a_y, yaw_acceleration = body_forces(p, constants, motion, wheels, half)
         if has_extra:
             a_x += extra[k, 0]
             a_y += extra[k, 1]
             yaw_acceleration += extra[k, 2]
-        last_v_x = a_x + yaw_rate1 * v_y1 - GRAVITY * sin_grade
-        last_v_y = a_y - yaw_rate1 * v_x1 - GRAVITY * sin_bank
+        last_v_x = a_x + yaw_rate1 * v_y1 - GRAVITY * constants.sin_grade
+        last_v_y = a_y - yaw_rate1 * v_x1 - GRAVITY * constants.sin_bank
         last_yaw_rate = yaw_acceleration
         new_v_x = v_x + step * last_v_x
         new_v_y = v_y + step * last_v_y
@@ -180,7 +194,7 @@ def integrate(
         out[V_Y, k] = 0.5 * (v_y + new_v_y)
         out[V_X, k] = 0.5 * (v_x + new_v_x)
         mid_heading = state[S_HEADING] + 0.5 * step * out[YAW_RATE, k]
-        cos, sin = math.cos(mid_heading), math.sin(mid_heading)
+        cos, sin = fast_sin(mid_heading + 0.5 * math.pi), fast_sin(mid_heading)
         mean_x = out[V_X, k]
         state[S_X] += step * (mean_x * cos - out[V_Y, k] * sin)
         state[S_Y] += step * (mean_x * sin + out[V_Y, k] * cos)
@@ -198,40 +212,24 @@ def integrate(
         state[S_V_X] = new_v_x
         state[S_V_Y] = min(max(new_v_y, -_MAX_LATERAL_VELOCITY), _MAX_LATERAL_VELOCITY)
         state[S_YAW_RATE] = min(max(new_yaw_rate, -_MAX_YAW_RATE), _MAX_YAW_RATE)
-        _, state[S_LOAD_X] = first_order_lag(state[S_LOAD_X], a_x, p[_LOAD_LAG], step)
-        _, state[S_LOAD_Y] = first_order_lag(state[S_LOAD_Y], a_y, p[_LOAD_LAG], step)
+        _, state[S_LOAD_X] = first_order_lag(state[S_LOAD_X], a_x, constants.load)
+        _, state[S_LOAD_Y] = first_order_lag(state[S_LOAD_Y], a_y, constants.load)
         state[S_ROLL], state[S_ROLL_RATE] = second_order_lag(
-            state[S_ROLL], state[S_ROLL_RATE], a_y, p[_ROLL_FREQUENCY], p[_ROLL_DAMPING], step
+            state[S_ROLL], state[S_ROLL_RATE], a_y, constants.roll, step
         )
         state[S_PITCH], state[S_PITCH_RATE] = second_order_lag(
-            state[S_PITCH],
-            state[S_PITCH_RATE],
-            a_x,
-            p[_PITCH_FREQUENCY],
-            p[_PITCH_DAMPING],
-            step,
+            state[S_PITCH], state[S_PITCH_RATE], a_x, constants.pitch, step
         )
         state[S_BANK], state[S_BANK_RATE] = second_order_lag(
-            state[S_BANK],
-            state[S_BANK_RATE],
-            p[_BANK],
-            p[_ROLL_FREQUENCY],
-            p[_ROLL_DAMPING],
-            step,
+            state[S_BANK], state[S_BANK_RATE], p[_BANK], constants.roll, step
         )
         state[S_SLOPE], state[S_SLOPE_RATE] = second_order_lag(
-            state[S_SLOPE],
-            state[S_SLOPE_RATE],
-            p[_GRADE],
-            p[_PITCH_FREQUENCY],
-            p[_PITCH_DAMPING],
-            step,
+            state[S_SLOPE], state[S_SLOPE_RATE], p[_GRADE], constants.pitch, step
         )
-        keep = math.exp(-x)
-        for i in range(4):
-            slips[i] = slip_targets[i] + (slips[i] - slip_targets[i]) * keep
+        relax_slips(wheels, half * half)
         if keeps_end_states:
             end_states[k + 1, E_V_X], end_states[k + 1, E_V_Y] = state[S_V_X], state[S_V_Y]
             end_states[k + 1, E_YAW_RATE] = state[S_YAW_RATE]
             end_states[k + 1, E_X], end_states[k + 1, E_Y] = state[S_X], state[S_Y]
             end_states[k + 1, E_HEADING] = state[S_HEADING]
+    state[S_SLIP : S_SLIP + WHEELS] = wheels[SLIP : SLIP + WHEELS]

@@ -17,7 +17,7 @@ from adk_ros.mismatch.library.surrogate_parameters import (
     default_parameters,
 )
 from adk_ros.mismatch.surrogate.command_integrals import COMMAND_GRID_S, CommandIntegrals
-from adk_ros.mismatch.surrogate.command_response import first_order_lag, second_order_lag, zoh_mean
+from adk_ros.mismatch.surrogate.command_response import zoh_mean
 from adk_ros.mismatch.surrogate.equations_of_motion import integrate
 from adk_ros.mismatch.surrogate.residuals import STEP_S, ResidualProblem, prepare_residual_problem
 from adk_ros.mismatch.surrogate.run_inputs import no_terms, open_loop_inputs, run_buffers
@@ -31,7 +31,13 @@ from adk_ros.mismatch.surrogate.state_index import (
     V_Y,
     YAW_RATE,
 )
-from adk_ros.mismatch.surrogate.tyre_forces import normalised_lateral_force
+from adk_ros.mismatch.surrogate.step_constants import (
+    first_order_lag,
+    lag_of,
+    resonance_of,
+    second_order_lag,
+)
+from adk_ros.mismatch.surrogate.wheel_forces import normalised_lateral_force
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import AIR_DENSITY, GRAVITY
 
@@ -90,7 +96,7 @@ def test_an_accelerometer_does_not_measure_gravity_along_a_grade() -> None:
 
 @pytest.mark.parametrize("time", [0.0, 1e-4, 0.03, 0.5])
 def test_a_first_order_lag_is_its_exact_solution(time: float) -> None:
-    mean, after = first_order_lag(0.0, 1.0, time, 0.01)
+    mean, after = first_order_lag(0.0, 1.0, lag_of(time, 0.01))
     if time == 0.0:
         assert (mean, after) == (1.0, 1.0)
         return
@@ -172,7 +178,9 @@ def test_a_second_order_lag_rings_at_its_frequency_and_settles() -> None:
     step, frequency, damping = 0.0005, 10.0, 0.3
     value, rate, values = 0.0, 0.0, []
     for _ in range(20000):
-        value, rate = second_order_lag(value, rate, 1.0, frequency, damping, step)
+        value, rate = second_order_lag(
+            value, rate, 1.0, resonance_of(frequency, damping, step), step
+        )
         values.append(value)
     overshoot = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
     assert max(values) == pytest.approx(1.0 + overshoot, abs=0.01)
@@ -180,7 +188,9 @@ def test_a_second_order_lag_rings_at_its_frequency_and_settles() -> None:
     assert peak == pytest.approx(math.pi / (frequency * math.sqrt(1.0 - damping**2)), rel=0.01)
     assert values[-1] == pytest.approx(1.0, abs=1e-6)
     # Stable at any stiffness and step.
-    assert second_order_lag(0.0, 0.0, 1.0, 1e4, 1.0, 0.01)[0] == pytest.approx(1.0, abs=0.05)
+    assert second_order_lag(0.0, 0.0, 1.0, resonance_of(1e4, 1.0, 0.01), 0.01)[0] == pytest.approx(
+        1.0, abs=0.05
+    )
 
 
 def test_both_tyre_curves_share_the_initial_slope_and_the_brush_model_saturates() -> None:
