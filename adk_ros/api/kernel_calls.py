@@ -82,7 +82,7 @@ def search_features() -> None:
     low_pass(signal, 0.01, 1.0)
     resonance(signal, 0.01, 3.0, 0.1)
     stop_operator(signal, 1.0)
-    propagate(signal, np.ones(8), np.zeros((3, 7)), 0.01, True)
+    propagate(signal, np.ones(8), np.zeros((3, 8)), 0.01, 0)
 
 
 def simulate_surrogate() -> None:

@@ -26,6 +26,7 @@ from adk_ros.mismatch.surrogate.run_inputs import (
     ActiveTerms,
     RunBuffers,
     RunInputs,
+    no_extra,
     open_loop_inputs,
     run_buffers,
 )
@@ -164,7 +165,7 @@ class OpenLoopPredictor:
             prescribed_v_x=np.empty(0),
             measured=measured,
             observer_gains=ASSIMILATION_GAINS,
-            extra=np.empty((0, 3)),
+            extra=no_extra(),
         )
         before = state.copy()
         run = self._run(state, terms, inputs)
@@ -181,7 +182,7 @@ class OpenLoopPredictor:
         return buffers
 
     def _feature_accelerations(self, output: FloatArray, start: float) -> FloatArray:
-        """Return what the features add to the accelerations (n, 3), from an earlier run."""
+        """Return what the features add (n, 4), see `RunInputs.extra`, from an earlier run."""
         signals, n = self._signals(output, start), output.shape[1]
         if self._history:
             signals = _joined(self._history, signals)

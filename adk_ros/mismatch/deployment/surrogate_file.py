@@ -34,7 +34,7 @@ from adk_ros.mismatch.library.surrogate_parameters import (
 from adk_ros.mismatch.recording.sensor_log import CHANNELS
 from adk_ros.mismatch.surrogate.activation import TRANSITION_LENGTH_M
 from adk_ros.mismatch.surrogate.error_autocovariance import MAX_LAG, ErrorAutocovariance
-from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
+from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS, FeatureTerm
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.road_profile import KNOT_SPACING_M, RoadProfile
 from adk_ros.numerics.arrays import FloatArray
@@ -107,7 +107,7 @@ class EffectTermEntry(FileModel):
 class FeatureTermEntry(FileModel):
     """A feature in an equation: adds `coefficient` times the feature, SI."""
 
-    equation: Literal["v_x", "v_y", "yaw_rate"]
+    equation: Literal["v_x", "v_y", "yaw_rate", "steering"]
     feature: str
     coefficient: float
 
@@ -301,12 +301,13 @@ class SurrogateFile(FileModel):
         return p
 
     def feature_coefficients(self) -> tuple[list[str], FloatArray]:
-        """Return all features, and their coefficients (k, 3) in the three accelerations."""
+        """Return all features, and their coefficients (k, 4), see `RunInputs.extra`."""
         terms = [*self.extras.feature_terms, *self.feature_terms]
         names = sorted({term.feature for term in terms})
-        table = np.zeros((len(names), 3))
+        equations = list(EQUATION_PARAMETERS)
+        table = np.zeros((len(names), len(equations)))
         for term in terms:
-            table[names.index(term.feature), STATE_NAMES.index(term.equation)] += term.coefficient
+            table[names.index(term.feature), equations.index(term.equation)] += term.coefficient
         return names, table
 
     def road(self) -> RoadProfile | None:

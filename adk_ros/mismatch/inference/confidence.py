@@ -53,7 +53,7 @@ def formula_log_prior(terms: int) -> float:
     """
     Return the logarithm of the prior odds of a formula of so many terms against an effect.
 
-    The formula was chosen among all features in three equations, term by term.
+    The formula was chosen among all features in four equations, term by term.
     """
     return -terms * float(np.log(len(EQUATION_PARAMETERS) * len(FEATURES)))
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from adk_ros.mismatch.inference.feature_effect import active_feature
+from adk_ros.mismatch.inference.feature_effect import active_feature, state_equations
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.linear_response import LinearResponse
@@ -38,7 +38,11 @@ class FeatureScreening:
         p, terms = likelihood.simulation_inputs(hypothesis.nuisances, hypothesis.effects)
         signals = feature_signals(problem, problem.run(p, terms))
         names = [name for name in FEATURES if name not in likelihood.unobservable]
-        equations = [name for name in EQUATION_PARAMETERS if name not in likelihood.unobservable]
+        equations = [
+            name
+            for name in EQUATION_PARAMETERS
+            if likelihood.unobservable.isdisjoint(state_equations(name))
+        ]
         search = ParametricSearch(signals, equations, names) if parametric else None
         return cls(names, equations, feature_matrix(names, signals), search)
 

@@ -1,11 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Linear response of the residuals to an additional acceleration, for screening many features.
+Linear response of the residuals to an additional acceleration or angle, for screening features.
 
-One run of the surrogate with random additional accelerations, compared with one without, gives a
-linear lateral model whose coefficients depend on speed as those of a bicycle model do. A feature's
-column then costs a recursion over the recording instead of a run of the equations of motion.
+Runs of the surrogate with random additional accelerations and angles, compared with one without,
+give a linear lateral model whose coefficients depend on speed as those of a bicycle model do. The
+column of a feature then costs a recursion over the recording instead of a run of the equations.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
+from adk_ros.mismatch.surrogate.feature_terms import STEERING
 from adk_ros.mismatch.surrogate.residuals import OBSERVER_GAINS, STEP_S
 from adk_ros.mismatch.surrogate.state_index import (
     A_Y,
@@ -33,20 +34,25 @@ from adk_ros.numerics.numba_cache import strict_kernel
 
 _PROBE_SIZE = (0.2, 0.1)
 """Additional lateral and yaw acceleration of the probe, m/s² and rad/s²: tyres stay linear."""
+_PROBE_ANGLE = 0.004
+"""Additional road-wheel angle of the second probe, rad: about the same lateral acceleration."""
 _PROBE_HOLD_STEPS = 40
 """Steps for which the probe's sign is held: 0.4 s, near the car's yaw mode."""
 _MIN_SPEED = 3.0
 """m/s; slower, the coefficients are those of this speed."""
+_INPUTS = ("v_y", "yaw_rate", STEERING)
+_STATES = 5
+"""Terms of the response before those of the inputs."""
 _LATERAL_CHANNELS = (IMU_A_Y, IMU_YAW_RATE, ODOMETRY_V_Y, ODOMETRY_YAW_RATE)
 
 
 @dataclass(frozen=True)
 class LinearResponse:
     """
-    Response of the whitened residuals to an acceleration added to one equation.
+    Response of the whitened residuals to a feature added to one equation.
 
-    `coefficients` (3, 7): of dv_y/dt, dr/dt and a_y on v_y/v_x, r/v_x, v_y, r, r v_x, and the
-    added lateral and yaw acceleration.
+    `coefficients` (3, 8): of dv_y/dt, dr/dt and a_y on v_y/v_x, r/v_x, v_y, r, r v_x, and the
+    added lateral and yaw acceleration and road-wheel angle.
     """
 
     linearised: LinearisedProblem
@@ -60,20 +66,23 @@ class LinearResponse:
         problem = likelihood.problem
         p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
         speed = np.maximum(np.abs(problem.smoothed_odometry[:, 0]), _MIN_SPEED)
-        probe = np.zeros((problem.steps, 3))
+        probe = np.zeros((problem.steps, 4))
+        steered = np.zeros_like(probe)
         signs = np.random.default_rng(0).integers(
             0, 2, (problem.steps // _PROBE_HOLD_STEPS + 1, 2)
         )
         held = np.repeat(2.0 * signs - 1.0, _PROBE_HOLD_STEPS, axis=0)[: problem.steps]
-        probe[:, 1:] = held * _PROBE_SIZE
-        change = problem.run(p, terms, extra=probe) - problem.run(p, terms)
-        v_y, rate = change[V_Y], change[YAW_RATE]
-        rows = np.column_stack(
-            [v_y / speed, rate / speed, v_y, rate, rate * speed, probe[:, 1], probe[:, 2]]
-        )
-        targets = [np.diff(v_y) / STEP_S, np.diff(rate) / STEP_S, change[A_Y][:-1]]
-        solved, *_ = np.linalg.lstsq(rows[:-1], np.column_stack(targets), rcond=None)
-        return cls(linearised, speed, np.ascontiguousarray(solved.T))
+        probe[:, 1:3] = held * _PROBE_SIZE
+        steered[:, 3] = held[:, 0] * _PROBE_ANGLE
+        without = problem.run(p, terms)
+        rows, targets = _regression(problem.run(p, terms, extra=probe) - without, speed)
+        rows = np.hstack([rows, probe[:-1, 1:3]])
+        solved, *_ = np.linalg.lstsq(rows, targets, rcond=None)
+        # A steering angle acts with the same motion, so that only its own coefficients are left.
+        rows, targets = _regression(problem.run(p, terms, extra=steered) - without, speed)
+        angle = steered[:-1, 3]
+        by_angle = angle @ (targets - rows @ solved[:_STATES]) / (angle @ angle)
+        return cls(linearised, speed, np.ascontiguousarray(np.vstack([solved, by_angle]).T))
 
     def column(self, equation: str, feature: FloatArray) -> FloatArray:
         """Return the change (m,) of the projected residuals by a feature (n,) in an equation."""
@@ -88,7 +97,7 @@ class LinearResponse:
             }
         else:
             response = propagate(
-                feature, self.speed, self.coefficients, STEP_S, equation == "yaw_rate"
+                feature, self.speed, self.coefficients, STEP_S, _INPUTS.index(equation)
             )
             change = dict(zip(_LATERAL_CHANNELS, response[[2, 1, 0, 1]], strict=True))
         for channel, values in change.items():
@@ -109,22 +118,29 @@ class LinearResponse:
         return np.asarray(size), float(right @ size)
 
 
+def _regression(change: FloatArray, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the states of the response (n - 1, 5), and what depends on them (n - 1, 3)."""
+    v_y, rate = change[V_Y], change[YAW_RATE]
+    rows = np.column_stack([v_y / speed, rate / speed, v_y, rate, rate * speed])
+    targets = [np.diff(v_y) / STEP_S, np.diff(rate) / STEP_S, change[A_Y][:-1]]
+    return rows[:-1], np.column_stack(targets)
+
+
 @strict_kernel
 def propagate(
-    feature: FloatArray, speed: FloatArray, coefficients: FloatArray, step: float, in_yaw: bool
+    feature: FloatArray, speed: FloatArray, coefficients: FloatArray, step: float, at: int
 ) -> FloatArray:
-    """Return v_y, yaw rate and lateral acceleration (3, n) in response to a feature."""
+    """Return v_y, yaw rate and lateral acceleration (3, n) for a feature as input `at`."""
     n = feature.shape[0]
     out = np.empty((3, n))
     v_y, rate = 0.0, 0.0
-    row = np.empty(7)
+    row = np.zeros(_STATES + 3)
     for k in range(n):
         v = speed[k]
         row[0], row[1], row[2], row[3], row[4] = v_y / v, rate / v, v_y, rate, rate * v
-        row[5] = 0.0 if in_yaw else feature[k]
-        row[6] = feature[k] if in_yaw else 0.0
+        row[_STATES + at] = feature[k]
         derivative_v, derivative_r, acceleration = 0.0, 0.0, 0.0
-        for j in range(7):
+        for j in range(row.shape[0]):
             derivative_v += coefficients[0, j] * row[j]
             derivative_r += coefficients[1, j] * row[j]
             acceleration += coefficients[2, j] * row[j]

@@ -95,7 +95,8 @@ def with_siblings(
     current = start
     name = _last_feature(start)
     coupled = kind_of(name) in _COUPLED or name in _STEERED
-    if not coupled or start.effects[-1].effect.equations[0] not in _LATERAL:
+    entered = start.effects[-1].effect
+    if not coupled or not isinstance(entered, FeatureEffect) or entered.enters not in _LATERAL:
         return start
     for equation in (name for name in _LATERAL if name in equations):
         last = current.effects[-1]
@@ -164,4 +165,4 @@ def _renamed(active: ActiveEffect, name: str, signals: Signals) -> ActiveEffect:
     assert isinstance(active.effect, FeatureEffect)
     coefficient = active.effect.term(active.theta[0]).coefficient
     values = feature(name).function(signals)
-    return active_feature(active.effect.equations[0], name, values, coefficient)
+    return active_feature(active.effect.enters, name, values, coefficient)

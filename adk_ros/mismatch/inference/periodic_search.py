@@ -28,11 +28,12 @@ from adk_ros.mismatch.library.parametric_features import (
     wave_name,
 )
 from adk_ros.mismatch.library.parametric_values import accumulated, step_of
+from adk_ros.mismatch.surrogate.feature_terms import STEERING
 from adk_ros.mismatch.surrogate.residuals import BIN_S
 from adk_ros.mismatch.surrogate.state_index import IMU_A_X, IMU_A_Y, IMU_YAW_RATE
 from adk_ros.numerics.arrays import FloatArray
 
-_MAIN_CHANNEL = {"v_x": IMU_A_X, "v_y": IMU_A_Y, "yaw_rate": IMU_YAW_RATE}
+_MAIN_CHANNEL = {"v_x": IMU_A_X, "v_y": IMU_A_Y, "yaw_rate": IMU_YAW_RATE, STEERING: IMU_YAW_RATE}
 _WAVE_RANGE_HZ = (0.05, 8.0)
 """
 Frequencies in time that are tried: 8 Hz lies above those of body, steering and pressure control.

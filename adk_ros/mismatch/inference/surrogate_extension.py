@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adk_ros.mismatch.inference.feature_effect import EQUATION_UNITS
+from adk_ros.mismatch.inference.feature_effect import added_to
 from adk_ros.mismatch.inference.fit_budget import SIMULATION
 from adk_ros.mismatch.inference.forward_selection import select_effects
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
@@ -193,8 +193,7 @@ class _Extension:
         )
         refitted = self._refit(extended)
         parts = [
-            f"{term.coefficient:+.3g} {feature(term.feature).expression} in "
-            f"d({term.equation})/dt [{EQUATION_UNITS[term.equation]}]"
+            added_to(term.equation, f"{term.coefficient:+.3g} {feature(term.feature).expression}")
             for term in expansion.terms
         ]
         note = f"feature terms: {', '.join(parts)}"

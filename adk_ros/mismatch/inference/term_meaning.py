@@ -26,7 +26,7 @@ from adk_ros.mismatch.library.parametric_features import (
     kind_of,
     parsed,
 )
-from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
+from adk_ros.mismatch.surrogate.feature_terms import STEERING, FeatureTerm
 
 _TORQUES = {
     "torque": "the wheel torque",
@@ -67,6 +67,10 @@ def _meaning(term: FeatureTerm, body: Body) -> str:
     where = ""
     if kind in {GATE, EXCESS}:
         where = feature(term.feature).description.removeprefix(feature(base).description)
+    if base == "delta" and term.equation == STEERING:
+        share = 100.0 * term.coefficient
+        side = "less" if share < 0.0 else "more"
+        return f"the road wheels turn by about {_two_digits(abs(share))} % {side}{where}"
     if base in _TORQUES and term.equation == "v_x":
         share = _torque_share(term, body)
         side = "less" if share < 0.0 else "more"
@@ -186,6 +190,8 @@ _SPECIAL: dict[str, Callable[[FeatureTerm, Body], str]] = {
 def _force(term: FeatureTerm, body: Body, size: float = 1.0) -> str:
     """Return the force or moment of a term at a feature of `size`."""
     amount = abs(term.coefficient) * size
+    if term.equation == STEERING:
+        return f"a road-wheel angle of about {_two_digits(math.degrees(amount))}°"
     if term.equation == "yaw_rate":
         return f"a yaw moment of about {_two_digits(amount * body.yaw_inertia)} N·m"
     direction = "longitudinal" if term.equation == "v_x" else "lateral"

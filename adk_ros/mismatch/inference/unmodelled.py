@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 
 from adk_ros.mismatch.inference.feature_effect import (
     EQUATION_TEXTS,
-    EQUATION_UNITS,
     FeatureEffect,
+    added_to,
     feature_terms,
+    state_equations,
 )
 from adk_ros.mismatch.inference.feature_screening import FeatureScreening
 from adk_ros.mismatch.inference.fit_budget import FEATURE, FEATURE_REFIT
@@ -67,7 +68,12 @@ class UnmodelledDynamics:
 
     @property
     def equations(self) -> list[str]:
-        """Equations with a missing term, largest gain first."""
+        """State equations with a missing term, largest gain first."""
+        names = [name for term in self._entered() for name in state_equations(term)]
+        return list(dict.fromkeys(names))
+
+    def _entered(self) -> list[str]:
+        """Return the equations of the terms, largest gain first."""
         gains: dict[str, float] = {}
         for term in self.terms:
             gains[term.equation] = gains.get(term.equation, 0.0) + term.gain
@@ -80,20 +86,21 @@ class UnmodelledDynamics:
         if not self.terms:
             return "a structured residual that depends on none of the examined features"
         return "; ".join(
-            f"{EQUATION_TEXTS[p.equation]} against {feature(p.feature).description}"
+            f"{EQUATION_TEXTS[equation]} against {feature(p.feature).description}"
             for p in self.terms
+            for equation in dict.fromkeys((*state_equations(p.equation), p.equation))
         )
 
     def expression(self) -> str:
         """Return the expression with its units."""
         parts = []
-        for equation in self.equations:
+        for equation in self._entered():
             terms = [
                 f"{p.coefficient:+.4g} {feature(p.feature).expression}"
                 for p in self.terms
                 if p.equation == equation
             ]
-            parts.append(f"d({equation})/dt += {' '.join(terms)} [{EQUATION_UNITS[equation]}]")
+            parts.append(added_to(equation, " ".join(terms)))
         return "; ".join(parts)
 
     @property

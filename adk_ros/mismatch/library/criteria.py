@@ -142,6 +142,8 @@ explains most of it is no accident, however much the features before it explain.
 """
 FEATURE_COEFFICIENT_BOUND = 20.0
 """Bound of a feature's coefficient at a feature of unit RMS, m/s² or rad/s²: two g."""
+FEATURE_ANGLE_BOUND = 0.2
+"""The same for a road-wheel angle, rad: a third of the lock of a car."""
 FEATURE_RESIDUAL_SHARE = 0.03
 """No further feature is added when less than this share of the excess loss is left. By choice."""
 FEATURE_TIE_LOSS = 20.0

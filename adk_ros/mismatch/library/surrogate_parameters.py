@@ -131,12 +131,13 @@ SURROGATE_PARAMETERS: dict[str, SurrogateParameter] = {
     "friction": SurrogateParameter(1.0, 0.05, 2.0, "-", "friction of the road, relative"),
     "wind_x": SurrogateParameter(0.0, -60.0, 60.0, "m/s", "wind along the x axis of the vehicle"),
     "wind_y": SurrogateParameter(0.0, -60.0, 60.0, "m/s", "wind along the y axis of the vehicle"),
-    # Forces beyond the catalogue, as accelerations.
+    # Forces beyond the catalogue, as accelerations, and a further steering angle.
     "extra_x": SurrogateParameter(
         0.0, -20.0, 20.0, "m/s^2", "further longitudinal specific force"
     ),
     "extra_y": SurrogateParameter(0.0, -20.0, 20.0, "m/s^2", "further lateral specific force"),
     "extra_yaw": SurrogateParameter(0.0, -20.0, 20.0, "rad/s^2", "further yaw acceleration"),
+    "extra_steer": SurrogateParameter(0.0, -0.5, 0.5, "rad", "further road-wheel angle"),
     # The sensors.
     "bias_a_x": SurrogateParameter(0.0, -5.0, 5.0, "m/s^2", "bias of the accelerometer, x"),
     "bias_a_y": SurrogateParameter(0.0, -5.0, 5.0, "m/s^2", "bias of the accelerometer, y"),

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adk_ros.mismatch.inference.feature_effect import state_equations
 from adk_ros.mismatch.inference.result import IdentifiedEffect, ResidualSeries
 from adk_ros.mismatch.library.effect import PLACE
 from adk_ros.mismatch.library.features import feature
@@ -251,4 +252,4 @@ def feature_residual_trend(series: ResidualSeries, term: FeatureTerm) -> Trend:
         )
     use = active_bins(series, [[-np.inf, np.inf]])
     name = f"{term.equation}:{term.feature}"
-    return best_trend(series, [(label, u)], [term.equation], use, without=name)
+    return best_trend(series, [(label, u)], state_equations(term.equation), use, without=name)

@@ -42,6 +42,7 @@ _SPIN_UP_INERTIA = INDEX["spin_up_inertia"]
 _STEER_GAIN = INDEX["steer_gain"]
 _STEER_OFFSET = INDEX["steer_offset"]
 _STEER_DELAY = INDEX["steer_delay"]
+_EXTRA_STEER = INDEX["extra_steer"]
 _BACKLASH = INDEX["steer_half_gap"]
 _COMPLIANCE = INDEX["steer_compliance"]
 _TORQUE_GAIN = INDEX["torque_gain"]
@@ -105,7 +106,7 @@ def actuate(
     state[S_PLAY] = play
     mean, state[S_STEER] = first_order_lag(state[S_STEER], play, constants.steering)
     delta, state[S_STEER_MORE] = first_order_lag(state[S_STEER_MORE], mean, constants.steering_2)
-    delta += p[_STEER_OFFSET] - p[_COMPLIANCE] * state[S_LOAD_Y]
+    delta += p[_STEER_OFFSET] + p[_EXTRA_STEER] - p[_COMPLIANCE] * state[S_LOAD_Y]
     demand = zoh_mean(commands.torque, commands.spacing, begin - p[_TORQUE_DELAY], step)
     demand *= p[_TORQUE_GAIN] * (p[_BRAKE_GAIN] if demand < 0.0 else 1.0)
     mean, state[S_TORQUE] = first_order_lag(state[S_TORQUE], demand, constants.torque)

@@ -147,6 +147,8 @@ def integrate(
             end_states[0, E_HEADING] = state[S_HEADING]
         time = inputs.start + k * step
         torque, delta = actuate(p, constants, state, inputs.commands, time, step, v_x0)
+        if has_extra:
+            delta += extra[k, 3]
         roll_rate = p[_ROLL_GRADIENT] * state[S_ROLL_RATE]
         # A change of grade accelerates a sprung mass vertically.
         vertical = v_x0 * state[S_SLOPE_RATE] if p[_PITCH_GRADIENT] > _MIN_BODY_GRADIENT else 0.0

@@ -16,8 +16,17 @@ from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.mismatch.surrogate.state_index import A_X, A_Y, V_Y, YAW_RATE
 from adk_ros.numerics.arrays import FloatArray
 
-EQUATION_PARAMETERS = {"v_x": "extra_x", "v_y": "extra_y", "yaw_rate": "extra_yaw"}
-"""Equation -> entry of the parameter vector that adds an acceleration to it."""
+STEERING = "steering"
+EQUATION_PARAMETERS = {
+    "v_x": "extra_x",
+    "v_y": "extra_y",
+    "yaw_rate": "extra_yaw",
+    STEERING: "extra_steer",
+}
+"""
+Equation -> entry of the parameter vector that adds to it: an acceleration, or a road-wheel angle,
+which enters both lateral equations. The order is that of the columns of `RunInputs.extra`.
+"""
 
 
 @dataclass(frozen=True)

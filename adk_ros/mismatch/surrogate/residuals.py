@@ -19,7 +19,13 @@ from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.command_integrals import CommandIntegrals, integrate_commands
 from adk_ros.mismatch.surrogate.equations_of_motion import integrate
-from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms, RunInputs, no_terms, run_buffers
+from adk_ros.mismatch.surrogate.run_inputs import (
+    ActiveTerms,
+    RunInputs,
+    no_extra,
+    no_terms,
+    run_buffers,
+)
 from adk_ros.mismatch.surrogate.state_index import (
     A_X,
     A_Y,
@@ -165,7 +171,8 @@ class ResidualProblem:
         """
         Run the surrogate model along the recording; return its output (OUTPUTS, n).
 
-        `gain` multiplies `OBSERVER_GAINS`; `extra` (n, 3) is added to the accelerations.
+        `gain` multiplies `OBSERVER_GAINS`; `extra` (n, 4) is added to the accelerations
+        and the road-wheel angle.
         """
         state = np.zeros(STATE_SIZE)
         state[[S_V_X, S_V_Y, S_YAW_RATE]] = self.smoothed_odometry[0]
@@ -178,7 +185,7 @@ class ResidualProblem:
             self.prescribed_v_x,
             self.smoothed_odometry,
             observer_shares(gain),
-            np.empty((0, 3)) if extra is None else extra,
+            no_extra() if extra is None else extra,
         )
         integrate(parameters, terms or self.no_terms(), inputs, buffers)
         return buffers.output

@@ -41,6 +41,11 @@ class ActiveTerms(NamedTuple):
         )
 
 
+def no_extra() -> FloatArray:
+    """Return that nothing is added to accelerations and road-wheel angle."""
+    return np.empty((0, 4))
+
+
 def no_terms(steps: int) -> ActiveTerms:
     """Return terms that add nothing in a run of `steps` steps."""
     none = np.zeros(0, dtype=np.int64)
@@ -55,7 +60,8 @@ class RunInputs(NamedTuple):
     `prescribed_v_x` (n + 1,): v_x at the ends of the steps, m/s; empty: v_x is integrated.
     `measured` (n, 3): v_x, v_y, yaw rate at the middle of each step, NaN where not measured.
     `observer_gains` (3,): share of the innovation that corrects the state at once.
-    `extra` (n, 3): added to the accelerations (a_x, a_y, yaw), SI; may be empty.
+    `extra` (n, 4): added to the accelerations (a_x, a_y, yaw) and to the road-wheel angle, SI; may
+    be empty.
     """
 
     commands: CommandIntegrals
@@ -101,5 +107,5 @@ def open_loop_inputs(
         prescribed_v_x=np.empty(0),
         measured=np.full((steps, 3), np.nan),
         observer_gains=np.zeros(3),
-        extra=np.empty((0, 3)) if extra is None else extra,
+        extra=no_extra() if extra is None else extra,
     )

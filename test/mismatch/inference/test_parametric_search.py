@@ -33,7 +33,11 @@ from adk_ros.mismatch.library.features import FEATURES, Signals, feature
 from adk_ros.mismatch.library.parametric_features import kind_of, parsed
 from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.activation import Activation
-from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm, feature_signals
+from adk_ros.mismatch.surrogate.feature_terms import (
+    EQUATION_PARAMETERS,
+    FeatureTerm,
+    feature_signals,
+)
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
 from adk_ros.numerics.arrays import FloatArray
@@ -64,7 +68,7 @@ def in_equation(equation: str, name: str, signals: Signals, coefficient: float) 
     return active_feature(equation, name, feature(name).function(signals), coefficient)
 
 
-@pytest.mark.parametrize("equation", ["v_x", "v_y", "yaw_rate"])
+@pytest.mark.parametrize("equation", ["v_x", "v_y", "yaw_rate", "steering"])
 @pytest.mark.parametrize(
     "frequency",
     [pytest.param(0.1, marks=pytest.mark.slow), 0.6, pytest.param(2.0, marks=pytest.mark.slow)],
@@ -74,11 +78,12 @@ def test_the_linear_response_equals_a_run(equation: str, frequency: float) -> No
     linearised = LinearisedProblem(likelihood, null, jacobian)
     response = LinearResponse.of(linearised)
     wave = np.sin(2.0 * np.pi * frequency * likelihood.problem.middle_s)
+    size = 0.002 if equation == "steering" else 0.05
     effect = feature_as_effect(equation, "constant")
     exact = linearised.project_out(
-        linearised.column(ActiveEffect(effect, (0.05,), Activation(weight=wave)))
+        linearised.column(ActiveEffect(effect, (size,), Activation(weight=wave)))
     )
-    found = 0.05 * response.column(equation, wave)
+    found = size * response.column(equation, wave)
     assert np.corrcoef(found, exact)[0, 1] > 0.95
     assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(exact), rel=0.15)
 
@@ -98,6 +103,7 @@ def test_a_bin_is_the_mean_of_four_steps() -> None:
         ("v_x", "gate:drive_torque:lateral_size>2.5", 1e-3),
         ("yaw_rate", "lag:torque:1.5", 2e-5),
         pytest.param("yaw_rate", "hysteresis:delta:0.004", 8.0, marks=pytest.mark.slow),
+        pytest.param("steering", "gate:delta:speed>20", 0.1, marks=pytest.mark.slow),
         pytest.param("v_x", "excess:brake_torque:400", 1e-3, marks=pytest.mark.slow),
         pytest.param("v_x", "drift:brake_torque:brake_work:4e5", 1e-3, marks=pytest.mark.slow),
         pytest.param("v_x", "drift:drive_torque:time:30", 1e-3, marks=pytest.mark.slow),
@@ -116,7 +122,7 @@ def test_the_search_finds_kind_signal_and_parameters(
 ) -> None:
     likelihood, null, jacobian = problem_with((equation, name, size))
     signals = signals_of(likelihood, null)
-    search = ParametricSearch(signals, ["v_x", "v_y", "yaw_rate"], list(FEATURES))
+    search = ParametricSearch(signals, list(EQUATION_PARAMETERS), list(FEATURES))
     response = LinearResponse.of(LinearisedProblem(likelihood, null, jacobian))
     best = search.best(response, 4)[0]
     assert (best.equation, kind_of(best.name)) == (equation, kind_of(name))

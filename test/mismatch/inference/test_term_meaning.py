@@ -27,6 +27,14 @@ from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
             "above 20 m/s",
         ),
         (
+            FeatureTerm("steering", "gate:delta:speed>20", -0.08, 0.0),
+            "the road wheels turn by about 8 % less where the speed is above 20 m/s",
+        ),
+        (
+            FeatureTerm("steering", "wave:0.3:0.5:", 0.004, 0.0),
+            "a road-wheel angle of about 0.23° that oscillates in time at 0.3 Hz",
+        ),
+        (
             FeatureTerm("v_x", "gate:brake_torque:deceleration>6", -0.6 / 600.0, 0.0),
             "the brake torque is about 60 % less where the deceleration is above 6 m/s²",
         ),

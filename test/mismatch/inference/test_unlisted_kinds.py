@@ -41,6 +41,7 @@ def surrogate() -> SurrogateModel:
         ("torque_hysteresis", "v_x", "hysteresis:torque:"),
         ("yaw_limiter", "yaw_rate", "excess:yaw_rate:0.2"),
         ("torque_locking_differential", "yaw_rate", "torque_size_curvature"),
+        ("variable_steering_ratio", "steering", "delta_speed"),
     ],
 )
 def test_one_feature_of_the_right_kind_is_found(name: str, equation: str, feature: str) -> None:
