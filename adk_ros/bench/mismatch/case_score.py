@@ -38,7 +38,7 @@ TIES = (
 forces."""
 MEMORY_WORDS = (
     "where the", "while", "with a lag of", "with a hysteresis of", "beyond", "that oscillates",
-    "that changes", "that fades", "from", "until",
+    "that changes", "that fades", "from", "until", "every",
 )  # fmt: skip
 """Words that follow a feature's description if the feature acts with a memory or in a part."""
 _VARIABLES = {

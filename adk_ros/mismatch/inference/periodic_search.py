@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Search for oscillations in time and in the distance travelled, at peaks of the residuals' spectrum.
+Search for oscillations in time, distance and speed, at peaks of the residuals' spectrum.
 
 An oscillation in distance may be one of a wheel, a brake disc or a corrugated road. It is coherent
 only if the wheel does not slip much between revolutions. Bins of 40 ms attenuate a frequency f by
@@ -13,6 +13,7 @@ distance.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from adk_ros.mismatch.library.parametric_features import (
     pulsation_name,
     ripple_name,
     searched_parameters,
+    speed_wave_name,
     split_condition,
     wave_name,
 )
@@ -42,9 +44,17 @@ _WAVELENGTHS_M = (1.0, 1000.0)
 """Wavelengths that are tried: from less than a turn of a small wheel to a section of a lap."""
 _RIPPLING = ("constant", "speed_squared", "brake_torque")
 """Features that may oscillate with distance: an unbalanced wheel's force rises with v_x^2."""
+_SPEED_DEPENDENT = ("constant", "drive_torque", "yaw_rate_speed")
+"""Features that may oscillate with the speed: a vibration, a driveline, a tyre's response."""
 _PULSATING = ("torque", "drive_torque", "brake_torque")
 """Features that may oscillate in time."""
 _DISTANCE_STEP_M = 0.1
+_SPEED_STEP_MPS = 0.1
+_PERIODS_MPS = (1.0, 20.0)
+"""
+Periods of an oscillation with the speed that are tried: from a narrow resonance to the range of
+speeds of a drive.
+"""
 _PEAKS = 2
 """Peaks of a spectrum that are tried."""
 _PADDING = 8
@@ -55,6 +65,15 @@ Named = Callable[[float, float], str]
 """Maps frequency, 1/s or 1/m, and phase to the name of a feature."""
 
 
+class _Axis(NamedTuple):
+    """Variable of an oscillation: values (n,), resolution, periods tried, and feature's name."""
+
+    values: FloatArray
+    step: float
+    periods: tuple[float, float]
+    named: Callable[[float, float, str], str]
+
+
 class PeriodicSearch:
     """Oscillations along a recording; `features`: the observable ones."""
 
@@ -63,11 +82,12 @@ class PeriodicSearch:
         self.equations = list(equations)
         self._features = set(features)
         self._distance = accumulated(signals["v_x"], step_of(signals))
+        self._speed = np.maximum(signals["v_x"], 0.0)
         speeds = np.quantile(signals["v_x"], (0.25, 0.45, 0.65, 0.85))
         self._gates = ["", *(f"speed>{x:.4g}" for x in speeds)]
 
     def best(self, response: LinearResponse) -> list[Found]:
-        """Return an oscillation in time and one in distance for each equation, if there is one."""
+        """Return an oscillation in time, distance and speed for each equation, if there is one."""
         bins = response.linearised.likelihood.problem.bins
         residuals = response.linearised.projected[: 6 * bins].reshape(6, bins)
         found = []
@@ -76,6 +96,7 @@ class PeriodicSearch:
             found += [
                 self._wave(response, equation, residual),
                 self._ripple(response, equation, residual),
+                self._speed_wave(response, equation, residual),
             ]
         return [x for x in found if x.name]
 
@@ -104,23 +125,40 @@ class PeriodicSearch:
 
     def _ripple(self, response: LinearResponse, equation: str, residual: FloatArray) -> Found:
         """Return the best oscillation in distance of a feature."""
+        along = _Axis(self._distance, _DISTANCE_STEP_M, _WAVELENGTHS_M, ripple_name)
+        return self._along(response, equation, residual, along, _RIPPLING)
+
+    def _speed_wave(self, response: LinearResponse, equation: str, residual: FloatArray) -> Found:
+        """Return the best oscillation with the speed of a feature."""
+        along = _Axis(self._speed, _SPEED_STEP_MPS, _PERIODS_MPS, speed_wave_name)
+        return self._along(response, equation, residual, along, _SPEED_DEPENDENT)
+
+    def _along(
+        self,
+        response: LinearResponse,
+        equation: str,
+        residual: FloatArray,
+        along: _Axis,
+        bases: Sequence[str],
+    ) -> Found:
+        """Return the best oscillation of a feature in a variable."""
         problem = response.linearised.likelihood.problem
-        at = np.rint(problem.binned(self._distance) / _DISTANCE_STEP_M).astype(np.int64)
+        at = np.rint(problem.binned(along.values) / along.step).astype(np.int64)
         at -= at.min()
         size = _PADDING * int(at.max() + 1)
-        axis = _axis(size, _DISTANCE_STEP_M)
-        limits = (1.0 / _WAVELENGTHS_M[1], 1.0 / _WAVELENGTHS_M[0])
+        axis = _axis(size, along.step)
+        limits = (1.0 / along.periods[1], 1.0 / along.periods[0])
         trials = []
-        for base in (name for name in _RIPPLING if name in self._features):
+        for base in (name for name in bases if name in self._features):
             weight = problem.binned(FEATURES[base].function(self.signals))
             spectrum = np.abs(np.fft.rfft(np.bincount(at, residual * weight), size))
 
             def named(frequency: float, phase: float, base: str = base) -> str:
-                return ripple_name(1.0 / frequency, phase, base)
+                return along.named(1.0 / frequency, phase, base)
 
             trials += [(f, named) for f in _peaks(spectrum, axis, limits)]
-        travelled = max(float(self._distance[-1] - self._distance[0]), 1.0)
-        return self._refined(response, equation, trials, 1.0 / travelled)
+        span = max(float(np.ptp(along.values)), 1.0)
+        return self._refined(response, equation, trials, 1.0 / span)
 
     def _refined(
         self,

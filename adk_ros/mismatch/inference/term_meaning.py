@@ -20,6 +20,7 @@ from adk_ros.mismatch.library.parametric_features import (
     PULSATION,
     RESONANCE,
     RIPPLE,
+    SPEED_WAVE,
     TIME,
     WAVE,
     base_of,
@@ -144,6 +145,14 @@ def _pulsating(term: FeatureTerm, body: Body) -> str:
     return f"{_TORQUES[base]} varies by ±{share} % at {float(frequency):.3g} Hz"
 
 
+def _per_speed(term: FeatureTerm, body: Body) -> str:
+    """Return an oscillation with the speed."""
+    period, _, base = parsed(term.feature)[1]
+    if base != "constant":
+        return ""
+    return f"{_force(term, body)} that changes its sign every {0.5 * float(period):.2g} m/s"
+
+
 def _fading(term: FeatureTerm, body: Body) -> str:
     """Return how a torque changes with the recent braking power."""
     base, tau = parsed(term.feature)[1]
@@ -184,6 +193,7 @@ _SPECIAL: dict[str, Callable[[FeatureTerm, Body], str]] = {
     PULSATION: _pulsating,
     HEAT: _fading,
     RIPPLE: _per_distance,
+    SPEED_WAVE: _per_speed,
 }
 
 

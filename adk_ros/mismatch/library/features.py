@@ -122,6 +122,9 @@ FEATURES: dict[str, Feature] = {
 }
 
 
+_OSCILLATIONS = (parametric.RIPPLE, parametric.PULSATION, parametric.SPEED_WAVE)
+
+
 def feature(name: str) -> Feature:
     """
     Return a feature by its name.
@@ -144,7 +147,7 @@ def _texts(kind: str, arguments: list[str], base_name: str) -> tuple[str, str, s
     if base_name:
         base = FEATURES[base_name]
         words, symbols, unit = _change(kind, arguments, base)
-        if kind in {parametric.RIPPLE, parametric.PULSATION} and base_name == "constant":
+        if kind in _OSCILLATIONS and base_name == "constant":
             return f"an oscillation{words.removeprefix('that oscillates')}", symbols, unit
         return f"{base.description} {words}", f"{base.expression} {symbols}", unit
     if kind == parametric.WAVE:
@@ -188,6 +191,13 @@ def _change(kind: str, arguments: list[str], base: Feature) -> tuple[str, str, s
         return (
             f"that oscillates every {length:.4g} m travelled",
             f"cos(2 pi s / {length:.5g} m {phase:+.2f})",
+            base.unit,
+        )
+    if kind == parametric.SPEED_WAVE:
+        period = float(arguments[0])
+        return (
+            f"that oscillates with speed every {period:.3g} m/s",
+            f"cos(2 pi v_x / {period:.4g} m/s {float(arguments[1]):+.2f})",
             base.unit,
         )
     if kind == parametric.PULSATION:

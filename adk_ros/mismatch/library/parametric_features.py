@@ -20,7 +20,8 @@ Each has a name that holds its parameters, so that a file can name it:
   PHASE) with t from the start of the recording;
 - `pulsation:FREQUENCY:PHASE:FEATURE`, a feature times the same;
 - `ripple:WAVELENGTH:PHASE:FEATURE`, a feature times cos(2 pi s / WAVELENGTH + PHASE) with s the
-  distance travelled.
+  distance travelled;
+- `speed_wave:PERIOD:PHASE:FEATURE`, a feature times cos(2 pi v_x / PERIOD + PHASE).
 
 Time and the phase of an oscillation cannot be transferred to another recording. The braking work
 is the integral of max(-T v_x, 0), in N m^2: J times the wheel radius. Signals and features are
@@ -33,7 +34,7 @@ from collections.abc import Sequence
 
 LAG, RESONANCE, GATE, WAVE = "lag", "resonance", "gate", "wave"
 HYSTERESIS, EXCESS, DRIFT, HEAT, RIPPLE = "hysteresis", "excess", "drift", "heat", "ripple"
-DECAY, PULSATION = "decay", "pulsation"
+DECAY, PULSATION, SPEED_WAVE = "decay", "pulsation", "speed_wave"
 TIME, BRAKE_WORK = "time", "brake_work"
 FILTERED_SIGNALS = {
     "a_x": ("longitudinal acceleration", "a_x", "m/s^2"),
@@ -59,6 +60,7 @@ _FREQUENCY = (MIN_FREQUENCY_HZ, MAX_FREQUENCY_HZ)
 _PHASE = (-10.0, 10.0)
 _DAMPING = (0.0, 2.0)
 _WAVELENGTH_M = (0.1, 1e4)
+_PERIOD_MPS = (0.1, 1e3)
 _SIZE = (1e-9, 1e12)
 _LAYOUTS: dict[str, tuple[str | tuple[float, float], ...]] = {
     LAG: ("signal", _TAU),
@@ -72,9 +74,10 @@ _LAYOUTS: dict[str, tuple[str | tuple[float, float], ...]] = {
     WAVE: (_FREQUENCY, _PHASE, "condition"),
     PULSATION: (_FREQUENCY, _PHASE, "feature"),
     RIPPLE: (_WAVELENGTH_M, _PHASE, "feature"),
+    SPEED_WAVE: (_PERIOD_MPS, _PHASE, "feature"),
 }
 """Kind -> its arguments: a name, or the range of a number. The condition of a wave is optional."""
-_SEARCHED = {RESONANCE: 2, PULSATION: 2, RIPPLE: 2}
+_SEARCHED = {RESONANCE: 2, PULSATION: 2, RIPPLE: 2, SPEED_WAVE: 2}
 """Searched parameters of a kind, where not one; those of a wave depend on its condition."""
 
 
@@ -181,10 +184,15 @@ def ripple_name(wavelength: float, phase: float, feature: str) -> str:
     return f"{RIPPLE}:{wavelength:.7g}:{number_text(phase)}:{feature}"
 
 
+def speed_wave_name(period: float, phase: float, feature: str) -> str:
+    """Return the name of a feature that oscillates with the speed."""
+    return f"{SPEED_WAVE}:{period:.6g}:{number_text(phase)}:{feature}"
+
+
 def sizes_of(name: str) -> list[float]:
     """Return the positive numbers of a feature that scale it: no threshold of a gate, no phase."""
     kind, arguments = parsed(name)
-    if kind in {GATE, WAVE, PULSATION, RIPPLE}:
+    if kind in {GATE, WAVE, PULSATION, RIPPLE, SPEED_WAVE}:
         return []
     layout = _LAYOUTS[kind]
     return [float(x) for x, of in zip(arguments, layout, strict=True) if isinstance(of, tuple)]

@@ -19,6 +19,7 @@ from adk_ros.mismatch.library.parametric_features import (
     LAG,
     PULSATION,
     RIPPLE,
+    SPEED_WAVE,
     TIME,
     WAVE,
     base_of,
@@ -46,6 +47,9 @@ def values_of(name: str, signals: Signals, static: Mapping[str, Static]) -> Floa
         if kind == WAVE and len(arguments) == 3:
             base = _where(arguments[2], signals, static)
         return np.asarray(np.cos(phase) * base)
+    if kind == SPEED_WAVE:
+        phase = 2.0 * math.pi * signals["v_x"] / float(arguments[0]) + float(arguments[1])
+        return np.asarray(base * np.cos(phase))
     step = step_of(signals)
     if kind == RIPPLE:
         turns = accumulated(signals["v_x"], step) / float(arguments[0])

@@ -50,11 +50,11 @@ COMPETITOR_REFIT_MARGINS = 20.0
 """A competing effect within this many margins is fitted to convergence."""
 MAX_FEATURES = 4
 """Most features of one expression."""
-MAX_FEATURES_FITTED = 5
+MAX_FEATURES_FITTED = 14
 """Features that are fitted in each round."""
 MAX_PARAMETRIC_SCREENED = 6
 """Features with searched parameters that are simulated in each round."""
-MAX_FEATURE_REFITS = 2
+MAX_FEATURE_REFITS = 4
 """Features that are fitted anew with updated nuisance derivatives."""
 MIN_SCREENED_GAIN_FEATURE = 0.5
 """Least linearised gain of a feature that is fitted, as a share of the best."""

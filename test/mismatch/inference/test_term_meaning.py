@@ -31,7 +31,7 @@ from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
             "the road wheels turn by about 8 % less where the speed is above 20 m/s",
         ),
         (
-            FeatureTerm("steering", "wave:0.3:0.5:", 0.004, 0.0),
+            FeatureTerm("steering", "wave:0.3:0.5", 0.004, 0.0),
             "a road-wheel angle of about 0.23° that oscillates in time at 0.3 Hz",
         ),
         (
@@ -91,6 +91,10 @@ from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
         (
             FeatureTerm("v_x", "ripple:0.94:0.3:brake_torque", -0.1 / 600.0, 0.0),
             "the brake torque varies by ±10 % every 0.94 m, twice per turn of the wheel",
+        ),
+        (
+            FeatureTerm("yaw_rate", "speed_wave:4.19:0.3:constant", 0.05, 0.0),
+            "a yaw moment of about 150 N·m that changes its sign every 2.1 m/s",
         ),
         (
             FeatureTerm("v_y", "ripple:30:0.3:constant", 0.1, 0.0),

@@ -42,6 +42,7 @@ def surrogate() -> SurrogateModel:
         ("yaw_limiter", "yaw_rate", "excess:yaw_rate:0.2"),
         ("torque_locking_differential", "yaw_rate", "torque_size_curvature"),
         ("variable_steering_ratio", "steering", "delta_speed"),
+        ("shimmy", "yaw_rate", "speed_wave:4"),
     ],
 )
 def test_one_feature_of_the_right_kind_is_found(name: str, equation: str, feature: str) -> None:

@@ -25,6 +25,7 @@ from adk_ros.mismatch.library.parametric_features import (
     scaled,
     searched_parameters,
     sizes_of,
+    speed_wave_name,
     wave_name,
 )
 from adk_ros.numerics.arrays import FloatArray
@@ -141,6 +142,16 @@ def test_a_ripple_repeats_every_wavelength_whatever_the_speed() -> None:
     np.testing.assert_allclose(out, expected, atol=1e-6)
 
 
+def test_a_speed_wave_depends_on_the_speed_alone() -> None:
+    speed = 15.0 + 5.0 * np.sin(0.3 * TIME)
+    name = speed_wave_name(4.0, 0.3, "constant")
+    out = feature(name).function(signals(v_x=speed))
+    np.testing.assert_allclose(out, np.cos(2.0 * np.pi * speed / 4.0 + 0.3), atol=1e-9)
+    assert is_transferable(name)
+    assert not has_memory(name)
+    assert searched_parameters(name) == 2
+
+
 def test_a_pulsation_is_a_feature_that_oscillates_in_time() -> None:
     given = signals(torque=np.full_like(TIME, 300.0))
     out = feature(pulsation_name(2.5, 0.3, "torque")).function(given)
@@ -239,6 +250,11 @@ def test_names_say_what_was_searched() -> None:
             "ripple:2.042:0.3:constant",
             "an oscillation every 2.042 m travelled",
             "cos(2 pi s / 2.042 m +0.30)",
+        ),
+        (
+            "speed_wave:4.19:0.3:constant",
+            "an oscillation with speed every 4.19 m/s",
+            "cos(2 pi v_x / 4.19 m/s +0.30)",
         ),
         (
             "gate:drive_torque:time>83.2",
