@@ -86,13 +86,9 @@ def concealed(
     from adk_ros.bench.mismatch.baselines import Baselines
     from adk_ros.bench.mismatch.calibration import calibrate as calibrated
     from adk_ros.bench.mismatch.calibration_cases import calibration_plans
+    from adk_ros.bench.mismatch.case_jobs import jobs_of, plan_jobs
     from adk_ros.bench.mismatch.case_matrix import LISTS, select_plans
-    from adk_ros.bench.mismatch.mismatch_bench import (
-        SCORED,
-        MismatchBench,
-        jobs_of,
-        plan_jobs,
-    )
+    from adk_ros.bench.mismatch.mismatch_bench import SCORED, MismatchBench
     from adk_ros.bench.mismatch.multibody import MULTI_BODY, base_parameters
     from adk_ros.bench.mismatch.reliability import reliability_markdown
     from adk_ros.bench.mismatch.result_tables import (

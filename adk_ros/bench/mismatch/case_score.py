@@ -5,7 +5,8 @@ Score one answer of `adk mismatch` against the label of a case.
 
 A reported name counts 1, or 1 / (1 + number of alternatives) if it has indistinguishable
 alternatives; so does a labelled name among the alternatives. Alternatives that no drive can
-separate from it (`TIES`) do not reduce the credit. Set-F1 is 2 right / (reported + labelled). The
+separate from it (`TIES`), or the case's own provably cannot (`proven_ties`), do not reduce the
+credit. Set-F1 is 2 right / (reported + labelled). The
 error of a parameter is relative to its distance from the neutral value. Activation is compared as
 a set of times by intersection over union. The label `unknown` expects the verdict `unknown` and,
 where the label gives them, the equation and the driving variable; an empty label expects `none`.
@@ -20,6 +21,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -92,6 +94,8 @@ class CaseResult:
     report states; negative if it falls in every state, NaN without errors."""
     raised_held_out: float = math.nan
     """The same on the held-out recording of the case."""
+    proven: list[str] = field(default_factory=list)
+    """Reported alternatives that the recording provably cannot separate from the effect."""
     detectable: bool | None = None
     """Whether the injected effect reaches its detectable size; None if that is not known."""
 
@@ -120,14 +124,18 @@ def overlap(a: list[list[float]], b: list[list[float]], end_s: float) -> float:
     return both / either if either else 1.0
 
 
-def shares(name: str, found: list[dict[str, Any]]) -> float:
-    """Return the credit for a labelled name, given the reported effects."""
+def shares(name: str, found: list[dict[str, Any]], proven: Collection[str] = ()) -> float:
+    """
+    Return the credit for a labelled name, given the reported effects.
+
+    `proven`: alternatives that the recording provably cannot separate from it.
+    """
     best = 0.0
     for effect in found:
         alternatives = list(effect.get("alternatives", []))
         members = {effect["name"], *alternatives}
         if name in members:
-            tied = next((tie for tie in TIES if name in tie), frozenset())
+            tied = next((tie for tie in TIES if name in tie), frozenset()) | set(proven)
             best = max(best, 1.0 / (1 + len(members - tied - {name})))
     return best
 
@@ -223,12 +231,18 @@ def _neutral(effect: str, parameter: str) -> float:
     return 0.0
 
 
-def score_case(case: str, label: dict[str, Any], answer: dict[str, Any]) -> CaseResult:
-    """Score an answer (the content of mismatch.json)."""
+def score_case(
+    case: str, label: dict[str, Any], answer: dict[str, Any], proven: Sequence[str] = ()
+) -> CaseResult:
+    """
+    Score an answer (the content of mismatch.json).
+
+    `proven`: alternatives that the recording provably cannot separate from the single effect.
+    """
     kind = kind_of(label)
     found = list(answer.get("effects", []))
     wanted = [effect for effect in label["effects"] if effect["name"] != UNKNOWN]
-    counts = [shares(effect["name"], found) for effect in wanted]
+    counts = [shares(effect["name"], found, proven) for effect in wanted]
     named = len(found)
     both = named + len(wanted)
     f1 = 2.0 * sum(counts) / both if both else 1.0
@@ -267,6 +281,7 @@ def score_case(case: str, label: dict[str, Any], answer: dict[str, Any]) -> Case
         ),
         claims=scored_claims(label, answer),
         raised=raised_error(answer),
+        proven=list(proven),
     )
     end_s = max((t[1] for e in wanted for t in e["time_intervals_s"]), default=0.0)
     for effect in wanted:

@@ -3,15 +3,14 @@
 """
 Run `adk mismatch` on cases, each in a separate process, and score the answers.
 
-A case is a folder with `simulation`, `recording`, `heldout`, `vehicle.yaml` and `label.json`. The
-tool gets the first two and the vehicle file; the label is read only for scoring. A report moves to
-the output folder when it is complete and scored, so an interrupted run can be resumed.
+The tool gets the simulation, the recording and the vehicle file of a case (`case_jobs`); the label
+is read only for scoring. A report moves to the output folder when it is complete and scored, so an
+interrupted run can be resumed.
 """
 
 from __future__ import annotations
 
 import csv
-import hashlib
 import json
 import math
 import os
@@ -21,15 +20,15 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from adk_ros.bench.mismatch.baselines import Baselines
-from adk_ros.bench.mismatch.case_matrix import CasePlan
+from adk_ros.bench.mismatch.case_jobs import LABEL, CaseJob
 from adk_ros.bench.mismatch.case_score import CaseResult, detectable, score_case
+from adk_ros.bench.mismatch.proven_ties import proven_ties, reported_ties
 from adk_ros.bench.mismatch.reliability import ScoredClaim
 from adk_ros.bench.mismatch.subprocesses import ProcessResult, Subprocesses
 from adk_ros.errors import UsageError
@@ -42,70 +41,10 @@ from adk_ros.signals.channels import STATE_NAMES
 HORIZON_S = 1.0
 """Horizon of the held-out error, s."""
 SCORED, SIZES = "score.json", "detectable.csv"
-LABEL = "label.json"
 WEAKEST = 0.1
 """Strength up to which the detectable size of an effect is computed, about 40 s a case."""
 
 Progress = Callable[[float, float, str], None]
-
-
-class CaseJob(NamedTuple):
-    """A case to run: `write(folder)` returns its path; `key` is a hash of its specification."""
-
-    name: str
-    key: str
-    write: Callable[[Path], Path]
-
-
-def find_cases(folder: Path) -> list[Path]:
-    """
-    Return the cases in a folder, sorted by name.
-
-    :raises UsageError: there is none.
-    """
-    if not folder.is_dir():
-        raise UsageError(f"{folder} is not a folder: give the folder of the cases")
-    cases = sorted(path.parent for path in folder.glob(f"*/{LABEL}"))
-    if not cases:
-        raise UsageError(f"{folder} has no case: a subfolder with label.json and its recordings")
-    return cases
-
-
-def jobs_of(folder: Path) -> list[CaseJob]:
-    """Return a job for each case of a folder."""
-    return [
-        CaseJob(
-            case.name,
-            _digest((case / LABEL).read_bytes() + code_digest().encode()),
-            partial(_existing_case, case),
-        )
-        for case in find_cases(folder)
-    ]
-
-
-def _existing_case(case: Path, folder: Path) -> Path:
-    """Return the path of an existing case, which is used in place."""
-    return case
-
-
-def plan_jobs(plans: Sequence[CasePlan]) -> list[CaseJob]:
-    """Return jobs that generate their cases; their key also covers the code of the package."""
-    code = code_digest()
-    return [CaseJob(plan.name, _digest(f"{plan!r} {code}".encode()), plan.write) for plan in plans]
-
-
-@cache
-def code_digest() -> str:
-    """Return a hash of the package's sources: results of other code are not resumed."""
-    root = Path(__file__).parents[2]
-    digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
-    return digest.hexdigest()
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -193,7 +132,7 @@ class MismatchBench:
         report = folder / "report"
         result = self._earlier(job)
         if result is None:
-            result = run_case(case, report, processes)
+            result = run_case(case, report, processes, job.write_noise_free)
             result.case = job.name
         else:
             shutil.copytree(self.out / job.name, report)
@@ -216,8 +155,18 @@ class MismatchBench:
         return result
 
 
-def run_case(case: Path, out: Path, processes: Subprocesses | None = None) -> CaseResult:
-    """Run the tool on one case and score its answer; the report is written to `out`."""
+def run_case(
+    case: Path,
+    out: Path,
+    processes: Subprocesses | None = None,
+    write_noise_free: Callable[[Path], Path] | None = None,
+) -> CaseResult:
+    """
+    Run the tool on one case and score its answer; the report is written to `out`.
+
+    `write_noise_free(folder)` writes the case without sensor noise and returns its path: reported
+    ties are then examined.
+    """
     arguments = [
         "mismatch", "--simulation", str(case / "simulation"),
         "--recording", str(case / "recording"), "--vehicle", str(case / "vehicle.yaml"),
@@ -225,7 +174,7 @@ def run_case(case: Path, out: Path, processes: Subprocesses | None = None) -> Ca
     ]  # fmt: skip
     process = (processes or Subprocesses()).adk(arguments)
     label = json.loads((case / LABEL).read_text(encoding="utf-8"))
-    result = _scored(case, label, out, process)
+    result = _scored(case, label, out, process, write_noise_free)
     if result.kind == "single" and result.strength <= WEAKEST and not result.failure:
         sizes = _detectable_sizes(case, label, out / SIZES, processes or Subprocesses())
         result.detectable = detectable(label, sizes)
@@ -251,13 +200,25 @@ def _detectable_sizes(
         }
 
 
-def _scored(case: Path, label: dict[str, Any], out: Path, process: ProcessResult) -> CaseResult:
+def _scored(
+    case: Path,
+    label: dict[str, Any],
+    out: Path,
+    process: ProcessResult,
+    write_noise_free: Callable[[Path], Path] | None,
+) -> CaseResult:
     if process.status != 0:
         result = score_case(case.name, label, {"verdict": "failed"})
         result.failure = process.output or "no message"
     else:
         answer = json.loads((out / RESULT_FILE).read_text(encoding="utf-8"))
-        result = score_case(case.name, label, answer)
+        proven: list[str] = []
+        tied = reported_ties(label, answer)
+        if tied and write_noise_free is not None:
+            with tempfile.TemporaryDirectory(dir=out.parent) as folder:
+                twin = write_noise_free(Path(folder))
+                proven = proven_ties(label, tied, case, twin, out)
+        result = score_case(case.name, label, answer, proven)
         result.removed, result.raised_held_out = held_out_errors(case / "heldout", out)
     result.seconds, result.cpu_s = process.seconds, process.cpu_s
     result.memory_mib = process.memory_mib

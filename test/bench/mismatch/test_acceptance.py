@@ -14,10 +14,11 @@ import pytest
 
 from adk_ros.bench.mismatch import mismatch_bench
 from adk_ros.bench.mismatch.acceptance import FAIL, NONE, PASS, Criterion, evaluate_criteria
+from adk_ros.bench.mismatch.case_jobs import CaseJob, jobs_of
 from adk_ros.bench.mismatch.case_matrix import case_plans
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.injectors import UNLISTED
-from adk_ros.bench.mismatch.mismatch_bench import CaseJob, MismatchBench, jobs_of
+from adk_ros.bench.mismatch.mismatch_bench import MismatchBench
 from adk_ros.bench.mismatch.reliability import ScoredClaim
 from adk_ros.bench.mismatch.result_tables import write_tables
 from adk_ros.bench.mismatch.subprocesses import ProcessResult, SubprocessEnded, Subprocesses
@@ -193,7 +194,7 @@ class Fake:
         self.stop_at = stop_at
         self.ran: list[str] = []
 
-    def __call__(self, case: Path, out: Path, children: Subprocesses) -> CaseResult:
+    def __call__(self, case: Path, out: Path, *_: object) -> CaseResult:
         self.ran.append(case.name)
         if case.name == self.stop_at:
             raise KeyboardInterrupt

@@ -14,6 +14,7 @@ import pytest
 
 from adk_ros.bench.mismatch.calibration import calibrate, systematic_share
 from adk_ros.bench.mismatch.calibration_cases import FIRST_SEED, calibration_plans
+from adk_ros.bench.mismatch.case_jobs import code_digest, plan_jobs
 from adk_ros.bench.mismatch.case_matrix import case_plans
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.confidence_fit import (
@@ -23,7 +24,6 @@ from adk_ros.bench.mismatch.confidence_fit import (
     stated,
 )
 from adk_ros.bench.mismatch.injected_drive import PLANTS
-from adk_ros.bench.mismatch.mismatch_bench import code_digest, plan_jobs
 from adk_ros.bench.mismatch.multibody import MULTI_BODY
 from adk_ros.bench.mismatch.reliability import brier_score
 from adk_ros.mismatch.inference.confidence import ConfidenceModel, Evidence
