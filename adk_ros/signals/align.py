@@ -128,7 +128,7 @@ class Aligner:
         Each is formed when it is asked for, so that the gate knows the prediction from the one
         before. All of them must be taken before the next call.
         """
-        if self._guard.follows(reading.stamp_ns):
+        if self._guard.follows(reading):
             # Fast path: nearly every reading.
             self._insert(reading)
             tick_ns, newest = self._tick_ns, self._guard.newest_ns

@@ -7,16 +7,23 @@ A reading whose stamp deviates from the newest accepted one by more than `jump_s
 direction, is withheld. If the next readings agree with it, the clock has jumped (a looping bag, a
 restarted simulation, a long gap), and all earlier readings belong to another time. If the next
 reading agrees with the previous time, the withheld readings had wrong stamps.
+
+Time is that of odometry and commands, without which nothing is predicted: an IMU alone, which most
+vehicles publish most often, neither confirms a jump nor refutes one.
 """
 
 from __future__ import annotations
 
 from enum import Enum
 
-from adk_ros.signals.channels import Reading
+from adk_ros.signals.channels import Reading, Source
 
 _CONFIRMATIONS = 3
 """Consistent readings that confirm a jump: two wrong stamps in a row cause none."""
+_MAX_PENDING = 100
+"""Readings of an IMU that wait for odometry or a command to confirm a jump: 0.1 s at 1000 Hz. Older
+ones count as wrong."""
+_IMU = Source.IMU
 
 
 class StampVerdict(Enum):
@@ -35,18 +42,21 @@ class ClockGuard:
         self.newest_ns: int | None = None
         """Newest accepted stamp, None before the first."""
         self.pending: list[Reading] = []
+        self._is_imu_time = False
 
-    def follows(self, stamp_ns: int) -> bool:
+    def follows(self, reading: Reading) -> bool:
         """
-        Accept a stamp close to the newest one if no reading is pending.
+        Accept a reading stamped close to the newest one if no reading is pending.
 
         Return whether it was accepted. If not, nothing has changed: call `check_stamp`.
         """
-        newest_ns = self.newest_ns
+        stamp_ns, newest_ns = reading.stamp_ns, self.newest_ns
         if newest_ns is None or self.pending or abs(stamp_ns - newest_ns) > self._jump_ns:
             return False
         if stamp_ns > newest_ns:
             self.newest_ns = stamp_ns
+        if self._is_imu_time:
+            self._is_imu_time = reading.source is _IMU
         return True
 
     def check_stamp(self, reading: Reading) -> tuple[StampVerdict, list[Reading]]:
@@ -57,21 +67,40 @@ class ClockGuard:
         JUMP, they are all pending readings in order of arrival, the first of the new time.
         """
         if self.newest_ns is None or abs(reading.stamp_ns - self.newest_ns) <= self._jump_ns:
-            outliers, self.pending = self.pending, []
-            if self.newest_ns is None or reading.stamp_ns > self.newest_ns:
-                self.newest_ns = reading.stamp_ns
-            return StampVerdict.ACCEPT, outliers
+            return StampVerdict.ACCEPT, self._accept(reading)
+        outliers: list[Reading] = []
         if self.pending and abs(reading.stamp_ns - self.pending[-1].stamp_ns) > self._jump_ns:
-            outliers, self.pending = self.pending, [reading]
-            return StampVerdict.HOLD, outliers
+            if reading.source is _IMU and not _all_of_imu(self.pending):
+                return StampVerdict.HOLD, [reading]
+            outliers, self.pending = self.pending, []
         self.pending.append(reading)
-        if len(self.pending) < _CONFIRMATIONS:
-            return StampVerdict.HOLD, []
-        confirmed, self.pending = self.pending, []
-        self.newest_ns = max(item.stamp_ns for item in confirmed)
-        return StampVerdict.JUMP, confirmed
+        enough = len(self.pending) >= _CONFIRMATIONS
+        if enough and (self._is_imu_time or not _all_of_imu(self.pending)):
+            confirmed, self.pending = self.pending, []
+            self.newest_ns = max(item.stamp_ns for item in confirmed)
+            self._is_imu_time = _all_of_imu(confirmed)
+            return StampVerdict.JUMP, confirmed
+        if len(self.pending) > _MAX_PENDING:
+            outliers.append(self.pending.pop(0))
+        return StampVerdict.HOLD, outliers
+
+    def _accept(self, reading: Reading) -> list[Reading]:
+        """Accept a reading; return the pending readings that it refutes."""
+        of_imu = reading.source is _IMU
+        self._is_imu_time = of_imu and (self.newest_ns is None or self._is_imu_time)
+        if self.newest_ns is None or reading.stamp_ns > self.newest_ns:
+            self.newest_ns = reading.stamp_ns
+        if of_imu and not _all_of_imu(self.pending):
+            return []
+        refuted, self.pending = self.pending, []
+        return refuted
 
     def reset(self) -> None:
         """Accept the next stamp unconditionally."""
         self.newest_ns = None
         self.pending = []
+        self._is_imu_time = False
+
+
+def _all_of_imu(readings: list[Reading]) -> bool:
+    return all(reading.source is _IMU for reading in readings)

@@ -87,6 +87,51 @@ def test_implausible_first_stamp_is_corrected() -> None:
     ]  # fmt: skip
 
 
+def imu(time_s: float) -> Reading:
+    return at(time_s)._replace(source=Source.IMU)
+
+
+def test_an_imu_of_another_time_is_ignored_at_any_rate() -> None:
+    """Ten IMU readings between two of odometry, from the first one on and later."""
+    guard = ClockGuard()
+    found = []
+    for k in range(30):
+        for i in range(10):
+            found.append(guard.check_stamp(imu(9e6 + 0.02 * k + 0.002 * i))[0])
+        found.append(guard.check_stamp(at(100.0 + 0.02 * k))[0])
+    assert found.count(JUMP) == 1
+    assert found.index(JUMP) == 32
+    assert found[33:] == ([HOLD] * 10 + [ACCEPT]) * 27
+    assert guard.newest_ns == at(100.58).stamp_ns
+
+
+def test_an_imu_that_stays_behind_does_not_refute_a_jump() -> None:
+    guard = ClockGuard()
+    verdicts(guard, 100.0)
+    found = []
+    for k in range(3):
+        found += [guard.check_stamp(imu(100.01 + 0.01 * k)), guard.check_stamp(at(5.0 + k / 100))]
+    assert [verdict for verdict, _ in found] == [ACCEPT, HOLD, ACCEPT, HOLD, ACCEPT, JUMP]
+    assert guard.newest_ns == at(5.02).stamp_ns
+
+
+def test_an_imu_jumps_together_with_odometry() -> None:
+    guard = ClockGuard()
+    verdicts(guard, 100.0)
+    assert guard.check_stamp(imu(5.0))[0] is HOLD
+    assert guard.check_stamp(imu(5.01))[0] is HOLD
+    verdict, resolved = guard.check_stamp(at(5.02))
+    assert (verdict, len(resolved)) == (JUMP, 3)
+
+
+def test_an_imu_alone_keeps_a_bounded_number_waiting() -> None:
+    guard = ClockGuard()
+    verdicts(guard, 100.0)
+    counted = sum(len(guard.check_stamp(imu(5.0 + k / 1000))[1]) for k in range(500))
+    assert counted + len(guard.pending) == 500
+    assert len(guard.pending) == 100
+
+
 def test_reset_accepts_the_next_stamp() -> None:
     guard = ClockGuard()
     verdicts(guard, 100.0, 5.0)
@@ -101,14 +146,15 @@ def test_jump_s_is_the_limit() -> None:
     assert verdicts(guard, 100.0, 100.2, 100.41)[1:] == [(ACCEPT, 0), (HOLD, 0)]
 
 
-@given(st.lists(st.integers(1, 2**62), max_size=60))
-def test_no_reading_is_lost_or_counted_twice(stamps: list[int]) -> None:
+@given(st.lists(st.tuples(st.sampled_from(Source), st.integers(1, 2**62)), max_size=60))
+def test_no_reading_is_lost_or_counted_twice(items: list[tuple[Source, int]]) -> None:
     """Each reading is accepted, returned exactly once, or pending."""
     guard = ClockGuard()
     accepted = returned = 0
-    for number, stamp_ns in enumerate(stamps, start=1):
-        verdict, resolved = guard.check_stamp(Reading(Source.IMU, stamp_ns, (0.0, 0.0, 0.0)))
+    for number, (source, stamp_ns) in enumerate(items, start=1):
+        verdict, resolved = guard.check_stamp(Reading(source, stamp_ns, (0.0, 0.0, 0.0)))
         accepted += verdict is ACCEPT
         returned += len(resolved)
         assert accepted + returned + len(guard.pending) == number
-        assert len(guard.pending) < 3
+        others = [r for r in guard.pending if r.source is not Source.IMU]
+        assert len(others) < 3
