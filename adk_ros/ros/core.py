@@ -22,6 +22,7 @@ from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.ros.counters import Counters
 from adk_ros.signals.channels import TICK_NS, Reading, Source
+from adk_ros.signals.stamps import StampMonitor
 
 _MAX_BACKLOG_NS = 3 * TICK_NS // 2
 """ns that the newest stamp may lag the ROS clock before the clock completes samples: 1.5 samples,
@@ -55,6 +56,7 @@ class Core:
     ) -> None:
         self.pipeline = pipeline
         self.counters = Counters()
+        self.stamps = StampMonitor()
         self._publish = publish
         self._on_error = on_error
         self._clock = clock
@@ -67,6 +69,9 @@ class Core:
         self.counters.last_received_s[source] = begin_ns * 1e-9
         self._received_since_timer = True
         self._run(begin_ns, self.pipeline.take, source, msg)
+        stamp_ns = self.pipeline.decoder.latest_ns
+        if stamp_ns is not None:
+            self.stamps.see(source, stamp_ns, begin_ns)
 
     def on_timer(self, now_ns: int) -> None:
         """
@@ -113,10 +118,12 @@ class Core:
 
     def _run(self, begin_ns: int, work: Callable[..., list[Prediction]], *args: Any) -> None:
         pipeline, counters = self.pipeline, self.counters
-        ticks = pipeline.ticks
+        ticks, published = pipeline.ticks, counters.published
         with self.guarded():
             for prediction in work(*args):
                 self._publish_if_finite(prediction)
+        if counters.published > published:
+            counters.last_published_s = begin_ns * 1e-9
         if pipeline.ticks == ticks:
             return
         sample = pipeline.last_sample

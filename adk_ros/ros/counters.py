@@ -22,8 +22,8 @@ class Counters:
     Counters of the node. They only grow; diagnostics report differences.
 
     `flagged` counts samples by their flags, `last_received_s` is the monotonic time of the last
-    message of each source (s, None: none yet), `tick_us` the latest processing times of a sample
-    in µs, from message in to messages out.
+    message of each source (s, None: none yet), `last_published_s` that of the last prediction,
+    `tick_us` the latest processing times of a sample in µs, from message in to messages out.
     """
 
     def __init__(self) -> None:
@@ -32,6 +32,7 @@ class Counters:
         self.missed_deadlines = 0
         self.withheld = 0
         self.published = 0
+        self.last_published_s: float | None = None
         self.resets = 0
         self.flagged: Counter[int] = Counter()
         self.last_received_s: list[float | None] = [None for _ in Source]

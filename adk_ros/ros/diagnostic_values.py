@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -37,8 +38,9 @@ def diagnostic_values(
     before: CounterSnapshot,
     now: CounterSnapshot,
     clocks: Clocks,
+    further: Mapping[str, object],
 ) -> list[tuple[str, str]]:
-    """Return the pairs: totals since start-up, rates and RMS values since `before`."""
+    """Return the pairs: totals since start-up, rates and RMS values since `before`, `further`."""
     values: dict[str, object] = {
         "status": pipeline.predictor.status.value,
         "ticks": now.ticks,
@@ -80,6 +82,7 @@ def diagnostic_values(
     }
     values |= _tick_times(counters)
     values |= _prediction_quality(pipeline, before, now)
+    values |= further
     return [(key, _as_text(value)) for key, value in values.items()]
 
 

@@ -15,7 +15,7 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | OK | out-of-order readings, sorted in by stamp | `n readings out of order` |
 | OK | a message rate changed by half or more | `imu rate changed from 200 Hz to 100 Hz` |
 | OK | the reset service was called | `reset on request` |
-| WARN | topics missing, for at most 5 s | `waiting for odometry, command` |
+| WARN | topics missing, for less than a second | `waiting for odometry, command` |
 | WARN | no IMU, but the model was trained with one | `no IMU: ...; the model ...` |
 | WARN | a topic stopped, predictions continue | `command timeout (3.2 s): ...` |
 | WARN | no odometry, predictions continue | `coasting for n samples: ...` |
@@ -30,10 +30,16 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | WARN | wrong unit or sign of the IMU | `... looks like deg/s, the topic must carry rad/s` |
 | WARN | a sample was processed 25 ms late or more | `n deadlines missed` |
 | WARN | the online estimator was reset | `online estimator reset n times` |
+| WARN | stamps do not match the others' | `command stamps are 0.1 s ahead of the other ...` |
+| WARN | a stream is not used for its stamps | `imu is unused: imu stamps are 10 years ...` |
 | WARN | `use_sim_time` without a clock | `simulation time has not started: no /clock` |
-| ERROR | a required topic stopped | `no predictions: odometry timeout (2.0 s)` |
-| ERROR | a topic is missing for over 5 s | `no predictions: odometry never received` |
-| ERROR | stamps of a topic do not match | `odometry timestamps are in a different time base` |
+| ERROR | nothing predicted for a second: | |
+| ERROR | - a required topic stopped | `no predictions: odometry timeout (2.0 s)` |
+| ERROR | - a topic is missing | `no predictions: odometry never received on /odometry` |
+| ERROR | - no message can be used | `no predictions: all command messages are refused` |
+| ERROR | - wrong stamps | `no predictions: odometry stamps are stuck: ...` |
+| ERROR | - no simulation time | `no predictions: ... simulation time has not started` |
+| ERROR | - other | `no predictions: odometry is frozen`, `... no prediction is finite` |
 | ERROR | `use_imu` is `required`, no IMU | `no IMU, but use_imu is 'required'` |
 | ERROR | an exception was caught, state reset | `n internal errors, last: ...` |
 | ERROR | no vehicle can move as predicted | `n predictions withheld: no vehicle ...` |
@@ -42,26 +48,22 @@ is gone. The message lists the findings, worst level first; the values hold all 
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from enum import IntEnum
 from typing import NamedTuple
 
-from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Status
-from adk_ros.ros.counters import Counters, snapshot
+from adk_ros.ros.core import Core
+from adk_ros.ros.counters import snapshot
 from adk_ros.ros.diagnostic_values import Clocks, diagnostic_values
+from adk_ros.ros.outage import REQUIRED, Situation, outage_reasons, stream_reason
+from adk_ros.ros.stamp_report import stamp_report
 from adk_ros.signals.channels import Flag, Source
 
-_STARTUP_GRACE_S = 5.0
-"""s from the first message on any topic during which a missing topic is a warning, not an error.
-
-Covers DDS discovery, which takes up to 3 s, and drivers that start one after the other."""
-
-_TIMEOUT_S = 1.0
-"""s without a message after which a topic is reported: the default period of the reports."""
-
-_TIMEOUT_PERIODS = 5.0
-"""Message periods without a message after which a topic slower than 5 Hz is reported."""
+OUTAGE_S = 1.0
+"""s without a prediction after which the level is ERROR: 40 samples, of which 5 to 9 pass without
+one after a start or a jump of the clock. The default of `max_coast_s`."""
 
 _RATE_CHANGE = 1.5
 """Ratio of rates that counts as a change: below a halving, above the jitter of usual drivers."""
@@ -72,8 +74,6 @@ _RATE_TRACKING = 0.3
 _MANY_REJECTED, _MIN_SHARE_READINGS = 0.2, 10
 """Share of rejected readings, of at least so many, from which a second publisher is suggested: two
 at equal rates have half of them rejected."""
-
-_REQUIRED = (Source.ODOMETRY, Source.COMMAND)
 
 
 class Level(IntEnum):
@@ -94,7 +94,7 @@ class DiagnosticReport(NamedTuple):
 
 class Diagnostics:
     """
-    Diagnose one pipeline; call `report` about once a second.
+    Diagnose the core of a node; call `report` about once a second, and when `is_overdue`.
 
     :param facts: constant pairs that each report starts with: model, hash, method, topics.
     :param use_imu: the parameter of that name: auto, required or never.
@@ -103,112 +103,106 @@ class Diagnostics:
 
     def __init__(
         self,
-        pipeline: Pipeline,
-        counters: Counters,
+        core: Core,
         facts: Mapping[str, str] | None = None,
         use_imu: str = "auto",
         start_s: float = 0.0,
     ) -> None:
-        self._pipeline = pipeline
-        self._counters = counters
-        self._facts = list((facts or {}).items())
+        self._core = core
+        self._pipeline = core.pipeline
+        self._counters = core.counters
+        self._facts = dict(facts or {})
         self._use_imu = use_imu
-        self._first_s: float | None = None
+        self._start_s = start_s
+        self._in_outage = False
         self._rates: dict[Source, float] = {}
         self._findings: list[tuple[Level, str]] = []
-        self._before = snapshot(pipeline, counters, start_s)
+        self._before = snapshot(self._pipeline, self._counters, start_s)
         self._now = self._before
+        self._past = deque([self._before])
 
     def report(self, clocks: Clocks) -> DiagnosticReport:
         """Return the report on the time since the previous call."""
         self._before, self._now = self._now, snapshot(self._pipeline, self._counters, clocks.now_s)
+        self._past.append(self._now)
+        while clocks.now_s - self._past[1].now_s >= OUTAGE_S:
+            self._past.popleft()
+        wait_s = self._pipeline.settings.max_wait_s
+        self._stamps = stamp_report(self._core.stamps, clocks, wait_s)
+        self._seen = Situation(
+            self._pipeline,
+            self._counters,
+            self._past[0],
+            self._now,
+            self._stamps,
+            clocks,
+            self._facts,
+        )
         self._findings = []
         self._check_predictions()
         self._check_imu()
+        self._check_stamps()
         self._check_messages()
         self._check_samples()
         self._check_node()
-        if clocks.sim_time and clocks.ros_ns == 0:
+        if clocks.sim_time and clocks.ros_ns == 0 and not self._in_outage:
             self._add(Level.WARN, "simulation time has not started: no /clock")
         level = max((found[0] for found in self._findings), default=Level.OK)
         # Worst level first; the sort is stable, so findings of one level keep their order.
         texts = [text for _, text in sorted(self._findings, key=lambda found: -found[0])]
         if level is Level.OK and self._now.published > self._before.published:
             texts.insert(0, "predicting")
-        values = diagnostic_values(self._pipeline, self._counters, self._before, self._now, clocks)
-        return DiagnosticReport(level, "; ".join(texts) or "predicting", [*self._facts, *values])
+        further = {"prediction_age_s": self._outage_s(clocks.now_s), **self._stamps.values()}
+        values = diagnostic_values(
+            self._pipeline, self._counters, self._before, self._now, clocks, further
+        )
+        values = [*self._facts.items(), *values]
+        return DiagnosticReport(level, "; ".join(texts) or "predicting", values)
+
+    def is_overdue(self, now_s: float) -> bool:
+        """Return whether an outage has begun that no report tells of yet."""
+        return not self._in_outage and self._outage_s(now_s) >= OUTAGE_S
+
+    def _outage_s(self, now_s: float) -> float:
+        """Return the seconds since the last prediction, or since the start."""
+        return now_s - max(self._start_s, self._counters.last_published_s or self._start_s)
 
     def _add(self, level: Level, text: str) -> None:
         self._findings.append((level, text))
 
-    def _timeout_s(self, source: Source) -> float:
-        """Return the seconds since the last message of a timed-out source, else 0."""
-        received_s = self._counters.last_received_s[source]
-        if received_s is None:
-            return 0.0
-        period_s = self._pipeline.aligner.streams[source].period_ns * 1e-9
-        age_s = self._now.now_s - received_s
-        return age_s if age_s > max(_TIMEOUT_S, _TIMEOUT_PERIODS * period_s) else 0.0
-
-    def _timeouts(self) -> list[str]:
-        return [
-            f"{source.name.lower()} timeout ({age_s:.1f} s)"
-            for source in _REQUIRED
-            if (age_s := self._timeout_s(source))
-        ]
-
     def _check_predictions(self) -> None:
         now, before = self._now, self._before
-        if self._first_s is None and any(now.received.values()):
-            self._first_s = now.now_s
-        timeouts = self._timeouts()
-        if now.published > before.published:
-            for text in timeouts:
-                consequence = ": last command is used" if text.startswith("command") else ""
-                self._add(Level.WARN, text + consequence)
-            return
-        missing = [source for source in _REQUIRED if not self._has_readings(source)]
-        if timeouts:
-            self._add(Level.ERROR, "no predictions: " + ", ".join(timeouts))
+        self._in_outage = self._outage_s(now.now_s) >= OUTAGE_S
+        missing = [source for source in REQUIRED if not self._has_readings(source)]
+        if self._in_outage:
+            self._add(Level.ERROR, "no predictions: " + ", ".join(outage_reasons(self._seen)))
+        elif now.published > before.published:
+            for source in REQUIRED:
+                if age_s := self._seen.timeout_s(source):
+                    consequence = ": last command is used" if source is Source.COMMAND else ""
+                    text = f"{source.name.lower()} timeout ({age_s:.1f} s)"
+                    self._add(Level.WARN, text + consequence)
         elif missing:
-            starting = self._first_s is None or now.now_s - self._first_s <= _STARTUP_GRACE_S
-            if starting:
-                names = [source.name.lower() for source in missing]
-                self._add(Level.WARN, "waiting for " + ", ".join(names))
-            else:
-                reasons = ", ".join(map(self._missing_reason, missing))
-                self._add(Level.ERROR, "no predictions: " + reasons)
+            names = [source.name.lower() for source in missing]
+            self._add(Level.WARN, "waiting for " + ", ".join(names))
         elif self._pipeline.predictor.status is Status.NO_STATE:
-            self._add(Level.ERROR, "no predictions: no usable state or command")
+            self._add(Level.WARN, "no usable state or command")
         elif self._pipeline.predictor.status is not Status.IMPLAUSIBLE:
             self._add(Level.OK, "warming up")
 
     def _has_readings(self, source: Source) -> bool:
         return bool(self._pipeline.aligner.streams[source])
 
-    def _missing_reason(self, source: Source) -> str:
-        name = source.name.lower()
-        if not self._now.received[source]:
-            return f"{name} never received"
-        refused = sum(
-            (self._now.refused - self._before.refused)[key]
-            for key in self._now.refused
-            if key[0] is source
-        )
-        if refused:
-            return f"all {name} messages are refused"
-        return f"{name} timestamps are in a different time base"
-
     def _check_imu(self) -> None:
         if self._use_imu == "never" or not self._pipeline.ticks:
             return
-        timeout_s = self._timeout_s(Source.IMU)
+        timeout_s = self._seen.timeout_s(Source.IMU)
         if timeout_s:
             predicting = self._now.published > self._before.published
             consequence = ": yaw rate from odometry" if predicting else ""
             self._add(Level.WARN, f"IMU timeout ({timeout_s:.1f} s){consequence}")
         elif not self._has_readings(Source.IMU):
-            reason = self._missing_reason(Source.IMU)
+            reason = stream_reason(self._seen, Source.IMU) or "its stamps are of another time"
             text = f"no IMU: yaw rate from odometry ({reason})"
             if self._use_imu == "required":
                 self._add(Level.ERROR, f"no IMU, but use_imu is 'required' ({reason})")
@@ -216,6 +210,18 @@ class Diagnostics:
                 self._add(Level.WARN, text + "; the model was trained with one")
             else:
                 self._add(Level.OK, text)
+
+    def _check_stamps(self) -> None:
+        """Name the streams whose stamps do not fit; right after a jump they cannot be compared."""
+        if self._now.aligned["clock jump"] > self._before.aligned["clock jump"]:
+            return
+        for source in Source:
+            fault = self._stamps.fault(source)
+            if fault is None or any(fault in text for _, text in self._findings):
+                continue
+            if not self._stamps.is_used(source):
+                fault = f"{source.name.lower()} is unused: {fault}"
+            self._add(Level.WARN, fault)
 
     def _check_messages(self) -> None:
         now, before = self._now, self._before
@@ -267,9 +273,7 @@ class Diagnostics:
 
     def _count_flagged(self, *flags: Flag) -> int:
         """Return the number of samples since the previous report that have all of `flags`."""
-        new = self._now.flagged - self._before.flagged
-        mask = sum(flags)
-        return sum(count for bits, count in new.items() if bits & mask == mask)
+        return self._seen._replace(before=self._before).flagged(*flags)
 
     def _check_samples(self) -> None:
         frozen = self._count_flagged(Flag.FROZEN)

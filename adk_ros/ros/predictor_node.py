@@ -98,11 +98,7 @@ class PredictorNode:
         self._inputs = self._create_inputs(classes)
         self._facts = self._configuration(loaded)
         self.diagnostics = Diagnostics(
-            self.core.pipeline,
-            self.core.counters,
-            self._facts,
-            self.values["use_imu"],
-            time.monotonic(),
+            self.core, self._facts, self.values["use_imu"], time.monotonic()
         )
         self._types = {Source.ODOMETRY: "nav_msgs/msg/Odometry", Source.COMMAND: kind.msgtype}
         self._begin_s, self._waited = time.monotonic(), False
@@ -175,6 +171,8 @@ class PredictorNode:
     def _on_timer(self) -> None:
         with self.core.guarded():
             self.core.on_timer(self._clock.now().nanoseconds)
+            if self.diagnostics.is_overdue(time.monotonic()):
+                self._report()
 
     def _on_reset(self, _request: Any, response: Any) -> Any:
         with self.core.guarded():
@@ -241,7 +239,11 @@ class PredictorNode:
             self._logged_imu = True
             has_imu = self.core.pipeline.received[Source.IMU]
             self._logger.info("predicting with an IMU" if has_imu else "predicting without an IMU")
+        started = self.core.counters.published or self._waited
         if level is Level.WARN and not self.core.counters.published:
+            return
+        if level is Level.ERROR and not started:
+            # While the sensors start, the diagnostics say so, and the log after `_WAIT_S`.
             return
         # One call per severity: rclpy refuses another severity from the same line of code.
         if level > self._logged_level and level is Level.ERROR:

@@ -21,8 +21,8 @@ from adk_ros.signals.channels import Reading, Source
 _CONFIRMATIONS = 3
 """Consistent readings that confirm a jump: two wrong stamps in a row cause none."""
 _MAX_PENDING = 100
-"""Readings of an IMU that wait for odometry or a command to confirm a jump: 0.1 s at 1000 Hz. Older
-ones count as wrong."""
+"""IMU readings that wait for odometry or a command to confirm a jump: 0.1 s at 1000 Hz. Older ones
+count as wrong."""
 _IMU = Source.IMU
 
 

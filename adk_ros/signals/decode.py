@@ -102,6 +102,8 @@ class Decoder:
     def __init__(self, config: SensorConfig | None = None) -> None:
         self.config = config or SensorConfig()
         self.refused: Counter[tuple[Source, str]] = Counter()
+        self.latest_ns: int | None = None
+        """Stamp of the latest message, refused or not; None if it has none."""
         command = COMMAND_TYPES[self.config.command_type].decode
         self._values: tuple[Callable[[int, Any], tuple[float, ...]], ...] = (
             self._imu,
@@ -122,6 +124,7 @@ class Decoder:
 
         :raises RefusedMessage: it cannot be used; the reason is also counted in `refused`.
         """
+        self.latest_ns = None
         try:
             try:
                 stamp = msg.header.stamp
@@ -129,6 +132,7 @@ class Decoder:
                 # Autoware messages have no header.
                 stamp = msg.stamp
             stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+            self.latest_ns = stamp_ns
             if stamp_ns <= 0:
                 raise RefusedMessage("no time stamp")
             values = self._values[source](stamp_ns, msg)

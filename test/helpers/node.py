@@ -158,11 +158,7 @@ class Rig:
             self.pipeline, self.published.append, self.errors.append, lambda: self.mono_ns
         )
         self.diagnostics = Diagnostics(
-            self.pipeline,
-            self.core.counters,
-            {"model": "test"},
-            self.use_imu,
-            self.mono_ns * 1e-9,
+            self.core, {"model": "test"}, self.use_imu, self.mono_ns * 1e-9
         )
         self.sim_time: tuple[bool, bool] = (False, True)
         self.noise = random.Random(0)

@@ -328,7 +328,7 @@ def test_faults_and_late_simulation_time_over_real_topics(model: Path) -> None:
         wait_for(session, lambda: reported[-1][0] == 2)
         code, spent_s = node.end()
     levels = [level for level, _ in reported]
-    assert levels[0] == 1
+    assert levels[0] in (1, 2)
     assert 0 in levels, reported
     # After the last message:
     assert reported[-1][1].startswith("no predictions: odometry timeout (")
