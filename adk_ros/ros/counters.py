@@ -65,6 +65,7 @@ class CounterSnapshot(NamedTuple):
     level_changes: Counter[Source]
     noise_changes: Counter[Source]
     aligned: Counter[str]
+    aligned_by_source: Counter[tuple[str, Source]]
     flagged: Counter[int]
     failures: int
     missed: int
@@ -88,6 +89,7 @@ def snapshot(pipeline: Pipeline, counters: Counters, now_s: float) -> CounterSna
         level_changes=Counter(pipeline.gate.level_changes),
         noise_changes=Counter(pipeline.gate.noise_changes),
         aligned=Counter(pipeline.aligner.counts),
+        aligned_by_source=Counter(pipeline.aligner.counts_by_source),
         flagged=Counter(counters.flagged),
         failures=pipeline.predictor.online.failures,
         missed=counters.missed_deadlines,

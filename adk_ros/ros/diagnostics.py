@@ -10,13 +10,14 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | --- | --- | --- |
 | OK | the model is loaded, kernels are compiled | `starting for 12 s: ...` |
 | OK | predictions are published | `predicting` |
-| OK | never an IMU, and the model needs none | `no IMU: yaw rate from odometry` |
+| OK | never an IMU, and the model needs none | `no IMU: yaw rate from odometry (...)` |
 | OK | too few samples so far | `warming up` |
 | OK | out-of-order readings, sorted in by stamp | `n readings out of order` |
 | OK | a message rate changed by half or more | `imu rate changed from 200 Hz to 100 Hz` |
 | OK | the reset service was called | `reset on request` |
 | WARN | topics missing, for less than a second | `waiting for odometry, command` |
 | WARN | no IMU, but the model was trained with one | `no IMU: ...; the model ...` |
+| WARN | no message of the IMU can be used | `IMU is unused: yaw rate from odometry (...)` |
 | WARN | a topic stopped, predictions continue | `command timeout (3.2 s): ...` |
 | WARN | no odometry, predictions continue | `coasting for n samples: ...` |
 | WARN | a sensor repeats its values in motion | `IMU frozen: ...`, `odometry frozen: ...` |
@@ -24,14 +25,14 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | WARN | consistent readings at another level | `odometry is at a new level: v_x 9.1 m/s, ...` |
 | WARN | inconsistent readings in succession | `odometry is noisier than before` |
 | WARN | messages are refused | `5 command messages refused: joint 'drive' is missing` |
-| WARN | implausible stamps, not confirmed later | `3 implausible time stamps ignored` |
+| WARN | implausible stamps, not confirmed later | `3 implausible time stamps ignored (imu 3)` |
 | WARN | time jumped, e.g. a looping bag | `clock jumped: all state was reset` |
-| WARN | readings are repeated, or too late | `n duplicates`, `n readings too late for ...` |
+| WARN | readings are repeated, or too late | `n duplicates (...)`, `n readings too late ...` |
 | WARN | wrong unit or sign of the IMU | `... looks like deg/s, the topic must carry rad/s` |
 | WARN | a sample was processed 25 ms late or more | `n deadlines missed` |
 | WARN | the online estimator was reset | `online estimator reset n times` |
 | WARN | stamps do not match the others' | `command stamps are 0.1 s ahead of the other ...` |
-| WARN | a stream is not used for its stamps | `imu is unused: imu stamps are 10 years ...` |
+| WARN | ... so that the stream is not used | `imu is unused: imu stamps are 10 years ...` |
 | WARN | `use_sim_time` without a clock | `simulation time has not started: no /clock` |
 | ERROR | nothing predicted for a second: | |
 | ERROR | - a required topic stopped | `no predictions: odometry timeout (2.0 s)` |
@@ -203,7 +204,8 @@ class Diagnostics:
             self._add(Level.WARN, f"IMU timeout ({timeout_s:.1f} s){consequence}")
         elif not self._has_readings(Source.IMU):
             reason = stream_reason(self._seen, Source.IMU) or "its stamps are of another time"
-            text = f"no IMU: yaw rate from odometry ({reason})"
+            lack = "IMU is unused" if self._now.received[Source.IMU] else "no IMU"
+            text = f"{lack}: yaw rate from odometry ({reason})"
             if self._use_imu == "required":
                 self._add(Level.ERROR, f"no IMU, but use_imu is 'required' ({reason})")
             elif self._pipeline.predictor.model.uses_imu:
@@ -238,9 +240,17 @@ class Diagnostics:
         )
         for key, level, text in rows:
             if aligned[key]:
-                self._add(level, text.format(aligned[key]))
+                self._add(level, text.format(aligned[key]) + self._by_source(key))
         for source in Source:
             self._check_rate(source)
+
+    def _by_source(self, key: str) -> str:
+        """Return the counts of an event of the alignment by stream, if they are known."""
+        new = self._now.aligned_by_source - self._before.aligned_by_source
+        parts = [
+            f"{source.name.lower()} {new[key, source]}" for source in Source if new[key, source]
+        ]
+        return f" ({', '.join(parts)})" if parts else ""
 
     def _check_gate(self) -> None:
         now, before = self._now, self._before

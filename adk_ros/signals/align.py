@@ -75,6 +75,7 @@ class Aligner:
 
     `counts` counts unused readings: "duplicate", "stray stamp"; readings that arrived too late or
     in the wrong order: "out of order", "late" (after its sample was emitted); and "clock jump".
+    `counts_by_source` counts the unused and the late ones by (kind, source).
 
     :param odometry_timeout_s: age beyond which odometry yields no state (COASTING), s.
     :param frozen_after_s: time after which a sensor that repeats the same value while the vehicle
@@ -98,6 +99,7 @@ class Aligner:
         self._max_wait_ns = round(max_wait_s * 1e9)
         self._guard = ClockGuard(jump_s)
         self.counts: Counter[str] = Counter()
+        self.counts_by_source: Counter[tuple[str, Source]] = Counter()
         self._begin()
 
     def _begin(self) -> None:
@@ -139,6 +141,7 @@ class Aligner:
         if verdict is not StampVerdict.JUMP:
             if released:
                 self.counts["stray stamp"] += len(released)
+                self.counts_by_source.update(("stray stamp", item.source) for item in released)
             if verdict is StampVerdict.HOLD:
                 return ()
             self._insert(reading)
@@ -168,10 +171,12 @@ class Aligner:
             if stamp_ns <= stream.stamps[-1]:
                 if stream.has(stamp_ns):
                     self.counts["duplicate"] += 1
+                    self.counts_by_source["duplicate", reading.source] += 1
                     return
                 self.counts["out of order"] += 1
             if self._tick_ns is not None and stamp_ns <= self._tick_ns - TICK_NS:
                 self.counts["late"] += 1
+                self.counts_by_source["late", reading.source] += 1
         stream.add(stamp_ns, reading.values)
         stream.awaited = True
         if self._gate is not None and reading.source <= _ODOMETRY:
