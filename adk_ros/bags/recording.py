@@ -12,17 +12,17 @@ all of them use the same topics and refuse the same messages.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from adk_ros.bags import Bag, Topics, find_topics
 from adk_ros.errors import DataError
 from adk_ros.signals.channels import Reading, Record, Source
 from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
+from adk_ros.signals.message_checks import message_warnings
 from adk_ros.signals.plausibility import Plausibility
 from adk_ros.signals.record import build_record
 
@@ -32,11 +32,9 @@ Progress = Callable[[int, int], None]
 _PROGRESS_INTERVAL = 2000
 """Messages between two calls of a `Progress`: about ten per second when reading a bag."""
 
-_MIN_SAMPLES_CONSTANT = 400
-"""Samples (10 s) below which a constant channel is not reported."""
-
-_MIN_SPEED_RANGE = 1.0
-"""m/s; a smaller range of v_x counts as standing, where constant channels are normal."""
+_CHECK_INTERVAL = 50
+"""Messages of a stream of which one is checked for its frames and covariances: one per second of
+odometry at 50 Hz."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +120,8 @@ class RecordingReader:
         self._bag = bag
         self._decoder = Decoder(options.sensors)
         self._progress = progress
+        self._checked: Counter[Source] = Counter()
+        self._message_warnings: dict[str, None] = {}
 
     def readings_with_messages(self) -> Iterator[tuple[Reading, Any]]:
         """Yield each usable reading with the message it was decoded from, in log order."""
@@ -130,11 +130,18 @@ class RecordingReader:
                 reading = self._decoder.decode(source, msg)
             except RefusedMessage:
                 continue
+            self._checked[source] += 1
+            if self._checked[source] % _CHECK_INTERVAL == 1:
+                self._message_warnings |= dict.fromkeys(message_warnings(source, msg))
             yield reading, msg
 
     def readings(self) -> Iterator[Reading]:
         """Yield each usable reading, in log order."""
         return (reading for reading, _ in self.readings_with_messages())
+
+    def message_warnings(self) -> list[str]:
+        """Return one line per fault of frames and covariances, see `signals.message_checks`."""
+        return list(self._message_warnings)
 
     def refusals(self, source: Source | None = None) -> list[str]:
         """Return one line per reason for which messages (of `source`) were refused."""
@@ -157,10 +164,11 @@ def read_recording(
 
     :raises UsageError, DataError: the bag cannot be read, lacks a topic, or yields no sample.
     """
-    plausibility = Plausibility()
+    options = options or RecordingOptions()
+    plausibility = Plausibility(options.sensors.reference_point)
     name = Path(path).name
     with Bag(path) as bag:
-        reader = RecordingReader(bag, options or RecordingOptions(), progress)
+        reader = RecordingReader(bag, options, progress)
         counts: dict[str, int] = {}
         commands: list[Reading] = []
         stream = plausibility.watch(_collecting_commands(reader.readings(), commands))
@@ -172,7 +180,7 @@ def read_recording(
         warnings = reader.warnings()
         start_ns = bag.start_ns
     details = [f"{count} times {event}" for event, count in counts.items()]
-    details += plausibility.warnings() + _constant_channels(record)
+    details += plausibility.warnings() + reader.message_warnings()
     warnings += [f"{name}: {text}" for text in details]
     return Recording(record, reader.topics, warnings, start_ns, commands)
 
@@ -184,16 +192,3 @@ def _collecting_commands(
         if reading.source is Source.COMMAND:
             commands.append(reading)
         yield reading
-
-
-def _constant_channels(record: Record) -> list[str]:
-    """Return a warning for each odometry channel that stays constant while v_x changes."""
-    x = record.x_ref[np.isfinite(record.x_ref).all(axis=1)]
-    if len(x) < _MIN_SAMPLES_CONSTANT or np.ptp(x[:, 0]) < _MIN_SPEED_RANGE:
-        return []
-    return [
-        f"odometry's {name} is {x[0, i]:g} throughout: it is not measured, and predictions of it "
-        "are meaningless"
-        for i, name in ((1, "v_y"), (2, "yaw rate"))
-        if np.ptp(x[:, i]) == 0.0
-    ]

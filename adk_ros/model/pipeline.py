@@ -80,7 +80,7 @@ class Pipeline:
             max_coast_steps=round(settings.max_coast_s / _TICK_S),
             withhold_implausible=True,
         )
-        self.plausibility = Plausibility()
+        self.plausibility = Plausibility(settings.sensors.reference_point)
         # A list: an enum as dictionary key is hashed in Python, eight times per tick.
         self._received = [0] * len(Source)
         self.ticks = 0

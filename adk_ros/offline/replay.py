@@ -17,6 +17,7 @@ from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.frames import published_frame
 
 TWIST_TOPIC = "/predictor/predicted_twist"
 HORIZON_TOPIC = "/predictor/predicted_horizon"
@@ -84,11 +85,12 @@ def replay(
                     writer.add_topic(COVARIANCE_TOPIC, COVARIANCE_TYPE)
                 for topic, _, log_ns, content in bag.raw([odometry]):
                     writer.write(topic, content, log_ns)
+                frame_id = published_frame("", settings.sensors.reference_point)
                 for log_ns, prediction in stream:
                     made.append(_without_covariance(prediction))
-                    writer.write(TWIST_TOPIC, twist_message(prediction), log_ns)
+                    writer.write(TWIST_TOPIC, twist_message(prediction, frame_id), log_ns)
                     if output.with_horizon:
-                        writer.write(HORIZON_TOPIC, horizon_message(prediction), log_ns)
+                        writer.write(HORIZON_TOPIC, horizon_message(prediction, frame_id), log_ns)
                         writer.write(COVARIANCE_TOPIC, covariance_message(prediction), log_ns)
         warnings = list(bag.warnings)
     return made, pipeline, warnings

@@ -22,6 +22,7 @@ from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.ros.counters import Counters
 from adk_ros.signals.channels import TICK_NS, Reading, Source
+from adk_ros.signals.message_checks import message_warnings
 from adk_ros.signals.stamps import StampMonitor
 
 _MAX_BACKLOG_NS = 3 * TICK_NS // 2
@@ -45,6 +46,7 @@ class Core:
     :param publish: called with each prediction, in order.
     :param on_error: called with the first exception that is caught.
     :param clock: returns monotonic time in nanoseconds.
+    :param frame_id: frame of the predictions, to compare with that of odometry.
     """
 
     def __init__(
@@ -53,6 +55,7 @@ class Core:
         publish: Callable[[Prediction], None],
         on_error: Callable[[Exception], None],
         clock: Callable[[], int] = time.monotonic_ns,
+        frame_id: str = "",
     ) -> None:
         self.pipeline = pipeline
         self.counters = Counters()
@@ -62,6 +65,10 @@ class Core:
         self._clock = clock
         self._received_since_timer = False
         self._last_timer_ns: int | None = None
+        self._frame_id = frame_id
+        self._is_shifted = any(pipeline.settings.sensors.reference_point)
+        self._unchecked = [True for _ in Source]
+        self._message_warnings: list[list[str]] = [[] for _ in Source]
 
     def on_message(self, source: Source, msg: Any) -> None:
         """Process a message; publish the predictions that it completes."""
@@ -72,6 +79,17 @@ class Core:
         stamp_ns = self.pipeline.decoder.latest_ns
         if stamp_ns is not None:
             self.stamps.see(source, stamp_ns, begin_ns)
+        if self._unchecked[source]:
+            self._unchecked[source] = False
+            with self.guarded():
+                self._message_warnings[source] = message_warnings(
+                    source, msg, self._frame_id, is_shifted=self._is_shifted
+                )
+
+    def message_warnings(self) -> list[str]:
+        """Return what is wrong with the latest checked messages; have the next ones checked."""
+        self._unchecked = [True for _ in Source]
+        return [text for texts in self._message_warnings for text in texts]
 
     def on_timer(self, now_ns: int) -> None:
         """

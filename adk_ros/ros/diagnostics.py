@@ -29,6 +29,10 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | WARN | time jumped, e.g. a looping bag | `clock jumped: all state was reset` |
 | WARN | readings are repeated, or too late | `n duplicates (...)`, `n readings too late ...` |
 | WARN | wrong unit or sign of the IMU | `... looks like deg/s, the topic must carry rad/s` |
+| WARN | velocities in fixed axes | `odometry's velocity turns with the heading: ...` |
+| WARN | a channel is not measured | `odometry's v_y is 0 throughout: ...` |
+| WARN | wrong frames | `odometry's child_frame_id is 'odom': ...`, `predictions are of the ...` |
+| WARN | unusable covariances | `odometry's variance of v_y is negative or not finite: ignored` |
 | WARN | a sample was processed 25 ms late or more | `n deadlines missed` |
 | WARN | the online estimator was reset | `online estimator reset n times` |
 | WARN | stamps do not match the others' | `command stamps are 0.1 s ahead of the other ...` |
@@ -295,7 +299,7 @@ class Diagnostics:
         coasting = self._count_flagged(Flag.COASTING)
         if coasting and self._now.published > self._before.published:
             self._add(Level.WARN, f"coasting for {coasting} samples: no recent odometry")
-        for text in self._pipeline.plausibility.warnings():
+        for text in self._pipeline.plausibility.warnings() + self._core.message_warnings():
             self._add(Level.WARN, text)
 
     def _check_node(self) -> None:

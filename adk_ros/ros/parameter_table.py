@@ -153,8 +153,9 @@ TABLE: tuple[ParameterSpec, ...] = (
     ),
     ParameterSpec(
         "frame_id",
-        "base_link",
-        "Frame in whose axes the twist is predicted; the point is the centre of gravity.",
+        "",
+        "Frame of the predicted twist, with its origin at reference_point; empty: base_link, or "
+        "centre_of_gravity if reference_point is not zero.",
     ),
     ParameterSpec(
         "use_imu",

@@ -39,6 +39,7 @@ from adk_ros.ros.starting import reporting_start
 from adk_ros.ros.waiting import waiting_hint
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.commands import COMMAND_TYPES
+from adk_ros.signals.frames import published_frame
 
 NODE_NAME = "predictor"
 INPUT_DEPTH = 200
@@ -84,8 +85,13 @@ class PredictorNode:
         for text in differences_from_training(settings.sensors, loaded.manifest["training"]):
             self._logger.warning(text)
 
-        self.core = Core(Pipeline(loaded.model, settings), self._publish, self._log_internal_error)
-        frame_id = self.values["frame_id"]
+        frame_id = published_frame(self.values["frame_id"], settings.sensors.reference_point)
+        self.core = Core(
+            Pipeline(loaded.model, settings),
+            self._publish,
+            self._log_internal_error,
+            frame_id=frame_id,
+        )
         self._twist = TwistBytes(frame_id)
         self._horizon = self._covariance = None
         if settings.horizon_steps:

@@ -31,7 +31,7 @@ _MAX_GYRO_RATE = MAX_YAW_RATE * 57.3
 
 # Looked up once: an attribute of an enum takes as long as a comparison.
 _IMU, _ODOMETRY = Source.IMU, Source.ODOMETRY
-_MAX_VARIANCE = 1e4
+MAX_VARIANCE = 1e4
 """SI units squared; a larger variance, of 100 m/s, marks a value that is not measured."""
 
 __all__ = ["Decoder", "RefusedMessage", "SensorConfig"]
@@ -152,18 +152,18 @@ class Decoder:
         if source is _ODOMETRY:
             covariance = msg.twist.covariance
             x = float(covariance[0])
-            if not 0.0 < x < _MAX_VARIANCE:
+            if not 0.0 < x < MAX_VARIANCE:
                 return None
             y, z = float(covariance[7]), float(covariance[35])
         elif source is _IMU and not self._is_rotated:
             force = msg.linear_acceleration_covariance
             x = float(force[0])
-            if not 0.0 < x < _MAX_VARIANCE:
+            if not 0.0 < x < MAX_VARIANCE:
                 return None
             y, z = float(force[4]), float(msg.angular_velocity_covariance[8])
         else:
             return None
-        return (x, y, z) if 0.0 < y < _MAX_VARIANCE and 0.0 < z < _MAX_VARIANCE else None
+        return (x, y, z) if 0.0 < y < MAX_VARIANCE and 0.0 < z < MAX_VARIANCE else None
 
     def reset(self) -> None:
         """Discard the previous gyro value, after a clock jump."""

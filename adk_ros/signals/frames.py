@@ -15,10 +15,23 @@ import numpy as np
 
 from adk_ros.numerics.arrays import FloatArray
 
+CENTRE_OF_GRAVITY = "centre_of_gravity"
+"""Frame of the published twist where the centre of gravity is not the origin of odometry's frame;
+its axes are those of the vehicle."""
+
 _RATE_FILTER_S = 0.05
 """s; time constant of the low-pass on the angular acceleration: two samples of the grid."""
 _MAX_GAP_S = 0.2
 """s between two gyro values above which no angular acceleration is computed: an IMU below 5 Hz."""
+
+
+def published_frame(frame_id: str, reference_point: tuple[float, float]) -> str:
+    """
+    Return the frame of the predicted twist, which is that of the reference point (x, y), m.
+
+    :param frame_id: the parameter of that name; empty: `base_link`, if that is the point.
+    """
+    return frame_id or (CENTRE_OF_GRAVITY if any(reference_point) else "base_link")
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> FloatArray:

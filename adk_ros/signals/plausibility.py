@@ -6,7 +6,7 @@ Consistency checks between streams: find wrong units and signs.
 Two relations hold for any car on any road: the gyro measures the odometry's yaw rate, and in a
 bend the lateral specific force is about v_x times yaw rate. The slope of each, by least squares
 with exponential forgetting, should be 1. A gyro in deg/s gives 57.3, an accelerometer in g
-0.102, a flipped axis a negative slope.
+0.102, a flipped axis a negative slope. `odometry_checks` adds what odometry alone shows.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ import math
 from collections.abc import Iterable, Iterator
 
 from adk_ros.numerics.constants import GRAVITY
+from adk_ros.numerics.running_slope import Slope
 from adk_ros.signals.channels import Flag, Reading, Sample, Source
+from adk_ros.signals.odometry_checks import OdometryChecks
 
 _FORGETTING = 0.9995
 """Forgetting factor per sample: a memory of 2000 samples, 50 s."""
@@ -37,36 +39,22 @@ _ODOMETRY = Source.ODOMETRY
 _UNRELIABLE = int(Flag.NO_IMU | Flag.IMU_STALE | Flag.COASTING | Flag.FROZEN)
 
 
-class _Slope:
-    """Regression of y on x through the origin: slope and correlation."""
-
-    def __init__(self) -> None:
-        self.xx = self.xy = self.yy = 0.0
-
-    def add(self, x: float, y: float) -> None:
-        self.xx = _FORGETTING * self.xx + x * x
-        self.xy = _FORGETTING * self.xy + x * y
-        self.yy = _FORGETTING * self.yy + y * y
-
-    @property
-    def value(self) -> float:
-        return self.xy / self.xx if self.xx > 0.0 else math.nan
-
-    @property
-    def correlation(self) -> float:
-        return self.xy / math.sqrt(self.xx * self.yy) if self.xx > 0.0 < self.yy else 0.0
-
-
 class Plausibility:
-    """Collects samples; `warnings()` describes inconsistent units and signs."""
+    """
+    Collects samples; `warnings()` describes inconsistent units and signs, and faulty odometry.
 
-    def __init__(self) -> None:
+    :param reference_point: (x, y), m, of the readings in odometry's frame.
+    """
+
+    def __init__(self, reference_point: tuple[float, float] = (0.0, 0.0)) -> None:
+        self._reference_point = reference_point
         self.reset()
 
     def see(self, reading: Reading) -> None:
-        """Record the yaw rate of an odometry reading that goes to the aligner."""
+        """Record an odometry reading that goes to the aligner."""
         if reading.source is _ODOMETRY:
             self._odometry_yaw_rate = reading.values[2]
+            self._odometry.add(reading)
 
     def watch(self, readings: Iterable[Reading]) -> Iterator[Reading]:
         """Yield the readings unchanged after `see` has recorded them."""
@@ -113,10 +101,11 @@ class Plausibility:
                     "the IMU's lateral acceleration points out of the bend: check imu_rotation "
                     "(y must point left)"
                 )
-        return found
+        return found + self._odometry.warnings()
 
     def reset(self) -> None:
         """Discard all data."""
-        self._yaw = _Slope()
-        self._force = _Slope()
+        self._yaw = Slope(_FORGETTING)
+        self._force = Slope(_FORGETTING)
+        self._odometry = OdometryChecks(self._reference_point)
         self._odometry_yaw_rate = math.nan

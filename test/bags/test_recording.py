@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.bags import ACKERMANN, START_NS, write
+from helpers.bags import ACKERMANN, START_NS, drive, write
 from helpers.train import bag
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -177,3 +177,24 @@ def test_options_select_the_steering_topic_and_ignore_the_imu(tmp_path):
     with Bag(path) as opened:
         topics = choose_topics(opened, chosen)
     assert (topics.imu, topics.steering) == (None, None)
+
+
+def test_frames_and_covariances_are_checked(tmp_path):
+    """One line per fault, however many messages have it."""
+    messages = []
+    for topic, log_ns, msg in drive(800):
+        if msg.__msgtype__ == "nav_msgs/msg/Odometry":
+            covariance = np.zeros(36)
+            covariance[7] = 1e9
+            twist = replace(msg.twist, covariance=covariance)
+            changed = replace(msg, child_frame_id="odom", twist=twist)
+        else:
+            changed = msg
+        messages.append((topic, log_ns, changed))
+    write(tmp_path / "bag", messages)
+    warnings = read_recording(tmp_path / "bag").warnings
+    assert [text for text in warnings if "child_frame_id" in text] == [
+        "bag: odometry's child_frame_id is 'odom': the twist must be in the axes of the vehicle, "
+        "such as base_link"
+    ]
+    assert sum("variance of v_y is above 10000" in text for text in warnings) == 1

@@ -87,6 +87,17 @@ def test_replay_equals_the_pipeline(model: KoopmanModel) -> None:
             np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
 
 
+def test_predictions_of_another_point_are_labelled_so(model: KoopmanModel, tmp_path: Path) -> None:
+    out = tmp_path / "p"
+    settings = PipelineSettings(sensors=SensorConfig(reference_point=(1.2, 0.0)))
+    replay(bag(), model, settings, RecordingOptions(), ReplayOutput(out, with_horizon=True))
+    with Bag(out) as opened:
+        frames = {
+            msg.header.frame_id for _, _, msg in opened.messages([TWIST_TOPIC, HORIZON_TOPIC])
+        }
+    assert frames == {"centre_of_gravity"}
+
+
 def test_written_bag(model: KoopmanModel, tmp_path: Path) -> None:
     out = tmp_path / "p"
     predicted, _, _ = replay(

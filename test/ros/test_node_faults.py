@@ -706,6 +706,73 @@ def test_values_of_a_healthy_report(rig: Rig) -> None:
         assert value(report, key) == 0
 
 
+def edited(source: Source, edit: Callable[[Any], None]) -> Callable[[Source, Any], Any]:
+    def change(given: Source, msg: Any) -> Any:
+        if given is source:
+            edit(msg)
+        return msg
+
+    return change
+
+
+def in_odom_frame(msg: Any) -> None:
+    msg.child_frame_id = "odom"
+
+
+def huge_variance(msg: Any) -> None:
+    msg.twist.covariance[7] = 1e9
+
+
+def no_acceleration(msg: Any) -> None:
+    msg.linear_acceleration_covariance[0] = -1.0
+
+
+@pytest.mark.parametrize(
+    ("source", "edit", "text"),
+    [
+        (Source.ODOMETRY, in_odom_frame, "odometry's child_frame_id is 'odom'"),
+        (Source.ODOMETRY, huge_variance, "odometry's variance of v_y is above 10000"),
+        (Source.IMU, no_acceleration, "the IMU marks its acceleration as not available"),
+    ],
+)
+def test_frames_and_covariances_are_reported(
+    rig: Rig, source: Source, edit: Callable[[Any], None], text: str
+) -> None:
+    report = rig.drive(3.0, edited(source, edit))[-1]
+    assert report.level is Level.WARN
+    assert text in report.message
+    assert_recovered(rig)
+
+
+def test_odometry_in_the_axes_of_odom_is_reported(model: KoopmanModel) -> None:
+    rig = Rig(model)
+
+    def rotated(msg: Any) -> None:
+        # The heading of the slalom of `ros.traffic`: 0.2 sin(t / 2) rad/s, and 0.15 rad/s.
+        time_s = (rig.mono_ns - 50_000_000_000) * 1e-9
+        heading = 0.4 * (1.0 - math.cos(0.5 * time_s)) + 0.15 * time_s
+        twist = msg.twist.twist
+        v_x, v_y = twist.linear.x, twist.linear.y
+        twist.linear.x = v_x * math.cos(heading) - v_y * math.sin(heading)
+        twist.linear.y = v_x * math.sin(heading) + v_y * math.cos(heading)
+        twist.angular.z += 0.15
+
+    report = rig.drive(60.0, edited(Source.ODOMETRY, rotated))[-1]
+    assert "odometry's velocity turns with the heading" in report.message
+    assert report.level is not Level.OK
+
+
+def test_a_velocity_that_is_always_zero_is_reported(model: KoopmanModel) -> None:
+    rig = Rig(model)
+
+    def no_v_y(msg: Any) -> None:
+        msg.twist.twist.linear.y = 0.0
+
+    report = rig.drive(15.0, edited(Source.ODOMETRY, no_v_y))[-1]
+    assert report.level is Level.WARN
+    assert "odometry's v_y is 0 throughout: it is not measured" in report.message
+
+
 def test_steering_ratio_and_reference_point_reach_the_pipeline(model: KoopmanModel) -> None:
     settings = PipelineSettings(horizon_steps=0)
     rig = Rig(model, settings)

@@ -86,7 +86,9 @@ def test_an_imu_of_another_time_is_unused(
     assert "imu stamps are 10 years ahead of the other streams" in report.message
     assert f"time stamps ignored (imu {imu_hz:.0f})" in report.message
     assert len(rig.published) - published > 150
-    assert seconds(report, "imu.stamps_ahead_of_others_s") == pytest.approx(10.0 * YEAR_S, rel=1e-4)
+    assert seconds(report, "imu.stamps_ahead_of_others_s") == pytest.approx(
+        10.0 * YEAR_S, rel=1e-4
+    )
 
 
 @pytest.mark.parametrize("by_s", [0.3, 0.5])
