@@ -7,12 +7,23 @@ Start the predictor node with the topics of a vehicle.
         imu:=/imu/data odometry:=/odom command:=/vehicle/command
 """
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument
+from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
+
+
+def check_exit(event: ProcessExited, _context: LaunchContext) -> None:
+    """
+    End the launch with exit code 1 if the node failed; without this `ros2 launch` returns 0.
+
+    :raises RuntimeError: the node's exit code is not 0.
+    """
+    if event.returncode != 0:
+        raise RuntimeError(f"predictor ended with exit code {event.returncode}, see its output")
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -80,5 +91,6 @@ def generate_launch_description() -> LaunchDescription:
         ],
         ros_arguments=["--log-level", LaunchConfiguration("log_level")],
         output="screen",
+        on_exit=check_exit,
     )
     return LaunchDescription([*arguments, node])

@@ -16,6 +16,9 @@ def echo(
         str | None,
         typer.Option(help="topic to listen to", show_default="the only predicted_twist"),
     ] = None,
+    node: Annotated[
+        str | None, typer.Option(help="name of the predictor to listen to, if several run")
+    ] = None,
     every: Annotated[int, typer.Option(help="print every N-th prediction")] = 10,
     count: Annotated[int | None, typer.Option(help="stop after N lines")] = None,
     duration: Annotated[float | None, typer.Option(help="stop after this many seconds")] = None,
@@ -31,4 +34,12 @@ def echo(
     """
     from adk_ros.ros.echo import echo as run
 
-    run(topic, count=count, duration_s=duration, as_json=as_json, every=every, wait_s=wait)
+    run(
+        topic,
+        predictor=node,
+        count=count,
+        duration_s=duration,
+        as_json=as_json,
+        every=every,
+        wait_s=wait,
+    )

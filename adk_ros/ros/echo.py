@@ -30,6 +30,10 @@ TOPIC_TYPE = "geometry_msgs/msg/TwistWithCovarianceStamped"
 TOPIC_NAME = "predicted_twist"
 _DEPTH = 2000
 """Queue depth, messages: 50 s at 40 Hz, so that a slow consumer loses nothing."""
+_DISCOVERY_S = 1.0
+"""s of looking for a second predictor before the only one is taken: most nodes answer at once."""
+_LATE_DISCOVERY_S = 4.0
+"""s in which a second predictor may still be found; DDS discovery takes up to 3 s."""
 _KMH = 3.6
 _DEG = 180.0 / math.pi
 _LINES_PER_HEADER = 25
@@ -89,6 +93,7 @@ def listen(
     on_prediction: Callable[[ReceivedPrediction], None],
     topic: str | None = None,
     *,
+    predictor: str | None = None,
     count: int | None = None,
     duration_s: float | None = None,
     idle_s: float | None = None,
@@ -101,6 +106,7 @@ def listen(
     Call `on_prediction` with each prediction; return the name of the topic.
 
     :param topic: topic to subscribe to; default: the only predicted_twist that is published.
+    :param predictor: name of the node to listen to, instead of a topic.
     :param count: number of predictions after which to end.
     :param duration_s: time after the first prediction at which to end, s.
     :param idle_s: time without a prediction after which to end, s.
@@ -112,6 +118,10 @@ def listen(
     :raises UsageError: no such topic, or several.
     :raises DataError: no prediction within `idle_s`.
     """
+    if topic is not None and predictor is not None:
+        raise UsageError("--topic and --node exclude each other: give one of them")
+    if predictor is not None:
+        topic = f"/{predictor.strip('/')}/{TOPIC_NAME}"
     arrivals = _Arrivals(on_prediction)
     with Session("adk_echo") as session, stopping() as stopped:
 
@@ -131,6 +141,8 @@ def listen(
                 ready = True
                 on_ready(subscription.topic_name)
             session.spin(0.05)
+            if topic is None and time.monotonic() - started_s < _LATE_DISCOVERY_S:
+                _require_one(_predictors(session))
             if count is not None and arrivals.count >= count:
                 break
             now_s = time.monotonic()
@@ -166,25 +178,20 @@ def _wait_for_publisher(
     session: Session, topic: str | None, wait_s: float, ended: Callable[[], bool]
 ) -> str:
     """Return the name of the topic to subscribe to, once it has a publisher."""
-    deadline_s = time.monotonic() + wait_s
+    begin_s = time.monotonic()
+    deadline_s = begin_s + wait_s
     resolved = session.resolve(topic) if topic else None
     while True:
         known = dict(session.node.get_topic_names_and_types())
-        found = sorted(
-            name
-            for name, types in known.items()
-            if TOPIC_TYPE in types
-            and name.rsplit("/", 1)[-1] == TOPIC_NAME
-            and session.node.count_publishers(name)
-        )
+        found = _predictors(session)
         if resolved and session.node.count_publishers(resolved):
             if TOPIC_TYPE not in known.get(resolved, [TOPIC_TYPE]):
                 raise UsageError(f"{resolved} carries {known[resolved][0]}, not {TOPIC_TYPE}")
             return resolved
-        if resolved is None and len(found) == 1:
-            return str(found[0])
-        if resolved is None and found:
-            raise UsageError(f"several nodes predict: choose one of the topics {', '.join(found)}")
+        if resolved is None:
+            _require_one(found)
+            if found and time.monotonic() - begin_s >= min(_DISCOVERY_S, wait_s):
+                return found[0]
         if ended():
             return resolved or TOPIC_NAME
         if time.monotonic() > deadline_s:
@@ -196,9 +203,28 @@ def _wait_for_publisher(
         time.sleep(0.05)
 
 
+def _predictors(session: Session) -> list[str]:
+    """Return the topics on which nodes predict, sorted."""
+    node = session.node
+    return sorted(
+        str(name)
+        for name, types in node.get_topic_names_and_types()
+        if TOPIC_TYPE in types
+        and name.rsplit("/", 1)[-1] == TOPIC_NAME
+        and node.count_publishers(name)
+    )
+
+
+def _require_one(topics: list[str]) -> None:
+    if len(topics) > 1:
+        names = " or ".join(f"--node {topic.rpartition('/')[0]}" for topic in topics)
+        raise UsageError(f"{len(topics)} predictors run: choose one with {names}")
+
+
 def record(
     topic: str | None = None,
     *,
+    predictor: str | None = None,
     count: int | None = None,
     duration_s: float | None = None,
     idle_s: float | None = None,
@@ -212,6 +238,7 @@ def record(
     recording.topic = listen(
         recording.received.append,
         topic,
+        predictor=predictor,
         count=count,
         duration_s=duration_s,
         idle_s=idle_s,
@@ -226,6 +253,7 @@ def record(
 def echo(
     topic: str | None = None,
     *,
+    predictor: str | None = None,
     count: int | None = None,
     duration_s: float | None = None,
     as_json: bool = False,
@@ -261,6 +289,7 @@ def echo(
     recording.topic = listen(
         show,
         topic,
+        predictor=predictor,
         count=messages,
         duration_s=duration_s,
         idle_s=idle_s,

@@ -48,7 +48,8 @@ class PlayStats:
     """
     Statistics of playing: `lateness_*_ms` is the delay of the messages after their due time.
 
-    `played_s` is bag time. `unheard` are the sensor topics without a subscriber.
+    `played_s` is bag time, all loops together. `unheard` are the sensor topics without a
+    subscriber.
     """
 
     messages: int
@@ -158,6 +159,7 @@ class _Player:
         notify: Callable[[str], None],
     ) -> None:
         self.played_ns = 0
+        self._earlier_loops_ns = 0
         self._bag = bag
         self._session = session
         self._notify = notify
@@ -257,6 +259,7 @@ class _Player:
         """Publish an item; `shift_ns` shifts stamps to the present, 0 keeps them."""
         begin_ns = item.loop * (length_ns + _CLOCK_NS)
         self._loops = item.loop
+        self._earlier_loops_ns = item.loop * length_ns
         self.played_ns = item.offset_ns - begin_ns
         if not item.topic:
             message = Clock()
@@ -286,7 +289,7 @@ class _Player:
             messages=sum(self._counts.values()),
             by_topic=dict(self._counts),
             loops=self._loops if interrupted else self._loops + 1,
-            played_s=self.played_ns * 1e-9,
+            played_s=(self._earlier_loops_ns + self.played_ns) * 1e-9,
             lateness_p50_ms=p50,
             lateness_p99_ms=p99,
             lateness_max_ms=maximum,

@@ -29,6 +29,10 @@ MAX_FORCE = 500.0
 _MAX_GYRO_RATE = MAX_YAW_RATE * 57.3
 """rad/s for the gyro: a gyro in deg/s is accepted, so that `plausibility` can name the fault."""
 
+_MAX_STAMP_NS = (2**31 - 10) * 1_000_000_000
+"""ns from which stamps are refused: builtin_interfaces/Time ends at 2^31 s, and the longest horizon
+is 10 s."""
+
 # Looked up once: an attribute of an enum takes as long as a comparison.
 _IMU, _ODOMETRY = Source.IMU, Source.ODOMETRY
 MAX_VARIANCE = 1e4
@@ -135,6 +139,8 @@ class Decoder:
             self.latest_ns = stamp_ns
             if stamp_ns <= 0:
                 raise RefusedMessage("no time stamp")
+            if stamp_ns >= _MAX_STAMP_NS:
+                raise RefusedMessage("the time stamp is beyond the range of ROS time (2^31 s)")
             values = self._values[source](stamp_ns, msg)
             variances = self._variances(source, msg)
         except RefusedMessage as refusal:

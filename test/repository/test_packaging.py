@@ -395,8 +395,10 @@ class Recorder:
 
 # Module -> imported names; the signatures are those of ROS 2 Jazzy.
 LAUNCH_API = {
-    "launch": ["LaunchDescription"],
+    "launch": ["LaunchContext", "LaunchDescription"],
     "launch.actions": ["DeclareLaunchArgument"],
+    "launch.events": [],
+    "launch.events.process": ["ProcessExited"],
     "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution"],
     "launch_ros": [],
     "launch_ros.actions": ["Node"],
@@ -459,6 +461,14 @@ def test_launched_node(launched: list[Recorder]) -> None:
     assert node["ros_arguments"][1].args == ("log_level",)
     used = {"namespace", "log_level", "params_file", *remapped, *values}
     assert used == {action.args[0] for action in launched[:-1]}
+
+
+def test_a_node_that_fails_fails_the_launch(launched: list[Recorder]) -> None:
+    """An exception of an event handler makes `ros2 launch` return 1."""
+    on_exit = launched[-1].kwargs["on_exit"]
+    on_exit(types.SimpleNamespace(returncode=0), None)
+    with pytest.raises(RuntimeError, match="predictor ended with exit code 2"):
+        on_exit(types.SimpleNamespace(returncode=2), None)
 
 
 def test_parameter_file_applies_in_any_namespace() -> None:

@@ -222,6 +222,16 @@ def test_missing_stamp(rig: Rig) -> None:
     assert_recovered(rig)
 
 
+def test_stamps_beyond_ros_time_are_no_internal_errors(model: KoopmanModel) -> None:
+    rig = Rig(model)
+    rig.stamp_offset_ns = (2**31 - 12) * 10**9 - rig.mono_ns
+    report = rig.drive(4.0)[-1]
+    assert value(report, "internal_errors") == 0
+    assert report.level is Level.ERROR
+    assert "imu messages refused: the time stamp is beyond the range of ROS time" in report.message
+    assert rig.published
+
+
 def test_duplicates(model: KoopmanModel) -> None:
     """Duplicate messages change no prediction."""
     once, twice = Rig(model), Rig(model)

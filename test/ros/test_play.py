@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Playing a bag: published messages, their times, and the refusal of wrong options."""
 
+import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -299,3 +301,19 @@ def test_read_ahead_can_end_early() -> None:
     with ReadAhead(endless) as ahead:
         assert next(iter(ahead)).offset_ns == 0
     assert not ahead._thread.is_alive()
+
+
+def test_loops_count_towards_the_time_played(bag: Path) -> None:
+    """Ended in the second of three loops of half a second."""
+    done: list[float] = []
+
+    def interrupt(played_s: float, _length_s: float) -> None:
+        done.append(played_s)
+        if len(done) > 1 and played_s < done[-2]:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    stats = play(bag, loop=True, duration_s=0.5, wait_for_subscribers_s=0.0, progress=interrupt)
+    assert stats.interrupted
+    assert stats.loops == 1
+    assert 0.5 <= stats.played_s < 1.0
+    assert stats.played_s == pytest.approx(0.5 + done[-1], abs=0.1)

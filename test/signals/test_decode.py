@@ -118,6 +118,20 @@ def test_rclpy_rosbags_and_duck_typed_messages_are_equal() -> None:
         assert type(readings[0].stamp_ns) is int
 
 
+def stamped(sec: int) -> Message:
+    msg = imu()
+    msg.header = header(sec * 10**9)
+    return msg
+
+
+@pytest.mark.parametrize("sec", [2**31 - 10, 2**31 - 1, 2**31, 2**32 - 1, 2**40])
+def test_stamps_beyond_ros_time_are_refused(sec: int) -> None:
+    decoder = Decoder()
+    with pytest.raises(RefusedMessage, match="beyond the range of ROS time"):
+        decoder.decode(Source.IMU, stamped(sec))
+    assert decoder.decode(Source.IMU, stamped(2**31 - 11)).stamp_ns == (2**31 - 11) * 10**9
+
+
 NUMBERS = (math.nan, math.inf, -math.inf, 1e9)
 YAW, FORCE, SPEED = (
     "yaw rate is not",
