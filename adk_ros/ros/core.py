@@ -65,6 +65,7 @@ class Core:
         self._clock = clock
         self._received_since_timer = False
         self._last_timer_ns: int | None = None
+        self.enabled = True
         self._frame_id = frame_id
         self._is_shifted = any(pipeline.settings.sensors.reference_point)
         self._unchecked = [True for _ in Source]
@@ -74,6 +75,8 @@ class Core:
         """Process a message; publish the predictions that it completes."""
         begin_ns = self._clock()
         self.counters.last_received_s[source] = begin_ns * 1e-9
+        if not self.enabled:
+            return
         self._received_since_timer = True
         self._run(begin_ns, self.pipeline.take, source, msg)
         stamp_ns = self.pipeline.decoder.latest_ns
@@ -102,6 +105,8 @@ class Core:
         begin_ns = self._clock()
         elapsed_ns = 0 if self._last_timer_ns is None else begin_ns - self._last_timer_ns
         self._last_timer_ns = begin_ns
+        if not self.enabled:
+            return
         received, self._received_since_timer = self._received_since_timer, False
         if elapsed_ns >= 2 * TICK_NS:
             if received or self._has_input(begin_ns):
@@ -111,6 +116,12 @@ class Core:
         if received or newest_ns is None or now_ns - newest_ns < _MAX_BACKLOG_NS:
             return
         self._run(begin_ns, self.pipeline.advance, now_ns - _MAX_TRANSIT_NS)
+
+    def enable(self, enabled: bool) -> None:
+        """Ignore all messages from now on, or begin afresh."""
+        if enabled and not self.enabled:
+            self.pipeline.reset()
+        self.enabled = enabled
 
     def reset(self) -> None:
         """Discard samples and adaptation."""

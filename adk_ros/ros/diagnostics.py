@@ -15,6 +15,7 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | OK | out-of-order readings, sorted in by stamp | `n readings out of order` |
 | OK | a message rate changed by half or more | `imu rate changed from 200 Hz to 100 Hz` |
 | OK | the reset service was called | `reset on request` |
+| OK | disabled by the service ~/enable | `disabled` |
 | WARN | topics missing, for less than a second | `waiting for odometry, command` |
 | WARN | no IMU, but the model was trained with one | `no IMU: ...; the model ...` |
 | WARN | no message of the IMU can be used | `IMU is unused: yaw rate from odometry (...)` |
@@ -144,18 +145,18 @@ class Diagnostics:
             self._facts,
         )
         self._findings = []
-        self._check_predictions()
-        self._check_imu()
-        self._check_stamps()
-        self._check_messages()
-        self._check_samples()
         self._check_node()
+        if self._core.enabled:
+            self._check_streams()
+        else:
+            self._add(Level.OK, "disabled")
         if clocks.sim_time and clocks.ros_ns == 0 and not self._in_outage:
             self._add(Level.WARN, "simulation time has not started: no /clock")
         level = max((found[0] for found in self._findings), default=Level.OK)
         # Worst level first; the sort is stable, so findings of one level keep their order.
         texts = [text for _, text in sorted(self._findings, key=lambda found: -found[0])]
-        if level is Level.OK and self._now.published > self._before.published:
+        predicts = self._core.enabled and self._now.published > self._before.published
+        if level is Level.OK and predicts:
             texts.insert(0, "predicting")
         further = {"prediction_age_s": self._outage_s(clocks.now_s), **self._stamps.values()}
         values = diagnostic_values(
@@ -164,13 +165,27 @@ class Diagnostics:
         values = [*self._facts.items(), *values]
         return DiagnosticReport(level, "; ".join(texts) or "predicting", values)
 
+    def begin(self, now_s: float) -> None:
+        """Count the time without predictions from now on, when the node has been enabled."""
+        self._start_s = now_s
+        self._in_outage = False
+
     def is_overdue(self, now_s: float) -> bool:
         """Return whether an outage has begun that no report tells of yet."""
+        if not self._core.enabled:
+            return False
         return not self._in_outage and self._outage_s(now_s) >= OUTAGE_S
 
     def _outage_s(self, now_s: float) -> float:
         """Return the seconds since the last prediction, or since the start."""
         return now_s - max(self._start_s, self._counters.last_published_s or self._start_s)
+
+    def _check_streams(self) -> None:
+        self._check_predictions()
+        self._check_imu()
+        self._check_stamps()
+        self._check_messages()
+        self._check_samples()
 
     def _add(self, level: Level, text: str) -> None:
         self._findings.append((level, text))

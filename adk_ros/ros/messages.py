@@ -19,11 +19,16 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Twist, TwistWithCovarianceStamped
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
-from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+from trajectory_msgs.msg import (
+    JointTrajectory,
+    JointTrajectoryPoint,
+    MultiDOFJointTrajectory,
+    MultiDOFJointTrajectoryPoint,
+)
 
 from adk_ros.model.prediction import Prediction
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.signals.channels import TICK_NS
+from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 
 NOT_ESTIMATED = 1e6
 """Variance of the axes that are not estimated (v_z, roll rate, pitch rate), SI units squared.
@@ -119,8 +124,8 @@ class CovarianceBytes:
     """
     CDR of a Float64MultiArray (steps, 3, 3): error covariance of the horizon by step, SI units.
 
-    Row-major; rows and columns are v_x, v_y, yaw rate. It has no stamp: it is published right
-    after each horizon.
+    Row-major; rows and columns are v_x, v_y, yaw rate. The type has no stamp: it is published
+    right after each horizon, and with a stamp as `StampedCovarianceBytes`.
     """
 
     def __init__(self, steps: int) -> None:
@@ -139,6 +144,41 @@ class CovarianceBytes:
 
     def fill(self, covariance: FloatArray) -> bytes:
         """Return the message for `covariance` (steps, 3, 3)."""
+        self._data[:] = covariance
+        return bytes(self._buffer)
+
+
+class StampedCovarianceBytes:
+    """
+    CDR of a JointTrajectory of `steps` points: the content of `CovarianceBytes`, stamped.
+
+    Stamp, frame and points are those of `HorizonBytes`. The `positions` of each point are the nine
+    elements of its covariance, row-major, SI units; `joint_names` names them, such as "v_x v_y".
+    """
+
+    def __init__(self, frame_id: str, steps: int) -> None:
+        message = JointTrajectory()
+        message.header.frame_id = frame_id
+        message.joint_names = [f"{row} {column}" for row in STATE_NAMES for column in STATE_NAMES]
+        for step in range(1, steps + 1):
+            sec, nanosec = split_stamp(step * TICK_NS)
+            message.points.append(
+                JointTrajectoryPoint(
+                    positions=[0.0] * 9, time_from_start=Duration(sec=sec, nanosec=nanosec)
+                )
+            )
+        message.points[-1].positions[0] = _SECOND_MARKER
+        message.points[0].positions[0] = _MARKER
+        self._buffer = bytearray(serialize_message(message))
+        start = _find(self._buffer, _MARKER)
+        end = _find(self._buffer, _SECOND_MARKER) if steps > 1 else start
+        stride = (end - start) // max(steps - 1, 1)
+        shape, strides = (steps, 3, 3), (max(stride, 72), 24, 8)
+        self._data = _doubles(self._buffer, start, shape, strides)
+
+    def fill(self, origin_ns: int, covariance: FloatArray) -> bytes:
+        """Return the message for `covariance` (steps, 3, 3) from the sample at `origin_ns`."""
+        _STAMP.pack_into(self._buffer, _STAMP_AT, *split_stamp(origin_ns))
         self._data[:] = covariance
         return bytes(self._buffer)
 

@@ -31,7 +31,7 @@ _USAGE = """\
 usage: predictor --ros-args -p model:=FOLDER [-p NAME:=VALUE ...] [-r imu:=/TOPIC ...]
 
 Predicts v_x, v_y and yaw rate from the topics imu, odometry and command. Publishes
-~/predicted_twist, ~/predicted_horizon and /diagnostics; provides the service ~/reset.
+~/predicted_twist, ~/predicted_horizon and /diagnostics; services ~/reset and ~/enable.
 Example: predictor --ros-args -p model:=model -r imu:=/imu/data -r command:=/vehicle/command
 
 Parameters and their defaults:"""

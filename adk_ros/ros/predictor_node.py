@@ -21,17 +21,24 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64MultiArray
-from std_srvs.srv import Trigger
-from trajectory_msgs.msg import MultiDOFJointTrajectory
+from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.stored_model import ARRAYS
 from adk_ros.ros.core import Core, warm_up
+from adk_ros.ros.debug_topics import DebugTopics
 from adk_ros.ros.diagnostic_values import Clocks
 from adk_ros.ros.diagnostics import Diagnostics, Level
-from adk_ros.ros.messages import DIAGNOSTIC_NAME, CovarianceBytes, HorizonBytes, TwistBytes
+from adk_ros.ros.messages import (
+    DIAGNOSTIC_NAME,
+    CovarianceBytes,
+    HorizonBytes,
+    StampedCovarianceBytes,
+    TwistBytes,
+)
 from adk_ros.ros.parameter_table import differences_from_training, model_path, pipeline_settings
 from adk_ros.ros.parameters import declare_parameters, unknown_parameters
 from adk_ros.ros.session import message_class
@@ -97,10 +104,12 @@ class PredictorNode:
         if settings.horizon_steps:
             self._horizon = HorizonBytes(frame_id, settings.horizon_steps)
             self._covariance = CovarianceBytes(settings.horizon_steps)
+            self._stamped = StampedCovarianceBytes(frame_id, settings.horizon_steps)
         self._publish_horizon = bool(self.values["publish_horizon"])
         self._sim_time = bool(self.node.get_parameter("use_sim_time").value)
         self.node.add_on_set_parameters_callback(self._on_set)
         self._create_outputs()
+        self._debug = DebugTopics(self.node, frame_id, OUTPUT_DEPTH)
         self._inputs = self._create_inputs(classes)
         self._facts = self._configuration(loaded)
         self.diagnostics = Diagnostics(
@@ -123,7 +132,11 @@ class PredictorNode:
         self._covariance_out = node.create_publisher(
             Float64MultiArray, "~/predicted_horizon_covariance", OUTPUT_DEPTH
         )
+        self._stamped_out = node.create_publisher(
+            JointTrajectory, "~/predicted_horizon_covariance_stamped", OUTPUT_DEPTH
+        )
         node.create_service(Trigger, "~/reset", self._on_reset)
+        node.create_service(SetBool, "~/enable", self._on_enable)
         # Both timers use steady time: simulation time may start late, stop, or never start.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(TICK_NS * 1e-9, self._on_timer, clock=steady)
@@ -166,6 +179,12 @@ class PredictorNode:
             self._horizon_out.publish(content)
             content = self._covariance.fill(prediction.horizon_covariance)
             self._covariance_out.publish(content)
+            if self._stamped_out.get_subscription_count():
+                covariance = prediction.horizon_covariance
+                content = self._stamped.fill(prediction.origin_ns, covariance)
+                self._stamped_out.publish(content)
+        predictor, tick_us = self.core.pipeline.predictor, self.core.counters.tick_us
+        self._debug.publish(prediction, predictor, tick_us)
 
     def _log_internal_error(self, error: Exception) -> None:
         self._logger.error(
@@ -185,6 +204,15 @@ class PredictorNode:
             self.core.reset()
         response.success = True
         response.message = "samples and adaptation are reset"
+        return response
+
+    def _on_enable(self, request: Any, response: Any) -> Any:
+        with self.core.guarded():
+            self.core.enable(request.data)
+            self.diagnostics.begin(time.monotonic())
+            self._report()
+        response.success = True
+        response.message = "enabled, starts afresh" if request.data else "disabled"
         return response
 
     def _on_set(self, changed: list[Any]) -> Any:

@@ -30,8 +30,8 @@ _MAX_GYRO_RATE = MAX_YAW_RATE * 57.3
 """rad/s for the gyro: a gyro in deg/s is accepted, so that `plausibility` can name the fault."""
 
 _MAX_STAMP_NS = (2**31 - 10) * 1_000_000_000
-"""ns from which stamps are refused: builtin_interfaces/Time ends at 2^31 s, and the longest horizon
-is 10 s."""
+"""ns from which stamps are refused: builtin_interfaces/Time ends at 2^31 s, the longest horizon is
+10 s."""
 
 # Looked up once: an attribute of an enum takes as long as a comparison.
 _IMU, _ODOMETRY = Source.IMU, Source.ODOMETRY

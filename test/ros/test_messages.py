@@ -9,7 +9,7 @@ import pytest
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
-from trajectory_msgs.msg import MultiDOFJointTrajectory
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 from adk_ros.model.prediction import Prediction, Status
 from adk_ros.ros.echo import ReceivedPrediction, header, json_line, line
@@ -17,6 +17,7 @@ from adk_ros.ros.messages import (
     NOT_ESTIMATED,
     CovarianceBytes,
     HorizonBytes,
+    StampedCovarianceBytes,
     TwistBytes,
     join_stamp,
     split_stamp,
@@ -103,6 +104,28 @@ def test_horizon_covariance(steps: int) -> None:
         # std_msgs/MultiArrayLayout: the stride of an index is that of the following dimensions.
         flat, (_, row, column) = read.data, (dim.stride for dim in read.layout.dim)
         assert flat[row * (steps - 1) + column * 1 + 2] == expected[steps - 1, 1, 2]
+
+
+@pytest.mark.parametrize("frame_id", ["base_link", "", "abc", "abcd", "abcde"])
+@pytest.mark.parametrize("steps", [1, 2, 80, 400])
+def test_stamped_horizon_covariance(frame_id: str, steps: int) -> None:
+    buffer = StampedCovarianceBytes(frame_id, steps)
+    for seed in (0, 1):
+        expected = np.random.default_rng(seed).normal(size=(steps, 3, 3))
+        content = buffer.fill(1_760_000_000_000_000_001 + seed, expected)
+        message = deserialize_message(content, JointTrajectory)
+        assert join_stamp(message.header.stamp) == 1_760_000_000_000_000_001 + seed
+        assert message.header.frame_id == frame_id
+        assert message.joint_names[:4] == ["v_x v_x", "v_x v_y", "v_x yaw_rate", "v_y v_x"]
+        assert len(message.joint_names) == 9
+        read = [point.positions for point in message.points]
+        np.testing.assert_array_equal(np.reshape(read, (steps, 3, 3)), expected)
+        assert {
+            len(p.velocities) + len(p.accelerations) + len(p.effort) for p in message.points
+        } == {0}
+        times = [join_stamp(point.time_from_start) for point in message.points]
+        assert times == [step * 25_000_000 for step in range(1, steps + 1)]
+        assert deserialize_message(serialize_message(message), JointTrajectory) == message
 
 
 @pytest.mark.parametrize("stamp_ns", [0, 1, 999_999_999, 10**9, 1_760_000_000_999_999_999])

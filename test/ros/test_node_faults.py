@@ -698,6 +698,27 @@ def test_reset_on_request(rig: Rig) -> None:
     assert_recovered(rig, 1.0)
 
 
+def test_disabled_ignores_everything_and_begins_afresh(rig: Rig) -> None:
+    rig.drive(2.0)
+    published = len(rig.published)
+    theta = rig.pipeline.predictor.online.theta.copy()
+    rig.core.enable(False)
+    rig.diagnostics.begin(rig.mono_ns * 1e-9)
+    reports = rig.drive(5.0)
+    assert {report.message for report in reports} == {"disabled"}
+    assert {report.level for report in reports} == {Level.OK}
+    assert not rig.diagnostics.is_overdue(rig.mono_ns * 1e-9)
+    assert len(rig.published) == published
+    np.testing.assert_array_equal(rig.pipeline.predictor.online.theta, theta)
+    rig.core.enable(True)
+    rig.diagnostics.begin(rig.mono_ns * 1e-9)
+    np.testing.assert_array_equal(rig.pipeline.predictor.online.theta, rig.model.theta0)
+    assert not rig.pipeline.aligner.streams[Source.ODOMETRY]
+    rig.drive(1.0)
+    assert rig.reports[-1].level is Level.OK
+    assert len(rig.published) - published > 30
+
+
 def test_values_of_a_healthy_report(rig: Rig) -> None:
     report = rig.drive(1.0)[-1]
     values = dict(report.values)
