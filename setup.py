@@ -55,7 +55,7 @@ setup(
     package_data={NAME: ["py.typed", "**/*.yaml", "**/*.j2", "**/*.html", "**/*.json"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        *below_share("package.xml", "launch/*.launch.py", "config/*.yaml", "bags/*", "bags/*/*"),
+        *below_share("package.xml", "launch/*.launch.py", "config/*", "bags/*", "bags/*/*"),
     ],
     install_requires=[
         "backports.zstd>=1.0; python_version < '3.14'",

@@ -329,6 +329,9 @@ def test_data_files_are_there(given: dict[str, Any]) -> None:
     assert "share/adk_ros/package.xml" in installed
     assert "share/adk_ros/launch/predictor.launch.py" in installed
     assert "share/adk_ros/config/predictor.yaml" in installed
+    assert {"share/adk_ros/config/plotjuggler.xml", "share/adk_ros/config/foxglove.json"} <= set(
+        installed
+    )
     for _, files in given["data_files"]:
         assert all((ROOT / file).is_file() for file in files)
     packages = set(given["packages"])
