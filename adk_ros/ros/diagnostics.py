@@ -25,6 +25,7 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | WARN | readings contradict the prediction | `2 odometry readings rejected: v_x 37.8 m/s, ...` |
 | WARN | consistent readings at another level | `odometry is at a new level: v_x 9.1 m/s, ...` |
 | WARN | inconsistent readings in succession | `odometry is noisier than before` |
+| WARN | several nodes publish on one input | `2 publishers on the topic of odometry, ...` |
 | WARN | messages are refused | `5 command messages refused: joint 'drive' is missing` |
 | WARN | implausible stamps, not confirmed later | `3 implausible time stamps ignored (imu 3)` |
 | WARN | time jumped, e.g. a looping bag | `clock jumped: all state was reset` |
@@ -55,7 +56,7 @@ is gone. The message lists the findings, worst level first; the values hold all 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -127,8 +128,14 @@ class Diagnostics:
         self._now = self._before
         self._past = deque([self._before])
 
-    def report(self, clocks: Clocks) -> DiagnosticReport:
-        """Return the report on the time since the previous call."""
+    def report(
+        self, clocks: Clocks, publishers: Mapping[Source, Sequence[str]] | None = None
+    ) -> DiagnosticReport:
+        """
+        Return the report on the time since the previous call.
+
+        :param publishers: full names of the nodes that publish on the topic of each source.
+        """
         self._before, self._now = self._now, snapshot(self._pipeline, self._counters, clocks.now_s)
         self._past.append(self._now)
         while clocks.now_s - self._past[1].now_s >= OUTAGE_S:
@@ -145,11 +152,12 @@ class Diagnostics:
             self._facts,
         )
         self._findings = []
-        self._check_node()
         if self._core.enabled:
             self._check_streams()
         else:
             self._add(Level.OK, "disabled")
+        self._check_publishers(publishers or {})
+        self._check_node()
         if clocks.sim_time and clocks.ros_ns == 0 and not self._in_outage:
             self._add(Level.WARN, "simulation time has not started: no /clock")
         level = max((found[0] for found in self._findings), default=Level.OK)
@@ -231,6 +239,16 @@ class Diagnostics:
                 self._add(Level.WARN, text + "; the model was trained with one")
             else:
                 self._add(Level.OK, text)
+
+    def _check_publishers(self, publishers: Mapping[Source, Sequence[str]]) -> None:
+        for source, nodes in publishers.items():
+            if len(nodes) > 1:
+                names = ", ".join(sorted(nodes))
+                self._add(
+                    Level.WARN,
+                    f"{len(nodes)} publishers on the topic of {source.name.lower()}, stop all but "
+                    f"one: {names}",
+                )
 
     def _check_stamps(self) -> None:
         """Name the streams whose stamps do not fit; right after a jump they cannot be compared."""

@@ -232,10 +232,20 @@ class PredictorNode:
     def _report(self) -> None:
         now = self._clock.now()
         clocks = Clocks(time.monotonic(), now.nanoseconds, self._sim_time)
-        level, text, values = self.diagnostics.report(clocks)
+        level, text, values = self.diagnostics.report(clocks, self._publishers())
         self._publish_status(level, text, values)
         self._log(level, text)
         self._log_missing_topics()
+
+    def _publishers(self) -> dict[Source, list[str]]:
+        """Return the full names of the nodes that publish on the inputs."""
+        return {
+            source: [
+                f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                for info in self.node.get_publishers_info_by_topic(subscription.topic_name)
+            ]
+            for source, subscription in self._inputs.items()
+        }
 
     def _log_missing_topics(self) -> None:
         """Say once, after `_WAIT_S`, which topics nobody publishes and which exist instead."""

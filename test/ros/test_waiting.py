@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from helpers.node import running_node, write_model
 from nav_msgs.msg import Odometry
 
@@ -53,3 +54,26 @@ def test_a_node_on_wrong_topics_says_so(tmp_path: Path) -> None:
         in line
     )
     assert "command: nobody publishes /command" in line
+
+
+def test_two_publishers_on_one_input_are_named(tmp_path: Path) -> None:
+    messages: list[str] = []
+    with (
+        Session("gps") as gps,
+        Session("wheels") as wheels,
+        running_node(model=write_model(tmp_path / "m")) as node,
+    ):
+        for session in (gps, wheels):
+            session.node.create_publisher(Odometry, "/odometry", 1)
+        gps.node.create_subscription(
+            DiagnosticArray,
+            "/diagnostics",
+            lambda array: messages.extend(status.message for status in array.status),
+            10,
+        )
+        until_s = time.monotonic() + 60.0
+        while time.monotonic() < until_s and not any("publishers" in text for text in messages):
+            gps.spin(0.1)
+        node.end()
+    expected = "2 publishers on the topic of odometry, stop all but one: /gps, /wheels"
+    assert expected in messages[-1]
