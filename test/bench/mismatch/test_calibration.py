@@ -155,5 +155,5 @@ def test_results_of_other_code_are_not_resumed(monkeypatch: pytest.MonkeyPatch) 
     assert len(set(before)) == 2
     assert before == [job.key for job in plan_jobs(plans)]
     assert len(code_digest()) == 64
-    monkeypatch.setattr("adk_ros.bench.mismatch.mismatch_bench.code_digest", lambda: "other")
+    monkeypatch.setattr("adk_ros.bench.mismatch.case_jobs.code_digest", lambda: "other")
     assert not set(before) & {job.key for job in plan_jobs(plans)}
