@@ -30,7 +30,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from operator import attrgetter
 
 from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample, Source
 from adk_ros.signals.clock import ClockGuard, StampVerdict
@@ -64,7 +63,6 @@ _COMMAND_STALE, _FROZEN = int(Flag.COMMAND_STALE), int(Flag.FROZEN)
 _COASTING, _RESTART = int(Flag.COASTING), int(Flag.RESTART)
 _REJECTED, _LEVEL_CHANGE = int(Flag.REJECTED), int(Flag.LEVEL_CHANGE)
 _ODOMETRY = Source.ODOMETRY
-_stamp_of = attrgetter("stamp_ns")
 _NAN2 = (math.nan, math.nan)
 _NAN3 = (math.nan, math.nan, math.nan)
 
@@ -202,17 +200,12 @@ class Aligner:
     def _judge(self, gate: ReadingGate, tick_ns: int) -> int:
         """Remove the readings up to a tick that the gate rejects; return the flags."""
         flags = 0
-        for stream in self.streams[:2]:
-            if not stream.unjudged:
-                continue
-            due = [r for r in stream.unjudged if r.stamp_ns <= tick_ns]
-            stream.unjudged = [r for r in stream.unjudged if r.stamp_ns > tick_ns]
-            for reading in sorted(due, key=_stamp_of) if len(due) > 1 else due:
-                if not gate.accepts(reading):
-                    stream.remove(reading.stamp_ns)
-                    flags |= _REJECTED
-                    if reading.source is _ODOMETRY:
-                        flags |= _ODOMETRY_STALE
+        imu, odometry, _, _ = self.streams
+        for reading in gate.rejects(imu.take_unjudged(tick_ns) + odometry.take_unjudged(tick_ns)):
+            self.streams[reading.source].remove(reading.stamp_ns)
+            flags |= _REJECTED
+            if reading.source is _ODOMETRY:
+                flags |= _ODOMETRY_STALE
         return flags | _LEVEL_CHANGE if gate.level_changed else flags
 
     def _is_complete(self, tick_ns: int, reached_ns: int) -> bool:

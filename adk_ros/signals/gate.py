@@ -34,10 +34,11 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS, Reading, Source
 from adk_ros.signals.gate_kernel import (
     ACCEPTED,
+    MAX_BATCH,
     NEW_LEVEL,
     REJECTED,
-    gate_arrays,
-    judge_reading,
+    GateState,
+    judge_readings,
     set_expectation,
 )
 
@@ -48,7 +49,6 @@ CHANNELS = {
 """Tested streams, and name and unit of their channels."""
 _MIN_VARIANCE = 1e-12
 """SI units squared; only a guard against a division by zero."""
-_NO_VARIANCES = (math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class ReadingGate:
 
     def reset(self) -> None:
         """Forget statistics and expectation; keep the counts."""
-        self._arrays = gate_arrays(self._errors, self._floor, self._confirmations)
+        self._state = GateState(self._errors, self._floor, self._confirmations)
         self._begin_ns: int | None = None
         self.forget()
 
@@ -139,46 +139,58 @@ class ReadingGate:
         """
         self._tick_ns = tick_ns
         self.level_changed = False
-        set_expectation(state, predicted, growth, *self._arrays)
+        set_expectation(state, predicted, growth, self._state.rows)
 
     def accepts(self, reading: Reading) -> bool:
-        """
-        Return whether a reading of IMU or odometry may be used; call in order of the stamps.
+        """Return whether `rejects` leaves a reading in."""
+        return not self.rejects([reading])
 
-        A channel that is NaN is not tested.
+    def rejects(self, readings: Sequence[Reading]) -> Sequence[Reading]:
         """
-        if self._tick_ns is None:
-            return True
-        source, stamp_ns = reading.source, reading.stamp_ns
+        Return those of the readings, of IMU or odometry, that may not be used.
+
+        Each stream's are in order of their stamps, also from call to call. A channel that is NaN
+        is not tested.
+        """
+        tick_ns = self._tick_ns
+        if tick_ns is None or not readings:
+            return ()
         if self._begin_ns is None:
-            self._begin_ns = stamp_ns
-        decision = judge_reading(
-            int(source),
-            (stamp_ns - self._tick_ns) * 1e-9,
-            (stamp_ns - self._begin_ns) * 1e-9,
-            reading.values,
-            reading.variances or _NO_VARIANCES,
-            self._chi2,
-            *self._arrays,
-        )
-        if decision == ACCEPTED:
-            return True
-        if decision == REJECTED:
-            self.rejected[source] += 1
-            self.latest[source] = self._rejection(reading)
-            return False
-        if decision == NEW_LEVEL:
-            self.level_changes[source] += 1
-            self.level_changed = True
-        else:
-            self.noise_changes[source] += 1
-        return True
+            self._begin_ns = readings[0].stamp_ns
+        begin_ns, state = self._begin_ns, self._state
+        found: list[Reading] = []
+        for first in range(0, len(readings), MAX_BATCH):
+            batch = readings[first : first + MAX_BATCH]
+            for i, reading in enumerate(batch):
+                stamp_ns = reading.stamp_ns
+                state.pack(i, reading, (stamp_ns - tick_ns) * 1e-9, (stamp_ns - begin_ns) * 1e-9)
+            if judge_readings(len(batch), self._chi2, state.rows):
+                found += self._account(batch)
+        return found
 
-    def _rejection(self, reading: Reading) -> Rejection:
-        detail: Sequence[float] = self._arrays.detail.tolist()
-        channel, innovation, bound = int(detail[0]), detail[1], detail[2]
-        name, unit = CHANNELS[reading.source][channel]
-        value = reading.values[channel]
-        return Rejection(
-            reading.source, name, unit, reading.stamp_ns, value, value - innovation, bound
-        )
+    def _account(self, batch: Sequence[Reading]) -> list[Reading]:
+        """Count what was not simply accepted; return the rejected readings."""
+        rejected = []
+        outcomes: list[list[float]] = self._state.outcome[: len(batch)].tolist()
+        for reading, (decision, channel, innovation, bound) in zip(batch, outcomes, strict=True):
+            source = reading.source
+            if decision == ACCEPTED:
+                continue
+            if decision == REJECTED:
+                self.rejected[source] += 1
+                self.latest[source] = _rejection(reading, int(channel), innovation, bound)
+                rejected.append(reading)
+            elif decision == NEW_LEVEL:
+                self.level_changes[source] += 1
+                self.level_changed = True
+            else:
+                self.noise_changes[source] += 1
+        return rejected
+
+
+def _rejection(reading: Reading, channel: int, innovation: float, bound: float) -> Rejection:
+    name, unit = CHANNELS[reading.source][channel]
+    value = reading.values[channel]
+    return Rejection(
+        reading.source, name, unit, reading.stamp_ns, value, value - innovation, bound
+    )

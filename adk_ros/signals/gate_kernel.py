@@ -4,14 +4,23 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import math
+import struct
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.array_table import (
+    ArrayTable,
+    floats_1,
+    floats_2,
+    floats_3,
+    integers_1,
+)
+from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.numba_cache import strict_kernel
-from adk_ros.signals.channels import TICK_NS
+from adk_ros.signals.channels import TICK_NS, Reading
 
 ACCEPTED, REJECTED, NEW_LEVEL, MORE_NOISE = 0, 1, 2, 3
 """Decisions."""
@@ -23,6 +32,12 @@ _PRIOR_READINGS = 20
 _MIN_FRACTION, _MAX_FRACTION = -2.0, 1.5
 """Range, in ticks from the predictor's tick, in which the line to the prediction is followed."""
 _IMU, _ODOMETRY = 0, 1
+MAX_BATCH = 128
+"""Readings per call; 25 ms of an IMU at 2 kHz and an odometry at 1 kHz are 75."""
+_COLUMNS = 9
+_PACK_ROW = struct.Struct(f"{_COLUMNS}d").pack_into
+_ROW_BYTES = 8 * _COLUMNS
+_NO_VARIANCES = (math.nan, math.nan, math.nan)
 
 
 class GateArrays(NamedTuple):
@@ -32,8 +47,9 @@ class GateArrays(NamedTuple):
     `mean_square`, `floor`, `reported`, `level`, `slope`, `growth` (2, 3): s^2, c^2, mean reported
     variance, expected value at the tick, its change over a tick, and g; SI. `n_accepted` (2,):
     readings; `last_s` (2,): time of the last one; `n_refused` (2,) and `refused` (2,
-    confirmations, 3): innovations of the readings rejected since. `detail` (3,): channel,
-    innovation and bound of the latest rejected reading.
+    confirmations, 3): innovations of the readings rejected since. `batch` (MAX_BATCH, 9): readings
+    to judge; `outcome` (MAX_BATCH, 4): decision on each, and channel, innovation and bound of a
+    rejected one.
     """
 
     mean_square: FloatArray
@@ -46,32 +62,80 @@ class GateArrays(NamedTuple):
     last_s: FloatArray
     n_refused: NDArray[np.int64]
     refused: FloatArray
-    detail: FloatArray
+    batch: FloatArray
+    outcome: FloatArray
 
 
-def gate_arrays(mean_square: FloatArray, floor: FloatArray, confirmations: int) -> GateArrays:
-    """Return statistics without readings; `mean_square` and `floor` (2, 3)."""
+class GateState:
+    """
+    Memory of the kernels below, without readings at first.
+
+    :param mean_square: initial s^2 (2, 3), SI. :param floor: c^2 (2, 3), SI.
+    """
+
+    def __init__(self, mean_square: FloatArray, floor: FloatArray, confirmations: int) -> None:
+        # Written by `struct`, which is faster than filling a numpy array from Python numbers.
+        self._batch = bytearray(MAX_BATCH * _ROW_BYTES)
+        arrays = GateArrays(
+            mean_square=mean_square.copy(),
+            floor=floor.copy(),
+            reported=np.zeros((2, 3)),
+            level=np.zeros((2, 3)),
+            slope=np.zeros((2, 3)),
+            growth=np.zeros((2, 3)),
+            n_accepted=np.full(2, _PRIOR_READINGS),
+            last_s=np.zeros(2),
+            n_refused=np.zeros(2, dtype=np.int64),
+            refused=np.zeros((2, confirmations, 3)),
+            batch=np.frombuffer(self._batch).reshape(MAX_BATCH, _COLUMNS),
+            outcome=np.zeros((MAX_BATCH, 4)),
+        )
+        self.outcome = arrays.outcome
+        self._table = ArrayTable(*arrays)
+        self.rows = self._table.rows
+
+    def pack(self, i: int, reading: Reading, after_s: float, now_s: float) -> None:
+        """
+        Write a reading to row i of the batch.
+
+        `after_s`: its time since the tick of the expectation, `now_s` since the begin.
+        """
+        _PACK_ROW(
+            self._batch,
+            i * _ROW_BYTES,
+            reading.source,
+            after_s,
+            now_s,
+            *reading.values,
+            *(reading.variances or _NO_VARIANCES),
+        )
+
+
+@strict_kernel
+def _gate_arrays(rows: IntArray) -> GateArrays:
+    """Return the structure that `GateState` passes to the kernels as a table."""
     return GateArrays(
-        mean_square=mean_square.copy(),
-        floor=floor,
-        reported=np.zeros((2, 3)),
-        level=np.zeros((2, 3)),
-        slope=np.zeros((2, 3)),
-        growth=np.zeros((2, 3)),
-        n_accepted=np.full(2, _PRIOR_READINGS),
-        last_s=np.zeros(2),
-        n_refused=np.zeros(2, dtype=np.int64),
-        refused=np.zeros((2, confirmations, 3)),
-        detail=np.zeros(3),
+        floats_2(rows, 0),
+        floats_2(rows, 1),
+        floats_2(rows, 2),
+        floats_2(rows, 3),
+        floats_2(rows, 4),
+        floats_2(rows, 5),
+        integers_1(rows, 6),
+        floats_1(rows, 7),
+        integers_1(rows, 8),
+        floats_3(rows, 9),
+        floats_2(rows, 10),
+        floats_2(rows, 11),
     )
 
 
 @strict_kernel
 def set_expectation(
-    state: FloatArray, predicted: FloatArray, growth: FloatArray, *arrays: Any
+    state: FloatArray, predicted: FloatArray, growth: FloatArray, rows: IntArray
 ) -> None:
     """Take over `state` (3,) at a tick, the one `predicted` for the next, and g (3,)."""
-    gate = GateArrays(*arrays)
+    gate = _gate_arrays(rows)
     for c in range(3):
         gate.level[_ODOMETRY, c] = state[c]
         gate.slope[_ODOMETRY, c] = predicted[c] - state[c]
@@ -85,22 +149,26 @@ def set_expectation(
 
 
 @strict_kernel
-def judge_reading(
-    stream: int,
-    after_s: float,
-    now_s: float,
-    values: tuple[float, ...],
-    variances: tuple[float, ...],
-    chi2: float,
-    *arrays: Any,
-) -> int:
+def judge_readings(count: int, chi2: float, rows: IntArray) -> int:
     """
-    Return the decision on a reading, and account for it.
+    Judge the first `count` readings of the batch in order; return how many are not ACCEPTED.
 
-    `after_s`: time of the reading since the tick of the expectation, `now_s` since the begin;
-    `variances`: as reported, NaN if not.
+    `rows`: those of `GateState`.
     """
-    gate = GateArrays(*arrays)
+    gate = _gate_arrays(rows)
+    others = 0
+    for i in range(count):
+        decision = _judge_reading(gate.batch[i], chi2, gate, gate.outcome[i])
+        gate.outcome[i, 0] = decision
+        others += decision != ACCEPTED
+    return others
+
+
+@strict_kernel
+def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: FloatArray) -> int:
+    """Return the decision on a `reading` (9,) of the batch, and account for it."""
+    stream, after_s, now_s = int(reading[0]), reading[1], reading[2]
+    values, variances = reading[3:6], reading[6:9]
     fraction = min(max(after_s / _TICK_S, _MIN_FRACTION), _MAX_FRACTION)
     innovation = np.empty(3)
     worst, channel, bound = 1.0, -1, 0.0
@@ -129,7 +197,7 @@ def judge_reading(
     refused[gate.n_refused[stream]] = innovation
     gate.n_refused[stream] += 1
     if gate.n_refused[stream] < refused.shape[0]:
-        gate.detail[0], gate.detail[1], gate.detail[2] = channel, innovation[channel], bound
+        outcome[1], outcome[2], outcome[3] = channel, innovation[channel], bound
         return REJECTED
     gate.n_refused[stream] = 0
     for i in range(1, refused.shape[0]):

@@ -11,6 +11,7 @@ does not amplify noise (five readings: 0.6 of the variance of one reading).
 from __future__ import annotations
 
 from bisect import bisect_right
+from operator import attrgetter
 from typing import NamedTuple
 
 from adk_ros.signals.channels import TICK_NS, Reading
@@ -29,6 +30,7 @@ _WINDOW_PERIODS = 2.5
 """Periods in the window of a slow stream: three readings."""
 _MIN_SPAN_PERIODS = 0.5
 """Periods that the readings in the window must span to determine a slope."""
+_stamp_of = attrgetter("stamp_ns")
 _HOLD_LAST_WEIGHTS = [1.0]
 """Weights that hold the last reading."""
 
@@ -111,6 +113,18 @@ class SampledStream:
             del self._values[:drop]
             del self._states[:drop]
             self.unjudged = [r for r in self.unjudged if r.stamp_ns >= stamps[0]]
+
+    def take_unjudged(self, until_ns: int) -> list[Reading]:
+        """Return the unjudged readings stamped until `until_ns`, by stamp, and forget them."""
+        unjudged = self.unjudged
+        due = [reading for reading in unjudged if reading.stamp_ns <= until_ns]
+        if len(due) == len(unjudged):
+            self.unjudged = []
+        else:
+            self.unjudged = [reading for reading in unjudged if reading.stamp_ns > until_ns]
+        if len(due) > 1:
+            due.sort(key=_stamp_of)
+        return due
 
     def remove(self, stamp_ns: int) -> None:
         """Remove the reading with this stamp, if it is still kept."""
