@@ -34,6 +34,18 @@ def predict() -> None:
     # The first adapts by windowed least squares, the second by recursive least squares.
     for model in (_small_model(), _small_paper_model()):
         warm_up(model, PipelineSettings(horizon_steps=_STEPS))
+        roll_out_model(model)
+
+
+def roll_out_model(model: KoopmanModel) -> None:
+    """Predict under known commands, as `adk rollout` and the evaluation of a model do."""
+    from adk_ros.model.predictor import Predictor
+    from adk_ros.signals.channels import TICK_NS, Sample
+
+    predictor = Predictor(model, horizon_steps=0)
+    for k in range(1, model.history + 3):
+        predictor.step(Sample(k * TICK_NS, (10.0, 0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0))
+    predictor.rollout(np.zeros((1, 2)))
 
 
 def simulate_vehicle() -> None:

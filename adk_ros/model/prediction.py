@@ -8,6 +8,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.numba_cache import strict_kernel
 
 
 class Status(Enum):
@@ -37,3 +38,24 @@ class Prediction(NamedTuple):
     horizon_covariance: FloatArray
     innovation: FloatArray
     status: Status
+
+    def is_finite(self) -> bool:
+        """Return whether all that is published of it is finite."""
+        return _all_finite(self.x, self.covariance, self.horizon, self.horizon_covariance)
+
+
+@strict_kernel
+def _all_finite(
+    x: FloatArray, covariance: FloatArray, horizon: FloatArray, horizon_covariance: FloatArray
+) -> bool:
+    # The difference of a number from itself is 0, or NaN if the number is not finite.
+    total = 0.0
+    for value in x:
+        total += value - value
+    for value in covariance.ravel():
+        total += value - value
+    for value in horizon.ravel():
+        total += value - value
+    for value in horizon_covariance.ravel():
+        total += value - value
+    return total == 0.0

@@ -22,25 +22,20 @@ import numpy as np
 from adk_ros.errors import UsageError
 from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
 from adk_ros.model.drivable import is_drivable
-from adk_ros.model.estimation.disturbance import ewma_covariance, regression_pair
-from adk_ros.model.estimation.observer import TickArrays, observer_update
 from adk_ros.model.initial_errors import (
     PRIOR_ROLLOUTS,
     held_input_errors,
     make_rollout_monitor,
-    one_step_errors,
 )
 from adk_ros.model.koopman import KoopmanModel
-from adk_ros.model.lifting.encoder import input_size
-from adk_ros.model.lifting.encoder_kernels import Float32Array, pack_regressor
 from adk_ros.model.model_rollout import ModelRollout
 from adk_ros.model.prediction import Prediction, Status
+from adk_ros.model.tick_memory import TickMemory, complete_pair
+from adk_ros.model.tick_steps import NOT_FINITE, PREDICTED, Measured, make_tick_steps
 from adk_ros.model.uncertainty.published_horizons import PublishedHorizonErrors
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, Sample
 
-_COVARIANCE_GAIN = 0.01
-"""Gain per tick of the innovation covariance: time constant 2.5 s. Empirical, not calibrated."""
 _MAX_WITHHELD = 4
 """Implausible predictions in succession after which the predictor is reset: a single wrong sample
 causes one or two. By choice."""
@@ -88,47 +83,20 @@ class Predictor:
         self.horizon_steps = horizon_steps
         self.max_coast_steps = max_coast_steps
         self._withholds = withhold_implausible
-        self._tick = TickArrays(
-            measured=np.zeros(3),
-            x_past=np.zeros((model.history + 1, 3)),
-            u_past=np.zeros((model.history, 2)),
-            u=np.zeros(2),
-            u_previous=np.zeros(2),
-            row=np.zeros(input_size(model.history), dtype=np.float32),
-            autocorrelation=np.zeros((3, 3)),
-        )
-        scaling = model.scaling
-        # Kernels called every tick take plain arrays, see `encoder_kernels`.
-        self._observer_arrays = (
-            scaling.x_mean,
-            scaling.x_scale,
-            scaling.u_mean,
-            scaling.u_scale,
-            *self._tick,
-        )
-        self._gains = model.observer_gains.table()
+        self._memory = TickMemory(model)
+        self._tick = self._memory.tick
+        self._gains = self._memory.gains
         self._prediction_only_gains = self._gains.copy()
         self._prediction_only_gains[0] = 0.0
-        # Slow and fast disturbance, and a running mean of the residual that is not part of them.
-        self._disturbance = np.zeros((3, 3))
-        self._phi = np.zeros(model.theta0.shape[1])
-        self._y = np.zeros(model.n_z)
-        self._regression_arrays = (
-            self._tick.measured,
-            self._phi,
-            scaling.step_scale,
-            self._gains,
-            self._disturbance,
-            self._y,
-        )
-        # A view: the present command, as commands ahead.
-        self._constant_command = self._tick.u[None]
-        self._model_rollout = ModelRollout(
-            model, self._tick, self._phi, self._disturbance, self._gains
-        )
         self.rollout_monitor = make_rollout_monitor(model)
         self._published = PublishedHorizonErrors(
             held_input_errors(model, horizon_steps), PRIOR_ROLLOUTS
+        )
+        self._model_rollout = ModelRollout(
+            model, self._tick, self._memory.phi, self._memory.disturbance, self._gains
+        )
+        self._steps = make_tick_steps(
+            model, self._memory, self._published, self._model_rollout, self.rollout_monitor
         )
         self.implausible = 0
         """Number of predictions withheld because no vehicle can move like that."""
@@ -148,9 +116,7 @@ class Predictor:
         self._withheld_in_succession = 0
         self._predicted: FloatArray | None = None
         self._consecutive_valid_samples = 0
-        self._disturbance[:] = 0.0
-        self._tick.autocorrelation[:] = 0.0
-        self._covariance = one_step_errors(self.model)
+        self._memory.reset()
 
     @property
     def horizon_covariance(self) -> FloatArray:
@@ -186,7 +152,7 @@ class Predictor:
         """Disturbance (3,) as acceleration: m/s², m/s², rad/s²."""
         scaling = self.model.scaling
         unit = scaling.step_scale * scaling.x_scale / (TICK_NS * 1e-9)
-        return np.asarray(self._disturbance[:2].sum(axis=0) * unit)
+        return np.asarray(self._memory.disturbance[:2].sum(axis=0) * unit)
 
     def step(self, sample: Sample, with_horizon: bool = True) -> Prediction | None:
         """
@@ -225,7 +191,12 @@ class Predictor:
         """
         if self._predicted is None:
             raise RuntimeError("no state to predict from")
-        result = self._rollout(self.model.scaling.scale_u(u_ahead), u_ahead.shape[0])
+        result = self._model_rollout.run(
+            self.online.theta,
+            self.model.scaling.scale_u(u_ahead),
+            u_ahead.shape[0],
+            self.rollout_monitor,
+        )
         return np.full((u_ahead.shape[0], 3), math.nan) if result is None else result
 
     def _lose_state(self) -> None:
@@ -249,29 +220,29 @@ class Predictor:
         if self._n_samples <= self.model.history:
             self.status = Status.WARMING_UP
             return None
-        features = self._lift()
         innovation = _NAN3
         if self._predicted is not None and measured:
             innovation = state - self._predicted
             # Both lifts of the pair, with their past samples, must be of learnable samples.
             if self._consecutive_valid_samples >= self.model.history + 2:
-                self._learn(features, innovation)
-        tick = self._tick
-        pack_regressor(tick.x_past, features, tick.u, self.model.affine, self._phi)
-        if self.rollout_monitor is not None and measured:
-            self.rollout_monitor.start(
-                tick.x_past, tick.u_past, self.online.theta, self.model.affine, self._disturbance
-            )
-        horizon = self._rollout(self._constant_command, max(horizon_steps, 1))
-        if horizon is None:
+                self._learn(innovation)
+        horizon = np.empty((max(horizon_steps, 1), 3))
+        outcome = self._steps.predict(
+            self.online.theta,
+            Measured(state, measured, usable),
+            horizon,
+            horizon_steps,
+            self._published.slot(horizon_steps, self._uncertain_ticks),
+            self._withholds,
+        )
+        if outcome == NOT_FINITE:
             # Not reachable from finite samples with a valid model; if it happens, start again.
             self.reset()
             return None
-        if self._withholds and not is_drivable(state, horizon):
+        if outcome != PREDICTED:
             self._withhold(state, horizon[0])
             return None
         self._withheld_in_succession = 0
-        ahead = horizon[:horizon_steps]
         # A copy: callers may write to what is returned.
         self._predicted = horizon[0].copy()
         self.status = Status.PREDICTED if measured else Status.COASTING
@@ -280,8 +251,8 @@ class Predictor:
             stamp_ns=sample.stamp_ns + TICK_NS,
             x=horizon[0],
             covariance=self._published_covariance(),
-            horizon=ahead,
-            horizon_covariance=self._published.tick(state, usable, ahead, self._uncertain_ticks),
+            horizon=horizon[:horizon_steps],
+            horizon_covariance=self._published.issue(horizon_steps, self._uncertain_ticks),
             innovation=innovation,
             status=self.status,
         )
@@ -300,29 +271,18 @@ class Predictor:
     def _observe(self, sample: Sample, state: FloatArray, usable: bool) -> None:
         # A repeated odometry reading says less than the prediction for this tick.
         stale = sample.flags & _ODOMETRY_STALE
-        observer_update(
+        self._steps.observe(
             state,
             _NO_PREDICTION if self._predicted is None else self._predicted,
             sample.u,
             self._prediction_only_gains if stale else self._gains,
-            *self._observer_arrays,
+            usable,
         )
-        if self.rollout_monitor is not None:
-            self.rollout_monitor.update(self._tick.measured, self._tick.u_previous, usable)
 
-    def _lift(self) -> Float32Array:
-        return self.model.lifting(self._tick.row)
-
-    def _learn(self, features: Float32Array, innovation: FloatArray) -> None:
-        valid = regression_pair(
-            features, self.online.theta, self.model.residual, *self._regression_arrays
-        )
-        if valid:
-            self.online.update(self._phi, self._y)
-            ewma_covariance(self._covariance, innovation, _COVARIANCE_GAIN)
-
-    def _rollout(self, u_ahead: FloatArray, steps: int) -> FloatArray | None:
-        return self._model_rollout.run(self.online.theta, u_ahead, steps, self.rollout_monitor)
+    def _learn(self, innovation: FloatArray) -> None:
+        memory = self._memory
+        if complete_pair(self.online.theta, innovation, memory.rows):
+            self.online.update(memory.phi, memory.y)
 
     @property
     def uncertainty_growth(self) -> FloatArray:
@@ -342,12 +302,13 @@ class Predictor:
         self.status = Status.IMPLAUSIBLE
 
     def _published_covariance(self) -> FloatArray:
-        # A sum is a copy: the predictor goes on to change its covariance.
-        return np.asarray(self._covariance + (self._growth() if self._uncertain_ticks else 0.0))
+        # Not the array itself: the predictor goes on to change it.
+        covariance = self._memory.covariance
+        return covariance + self._growth() if self._uncertain_ticks else covariance.copy()
 
     def _growth(self) -> FloatArray:
         """Return the covariance (3, 3) that ticks without a trusted measurement have added."""
         table = self.model.horizon_covariance
         if len(table):
             return np.asarray(table[min(self._uncertain_ticks, len(table) - 1)])
-        return self._uncertain_ticks * self._covariance
+        return self._uncertain_ticks * self._memory.covariance

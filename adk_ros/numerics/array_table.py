@@ -55,7 +55,8 @@ def _to_pointer(_context: Any, address: Any) -> Any:
 
 
 _pointer: Any = intrinsic(_to_pointer)
-_carray: Any = numba.carray
+_numba: Any = numba
+_carray = _numba.carray
 
 
 @strict_kernel

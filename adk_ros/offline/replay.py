@@ -93,6 +93,8 @@ def replay(
                         writer.write(HORIZON_TOPIC, horizon_message(prediction, frame_id), log_ns)
                         writer.write(COVARIANCE_TOPIC, covariance_message(prediction), log_ns)
         warnings = list(bag.warnings)
+    if model.lifting.warning:
+        warnings.append(model.lifting.warning)
     return made, pipeline, warnings
 
 

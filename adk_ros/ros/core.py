@@ -15,8 +15,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
-
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
@@ -165,13 +163,7 @@ class Core:
             self._last_timer_ns = end_ns
 
     def _publish_if_finite(self, prediction: Prediction) -> None:
-        finite = (
-            np.isfinite(prediction.x).all()
-            and np.isfinite(prediction.covariance).all()
-            and np.isfinite(prediction.horizon).all()
-            and np.isfinite(prediction.horizon_covariance).all()
-        )
-        if not finite:
+        if not prediction.is_finite():
             self.counters.withheld += 1
             return
         self._publish(prediction)
@@ -187,6 +179,7 @@ def warm_up(model: KoopmanModel, settings: PipelineSettings) -> None:
     than the 25 ms of a sample.
     """
     pipeline = Pipeline(model, settings)
+    predictions: list[Prediction] = []
     for step in range(400):
         stamp_ns = 1_000_000_000 + step * 5_000_000
         sway = 0.1 * math.sin(0.05 * step)
@@ -196,5 +189,7 @@ def warm_up(model: KoopmanModel, settings: PipelineSettings) -> None:
         if step % 5 == 0:
             readings.append(Reading(Source.COMMAND, stamp_ns, (100.0 * sway, 0.1 * sway)))
         for reading in readings:
-            pipeline.take_reading(reading)
+            predictions += pipeline.take_reading(reading)
+    for prediction in predictions[-1:]:
+        prediction.is_finite()
     pipeline.predictor.online.condition_number()

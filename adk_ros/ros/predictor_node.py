@@ -91,6 +91,8 @@ class PredictorNode:
             warm_up(loaded.model, settings)
         for text in differences_from_training(settings.sensors, loaded.manifest["training"]):
             self._logger.warning(text)
+        if loaded.model.lifting.warning:
+            self._logger.warning(loaded.model.lifting.warning)
 
         frame_id = published_frame(self.values["frame_id"], settings.sensors.reference_point)
         self.core = Core(
@@ -174,9 +176,13 @@ class PredictorNode:
 
     def _publish(self, prediction: Prediction) -> None:
         self._twist_out.publish(self._twist.fill(prediction))
-        if self._horizon and self._covariance and self._publish_horizon:
+        if not self._publish_horizon:
+            return
+        # What nobody reads is not filled: the two take longer than the prediction itself.
+        if self._horizon and self._horizon_out.get_subscription_count():
             content = self._horizon.fill(prediction.origin_ns, prediction.horizon)
             self._horizon_out.publish(content)
+        if self._covariance and self._covariance_out.get_subscription_count():
             content = self._covariance.fill(prediction.horizon_covariance)
             self._covariance_out.publish(content)
             if self._stamped_out.get_subscription_count():

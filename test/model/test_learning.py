@@ -99,7 +99,8 @@ def test_samples_that_must_not_be_learned_never_are(flag: Flag, method: str) -> 
                 predictor.step(item._replace(x=(v_x, v_y, yaw_rate), flags=int(flag)))
             else:
                 predictor.step(item)
-        ends.append((predictor.online.theta, predictor.disturbance, predictor._covariance))
+        covariance = predictor._memory.covariance.copy()
+        ends.append((predictor.online.theta, predictor.disturbance, covariance))
     for one, other in zip(*ends, strict=True):
         np.testing.assert_array_equal(one, other)
 
@@ -134,7 +135,7 @@ def test_a_constant_disturbance_is_found() -> None:
         item = sample(k, x, u[k])
         made = predictor.step(item)
         car.step(item)
-        car._disturbance[:] = 0.0
+        car._memory.disturbance[:] = 0.0
         x = (car.rollout(u[k : k + 1])[0] if k >= HISTORY else x) + push * 0.025
         if k == 20:
             assert made is not None
@@ -144,7 +145,7 @@ def test_a_constant_disturbance_is_found() -> None:
     assert (np.abs(made.innovation) < 1e-3 * early).all()
     # It decays over the horizon: less than `push` for ever, more than none.
     ahead = predictor.rollout(u[:20])
-    predictor._disturbance[:] = 0.0
+    predictor._memory.disturbance[:] = 0.0
     moved = (ahead - predictor.rollout(u[:20]))[-1]
     assert (np.abs(moved) < np.abs(push * 0.5)).all()
     assert (np.sign(moved) == np.sign(push)).all()

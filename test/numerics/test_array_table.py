@@ -3,6 +3,8 @@
 """A kernel sees through a table the arrays that Python sees."""
 
 import copy
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from adk_ros.numerics import array_table
 from adk_ros.numerics.array_table import ArrayTable
 
-READERS = {
+READERS: dict[Callable[..., Any], Any] = {
     array_table.floats_1: np.zeros(3),
     array_table.floats_2: np.zeros((3, 2)),
     array_table.floats_3: np.zeros((3, 2, 4)),

@@ -49,17 +49,15 @@ class RegressionArrays(NamedTuple):
 
 @strict_kernel
 def regression_pair(
-    features: Float32Array, theta: FloatArray, residual: bool, *arrays: FloatArray
+    features: Float32Array, theta: FloatArray, residual: bool, pair: RegressionArrays
 ) -> bool:
     """
     Compute the target y of the tick that has just ended, and update the disturbance estimates.
 
     `features` and `measured` form the present lifted state; `phi` begins with the previous one,
-    with the observer's state in it; `arrays`: the fields of `RegressionArrays`. Return False,
-    with the disturbance unchanged, if a value is too large or not a number: the pair must not be
-    learned.
+    with the observer's state in it. Return False, with the disturbance unchanged, if a value is
+    too large or not a number: the pair must not be learned.
     """
-    pair = RegressionArrays(*arrays)
     measured, phi, y, disturbance = pair.measured, pair.phi, pair.y, pair.disturbance
     for j in range(phi.shape[0]):
         if not abs(phi[j]) < MAX_REGRESSION_VALUE:

@@ -10,7 +10,7 @@ K increases while successive innovations are correlated; see `observer_gains`.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,16 +65,16 @@ def observer_update(
     predicted: FloatArray,
     command: tuple[float, float],
     gains: FloatArray,
-    *arrays: Any,
+    scaling: ScalingArrays,
+    tick: TickArrays,
 ) -> None:
     """
     Take one sample: scale it, run the observer, shift the past, and fill the encoder's input.
 
     `state` (3,) and `command` (2,) are the sample, `predicted` (3,) the prediction for it, all SI;
     without a prediction it is NaN and the measurement is taken as it is. `gains` (5, 3):
-    `ObserverGains.table`; `arrays`: the fields of `ScalingArrays` and `TickArrays`.
+    `ObserverGains.table`.
     """
-    scaling, tick = ScalingArrays(*arrays[:4]), TickArrays(*arrays[4:])
     x_past, running = tick.x_past, tick.autocorrelation
     tick.u_previous[:] = tick.u
     shift_in(tick.u_past, tick.u)

@@ -10,15 +10,14 @@ The encoder's input is one row
 or x_k alone without past samples, as in the paper. Its output are the features in
 z = [x_k, features].
 
-A rollout evaluates the encoder 80 times per tick, too often for TorchScript's interpreter. For an
-encoder that is a perceptron of the known form, the weights are therefore also extracted for the
-compiled kernels. The compiled encoder is used only if it agrees with the TorchScript program on
-random inputs.
+A rollout evaluates the encoder 80 times per tick, too often for TorchScript's interpreter, which
+after a pause takes ten times as long as in a loop. For an encoder that is a perceptron of the
+known form, the weights are therefore also extracted for the compiled kernels. If these agree with
+the TorchScript program on random inputs, they are used for every lift, live and in a replay.
 """
 
 from __future__ import annotations
 
-import copy
 import io
 import warnings
 from collections.abc import Iterator
@@ -77,7 +76,8 @@ class Lifting:
     """
     A loaded encoder with `n_in` inputs and `n_features` outputs, called with one row at a time.
 
-    `compiled`: weights for the compiled kernels, or None if the encoder has another form.
+    `compiled`: weights for the compiled kernels, which are then used; None if the encoder has
+    another form, or if the kernels do not reproduce the program, of which `warning` tells.
     """
 
     compiled: EncoderArrays | None
@@ -126,25 +126,21 @@ class Lifting:
         self._out = torch.from_numpy(self._features)
         for _ in range(_WARM_UP_CALLS):
             self._forward(self._row, self._out)
-        self._calls_compiled = False
+        self.warning = ""
         self.compiled = self._compile(parameters, n_in, n_features)
-
-    def compiled_copy(self) -> Lifting:
-        """
-        Return a lifting that calls the compiled encoder, if there is one.
-
-        Faster by a factor of 7 or more; its features differ by rounding from the program's.
-        """
-        out = copy.copy(self)
-        out._calls_compiled = self.compiled is not None
-        return out
+        if self.compiled is not None:
+            self._scratch = self.compiled.scratch()
 
     def __call__(self, row: Float32Array) -> Float32Array:
         """Return the features (n_features,) of one input row (n_in,)."""
-        if self._calls_compiled and self.compiled is not None:
-            out = np.empty(self._features.shape[1], dtype=np.float32)
-            perceptron(row, self.compiled, self.compiled.scratch(), out)
-            return out
+        if self.compiled is None:
+            return self.run_program(row)
+        out = np.empty(self._features.shape[1], dtype=np.float32)
+        perceptron(row, self.compiled, self._scratch, out)
+        return out
+
+    def run_program(self, row: Float32Array) -> Float32Array:
+        """Return the features of one input row by the TorchScript program."""
         self._buffer[0] = row
         self._forward(self._row, self._out)
         features: Float32Array = self._features[0].copy()
@@ -191,8 +187,13 @@ class Lifting:
         out = np.empty(n_features, dtype=np.float32)
         for probe in probes:
             perceptron(probe, encoder, scratch, out)
-            expected = self(probe)
+            expected = self.run_program(probe)
             if not np.allclose(out, expected, rtol=_COMPILED_TOLERANCE, atol=_COMPILED_TOLERANCE):
+                self.warning = (
+                    "the compiled encoder differs from the TorchScript program by "
+                    f"{np.abs(out - expected).max():.1g} (allowed {_COMPILED_TOLERANCE:g}): "
+                    "TorchScript is used, and a tick takes several times as long"
+                )
                 return None
         return encoder
 

@@ -161,15 +161,44 @@ def rollout_lifting(
     gains: FloatArray,
     *encoder_arrays: Any,
 ) -> None:
+    """Run `roll_out` with an encoder given by the fields of `EncoderArrays`."""
+    encoder = EncoderArrays(*encoder_arrays)
+    roll_out(
+        x_past,
+        u_past,
+        theta,
+        u_ahead,
+        disturbance,
+        residual,
+        affine,
+        out,
+        step_scale,
+        gains,
+        encoder,
+    )
+
+
+@fused_kernel
+def roll_out(
+    x_past: FloatArray,
+    u_past: FloatArray,
+    theta: FloatArray,
+    u_ahead: FloatArray,
+    disturbance: FloatArray,
+    residual: bool,
+    affine: bool,
+    out: FloatArray,
+    step_scale: FloatArray,
+    gains: FloatArray,
+    encoder: EncoderArrays,
+) -> None:
     """
     Predict len(out) steps, lifting anew at each: out (h, 3), scaled.
 
     `x_past` (p + 1, 3), `u_past` (p, 2): newest first, scaled. `u_ahead` (up to h, 2): scaled,
     its last row repeated. `theta` (n_z, n_phi): the state's three rows are used. `disturbance`
-    (>= 2, 3) is added to the increments and decays by `gains` (5, 3). `encoder_arrays`: the
-    fields of `EncoderArrays`. The inputs are not changed.
+    (>= 2, 3) is added to the increments and decays by `gains` (5, 3). The inputs are not changed.
     """
-    encoder = EncoderArrays(*encoder_arrays)
     n, n_hidden = encoder.w1.shape[0], encoder.w3.shape[0]
     n_x, last = 3 * x_past.shape[0], u_ahead.shape[0] - 1
     row = np.empty(n, dtype=np.float32)

@@ -10,7 +10,7 @@ with the measurement at that time. Nothing is predicted again.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,15 @@ from adk_ros.model.uncertainty.conformal import (
     ConformalScale,
     update_conformal_scale,
 )
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.array_table import (
+    ArrayTable,
+    floats_1,
+    floats_2,
+    floats_3,
+    floats_4,
+    integers_1,
+)
+from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.numba_cache import fused_kernel
 
 
@@ -51,7 +59,9 @@ class PublishedHorizonErrors:
         self._stored = StoredHorizons(
             values=np.zeros((self._slots, steps, 2, 3)), age=np.full(self._slots, -1)
         )
-        self._arrays = (*self._stored, *self._scale.arrays)
+        self._table = ArrayTable(*self._stored, *self._scale.arrays)
+        self.rows = self._table.rows
+        """Arrays of the comparison, as a table for kernels."""
         self._number = 0
 
     @property
@@ -69,41 +79,74 @@ class PublishedHorizonErrors:
         """Discard the stored horizons, which a gap has ended; keep the covariance."""
         self._stored.age[:] = -1
 
-    def tick(
-        self, state: FloatArray, usable: bool, horizon: FloatArray, coasted: int
-    ) -> FloatArray:
+    def slot(self, steps: int, coasted: int) -> int:
         """
-        Compare `state` (3,) if it is `usable`, and store the `horizon` (h, 3) made from it if due.
+        Return the slot in which the next horizon, of so many `steps`, is to be stored, or -1.
 
-        SI units. Return the covariance (h, 3, 3) to publish with the horizon. A horizon made
-        while coasting is not stored. As its prediction began `coasted`
-        ticks ago, its rows are those of so many steps later, the last row repeated.
+        A horizon made while coasting, `coasted` ticks after the last measurement, is not stored.
         """
-        slot, last = -1, self._steps - 1
+        number = self._number + 1
         # Only complete horizons count; a validation run shortens some of them to save time.
-        if not coasted and 0 < self._steps == horizon.shape[0]:
-            self._number += 1
-            if self._number % ROLLOUT_STRIDE == 0:
-                slot = (self._number // ROLLOUT_STRIDE) % self._slots
-        update_published_errors(state, usable, horizon, slot, *self._arrays)
+        if coasted or not 0 < self._steps == steps or number % ROLLOUT_STRIDE:
+            return -1
+        return int((number // ROLLOUT_STRIDE) % self._slots)
+
+    def issue(self, steps: int, coasted: int) -> FloatArray:
+        """
+        Count a horizon; return the covariance (steps, 3, 3), SI, to publish with it.
+
+        As the prediction of a horizon made while coasting began `coasted` ticks ago, its rows are
+        those of so many steps later, the last row repeated.
+        """
         table = self._scale.calibrated
         if coasted:
-            rows = np.minimum(np.arange(horizon.shape[0]) + coasted, last)
+            rows = np.minimum(np.arange(steps) + coasted, self._steps - 1)
             return np.asarray(table[rows])
-        return np.array(table[: horizon.shape[0]])
+        if 0 < self._steps == steps:
+            self._number += 1
+        return np.array(table[:steps])
+
+
+class PublishedArrays(NamedTuple):
+    """All arrays of a `PublishedHorizonErrors`."""
+
+    stored: StoredHorizons
+    scale: ConformalArrays
+
+
+@fused_kernel
+def published_arrays(rows: IntArray) -> PublishedArrays:
+    """Return the structure that `PublishedHorizonErrors` passes to kernels as a table."""
+    return PublishedArrays(
+        StoredHorizons(floats_4(rows, 0), integers_1(rows, 1)),
+        ConformalArrays(
+            floats_1(rows, 2), floats_3(rows, 3), floats_2(rows, 4), floats_3(rows, 5)
+        ),
+    )
 
 
 @fused_kernel
 def update_published_errors(
-    state: FloatArray, usable: bool, horizon: FloatArray, new_slot: int, *arrays: Any
+    state: FloatArray, usable: bool, horizon: FloatArray, new_slot: int, rows: IntArray
+) -> None:
+    """Run `compare_horizons` on the arrays of a table."""
+    compare_horizons(state, usable, horizon, new_slot, published_arrays(rows))
+
+
+@fused_kernel
+def compare_horizons(
+    state: FloatArray,
+    usable: bool,
+    horizon: FloatArray,
+    new_slot: int,
+    published: PublishedArrays,
 ) -> None:
     """
-    Compare `state` (3,) with all stored horizons, and store `horizon` in `new_slot`.
+    Compare `state` (3,) with all stored horizons if `usable`, and store `horizon` in `new_slot`.
 
-    A `new_slot` of -1 stores nothing. `arrays`: the fields of `StoredHorizons` and
-    `ConformalArrays`.
+    SI units. A `new_slot` of -1 stores nothing.
     """
-    stored, scale = StoredHorizons(*arrays[:2]), ConformalArrays(*arrays[2:])
+    stored, scale = published
     slots, steps = stored.values.shape[0], stored.values.shape[1]
     error, variance = np.empty(3), np.empty(3)
     for slot in range(slots):

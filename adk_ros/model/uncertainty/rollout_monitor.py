@@ -21,7 +21,7 @@ found in validation, with the weight of `prior` rollouts.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,18 @@ from adk_ros.model.uncertainty.error_regression import (
     predicted_error,
     solve_shrunk_regression,
 )
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.array_table import (
+    ArrayTable,
+    floats_1,
+    floats_2,
+    floats_3,
+    floats_4,
+    integers_1,
+    singles_1,
+    singles_2,
+    singles_3,
+)
+from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.numba_cache import fused_kernel
 
 _SHRINKAGE_PRIOR_COUNT = 3.0
@@ -128,7 +139,6 @@ class RolloutMonitor:
         n, n_hidden = encoder.w1.shape[0], encoder.w3.shape[0]
         steps = errors.shape[0]
         self._n_slots = n_slots = max(1, -(-steps // ROLLOUT_STRIDE))
-        self._n_x, self._residual = form.n_x, form.residual
         self.error_regression = ErrorRegression(steps)
         self._scale = ConformalScale(errors, prior)
         self.slots = RolloutSlots(
@@ -149,15 +159,17 @@ class RolloutMonitor:
             moments=self.error_regression.moments,
             weights=self.error_regression.weights,
         )
-        self._arrays = (
+        self._table = ArrayTable(
             *encoder,
             *self.slots,
             *self.statistics,
             *self._scale.arrays,
-            form.step_scale,
+            np.ascontiguousarray(form.step_scale, dtype=np.float64),
             form.gains,
             np.zeros((2, n_hidden + n), np.float32),
         )
+        self.rows = self._table.rows
+        """All arrays, as a table for kernels."""
         self.correction = self.statistics.weights, self.statistics.shrinkage
         """Weights of the error regression and shrinkage, as `to_si` takes them."""
         self._ticks = 0
@@ -186,41 +198,51 @@ class RolloutMonitor:
         """Abort the rollouts under way, after a gap; keep the statistics."""
         self.slots.age[:] = -1
 
-    def update(self, measured: FloatArray, u: FloatArray, usable: bool) -> None:
-        """
-        Advance all rollouts by the tick that has passed under command `u` (2,), scaled.
-
-        Compare them with `measured` (3,), scaled, if it is `usable`.
-        """
-        update_rollouts(measured, u, usable, self._n_x, self._residual, *self._arrays)
-
-    def start(
-        self,
-        x_past: FloatArray,
-        u_past: FloatArray,
-        theta: FloatArray,
-        affine: bool,
-        disturbance: FloatArray,
-    ) -> None:
-        """Start a rollout here if one is due."""
+    def next_slot(self) -> int:
+        """Count a tick; return the slot in which a rollout is to start here, or -1."""
         self._ticks += 1
         if self._ticks % ROLLOUT_STRIDE:
-            return
-        slot = (self._ticks // ROLLOUT_STRIDE) % self._n_slots
-        start_rollout(slot, x_past, u_past, theta, affine, disturbance, *self._arrays)
+            return -1
+        return int((self._ticks // ROLLOUT_STRIDE) % self._n_slots)
 
 
 @fused_kernel
-def _monitor_arrays(arrays: Any) -> MonitorArrays:
-    """Return the structure that `RolloutMonitor` passes to its kernels field by field."""
+def monitor_arrays(rows: IntArray) -> MonitorArrays:
+    """Return the structure that `RolloutMonitor` passes to kernels as a table."""
     return MonitorArrays(
-        EncoderArrays(*arrays[:10]),
-        RolloutSlots(*arrays[10:20]),
-        RolloutStatistics(*arrays[20:24]),
-        ConformalArrays(*arrays[24:28]),
-        arrays[28],
-        arrays[29],
-        arrays[30],
+        EncoderArrays(
+            singles_2(rows, 0),
+            singles_1(rows, 1),
+            singles_2(rows, 2),
+            singles_1(rows, 3),
+            singles_2(rows, 4),
+            singles_1(rows, 5),
+            singles_2(rows, 6),
+            integers_1(rows, 7),
+            singles_1(rows, 8),
+            singles_2(rows, 9),
+        ),
+        RolloutSlots(
+            singles_2(rows, 10),
+            floats_2(rows, 11),
+            floats_3(rows, 12),
+            singles_3(rows, 13),
+            singles_3(rows, 14),
+            floats_3(rows, 15),
+            integers_1(rows, 16),
+            floats_2(rows, 17),
+            floats_3(rows, 18),
+            floats_4(rows, 19),
+        ),
+        RolloutStatistics(
+            floats_3(rows, 20), floats_2(rows, 21), floats_4(rows, 22), floats_3(rows, 23)
+        ),
+        ConformalArrays(
+            floats_1(rows, 24), floats_3(rows, 25), floats_2(rows, 26), floats_3(rows, 27)
+        ),
+        floats_1(rows, 28),
+        floats_2(rows, 29),
+        singles_2(rows, 30),
     )
 
 
@@ -232,7 +254,7 @@ def start_rollout(
     theta: FloatArray,
     affine: bool,
     disturbance: FloatArray,
-    *arrays: Any,
+    monitor: MonitorArrays,
 ) -> None:
     """
     Fill one slot with the present state, disturbances, model and forecast.
@@ -240,7 +262,6 @@ def start_rollout(
     `x_past`, `u_past`, `theta` as in `rollout_lifting`; `disturbance` (3, 3): slow, fast, running
     mean.
     """
-    monitor = _monitor_arrays(arrays)
     slots, statistics = monitor.slots, monitor.statistics
     folded = FoldedLayer(slots.w_hidden[slot], slots.w_skip[slot], slots.w_input_bias[slot])
     pack_encoder_input(x_past, u_past, slots.row[slot])
@@ -261,10 +282,14 @@ def start_rollout(
 
 @fused_kernel
 def update_rollouts(
-    measured: FloatArray, u: FloatArray, usable: bool, n_x: int, residual: bool, *arrays: Any
+    measured: FloatArray,
+    u: FloatArray,
+    usable: bool,
+    n_x: int,
+    residual: bool,
+    monitor: MonitorArrays,
 ) -> None:
     """Advance every rollout by one step and, if the measurement is `usable`, account for it."""
-    monitor = _monitor_arrays(arrays)
     slots, scale = monitor.slots, monitor.scale
     sums, shrinkage, moments, weights = monitor.statistics
     form = StepForm(n_x, residual, monitor.step_scale, monitor.gains)

@@ -35,7 +35,10 @@ def test_features_equal_the_torch_modules_output() -> None:
     for row in rows(20, input_size(3)):
         with torch.no_grad():
             expected = encoder(torch.from_numpy(row)[None])[0].numpy()
-        np.testing.assert_allclose(lifting(row), expected, rtol=1e-5, atol=1e-6)
+        assert lifting.compiled is not None
+        np.testing.assert_allclose(lifting(row), expected, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(lifting.run_program(row), expected, rtol=1e-5, atol=1e-6)
+    assert not lifting.warning
 
 
 def test_results_do_not_share_memory() -> None:
@@ -90,7 +93,13 @@ class Sigmoids(Lift):
 def test_same_parameters_in_another_formula_are_not_compiled() -> None:
     encoder = Encoder(2, 8, 4)
     other = Sigmoids(encoder, torch.zeros(4), torch.ones(4))
-    assert Lifting(to_torchscript(other), 15, 4).compiled is None
+    lifting = Lifting(to_torchscript(other), 15, 4)
+    assert lifting.compiled is None
+    assert "differs from the TorchScript program by" in lifting.warning
+    for row in rows(5, 15):
+        with torch.no_grad():
+            expected = other(torch.from_numpy(row)[None])[0].numpy()
+        np.testing.assert_allclose(lifting(row), expected, rtol=1e-5, atol=1e-6)
     same = Lift(encoder, torch.zeros(4), torch.ones(4))
     assert Lifting(to_torchscript(same), 15, 4).compiled is not None
 

@@ -12,6 +12,8 @@ from helpers.model import random_lift, weights
 
 from adk_ros.model.estimation import disturbance as disturbance_kernels
 from adk_ros.model.estimation import observer
+from adk_ros.model.estimation.disturbance import RegressionArrays
+from adk_ros.model.estimation.observer import ScalingArrays, TickArrays
 from adk_ros.model.estimation.observer_gains import ObserverGains
 from adk_ros.model.lifting import encoder_kernels
 from adk_ros.model.lifting.encoder import input_size
@@ -100,8 +102,9 @@ def test_observer_update_over_many_ticks(history: int, random: Random) -> None:
     for k in range(12):
         command = tuple(u[k].tolist())
         observer.observer_update(
-            x[k], expected, command, ObserverGains.none().table(), x_mean, x_scale, u_mean,
-            u_scale, measured, x_past, u_past, u_now, u_previous, row, np.zeros((3, 3)),
+            x[k], expected, command, ObserverGains.none().table(),
+            ScalingArrays(x_mean, x_scale, u_mean, u_scale),
+            TickArrays(measured, x_past, u_past, u_now, u_previous, row, np.zeros((3, 3))),
         )  # fmt: skip
         if k >= history:
             past = [scaled_x[k - i] for i in range(history + 1)]
@@ -124,8 +127,8 @@ def test_observer_corrects_the_prediction() -> None:
         ([np.nan] * 3, [2.0, 2.0, 2.0]),
     ):
         observer.observer_update(
-            state, np.array(predicted), (0.0, 0.0), gains.table(), *scaling, measured, x_past,
-            *others, np.zeros((3, 3)),
+            state, np.array(predicted), (0.0, 0.0), gains.table(), ScalingArrays(*scaling),
+            TickArrays(measured, x_past, *others, np.zeros((3, 3))),
         )  # fmt: skip
         assert x_past[0].tolist() == seen
         assert others[-1].tolist() == seen
@@ -144,8 +147,8 @@ def test_observer_gain_increases_with_correlated_innovations(lag: float, gain: f
     for _ in range(2000):
         innovation = lag * innovation + np.sqrt(1.0 - lag**2) * random.normal(size=3)
         observer.observer_update(
-            innovation, np.zeros(3), (0.0, 0.0), gains.table(), *scaling, measured, x_past,
-            *others, autocorrelation,
+            innovation, np.zeros(3), (0.0, 0.0), gains.table(), ScalingArrays(*scaling),
+            TickArrays(measured, x_past, *others, autocorrelation),
         )  # fmt: skip
         used.append(x_past[0] / innovation)
     np.testing.assert_allclose(np.median(used[300:], axis=0), gain)
@@ -168,7 +171,7 @@ def test_regression_pair(residual: bool, random: Random) -> None:
     gains = replace(ObserverGains.none(), slow_gain=gain, fast_gain=fast_gain).table()
     y = np.zeros(5)
     assert disturbance_kernels.regression_pair(
-        features, theta, residual, measured, phi, step, gains, disturbance, y
+        features, theta, residual, RegressionArrays(measured, phi, step, gains, disturbance, y)
     )
     z = np.concatenate([measured, features])
     expected = z - phi[:5] if residual else z.copy()
@@ -193,8 +196,8 @@ def test_regression_pair_refuses_large_values_and_nan(
         arrays[where].flat[1] = bad
     disturbance = np.ones((3, 3))
     assert not disturbance_kernels.regression_pair(
-        features, np.zeros((5, 8)), True, x, phi, np.ones(3), np.full((5, 3), 0.5), disturbance,
-        np.zeros(5),
+        features, np.zeros((5, 8)), True,
+        RegressionArrays(x, phi, np.ones(3), np.full((5, 3), 0.5), disturbance, np.zeros(5)),
     )  # fmt: skip
     assert (disturbance == 1.0).all()
 
