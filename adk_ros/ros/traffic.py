@@ -114,12 +114,14 @@ def publish_synthetic_sensors(
     rates: Rates | None = None,
     *,
     wait_s: float = 30.0,
+    subscribers: int = 1,
     on_start: Callable[[], None] | None = None,
 ) -> list[Sent]:
     """
     Publish imu, odometry and command for `duration_s`, or until a signal; return what was sent.
 
-    :param wait_s: longest wait for a node that subscribes to all three, s.
+    :param wait_s: longest wait for the nodes that subscribe to all three, s.
+    :param subscribers: number of nodes to wait for.
     :param on_start: called right before the first message.
     :raises DataError: no node subscribes within `wait_s`.
     """
@@ -131,7 +133,7 @@ def publish_synthetic_sensors(
             for source, kind in KINDS.items()
         }
         deadline_s = time.monotonic() + wait_s
-        while not all(publisher.get_subscription_count() for publisher in publishers.values()):
+        while any(p.get_subscription_count() < subscribers for p in publishers.values()):
             if time.monotonic() > deadline_s:
                 raise DataError(
                     f"no node subscribes to imu, odometry and command after {wait_s:g} s"

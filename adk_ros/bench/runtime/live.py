@@ -1,12 +1,15 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Live latency of the node: sensors, node and listener in three processes, over Fast DDS.
+Live latency and CPU load of the node: sensors, node, listener, and a relay to compare with.
+
+Each is a process of its own, connected by Fast DDS on this machine.
 
 The latency of a prediction runs from the publication of the last input that it needs to its
 arrival in the listener's callback. The aligner, fed with the published messages in their order,
 tells which reading completes a tick. CLOCK_MONOTONIC is shared by all processes of a machine, so
-times of different processes may be subtracted.
+times of different processes may be subtracted. The tick time is the node's: from the message
+that completes a tick to its last output. The relay receives and republishes the same messages.
 """
 
 from __future__ import annotations
@@ -36,6 +39,11 @@ TARGET_P99_MS = 5.0
 """Required 99th percentile of the latency, ms: a fifth of the 25 ms tick."""
 TARGET_CPU_PERCENT = 20.0
 """Required CPU load of the node, per cent of one core."""
+TARGET_TICK_MS = 0.4
+"""Required median of the tick's processing time, ms: a third of what it took before the encoder
+was compiled."""
+TARGET_CPU_RATIO = 2.0
+"""Required CPU load of the node in loads of the relay. By choice."""
 MIN_DURATION_S, MAX_DURATION_S = 1.0, 86_400.0
 MIN_IMU_HZ, MAX_IMU_HZ = 1.0, 2000.0
 _WARM_UP_S = 3.0
@@ -79,9 +87,10 @@ def bench_live(
     """
     Measure the node for `duration_s` after a warm-up of 3 s; the result can be written as JSON.
 
-    `latency_ms` has p50, p99 and max; `ticks`, `ticks_missed` (completed by the sensors, but
-    never predicted), `cpu_percent` of one core, `memory_growth_mb`, `targets_met`, and under
-    `node` the values of the node's own diagnostics.
+    `latency_ms` has p50, p99 and max; `tick_p50_ms` the processing time within the node; `ticks`,
+    `ticks_missed` (completed by the sensors, but never predicted), `cpu_percent` of one core, of
+    the relay `relay_cpu_percent`, and `cpu_ratio` of the two; `memory_growth_mb`, `targets_met`,
+    and under `node` the values of the node's own diagnostics.
     :param progress: called about ten times a second with (seconds done, seconds in all).
     :raises UsageError: as `check_live`.
     :raises DataError: the node did not start, or a part of the measurement failed.
@@ -96,10 +105,11 @@ def bench_live(
             arguments += ["-p", f"method:={method}"]
         node = _start(stack, folder, "adk_ros.ros.node", *arguments)
         listener = _start(stack, folder, _MODULE, "listen", str(folder / "received.npz"))
+        relay = _start(stack, folder, _MODULE, "relay")
         traffic = _start(stack, folder, _MODULE, "drive", str(folder / "sent.npz"), *rates)
         _await_line(traffic, "started", node, folder)
-        cpu_percent, grown_mb = _watch(node, duration_s, progress)
-        if traffic.wait(_TIMEOUT_S) or node.poll() is not None:
+        cpu_percent, relay_percent, grown_mb = _watch(node, relay, duration_s, progress)
+        if traffic.wait(_TIMEOUT_S) or node.poll() is not None or relay.poll() is not None:
             raise DataError(f"the measurement failed: {_last_error(folder)}")
         time.sleep(1.5)
         listener.terminate()
@@ -107,7 +117,11 @@ def bench_live(
             raise DataError(f"the listener failed: {_last_error(folder)}")
         sent, received = np.load(folder / "sent.npz"), np.load(folder / "received.npz")
         result = _evaluate(sent, received, round(_WARM_UP_S * 1e9))
+    tick_ms = 1e-3 * float(result["node"].get("tick_p50_us", "nan"))
+    result["tick_p50_ms"] = round(tick_ms, 3)
     result["cpu_percent"] = round(cpu_percent, 2)
+    result["relay_cpu_percent"] = round(relay_percent, 2)
+    result["cpu_ratio"] = round(cpu_percent / relay_percent, 2)
     result["memory_growth_mb"] = round(grown_mb, 2)
     result["duration_s"] = duration_s
     result["rates_hz"] = {"imu": imu_hz, "odometry": odometry_hz, "command": command_hz}
@@ -115,6 +129,8 @@ def bench_live(
         "p99_ms": result["latency_ms"]["p99"] <= TARGET_P99_MS,
         "ticks_missed": result["ticks_missed"] == 0,
         "cpu_percent": cpu_percent <= TARGET_CPU_PERCENT,
+        "tick_p50_ms": tick_ms <= TARGET_TICK_MS,
+        "cpu_ratio": cpu_percent <= TARGET_CPU_RATIO * relay_percent,
     }
     return result
 
@@ -173,21 +189,32 @@ def _last_error(folder: Path) -> str:
 
 
 def _watch(
-    node: subprocess.Popen[str], duration_s: float, progress: Callable[[float, float], None] | None
-) -> tuple[float, float]:
-    """Return the node's CPU load (per cent of a core) and memory growth (MB) after the warm-up."""
-    process = psutil.Process(node.pid)
+    node: subprocess.Popen[str],
+    relay: subprocess.Popen[str],
+    duration_s: float,
+    progress: Callable[[float, float], None] | None,
+) -> tuple[float, float, float]:
+    """Return the CPU loads of node and relay, per cent of a core, and the node's growth in MB."""
+    processes = psutil.Process(node.pid), psutil.Process(relay.pid)
     time.sleep(_WARM_UP_S)
-    before, begin_s = process.cpu_times(), time.monotonic()
-    rss_before = process.memory_info().rss
+    begin_s, before_s = time.monotonic(), [_cpu_s(process) for process in processes]
+    rss_before = processes[0].memory_info().rss
     while (done_s := time.monotonic() - begin_s) < duration_s - 0.2:
         if progress is not None:
             progress(done_s, duration_s)
         time.sleep(0.1)
-    after = process.cpu_times()
-    spent_s = after.user + after.system - before.user - before.system
-    grown_mb = (process.memory_info().rss - rss_before) * 1e-6
-    return float(100.0 * spent_s / (time.monotonic() - begin_s)), float(grown_mb)
+    elapsed_s = time.monotonic() - begin_s
+    loads = [
+        100.0 * (_cpu_s(process) - spent_s) / elapsed_s
+        for process, spent_s in zip(processes, before_s, strict=True)
+    ]
+    grown_mb = (processes[0].memory_info().rss - rss_before) * 1e-6
+    return loads[0], loads[1], float(grown_mb)
+
+
+def _cpu_s(process: Any) -> float:
+    times = process.cpu_times()
+    return float(times.user + times.system)
 
 
 def _evaluate(sent: Any, received: Any, warm_up_ns: int) -> dict[str, Any]:
@@ -253,7 +280,11 @@ def _drive(path: str, *rates: str) -> None:
 
     duration_s, *hz = (float(rate) for rate in rates)
     sent = publish_synthetic_sensors(
-        duration_s, Rates(*hz), on_start=lambda: print("started", flush=True)
+        duration_s,
+        Rates(*hz),
+        # The node and the relay.
+        subscribers=2,
+        on_start=lambda: print("started", flush=True),
     )
     values = np.full((len(sent), 3), np.nan)
     for row, item in enumerate(sent):
@@ -281,7 +312,14 @@ def _listen(path: str) -> None:
     )
 
 
+def _relay() -> None:
+    from adk_ros.ros.relay import relay_sensors
+
+    relay_sensors()
+
+
 if __name__ == "__main__":
     # Garbage collection in the measuring processes must not count as the node's latency.
     gc.disable()
-    {"drive": _drive, "listen": _listen}[sys.argv[1]](*sys.argv[2:])
+    parts: dict[str, Callable[..., None]] = {"drive": _drive, "listen": _listen, "relay": _relay}
+    parts[sys.argv[1]](*sys.argv[2:])

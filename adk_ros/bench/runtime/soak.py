@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Endurance test: a million ticks of a looped drive with faults injected at random.
+Endurance test: a looped drive with faults injected at random, at the horizon of the node.
 
 Checks memory growth, finite outputs and numerical drift of the online method. Faults: NaN and
 infinite fields, duplicates, messages out of order, stray stamps in the future and in the past,
@@ -14,6 +14,7 @@ from __future__ import annotations
 import copy
 import math
 import os
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -26,13 +27,14 @@ from adk_ros.bench.runtime.synthetic_feed import Message, bench_model, endless, 
 from adk_ros.errors import UsageError
 from adk_ros.model.adaptation.online_methods import OnlineSettings, WindowedRidge
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
-from adk_ros.model.prediction import Prediction
 from adk_ros.signals.channels import Source
 
 MIN_TICKS, MAX_TICKS = 1000, 10**10
 """Below 1000 ticks (25 s) neither memory nor drift has time to grow."""
 _FAULT_SHARE = 2e-3
 """Probability that a message carries a fault."""
+_HORIZON_STEPS = 80
+"""The node's default. Every covariance along the horizon is checked, too."""
 _SILENCE = 400
 """Messages that a silent topic loses: 2 s of the IMU, 10 s of the commands."""
 _FREEZE = 400
@@ -61,25 +63,29 @@ def bench_soak(
     check_soak(ticks)
     model = bench_model(model_path)
     online = OnlineSettings("windowed", model.online.window, max(model.online.ridge, 1e-3))
-    pipeline = Pipeline(model, PipelineSettings(online=online, horizon_steps=20))
+    pipeline = Pipeline(model, PipelineSettings(online=online, horizon_steps=_HORIZON_STEPS))
     faults: Counter[str] = Counter()
     feed = _with_faults(simulated_messages(), pipeline, faults, ticks // 2)
     process = psutil.Process(os.getpid())
     not_finite = predictions = 0
-    early = 0.0
+    early, begin_s = 0.0, time.monotonic()
     while pipeline.ticks < ticks:
         source, msg = next(feed)
         for prediction in pipeline.take(source, msg):
             predictions += 1
-            not_finite += not _finite(prediction)
+            not_finite += not prediction.is_finite()
         if not early and pipeline.ticks >= ticks // 10:
             early = process.memory_info().rss / 2**20
         if progress is not None and pipeline.ticks % 1000 == 0:
             progress(pipeline.ticks, ticks)
+    elapsed_s = time.monotonic() - begin_s
     method = pipeline.predictor.online
     assert isinstance(method, WindowedRidge)
     return {
         "ticks": pipeline.ticks,
+        "horizon_steps": _HORIZON_STEPS,
+        "elapsed_s": round(elapsed_s, 1),
+        "hours_for_1e7_ticks": round(elapsed_s / pipeline.ticks * 1e7 / 3600.0, 2),
         "predictions": predictions,
         "not_finite": not_finite,
         "drift": float(np.abs(method.theta - method.batch_solution()).max()),
@@ -91,14 +97,6 @@ def bench_soak(
         "counts": dict(sorted(pipeline.aligner.counts.items())),
         "refused": sum(pipeline.decoder.refused.values()),
     }
-
-
-def _finite(prediction: Prediction) -> bool:
-    return bool(
-        np.isfinite(prediction.x).all()
-        and np.isfinite(prediction.covariance).all()
-        and np.isfinite(prediction.horizon).all()
-    )
 
 
 def _with_faults(
