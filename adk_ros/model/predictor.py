@@ -30,8 +30,8 @@ from adk_ros.model.initial_errors import (
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.model_rollout import ModelRollout
 from adk_ros.model.prediction import Prediction, Status
-from adk_ros.model.tick_memory import TickMemory, complete_pair
-from adk_ros.model.tick_steps import NOT_FINITE, PREDICTED, Measured, make_tick_steps
+from adk_ros.model.tick_memory import TickMemory
+from adk_ros.model.tick_steps import NOT_FINITE, PREDICTED, Measured, Observed, make_tick_steps
 from adk_ros.model.uncertainty.published_horizons import PublishedHorizonErrors
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, Sample
@@ -144,8 +144,7 @@ class Predictor:
     @property
     def filtered_state(self) -> FloatArray:
         """The observer's state (3,) after the last sample, SI."""
-        scaling = self.model.scaling
-        return np.asarray(self._tick.x_past[0] * scaling.x_scale + scaling.x_mean)
+        return np.array(self._memory.filtered)
 
     @property
     def disturbance(self) -> FloatArray:
@@ -214,18 +213,32 @@ class Predictor:
         usable = measured and not sample.flags & _UNLEARNABLE
         if measured and sample.flags & _LEVEL_CHANGE:
             self._shift_past(state)
-        self._observe(sample, state, usable)
         self._n_samples += 1
         self._consecutive_valid_samples = self._consecutive_valid_samples + 1 if usable else 0
-        if self._n_samples <= self.model.history:
+        warming_up = self._n_samples <= self.model.history
+        predicted, innovation = _NO_PREDICTION, _NO_PREDICTION
+        learns = False
+        if self._predicted is not None:
+            predicted = self._predicted
+            if measured:
+                innovation = state - predicted
+                # Both lifts of the pair, with their past samples, must be of learnable samples.
+                enough = self._consecutive_valid_samples >= self.model.history + 2
+                learns = enough and not warming_up
+        # A repeated odometry reading says less than the prediction for this tick.
+        stale = sample.flags & _ODOMETRY_STALE
+        completed = self._steps.observe(
+            self.online.theta,
+            Observed(state, predicted, innovation, sample.u),
+            self._prediction_only_gains if stale else self._gains,
+            usable,
+            learns,
+        )
+        if warming_up:
             self.status = Status.WARMING_UP
             return None
-        innovation = _NAN3
-        if self._predicted is not None and measured:
-            innovation = state - self._predicted
-            # Both lifts of the pair, with their past samples, must be of learnable samples.
-            if self._consecutive_valid_samples >= self.model.history + 2:
-                self._learn(innovation)
+        if completed:
+            self.online.update(self._memory.phi, self._memory.y)
         horizon = np.empty((max(horizon_steps, 1), 3))
         outcome = self._steps.predict(
             self.online.theta,
@@ -253,7 +266,7 @@ class Predictor:
             covariance=self._published_covariance(),
             horizon=horizon[:horizon_steps],
             horizon_covariance=self._published.issue(horizon_steps, self._uncertain_ticks),
-            innovation=innovation,
+            innovation=_NAN3 if innovation is _NO_PREDICTION else innovation,
             status=self.status,
         )
 
@@ -267,22 +280,6 @@ class Predictor:
             past = self._tick.x_past
             past += (state - self._predicted) / self.model.scaling.x_scale
             self._predicted = state
-
-    def _observe(self, sample: Sample, state: FloatArray, usable: bool) -> None:
-        # A repeated odometry reading says less than the prediction for this tick.
-        stale = sample.flags & _ODOMETRY_STALE
-        self._steps.observe(
-            state,
-            _NO_PREDICTION if self._predicted is None else self._predicted,
-            sample.u,
-            self._prediction_only_gains if stale else self._gains,
-            usable,
-        )
-
-    def _learn(self, innovation: FloatArray) -> None:
-        memory = self._memory
-        if complete_pair(self.online.theta, innovation, memory.rows):
-            self.online.update(memory.phi, memory.y)
 
     @property
     def uncertainty_growth(self) -> FloatArray:

@@ -46,7 +46,7 @@ class MemoryArrays(NamedTuple):
     What kernels see of a `TickMemory`.
 
     `features` (m,): of the present tick; `covariance` (3, 3): of the innovation, SI; `form`:
-    the values of `ModelForm`.
+    the values of `ModelForm`; `filtered` (3,): state of the observer, SI.
     """
 
     scaling: ScalingArrays
@@ -55,6 +55,7 @@ class MemoryArrays(NamedTuple):
     features: Float32Array
     covariance: FloatArray
     form: NDArray[np.int64]
+    filtered: FloatArray
 
 
 class TickMemory:
@@ -63,8 +64,9 @@ class TickMemory:
 
     `tick`: past samples, scaled; `phi` (n_phi,): regressor of the latest tick; `y` (n_z,): target
     that belongs to it; `disturbance` (3, 3): slow, fast and running mean of the residual;
-    `gains` (5, 3): `ObserverGains.table`; `covariance` (3, 3): of the innovation, SI. `rows`: all
-    of it as a table for kernels.
+    `gains` (5, 3): `ObserverGains.table`; `covariance` (3, 3): of the innovation, SI; `filtered`
+    (3,): state of the observer, SI, NaN before the first. `rows`: all of it as a table for
+    kernels.
     """
 
     def __init__(self, model: KoopmanModel) -> None:
@@ -85,6 +87,7 @@ class TickMemory:
         self.disturbance = np.zeros((3, 3))
         self.features = np.zeros(model.n_z - 3, dtype=np.float32)
         self.covariance = np.zeros((3, 3))
+        self.filtered = np.full(3, np.nan)
         form = ModelForm(model.residual, model.affine, 3 * (history + 1))
         arrays = MemoryArrays(
             ScalingArrays(
@@ -110,6 +113,7 @@ class TickMemory:
             self.features,
             self.covariance,
             np.array(form, dtype=np.int64),
+            self.filtered,
         )
         self._table = ArrayTable(*arrays.scaling, *arrays.tick, *arrays.pair, *arrays[3:])
         self.rows = self._table.rows
@@ -147,6 +151,7 @@ def memory_arrays(rows: IntArray) -> MemoryArrays:
         singles_1(rows, 17),
         floats_2(rows, 18),
         integers_1(rows, 19),
+        floats_1(rows, 20),
     )
 
 
@@ -158,9 +163,12 @@ def observe(
     gains: FloatArray,
     rows: IntArray,
 ) -> None:
-    """Run `observer_update` on the memory `rows`."""
+    """Run `observer_update` on the memory `rows`, and convert its state to SI."""
     memory = memory_arrays(rows)
-    observer_update(state, predicted, command, gains, memory.scaling, memory.tick)
+    scaling, tick = memory.scaling, memory.tick
+    observer_update(state, predicted, command, gains, scaling, tick)
+    for c in range(3):
+        memory.filtered[c] = tick.x_past[0, c] * scaling.x_scale[c] + scaling.x_mean[c]
 
 
 @strict_kernel

@@ -16,7 +16,7 @@ from adk_ros.model.drivable import is_drivable
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder_kernels import pack_regressor, perceptron
 from adk_ros.model.model_rollout import ModelRollout
-from adk_ros.model.tick_memory import TickMemory, memory_arrays, observe
+from adk_ros.model.tick_memory import TickMemory, complete_pair, memory_arrays, observe
 from adk_ros.model.uncertainty.compiled_rollout import roll_out, to_si
 from adk_ros.model.uncertainty.published_horizons import (
     PublishedHorizonErrors,
@@ -37,6 +37,19 @@ PREDICTED, NOT_FINITE, NOT_DRIVABLE = 0, 1, 2
 """Outcomes of `predict`."""
 
 
+class Observed(NamedTuple):
+    """
+    What a tick begins with, SI: state (3,), the prediction for it, their difference, the command.
+
+    Prediction and innovation are NaN if there are none.
+    """
+
+    state: FloatArray
+    predicted: FloatArray
+    innovation: FloatArray
+    command: tuple[float, float]
+
+
 class Measured(NamedTuple):
     """State (3,) of a tick, SI; whether it is a measurement, and whether it may be learned."""
 
@@ -49,10 +62,13 @@ class TickSteps(Protocol):
     """What a predictor calls on every tick."""
 
     def observe(
-        self, state: FloatArray, predicted: FloatArray, command: tuple[float, float],
-        gains: FloatArray, usable: bool,
-    ) -> None:  # fmt: skip
-        """Take a sample, advance the monitored rollouts, and lift."""
+        self, theta: FloatArray, seen: Observed, gains: FloatArray, usable: bool, learns: bool
+    ) -> bool:
+        """
+        Take a sample, advance the monitored rollouts, lift, and complete the regression pair.
+
+        The pair only if `learns`. Return whether there is one to learn.
+        """
 
     def predict(
         self, theta: FloatArray, measured: Measured, horizon: FloatArray, ahead: int, slot: int,
@@ -82,13 +98,13 @@ class StepwiseTick:
         self._constant_command = memory.tick.u[None]
 
     def observe(
-        self, state: FloatArray, predicted: FloatArray, command: tuple[float, float],
-        gains: FloatArray, usable: bool,
-    ) -> None:  # fmt: skip
-        """Take a sample, and lift; there are no monitored rollouts."""
+        self, theta: FloatArray, seen: Observed, gains: FloatArray, usable: bool, learns: bool
+    ) -> bool:
+        """See `TickSteps`; there are no monitored rollouts."""
         memory = self._memory
-        observe(state, predicted, command, gains, memory.rows)
+        observe(seen.state, seen.predicted, seen.command, gains, memory.rows)
         memory.features[:] = self._model.lifting(memory.tick.row)
+        return learns and bool(complete_pair(theta, seen.innovation, memory.rows))
 
     def predict(
         self, theta: FloatArray, measured: Measured, horizon: FloatArray, ahead: int, slot: int,
@@ -122,12 +138,13 @@ class CompiledTick:
         self._memory_rows, self._published_rows = memory.rows, published.rows
 
     def observe(
-        self, state: FloatArray, predicted: FloatArray, command: tuple[float, float],
-        gains: FloatArray, usable: bool,
-    ) -> None:  # fmt: skip
+        self, theta: FloatArray, seen: Observed, gains: FloatArray, usable: bool, learns: bool
+    ) -> bool:
         """See `TickSteps`."""
-        observe_and_lift(
-            state, predicted, command, gains, usable, self._memory_rows, self._monitor.rows
+        return bool(
+            observe_and_lift(
+                theta, *seen, gains, usable, learns, self._memory_rows, self._monitor.rows
+            )
         )
 
     def predict(
@@ -146,20 +163,24 @@ class CompiledTick:
 
 @fused_kernel
 def observe_and_lift(
+    theta: FloatArray,
     state: FloatArray,
     predicted: FloatArray,
+    innovation: FloatArray,
     command: tuple[float, float],
     gains: FloatArray,
     usable: bool,
+    learns: bool,
     memory_rows: IntArray,
     monitor_rows: IntArray,
-) -> None:
-    """Run the observer, advance the monitored rollouts, and lift; arguments as `observe`."""
+) -> bool:
+    """Run the observer, advance the monitored rollouts, and lift; see `TickSteps.observe`."""
     memory, monitor = memory_arrays(memory_rows), monitor_arrays(monitor_rows)
     observe(state, predicted, command, gains, memory_rows)
     tick, form = memory.tick, memory.form
     update_rollouts(tick.measured, tick.u_previous, usable, form[2], form[0] != 0, monitor)
     perceptron(tick.row, monitor.encoder, monitor.scratch, memory.features)
+    return learns and complete_pair(theta, innovation, memory_rows)
 
 
 @fused_kernel

@@ -132,11 +132,14 @@ class Core:
         try:
             yield
         except Exception as error:
-            self.counters.internal_errors += 1
-            self.counters.last_error = f"{type(error).__name__}: {error}"
-            self.pipeline.reset()
-            if self.counters.internal_errors == 1:
-                self._on_error(error)
+            self._recover(error)
+
+    def _recover(self, error: Exception) -> None:
+        self.counters.internal_errors += 1
+        self.counters.last_error = f"{type(error).__name__}: {error}"
+        self.pipeline.reset()
+        if self.counters.internal_errors == 1:
+            self._on_error(error)
 
     def _has_input(self, now_ns: int) -> bool:
         """Return whether any message arrived within the last second."""
@@ -146,9 +149,12 @@ class Core:
     def _run(self, begin_ns: int, work: Callable[..., list[Prediction]], *args: Any) -> None:
         pipeline, counters = self.pipeline, self.counters
         ticks, published = pipeline.ticks, counters.published
-        with self.guarded():
+        # As `guarded`, without its generator: this runs for every message.
+        try:
             for prediction in work(*args):
                 self._publish_if_finite(prediction)
+        except Exception as error:
+            self._recover(error)
         if counters.published > published:
             counters.last_published_s = begin_ns * 1e-9
         if pipeline.ticks == ticks:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from typing import NamedTuple
 
@@ -43,7 +44,9 @@ class Counters:
 
     def note_innovation(self, innovation: FloatArray) -> None:
         """Add an innovation (3,); NaN, for a sample without prediction, is ignored."""
-        if np.isfinite(innovation).all():
+        # Three numbers: plain arithmetic is faster than numpy's.
+        v_x, v_y, yaw_rate = innovation.tolist()
+        if math.isfinite(v_x + v_y + yaw_rate):
             self.innovations += 1
             self.innovation_squares += innovation * innovation
 

@@ -43,6 +43,7 @@ DIAGNOSTIC_NAME = ": prediction"
 _STAMP_AT = 4
 """Byte offset of the stamp: messages begin with a header, after the 4-byte CDR header."""
 _STAMP = struct.Struct("<iI")
+_pack_double = struct.Struct("<d").pack_into
 _MARKER = 1.25e300
 """Marker: a value that no other field of the messages holds."""
 _SECOND_MARKER = 2.5e300
@@ -67,19 +68,24 @@ class TwistBytes:
         message.twist.twist.linear.x = _MARKER
         message.twist.covariance[0] = _SECOND_MARKER
         self._buffer = bytearray(serialize_message(message))
-        self._twist = _doubles(self._buffer, _find(self._buffer, _MARKER), (6,))
-        covariance = _doubles(self._buffer, _find(self._buffer, _SECOND_MARKER), (6, 6))
+        twist_at = _find(self._buffer, _MARKER)
+        covariance_at = _find(self._buffer, _SECOND_MARKER)
+        twist = _doubles(self._buffer, twist_at, (6,))
+        covariance = _doubles(self._buffer, covariance_at, (6, 6))
         covariance[:] = np.diag([NOT_ESTIMATED] * 6)
-        self._twist[:] = 0.0
-        self._estimated = np.ix_(AXES, AXES)
-        self._covariance = covariance
+        twist[:] = 0.0
+        # Single numbers by `struct`: numpy's index arrays take six times as long.
+        self._places = [twist_at + 8 * axis for axis in AXES]
+        self._places += [covariance_at + 8 * (6 * i + j) for i in AXES for j in AXES]
 
     def fill(self, prediction: Prediction) -> bytes:
         """Return the message for `prediction`."""
         _STAMP.pack_into(self._buffer, _STAMP_AT, *split_stamp(prediction.stamp_ns))
-        self._twist[0], self._twist[1], self._twist[5] = prediction.x
-        self._covariance[self._estimated] = prediction.covariance
-        return bytes(self._buffer)
+        values = prediction.x.tolist() + prediction.covariance.ravel().tolist()
+        buffer = self._buffer
+        for place, value in zip(self._places, values, strict=True):
+            _pack_double(buffer, place, value)
+        return bytes(buffer)
 
 
 class HorizonBytes:

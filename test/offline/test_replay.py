@@ -98,6 +98,14 @@ def test_predictions_of_another_point_are_labelled_so(model: KoopmanModel, tmp_p
     assert frames == {"centre_of_gravity"}
 
 
+def test_a_replay_says_that_the_encoder_is_not_compiled(
+    model: KoopmanModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(model.lifting, "warning", "the compiled encoder differs")
+    _, _, warnings = replay(bag(), model, PipelineSettings(), RecordingOptions())
+    assert warnings == ["the compiled encoder differs"]
+
+
 def test_written_bag(model: KoopmanModel, tmp_path: Path) -> None:
     out = tmp_path / "p"
     predicted, _, _ = replay(

@@ -189,8 +189,8 @@ def _stages(
     take = aligner.take
     # Samples are formed, and their readings judged, when they are asked for.
     aligner.take = watches["align"].wrap(lambda reading: list(take(reading)))
-    predictor._observe = watches["observe"].wrap(predictor._observe)
-    predictor._learn = watches["update"].wrap(predictor._learn)
+    predictor._steps.observe = watches["observe"].wrap(predictor._steps.observe)
+    predictor.online.update = watches["update"].wrap(predictor.online.update)
     predictor._steps.predict = watches["horizon"].wrap(predictor._steps.predict)
     feed = endless(messages)
     rows = []

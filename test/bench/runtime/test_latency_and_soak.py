@@ -28,9 +28,11 @@ from adk_ros.errors import UsageError
 from adk_ros.model import artefact
 from adk_ros.model.adaptation.online_methods import OnlineSettings, WindowedRidge
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
-from adk_ros.signals.channels import TICK_NS, Source
+from adk_ros.model.prediction import Prediction
+from adk_ros.model.predictor import Predictor
+from adk_ros.signals.channels import TICK_NS, Sample, Source
 
-STAGES = {"decode", "align", "lift", "update", "horizon", "rest"}
+STAGES = {"decode", "align", "observe", "update", "horizon", "rest"}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -41,6 +43,7 @@ def quick() -> Iterator[None]:
             patch.setattr(module, "simulated_messages", lambda: simulated_messages(15))
         patch.setattr(latency, "_STAGE_TICKS", 500)
         patch.setattr(latency, "_WARM_UP_TICKS", 100)
+        patch.setattr(latency, "PAUSES", 20)
         yield
 
 
@@ -53,6 +56,7 @@ def test_latency_result_has_all_fields(timed: dict[str, Any]) -> None:
     assert set(timed["tick"]) == {"p50_us", "p99_us", "max_us"}
     assert set(timed["padasip_rls15"]) == {"p50_us", "p99_us"}
     assert set(timed["stages"]) == STAGES
+    assert timed["ratio"] == timed["tick"]["p50_us"] / timed["padasip_rls15"]["p50_us"]
     tick = timed["tick"]
     assert 0.0 < tick["p50_us"] <= tick["p99_us"] <= tick["max_us"] < 1e6
     assert 0.0 < timed["padasip_rls15"]["p50_us"] <= timed["padasip_rls15"]["p99_us"]
@@ -67,6 +71,16 @@ def test_latency_result_has_all_fields(timed: dict[str, Any]) -> None:
 def test_a_tick_costs_less_than_the_baseline_update(timed: dict[str, Any]) -> None:
     """The target is p50 below p50 on an idle machine; twice that on a busy one."""
     assert timed["tick"]["p50_us"] < 2.0 * timed["padasip_rls15"]["p50_us"]
+
+
+def test_ticks_and_updates_are_also_timed_after_pauses(timed: dict[str, Any]) -> None:
+    paused = timed["after_pause"]
+    assert (paused["ticks"], paused["pause_ms"]) == (20, 25.0)
+    for name in ("tick", "padasip_rls15"):
+        assert 0.0 < paused[name]["p50_us"] <= paused[name]["p99_us"] < 1e6
+    assert paused["ratio"] == paused["tick"]["p50_us"] / paused["padasip_rls15"]["p50_us"]
+    # Caches are cold; on a busy machine both suffer.
+    assert paused["tick"]["p50_us"] > 0.8 * timed["tick"]["p50_us"]
 
 
 def test_stage_times_add_up_to_the_tick(timed: dict[str, Any]) -> None:
@@ -84,6 +98,7 @@ def test_soak_stays_finite_flat_and_exact(soaked: dict[str, Any]) -> None:
     assert soaked["ticks"] >= 20_000
     assert soaked["predictions"] > 0.7 * soaked["ticks"]
     assert soaked["not_finite"] == 0
+    assert soaked["horizon_steps"] == 80
     assert soaked["drift"] < 1e-6
     assert soaked["online_failures"] == 0
     assert soaked["memory_early_mib"] > 0.0
@@ -196,8 +211,26 @@ def test_a_missing_package_is_reported_before_any_work(
 
 def test_progress_reaches_its_end() -> None:
     calls: list[tuple[int, int]] = []
-    soak.bench_soak(small().path, 2000, lambda *at: calls.append(at))
+    result = soak.bench_soak(small().path, 2000, lambda *at: calls.append(at))
     assert calls[-1] == (2000, 2000)
+    assert result["elapsed_s"] > 0.0
+    expected_h = result["elapsed_s"] / 2000 * 1e7 / 3600.0
+    assert result["hours_for_1e7_ticks"] == pytest.approx(expected_h, rel=0.1)
+
+
+def test_the_soak_counts_covariances_that_are_not_finite(monkeypatch: pytest.MonkeyPatch) -> None:
+    step = Predictor.step
+
+    def spoiled(self: Predictor, sample: Sample, with_horizon: bool = True) -> Prediction | None:
+        made = step(self, sample, with_horizon)
+        if made is not None:
+            assert made.horizon_covariance.shape == (80, 3, 3)
+            made.horizon_covariance[-1, 2, 2] = np.inf
+        return made
+
+    monkeypatch.setattr(Predictor, "step", spoiled)
+    result = soak.bench_soak(small().path, 1000)
+    assert result["not_finite"] == result["predictions"] > 0
 
 
 def test_the_command_line(capsys, monkeypatch: pytest.MonkeyPatch, timed: dict[str, Any]) -> None:
@@ -211,7 +244,8 @@ def test_the_command_line(capsys, monkeypatch: pytest.MonkeyPatch, timed: dict[s
     monkeypatch.setattr(latency, "bench_latency", lambda *_: timed)
     assert main(["bench", "latency", "--model", "any"]) == 0
     out = capsys.readouterr().out
-    for word in ("whole tick", "padasip RLS 15", "over 1000 ticks", "% of the tick", *STAGES):
+    words = ("back to back, 1000 ticks", "after pauses of 25 ms, 20 ticks", "whole tick")
+    for word in (*words, "padasip RLS", "tick / padasip", "% of the tick", *STAGES):
         assert word in out
     monkeypatch.setattr(soak, "bench_soak", lambda *_: soaked)
     assert main(["bench", "soak", "--model", "any"]) == 0

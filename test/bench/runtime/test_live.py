@@ -54,7 +54,14 @@ def test_a_short_measurement(tmp_path: Path) -> None:
     assert result["ticks_missed"] == 0
     assert 0.0 < result["cpu_percent"] < 60.0
     assert result["node"]["internal_errors"] == 0
-    assert set(result["targets_met"]) == {"p99_ms", "ticks_missed", "cpu_percent"}
+    assert set(result["targets_met"]) == {
+        "p99_ms", "ticks_missed", "cpu_percent", "tick_p50_ms", "cpu_ratio",
+    }  # fmt: skip
+    assert 0.0 < result["tick_p50_ms"] < latency["p50"]
+    # A Python process that receives 290 messages per second is never idle.
+    assert result["relay_cpu_percent"] > 1.0
+    ratio = result["cpu_percent"] / result["relay_cpu_percent"]
+    assert result["cpu_ratio"] == pytest.approx(ratio, abs=0.01)
     assert calls == sorted(calls)
     assert len(calls) > 10
 
