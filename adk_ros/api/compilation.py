@@ -21,7 +21,7 @@ from adk_ros.errors import DataError, UsageError
 from adk_ros.shutdown import begin_worker, end_all
 
 _POLL_S = 0.5
-_FUNCTIONS = 74
+_FUNCTIONS = 158
 """Functions that an empty cache lacks: the total of the progress."""
 
 
