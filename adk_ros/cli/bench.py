@@ -97,7 +97,7 @@ def soak(
     """
     Replay a looped drive with injected faults: memory growth, NaN, numerical drift.
 
-    A million ticks, 7 h of driving, take about five minutes.
+    A million ticks are 7 h of driving.
 
     Example: adk bench soak --ticks 10000000
     """
