@@ -31,6 +31,7 @@ from adk_ros.cli import (
     rollout,
     simulate,
     train,
+    watch,
 )
 from adk_ros.cli.command import COMPARE, DATA, INSTALL, MEASURE, PREDICT, VerbCommand, VerbGroup
 from adk_ros.cli.compile import compile_code
@@ -77,6 +78,7 @@ VERBS: dict[str, tuple[str, Callable[..., Any]]] = {
     "demo": (PREDICT, demo.demo),
     "mismatch": (COMPARE, mismatch.mismatch),
     "detectable": (COMPARE, detectable.detectable),
+    "watch": (COMPARE, watch.watch),
     "compile": (INSTALL, compile_code),
 }
 """Verb -> (group in the help, function)."""
@@ -154,6 +156,7 @@ rollout_main = _verb_main("rollout")
 info_main = _verb_main("info")
 simulate_main = _verb_main("simulate")
 mismatch_main = _verb_main("mismatch")
+watch_main = _verb_main("watch")
 bench_main = _verb_main("bench")
 compile_main = _verb_main("compile")
 

@@ -26,17 +26,23 @@ from adk_ros.errors import UsageError
 
 
 class Session:
-    """Context manager for a node named `name` and its executor."""
+    """Context manager for a node named `name` in `namespace`, and its executor."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, namespace: str = "") -> None:
         self._context: Any = Context()
-        self._name = name
+        self._name, self._namespace = name, namespace
 
     def __enter__(self) -> Session:
         self._context.init()
         # Not annotated in every version of rclpy.
         create: Any = Node
-        self.node: Any = create(self._name, context=self._context)
+        try:
+            self.node: Any = create(
+                self._name, context=self._context, namespace=self._namespace or None
+            )
+        except NameValidationException:
+            self._context.try_shutdown()
+            raise UsageError(f"namespace '{self._namespace}' is no valid ROS name") from None
         self._executor = make_executor(self._context)
         self._executor.add_node(self.node)
         return self

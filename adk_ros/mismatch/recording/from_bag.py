@@ -55,7 +55,7 @@ def read_sensor_log(
             stamps[reading.source].append(reading.stamp_ns)
             rows[reading.source].append(reading.values)
             if reading.source is Source.ODOMETRY:
-                poses.append(_pose(msg))
+                poses.append(pose_of(msg))
         start_ns = bag.start_ns
         warnings = tuple(reader.warnings())
     for source in STANDARD_SOURCES:
@@ -93,8 +93,8 @@ def read_sensor_log(
     )
 
 
-def _pose(msg: Any) -> tuple[float, float, float]:
-    """Return x, y and heading of an odometry message."""
+def pose_of(msg: Any) -> tuple[float, float, float]:
+    """Return x, y (m) and heading (rad) of an odometry message."""
     position, q = msg.pose.pose.position, msg.pose.pose.orientation
     heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
     return float(position.x), float(position.y), heading

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Generator
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from adk_ros.mismatch.watch.settings import (
     REFERENCE_BLOCKS,
     WARM_UP_S,
 )
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import Reading
 
 WAITING, LEARNING, WATCHING, CHANGED = "waiting", "learning", "watching", "changed"
@@ -52,7 +54,7 @@ class Watch:
     Watches one car. `on_change` is called with each change, and again with each revision.
 
     `state`: waiting (for data), learning (the reference), watching, changed (a change is being
-    named). `threshold` of the statistic; `blocks_used` and `blocks_skipped` count blocks.
+    named). `number` of changes so far; `threshold` of the statistic; `blocks_used` and `blocks_skipped` count blocks.
     """
 
     def __init__(
@@ -65,7 +67,7 @@ class Watch:
         self.base: tuple[ActiveEffect, ...] = ()
         self.restarts = 0
         self.changes: deque[Change] = deque(maxlen=_KEPT_CHANGES)
-        self._number = 0
+        self.number = 0
         self._restart()
 
     def _restart(self) -> None:
@@ -76,7 +78,8 @@ class Watch:
         self.likely = ""
         self._due_s: float | None = None
         self._pending: deque[tuple[SensorLog, Span]] = deque()
-        self._sigma: np.ndarray | None = None
+        self._sigma: FloatArray | None = None
+        self._layout: ColumnLayout | None = None
         self._statistics: ChangeStatistics | None = None
         self._lineariser: BlockLineariser | None = None
         self._clear_alarm()
@@ -167,29 +170,22 @@ class Watch:
         self._look(span[1])
 
     def _begin(self) -> None:
-        """Fix the noise, and add the blocks that waited for it."""
-        logs = [log for log, _ in self._pending]
-        self._sigma = np.median([log.noise() for log in logs], axis=0)
-        self._learn_anew()
-        assert self._lineariser is not None
-        assert self._statistics is not None
-        for log, span in self._pending:
-            block = self._lineariser.block(log, *span)
-            if block is not None:
-                self._statistics.add(block)
-        self._layout_log = logs[0]
+        """Fix noise and columns, and add the blocks that waited for them."""
+        pending = list(self._pending)
         self._pending.clear()
+        self._sigma = np.median([log.noise() for log, _ in pending], axis=0)
+        problem = prepare_residual_problem(pending[0][0], self._sigma)
+        likelihood = Likelihood.of(problem, self._surrogate)
+        self._layout = ColumnLayout.of(likelihood.nuisance_deviations(), likelihood.unobservable)
+        self._learn_anew()
+        self.blocks_used = 0
+        for log, span in pending:
+            self._take(log, span)
 
     def _learn_anew(self) -> None:
         """Start a new reference, with the effects that are known by now."""
         assert self._sigma is not None
-        if not hasattr(self, "_layout"):
-            log = self._pending[0][0]
-            problem = prepare_residual_problem(log, self._sigma)
-            likelihood = Likelihood.of(problem, self._surrogate)
-            self._layout = ColumnLayout.of(
-                likelihood.nuisance_deviations(), likelihood.unobservable
-            )
+        assert self._layout is not None
         self._lineariser = BlockLineariser(
             self._surrogate, self._sigma, self._layout, self.base
         )
@@ -207,7 +203,7 @@ class Watch:
             if self._held < HOLD_BLOCKS:
                 return
             self._alarm_s, self._alarm_blocks = now_s, self._statistics.count
-            self._number += 1
+            self.number += 1
         if self._statistics.count - self._alarm_blocks >= self._revisions[0]:
             self._revisions.pop(0)
             if best is None or self.statistic < self.threshold:
@@ -218,9 +214,7 @@ class Watch:
 
     def _withdraw(self, now_s: float) -> None:
         last = self.changes[-1] if self.changes else None
-        if last is not None and last.number == self._number:
-            from dataclasses import replace
-
+        if last is not None and last.number == self.number:
             self._report(replace(last, state=WITHDRAWN, until_s=now_s))
         self._clear_alarm()
 
@@ -237,7 +231,7 @@ class Watch:
         assert self._alarm_s is not None
         self._report(
             Change(
-                self._number,
+                self.number,
                 FINAL if is_final else PRELIMINARY,
                 named.verdict,
                 named.best,
