@@ -46,6 +46,7 @@ def watch(
     Example: adk bench watch --hours 2 --rounds 1
     """
     from adk_ros.bench.mismatch import watch_bench as bench
+    from adk_ros.mismatch.watch.settings import ALARM_THRESHOLD
 
     strengths = strength or [1.0, 0.5]
     if not 0.0 <= hours <= _MAX_HOURS:
@@ -57,7 +58,7 @@ def watch(
     if out is not None and not out.absolute().parent.is_dir():
         raise UsageError(f"--out {out}: the folder does not exist")
     first = bench.CALIBRATION if calibrate else bench.CLEAN
-    threshold = float("inf") if calibrate else bench.ALARM_THRESHOLD
+    threshold = float("inf") if calibrate else ALARM_THRESHOLD
     cleans = bench.clean_drives(first, hours) if hours > 0.0 else []
     events = [] if calibrate or not rounds else bench.event_drives(strengths, rounds)
     with console.progress("clean drives") as bar:

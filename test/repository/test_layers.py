@@ -27,7 +27,8 @@ ORDER: dict[str, tuple[str, ...]] = {
     "plant": ("environment", "vehicle", "identification", "scenario", ""),
     "model": ("lifting", "estimation", "adaptation", "uncertainty", ""),
     "mismatch": (
-        "library", "recording", "surrogate", "inference", "deployment", "report", "",
+        "library", "recording", "surrogate", "inference", "deployment", "report", "watch",
+        "",
     ),
     "bench": ("runtime", "paper", "mismatch", ""),
 }  # fmt: skip

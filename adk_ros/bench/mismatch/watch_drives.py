@@ -23,6 +23,7 @@ from adk_ros.bench.mismatch.vehicle_family import Drive, family_of
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.plant.environment.road import ROAD_MU
 from adk_ros.signals.channels import Reading, Source
@@ -44,6 +45,9 @@ EVENTS: dict[str, str] = {
     "steering lags": "steering_lag",
 }
 """Event on the road -> effect of the catalogue, of the size in `injectors.FULL`."""
+
+
+_Stamped = tuple[int, int, int, list[float]]
 
 
 @dataclass(frozen=True)
@@ -123,7 +127,7 @@ def readings_of(log: SensorLog) -> Iterator[tuple[Reading, tuple[float, float, f
     """Yield the readings of a log in the order of their stamps, odometry with its pose."""
     offset_ns = log.start_ns + 1_000_000_000
 
-    def stamped(source: Source, at_s: np.ndarray, values: np.ndarray) -> Iterator[tuple]:
+    def stamped(source: Source, at_s: FloatArray, values: FloatArray) -> Iterator[_Stamped]:
         stamps = offset_ns + np.round(at_s * 1e9).astype(np.int64)
         for i, (stamp, row) in enumerate(zip(stamps.tolist(), values.tolist(), strict=True)):
             yield stamp, int(source), i, row

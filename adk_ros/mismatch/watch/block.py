@@ -12,7 +12,6 @@ and integrated out: with Z their columns, all products are those with
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -28,7 +28,7 @@ from adk_ros.mismatch.surrogate.state_index import N_CHANNELS
 from adk_ros.mismatch.watch.block import Block, robust_weights
 from adk_ros.mismatch.watch.change_statistics import ChangeStatistics
 from adk_ros.mismatch.watch.settings import WARM_UP_S
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import FloatArray, IntArray
 
 _ITERATIONS = 5
 _HALVINGS = 3
@@ -112,7 +112,7 @@ class ChangeFit:
             kept = channel < N_CHANNELS
             total += np.bincount(channel[kept], r[kept] ** 2, N_CHANNELS)
             count += np.bincount(channel[kept], minlength=N_CHANNELS)
-        return total / count
+        return np.asarray(total / count)
 
     def residuals(
         self, active: ActiveEffect, throughout: list[FloatArray] | None = None
@@ -249,7 +249,6 @@ class ChangeFit:
         return scores.sum(axis=0), projected, scores
 
 
-def _loss_of(gram: FloatArray, static: FloatArray, x: FloatArray) -> float:
+def _loss_of(gram: FloatArray, static: IntArray, x: FloatArray) -> float:
     inner = gram[np.ix_(static, static)]
     return float(gram[0, 0] + 2.0 * gram[0, static] @ x + x @ inner @ x)
-

@@ -109,9 +109,7 @@ def name_change(
         refitted.append(data.fit(one.active.effect, one.active.theta, onset_s))
         yield
     best, others = _ranked(refitted)
-    every = np.unique(
-        np.concatenate([np.arange(begin_s, end_s, _ONSET_STEP_S), grid, [onset_s]])
-    )
+    every = np.unique(np.concatenate([np.arange(begin_s, end_s, _ONSET_STEP_S), grid, [onset_s]]))
     onset_s, within = _refined_onset(data, best, every)
     yield
     return _named(data, best, others, onset_s, within, model or ConfidenceModel())
@@ -167,7 +165,7 @@ def _ranked(fitted: list[FittedChange]) -> tuple[FittedChange, list[FittedChange
     """Return the best change in its canonical form, and the others."""
     fitted = sorted(fitted, key=lambda x: x.penalised_loss)
     best = fitted[0]
-    canonical = canonical_effect(best.active, best.deviations)
+    canonical = canonical_effect(best.active, best.deviations.tolist())
     for one in fitted:
         if one.active.effect is canonical:
             best = one
@@ -207,7 +205,7 @@ def _named(
     posterior = model.posterior(evidence, ratio)
     identified = IdentifiedEffect(
         best.active.effect,
-        confidence_intervals(best.active, best.deviations),
+        confidence_intervals(best.active, best.deviations.tolist()),
         1.0 - sum(posterior.values()),
         [x.name for x in competitors if x.alternative],
         TIME,
@@ -249,7 +247,7 @@ def _excess_ratio(data: ChangeFit, best: FittedChange, null: FloatArray) -> floa
         MAX_EXCESS_PER_NOISE * expected + _REFERENCE_SIGMAS * scatter * rows.sum(),
         MAX_EXCESS_PER_NULL_EXCESS * before,
     )
-    return max(left, 0.0) / allowed
+    return float(max(left, 0.0) / allowed)
 
 
 def _channels(data: ChangeFit) -> tuple[str, ...]:

@@ -59,7 +59,7 @@ class _Series:
         first, last = np.searchsorted(used[:, 0], (begin_s, end_s))
         if with_previous and first > 0 and (first == last or used[first, 0] > begin_s):
             first -= 1
-        return used[first:last].copy()
+        return np.array(used[first:last])
 
 
 class SensorBuffer:

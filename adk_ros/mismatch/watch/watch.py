@@ -24,7 +24,7 @@ from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
 from adk_ros.mismatch.watch.block import BlockLineariser
 from adk_ros.mismatch.watch.candidate_columns import ColumnLayout
 from adk_ros.mismatch.watch.change import FINAL, PRELIMINARY, WITHDRAWN, Change
-from adk_ros.mismatch.watch.change_statistics import ChangeStatistics, LinearChange
+from adk_ros.mismatch.watch.change_statistics import ChangeStatistics
 from adk_ros.mismatch.watch.naming import NamedChange, name_change
 from adk_ros.mismatch.watch.sensor_buffer import SensorBuffer
 from adk_ros.mismatch.watch.settings import (
@@ -54,7 +54,8 @@ class Watch:
     Watches one car. `on_change` is called with each change, and again with each revision.
 
     `state`: waiting (for data), learning (the reference), watching, changed (a change is being
-    named). `number` of changes so far; `threshold` of the statistic; `blocks_used` and `blocks_skipped` count blocks.
+    named). `number` of changes so far; `threshold` of the statistic; `blocks_used` and
+    `blocks_skipped` count blocks.
     """
 
     def __init__(
@@ -186,9 +187,7 @@ class Watch:
         """Start a new reference, with the effects that are known by now."""
         assert self._sigma is not None
         assert self._layout is not None
-        self._lineariser = BlockLineariser(
-            self._surrogate, self._sigma, self._layout, self.base
-        )
+        self._lineariser = BlockLineariser(self._surrogate, self._sigma, self._layout, self.base)
         self._statistics = ChangeStatistics(self._layout)
 
     def _look(self, now_s: float) -> None:
