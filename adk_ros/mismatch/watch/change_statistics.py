@@ -97,6 +97,10 @@ class ChangeStatistics:
         self._coefficients = np.zeros(layout.static.size)
         self._spread = np.ones(layout.count) * SPREAD_PRIOR_BLOCKS
         self._spread_weight = SPREAD_PRIOR_BLOCKS
+        self._single = [x for x in layout.candidates if x.columns.size == 1]
+        self._several = [x for x in layout.candidates if x.columns.size > 1]
+        self._single_columns = np.array([x.columns[0] for x in self._single])
+        self._one_sided = np.array([x.one_sided for x in self._single])
 
     def add(self, block: Block) -> None:
         """Add the next block."""
@@ -176,20 +180,33 @@ class ChangeStatistics:
             scores = tail[0, 1:] + coefficients @ across
             normal = tail[1:, 1:] - across.T @ inverse @ across
             spread = self.spread(index)
-            out += [
-                _gain(candidate, index, scores, normal, spread)
-                for candidate in self.layout.candidates
-            ]
+            out += self._at_onset(index, scores, normal, spread)
         return out
 
+    def _at_onset(
+        self, index: int, scores: FloatArray, normal: FloatArray, spread: FloatArray
+    ) -> list[LinearChange]:
+        """Return each candidate with one onset; those of one column together."""
+        c = self._single_columns
+        information = np.maximum(np.diag(normal)[c], _MIN_INFORMATION)
+        size = -scores[c] / information
+        gain = np.where(self._one_sided & (size <= 0.0), 0.0, scores[c] ** 2 / information)
+        statistic = gain / spread[c]
+        out = [
+            LinearChange(candidate, index, float(gain[i]), float(statistic[i]), size[i : i + 1])
+            for i, candidate in enumerate(self._single)
+        ]
+        return out + [_joint(x, index, scores, normal, spread) for x in self._several]
 
-def _gain(
+
+def _joint(
     candidate: CandidateChange,
     index: int,
     scores: FloatArray,
     normal: FloatArray,
     spread: FloatArray,
 ) -> LinearChange:
+    """Return a candidate of several columns with one onset."""
     c = candidate.columns
     own = normal[np.ix_(c, c)]
     scale = np.sqrt(np.maximum(np.diag(own), _MIN_INFORMATION))
