@@ -14,6 +14,7 @@ import json
 import math
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 import time
@@ -21,6 +22,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +41,8 @@ from adk_ros.mismatch.watch.watch import Watch
 from adk_ros.ros.diagnostics import Level
 from adk_ros.ros.evidence import Evidence, StampedMessage
 from adk_ros.ros.messages import split_stamp
-from adk_ros.ros.session import Session, message_class, stopping
+from adk_ros.ros.node import Stop
+from adk_ros.ros.session import Session, message_class
 from adk_ros.ros.watch_report import WatchInputs, watch_report
 from adk_ros.signals.channels import Source
 from adk_ros.signals.commands import COMMAND_TYPES
@@ -168,12 +171,6 @@ class WatchNode:
         if now_s - self._reported_s >= _PERIOD_S:
             self._report(now_s)
 
-    def close(self) -> None:
-        """Finish the evidence that is being written; leave a running analysis alone."""
-        for job in self._jobs:
-            for _ in job:
-                pass
-
     def _on_change(self, change: Change) -> None:
         text = json.dumps({"node": self._name, **change.as_dict()})
         self._change_out.publish(String(data=text))
@@ -187,12 +184,17 @@ class WatchNode:
 
     def _save(self, change: Change, text: str, out: Path) -> Iterator[None]:
         """Write the evidence of a change; then state, or run, the command that analyses it."""
-        folder = _new_folder(out, change.number)
+        folder = _new_name(out, change.number)
         begin_ns = change.stamp_ns(change.onset_s - _BEFORE_S)
+        # Under a hidden name until it is whole: the process may end at any time.
+        partial_folder = out / f".{folder.name}.part"
+        shutil.rmtree(partial_folder, ignore_errors=True)
+        partial_folder.mkdir()
         yield from self._evidence.write(
-            folder / EVIDENCE, begin_ns, change.stamp_ns(change.until_s)
+            partial_folder / EVIDENCE, begin_ns, change.stamp_ns(change.until_s)
         )
-        (folder / CHANGE_FILE).write_text(text + "\n", encoding="utf-8")
+        (partial_folder / CHANGE_FILE).write_text(text + "\n", encoding="utf-8")
+        partial_folder.rename(folder)
         command = ["mismatch", "--simulation", str(out / MODEL_FILE)]
         command += ["--recording", str(folder / EVIDENCE), "--out", str(folder / REPORT)]
         self._note(f"analyse the evidence: {shlex.join(['adk', *command])}")
@@ -241,16 +243,11 @@ class WatchNode:
         self._diagnostics_out.publish(message)
 
 
-def _new_folder(out: Path, number: int) -> Path:
-    """Return a new folder for a change; an earlier run may have used its number."""
-    for suffix in ("", *(f"_{i}" for i in range(2, 10_000))):
-        folder = out / f"change_{number}{suffix}"
-        try:
-            folder.mkdir()
-        except FileExistsError:
-            continue
-        return folder
-    raise UsageError(f"{out} is full of changes: name another --out")
+def _new_name(out: Path, number: int) -> Path:
+    """Return the folder of a change; an earlier run may have used its number."""
+    first = out / f"change_{number}"
+    others = (out / f"change_{number}_{i}" for i in count(2))
+    return next(x for x in chain([first], others) if not x.exists())
 
 
 def watch(
@@ -264,13 +261,15 @@ def watch(
 
     :raises UsageError: a topic or message type does not fit.
     """
-    with stopping() as stopped, Session(NODE_NAME, options.namespace) as session:
-        node = WatchNode(session, surrogate, options, note)
-        end_s = math.inf if duration_s is None else time.monotonic() + duration_s
-        try:
-            while not stopped() and time.monotonic() < end_s:
+    stop = Stop()
+    try:
+        with Session(NODE_NAME, options.namespace) as session:
+            node = WatchNode(session, surrogate, options, note)
+            end_s = math.inf if duration_s is None else time.monotonic() + duration_s
+            stop.starting = False
+            while not stop.requested and time.monotonic() < end_s:
                 session.spin(_SPIN_S)
                 node.work()
-        finally:
-            node.close()
-        return node.watch.number
+            return node.watch.number
+    finally:
+        stop.close()

@@ -18,6 +18,7 @@ import numpy as np
 
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.library.criteria import MIN_SPEED
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
@@ -156,6 +157,10 @@ class Watch:
 
     def _take(self, log: SensorLog, span: Span) -> None:
         if self._lineariser is None:
+            # A standing car shakes less than a driving one.
+            if np.median(np.abs(log.odometry[:, 0])) < MIN_SPEED:
+                self.blocks_skipped += 1
+                return
             self._pending.append((log, span))
             self.blocks_used += 1
             if len(self._pending) == NOISE_BLOCKS:
