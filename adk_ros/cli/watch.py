@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -75,4 +76,7 @@ def watch(
     options = WatchOptions(
         source_topics(imu, odometry, command), sensors, namespace, out, run_mismatch=run
     )
-    run_node(surrogate, options, console.note, duration)
+    if run_node(surrogate, options, console.note, duration):
+        # The interpreter may take seconds to free what it holds; nothing is left to be written.
+        console.flush()
+        os._exit(0)

@@ -220,10 +220,10 @@ class WatchNode:
         share = (cpu_s - self._cpu_s) / (now_s - self._reported_s)
         self._reported_s, self._cpu_s = now_s, cpu_s
         refused: Counter[str] = Counter()
-        for (source, reason), count in self._decoder.refused.items():
-            refused[f"{source.name.lower()}: {reason}"] += count
+        for (source, reason), times in self._decoder.refused.items():
+            refused[f"{source.name.lower()}: {reason}"] += times
         inputs = WatchInputs(
-            {source.name.lower(): count for source, count in self._received.items()},
+            {source.name.lower(): times for source, times in self._received.items()},
             {source.name.lower(): now_s - at_s for source, at_s in self._last_s.items()},
             refused,
         )
@@ -255,9 +255,9 @@ def watch(
     options: WatchOptions,
     note: Callable[[str], None],
     duration_s: float | None = None,
-) -> int:
+) -> bool:
     """
-    Run the node until SIGINT or SIGTERM, or for `duration_s`; return the number of changes.
+    Run the node until SIGINT or SIGTERM, or for `duration_s`; return whether a signal ended it.
 
     :raises UsageError: a topic or message type does not fit.
     """
@@ -270,6 +270,6 @@ def watch(
             while not stop.requested and time.monotonic() < end_s:
                 session.spin(_SPIN_S)
                 node.work()
-            return node.watch.number
+            return stop.requested
     finally:
         stop.close()

@@ -81,7 +81,7 @@ def test_errors_that_are_common_to_a_block_widen_the_spread() -> None:
     assert statistics_of(quiet).spread(RING_BLOCKS)[column] < 2.0
     statistics = statistics_of(loud)
     assert statistics.spread(RING_BLOCKS)[column] > 4.0
-    own = [x for x in statistics.changes() if x.candidate is PAYLOAD][0]
+    own = next(x for x in statistics.changes() if x.candidate is PAYLOAD)
     assert own.statistic < 0.4 * own.gain
 
 
