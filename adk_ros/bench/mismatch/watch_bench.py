@@ -179,7 +179,12 @@ def run_event(event: str, drive: WatchedDrive) -> EventResult:
     name, first = drive.effect, EFFECTS[drive.effect].parameters[0]
     equivalent = STRUCTURALLY_EQUIVALENT.get(name, ())
     named, alternatives = last.best.effect.name, tuple(last.best.alternatives)
-    separable = [x for x in alternatives if x not in equivalent]
+    # Effects that no drive can separate count once.
+    separable = {
+        min((x, *STRUCTURALLY_EQUIVALENT.get(x, ())))
+        for x in (named, *alternatives)
+        if x != name and x not in equivalent
+    }
     right = last.verdict == EXPLAINED and name in (named, *alternatives)
     value = truth[first.name]
     error, covered = np.nan, False

@@ -11,6 +11,7 @@ from adk_ros.mismatch.inference.confidence import ConfidenceModel
 from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
 from adk_ros.mismatch.inference.fit_budget import FINAL
 from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.result import IdentifiedEffect
 
 CREDIBLE = 0.9
 """Probability of the set of effects that is reported, one of which is present. Convention."""
@@ -61,34 +62,37 @@ def with_confidence(decision: Decision, error_ratio: float) -> Decision:
     """
     Return a decision with the posterior probability of each effect.
 
-    While it is below `CREDIBLE`, the most probable competing effect joins the alternatives.
     `error_ratio`: largest held-out error over what a correct model explains.
     """
-    model = ConfidenceModel()
-    effects = []
-    for identified in decision.effects:
-        assert identified.evidence is not None
-        posterior = model.posterior(identified.evidence, error_ratio)
-        confidence = max(1.0 - sum(posterior.values()), 0.0)
-        joined: list[str] = []
-        for competitor in sorted(
-            identified.competitors, key=lambda c: -posterior.get(c.name, 0.0)
-        ):
-            share = posterior.get(competitor.name, 0.0)
-            if confidence >= CREDIBLE or share < SMALLEST_SHARE:
-                break
-            joined.append(competitor.name)
-            confidence += share
-        effects.append(
-            replace(
-                identified,
-                confidence=round(confidence, 3),
-                posterior=posterior,
-                alternatives=[*identified.alternatives, *joined],
-                competitors=tuple(
-                    replace(c, alternative=c.alternative or c.name in joined)
-                    for c in identified.competitors
-                ),
-            )
-        )
-    return replace(decision, effects=effects)
+    return replace(
+        decision, effects=[with_posterior(effect, error_ratio) for effect in decision.effects]
+    )
+
+
+def with_posterior(identified: IdentifiedEffect, error_ratio: float) -> IdentifiedEffect:
+    """
+    Return an effect with its posterior probability and that of its alternatives.
+
+    While it is below `CREDIBLE`, the most probable competing effect joins the alternatives.
+    `error_ratio` as for `with_confidence`.
+    """
+    assert identified.evidence is not None
+    posterior = ConfidenceModel().posterior(identified.evidence, error_ratio)
+    confidence = max(1.0 - sum(posterior.values()), 0.0)
+    joined: list[str] = []
+    for competitor in sorted(identified.competitors, key=lambda c: -posterior.get(c.name, 0.0)):
+        share = posterior.get(competitor.name, 0.0)
+        if confidence >= CREDIBLE or share < SMALLEST_SHARE:
+            break
+        joined.append(competitor.name)
+        confidence += share
+    return replace(
+        identified,
+        confidence=round(confidence, 3),
+        posterior=posterior,
+        alternatives=[*identified.alternatives, *joined],
+        competitors=tuple(
+            replace(c, alternative=c.alternative or c.name in joined)
+            for c in identified.competitors
+        ),
+    )

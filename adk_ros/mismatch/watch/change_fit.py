@@ -9,8 +9,10 @@ theta is
 
     sum_b r_b' M r_b - f' N^-1 f,   f = sum_b X_b' M r_b(theta),
 
-which Gauss and Newton's method minimises in theta. All candidates are compared under the same
-robust weights.
+which Gauss and Newton's method minimises in theta. No equation of an effect is exact: build
+tolerances and sensor offsets may change a little at the onset as well (`settings.JUMP_SHARE`).
+Otherwise the error of one equation would decide between two effects. All candidates are compared
+under the same robust weights.
 """
 
 from __future__ import annotations
@@ -21,13 +23,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
+from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES
 from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.state_index import N_CHANNELS
 from adk_ros.mismatch.watch.block import Block, robust_weights
 from adk_ros.mismatch.watch.change_statistics import ChangeStatistics
-from adk_ros.mismatch.watch.settings import WARM_UP_S
+from adk_ros.mismatch.watch.settings import JUMP_SHARE, WARM_UP_S
 from adk_ros.numerics.arrays import FloatArray, IntArray
 
 _ITERATIONS = 5
@@ -68,15 +71,23 @@ class ChangeFit:
         layout = statistics.layout
         items = list(statistics.blocks)
         self.after: list[Block] = [item.block for item in items[onset_block:]]
-        self._columns = layout.static
+        self._columns = np.concatenate([layout.static, layout.static[:N_FIXED_NUISANCES]])
         static = 1 + layout.static
         before = statistics.old + sum(
             (item.gram for item in items[:onset_block]), np.zeros_like(statistics.old)
         )
-        self._normal_before = before[np.ix_(static, static)] + np.diag(layout.precision)
-        self._right_before = before[static, 0]
-        self._coefficients = -np.linalg.solve(self._normal_before, self._right_before)
-        own = [_loss_of(item.gram, static, self._coefficients) for item in items[:onset_block]]
+        normal = before[np.ix_(static, static)] + np.diag(layout.precision)
+        fitted = -np.linalg.solve(normal, before[static, 0])
+        own = [_loss_of(item.gram, static, fitted) for item in items[:onset_block]]
+        # The tolerances may change with the effect: they do not act before it.
+        count = static.size
+        jumps = layout.precision[:N_FIXED_NUISANCES] / JUMP_SHARE**2
+        self._normal_before = np.diag(np.concatenate([layout.precision, jumps]))
+        self._normal_before[:count, :count] = normal
+        self._right_before = np.zeros(self._columns.size)
+        self._right_before[:count] = before[static, 0]
+        self._coefficients = np.zeros(self._columns.size)
+        self._coefficients[:count] = fitted
         rows = [item.block.rows.size for item in items[:onset_block]]
         self.reference_losses = np.array(own) / np.maximum(rows, 1)
         """Loss per residual of each block before the onset."""
@@ -88,16 +99,29 @@ class ChangeFit:
         self._normal = self._normal_before.copy()
         self._static: list[FloatArray] = []
         for block, weight in zip(self.after, weights, strict=True):
-            columns = block.columns[:, self._columns]
+            columns = self._columns_of(block)
             seen = block.weighed(weight, columns)
             self._static.append(seen)
             self._normal += columns.T @ seen
         self._inverse = np.linalg.inv(self._normal)
 
+    def _columns_of(self, block: Block) -> FloatArray:
+        """Return the columns (m, s) of a block after the onset that are profiled out."""
+        return block.columns[:, self._columns]
+
     @property
     def rows(self) -> FloatArray:
         """Residuals (b,) of each block after the onset."""
         return np.array([float(block.rows.size) for block in self.after])
+
+    def surrogate_error(self) -> float:
+        """Return the number of residuals that the model's own error accounts for."""
+        total = 0.0
+        for block in self.after:
+            channel = block.rows // block.likelihood.problem.bins
+            count = np.bincount(channel[channel < N_CHANNELS], minlength=N_CHANNELS)
+            total += float(block.likelihood.surrogate_error_share @ count)
+        return total
 
     def null_losses(self) -> FloatArray:
         """Return the losses (b,) of the blocks after the onset without a change."""
@@ -108,7 +132,7 @@ class ChangeFit:
         total, count = np.zeros(N_CHANNELS), np.full(N_CHANNELS, 1e-9)
         for block in self.after:
             channel = block.rows // block.likelihood.problem.bins
-            r = block.residuals + block.columns[:, self._columns] @ self._coefficients
+            r = block.residuals + self._columns_of(block) @ self._coefficients
             kept = channel < N_CHANNELS
             total += np.bincount(channel[kept], r[kept] ** 2, N_CHANNELS)
             count += np.bincount(channel[kept], minlength=N_CHANNELS)
@@ -150,7 +174,7 @@ class ChangeFit:
             x = self._profile(residuals)
             self._use(
                 [
-                    robust_weights(r + block.columns[:, self._columns] @ x)
+                    robust_weights(r + self._columns_of(block) @ x)
                     for r, block in zip(residuals, self.after, strict=True)
                 ]
             )
@@ -213,7 +237,7 @@ class ChangeFit:
     def _block_losses(self, residuals: list[FloatArray], x: FloatArray) -> FloatArray:
         out = []
         for block, weights, r in zip(self.after, self._weights, residuals, strict=True):
-            left = r + block.columns[:, self._columns] @ x
+            left = r + self._columns_of(block) @ x
             out.append(float(left @ block.weighed(weights, left)))
         return np.array(out)
 
@@ -244,7 +268,7 @@ class ChangeFit:
             seen = block.weighed(weights, d)
             normal += d.T @ seen
             across += self._static[b].T @ d
-            scores[b] = seen.T @ (r + block.columns[:, self._columns] @ coefficients)
+            scores[b] = seen.T @ (r + self._columns_of(block) @ coefficients)
         projected = normal - across.T @ self._inverse @ across
         return scores.sum(axis=0), projected, scores
 

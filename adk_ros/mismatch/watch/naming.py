@@ -15,13 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.mismatch.inference.confidence import (
-    ABSENT,
-    UNLISTED,
-    ConfidenceModel,
-    Evidence,
-)
+from adk_ros.mismatch.inference.confidence import ABSENT, Evidence
 from adk_ros.mismatch.inference.decision import confidence_intervals
+from adk_ros.mismatch.inference.final_estimate import with_posterior
 from adk_ros.mismatch.inference.identifiability import (
     STRUCTURALLY_EQUIVALENT,
     CompetingEffect,
@@ -74,7 +70,7 @@ class NamedChange:
 
 
 def name_change(
-    statistics: ChangeStatistics, changes: list[LinearChange], model: ConfidenceModel | None = None
+    statistics: ChangeStatistics, changes: list[LinearChange]
 ) -> Generator[None, None, NamedChange]:
     """
     Yield between pieces of work of some 0.1 s; return the named change.
@@ -112,7 +108,7 @@ def name_change(
     every = np.unique(np.concatenate([np.arange(begin_s, end_s, _ONSET_STEP_S), grid, [onset_s]]))
     onset_s, within = _refined_onset(data, best, every)
     yield
-    return _named(data, best, others, onset_s, within, model or ConfidenceModel())
+    return _named(data, best, others, onset_s, within)
 
 
 def _screened(changes: list[LinearChange]) -> list[LinearChange]:
@@ -178,7 +174,6 @@ def _named(
     others: list[FittedChange],
     onset_s: float,
     within: tuple[float, float],
-    model: ConfidenceModel,
 ) -> NamedChange:
     null = data.null_losses()
     gain = float(null.sum() - best.block_losses.sum())
@@ -201,12 +196,13 @@ def _named(
         )
     competitors.sort(key=lambda x: x.loss_difference)
     ratio = _excess_ratio(data, best, null)
-    evidence = Evidence(tuple(names), np.array(differences), np.zeros(len(names)), gain)
-    posterior = model.posterior(evidence, ratio)
+    evidence = Evidence(
+        tuple(names), np.array(differences), np.zeros(len(names)), gain, data.surrogate_error()
+    )
     identified = IdentifiedEffect(
         best.active.effect,
         confidence_intervals(best.active, best.deviations.tolist()),
-        1.0 - sum(posterior.values()),
+        np.nan,
         [x.name for x in competitors if x.alternative],
         TIME,
         [],
@@ -214,11 +210,10 @@ def _named(
         tuple(competitors[:MAX_COMPETITORS]),
         onset_s=onset_s,
         evidence=evidence,
-        posterior={name: x for name, x in posterior.items() if name != UNLISTED or x > 0.0},
     )
     return NamedChange(
         UNKNOWN if ratio > 1.0 else EXPLAINED,
-        identified,
+        with_posterior(identified, ratio),
         best.active.theta,
         onset_s,
         *within,

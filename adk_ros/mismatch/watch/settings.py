@@ -50,6 +50,12 @@ GRADE_SIGMA, BANK_SIGMA = 0.03, 0.02
 Prior standard deviations of grade and bank of an unknown road, rad: half of the 6 % that design
 guides of rural roads allow for the grade, and a crown of 2 %.
 """
+JUMP_SHARE = 0.3
+"""
+Share of their prior by which tolerances and offsets may change with an effect: of a change of
+10 %, such as 200 kg, `criteria.SYSTEMATIC_ERROR_SHARE` (1.2 %) is 0.12 % of a parameter of the
+car, 0.3 times `criteria.TOLERANCE_SIGMA`.
+"""
 SPREAD_PRIOR_BLOCKS = 12.0
 """Blocks that the prior of the scores' spread counts as. By choice: a minute."""
 NAMING_BLOCKS = (0, 6, 12)
