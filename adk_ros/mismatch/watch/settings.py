@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from adk_ros.mismatch.inference.block_scores import BLOCK_S as BLOCK_S
+from adk_ros.mismatch.library.criteria import MIN_GAIN
 
 WARM_UP_S = 3.0
 """
@@ -63,7 +64,8 @@ NAMING_BLOCKS = (0, 6, 12)
 Blocks after the alarm at which the change is named: at once, after half a minute, and finally
 after a minute, when a new reference begins.
 """
-ALARM_THRESHOLD = 40.0
+ALARM_THRESHOLD = MIN_GAIN
 """
-Statistic of an alarm. Calibrated: `adk bench watch --calibrate`.
+Statistic of an alarm: the gain that an effect needs offline. `adk bench watch --calibrate` gives
+the threshold of one false alarm in 10 h; this one must not be below.
 """
