@@ -176,21 +176,23 @@ class PredictorNode:
 
     def _publish(self, prediction: Prediction) -> None:
         self._twist_out.publish(self._twist.fill(prediction))
-        if not self._publish_horizon:
-            return
-        # What nobody reads is not filled: the two take longer than the prediction itself.
+        if self._publish_horizon:
+            self._publish_read_horizon(prediction)
+        predictor, tick_us = self.core.pipeline.predictor, self.core.counters.tick_us
+        self._debug.publish(prediction, predictor, tick_us)
+
+    def _publish_read_horizon(self, prediction: Prediction) -> None:
+        """Publish what is subscribed to: filling all takes longer than the prediction itself."""
+        covariance = prediction.horizon_covariance
         if self._horizon and self._horizon_out.get_subscription_count():
             content = self._horizon.fill(prediction.origin_ns, prediction.horizon)
             self._horizon_out.publish(content)
         if self._covariance and self._covariance_out.get_subscription_count():
-            content = self._covariance.fill(prediction.horizon_covariance)
+            content = self._covariance.fill(covariance)
             self._covariance_out.publish(content)
-            if self._stamped_out.get_subscription_count():
-                covariance = prediction.horizon_covariance
-                content = self._stamped.fill(prediction.origin_ns, covariance)
-                self._stamped_out.publish(content)
-        predictor, tick_us = self.core.pipeline.predictor, self.core.counters.tick_us
-        self._debug.publish(prediction, predictor, tick_us)
+        if self._stamped and self._stamped_out.get_subscription_count():
+            content = self._stamped.fill(prediction.origin_ns, covariance)
+            self._stamped_out.publish(content)
 
     def _log_internal_error(self, error: Exception) -> None:
         self._logger.error(

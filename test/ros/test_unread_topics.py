@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Horizons and their covariances are filled and published only if somebody reads them."""
 
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -34,15 +35,22 @@ class Content:
 
 @pytest.mark.parametrize("horizon_readers", [0, 1])
 @pytest.mark.parametrize("covariance_readers", [0, 2])
+@pytest.mark.parametrize("stamped_readers", [0, 1])
 @pytest.mark.parametrize("wanted", [True, False])
 def test_only_what_is_read_is_filled(
-    horizon_readers: int, covariance_readers: int, wanted: bool
+    horizon_readers: int, covariance_readers: int, stamped_readers: int, wanted: bool
 ) -> None:
+    debugged: list[bool] = []
     node: Any = SimpleNamespace(
         _twist=Content(), _horizon=Content(), _covariance=Content(), _twist_out=Publisher(0),
         _horizon_out=Publisher(horizon_readers), _covariance_out=Publisher(covariance_readers),
-        _publish_horizon=wanted,
+        _stamped=Content(), _stamped_out=Publisher(stamped_readers), _publish_horizon=wanted,
+        core=SimpleNamespace(
+            pipeline=SimpleNamespace(predictor=None), counters=SimpleNamespace(tick_us=[])
+        ),
+        _debug=SimpleNamespace(publish=lambda *_: debugged.append(True)),
     )  # fmt: skip
+    node._publish_read_horizon = partial(PredictorNode._publish_read_horizon, node)
     made = Prediction(
         0, 25_000_000, np.zeros(3), np.eye(3), np.zeros((80, 3)), np.zeros((80, 3, 3)),
         np.zeros(3), Status.PREDICTED,
@@ -53,3 +61,6 @@ def test_only_what_is_read_is_filled(
     assert (node._horizon.filled, node._horizon_out.sent) == (expected, expected)
     expected = int(wanted and covariance_readers > 0)
     assert (node._covariance.filled, node._covariance_out.sent) == (expected, expected)
+    expected = int(wanted and stamped_readers > 0)
+    assert (node._stamped.filled, node._stamped_out.sent) == (expected, expected)
+    assert debugged
