@@ -40,17 +40,17 @@ def test_the_threshold_has_the_required_rate() -> None:
 @pytest.mark.slow(seconds=25)
 def test_an_event_on_a_plant_of_its_own_is_named_and_scored() -> None:
     drive = WatchedDrive(
-        "spring_car", 1, 0, bench.EVENT_DRIVE_S, "town", "payload", 1.0, bench.ONSET_S
+        "spring_car", 1, 0, bench.EVENT_DRIVE_S, "town", "steering_lag", 1.0, bench.ONSET_S
     )
-    result = bench.run_event("payload on", drive)
-    assert result.named == "payload"
+    result = bench.run_event("steering lag", drive)
+    assert result.named == "steering_lag"
     assert result.credit == 1.0
     assert 0.0 < result.delay_s < 30.0
     assert abs(result.onset_error_s) < 2.0
     assert result.error < 0.05
     assert result.false_alarms == 0
     line = bench.event_line(result)
-    assert line.startswith("1.00  payload on")
+    assert line.startswith("1.00  steering lag")
     (verdict, alarms) = bench.event_lines([result])
     assert verdict.startswith("PASS strength 1: 1.000 of 1 events")
     assert alarms.endswith("0 in 1 drives")
