@@ -165,11 +165,11 @@ loose message. An assumption: with a Poisson distribution four such seconds are 
 
 # --- Decision ----------------------------------------------------------------------------------
 
-SYSTEMATIC_ERROR_SHARE = 0.0
+SYSTEMATIC_ERROR_SHARE = 0.008
 """
 Systematic standard deviation of an effect's parameter as a share of its size: no effect's equation
-is exact. Enters every reported interval. Calibrated: with intervals from blocks of time and the
-share of the materiality threshold, 90 % of the intervals hold without it.
+is exact. Enters every reported interval. Calibrated: 91 % of 55 intervals of two calibrations hold
+with it; 92 % of the 24 of the second alone hold without.
 """
 SYSTEMATIC_ERROR_PER_MATERIALITY = 0.1
 """

@@ -28,7 +28,7 @@ def test_the_sets_of_drives_share_no_seed_and_cover_plants_and_events() -> None:
 def test_the_threshold_has_the_required_rate() -> None:
     random = np.random.default_rng(0)
     maxima = random.gumbel(9.0, 2.0, 4000)
-    threshold, rate = bench.calibrated_threshold(maxima)
+    threshold, rate = bench.calibrated_threshold(maxima.tolist())
     segment_h = 300.0 / 3600.0
     exact = 9.0 - 2.0 * np.log(-np.log1p(-bench.FALSE_ALARMS_PER_HOUR * segment_h))
     assert threshold == pytest.approx(exact, rel=0.03)
