@@ -45,7 +45,7 @@ def watch(
     ] = None,
 ) -> None:
     """
-    Watch a running car, and say which physics has changed since the start.
+    Watch a running car, and name the physics that changes.
 
     A node that compares the car with the model all the time. It learns the car for two minutes of
     driving; then it names what changes, since when and how much, on ~/change (JSON) and in

@@ -68,7 +68,7 @@ def test_help_groups_the_verbs(capsys) -> None:
     assert verbs == {
         "Data": ["info", "simulate", "play"],
         "Predict": ["train", "replay", "rollout", "echo", "demo"],
-        "Compare": ["mismatch", "detectable"],
+        "Compare": ["mismatch", "detectable", "watch"],
         "Measure": ["bench"],
         "Install": ["compile"],
     }

@@ -43,7 +43,19 @@ def test_a_node_on_wrong_topics_says_so(tmp_path: Path) -> None:
         running_node(model=write_model(tmp_path / "m")) as node,
     ):
         session.node.create_publisher(Odometry, "/vehicle/odometry", 1)
-        until_s = time.monotonic() + 14.0
+        messages: list[str] = []
+        session.node.create_subscription(
+            DiagnosticArray,
+            "/diagnostics",
+            lambda array: messages.extend(status.message for status in array.status),
+            10,
+        )
+        until_s = time.monotonic() + 60.0
+        while all(text.startswith("starting") for text in messages):
+            assert time.monotonic() < until_s
+            session.spin(0.2)
+        # The log tells of it after 5 s.
+        until_s = time.monotonic() + 10.0
         while time.monotonic() < until_s:
             session.spin(0.2)
         node.end()
