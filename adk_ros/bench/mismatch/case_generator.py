@@ -9,21 +9,27 @@ messages.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from adk_ros.bench.mismatch.injected_changes import InjectedChanges
 from adk_ros.bench.mismatch.injectors import plant_changes
-from adk_ros.bench.mismatch.random_routes import ROAD_STYLES, plan_route, random_route
+from adk_ros.bench.mismatch.random_routes import (
+    ROAD_STYLES,
+    plan_route,
+    random_route,
+    slower_routes,
+    spins,
+)
 from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS, with_dropouts
 from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
 from adk_ros.bench.mismatch.vehicle_family import Drive, family_of
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.plant.environment.road import ROAD_MU, RoadPatch
+from adk_ros.plant.environment.road import RoadPatch
 
 SIMULATED_S, RECORDED_S, HELD_OUT_S = 150.0, 220.0, 100.0
 """Durations of the simulation, the recording and the held-out recording, s."""
@@ -38,10 +44,6 @@ _BLENDS = {"road_grade": 24.0, "road_bank": 16.0, "low_friction": 5.0, "crosswin
 Transition length of a local effect, m, by choice: grade and bank change over several car lengths,
 friction over one, and a crosswind begins and ends at once.
 """
-_SLOWER, _MAX_TRIES = 0.9, 9
-"""Speed factor from one try to the next, and most tries to stay below `_SPIN_V_Y`, by choice."""
-_SPIN_V_Y = 3.0
-"""Lateral velocity from which on the vehicle counts as spinning, m/s, by choice."""
 Span = tuple[float, float]
 
 
@@ -144,19 +146,17 @@ def make_case(
         vehicle, vehicle, Drive(route, InjectedChanges(), seed + 1, seconds[0])
     )
     simulation = simulate_faulty_sensors("simulation", truth, commands, {}, None)
-    for tried in range(_MAX_TRIES):
-        route = later = plan_route(segments, places, roads, lateral, _SLOWER**tried)
-        if "low_friction" in injected.effects and "low_friction" not in placed:
-            table = route.table.copy()
-            table[:, ROAD_MU] *= injected.effects["low_friction"]["mu_scale"]
-            later = replace(route, table=table)
+    friction = 1.0
+    if "low_friction" in injected.effects and "low_friction" not in placed:
+        friction = injected.effects["low_friction"]["mu_scale"]
+    for route, later in slower_routes(segments, places, roads, lateral, friction):
         drive = Drive(route, changes, seed + 2, seconds[1], 0.0, built, later)
         truth, commands = family.drive(vehicle, car, drive)
         drive = Drive(
             route, changes._replace(onset=0.0), seed + 3, seconds[2], 0.2 * length, None, later
         )
         held_out_truth, held_out_commands = family.drive(vehicle, car, drive)
-        if max(np.abs(truth[:, 4]).max(), np.abs(held_out_truth[:, 4]).max()) < _SPIN_V_Y:
+        if not spins(truth[:, 4], held_out_truth[:, 4]):
             break
     recording = simulate_faulty_sensors(
         "recording", truth, commands, injected.effects, rng, noise, onset

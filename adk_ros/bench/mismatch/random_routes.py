@@ -4,14 +4,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from adk_ros.plant.environment.road import Bend, RoadPatch, Route, Segment, build_route
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.plant.environment.road import ROAD_MU, Bend, RoadPatch, Route, Segment, build_route
 from adk_ros.plant.scenario.driver import SpeedPlan, plan_speed
 
 Range = tuple[float, float]
+_SLOWER, _MAX_TRIES = 0.9, 9
+"""Speed factor from one try to the next, and most tries without a spin, by choice."""
+_SPIN_V_Y = 3.0
+"""Lateral velocity from which on the vehicle counts as spinning, m/s, by choice."""
 
 
 class RoadStyle(NamedTuple):
@@ -88,3 +95,29 @@ def plan_route(
         variation=0.05,
     )
     return plan_speed(build_route(segments, places, 1.0), plan)
+
+
+def slower_routes(
+    segments: list[Segment],
+    places: list[RoadPatch],
+    roads: RoadStyle,
+    lateral: float,
+    friction: float = 1.0,
+) -> Iterator[tuple[Route, Route]]:
+    """
+    Yield the route at decreasing speeds: one to take until a vehicle does not spin.
+
+    Each with the same route whose friction is multiplied by `friction`.
+    """
+    for tried in range(_MAX_TRIES):
+        route = plan_route(segments, places, roads, lateral, _SLOWER**tried)
+        table = route.table
+        if friction != 1.0:
+            table = table.copy()
+            table[:, ROAD_MU] *= friction
+        yield route, replace(route, table=table)
+
+
+def spins(*lateral_velocities: FloatArray) -> bool:
+    """Return whether the vehicle spins in any of the drives with these v_y, m/s."""
+    return max(float(np.abs(v_y).max()) for v_y in lateral_velocities) >= _SPIN_V_Y

@@ -11,13 +11,19 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from adk_ros.bench.mismatch.injected_changes import InjectedChanges
 from adk_ros.bench.mismatch.injectors import FULL, plant_changes, scale_strength
-from adk_ros.bench.mismatch.random_routes import ROAD_STYLES, plan_route, random_route
+from adk_ros.bench.mismatch.random_routes import (
+    ROAD_STYLES,
+    plan_route,
+    random_route,
+    slower_routes,
+    spins,
+)
 from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
 from adk_ros.bench.mismatch.vehicle_family import Drive, family_of
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -25,15 +31,10 @@ from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
-from adk_ros.plant.environment.road import ROAD_MU
 from adk_ros.signals.channels import Reading, Source
 
 SIMULATED_S = 150.0
 """Duration of the simulation that the surrogate model is identified from, s."""
-_SLOWER, _MAX_TRIES = 0.9, 9
-"""Speed factor from one try to the next, and most tries without a spin, by choice."""
-_SPIN_V_Y = 3.0
-"""Lateral velocity from which on the vehicle counts as spinning, m/s, by choice."""
 
 EVENTS: dict[str, str] = {
     "payload on": "payload",
@@ -41,7 +42,7 @@ EVENTS: dict[str, str] = {
     "rear tyres lose pressure": "rear_tyre_stiffness",
     "a brake drags": "brake_drag_one_side",
     "rain": "low_friction",
-    "IMU knocked askew": "imu_tilt",
+    "IMU tilted": "imu_tilt",
     "steering lags": "steering_lag",
 }
 """Event on the road -> effect of the catalogue, of the size in `injectors.FULL`."""
@@ -93,16 +94,12 @@ class WatchedDrive:
         built = family.with_tolerances(rng, vehicle)
         effects = self.injected()
         car = family.changed(built, effects)
-        for tried in range(_MAX_TRIES):
-            route = later = plan_route(segments, [], roads, lateral, _SLOWER**tried)
-            if "low_friction" in effects:
-                table = route.table.copy()
-                table[:, ROAD_MU] *= effects["low_friction"]["mu_scale"]
-                later = replace(route, table=table)
-            changes = plant_changes(effects, {}, self.onset_s)
+        friction = effects.get("low_friction", {}).get("mu_scale", 1.0)
+        changes = plant_changes(effects, {}, self.onset_s)
+        for route, later in slower_routes(segments, [], roads, lateral, friction):
             drive = Drive(route, changes, drive_seed + 1, self.seconds, 0.0, built, later)
             truth, commands = family.drive(vehicle, car, drive)
-            if np.abs(truth[:, 4]).max() < _SPIN_V_Y:
+            if not spins(truth[:, 4]):
                 break
         log = simulate_faulty_sensors(
             "drive", truth, commands, as_sensor_faults(effects), rng, 1.0, self.onset_s
