@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from adk_ros.bench.mismatch.case_score import shares
 from adk_ros.bench.mismatch.watch_drives import EVENTS, WatchedDrive, readings_of
-from adk_ros.mismatch.inference.identifiability import STRUCTURALLY_EQUIVALENT
 from adk_ros.mismatch.inference.result import EXPLAINED
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.watch.change import WITHDRAWN, Change
@@ -58,7 +58,7 @@ class EventResult:
     """
     One event: what was injected and what was named within `NAMED_WITHIN_S`.
 
-    `credit`: 1 if named alone, 1 / (1 + alternatives) with ties, 0 if wrong. `delay_s`: from the
+    `credit`: as in `case_score`, 0 if wrong. `delay_s`: from the
     onset to the alarm; `covered`: whether the 90 % interval of the first parameter holds.
     """
 
@@ -177,15 +177,10 @@ def run_event(event: str, drive: WatchedDrive) -> EventResult:
             len(before),
         )  # fmt: skip
     name, first = drive.effect, EFFECTS[drive.effect].parameters[0]
-    equivalent = STRUCTURALLY_EQUIVALENT.get(name, ())
     named, alternatives = last.best.effect.name, tuple(last.best.alternatives)
-    # Effects that no drive can separate count once.
-    separable = {
-        min((x, *STRUCTURALLY_EQUIVALENT.get(x, ())))
-        for x in (named, *alternatives)
-        if x != name and x not in equivalent
-    }
-    right = last.verdict == EXPLAINED and name in (named, *alternatives)
+    credit = 0.0
+    if last.verdict == EXPLAINED:
+        credit = shares(name, [{"name": named, "alternatives": alternatives}])
     value = truth[first.name]
     error, covered = np.nan, False
     if named == name:
@@ -201,7 +196,7 @@ def run_event(event: str, drive: WatchedDrive) -> EventResult:
         named,
         alternatives,
         last.verdict,
-        right / (1.0 + len(separable)),
+        credit,
         after[0].alarm_s - onset_s,
         last.onset_s - onset_s,
         float(error),
