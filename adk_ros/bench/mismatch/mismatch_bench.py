@@ -216,8 +216,8 @@ def _scored(
         tied = reported_ties(label, answer)
         if tied and write_noise_free is not None:
             with tempfile.TemporaryDirectory(dir=out.parent) as folder:
-                twin = write_noise_free(Path(folder))
-                proven = proven_ties(label, tied, case, twin, out)
+                noise_free = write_noise_free(Path(folder))
+                proven = proven_ties(label, tied, case, noise_free, out)
         result = score_case(case.name, label, answer, proven)
         result.removed, result.raised_held_out = held_out_errors(case / "heldout", out)
     result.seconds, result.cpu_s = process.seconds, process.cpu_s

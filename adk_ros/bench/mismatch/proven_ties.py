@@ -13,7 +13,6 @@ such recording can be expected to separate the two at these odds.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,16 +23,15 @@ from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import INDISTINGUISHABLE_LOSS
+from adk_ros.mismatch.library.effect import ALWAYS
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.mismatch.report.result_files import SIMULATION_FILE
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
 
-_ALWAYS = "always"
-
 
 def reported_ties(label: dict[str, Any], answer: dict[str, Any]) -> list[str]:
     """Return what an answer reports as tied with a label's single effect, active throughout."""
-    if len(label["effects"]) != 1 or label["effects"][0].get("kind") != _ALWAYS:
+    if len(label["effects"]) != 1 or label["effects"][0].get("kind") != ALWAYS:
         return []
     name = label["effects"][0]["name"]
     for effect in answer.get("effects", []):
@@ -53,12 +51,9 @@ def proven_ties(
     :param report: report of `adk mismatch` on the case, which holds the surrogate.
     """
     surrogate = load_surrogate(report / SIMULATION_FILE).content.surrogate()
-    noisy = prepare_residual_problem(read_sensor_log(case / "recording"))
+    noise = read_sensor_log(case / "recording").noise()
     log = read_sensor_log(noise_free / "recording")
-    problem = prepare_residual_problem(log, noisy.sigma)
-    likelihood = replace(
-        Likelihood.of(problem, surrogate), weights=Likelihood.of(noisy, surrogate).weights
-    )
+    likelihood = Likelihood.of(prepare_residual_problem(log, noise), surrogate)
     (effect,) = label["effects"]
     present = EFFECTS[effect["name"]]
     true = tuple(p.theta(effect["params"][p.name]) for p in present.parameters)
