@@ -122,7 +122,12 @@ FEATURES: dict[str, Feature] = {
 }
 
 
-_OSCILLATIONS = (parametric.RIPPLE, parametric.PULSATION, parametric.SPEED_WAVE)
+_OSCILLATIONS = {
+    parametric.RIPPLE: ("every {:.4g} m travelled", "s / {:.5g} m"),
+    parametric.PULSATION: ("in time at {:.3g} Hz", "{:.4g} t"),
+    parametric.SPEED_WAVE: ("with speed every {:.3g} m/s", "v_x / {:.4g} m/s"),
+}
+"""Kind of an oscillation -> words and phase in turns, of its period or frequency."""
 
 
 def feature(name: str) -> Feature:
@@ -185,28 +190,11 @@ def _change(kind: str, arguments: list[str], base: Feature) -> tuple[str, str, s
     if kind == parametric.EXCESS:
         limit = f"{float(arguments[1]):.4g}"
         return f"beyond {limit} {readable(base.unit)}", f"[beyond {limit} {base.unit}]", base.unit
-    if kind == parametric.RIPPLE:
-        length = float(arguments[0])
-        phase = float(arguments[1])
-        return (
-            f"that oscillates every {length:.4g} m travelled",
-            f"cos(2 pi s / {length:.5g} m {phase:+.2f})",
-            base.unit,
-        )
-    if kind == parametric.SPEED_WAVE:
+    if kind in _OSCILLATIONS:
+        words, phase = _OSCILLATIONS[kind]
         period = float(arguments[0])
-        return (
-            f"that oscillates with speed every {period:.3g} m/s",
-            f"cos(2 pi v_x / {period:.4g} m/s {float(arguments[1]):+.2f})",
-            base.unit,
-        )
-    if kind == parametric.PULSATION:
-        frequency = float(arguments[0])
-        return (
-            f"that oscillates in time at {frequency:.3g} Hz",
-            f"cos(2 pi {frequency:.4g} t {float(arguments[1]):+.2f})",
-            base.unit,
-        )
+        symbols = f"cos(2 pi {phase.format(period)} {float(arguments[1]):+.2f})"
+        return f"that oscillates {words.format(period)}", symbols, base.unit
     if kind == parametric.HEAT:
         tau = f"{float(arguments[1]):.3g} s"
         return (
