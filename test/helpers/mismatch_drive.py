@@ -23,7 +23,12 @@ from adk_ros.mismatch.surrogate.command_integrals import integrate_commands
 from adk_ros.mismatch.surrogate.equations_of_motion import integrate
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
-from adk_ros.mismatch.surrogate.run_inputs import no_terms, open_loop_inputs, run_buffers
+from adk_ros.mismatch.surrogate.run_inputs import (
+    ActiveTerms,
+    no_terms,
+    open_loop_inputs,
+    run_buffers,
+)
 from adk_ros.mismatch.surrogate.state_index import (
     A_X,
     A_Y,
@@ -53,34 +58,39 @@ def simulated_car(**changes: float) -> FloatArray:
 @cache
 def driven(**changes: float) -> SensorLog:
     """Recording of the simulated car with changed parameters: speed and bends vary slowly."""
-    p = simulated_car(**changes)
-    command_s = np.arange(0.0, SECONDS + 1.0, 0.025)
+    return drive_of(simulated_car(**changes), no_terms(round(SECONDS / STEP_S)), SECONDS)
+
+
+def drive_of(
+    p: FloatArray, terms: ActiveTerms, seconds: float, seed: int = 1, pose_noise_m: float = 0.0
+) -> SensorLog:
+    """Recording of a car with the parameters `p` and `terms`: speed and bends vary slowly."""
+    command_s = np.arange(0.0, seconds + 1.0, 0.025)
     hold = 0.5 * 1.225 * 0.6 * SPEED**2 + 0.012 * p[INDEX["mass"]] * 9.81
     torque = p[INDEX["wheel_radius"]] * (hold + 1500.0 * np.sin(0.35 * command_s))
     angle = 0.02 * np.sin(0.2 * command_s) + 0.006 * np.sin(1.9 * command_s)
     command = np.column_stack([torque, angle])
-    n = round(SECONDS / STEP_S)
+    n = round(seconds / STEP_S)
     state = np.zeros(STATE_SIZE)
     state[S_V_X] = SPEED
     buffers = run_buffers(state, n, keep_end_states=True)
-    commands = integrate_commands(command_s, command, SECONDS + 2.0)
-    integrate(p, no_terms(n), open_loop_inputs(commands, 0.0, STEP_S, n), buffers)
-    random = np.random.default_rng(1)
+    commands = integrate_commands(command_s, command, seconds + 2.0)
+    integrate(p, terms, open_loop_inputs(commands, 0.0, STEP_S, n), buffers)
+    random = np.random.default_rng(seed)
     imu = buffers.output[[A_X, A_Y, YAW_RATE]].T
     imu = np.asarray(imu + random.normal(0.0, [0.05, 0.05, 2e-3], imu.shape), np.float64)
     ends = buffers.end_states[2::2]
     odometry = ends[:, [E_V_X, E_V_Y, E_YAW_RATE]]
     odometry = odometry + random.normal(0.0, [0.02, 0.02, 2e-3], odometry.shape)
-    odometry = np.asarray(odometry, np.float64)
-    odometry_s = np.asarray(STEP_S * np.arange(2, n + 1, 2), np.float64)
+    pose = ends[:, [E_X, E_Y, E_HEADING]]
     return SensorLog(
         "driven",
-        SECONDS,
+        seconds,
         np.asarray(STEP_S * (np.arange(n) + 0.5), np.float64),
         imu,
-        odometry_s,
-        odometry,
-        ends[:, [E_X, E_Y, E_HEADING]],
+        np.asarray(STEP_S * np.arange(2, n + 1, 2), np.float64),
+        np.asarray(odometry, np.float64),
+        np.asarray(pose + pose_noise_m * random.normal(size=pose.shape), np.float64),
         command_s,
         command,
     )
