@@ -56,6 +56,7 @@ def watch(
     """
     from adk_ros.errors import UsageError
     from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
+    from adk_ros.mismatch.report.result_files import SIMULATION_FILE
     from adk_ros.mismatch.watch.watched_model import watched_surrogate
 
     if run and out is None:
@@ -64,8 +65,8 @@ def watch(
         raise UsageError(f"--duration is {duration:g}: choose a positive number of seconds")
     sensors = read_options(None, None, None, False, params).sensors
     loaded = load_surrogate(model)
-    beside = model.parent / "simulation.yaml"
-    known = simulation or (beside if beside.is_file() and beside != model else None)
+    nearby = model.parent / SIMULATION_FILE
+    known = simulation or (nearby if nearby.is_file() and nearby != model else None)
     surrogate, notes = watched_surrogate(loaded, load_surrogate(known) if known else None)
     for text in notes:
         console.note(text)
