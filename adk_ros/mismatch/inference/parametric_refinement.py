@@ -46,8 +46,6 @@ _MAX_LOG_STEP = 0.3
 _LATERAL = ("v_y", "yaw_rate")
 _COUPLED = (LAG, RESONANCE, HYSTERESIS)
 """Kinds that may act in both lateral equations with the same parameters."""
-_STEERED = ("delta", "delta_cubed", "delta_speed", "delta_speed_squared")
-"""Features that a missing steering angle has, which is a force and a moment of the front axle."""
 
 
 def refined(likelihood: Likelihood, start: Hypothesis, jacobian: FloatArray) -> Hypothesis:
@@ -90,13 +88,16 @@ def with_siblings(
     Return a hypothesis with its last feature in both lateral equations.
 
     Only features with a memory, since a mass that moves sideways away from the centre of gravity
-    also turns the car, and those of a steering angle. The second term must gain `least`.
+    also turns the car. The second term must gain `least`.
     """
     current = start
     name = _last_feature(start)
-    coupled = kind_of(name) in _COUPLED or name in _STEERED
     entered = start.effects[-1].effect
-    if not coupled or not isinstance(entered, FeatureEffect) or entered.enters not in _LATERAL:
+    if (
+        kind_of(name) not in _COUPLED
+        or not isinstance(entered, FeatureEffect)
+        or entered.enters not in _LATERAL
+    ):
         return start
     for equation in (name for name in _LATERAL if name in equations):
         last = current.effects[-1]
