@@ -15,7 +15,8 @@ import numpy as np
 from adk_ros.errors import UsageError
 from adk_ros.files.regular_file import read_regular_file
 from adk_ros.model.estimation.observer_gains import ObserverGains
-from adk_ros.model.lifting.program_grammar import MAX_PROGRAM_BYTES, check_program
+from adk_ros.model.lifting.program_archive import MAX_PROGRAM_BYTES
+from adk_ros.model.lifting.program_grammar import check_program
 from adk_ros.model.manifest import MANIFEST, read_manifest
 from adk_ros.numerics.arrays import FloatArray
 
@@ -36,6 +37,10 @@ _ARRAYS = (
 )
 _MAX_ARRAYS_BYTES = 64 << 20
 """Bytes of arrays.npz, packed and unpacked: that of the default model has 60 kB."""
+
+_MAX_MAGNITUDE = 1e12
+"""Largest number in arrays.npz, and one over the smallest scale: squares stay finite. By choice:
+torques in mN m and covariances in SI units are below 1e9."""
 
 
 def inspect_model(folder: Path) -> dict[str, Any]:
@@ -73,12 +78,18 @@ def read_arrays(folder: Path, manifest: dict[str, Any]) -> dict[str, FloatArray]
         if unpacked > _MAX_ARRAYS_BYTES:
             raise ValueError(f"it unpacks to {unpacked >> 20} MiB")
         with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
-            arrays = {name: np.asarray(stored[name], dtype=np.float64) for name in _ARRAYS}
+            arrays = {name: _real(name, stored[name]) for name in _ARRAYS}
     except Exception as error:
         # The zip and npy readers raise a dozen types, MemoryError and TokenError included.
         raise UsageError(f"{folder / ARRAYS} is not readable ({error}): train again") from None
     _check_arrays(folder, arrays, manifest["lifted_size"], manifest["affine"])
     return arrays
+
+
+def _real(name: str, array: np.ndarray[Any, Any]) -> FloatArray:
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{name} holds {array.dtype} instead of numbers")
+    return array.astype(np.float64)
 
 
 def pack_arrays(model: KoopmanModel) -> bytes:
@@ -143,10 +154,14 @@ def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine:
         ("held_covariance", covariance.shape),
         ("usual_change", covariance.shape[:2]),
     ):
-        if arrays[name].size and arrays[name].shape != shape:
+        if arrays[name].shape not in {shape, (0, *shape[1:])}:
             raise UsageError(f"{folder / ARRAYS}: {name} has shape {arrays[name].shape}")
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise UsageError(f"{folder / ARRAYS}: {name} contains values that are not finite")
         if name.endswith("_scale") and not (array > 0.0).all():
             raise UsageError(f"{folder / ARRAYS}: {name} contains a scale that is not positive")
+        if (np.abs(array) > _MAX_MAGNITUDE).any():
+            raise UsageError(f"{folder / ARRAYS}: {name} contains {np.abs(array).max():.3g}")
+        if name.endswith("_scale") and not (array > 1.0 / _MAX_MAGNITUDE).all():
+            raise UsageError(f"{folder / ARRAYS}: {name} contains {array.min():.3g}")

@@ -90,10 +90,10 @@ class Lifting:
             to finite (1, n_features).
         """
         torch.set_num_threads(1)
-        functions = check_program(program)
+        checked = check_program(program)
         try:
             with _torchscript_warnings_ignored():
-                module = torch.jit.load(io.BytesIO(program), map_location="cpu").eval()
+                module = torch.jit.load(io.BytesIO(checked.archive), map_location="cpu").eval()
             forward: Any = module.forward
         except Exception as error:
             # A damaged or foreign program can raise any exception, here and below.
@@ -101,7 +101,7 @@ class Lifting:
             raise UsageError(
                 f"the encoder is not a readable TorchScript program: {first}"
             ) from None
-        check_cost(module, functions, n_in)
+        check_cost(module, checked.functions, n_in)
         parameters = {k: v.detach().clone() for k, v in module.state_dict().items()}
         self._buffer = np.zeros((1, n_in), dtype=np.float32)
         self._row = torch.from_numpy(self._buffer)

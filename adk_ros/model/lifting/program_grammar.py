@@ -12,11 +12,11 @@ such a program computes is bounded by `program_cost`.
 from __future__ import annotations
 
 import ast
-import io
-import zipfile
-from pathlib import PurePosixPath
+from typing import NamedTuple
 
 from adk_ros.errors import UsageError
+from adk_ros.model.lifting.program_archive import TRUST, read_entries, unreadable, write_archive
+from adk_ros.model.lifting.program_data import check_data
 
 PRODUCTS = frozenset({"addmm", "linear", "matmul", "mm"})
 JOINING = frozenset({"cat"})
@@ -26,16 +26,6 @@ ELEMENTWISE = frozenset({
 })  # fmt: skip
 OPERATORS = PRODUCTS | JOINING | ELEMENTWISE
 """Operators of `torch` that an encoder may call; `program_cost` knows the shapes they return."""
-MAX_PROGRAM_BYTES = 16 << 20
-"""Bytes of encoder.pt: that of the default model has 20 kB."""
-_MAX_UNPACKED_BYTES = 64 << 20
-_MAX_ENTRIES = 500
-_MAX_CODE_BYTES = 256 << 10
-_TRUST = "load only models that you trust, or train one"
-
-_DATA = {"data.pkl", "constants.pkl", "version", "byteorder", ".data/serialization_id"}
-_CUSTOM_CLASSES = b"torch.classes"
-"""Name space of classes written in C++, whose objects run their own code while they are loaded."""
 _METHODS = {"forward", "__len__"}
 _STATEMENTS = (ast.Assign, ast.AnnAssign, ast.Return, ast.If, ast.Pass)
 _EXPRESSIONS = (
@@ -46,69 +36,33 @@ _EXPRESSIONS = (
 _FUNCTIONS = {"annotate", "bool", "float", "getattr", "int"}
 
 
-def check_program(program: bytes) -> dict[str, ast.FunctionDef]:
+class CheckedProgram(NamedTuple):
+    """A program to load, and its functions by qualified name; `forward` by that of its class."""
+
+    archive: bytes
+    functions: dict[str, ast.FunctionDef]
+
+
+def check_program(program: bytes) -> CheckedProgram:
     """
-    Return the functions of a program by qualified name, `forward` methods by that of their class.
+    Return the program as an archive of checked entries, and its functions.
 
     :raises UsageError: it is too large, no TorchScript archive, or does what no encoder needs.
     """
-    if len(program) > MAX_PROGRAM_BYTES:
-        raise UsageError(
-            f"the encoder has {len(program) >> 20} MiB: at most {MAX_PROGRAM_BYTES >> 20} MiB"
-        )
-    try:
-        with zipfile.ZipFile(io.BytesIO(program)) as archive:
-            sources = _sources(archive)
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, EOFError) as error:
-        raise _unreadable(error) from None
-    except (OSError, ValueError, RuntimeError) as error:
-        raise _unreadable(error) from None
-    found: dict[str, ast.FunctionDef] = {}
-    for module, source in sources.items():
+    entries = read_entries(program)
+    functions: dict[str, ast.FunctionDef] = {}
+    for module, source in entries.sources.items():
         try:
             tree = ast.parse(source)
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-            raise _unreadable(error) from None
-        found |= _functions(module, tree)
-    return found
-
-
-def _unreadable(error: Exception) -> UsageError:
-    reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-    return UsageError(f"the encoder is not a readable TorchScript program: {reason}")
-
-
-def _sources(archive: zipfile.ZipFile) -> dict[str, str]:
-    """Return the code of an archive by module name, after checking all entries."""
-    entries = archive.infolist()
-    names = [entry.filename for entry in entries]
-    if len(names) > _MAX_ENTRIES or len(set(names)) < len(names):
-        raise ValueError("it has too many or repeated entries")
-    if sum(entry.file_size for entry in entries) > _MAX_UNPACKED_BYTES:
-        raise UsageError(
-            f"the encoder unpacks to more than {_MAX_UNPACKED_BYTES >> 20} MiB: {_TRUST}"
-        )
-    sources: dict[str, str] = {}
-    for entry in entries:
-        _, _, path = entry.filename.partition("/")
-        if path.endswith("data.pkl") and _CUSTOM_CLASSES in archive.read(entry):
-            raise _refused("contains objects of compiled classes")
-        if path in _DATA or path.startswith("data/") or path.endswith(".py.debug_pkl"):
-            continue
-        place = PurePosixPath(path)
-        if place.parts[:1] != ("code",) or place.suffix != ".py":
-            raise ValueError(f"entry '{entry.filename}' is unknown")
-        if entry.file_size > _MAX_CODE_BYTES:
-            raise ValueError(f"entry '{entry.filename}' is too long")
-        module = ".".join(place.with_suffix("").parts[1:])
-        sources[module] = archive.read(entry).decode()
-    if not sources:
-        raise ValueError("it contains no code")
-    return sources
+            raise unreadable(error) from None
+        functions |= _functions(module, tree)
+    check_data(entries)
+    return CheckedProgram(write_archive(entries), functions)
 
 
 def _refused(what: str) -> UsageError:
-    return UsageError(f"the encoder {what}, which no encoder needs: {_TRUST}")
+    return UsageError(f"the encoder {what}, which no encoder needs: {TRUST}")
 
 
 def _functions(module: str, tree: ast.Module) -> dict[str, ast.FunctionDef]:

@@ -186,7 +186,7 @@ def added(name: str, entry: bytes) -> bytes:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (added("archive/extra/run.sh", b"x"), "entry 'archive/extra/run.sh' is unknown"),
+        (added("archive/extra/run.sh", b"x"), "entry 'extra/run.sh' is unknown"),
         (added("archive/data/99", bytes(80 << 20)), "the encoder unpacks to more than 64 MiB"),
         (bytes(17 << 20), "the encoder has 17 MiB: at most 16 MiB"),
         (added("archive/code/a.py", b"import os"), r"has code outside of classes \(Import\)"),
@@ -195,9 +195,9 @@ def added(name: str, entry: bytes) -> bytes:
         (added("archive/code/a.py", b"\xff\xfe"), "not a readable TorchScript program"),
         (added("archive/code/a.py", b"#" * (300 << 10)), "is too long"),
         (
-            repacked(program(), lambda n, x: x + b"c__torch__.torch.classes.a\nB\n"
+            repacked(program(), lambda n, x: x[:-1] + b"c__torch__.torch.classes.a\nB\n)\x81."
                      if n.endswith("/data.pkl") else x),
-            "contains objects of compiled classes",
+            "contains '__torch__.torch.classes.a.B'",
         ),
     ],
 )  # fmt: skip
@@ -212,6 +212,56 @@ def test_repeated_entries_are_refused() -> None:
         content = added("archive/data.pkl", b"x")
     with pytest.raises(UsageError, match="too many or repeated entries"):
         check_program(content)
+
+
+@pytest.mark.parametrize(
+    ("found", "instead", "words"),
+    [
+        (b"K\x00(", b"K\x01(", "a tensor is larger than its storage"),
+        (b"K\x00(", b"J\xff\xff\xff\xff(", "offset, size or stride is no number"),
+        (b"K\x00(", b"J\xff\xff\xff\x7f(", "a tensor is larger than its storage"),
+        (b"X\x03\x00\x00\x00cpu", b"X\x03\x00\x00\x00gpu", "a storage is not described as one"),
+        (b"FloatStorage", b"DoubleStorage", "storage 0 does not have the size"),
+        (b"FloatStorage", b"QInt8Storage", "contains 'torch.QInt8Storage'"),
+        (b"\x89ccoll", b"Nccoll", "a tensor has hooks"),
+        (b"\x89ccoll", b"]ccoll", "the operation EMPTY_LIST"),
+        (b"q\x00", b"r\x00\x00\x00\x7f", "an object that is not there"),
+        (b"_rebuild_tensor_v2", b"_rebuild_parameter", "torch._utils._rebuild_parameter"),
+        (b".", b".c", "something follows"),
+        (b".", b"K\x01.", "too many values"),
+        (b"\x89ub", b"\x89ub}b", "attributes are given twice"),
+    ],
+)
+def test_attributes_lie_within_the_archive(found: bytes, instead: bytes, words: str) -> None:
+    """PyTorch's reader would read, or crash, beyond the storage of a tensor."""
+
+    def change(name: str, content: bytes) -> bytes:
+        if not name.endswith("/data.pkl"):
+            return content
+        place = content.rindex(found) if found == b"." else content.index(found)
+        return content[:place] + instead + content[place + len(found) :]
+
+    with pytest.raises(UsageError, match=words):
+        check_program(repacked(program(), change))
+
+
+def test_attributes_are_those_of_a_module() -> None:
+    changed = repacked(program(), lambda n, x: b"\x80\x02}." if n.endswith("/data.pkl") else x)
+    with pytest.raises(UsageError, match="they are not those of a module"):
+        check_program(changed)
+
+
+def test_shortened_storage_is_refused() -> None:
+    shortened = repacked(program(), lambda n, x: x[:-4] if n.endswith("/data/0") else x)
+    with pytest.raises(UsageError, match="storage 0 does not have the size"):
+        check_program(shortened)
+
+
+def test_pytorch_reads_only_what_was_checked() -> None:
+    """Debug information, which PyTorch would read on an error, is not among it."""
+    checked = check_program(repacked(program(), lambda n, x: b"x" if "debug" in n else x))
+    with zipfile.ZipFile(io.BytesIO(checked.archive)) as archive:
+        assert not any("debug" in name for name in archive.namelist())
 
 
 def test_nothing_was_written() -> None:
