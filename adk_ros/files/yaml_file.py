@@ -120,6 +120,8 @@ def validate(name: str, content: Any, model: type[M]) -> M:
     """Return `content` as `model`; raises `UsageError` naming `name` and the first bad key."""
     try:
         return model.model_validate(content)
+    except UnicodeEncodeError:
+        raise UsageError(f"{name}: a text is not valid Unicode") from None
     except ValidationError as error:
         problems = error.errors(include_url=False)
         # A misspelt key is also a missing one: the misspelling is what to say.

@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml  # type: ignore[import-untyped, unused-ignore]
 
-from adk_ros.errors import UsageError
+from adk_ros.errors import UsageError, one_line
 from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
 from adk_ros.model.pipeline import PipelineSettings
 from adk_ros.signals.channels import TICK_NS
@@ -293,16 +293,17 @@ def read_parameter_file(path: Path) -> tuple[dict[str, Any], list[str]]:
             except UsageError as error:
                 raise UsageError(f"{path}: {error}") from None
         elif (warning := unknown_parameter(name)) is not None:
-            warnings.append(f"{path}: {warning}")
+            warnings.append(one_line(f"{path}: {warning}"))
     return values, warnings
 
 
 def _file_content(path: Path) -> dict[str, Any]:
     try:
-        content = yaml.safe_load(path.read_text())
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        # ValueError: no UTF-8, or a date or number that does not exist.
         raise UsageError(f"{path} is not YAML: {str(error).splitlines()[0]}") from None
     found: dict[str, Any] = {}
     for block in content.values() if isinstance(content, dict) else ():

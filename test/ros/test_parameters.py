@@ -229,6 +229,15 @@ def test_parameter_file_is_read_without_ros(tmp_path: Path) -> None:
     assert warning == (f"{file}: parameter 'windw' is unknown and ignored: did you mean 'window'?")
 
 
+@pytest.mark.parametrize("content", [b"\xff\xfe", b"a: [", b"[" * 5000, b"a: 2001-99-99"])
+def test_damaged_parameter_file_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "car.yaml"
+    file.write_bytes(content)
+    with pytest.raises(UsageError, match=r"car\.yaml is not YAML") as refused:
+        read_parameter_file(file)
+    assert str(refused.value).isprintable()
+
+
 def test_differences_from_training_are_reported() -> None:
     trained = {"sensors": {"steer_joint": "steer", "imu_position": [0.5, 0.0]}}
     lines = differences_from_training(SensorConfig(imu_position=(1.0, 0.0)), trained)
