@@ -16,7 +16,7 @@ from adk_ros.bags.decoding import Decoder, NoTypeError, deserialiser, to_cdr
 from adk_ros.bags.files import storage_files
 from adk_ros.bags.opening import NoBagError, StorageFile, open_storage
 from adk_ros.bags.storage import Channel
-from adk_ros.errors import DataError, UsageError
+from adk_ros.errors import DataError, UsageError, one_line
 
 _TOPICS_SHOWN = 12
 """Topics in a summary line; more do not fit a one-line message."""
@@ -98,7 +98,7 @@ class Bag:
         return (log_ns - self.start_ns) * 1e-9
 
     def _warn(self, text: str) -> None:
-        if (line := _one_line(text)) not in self.warnings:
+        if (line := one_line(text)) not in self.warnings:
             self.warnings.append(line)
 
     @property
@@ -141,22 +141,27 @@ class Bag:
                         decoders[channel.id] = (channel, make_decoder(channel))
                     except NoTypeError as error:
                         if topics is not None:
-                            raise DataError(_one_line(f"bag {self.path}: {error}")) from None
+                            raise DataError(f"bag {self.path}: {error}") from None
                         self._warn(f"{error}: {channel.count} messages skipped")
             sources.append(self._file_messages(file, decoders))
         return self._decode(sources)
 
     def _decode(self, sources: list[Iterator[_Undecoded]]) -> Iterator[_Decoded]:
         bad: dict[str, tuple[int, int, str]] = {}
+        latest_ns = self.start_ns
         try:
             for log_ns, channel, decode, data in heapq.merge(*sources, key=lambda x: x[0]):
                 # Untrusted bytes in a generated decoder: any exception means a bad message.
                 try:
+                    # An index is in order: a chunk whose times are not those of it is damaged.
+                    if log_ns < latest_ns:
+                        raise ValueError("logged before the message before it")
                     content = decode(data)
                 except Exception as error:
                     count, first_ns, why = bad.get(channel.topic, (0, log_ns, _reason(error)))
                     bad[channel.topic] = (count + 1, first_ns, why)
                     continue
+                latest_ns = log_ns
                 yield channel, log_ns, content
         finally:
             for topic, (count, first_ns, why) in bad.items():
@@ -201,7 +206,7 @@ class Bag:
         """Return topics, types and message counts on one line."""
         shown = [f"{x.name} ({x.msgtype}, {x.count})" for x in self.topics[:_TOPICS_SHOWN]]
         more = len(self.topics) - len(shown)
-        return _one_line(", ".join(shown) + (f" and {more} more" if more > 0 else ""))
+        return one_line(", ".join(shown) + (f" and {more} more" if more > 0 else ""))
 
     def close(self) -> None:
         """Close the files."""
@@ -217,11 +222,6 @@ class Bag:
 def open_bag(path: Path | str) -> Bag:
     """Open the bag at `path`; see `Bag`."""
     return Bag(path)
-
-
-def _one_line(text: str) -> str:
-    """Return a text on one line, whatever it quotes from the bag."""
-    return " ".join(text.split())
 
 
 def _reason(error: Exception) -> str:

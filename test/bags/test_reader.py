@@ -108,6 +108,25 @@ def test_an_index_that_fails_in_an_unknown_way_is_reported(tmp_path, monkeypatch
     assert "its index is not readable (KeyError: 'statistics')" in warning
 
 
+def test_messages_that_contradict_their_index_are_skipped(tmp_path, monkeypatch):
+    """A damaged chunk that still unpacks holds other times than the index says."""
+    read = opening.Indexed.messages
+
+    def damaged(storage, ids):
+        for i, message in enumerate(read(storage, ids)):
+            yield message._replace(log_ns=message.log_ns - 10**9) if i == 120 else message
+
+    path = write(tmp_path / "bag", drive(200), "mcap")
+    monkeypatch.setattr(opening.Indexed, "messages", damaged)
+    with Bag(path) as bag:
+        times = [log_ns for _, log_ns, _ in bag.messages()]
+        (warning,) = bag.warnings
+    assert times == sorted(times)
+    assert len(times) == 199
+    assert "1 messages cannot be decoded and are skipped" in warning
+    assert warning.endswith("logged before the message before it")
+
+
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 def test_log_order_not_header_order(tmp_path, storage):
     messages = [(IMU, START_NS + t, imu(START_NS - t, t)) for t in (5, 3, 9, 1)]
