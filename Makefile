@@ -51,7 +51,7 @@ endef
 export CHECK
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow test-all lint docs bench peers colcon clean distclean
+.PHONY: help install demo test test-slow test-all fuzz lint docs bench peers colcon clean distclean
 
 help: ## Say what can be made
 	@echo "make TARGET [PYTHON=python3.11] [PIP_ARGS=...]"
@@ -69,6 +69,10 @@ test-slow: $(TESTING) ## Run the tests that `make test` leaves out
 	@$(BIN)/python -m pytest $(TEST_WORKERS) -m slow $(TEST_ARGS)
 
 test-all: test test-slow ## Run all tests
+
+fuzz: export FUZZ_SECONDS ?= 600
+fuzz: $(TESTING) ## Alter messages, bags, models and YAML at random (FUZZ_SECONDS=600, FUZZ_SEED=0)
+	@$(BIN)/python -m pytest $(TEST_WORKERS) test/fuzz $(TEST_ARGS)
 
 lint: $(TESTING) ## Check style and types
 	@$(BIN)/ruff check .

@@ -140,11 +140,17 @@ def mcap_chunk(content, compression=""):
     return record(0x06, head + struct.pack("<Q", len(compressed)) + compressed)
 
 
-def mcap_file(path, messages, compression=None, encoding="cdr", profile="ros2", closed=True):
-    """Write an MCAP file without a summary: one chunk per 50 messages, or no chunks."""
+def mcap_file(
+    path, messages, compression=None, encoding="cdr", profile="ros2", closed=True, raw=None
+):
+    """
+    Write an MCAP file without a summary: one chunk per 50 messages, or no chunks.
+
+    `raw`: bytes to write in place of messages, by their number.
+    """
     parts = []
     channels: dict[str, int] = {}
-    for topic, log_ns, msg in messages:
+    for i, (topic, log_ns, msg) in enumerate(messages):
         kind = msg.__msgtype__
         part = b""
         if topic not in channels:
@@ -154,7 +160,8 @@ def mcap_file(path, messages, compression=None, encoding="cdr", profile="ros2", 
             channel = struct.pack("<HH", key, key) + text(topic) + text(encoding) + text("")
             part += record(0x03, schema) + record(0x04, channel)
         head = struct.pack("<HIQQ", channels[topic], 0, log_ns, log_ns)
-        parts.append(part + record(0x05, head + bytes(JAZZY.serialize_cdr(msg, kind))))
+        content = (raw or {}).get(i, JAZZY.serialize_cdr(msg, kind))
+        parts.append(part + record(0x05, head + bytes(content)))
     out = b"\x89MCAP0\r\n" + record(0x01, text(profile) + text("by hand"))
     if compression is None:
         out += b"".join(parts)
