@@ -71,7 +71,8 @@ test-slow: $(TESTING) ## Run the tests that `make test` leaves out
 test-all: test test-slow ## Run all tests
 
 fuzz: export FUZZ_SECONDS ?= 600
-fuzz: $(TESTING) ## Alter messages, bags, models and YAML at random (FUZZ_SECONDS=600, FUZZ_SEED=0)
+fuzz: export KILLS ?= 50
+fuzz: $(TESTING) ## Alter inputs and kill processes at random (FUZZ_SECONDS=600, KILLS=50, FUZZ_SEED=0)
 	@$(BIN)/python -m pytest $(TEST_WORKERS) test/fuzz $(TEST_ARGS)
 
 lint: $(TESTING) ## Check style and types

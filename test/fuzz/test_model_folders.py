@@ -115,8 +115,8 @@ def edited_array(
     arrays: dict[str, Any], array: Any, kind: str, value: Any, place: int
 ) -> Any | None:
     """Return an array after one edit; None if it is removed."""
-    if kind == "value" and array.size:
-        array = np.array(array)
+    if kind == "value" and array.size and array.dtype.kind in "fiu":
+        array = np.array(array, dtype=np.float64)
         array.flat[place % array.size] = value
     elif kind == "scale" and array.dtype.kind in "fiu":
         with np.errstate(all="ignore"):
