@@ -113,8 +113,8 @@ def test_messages_that_contradict_their_index_are_skipped(tmp_path, monkeypatch)
     read = opening.Indexed.messages
 
     def damaged(storage, ids):
-        for i, message in enumerate(read(storage, ids)):
-            yield message._replace(log_ns=message.log_ns - 10**9) if i == 120 else message
+        for i, found in enumerate(read(storage, ids)):
+            yield found._replace(log_ns=found.log_ns - 10**9) if i == 120 else found
 
     path = write(tmp_path / "bag", drive(200), "mcap")
     monkeypatch.setattr(opening.Indexed, "messages", damaged)
