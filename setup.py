@@ -79,9 +79,11 @@ setup(
         # ROS itself, for machines without ROS packages.
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1", "ros-jazzy-common-interfaces>=5.3"],
         "tensorboard": ["tensorboard>=2.12"],
+        "signature": ["cryptography>=41"],
         "bench": ["padasip>=1.2"],
         "test": [
             "colcon-common-extensions",
+            "cryptography",
             "hypothesis",
             "mypy",
             "padasip",

@@ -11,10 +11,15 @@ import typer
 
 from adk_ros.cli import console
 from adk_ros.cli.options import JsonOption
+from adk_ros.errors import UsageError
 
 
 def info(
     path: Annotated[Path, typer.Argument(help="bag or model folder")],
+    public_keys: Annotated[
+        Path | None,
+        typer.Option(help="file with SSH keys (Ed25519), of which one must have signed a model"),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """
@@ -26,20 +31,23 @@ def info(
 
     # Only models need PyTorch, which takes seconds to import.
     if is_model_folder(path):
-        _show_model(path, as_json)
+        _show_model(path, public_keys, as_json)
+    elif public_keys is not None:
+        raise UsageError(f"{path} is no model folder: only models are signed")
     else:
         _show_bag(path, as_json)
 
 
-def _show_model(path: Path, as_json: bool) -> None:
+def _show_model(path: Path, public_keys: Path | None, as_json: bool) -> None:
     from adk_ros.model.stored_model import inspect_model
 
-    manifest = inspect_model(path)
+    manifest = inspect_model(path, public_keys)
     facts = manifest["training"]
     if as_json:
         console.print_json({"kind": "model", "path": str(path)} | manifest)
         return
-    console.output.print(f"model {path}: complete, hashes match", markup=False)
+    signed = ", signed by a known key" if public_keys is not None else ""
+    console.output.print(f"model {path}: complete, hashes match{signed}", markup=False)
     rows = {
         "kind": facts.get("kind", "unknown"),
         "trained on": ", ".join(

@@ -28,6 +28,7 @@ from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder import Lifting, input_size
 from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.model.manifest import FORMAT, MANIFEST, describe, read_manifest
+from adk_ros.model.signature import SIGNATURE_ENDING
 from adk_ros.model.stored_model import (
     ARRAYS,
     ENCODER,
@@ -80,6 +81,7 @@ def _write_whole(folder: Path, contents: dict[str, bytes]) -> None:
             (complete / name).write_bytes(content)
         complete.chmod(0o755)
         if folder.exists():
+            (folder / f"{MANIFEST}{SIGNATURE_ENDING}").unlink(missing_ok=True)
             # The manifest is last: until then, the old one's hashes refuse a mixture of files.
             for name in contents:
                 os.replace(complete / name, folder / name)
@@ -116,14 +118,15 @@ def _is_model(folder: Path) -> bool:
     return isinstance(manifest, dict) and manifest.get("format") == FORMAT
 
 
-def load(folder: Path) -> Artefact:
+def load(folder: Path, public_keys: Path | None = None) -> Artefact:
     """
     Load and check a model folder.
 
-    :raises UsageError: it is missing, truncated, altered, of another version, or made for other
-        channels, another time grid or another reference point; the message says which.
+    :param public_keys: file with the keys of which one must have signed it; None: nobody must.
+    :raises UsageError: it is missing, truncated, altered, of another version, not signed, or made
+        for other channels, another time grid or another reference point; the message says which.
     """
-    manifest = read_manifest(folder)
+    manifest = read_manifest(folder, public_keys)
     program = read_program(folder, manifest)
     arrays = read_arrays(folder, manifest)
     history, n_z = manifest["history"], manifest["lifted_size"]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from adk_ros.errors import UsageError
 from adk_ros.files.regular_file import read_regular_file
 from adk_ros.model.adaptation.online_methods import OnlineSettings
+from adk_ros.model.signature import check_signature
 from adk_ros.signals.channels import INPUT_NAMES, INPUT_UNITS, STATE_NAMES, STATE_UNITS, TICK_NS
 
 if TYPE_CHECKING:
@@ -53,17 +54,21 @@ def describe(model: KoopmanModel, facts: dict[str, Any], hashes: dict[str, str])
     }
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
+def read_manifest(folder: Path, public_keys: Path | None = None) -> dict[str, Any]:
     """
     Return the manifest after checking that this version can run the model.
 
+    :param public_keys: file with the keys of which one must have signed it; None: nobody must.
     :raises UsageError: as `load`, as far as the manifest alone shows.
     """
     path = folder / MANIFEST
     if not folder.is_dir():
         raise UsageError(f"model {folder} is not a folder: give the folder that 'adk train' wrote")
     try:
-        manifest = json.loads(read_regular_file(path, _MAX_BYTES))
+        content = read_regular_file(path, _MAX_BYTES)
+        if public_keys is not None:
+            check_signature(path, content, public_keys)
+        manifest = json.loads(content)
     except FileNotFoundError:
         raise UsageError(f"{folder} contains no {MANIFEST}: it is not a model folder") from None
     except (OSError, ValueError, RecursionError) as error:

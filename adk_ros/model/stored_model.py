@@ -43,14 +43,15 @@ _MAX_MAGNITUDE = 1e12
 torques in mN m and covariances in SI units are below 1e9."""
 
 
-def inspect_model(folder: Path) -> dict[str, Any]:
+def inspect_model(folder: Path, public_keys: Path | None = None) -> dict[str, Any]:
     """
     Return the manifest of a model folder after checking all its files, without running anything.
 
+    :param public_keys: file with the keys of which one must have signed it; None: nobody must.
     :raises UsageError: it is missing, truncated, altered, of another version, or its encoder does
         what no encoder needs.
     """
-    manifest = read_manifest(folder)
+    manifest = read_manifest(folder, public_keys)
     check_program(read_program(folder, manifest))
     read_arrays(folder, manifest)
     return manifest

@@ -119,6 +119,12 @@ def as_list(value: Any) -> Any:
 TABLE: tuple[ParameterSpec, ...] = (
     ParameterSpec("model", "", "Model folder written by 'adk train'; required."),
     ParameterSpec(
+        "public_keys",
+        "",
+        "File with the SSH keys (Ed25519) of which one must have signed the model; empty: nobody "
+        "must.",
+    ),
+    ParameterSpec(
         "method",
         "",
         "Online adaptation method; empty: the method that the model was validated with.",
@@ -377,6 +383,11 @@ def pipeline_settings(values: Values, model_settings: OnlineSettings) -> Pipelin
 def model_path(values: Values) -> Path:
     """Return the model folder, with ~ expanded."""
     return Path(values["model"]).expanduser()
+
+
+def public_keys_path(values: Values) -> Path | None:
+    """Return the file of keys, with ~ expanded; None if none is given."""
+    return Path(values["public_keys"]).expanduser() if values["public_keys"] else None
 
 
 def help_text() -> str:

@@ -39,7 +39,12 @@ from adk_ros.ros.messages import (
     StampedCovarianceBytes,
     TwistBytes,
 )
-from adk_ros.ros.parameter_table import differences_from_training, model_path, pipeline_settings
+from adk_ros.ros.parameter_table import (
+    differences_from_training,
+    model_path,
+    pipeline_settings,
+    public_keys_path,
+)
 from adk_ros.ros.parameters import declare_parameters, unknown_parameters
 from adk_ros.ros.session import message_class
 from adk_ros.ros.starting import reporting_start
@@ -86,7 +91,7 @@ class PredictorNode:
         if kind.steering_msgtype is not None:
             classes[Source.STEERING] = message_class(kind.steering_msgtype, needed_by)
         with reporting_start(lambda text: self._publish_status(Level.OK, text, [])):
-            loaded = artefact.load(path)
+            loaded = artefact.load(path, public_keys_path(self.values))
             settings = pipeline_settings(self.values, loaded.model.online)
             warm_up(loaded.model, settings)
         for text in differences_from_training(settings.sensors, loaded.manifest["training"]):

@@ -70,7 +70,7 @@ WITHOUT_KEY = {"backports-zstd": "backports", "lz4": "lz4"}
 # Imported, and installed as a dependency of another requirement.
 COMES_WITH = {"click": "typer", "markupsafe": "jinja2"}
 # Only in extras.
-OPTIONAL = {"padasip", "pytest-xdist", "tensorboard"}
+OPTIONAL = {"cryptography", "padasip", "pytest-xdist", "tensorboard"}
 # Imported only if a parameter selects them.
 OPTIONAL_MESSAGES = {"ackermann_msgs", "autoware_control_msgs", "autoware_vehicle_msgs"}
 # Wheels that provide several ROS packages.
