@@ -27,6 +27,7 @@ from rosbags.rosbag2 import CompressionMode
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from adk_ros.bags import Bag, BagWriter, TopicInfo, Topics, find_topics, message, open_bag, opening
+from adk_ros.bags.indexed import Indexed
 from adk_ros.errors import DataError, UsageError
 
 IMU, ODOMETRY, COMMAND = "/imu/data", "/odometry", "/vehicle/command"
@@ -110,14 +111,14 @@ def test_an_index_that_fails_in_an_unknown_way_is_reported(tmp_path, monkeypatch
 
 def test_messages_that_contradict_their_index_are_skipped(tmp_path, monkeypatch):
     """A damaged chunk that still unpacks holds other times than the index says."""
-    read = opening.Indexed.messages
+    read = Indexed.messages
 
     def damaged(storage, ids):
         for i, found in enumerate(read(storage, ids)):
             yield found._replace(log_ns=found.log_ns - 10**9) if i == 120 else found
 
     path = write(tmp_path / "bag", drive(200), "mcap")
-    monkeypatch.setattr(opening.Indexed, "messages", damaged)
+    monkeypatch.setattr(Indexed, "messages", damaged)
     with Bag(path) as bag:
         times = [log_ns for _, log_ns, _ in bag.messages()]
         (warning,) = bag.warnings
