@@ -40,7 +40,7 @@ class Counters:
         self.tick_us: deque[float] = deque(maxlen=_MAX_TICK_TIMES)
         self.tick_max_us = 0.0
         self.innovations = 0
-        self.innovation_squares: FloatArray = np.zeros(3)
+        self.innovation_squares = [0.0, 0.0, 0.0]
 
     def note_innovation(self, innovation: FloatArray) -> None:
         """Add an innovation (3,); NaN, for a sample without prediction, is ignored."""
@@ -48,7 +48,10 @@ class Counters:
         v_x, v_y, yaw_rate = innovation.tolist()
         if math.isfinite(v_x + v_y + yaw_rate):
             self.innovations += 1
-            self.innovation_squares += innovation * innovation
+            squares = self.innovation_squares
+            squares[0] += v_x * v_x
+            squares[1] += v_y * v_y
+            squares[2] += yaw_rate * yaw_rate
 
     def note_tick(self, elapsed_us: float) -> None:
         """Add the processing time of a sample, µs."""
@@ -101,5 +104,5 @@ def snapshot(pipeline: Pipeline, counters: Counters, now_s: float) -> CounterSna
         implausible=pipeline.predictor.implausible,
         resets=counters.resets,
         innovations=counters.innovations,
-        innovation_squares=counters.innovation_squares.copy(),
+        innovation_squares=np.array(counters.innovation_squares),
     )
