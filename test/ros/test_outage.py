@@ -4,6 +4,7 @@
 
 import copy
 import random
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -181,18 +182,21 @@ def test_a_node_reports_a_second_after_its_start(tmp_path: Path) -> None:
     """Live, with a report every 60 s: the error comes in between, with the topics."""
     seen: list[Any] = []
     path = write_model(tmp_path / "model")
-    with (
-        running_node("-r", "odometry:=/odom", model=path, diagnostics_period_s=60.0) as node,
-        Session("watcher") as session,
-    ):
-        session.node.create_subscription(
-            DiagnosticArray, "/diagnostics", lambda array: seen.extend(array.status), 10
-        )
-        for _ in range(600):
-            session.spin(0.1)
-            if seen and seen[-1].level == b"\x02":
-                break
-        assert node.end()[0] == 0
+    # On a busy machine the watcher may find the node only after its error: then another node.
+    for _ in range(3):
+        with (
+            running_node("-r", "odometry:=/odom", model=path, diagnostics_period_s=60.0) as node,
+            Session("watcher") as session,
+        ):
+            session.node.create_subscription(
+                DiagnosticArray, "/diagnostics", lambda array: seen.extend(array.status), 10
+            )
+            end_s = time.monotonic() + 30.0
+            while time.monotonic() < end_s and not (seen and seen[-1].level == b"\x02"):
+                session.spin(0.1)
+            assert node.end()[0] == 0
+        if seen and seen[-1].level == b"\x02":
+            break
     assert seen[-1].message == (
         "no predictions: odometry never received on /odom, command never received on /command"
     )
