@@ -9,10 +9,17 @@ from pathlib import Path
 from adk_ros.errors import UsageError
 from adk_ros.files.output_folder import refuse_existing
 
-BAG_FILES = ("metadata.yaml",)
-"""Identifies an earlier bag in a folder."""
-
+_METADATA = "metadata.yaml"
 _BAG_CONTENT = (".mcap", ".db3", ".zstd", ".yaml")
+
+
+def bag_files(out: Path) -> tuple[str, ...]:
+    """
+    Return the names that identify an earlier bag in a folder, as in `refuse_existing`.
+
+    A process that was killed leaves a bag without metadata, whose one file is named as the folder.
+    """
+    return _METADATA, f"{out.name}.mcap"
 
 
 def check_output(
@@ -41,6 +48,9 @@ def remove_earlier_bag(out: Path) -> None:
         return
     files = list(out.iterdir())
     other = [file.name for file in files if file.is_dir() or file.suffix not in _BAG_CONTENT]
+    if not (out / _METADATA).exists():
+        # Of such files, only the one of a bag that was not finished is certainly ours.
+        other = [file.name for file in files if file.name != f"{out.name}.mcap"]
     if other:
         raise UsageError(f"{out} holds more than a bag ({other[0]}): choose another --out")
     for file in files:

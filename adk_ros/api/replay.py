@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from adk_ros.api.model import TrainedModel, as_model
-from adk_ros.api.output import BAG_FILES, check_output, remove_earlier_bag
+from adk_ros.api.output import bag_files, check_output, remove_earlier_bag
 from adk_ros.api.progress import Progress, in_stage
 from adk_ros.api.recording import BagRecording, as_recording, recording_options
 from adk_ros.api.tables import as_html, score_frame, suffixed, with_units
@@ -208,7 +208,7 @@ def replay(
     target = None if out is None else Path(out)
     source = recording.path if isinstance(recording, BagRecording) else Path(recording)
     if target is not None:
-        check_output(target, force, BAG_FILES, source)
+        check_output(target, force, bag_files(target), source)
     if not isinstance(recording, BagRecording) and options is None:
         options = recording_options(stored_sensors=model.sensors)
     recording = as_recording(recording, options, progress)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from adk_ros.api.output import BAG_FILES, check_output, remove_earlier_bag
+from adk_ros.api.output import bag_files, check_output, remove_earlier_bag
 from adk_ros.api.progress import Progress, in_stage
 from adk_ros.api.tables import as_html, with_units
 from adk_ros.signals.channels import INPUT_NAMES, STATE_NAMES, TICK_NS
@@ -111,7 +111,7 @@ def simulate(
 
     target = None if out is None else Path(out)
     if target is not None:
-        check_output(target, force, BAG_FILES)
+        check_output(target, force, bag_files(target))
     loaded = load_scenario(scenario)
     report = in_stage(progress, "simulating")
     warnings = []

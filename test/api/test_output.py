@@ -62,6 +62,29 @@ def test_force_does_not_replace_other_folders(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
 
+@pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
+def test_a_bag_that_a_killed_process_left_is_replaced_with_force(
+    write: Callable[[Path, bool], object], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    write(out, False)
+    (out / "metadata.yaml").unlink()
+    with pytest.raises(adk_ros.AdkError, match="add --force to replace it"):
+        write(out, False)
+    write(out, True)
+    assert (out / "metadata.yaml").exists()
+
+
+def test_recordings_without_metadata_are_not_removed(tmp_path: Path) -> None:
+    out = tmp_path / "drives"
+    out.mkdir()
+    for name in ("drives.mcap", "drives_1.mcap"):
+        (out / name).write_bytes(b"x")
+    with pytest.raises(adk_ros.AdkError, match=r"holds more than a bag \(drives_1.mcap\)"):
+        simulate(out, True)
+    assert len(list(out.iterdir())) == 2
+
+
 def test_an_input_is_never_overwritten(tmp_path: Path) -> None:
     file = tmp_path / "drive.mcap"
     file.write_bytes(b"measured")

@@ -90,7 +90,7 @@ def kill(command: Command, is_whole: Callable[[Path], bool], refuses: bool = Tru
     moments = random.Random(SEED)
     for i in range(max(2, KILLS // PARTS)):
         from_s = command.writes_s if i % 2 else 0.0
-        replacing = ["--force"] if is_whole(command.out) else []
+        replacing = ["--force"] if command.out.exists() else []
         ended = command.run(moments.uniform(from_s, command.seconds), *replacing)
         whole = is_whole(command.out)
         assert whole or ended != 0
