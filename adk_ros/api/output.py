@@ -33,7 +33,8 @@ def check_output(
     :raises UsageError: `out` exists and may not be replaced, or is one of the inputs.
     """
     for path in inputs:
-        if out.exists() and path.exists() and out.resolve() == path.resolve():
+        place, target = path.resolve(), out.resolve()
+        if path.exists() and (place == target or target in place.parents):
             raise UsageError(f"{out} is an input as well: choose another --out")
     refuse_existing(out, force, result_files=result_files)
 
@@ -47,10 +48,14 @@ def remove_earlier_bag(out: Path) -> None:
     if not out.exists():
         return
     files = list(out.iterdir())
-    other = [file.name for file in files if file.is_dir() or file.suffix not in _BAG_CONTENT]
-    if not (out / _METADATA).exists():
-        # Of such files, only the one of a bag that was not finished is certainly ours.
-        other = [file.name for file in files if file.name != f"{out.name}.mcap"]
+    # In a folder without metadata, only the file of an unfinished bag is certainly ours.
+    finished, unfinished_name = (out / _METADATA).exists(), bag_files(out)[-1]
+    other = [
+        file.name
+        for file in files
+        if file.is_dir()
+        or (file.suffix not in _BAG_CONTENT if finished else file.name != unfinished_name)
+    ]
     if other:
         raise UsageError(f"{out} holds more than a bag ({other[0]}): choose another --out")
     for file in files:

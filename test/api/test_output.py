@@ -14,7 +14,7 @@ from helpers.train import bag, small
 
 import adk_ros
 from adk_ros.api import explain as explain_module
-from adk_ros.api.output import check_output, remove_earlier_bag
+from adk_ros.api.output import bag_files, check_output, remove_earlier_bag
 from adk_ros.api.training import check_training
 from adk_ros.cli.demonstration import MARKER, _claim_folder
 from adk_ros.cli.main import main
@@ -90,6 +90,9 @@ def test_an_input_is_never_overwritten(tmp_path: Path) -> None:
     file.write_bytes(b"measured")
     with pytest.raises(adk_ros.UsageError, match="is an input as well"):
         check_output(tmp_path / "." / "drive.mcap", True, None, file)
+    # A bag is replaced as a whole, with the file of it that is read.
+    with pytest.raises(adk_ros.UsageError, match="is an input as well"):
+        check_output(tmp_path, True, bag_files(tmp_path), file)
     assert file.read_bytes() == b"measured"
 
 
