@@ -81,6 +81,9 @@ def _entries(archive: zipfile.ZipFile) -> ProgramEntries:
             raise ValueError(f"entry '{path}' is repeated")
         if not path.endswith(".py.debug_pkl"):
             content[path] = archive.read(entry)
+    for path in ("data.pkl", "constants.pkl", "version"):
+        if path not in content:
+            raise ValueError(f"entry '{path}' is missing")
     sources, storages = {}, {}
     for path in sorted(set(content) - _KNOWN):
         place = PurePosixPath(path)

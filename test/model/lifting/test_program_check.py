@@ -169,10 +169,15 @@ def test_encoders_are_accepted(content: bytes) -> None:
 
 def repacked(content: bytes, change: Callable[[str, bytes], bytes]) -> bytes:
     """Copy a program with changed entries."""
+    with zipfile.ZipFile(io.BytesIO(content)) as old:
+        return zipped({name: change(name, old.read(name)) for name in old.namelist()})
+
+
+def zipped(entries: dict[str, bytes]) -> bytes:
     buffer = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(buffer, "w") as new:
-        for name in old.namelist():
-            new.writestr(name, change(name, old.read(name)))
+    with zipfile.ZipFile(buffer, "w") as new:
+        for name, entry in entries.items():
+            new.writestr(name, entry)
     return buffer.getvalue()
 
 
@@ -187,6 +192,7 @@ def added(name: str, entry: bytes) -> bytes:
     ("content", "words"),
     [
         (added("archive/extra/run.sh", b"x"), "entry 'extra/run.sh' is unknown"),
+        (zipped({"archive/code/a.py": b""}), "entry 'data.pkl' is missing"),
         (added("archive/data/99", bytes(80 << 20)), "the encoder unpacks to more than 64 MiB"),
         (bytes(17 << 20), "the encoder has 17 MiB: at most 16 MiB"),
         (added("archive/code/a.py", b"import os"), r"has code outside of classes \(Import\)"),
