@@ -40,9 +40,8 @@ def downweighted_residuals(
     likelihood: Likelihood, hypothesis: Hypothesis, surrogate: SurrogateModel, lap: Lap | None
 ) -> Downweighted | None:
     """Return what the robust loss downweights at a hypothesis, or None if nothing."""
-    problem = likelihood.problem
     p, terms = likelihood.simulation_inputs(hypothesis.nuisances, hypothesis.effects)
-    residuals = problem.residuals(p, terms)
+    residuals = likelihood.channel_residuals(p, terms)
     e = likelihood.whiten(residuals)
     beyond = np.abs(e) > HUBER_THRESHOLD
     if not beyond.any():
@@ -53,11 +52,13 @@ def downweighted_residuals(
         by_equation[name] += float(part)
     order = sorted(by_equation, key=lambda name: -by_equation[name])
     least = EQUATION_GAIN_SHARE * by_equation[order[0]]
+    simulated, simulated_s = _seconds_on_simulation(likelihood, surrogate)
     counted_s = BIN_S * int((likelihood.weights > 0.0).any(axis=0).sum())
     return Downweighted(
         tuple(_episode(likelihood, residuals, e, bins, lap) for bins in _groups(beyond)),
         _seconds(beyond),
-        _rate_on_simulation(likelihood, surrogate) * counted_s,
+        simulated,
+        counted_s / simulated_s,
         float(cut.sum() / (e**2).sum()),
         tuple(name for name in order if by_equation[name] > least),
     )
@@ -96,9 +97,9 @@ def _seconds(beyond: BoolArray) -> int:
     return len(set((at * BIN_S).astype(np.int64).tolist()))
 
 
-def _rate_on_simulation(likelihood: Likelihood, surrogate: SurrogateModel) -> float:
-    """Return the share of seconds in which the surrogate is as wrong about the simulation."""
-    scaled = surrogate.residuals / likelihood.problem.bin_noise[:, None]
+def _seconds_on_simulation(likelihood: Likelihood, surrogate: SurrogateModel) -> tuple[int, float]:
+    """Return the seconds in which the surrogate is as wrong about the simulation, of how many."""
+    scaled = surrogate.unexplained_residuals / likelihood.problem.bin_noise[:, None]
     bins = int(scaled.shape[1])
     whitened = [
         causal_filter(row, coefficients)
@@ -106,7 +107,7 @@ def _rate_on_simulation(likelihood: Likelihood, surrogate: SurrogateModel) -> fl
     ]
     used: BoolArray = np.asarray((likelihood.weights > 0.0).any(axis=1))
     beyond: BoolArray = (np.abs(np.array(whitened)) > HUBER_THRESHOLD) & used[:, None]
-    return _seconds(beyond) / max(BIN_S * float(bins), 1.0)
+    return _seconds(beyond), max(BIN_S * float(bins), 1.0)
 
 
 def with_episodes(decision: Decision, hidden: Downweighted | None) -> Decision:

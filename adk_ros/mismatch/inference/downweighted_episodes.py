@@ -3,8 +3,11 @@
 """
 Episodes of residuals that the robust loss downweights, and whether they are material.
 
-Seconds with such residuals are compared with a Poisson distribution whose mean is one accident per
-recording plus the seconds that the surrogate is as wrong about the simulation in the same time.
+Seconds with such residuals are compared with what accidents and the surrogate's own error cause.
+Accidents follow a Poisson distribution with a mean of one per recording. With k such seconds on
+the simulation, which is 1 / e times as long, and Jeffreys' prior on their rate, those on the
+recording follow a negative binomial distribution of k + 1/2 failures with probability
+1 / (1 + e): a rate is not known to be zero because the simulation happens to have none.
 """
 
 from __future__ import annotations
@@ -12,9 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from scipy.stats import poisson
+import numpy as np
+from scipy.stats import nbinom, poisson
 
 from adk_ros.mismatch.library.criteria import ACCIDENTAL_SECONDS, DOWNWEIGHTED_FALSE_ALARM
+
+_JEFFREYS = 0.5
+"""Shape of Jeffreys' prior on the rate of a Poisson distribution."""
 
 
 class Episode(NamedTuple):
@@ -40,22 +47,36 @@ class Downweighted:
     """
     Downweighted residuals of a recording; `episodes` by time.
 
-    `seconds` with such a residual; `expected`: as many has the simulation in the same time.
+    `seconds` with such a residual; `simulated`: as many has the simulation, and `exposure`: the
+    recording's duration over the simulation's.
     `share`: part of the squared residuals that the robust loss does not count. `equations`: those
     that it concerns, largest part first.
     """
 
     episodes: tuple[Episode, ...]
     seconds: int
-    expected: float
+    simulated: int
+    exposure: float
     share: float
     equations: tuple[str, ...]
 
     @property
+    def expected(self) -> float:
+        """Seconds of the simulation in the same time."""
+        return self.simulated * self.exposure
+
+    @property
     def is_material(self) -> bool:
         """Whether accidents and the surrogate's own error do not explain so many."""
-        least = ACCIDENTAL_SECONDS + self.expected
-        return bool(poisson.sf(self.seconds - 1, least) < DOWNWEIGHTED_FALSE_ALARM)
+        return self.chance() < DOWNWEIGHTED_FALSE_ALARM
+
+    def chance(self) -> float:
+        """Return the probability of as many seconds or more without physics of the car."""
+        rate = (self.simulated + _JEFFREYS, 1.0 / (1.0 + self.exposure))
+        own = np.arange(self.seconds)
+        accidents = poisson.sf(self.seconds - 1 - own, ACCIDENTAL_SECONDS)
+        both = float(nbinom.pmf(own, *rate) @ accidents)
+        return both + float(nbinom.sf(self.seconds - 1, *rate))
 
     def text(self) -> str:
         """Return number, duration and largest episode in words."""

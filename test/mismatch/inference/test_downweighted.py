@@ -80,19 +80,34 @@ def test_one_accident_is_noted_and_not_material() -> None:
     assert len(hidden.episodes) == 1
 
 
-def material(seconds: int, expected: float = 0.0) -> Downweighted:
+def material(seconds: int, simulated: int = 0, exposure: float = 1.0) -> Downweighted:
     episode = Episode(35.2, 35.8, "imu_a_y", 1.4, 20.0, 3.0, 4.0, 120.0)
-    return Downweighted((episode,) * seconds, seconds, expected, 0.4, ("v_y", "yaw_rate"))
+    return Downweighted(
+        (episode,) * seconds, seconds, simulated, exposure, 0.4, ("v_y", "yaw_rate")
+    )
 
 
 @pytest.mark.parametrize(
-    ("seconds", "expected", "is_material"),
-    [(3, 0.0, False), (4, 0.0, True), (6, 2.5, False), (8, 2.5, True)],
+    ("seconds", "simulated", "is_material"),
+    [(4, 0, False), (5, 0, True), (8, 2, False), (9, 2, True), (13, 5, False), (14, 5, True)],
 )
 def test_what_the_simulation_has_as_well_is_not_material(
-    seconds: int, expected: float, is_material: bool
+    seconds: int, simulated: int, is_material: bool
 ) -> None:
-    assert material(seconds, expected).is_material is is_material
+    assert material(seconds, simulated).is_material is is_material
+
+
+def test_a_longer_simulation_without_episodes_says_more() -> None:
+    assert not material(4).is_material
+    assert material(4, exposure=0.1).is_material
+    assert material(4, exposure=0.1).expected == 0.0
+
+
+def test_chance_of_episodes_is_that_of_drawn_counts() -> None:
+    rng = np.random.default_rng(0)
+    rate = rng.gamma(2.5, 1.0, 200_000)
+    drawn = rng.poisson(1.0, rate.size) + rng.poisson(1.5 * rate)
+    assert material(7, 2, 1.5).chance() == pytest.approx(np.mean(drawn >= 7), abs=0.005)
 
 
 def decision(verdict: str, unexplained: UnexplainedResidual | None = None) -> Decision:
