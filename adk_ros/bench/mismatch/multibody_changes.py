@@ -56,8 +56,11 @@ SIZES = {
     "brake_drag_one_side": {"torque_per_wheel": 40.0},
 }
 """Sizes at strength 1 that differ from `injectors.FULL`."""
-_FRICTION = ("p_dx1", "p_dy1", "p_kx1", "p_ky1", "p_vx1", "p_vy1", "p_vy3")
-"""Tyre coefficients that are proportional to the force: less grip with the same slip curve."""
+_FRICTION = ("p_dx1", "p_dy1", "p_vx1", "p_vy1", "p_vy3")
+"""
+Tyre coefficients of the largest force. The slip stiffness p_kx1, p_ky1 is that of the tread, which
+a wet road leaves as it is: so does the catalogue's effect.
+"""
 
 
 def changed_multibody(
