@@ -42,6 +42,9 @@ SURROGATE_PARAMETERS: dict[str, SurrogateParameter] = {
     "spin_up_inertia": SurrogateParameter(
         0.0, -50.0, 500.0, "kg m^2", "part of it whose spin-up the torque's lag does not contain"
     ),
+    "slip_compliance": SurrogateParameter(
+        1.0 / 21.5, 0.0, 0.3, "-", "wheel load over the longitudinal slip stiffness of the tyres"
+    ),
     "side_force_area": SurrogateParameter(3.2, 0.0, 100.0, "m^2", "side force area of the wind"),
     "yaw_moment_volume": SurrogateParameter(
         1.1, -100.0, 100.0, "m^3", "yaw moment volume of the wind"

@@ -8,7 +8,10 @@ and may be zero.
 
 A wheel must spin up before its tyre transmits a torque. For small slip, with the longitudinal
 slip stiffness K F_z of the tyres, the force lags the torque by I_w v_x / (R^2 K F_z). The lag of
-the torque, identified from the simulation, contains it, so that only additional inertia counts.
+the torque, identified from the simulation, contains it, so that only additional inertia counts. K
+of a passenger-car tyre is 21.5: p_Kx1 in appendix 3 of H. B. Pacejka, Tire and Vehicle Dynamics,
+3rd ed. (2012). A simulation says nothing about K, and in a simple one wheels do not slip: 1 / K is
+fitted with a wide prior (`identification`).
 """
 
 from __future__ import annotations
@@ -28,17 +31,13 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.numerics.numba_cache import inlined_kernel
 
-_SLIP_STIFFNESS = 21.5
-"""
-Longitudinal slip stiffness over wheel load: p_Kx1 of the passenger-car tyre in appendix 3 of
-H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed. (2012). Only the wheels' spin depends on it.
-"""
 _MIN_POWER_SPEED = 1.0
 """Speed from which the power limit acts, m/s: below it P / v_x is unbounded."""
 
 _MASS = INDEX["mass"]
 _RADIUS = INDEX["wheel_radius"]
 _SPIN_UP_INERTIA = INDEX["spin_up_inertia"]
+_SLIP_COMPLIANCE = INDEX["slip_compliance"]
 _STEER_GAIN = INDEX["steer_gain"]
 _STEER_OFFSET = INDEX["steer_offset"]
 _STEER_DELAY = INDEX["steer_delay"]
@@ -78,8 +77,8 @@ def zoh_mean(integral: FloatArray, spacing: float, begin: float, step: float) ->
 @inlined_kernel
 def spin_up_lag(p: FloatArray, v_x: float) -> float:
     """Return the additional lag of the longitudinal force behind the wheel torque, s."""
-    stiffness = _SLIP_STIFFNESS * p[_MASS] * GRAVITY
-    lag: float = max(p[_SPIN_UP_INERTIA], 0.0) * max(v_x, 0.0) / (p[_RADIUS] ** 2 * stiffness)
+    per_load = max(p[_SPIN_UP_INERTIA], 0.0) * max(v_x, 0.0) / (p[_RADIUS] ** 2)
+    lag: float = per_load * p[_SLIP_COMPLIANCE] / (p[_MASS] * GRAVITY)
     return lag
 
 
