@@ -142,8 +142,8 @@ class HeldOutErrors:
     """
     RMSE (horizons, 3) on held-out data, SI: of the simulation, of the model, and of persistence.
 
-    `expected`: what noise and the surrogate's own error cause. `corrected`: of the model with the
-    effects, on sensor data from which identified sensor faults are removed.
+    `expected`: what noise, build tolerances and the surrogate's own error cause. `corrected`: of
+    the model with the effects, on sensor data from which identified sensor faults are removed.
     """
 
     before: FloatArray

@@ -122,9 +122,10 @@ class HeldOutResult:
 
     `source`: which data. RMSE by state, one value per horizon of `horizons_s`, SI: of the
     simulation (`before`), the exported correction (`after`), a constant state (`persistence`), and
-    what noise and the surrogate's own error explain (`expected`). `explained`: whether no error is
-    larger than the model can explain; `ratio`: error over the largest that it can explain.
-    `export`: which correction is exported; `raised`: states whose error a larger one raised.
+    what noise, build tolerances and the surrogate's own error explain (`expected`). `explained`:
+    whether no error is larger than the model can explain; `ratio`: error over the largest that it
+    can explain. `export`: which correction is exported; `raised`: states whose error a larger one
+    raised.
     """
 
     source: str
