@@ -13,7 +13,8 @@ from adk_ros.mismatch.recording.implied_values import implied_mass
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel, identify_surrogate
-from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
+from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
+from adk_ros.mismatch.surrogate.road_profile import zero_profile
 from adk_ros.mismatch.validation import open_loop_error
 
 DEFAULT_WHEEL_RADIUS = 0.325
@@ -38,6 +39,7 @@ def surrogate_of(
     """
     surrogate, notes = _surrogate_and_notes(simulation, recording, nominal, report)
     error = open_loop_error(surrogate, simulation)
+    surrogate = surrogate.with_systematic_error(prepare_residual_problem(simulation))
     return replace(surrogate, open_loop_error=error), notes
 
 
@@ -61,21 +63,19 @@ def _surrogate_and_notes(
         start,
         body_known,
         lambda done, total: report(0.5 + 0.5 * done / total, "extending the surrogate"),
+        _is_on_same_road(problem, prepare_residual_problem(recording)),
     )
-    road = extended.road
-    if road is not None:
-        coverage = road.covered_share(prepare_residual_problem(recording))
-        if coverage < MIN_ROAD_COVERAGE:
-            return plain, [
-                "the recording is on another road than the simulation, or their pose frames "
-                "differ: the identified road profile is ignored"
-            ]
     if not extended.augmentation_notes:
         return plain, []
     return extended, [
         "the surrogate needed more than tyres and body to reproduce the simulation; it also has: "
         f"{'; '.join(extended.augmentation_notes)}"
     ]
+
+
+def _is_on_same_road(simulation: ResidualProblem, recording: ResidualProblem) -> bool:
+    """Whether enough of a recording is on the simulated road for that road's profile."""
+    return zero_profile(simulation, ()).covered_share(recording) >= MIN_ROAD_COVERAGE
 
 
 def default_vehicle(simulation: SensorLog) -> NominalVehicle:

@@ -71,19 +71,19 @@ def augment_surrogate(
     start: FloatArray,
     body_known: bool = True,
     progress: Callable[[float, float], None] | None = None,
+    along_road: bool = True,
 ) -> SurrogateModel:
     """
     Return a surrogate with the extensions that it needs to fit the simulation.
 
     `surrogate` was identified on `problem` from the parameters `start`; unless `body_known`, mass,
-    inertia and lengths are free as well.
+    inertia and lengths are free as well. `along_road`: also by a road profile, which helps no
+    recording on another road.
     """
     extension = _Extension(problem, start, body_known)
+    anywhere = (extension.with_effect, extension.with_features)
     stages = (
-        extension.with_slopes,
-        extension.with_effect,
-        extension.with_features,
-        extension.with_friction,
+        (extension.with_slopes, *anywhere, extension.with_friction) if along_road else anywhere
     )
     current = surrogate
     for done in range(MAX_EXTENSION_PASSES):
@@ -92,7 +92,7 @@ def augment_surrogate(
             if not is_underfit(problem, best):
                 return best
             # Friction along a road fits any lateral misfit: only where nothing else helps.
-            is_last_resort = i == len(stages) - 1
+            is_last_resort = stage == extension.with_friction
             if dominant or (is_last_resort and best is not current):
                 break
             if progress is not None:
