@@ -139,14 +139,14 @@ class RecordedData:
         return self._likelihood([np.inf] * len(self.parts))
 
     def _likelihood(self, until_s: Sequence[float]) -> Likelihood:
-        filtered = self.observable.with_yaw_filter(self.surrogate)
+        surrogate = self.observable.adapted(self.surrogate)
         parts = [
-            self.observable.masked(Likelihood.of(part, filtered, until))
+            self.observable.masked(Likelihood.of(part, surrogate, until))
             for part, until in zip(self.parts, until_s, strict=True)
         ]
         if not isinstance(self.problem, JoinedProblem):
             return parts[0]
-        return JointLikelihood.joined(self.problem, filtered, parts)
+        return JointLikelihood.joined(self.problem, surrogate, parts)
 
     def held_out(self, h: Hypothesis) -> list[Evidence]:
         """

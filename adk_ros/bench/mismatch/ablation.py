@@ -150,7 +150,7 @@ def calibrate_surrogate(recording: SensorLog, nominal: NominalVehicle) -> Calibr
         notes.append(text)
     check_recording(with_pseudo_imu(part))
     scope = observable_effects(part, nominal.mass, nominal.wheel_radius, has_imu)
-    start = scope.with_yaw_filter(SurrogateModel(
+    start = scope.adapted(SurrogateModel(
         nominal.parameters(), np.zeros(6), np.zeros((6, 1)), np.empty((0, SIZE))
     )).parameters  # fmt: skip
     stand_in = _calibrate(prepare_residual_problem(with_pseudo_imu(part)), start, has_imu)

@@ -21,9 +21,9 @@ from adk_ros.numerics.arrays import FloatArray
 
 _LEAST_PROBABILITY = 0.002
 """Bound of a probability: one claim that is wrong must not outweigh all others."""
-_START = np.log([1e-4, 0.03, 2.0])
-_BOUNDS = np.log([[1e-6, 0.1], [1e-3, 1.0], [0.1, 6.0]])
-"""Of the three constants."""
+_START = np.log([1e-4, 0.03, 2.0, 5e-3])
+_BOUNDS = np.log([[1e-6, 0.1], [1e-3, 1.0], [0.1, 6.0], [1e-4, 0.1]])
+"""Of the four constants."""
 _EXPONENT_SPREAD = 0.5
 """Prior standard deviation of the exponent's logarithm, around that of a variance: 2."""
 

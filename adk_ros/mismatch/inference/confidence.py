@@ -10,19 +10,18 @@ that of the hypothesis by d_ab in block b. With weights w_b of a Bayesian bootst
 (D. B. Rubin, Ann. Statist. 9 (1981) 130) the odds of alternative a against the effect are
 
     prior_a exp(-sum_b w_b d_ab / (2 tau)),
-    tau = 1 + CONFIDENCE_INEXACTNESS G + MIN_GAIN_PER_SURROGATE_ERROR S / (2 ln SIGNIFICANT_ODDS),
+    tau = 1 + CONFIDENCE_INEXACTNESS G + CONFIDENCE_PER_SURROGATE_ERROR S,
 
 with prior_a = 1 except for a formula, which was chosen among many, G the loss that the hypothesis
 saves in all, and S that of the surrogate's own error. No equation is exact, so that a large effect
 leaves errors in proportion to it that another effect may fit; and the surrogate's own error, which
-repeats on every lap, favours one of two similar effects. tau tempers the likelihood accordingly: a
-difference that the selection just accepts has these odds. The odds of undescribed
-physics rise with the largest held-out error r, over what a correct model explains:
-UNLISTED_ODDS r^UNLISTED_EXPONENT. The probability is the mean over the bootstrap of
+repeats on every lap, favours one of two similar effects. tau tempers the likelihood accordingly.
+The odds of undescribed physics rise with the largest held-out error r, over what a correct model
+explains: UNLISTED_ODDS r^UNLISTED_EXPONENT. The probability is the mean over the bootstrap of
 1 / (1 + all odds): pseudo-Bayesian model averaging (Y. Yao, A. Vehtari, D. Simpson, A. Gelman,
 "Using stacking to average Bayesian predictive distributions", Bayesian Analysis 13 (2018) 917).
 
-The three constants are calibrated: `adk bench concealed --calibrate`.
+The four constants are calibrated: `adk bench concealed --calibrate`.
 """
 
 from __future__ import annotations
@@ -33,8 +32,7 @@ import numpy as np
 
 from adk_ros.mismatch.library.criteria import (
     CONFIDENCE_INEXACTNESS,
-    MIN_GAIN_PER_SURROGATE_ERROR,
-    SIGNIFICANT_ODDS,
+    CONFIDENCE_PER_SURROGATE_ERROR,
     UNLISTED_EXPONENT,
     UNLISTED_ODDS,
 )
@@ -87,6 +85,12 @@ class ConfidenceModel:
     inexactness: float = CONFIDENCE_INEXACTNESS
     unlisted_odds: float = UNLISTED_ODDS
     unlisted_exponent: float = UNLISTED_EXPONENT
+    per_surrogate_error: float = CONFIDENCE_PER_SURROGATE_ERROR
+
+    def tempering(self, gain: float, surrogate_error: float) -> float:
+        """Return tau: by how much a difference of losses overstates the evidence."""
+        by_gain = self.inexactness * max(gain, 0.0)
+        return 1.0 + by_gain + self.per_surrogate_error * surrogate_error
 
     def posterior(self, evidence: Evidence, error_ratio: float) -> dict[str, float]:
         """
@@ -96,9 +100,7 @@ class ConfidenceModel:
         """
         count = evidence.differences.shape[1]
         weights = np.random.default_rng(0).dirichlet(np.ones(count), _DRAWS) * count
-        tau = 1.0 + self.inexactness * max(evidence.total_gain, 0.0)
-        least = MIN_GAIN_PER_SURROGATE_ERROR * evidence.surrogate_error
-        tau += least / (2.0 * np.log(SIGNIFICANT_ODDS))
+        tau = self.tempering(evidence.total_gain, evidence.surrogate_error)
         log_odds = evidence.log_priors - weights @ evidence.differences.T / (2.0 * tau)
         odds = np.exp(np.clip(log_odds, -_MAX_LOG_ODDS, _MAX_LOG_ODDS))
         unlisted = self.unlisted_odds * max(error_ratio, 1e-3) ** self.unlisted_exponent

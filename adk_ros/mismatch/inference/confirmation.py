@@ -81,5 +81,5 @@ def _activity_ratio(active: ActiveEffect, whole: Likelihood, held_out: BoolArray
 def _loss(likelihood: Likelihood, h: Hypothesis, bins: BoolArray) -> float:
     """Return the loss of a hypothesis, without the prior's, in some bins."""
     p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
-    e = likelihood.whiten(likelihood.problem.residuals(p, terms))
+    e = likelihood.whiten(likelihood.channel_residuals(p, terms))
     return huber_loss(e[:, bins])

@@ -4,9 +4,9 @@
 Identifiability: which other effects explain a recording as well as an identified one.
 
 Each competing effect takes the identified effect's place in the hypothesis and is fitted. It is an
-alternative if its loss exceeds the identified one's by less than a margin: statistical fluctuation
-plus a share of the identified effect's gain, since no effect's equation is exact. Structurally
-equivalent effects are alternatives on any recording.
+alternative if its loss exceeds the identified one's by less than `INDISTINGUISHABLE_LOSS`,
+tempered as in `inference.confidence`. Structurally equivalent effects are alternatives on any
+recording.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from adk_ros.mismatch.inference.block_scores import BlockScores
-from adk_ros.mismatch.inference.confidence import ABSENT
+from adk_ros.mismatch.inference.confidence import ABSENT, ConfidenceModel
 from adk_ros.mismatch.inference.fit_budget import ABLATION, COMPETITOR, COMPETITOR_REFIT
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
@@ -24,7 +24,6 @@ from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
     GYRO_BIAS_SIGMAS,
     INDISTINGUISHABLE_LOSS,
-    INDISTINGUISHABLE_LOSS_SHARE,
 )
 from adk_ros.mismatch.library.effect import ALWAYS, PLACE, Effect
 from adk_ros.mismatch.library.search_limits import (
@@ -78,7 +77,8 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
     others = [a for i, a in enumerate(h.effects) if i != which]
     without = likelihood.fit(others, nuisances=h.nuisances, budget=ABLATION)
     gain = without.loss - h.loss
-    margin = INDISTINGUISHABLE_LOSS + INDISTINGUISHABLE_LOSS_SHARE * max(gain, 0.0)
+    tempering = ConfidenceModel().tempering(gain, likelihood.surrogate_error_dof())
+    margin = INDISTINGUISHABLE_LOSS * tempering
     jacobian = likelihood.nuisance_jacobian(h)
     linearised = LinearisedProblem(likelihood, without, likelihood.nuisance_jacobian(without))
     excluded = {a.effect.name for a in h.effects} | likelihood.unobservable

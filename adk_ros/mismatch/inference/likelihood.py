@@ -98,6 +98,8 @@ class Likelihood:
     """Parameter changes of the surrogate that vary along this recording: road, formula."""
     surrogate_error_share: FloatArray
     """(6,) share of the surrogate's own error in the residual variance, by channel."""
+    systematic_error: FloatArray
+    """(6, bins) what is known of the surrogate's own error along this recording, SI."""
     until_s: float = np.inf
     unobservable: frozenset[str] = frozenset()
     """
@@ -122,6 +124,7 @@ class Likelihood:
             surrogate.weak_directions,
             surrogate.fixed_terms(problem),
             shares,
+            surrogate.systematic_error(problem),
             until_s,
         )
 
@@ -200,8 +203,12 @@ class Likelihood:
     def residuals(self, nuisances: FloatArray, effects: Sequence[ActiveEffect]) -> FloatArray:
         """Return all whitened residuals as one vector, travelled distances last."""
         p, terms = self.simulation_inputs(nuisances, effects)
-        e = self.whiten(self.problem.residuals(p, terms))
+        e = self.whiten(self.channel_residuals(p, terms))
         return np.concatenate([e.ravel(), self.distance_residuals(p)])
+
+    def channel_residuals(self, parameters: FloatArray, terms: ActiveTerms) -> FloatArray:
+        """Return measured minus simulated (6, bins), less the surrogate's known error, SI."""
+        return self.problem.residuals(parameters, terms) - self.systematic_error
 
     def distance_residuals(self, parameters: FloatArray) -> FloatArray:
         """Return the residuals of the distances travelled (w,) that count, over their noise."""

@@ -143,8 +143,14 @@ class ObservableEffects:
         )
         return Decision(UNKNOWN, [], features.unexplained(), features.hypothesis, features)
 
-    def with_yaw_filter(self, surrogate: SurrogateModel) -> SurrogateModel:
-        """Return the surrogate with the recording's yaw-rate filter."""
+    def adapted(self, surrogate: SurrogateModel) -> SurrogateModel:
+        """
+        Return the surrogate with the recording's yaw-rate filter.
+
+        Without a torque its known error is left out: that depends on the torque.
+        """
+        if not self.torque:
+            surrogate = replace(surrogate, systematic=None)
         if self.yaw_filter_s == 0.0:
             return surrogate
         p = surrogate.parameters.copy()

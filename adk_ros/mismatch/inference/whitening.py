@@ -5,8 +5,8 @@ Whitening of residuals by prediction-error filters.
 
 The residuals of a correct hypothesis are the sensors' white noise plus the surrogate's own error.
 Their autocovariance, in units of the noise variance of a bin, is delta(k) + c(k), with c that of
-the surrogate's residuals on the simulation. An autoregressive filter of order 30 from the
-Yule-Walker equations makes them white with unit variance.
+the surrogate's residuals on the simulation less its known error. An autoregressive filter of
+order 30 from the Yule-Walker equations makes them white with unit variance.
 """
 
 from __future__ import annotations
@@ -53,6 +53,6 @@ def _normalised_autocovariance(
     if surrogate.autocovariance is not None:
         clipped = surrogate.autocovariance.clipped_at(channel, SURROGATE_ERROR_CLIP * noise)
         return np.asarray(clipped / noise**2)
-    error = surrogate.residuals[channel] / noise
+    error = surrogate.unexplained_residuals[channel] / noise
     error = np.clip(error - error.mean(), -SURROGATE_ERROR_CLIP, SURROGATE_ERROR_CLIP)
     return autocovariance(error)

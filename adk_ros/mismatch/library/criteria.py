@@ -111,11 +111,20 @@ likelihood ratio is below `SIGNIFICANT_ODDS`. The credible set of `inference.fin
 others that are still probable.
 """
 INDISTINGUISHABLE_LOSS_SHARE = 2e-4
-"""Share of the identified effect's gain added to that margin: no effect's equation is exact."""
+"""
+Share of an effect's gain added to that margin by the watch, which fits its candidates to a few
+blocks. By choice.
+"""
 CONFIDENCE_INEXACTNESS = 1e-6
 """
 Share of the loss saved by all effects by which the log-likelihood is tempered (see
 `inference.confidence`). Calibrated.
+"""
+CONFIDENCE_PER_SURROGATE_ERROR = 0.001
+"""
+The same per unit of the surrogate error, which repeats on every lap: it favours one of two similar
+effects. By choice, on similar effects among the cases of `adk bench concealed --own --seed 3`;
+`--calibrate` prints the most likely value.
 """
 UNLISTED_ODDS = 0.054
 """
@@ -160,7 +169,7 @@ that the decision allows over all effects. Convention.
 ACCIDENTAL_SECONDS = 1.0
 """
 Expected seconds per recording with an accident that is no physics of the car: a pothole, a bird, a
-loose message. An assumption: with a Poisson distribution four such seconds are then material.
+loose message. An assumption.
 """
 
 # --- Decision ----------------------------------------------------------------------------------

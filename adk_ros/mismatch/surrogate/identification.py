@@ -17,12 +17,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW, SIZE
+from adk_ros.mismatch.library.surrogate_parameters import (
+    HIGH,
+    INDEX,
+    LOW,
+    SIZE,
+    default_parameters,
+)
 from adk_ros.mismatch.surrogate.error_autocovariance import ErrorAutocovariance
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm, active_terms_of
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem
 from adk_ros.mismatch.surrogate.road_profile import RoadProfile
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
+from adk_ros.mismatch.surrogate.state_index import N_CHANNELS
+from adk_ros.mismatch.surrogate.systematic_error import SystematicError, learn_systematic_error
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.levenberg_marquardt import (
     BoundedParameters,
@@ -119,6 +127,7 @@ the shape of the tyre curve.
 """
 _WEAK_DIRECTION_SHARE = 0.1
 """Directions identified to better than this share of the prior's deviation count as known."""
+_SLIP_COMPLIANCE = INDEX["slip_compliance"]
 _PRIOR_INFLATION = 2.0
 """Factor on the deviation of weakly identified directions: linearisation understates it."""
 _MAX_WEAK_DIRECTIONS = 6
@@ -160,6 +169,28 @@ class SurrogateModel:
     """Autocovariance of the residuals; for a surrogate from a file, which has no residuals."""
     open_loop_error: FloatArray | None = None
     """(horizons, 3) RMSE of open-loop predictions of the simulation, if it was measured."""
+    systematic: SystematicError | None = None
+    """The error as a function of the driven state, if it was learned."""
+
+    @property
+    def unexplained_residuals(self) -> FloatArray:
+        """Residuals (6, bins) on the simulation less what is known of them."""
+        return self.residuals if self.systematic is None else self.systematic.remaining
+
+    def with_systematic_error(self, problem: ResidualProblem) -> SurrogateModel:
+        """Return the surrogate with its error learned on the simulation's `problem`."""
+        terms = self.fixed_terms(problem)
+        out = problem.run(self.parameters, terms)
+        residuals = problem.residuals(self.parameters, terms)
+        learned = learn_systematic_error(problem, out, residuals, SETTLING_BINS)
+        return replace(self, systematic=learned)
+
+    def systematic_error(self, problem: ResidualProblem) -> FloatArray:
+        """Return the known error (6, bins) along a recording: measured minus simulated."""
+        if self.systematic is None:
+            return np.zeros((N_CHANNELS, problem.bins))
+        out = problem.run(self.parameters, self.fixed_terms(problem))
+        return self.systematic.along(problem, out)
 
     def fixed_terms(self, problem: ResidualProblem) -> ActiveTerms:
         """Return the terms of the simulator along a recording: road and feature terms."""
@@ -271,13 +302,20 @@ def fit_with_annealed_observer(
 def _weakly_identified_directions(
     normal: FloatArray, sigma: FloatArray, index: IntArray
 ) -> FloatArray:
-    """Return the weakly identified directions (k, SIZE) of a fit, from its normal matrix."""
+    """
+    Return the weakly identified directions (k, SIZE) of a fit, from its normal matrix.
+
+    The last is the slip compliance, which no simulation determines: it only acts on wheels whose
+    inertia differs from the simulation's. Its deviation is its value, since it may be zero.
+    """
     values, vectors = np.linalg.eigh(normal * np.outer(sigma, sigma))
     deviation = _PRIOR_INFLATION / np.sqrt(np.maximum(values, 1.0))
+    slip = np.zeros(SIZE)
+    slip[_SLIP_COMPLIANCE] = default_parameters()[_SLIP_COMPLIANCE]
     out: list[FloatArray] = []
     for size, vector in zip(deviation, vectors.T, strict=True):
         if size > _WEAK_DIRECTION_SHARE * _PRIOR_INFLATION and len(out) < _MAX_WEAK_DIRECTIONS:
             row = np.zeros(SIZE)
             row[index] = min(size, 1.0) * vector * sigma
             out.append(row)
-    return np.array(out).reshape(-1, SIZE)
+    return np.array([*out, slip])

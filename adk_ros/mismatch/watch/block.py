@@ -156,7 +156,7 @@ class BlockLineariser:
                     np.vstack([np.ones(problem.steps), hat]),
                 )
                 terms = fixed.merged_with(term)
-                changed = likelihood.whiten(problem.residuals(p, terms)).ravel()
+                changed = likelihood.whiten(likelihood.channel_residuals(p, terms)).ravel()
                 inside = rows < changed.size
                 column = np.zeros(rows.size)
                 column[inside] = changed[rows[inside]] - residuals[inside]

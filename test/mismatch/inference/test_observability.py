@@ -100,7 +100,7 @@ def test_uninformative_channels_have_no_weight() -> None:
         case().nominal.parameters(), np.zeros(6), np.zeros((6, 100)), np.empty((0, len(INDEX)))
     )
     scope = ObservableEffects(imu=False, torque=False, yaw_filter_s=0.4)
-    found = scope.masked(Likelihood.of(course, scope.with_yaw_filter(plain)))
+    found = scope.masked(Likelihood.of(course, scope.adapted(plain)))
     assert not found.weights[:4].any()
     assert found.weights[4:].any()
     assert found.unobservable == scope.unobservable
