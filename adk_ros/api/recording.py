@@ -168,7 +168,8 @@ def recording_options(
     """
     sensors = sensors_from_manifest(stored_sensors) if stored_sensors else SensorConfig()
     if params is not None:
-        from adk_ros.ros.parameter_table import read_parameter_file, sensor_config
+        from adk_ros.ros.parameter_file import read_parameter_file
+        from adk_ros.ros.parameter_settings import sensor_config
 
         values, problems = read_parameter_file(Path(params))
         sensors = sensor_config(values)

@@ -17,7 +17,8 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from adk_ros.errors import UsageError
-from adk_ros.ros.parameter_table import TABLE, ParameterSpec, unknown_parameter
+from adk_ros.ros.parameter_spec import ParameterSpec
+from adk_ros.ros.parameter_table import TABLE, unknown_parameter
 
 __all__ = ["TABLE", "declare_parameters", "descriptor", "unknown_parameters"]
 

@@ -39,7 +39,7 @@ from adk_ros.ros.messages import (
     StampedCovarianceBytes,
     TwistBytes,
 )
-from adk_ros.ros.parameter_table import (
+from adk_ros.ros.parameter_settings import (
     differences_from_training,
     model_path,
     pipeline_settings,

@@ -24,7 +24,8 @@ from adk_ros.mismatch.watch.watched_model import watched_surrogate
 from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.plant.scenario.scenario_file import load_scenario
 from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
-from adk_ros.ros.parameter_table import pipeline_settings, read_parameter_file
+from adk_ros.ros.parameter_file import read_parameter_file
+from adk_ros.ros.parameter_settings import pipeline_settings
 
 pytestmark = pytest.mark.slow(seconds=20)
 DATA = resources.files("adk_ros.plant") / "data"

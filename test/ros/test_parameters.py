@@ -17,15 +17,14 @@ from rclpy.parameter import Parameter
 from adk_ros.errors import UsageError
 from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.pipeline import PipelineSettings
-from adk_ros.ros.parameter_table import (
-    TABLE,
-    defaults,
+from adk_ros.ros.parameter_file import read_parameter_file
+from adk_ros.ros.parameter_settings import (
     differences_from_training,
     model_path,
     pipeline_settings,
-    read_parameter_file,
     sensor_config,
 )
+from adk_ros.ros.parameter_table import TABLE, defaults
 from adk_ros.ros.parameters import declare_parameters, descriptor, unknown_parameters
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.signals.gate import GateSettings
@@ -45,7 +44,8 @@ class Blocked:
 sys.meta_path.insert(0, Blocked())
 from pathlib import Path
 
-from adk_ros.ros.parameter_table import read_parameter_file, sensor_config
+from adk_ros.ros.parameter_file import read_parameter_file
+from adk_ros.ros.parameter_settings import sensor_config
 
 sensors = sensor_config(read_parameter_file(Path(sys.argv[1]))[0])
 print(sensors.steer_joint, sensors.steering_ratio, sensors.imu_position, "rclpy" in sys.modules)
