@@ -26,11 +26,16 @@ from adk_ros.errors import UsageError
 
 
 class Session:
-    """Context manager for a node named `name` in `namespace`, and its executor."""
+    """
+    Context manager for a node named `name` in `namespace`, and its executor.
 
-    def __init__(self, name: str, namespace: str = "") -> None:
+    `polled`: messages are fetched by `received`, many at a time. An executor that wakes up for
+    each costs twice as much.
+    """
+
+    def __init__(self, name: str, namespace: str = "", *, polled: bool = False) -> None:
         self._context: Any = Context()
-        self._name, self._namespace = name, namespace
+        self._name, self._namespace, self._polled = name, namespace, polled
 
     def __enter__(self) -> Session:
         self._context.init()
@@ -43,7 +48,8 @@ class Session:
         except NameValidationException:
             self._context.try_shutdown()
             raise UsageError(f"namespace '{self._namespace}' is no valid ROS name") from None
-        self._executor = make_executor(self._context)
+        make = make_waiting_executor if self._polled else make_executor
+        self._executor = make(self._context)
         self._executor.add_node(self.node)
         return self
 
@@ -63,6 +69,17 @@ class Session:
     def spin(self, timeout_s: float) -> None:
         """Handle received messages; wait at most `timeout_s` for the first."""
         self._executor.spin_once(timeout_s)
+
+    @staticmethod
+    def received(subscription: Any) -> Iterator[tuple[int, Any]]:
+        """Yield time of reception, ns, and content of the messages that wait in a subscription."""
+        while True:
+            with subscription.handle:
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                return
+            content, about = taken
+            yield int(about["received_timestamp"]), content
 
     def __exit__(
         self,
@@ -88,9 +105,14 @@ def make_executor(context: Any = None) -> Any:
 
         return EventsExecutor(context=context)
     except (ImportError, io.UnsupportedOperation):
-        from rclpy.executors import SingleThreadedExecutor
+        return make_waiting_executor(context)
 
-        return SingleThreadedExecutor(context=context)
+
+def make_waiting_executor(context: Any = None) -> Any:
+    """Return a single-threaded executor, which leaves messages alone unless it is spun."""
+    from rclpy.executors import SingleThreadedExecutor
+
+    return SingleThreadedExecutor(context=context)
 
 
 def message_class(msgtype: str, needed_by: str) -> Any:

@@ -60,7 +60,8 @@ _DEPTH = 4000
 """Queue depth of the subscriptions, messages: 4 s of an IMU at 1000 Hz; a step takes 0.4 s."""
 _PERIOD_S = 1.0
 """s between diagnostics."""
-_SPIN_S = 0.05
+_POLL_S = 0.05
+"""s between two looks at the subscriptions: a change is named minutes after its onset."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class WatchNode:
         note: Callable[[str], None],
     ) -> None:
         self._options, self._note = options, note
-        self._node = session.node
+        self._session, self._node = session, session.node
         self._name = str(self._node.get_fully_qualified_name()).lstrip("/")
         self.watch = Watch(surrogate, self._on_change)
         kind = COMMAND_TYPES[options.sensors.command_type]
@@ -133,10 +134,22 @@ class WatchNode:
             depth=_DEPTH,
             reliability=ReliabilityPolicy.BEST_EFFORT,
         )
-        for source, message in self._classes.items():
-            self._node.create_subscription(
+        self._subscriptions = {
+            source: self._node.create_subscription(
                 message, self._topics[source], partial(self._take, source), qos, raw=True
             )
+            for source, message in self._classes.items()
+        }
+
+    def receive(self) -> None:
+        """Take all messages that have arrived, in the order of their arrival."""
+        arrived = [
+            (at_ns, source, content)
+            for source, subscription in self._subscriptions.items()
+            for at_ns, content in Session.received(subscription)
+        ]
+        for _, source, content in sorted(arrived, key=lambda x: x[0]):
+            self._take(source, content)
 
     def _take(self, source: Source, content: bytes) -> None:
         """Store a message and its reading."""
@@ -155,9 +168,9 @@ class WatchNode:
             self._evidence.clear()
         self._evidence.add(StampedMessage(self._topics[source], reading.stamp_ns, bytes(content)))
 
-    def work(self) -> None:
-        """Do one piece of work, and report if it is time."""
-        self.watch.step()
+    def work(self) -> bool:
+        """Do one piece of work, and report if it is time; return whether there was any work."""
+        busy = self.watch.step() or bool(self._jobs)
         if self._jobs:
             try:
                 next(self._jobs[0])
@@ -169,7 +182,9 @@ class WatchNode:
         self._children = [child for child in self._children if child.poll() is None]
         now_s = time.monotonic()
         if now_s - self._reported_s >= _PERIOD_S:
+            self._session.spin(0.0)  # Parameter services.
             self._report(now_s)
+        return busy
 
     def _on_change(self, change: Change) -> None:
         text = json.dumps({"node": self._name, **change.as_dict()})
@@ -263,13 +278,14 @@ def watch(
     """
     stop = Stop()
     try:
-        with Session(NODE_NAME, options.namespace) as session:
+        with Session(NODE_NAME, options.namespace, polled=True) as session:
             node = WatchNode(session, surrogate, options, note)
             end_s = math.inf if duration_s is None else time.monotonic() + duration_s
             stop.starting = False
             while not stop.requested and time.monotonic() < end_s:
-                session.spin(_SPIN_S)
-                node.work()
+                node.receive()
+                if not node.work():
+                    time.sleep(_POLL_S)
             return stop.requested
     finally:
         stop.close()
