@@ -49,6 +49,13 @@ class Stop:
         self.requested = False
         self.starting = True
         self._closed = False
+        self._ends_s = math.inf
+        # Threads of libraries that run already are not masked: a signal may end in one of them.
+        is_main = threading.current_thread() is threading.main_thread()
+        self._handlers = {
+            number: signal.signal(number, lambda _number, _frame: self._request())
+            for number in (_SIGNALS if is_main else ())
+        }
         # Threads that are started from now on inherit the mask.
         self._mask = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
         threading.Thread(target=self._wait, name="signals", daemon=True).start()
@@ -57,16 +64,20 @@ class Stop:
         """Let signals have their usual effect again."""
         self._closed = True
         signal.pthread_sigmask(signal.SIG_SETMASK, self._mask)
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+
+    def _request(self) -> None:
+        if self.starting:
+            os._exit(0)
+        self.requested = True
+        self._ends_s = min(self._ends_s, time.monotonic() + _GRACE_S)
 
     def _wait(self) -> None:
-        ends_s = math.inf
         while not self._closed:
             if signal.sigtimedwait(_SIGNALS, _SPIN_S) is not None:
-                if self.starting:
-                    os._exit(0)
-                self.requested = True
-                ends_s = min(ends_s, time.monotonic() + _GRACE_S)
-            if time.monotonic() > ends_s:
+                self._request()
+            if time.monotonic() > self._ends_s:
                 os._exit(0)
 
 

@@ -139,3 +139,33 @@ def test_a_change_is_published_and_its_evidence_written(domain: None, tmp_path: 
     assert Path(words[words.index("--simulation") + 1]).is_file()
     with Bag(Path(words[words.index("--recording") + 1])) as bag:
         assert {topic.name for topic in bag.topics} == set(TOPICS.values())
+
+
+@pytest.mark.slow(seconds=10)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_in_a_thread_of_a_library_ends_the_watch(
+    domain: None, tmp_path: Path, number: signal.Signals
+) -> None:
+    model = tmp_path / "simulation.yaml"
+    model.write_text(simulation_yaml(surrogate()))
+    # The linear algebra library then has a thread before signals are blocked.
+    process = subprocess.Popen(
+        [sys.executable, "-m", "adk_ros.cli.main", "watch", "--model", str(model)],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"},
+    )
+    try:
+        with Session("listener") as session:
+            received = Received(session)
+            until_s = time.monotonic() + 60.0
+            while not received.status and time.monotonic() < until_s:
+                session.spin(0.1)
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=5.0)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+    assert process.returncode == 0
+    assert errors.splitlines()[-1] == "received messages: 0 imu, 0 odometry, 0 command"
