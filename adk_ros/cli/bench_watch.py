@@ -34,6 +34,13 @@ def watch(
             show_default="1 and 0.5",
         ),
     ] = None,
+    live: Annotated[
+        float,
+        typer.Option(
+            help="seconds of a drive played in real time, to measure the CPU load of the whole "
+            "node; 0: none"
+        ),
+    ] = 0.0,
     out: Annotated[
         Path | None, typer.Option(help="file for the results, one JSON object a line")
     ] = None,
@@ -46,6 +53,7 @@ def watch(
     Example: adk bench watch --hours 2 --rounds 1
     """
     from adk_ros.bench.mismatch import watch_bench as bench
+    from adk_ros.bench.mismatch.watch_load import check_live, load_line, watch_load
     from adk_ros.mismatch.watch.settings import ALARM_THRESHOLD
 
     strengths = strength or [1.0, 0.5]
@@ -57,6 +65,7 @@ def watch(
         raise UsageError("--strength is a fraction of the full size: choose 0.05 to 2")
     if out is not None and not out.absolute().parent.is_dir():
         raise UsageError(f"--out {out}: the folder does not exist")
+    check_live(live)
     first = bench.CALIBRATION if calibrate else bench.CLEAN
     threshold = float("inf") if calibrate else ALARM_THRESHOLD
     cleans = bench.clean_drives(first, hours) if hours > 0.0 else []
@@ -82,5 +91,8 @@ def watch(
     lines = bench.calibration_lines(clean) if calibrate else []
     lines += bench.clean_lines(clean) if clean and not calibrate else []
     lines += bench.event_lines(named) if named else []
+    if live:
+        with console.progress("a drive in real time") as bar:
+            lines.append(load_line(watch_load(live, bar)))
     for line in lines:
         console.output.print(line, markup=False)

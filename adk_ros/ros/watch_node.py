@@ -186,6 +186,11 @@ class WatchNode:
             self._report(now_s)
         return busy
 
+    def received_text(self) -> str:
+        """Return how many messages of each source have come."""
+        counts = [f"{times} {source.name.lower()}" for source, times in self._received.items()]
+        return f"received messages: {', '.join(counts)}"
+
     def _on_change(self, change: Change) -> None:
         text = json.dumps({"node": self._name, **change.as_dict()})
         self._change_out.publish(String(data=text))
@@ -286,6 +291,7 @@ def watch(
                 node.receive()
                 if not node.work():
                     time.sleep(_POLL_S)
+            note(node.received_text())
             return stop.requested
     finally:
         stop.close()

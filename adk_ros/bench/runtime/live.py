@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import gc
 import importlib.util
-import os
 import select
 import subprocess
 import sys
@@ -31,6 +30,7 @@ import numpy as np
 import psutil  # type: ignore[import-untyped, unused-ignore]
 from numpy.typing import NDArray
 
+from adk_ros.bench.runtime.ros_processes import cpu_seconds, last_error, start_process
 from adk_ros.errors import DataError, UsageError
 from adk_ros.signals.align import Aligner
 from adk_ros.signals.channels import TICK_NS, Reading, Source
@@ -103,18 +103,18 @@ def bench_live(
         arguments = ["--ros-args", "-p", f"model:={model}"]
         if method:
             arguments += ["-p", f"method:={method}"]
-        node = _start(stack, folder, "adk_ros.ros.node", *arguments)
-        listener = _start(stack, folder, _MODULE, "listen", str(folder / "received.npz"))
-        relay = _start(stack, folder, _MODULE, "relay")
-        traffic = _start(stack, folder, _MODULE, "drive", str(folder / "sent.npz"), *rates)
+        node = start_process(stack, folder, "adk_ros.ros.node", *arguments)
+        listener = start_process(stack, folder, _MODULE, "listen", str(folder / "received.npz"))
+        relay = start_process(stack, folder, _MODULE, "relay")
+        traffic = start_process(stack, folder, _MODULE, "drive", str(folder / "sent.npz"), *rates)
         _await_line(traffic, "started", node, folder)
         cpu_percent, relay_percent, grown_mb = _watch(node, relay, duration_s, progress)
         if traffic.wait(_TIMEOUT_S) or node.poll() is not None or relay.poll() is not None:
-            raise DataError(f"the measurement failed: {_last_error(folder)}")
+            raise DataError(f"the measurement failed: {last_error(folder)}")
         time.sleep(1.5)
         listener.terminate()
         if listener.wait(_TIMEOUT_S):
-            raise DataError(f"the listener failed: {_last_error(folder)}")
+            raise DataError(f"the listener failed: {last_error(folder)}")
         sent, received = np.load(folder / "sent.npz"), np.load(folder / "received.npz")
         result = _evaluate(sent, received, round(_WARM_UP_S * 1e9))
     tick_ms = 1e-3 * float(result["node"].get("tick_p50_us", "nan"))
@@ -135,37 +135,6 @@ def bench_live(
     return result
 
 
-def _start(stack: ExitStack, folder: Path, module: str, *arguments: str) -> subprocess.Popen[str]:
-    # A separate domain, local only: a robot on this network must not receive any of this.
-    environment = {
-        **os.environ,
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": str(60 + os.getpid() % 40),
-    }
-    errors = stack.enter_context((folder / f"{arguments[0].strip('-')}.err").open("w"))
-    process = subprocess.Popen(
-        [sys.executable, "-m", module, *arguments],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=errors,
-        text=True,
-    )
-    stack.callback(_end, process)
-    return process
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    if process.poll() is None:
-        process.terminate()
-        try:
-            process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-    if process.stdout is not None:
-        process.stdout.close()
-
-
 def _await_line(
     process: subprocess.Popen[str], wanted: str, node: subprocess.Popen[str], folder: Path
 ) -> None:
@@ -176,16 +145,8 @@ def _await_line(
             if line.strip() == wanted:
                 return
             if not line:
-                raise DataError(f"the simulated sensors found no node: {_last_error(folder)}")
-    raise DataError(f"the node ended with exit code {node.returncode}: {_last_error(folder)}")
-
-
-def _last_error(folder: Path) -> str:
-    """Return the last line that a process wrote to stderr."""
-    lines = [
-        line for path in sorted(folder.glob("*.err")) for line in path.read_text().splitlines()
-    ]
-    return lines[-1] if lines else "no reason was given"
+                raise DataError(f"the simulated sensors found no node: {last_error(folder)}")
+    raise DataError(f"the node ended with exit code {node.returncode}: {last_error(folder)}")
 
 
 def _watch(
@@ -197,7 +158,7 @@ def _watch(
     """Return the CPU loads of node and relay, per cent of a core, and the node's growth in MB."""
     processes = psutil.Process(node.pid), psutil.Process(relay.pid)
     time.sleep(_WARM_UP_S)
-    begin_s, before_s = time.monotonic(), [_cpu_s(process) for process in processes]
+    begin_s, before_s = time.monotonic(), [cpu_seconds(process) for process in processes]
     rss_before = processes[0].memory_info().rss
     while (done_s := time.monotonic() - begin_s) < duration_s - 0.2:
         if progress is not None:
@@ -205,16 +166,11 @@ def _watch(
         time.sleep(0.1)
     elapsed_s = time.monotonic() - begin_s
     loads = [
-        100.0 * (_cpu_s(process) - spent_s) / elapsed_s
+        100.0 * (cpu_seconds(process) - spent_s) / elapsed_s
         for process, spent_s in zip(processes, before_s, strict=True)
     ]
     grown_mb = (processes[0].memory_info().rss - rss_before) * 1e-6
     return loads[0], loads[1], float(grown_mb)
-
-
-def _cpu_s(process: Any) -> float:
-    times = process.cpu_times()
-    return float(times.user + times.system)
 
 
 def _evaluate(sent: Any, received: Any, warm_up_ns: int) -> dict[str, Any]:

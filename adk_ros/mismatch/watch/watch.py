@@ -65,7 +65,9 @@ class Watch:
         on_change: Callable[[Change], None],
         threshold: float = ALARM_THRESHOLD,
     ) -> None:
-        self._surrogate, self._on_change, self.threshold = surrogate, on_change, threshold
+        # What is known of its error needs the transients of more than a block.
+        self._surrogate = replace(surrogate, systematic=None)
+        self._on_change, self.threshold = on_change, threshold
         self.base: tuple[ActiveEffect, ...] = ()
         self.restarts = 0
         self.changes: deque[Change] = deque(maxlen=_KEPT_CHANGES)
