@@ -10,20 +10,17 @@ and a verdict that leaves an error unexplained becomes `unknown`.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import yaml  # type: ignore[import-untyped, unused-ignore]
-from scipy.stats import t as student
 
 from adk_ros.files.yaml_file import validate
 from adk_ros.mismatch.deployment.corrected_model import corrected_yaml
 from adk_ros.mismatch.deployment.held_out import (
     HORIZONS_S,
     REPORTED_HORIZON,
-    START_STRIDE_S,
     Evidence,
     HeldOutErrors,
     horizon_errors,
@@ -34,10 +31,10 @@ from adk_ros.mismatch.deployment.held_out import (
     without_sensor_faults,
 )
 from adk_ros.mismatch.deployment.open_loop import FIRST_START_S
+from adk_ros.mismatch.deployment.raised_errors import improves, raised_states
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.deployment.tolerance_error import tolerance_error
-from adk_ros.mismatch.inference.block_scores import BLOCK_S
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.feature_effect import catalogue_effects
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
@@ -50,16 +47,10 @@ from adk_ros.mismatch.inference.result import (
     HeldOutResult,
     UnexplainedResidual,
 )
-from adk_ros.mismatch.library.criteria import (
-    MAX_IMPROVED_RATIO,
-    MAX_RAISED_RATIO,
-    MIN_RAISED_BLOCKS,
-    RAISED_FALSE_ALARM,
-)
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
-from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STATE_NAMES
 
 
@@ -108,7 +99,7 @@ def validate_on_held_out(
     for rung, candidate in _rungs(hypothesis) if needed else []:
         trial = corrected_yaml(surrogate, candidate, lap)
         errors = horizon_errors(_parsed(trial), held_out)
-        higher = _raised_states(before, rmse(errors), not_judged)
+        higher = raised_states(before, rmse(errors), not_judged)
         if not higher:
             text, export, after = trial, rung, rmse(errors)
             break
@@ -117,7 +108,7 @@ def validate_on_held_out(
     else:
         # Tolerances alone promise nothing that would be worth a risk.
         for trial, rung, errors in trials if effects else []:
-            if _improves(simulation, errors, expected, not_judged):
+            if improves(simulation, errors, expected, not_judged):
                 text, export, after = trial, rung, rmse(errors)
                 break
     clean = [replace(x, log=without_sensor_faults(x.log, effects)) for x in held_out]
@@ -255,54 +246,6 @@ def _exceeds(errors: FloatArray, expected: FloatArray) -> bool:
     Where none is, tolerances fit the noise: on another recording they raise what they lower here.
     """
     return bool(np.any(errors[REPORTED_HORIZON] > expected[REPORTED_HORIZON]))
-
-
-def _raised_states(before: FloatArray, after: FloatArray, not_judged: Sequence[str]) -> list[str]:
-    """Return the states whose error at the reported horizon a correction raises."""
-    first, then = before[REPORTED_HORIZON], after[REPORTED_HORIZON]
-    higher = ~(then <= MAX_RAISED_RATIO * first) & np.isfinite(first)
-    return [x for x, y in zip(STATE_NAMES, higher, strict=True) if y and x not in not_judged]
-
-
-def _improves(
-    before: FloatArray, after: FloatArray, expected: FloatArray, not_judged: Sequence[str]
-) -> bool:
-    """
-    Whether a correction lowers an error above the expected one, and raises none beyond chance.
-
-    `before` and `after`: errors (n, horizons, 3). A rise at the reported horizon is chance where
-    noise and the surrogate's own error explain the error, and the paired difference of the squares
-    is not significant.
-    """
-    judged = [i for i, name in enumerate(STATE_NAMES) if name not in not_judged]
-    first, then = (rmse(x)[REPORTED_HORIZON, judged] for x in (before, after))
-    noise = expected[REPORTED_HORIZON, judged]
-    lower = (first > noise) & (then <= MAX_IMPROVED_RATIO * first)
-    rises = significant_rise(*(x[:, REPORTED_HORIZON, judged] for x in (before, after)))
-    higher = ~(then <= MAX_RAISED_RATIO * first) & (~(then <= noise) | rises) & np.isfinite(first)
-    return bool(lower.any() and not higher.any())
-
-
-def significant_rise(before: FloatArray, after: FloatArray) -> BoolArray:
-    """
-    Return whether squared errors (n, ...) of the same starts are larger than before.
-
-    Student's t over the means of blocks of `BLOCK_S`, after which errors of predictions
-    over two seconds are independent. Never with fewer than `MIN_RAISED_BLOCKS` of them.
-    """
-    size = round(BLOCK_S / START_STRIDE_S)
-    blocks = len(before) // size
-    shape = before.shape[1:]
-    if blocks < MIN_RAISED_BLOCKS:
-        return np.zeros(shape, dtype=bool)
-    difference = (after**2 - before**2)[: blocks * size].reshape(blocks, size, *shape)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # A block of which no start counts.
-        means = np.nanmean(difference, axis=1)
-        spread = np.nanstd(means, axis=0, ddof=1) / np.sqrt(np.isfinite(means).sum(axis=0))
-        critical = student.ppf(1.0 - RAISED_FALSE_ALARM, blocks - 1)
-        found = np.nanmean(means, axis=0) > critical * spread
-    return np.asarray(found)
 
 
 def _unexplained_share(errors: HeldOutErrors, states: Sequence[str]) -> float:

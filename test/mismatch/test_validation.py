@@ -27,6 +27,7 @@ from adk_ros.mismatch.deployment.held_out import (
     without_sensor_faults,
 )
 from adk_ros.mismatch.deployment.open_loop import ASSIMILATION_GAINS
+from adk_ros.mismatch.deployment.raised_errors import improves, significant_rise
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.inference.decision import Decision
@@ -50,9 +51,7 @@ from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.validation import (
     Validation,
-    _improves,
     coherent,
-    significant_rise,
     validate_on_held_out,
 )
 from adk_ros.numerics.arrays import FloatArray
@@ -175,12 +174,12 @@ def test_an_error_within_the_noise_may_rise_by_chance() -> None:
         return rng.normal(0.0, 1.0, (110, *SHAPE)) * [v_x, others, others]
 
     before = errors(1.0, 0.01)
-    assert _improves(before, before[::-1] * [0.02, 1.03, 1.03], expected, [])
+    assert improves(before, before[::-1] * [0.02, 1.03, 1.03], expected, [])
     # Above the noise, or significant: every error is a fifth larger.
-    assert not _improves(before, errors(0.02, 0.03), expected, [])
-    assert not _improves(before, before * [0.02, 1.2, 1.2], expected, [])
+    assert not improves(before, errors(0.02, 0.03), expected, [])
+    assert not improves(before, before * [0.02, 1.2, 1.2], expected, [])
     # Nothing above the noise is gained.
-    assert not _improves(errors(0.01, 0.01), errors(0.01, 0.0105), expected, [])
+    assert not improves(errors(0.01, 0.01), errors(0.01, 0.0105), expected, [])
 
 
 def test_a_rise_is_significant_over_blocks() -> None:

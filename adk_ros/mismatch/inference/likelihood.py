@@ -20,11 +20,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from adk_ros.mismatch.inference.counted_bins import stationary_bins, unmeasured_bins
 from adk_ros.mismatch.inference.fit_budget import SIMULATION
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, with_parameters
 from adk_ros.mismatch.inference.whitening import prediction_error_filters
 from adk_ros.mismatch.library.criteria import (
-    MIN_SPEED,
     SENSOR_OFFSET_PRIORS,
     SETTLING_S,
     TOLERANCE_BOUND,
@@ -32,10 +32,8 @@ from adk_ros.mismatch.library.criteria import (
     WEAK_DIRECTION_BOUND,
 )
 from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW
-from adk_ros.mismatch.recording.frozen_readings import gaps
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.residuals import (
-    BIN_S,
     DISTANCE_INTERVAL_S,
     ResidualProblem,
 )
@@ -66,8 +64,6 @@ TOLERANCE_PARAMETERS = (
 _TOLERANCE_STEP = 0.002
 _SENSOR_OFFSET_STEPS = {"bias_a_x": 0.005, "bias_a_y": 0.005, "bias_gyro": 2e-4}
 _WEAK_DIRECTION_STEP = 0.2
-_SMOOTHED_S = 0.2
-"""s before a gap of odometry in which its smoothed values depend on the gap."""
 _SEGMENT_END_STEP_M = 1.0
 _ONSET_STEP_S = 0.1
 _ONSET_RANGE_S = 1e4
@@ -114,7 +110,7 @@ class Likelihood:
         """Return the likelihood of a recording, or of its part before `until_s`."""
         weights = problem.weights()
         outside = (problem.bin_s < problem.start_s + SETTLING_S) | (problem.bin_s >= until_s)
-        weights[:, outside | _stationary_bins(problem) | _unmeasured_bins(problem)] = 0.0
+        weights[:, outside | stationary_bins(problem) | unmeasured_bins(problem)] = 0.0
         filters, shares = prediction_error_filters(surrogate, problem.bin_noise)
         return cls(
             problem,
@@ -331,24 +327,3 @@ class Likelihood:
                 np.ones(self.weak_directions.shape[0]),
             ]
         )
-
-
-def _stationary_bins(problem: ResidualProblem) -> BoolArray:
-    """Return the bins (b,) in which the car is slower than `MIN_SPEED` or was just before."""
-    speed = np.abs(problem.smoothed_odometry[:, 0])
-    slow = np.interp(problem.bin_s, problem.middle_s, speed) < MIN_SPEED
-    after = np.ones(round(SETTLING_S / BIN_S), dtype=np.int64)
-    return np.asarray(np.convolve(slow.astype(np.int64), after)[: slow.shape[0]] > 0)
-
-
-def _unmeasured_bins(problem: ResidualProblem) -> BoolArray:
-    """
-    Return the bins (b,) in a gap of odometry, or just after one.
-
-    There the surrogate follows interpolated measurements, which are no data.
-    """
-    out = np.zeros(problem.bins, dtype=bool)
-    for begin, end in gaps(problem.log.odometry_s):
-        # Smoothing spreads what is interpolated by a fraction of the settling time.
-        out |= (problem.bin_s > begin - _SMOOTHED_S) & (problem.bin_s < end + SETTLING_S)
-    return out

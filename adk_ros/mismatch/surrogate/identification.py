@@ -17,13 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adk_ros.mismatch.library.surrogate_parameters import (
-    HIGH,
-    INDEX,
-    LOW,
-    SIZE,
-    default_parameters,
-)
+from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW
 from adk_ros.mismatch.surrogate.error_autocovariance import ErrorAutocovariance
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm, active_terms_of
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem
@@ -31,6 +25,7 @@ from adk_ros.mismatch.surrogate.road_profile import RoadProfile
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.mismatch.surrogate.state_index import N_CHANNELS
 from adk_ros.mismatch.surrogate.systematic_error import SystematicError, learn_systematic_error
+from adk_ros.mismatch.surrogate.weak_directions import weakly_identified_directions
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.levenberg_marquardt import (
     BoundedParameters,
@@ -80,20 +75,6 @@ FITTED_PARAMETERS: dict[str, ParameterPrior] = {
     "torque_lag": ParameterPrior(0.05, 0.002),
 }
 """Parameters fitted to every simulation; standard deviations span the range of road cars."""
-_BODY_MOTION_PARAMETERS = (
-    "roll_gradient",
-    "roll_frequency",
-    "roll_damping",
-    "roll_arm",
-    "pitch_gradient",
-    "pitch_frequency",
-    "pitch_damping",
-    "load_springs",
-)
-"""
-Parameters of the sprung mass. A simulator without suspension leaves all of them undetermined, and
-they then change no other recording either: they do not count as weakly identified.
-"""
 _MASS_AND_LENGTH_PARAMETERS: dict[str, ParameterPrior] = {
     "mass": ParameterPrior(300.0, 5.0),
     "yaw_inertia": ParameterPrior(800.0, 10.0),
@@ -125,12 +106,6 @@ Weight of a residual relative to white noise. The residuals are mostly model err
 correlated: only one sample in 1 / 0.25^2 = 16 is independent. Counted as white noise it would bias
 the shape of the tyre curve.
 """
-_WEAK_DIRECTION_SHARE = 0.1
-"""Directions identified to better than this share of the prior's deviation count as known."""
-_SLIP_COMPLIANCE = INDEX["slip_compliance"]
-_PRIOR_INFLATION = 2.0
-"""Factor on the deviation of weakly identified directions: linearisation understates it."""
-_MAX_WEAK_DIRECTIONS = 6
 SETTLING_BINS = 25
 """Bins at the start of a recording in which lags and loads settle: 1 s."""
 _SETTLING_S = 1.0
@@ -254,12 +229,10 @@ def fit_surrogate(
     residuals = problem.residuals(p, fixed_terms)
     settled = residuals[:, SETTLING_BINS:]
     error = np.sqrt(np.mean(settled**2, axis=1))
-    determined = np.array([name not in _BODY_MOTION_PARAMETERS for name in names])
-    normal = fit.normal[np.ix_(determined, determined)]
     # The model error of the surrogate acts as noise on its parameters.
     whitened = (residuals * weights / RESIDUAL_SUBSAMPLING)[:, SETTLING_BINS:]
     misfit = np.sqrt(max(float(np.mean(whitened**2)), 1.0))
-    weak = _weakly_identified_directions(normal / misfit**2, sigma[determined], index[determined])
+    weak = weakly_identified_directions(fit.normal / misfit**2, sigma, names)
     return SurrogateModel(p, error, settled, weak)
 
 
@@ -297,25 +270,3 @@ def fit_with_annealed_observer(
         if progress is not None:
             progress(done, len(rounds))
     return fit
-
-
-def _weakly_identified_directions(
-    normal: FloatArray, sigma: FloatArray, index: IntArray
-) -> FloatArray:
-    """
-    Return the weakly identified directions (k, SIZE) of a fit, from its normal matrix.
-
-    The last is the slip compliance, which no simulation determines: it only acts on wheels whose
-    inertia differs from the simulation's. Its deviation is its value, since it may be zero.
-    """
-    values, vectors = np.linalg.eigh(normal * np.outer(sigma, sigma))
-    deviation = _PRIOR_INFLATION / np.sqrt(np.maximum(values, 1.0))
-    slip = np.zeros(SIZE)
-    slip[_SLIP_COMPLIANCE] = default_parameters()[_SLIP_COMPLIANCE]
-    out: list[FloatArray] = []
-    for size, vector in zip(deviation, vectors.T, strict=True):
-        if size > _WEAK_DIRECTION_SHARE * _PRIOR_INFLATION and len(out) < _MAX_WEAK_DIRECTIONS:
-            row = np.zeros(SIZE)
-            row[index] = min(size, 1.0) * vector * sigma
-            out.append(row)
-    return np.array([*out, slip])

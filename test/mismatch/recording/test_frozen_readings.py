@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.mismatch import steady
 
-from adk_ros.mismatch.inference.likelihood import _unmeasured_bins
+from adk_ros.mismatch.inference.counted_bins import unmeasured_bins
 from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
@@ -82,7 +82,7 @@ def test_bins_in_a_gap_of_odometry_do_not_count() -> None:
             pose=log.pose[kept],
         )
     )
-    out = problem.bin_s[_unmeasured_bins(problem)]
+    out = problem.bin_s[unmeasured_bins(problem)]
     assert out[0] == pytest.approx(11.8, abs=0.1)
     assert out[-1] == pytest.approx(13.5, abs=0.1)
-    assert not _unmeasured_bins(prepare_residual_problem(log)).any()
+    assert not unmeasured_bins(prepare_residual_problem(log)).any()

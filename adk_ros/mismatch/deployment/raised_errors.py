@@ -1,0 +1,70 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a correction raises a held-out error, and whether beyond chance."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import t as student
+
+from adk_ros.mismatch.deployment.held_out import REPORTED_HORIZON, START_STRIDE_S, rmse
+from adk_ros.mismatch.inference.block_scores import BLOCK_S
+from adk_ros.mismatch.library.criteria import (
+    MAX_IMPROVED_RATIO,
+    MAX_RAISED_RATIO,
+    MIN_RAISED_BLOCKS,
+    RAISED_FALSE_ALARM,
+)
+from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.signals.channels import STATE_NAMES
+
+
+def raised_states(before: FloatArray, after: FloatArray, not_judged: Sequence[str]) -> list[str]:
+    """Return the states whose error at the reported horizon a correction raises."""
+    first, then = before[REPORTED_HORIZON], after[REPORTED_HORIZON]
+    higher = ~(then <= MAX_RAISED_RATIO * first) & np.isfinite(first)
+    return [x for x, y in zip(STATE_NAMES, higher, strict=True) if y and x not in not_judged]
+
+
+def improves(
+    before: FloatArray, after: FloatArray, expected: FloatArray, not_judged: Sequence[str]
+) -> bool:
+    """
+    Whether a correction lowers an error above the expected one, and raises none beyond chance.
+
+    `before` and `after`: errors (n, horizons, 3). A rise at the reported horizon is chance where
+    noise and the surrogate's own error explain the error, and the paired difference of the squares
+    is not significant.
+    """
+    judged = [i for i, name in enumerate(STATE_NAMES) if name not in not_judged]
+    first, then = (rmse(x)[REPORTED_HORIZON, judged] for x in (before, after))
+    noise = expected[REPORTED_HORIZON, judged]
+    lower = (first > noise) & (then <= MAX_IMPROVED_RATIO * first)
+    rises = significant_rise(*(x[:, REPORTED_HORIZON, judged] for x in (before, after)))
+    higher = ~(then <= MAX_RAISED_RATIO * first) & (~(then <= noise) | rises) & np.isfinite(first)
+    return bool(lower.any() and not higher.any())
+
+
+def significant_rise(before: FloatArray, after: FloatArray) -> BoolArray:
+    """
+    Return whether squared errors (n, ...) of the same starts are larger than before.
+
+    Student's t over the means of blocks of `BLOCK_S`, after which errors of predictions
+    over two seconds are independent. Never with fewer than `MIN_RAISED_BLOCKS` of them.
+    """
+    size = round(BLOCK_S / START_STRIDE_S)
+    blocks = len(before) // size
+    shape = before.shape[1:]
+    if blocks < MIN_RAISED_BLOCKS:
+        return np.zeros(shape, dtype=bool)
+    difference = (after**2 - before**2)[: blocks * size].reshape(blocks, size, *shape)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # A block of which no start counts.
+        means = np.nanmean(difference, axis=1)
+        spread = np.nanstd(means, axis=0, ddof=1) / np.sqrt(np.isfinite(means).sum(axis=0))
+        critical = student.ppf(1.0 - RAISED_FALSE_ALARM, blocks - 1)
+        found = np.nanmean(means, axis=0) > critical * spread
+    return np.asarray(found)
