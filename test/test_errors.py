@@ -4,7 +4,7 @@
 
 import pytest
 
-from adk_ros.errors import DataError, UsageError, one_line
+from adk_ros.errors import DataError, UsageError, first_line, one_line
 
 
 @pytest.mark.parametrize(
@@ -27,3 +27,16 @@ def test_long_quotations_are_shortened_in_the_middle() -> None:
     assert text.endswith("xxx differs: train again")
     assert " ... " in text
     assert len(text) == 1000
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (ValueError("first\nsecond"), "first"),
+        (ValueError("\n  first\n"), "first"),
+        (ValueError(""), "ValueError"),
+        (OSError(), "OSError"),
+    ],
+)
+def test_the_first_line_of_an_error_is_never_empty(error: Exception, line: str) -> None:
+    assert first_line(error) == line

@@ -20,7 +20,7 @@ import sys
 import threading
 import time
 
-from adk_ros.errors import AdkError, UsageError
+from adk_ros.errors import AdkError, UsageError, first_line
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SPIN_S = 0.1
@@ -108,7 +108,7 @@ def _run(argv: list[str], stop: Stop) -> int:
         # The handlers of rclpy would shut the context down during a callback.
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
-        raise UsageError(f"ROS refuses the arguments: {_first_line(error)}") from None
+        raise UsageError(f"ROS refuses the arguments: {first_line(error)}") from None
     try:
         if unknown and unknown[0] in ("-h", "--help"):
             from adk_ros.ros.parameter_table import help_text
@@ -137,7 +137,7 @@ def _spin(stop: Stop) -> None:
     try:
         predictor = PredictorNode()
     except (NameValidationException, ParameterException) as error:
-        raise UsageError(f"ROS refuses the arguments: {_first_line(error)}") from None
+        raise UsageError(f"ROS refuses the arguments: {first_line(error)}") from None
     executor.add_node(predictor.node)
     freeze_garbage_collector()
     stop.starting = False
@@ -149,10 +149,6 @@ def _spin(stop: Stop) -> None:
         executor.remove_node(predictor.node)
         predictor.node.destroy_node()
         executor.shutdown()
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 if __name__ == "__main__":

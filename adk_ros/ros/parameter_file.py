@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml  # type: ignore[import-untyped, unused-ignore]
 
-from adk_ros.errors import UsageError, one_line
+from adk_ros.errors import UsageError, first_line, one_line
 from adk_ros.ros.parameter_table import TABLE, defaults, unknown_parameter
 
 
@@ -45,7 +45,7 @@ def _file_content(path: Path) -> dict[str, Any]:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         # ValueError: no UTF-8, or a date or number that does not exist.
-        raise UsageError(f"{path} is not YAML: {str(error).splitlines()[0]}") from None
+        raise UsageError(f"{path} is not YAML: {first_line(error)}") from None
     found: dict[str, Any] = {}
     for block in content.values() if isinstance(content, dict) else ():
         if isinstance(block, dict) and isinstance(block.get("ros__parameters"), dict):

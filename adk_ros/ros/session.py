@@ -22,7 +22,7 @@ from rclpy.context import Context
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 
-from adk_ros.errors import UsageError
+from adk_ros.errors import UsageError, first_line
 
 
 class Session:
@@ -63,7 +63,7 @@ class Session:
             return str(self.node.resolve_topic_name(topic))
         except (NameValidationException, RuntimeError) as error:
             # rcl appends a position in its source code.
-            reason = str(error).splitlines()[0].split(", at /")[0].rstrip(":")
+            reason = first_line(error).split(", at /")[0].rstrip(":")
             raise UsageError(f"topic '{topic}': {reason}") from None
 
     def spin(self, timeout_s: float) -> None:
