@@ -30,7 +30,8 @@ class BagRecording:
     """
     A recording read from a bag.
 
-    `path`: the bag. `options`: the topics and sensor configuration it was read with. `content`:
+    `path`: the bag. `options`: the topics and sensor configuration it was read with, with the pose
+    of the IMU that the bag itself gives. `content`:
     what the reader returned, with the record as arrays.
     """
 
@@ -143,7 +144,8 @@ def read_recording(
     """
     options = options or RecordingOptions()
     report = in_stage(progress, f"reading {Path(path).name}")
-    return BagRecording(Path(path), options, bag_reader.read_recording(path, options, report))
+    content = bag_reader.read_recording(path, options, report)
+    return BagRecording(Path(path), replace(options, sensors=content.sensors), content)
 
 
 def recording_options(

@@ -22,6 +22,14 @@ from adk_ros.bags import Bag, Topics, find_topics
 from adk_ros.errors import DataError
 from adk_ros.signals.channels import Reading, Record, Source
 from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
+from adk_ros.signals.extrinsics import (
+    MSGTYPE,
+    TOPIC,
+    StaticTransforms,
+    frame_of,
+    wants_extrinsics,
+    with_extrinsics,
+)
 from adk_ros.signals.message_checks import message_warnings
 from adk_ros.signals.plausibility import Plausibility
 from adk_ros.signals.record import build_record
@@ -54,7 +62,8 @@ class Recording:
     """
     A bag's record, with the warnings that arose while it was read.
 
-    `start_ns`: log time of the bag's first message. `commands`: the command readings at their
+    `start_ns`: log time of the bag's first message. `sensors`: the configuration that its
+    messages were decoded with. `commands`: the command readings at their
     own rate; the record holds only the command in force at each tick.
     """
 
@@ -63,6 +72,7 @@ class Recording:
     warnings: list[str]
     start_ns: int
     commands: list[Reading]
+    sensors: SensorConfig
 
 
 def choose_topics(bag: Bag, options: RecordingOptions) -> Topics:
@@ -107,7 +117,8 @@ class RecordingReader:
     """
     One pass over the decoded readings of an open bag.
 
-    `topics` are the chosen topics. Messages that the decoder refuses are skipped and counted;
+    `topics` are the chosen topics, `sensors` the configuration with the pose of the IMU, if the
+    bag has it in `/tf_static`. Messages that the decoder refuses are skipped and counted;
     `refusals()` and `warnings()` are complete once the pass is.
 
     :raises UsageError, DataError: as `choose_topics`.
@@ -117,8 +128,9 @@ class RecordingReader:
         self, bag: Bag, options: RecordingOptions, progress: Progress | None = None
     ) -> None:
         self.topics = choose_topics(bag, options)
+        self.sensors = _with_extrinsics(bag, self.topics, options.sensors)
         self._bag = bag
-        self._decoder = Decoder(options.sensors)
+        self._decoder = Decoder(self.sensors)
         self._progress = progress
         self._checked: Counter[Source] = Counter()
         self._message_warnings: dict[str, None] = {}
@@ -182,7 +194,28 @@ def read_recording(
     details = [f"{count} times {event}" for event, count in counts.items()]
     details += plausibility.warnings() + reader.message_warnings()
     warnings += [f"{name}: {text}" for text in details]
-    return Recording(record, reader.topics, warnings, start_ns, commands)
+    return Recording(record, reader.topics, warnings, start_ns, commands, reader.sensors)
+
+
+def _with_extrinsics(bag: Bag, topics: Topics, sensors: SensorConfig) -> SensorConfig:
+    """Return a configuration with the pose of the IMU that the bag's `/tf_static` gives."""
+    names = [info.name for info in bag.topics if info.msgtype == MSGTYPE]
+    names = [name for name in names if name.endswith(TOPIC)]
+    if not names or topics.imu is None or not wants_extrinsics(sensors):
+        return sensors
+    transforms = StaticTransforms()
+    try:
+        for _, _, msg in bag.messages(names):
+            transforms.add(msg)
+    except DataError:  # The bag does not define the type.
+        return sensors
+    vehicle, imu = (_first_frame(bag, topic) for topic in (topics.odometry, topics.imu))
+    return with_extrinsics(sensors, transforms, vehicle, imu)
+
+
+def _first_frame(bag: Bag, topic: str) -> str:
+    """Return the frame of a topic's first message; empty if it has none."""
+    return next((frame_of(msg) for _, _, msg in bag.messages([topic])), "")
 
 
 def _collecting_commands(

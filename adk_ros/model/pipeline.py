@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,14 @@ class Pipeline:
     def received(self) -> Counter[Source]:
         """Number of messages by source."""
         return Counter({s: n for s, n in zip(Source, self._received, strict=True) if n})
+
+    def set_sensors(self, sensors: SensorConfig) -> None:
+        """Read all further messages with another sensor configuration; begin afresh."""
+        refused = self.decoder.refused
+        self.settings = replace(self.settings, sensors=sensors)
+        self.decoder = Decoder(sensors)
+        self.decoder.refused = refused
+        self.reset()
 
     def take(self, source: Source, msg: Any) -> list[Prediction]:
         """Take a message; return the predictions of the ticks that it completes, often none."""

@@ -20,6 +20,8 @@ from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.ros.counters import Counters
 from adk_ros.signals.channels import TICK_NS, Reading, Source
+from adk_ros.signals.decode import SensorConfig
+from adk_ros.signals.extrinsics import frame_of
 from adk_ros.signals.message_checks import message_warnings
 from adk_ros.signals.stamps import StampMonitor
 
@@ -68,6 +70,10 @@ class Core:
         self._is_shifted = any(pipeline.settings.sensors.reference_point)
         self._unchecked = [True for _ in Source]
         self._message_warnings: list[list[str]] = [[] for _ in Source]
+        self.frames: dict[Source, str] = {}
+        """Frame of the values of IMU and odometry, as a checked message names it."""
+        self.on_frames: Callable[[], None] = _ignore
+        """Called when a message has named a frame."""
 
     def on_message(self, source: Source, msg: Any) -> None:
         """Process a message; publish the predictions that it completes."""
@@ -86,6 +92,18 @@ class Core:
                 self._message_warnings[source] = message_warnings(
                     source, msg, self._frame_id, is_shifted=self._is_shifted
                 )
+                if source <= Source.ODOMETRY:
+                    self.frames[source] = frame_of(msg)
+                    self.on_frames()
+
+    @property
+    def sensors(self) -> SensorConfig:
+        """The configuration that messages are read with."""
+        return self.pipeline.settings.sensors
+
+    def set_sensors(self, sensors: SensorConfig) -> None:
+        """Read all further messages with another configuration; begin afresh."""
+        self.pipeline.set_sensors(sensors)
 
     def message_warnings(self) -> list[str]:
         """Return what is wrong with the latest checked messages; have the next ones checked."""
@@ -175,6 +193,10 @@ class Core:
         self._publish(prediction)
         self.counters.published += 1
         self.counters.note_innovation(prediction.innovation)
+
+
+def _ignore() -> None:
+    """Do nothing."""
 
 
 def warm_up(model: KoopmanModel, settings: PipelineSettings) -> None:

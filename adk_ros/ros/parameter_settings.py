@@ -32,6 +32,7 @@ def sensor_config(values: Values) -> SensorConfig:
         reference_point=(values["reference_point"][0], values["reference_point"][1]),
         imu_position=(values["imu_position"][0], values["imu_position"][1]),
         imu_rotation=tuple(values["imu_rotation"]),
+        use_tf=values["use_tf"],
         mass=values["mass"],
         wheel_radius=values["wheel_radius"],
     )

@@ -101,6 +101,12 @@ TABLE: tuple[ParameterSpec, ...] = (
         2 * math.pi,
     ),
     ParameterSpec(
+        "use_tf",
+        True,
+        "Take position and rotation of the IMU from /tf_static where imu_position and "
+        "imu_rotation are zero.",
+    ),
+    ParameterSpec(
         "command_type", "joint_state", "Type of command message.", choices=tuple(COMMAND_TYPES)
     ),
     ParameterSpec(

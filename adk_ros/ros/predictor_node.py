@@ -48,6 +48,7 @@ from adk_ros.ros.parameter_settings import (
 from adk_ros.ros.parameters import declare_parameters, unknown_parameters
 from adk_ros.ros.session import message_class
 from adk_ros.ros.starting import reporting_start
+from adk_ros.ros.static_transforms import ImuExtrinsics
 from adk_ros.ros.waiting import waiting_hint
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.commands import COMMAND_TYPES
@@ -118,6 +119,7 @@ class PredictorNode:
         self._create_outputs()
         self._debug = DebugTopics(self.node, frame_id, OUTPUT_DEPTH)
         self._inputs = self._create_inputs(classes)
+        ImuExtrinsics(self.node, self.core, self._logger.info)
         self._facts = self._configuration(loaded)
         self.diagnostics = Diagnostics(
             self.core, self._facts, self.values["use_imu"], time.monotonic()

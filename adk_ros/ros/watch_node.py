@@ -20,6 +20,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, count
@@ -43,10 +44,12 @@ from adk_ros.ros.evidence import Evidence, StampedMessage
 from adk_ros.ros.messages import split_stamp
 from adk_ros.ros.node import Stop
 from adk_ros.ros.session import Session, message_class
+from adk_ros.ros.static_transforms import ImuExtrinsics
 from adk_ros.ros.watch_report import WatchInputs, watch_report
 from adk_ros.signals.channels import Source
 from adk_ros.signals.commands import COMMAND_TYPES
 from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
+from adk_ros.signals.extrinsics import frame_of
 
 NODE_NAME = "watch"
 DIAGNOSTIC_NAME = ": watch"
@@ -111,6 +114,8 @@ class WatchNode:
         }
         self._classes = {s: message_class(t, "the watch") for s, t in types.items()}
         self._decoder = Decoder(options.sensors)
+        self.frames: dict[Source, str] = {}
+        self.on_frames: Callable[[], None] = _ignore
         self._topics = {s: session.resolve(options.topics[s]) for s in types}
         self._evidence = Evidence({self._topics[s]: t for s, t in types.items()})
         self._received: Counter[Source] = Counter({source: 0 for source in types})
@@ -140,6 +145,23 @@ class WatchNode:
             )
             for source, message in self._classes.items()
         }
+        ImuExtrinsics(self._node, self, note)
+
+    @property
+    def sensors(self) -> SensorConfig:
+        """The configuration that messages are read with."""
+        return self._decoder.config
+
+    def set_sensors(self, sensors: SensorConfig) -> None:
+        """Read all further messages with another configuration; learn the car anew."""
+        refused = self._decoder.refused
+        self._decoder = Decoder(sensors)
+        self._decoder.refused = refused
+        self.watch.restart()
+
+    def guarded(self) -> AbstractContextManager[None]:
+        """Return a context that ignores a message of which a part is missing."""
+        return suppress(AttributeError, TypeError, ValueError)
 
     def receive(self) -> None:
         """Take all messages that have arrived, in the order of their arrival."""
@@ -160,6 +182,9 @@ class WatchNode:
             reading = self._decoder.decode(source, message)
         except RefusedMessage:
             return
+        if source not in self.frames and source <= Source.ODOMETRY:
+            self.frames[source] = frame_of(message)
+            self.on_frames()
         restarts = self.watch.restarts
         self.watch.push(reading, pose_of(message) if source is Source.ODOMETRY else None)
         if self._options.out is None:
@@ -261,6 +286,10 @@ class WatchNode:
             )
         ]
         self._diagnostics_out.publish(message)
+
+
+def _ignore() -> None:
+    """Do nothing."""
 
 
 def _new_name(out: Path, number: int) -> Path:

@@ -48,9 +48,10 @@ class SensorConfig:
 
     Lengths in m, angles in rad. `reference_point` is the centre of gravity (x, y) in odometry's
     child frame (`base_link`), `imu_position` the IMU (x, y) in the same frame, `imu_rotation` its
-    roll, pitch, yaw. `steering_ratio` is the angle of the steer joint divided by the road-wheel
-    angle: 1 if the joint is the road wheel. `mass` (kg) and `wheel_radius` (m) are required if
-    the command is an acceleration instead of a torque.
+    roll, pitch, yaw; with `use_tf` these come from `/tf_static` where both are zero
+    (`signals.extrinsics`). `steering_ratio` is the angle of the steer joint divided by the
+    road-wheel angle: 1 if the joint is the road wheel. `mass` (kg) and `wheel_radius` (m) are
+    required if the command is an acceleration instead of a torque.
 
     :raises UsageError: a value is not usable, or values contradict each other.
     """
@@ -62,6 +63,7 @@ class SensorConfig:
     reference_point: tuple[float, float] = (0.0, 0.0)
     imu_position: tuple[float, float] = (0.0, 0.0)
     imu_rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    use_tf: bool = True
     mass: float = 0.0
     wheel_radius: float = 0.0
 

@@ -70,6 +70,7 @@ def test_the_measured_state_between_samples_and_in_gaps(recording: BagRecording)
             [],
             recording.content.start_ns,
             recording.content.commands,
+            recording.content.sensors,
         ),
     )
     assert np.isnan(with_gap.measured_at(time_s[30:31])).all()

@@ -74,6 +74,11 @@ class Watch:
         self.number = 0
         self._restart()
 
+    def restart(self) -> None:
+        """Forget all readings and what was learned of them."""
+        self.restarts += 1
+        self._restart()
+
     def _restart(self) -> None:
         self.buffer = SensorBuffer()
         self.base = ()

@@ -1,0 +1,107 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag of a car whose IMU lies upside down gives the same record if /tf_static says so."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.node import readings
+from scipy.spatial.transform import Rotation
+
+from adk_ros.api.recording import read_recording
+from adk_ros.bags import BagWriter, message
+from adk_ros.bags.recording import RecordingOptions
+from adk_ros.mismatch.recording.from_bag import read_sensor_log
+from adk_ros.signals.channels import Source
+from adk_ros.signals.decode import SensorConfig
+
+ROLL_YAW = (math.pi, 0.0, math.pi / 2)
+KINDS = {
+    Source.IMU: ("/imu/data", "sensor_msgs/msg/Imu"),
+    Source.ODOMETRY: ("/odometry", "nav_msgs/msg/Odometry"),
+    Source.COMMAND: ("/vehicle/command", "sensor_msgs/msg/JointState"),
+}
+
+
+def write(path: Path, *, is_turned: bool, tf: str = "") -> Path:
+    """Write a slalom; `is_turned`: of an IMU that is rotated, `tf`: topic that says so."""
+    to_sensor = Rotation.from_euler("xyz", ROLL_YAW).inv() if is_turned else Rotation.identity()
+    with BagWriter(path) as writer:
+        for topic, kind in KINDS.values():
+            writer.add_topic(topic, kind)
+        every = list(readings(4.0))
+        if tf:
+            writer.add_topic(tf, "tf2_msgs/msg/TFMessage")
+            writer.write(tf, transforms(), every[0].stamp_ns)
+        for reading in every:
+            topic, kind = KINDS[reading.source]
+            v = reading.values
+            fields: dict[str, Any] = {"header": {"stamp": reading.stamp_ns, "frame_id": "imu"}}
+            if reading.source is Source.IMU:
+                force = to_sensor.apply([v[0], v[1], 9.81])
+                rate = to_sensor.apply([0.0, 0.0, v[2]])
+                fields["linear_acceleration"] = dict(zip("xyz", map(float, force), strict=True))
+                fields["angular_velocity"] = dict(zip("xyz", map(float, rate), strict=True))
+            elif reading.source is Source.ODOMETRY:
+                twist = {"linear": {"x": v[0], "y": v[1]}, "angular": {"z": v[2]}}
+                fields |= {"child_frame_id": "base_link", "twist": {"twist": twist}}
+            else:
+                fields |= {
+                    "name": ["drive", "steer"],
+                    "effort": [v[0], 0.0],
+                    "position": [0.0, v[1]],
+                }
+            writer.write(topic, message(kind, **fields), reading.stamp_ns)
+    return path
+
+
+def transforms() -> Any:
+    x, y, z, w = (float(v) for v in Rotation.from_euler("xyz", ROLL_YAW).as_quat())
+    return message(
+        "tf2_msgs/msg/TFMessage",
+        transforms=[
+            message(
+                "geometry_msgs/msg/TransformStamped",
+                header={"frame_id": "base_link"},
+                child_frame_id="imu",
+                transform={"rotation": {"x": x, "y": y, "z": z, "w": w}},
+            )
+        ],
+    )
+
+
+@pytest.fixture
+def straight(tmp_path: Path) -> Path:
+    return write(tmp_path / "straight", is_turned=False)
+
+
+@pytest.mark.parametrize("topic", ["/tf_static", "/car1/tf_static"])
+def test_a_turned_imu_is_read_like_a_straight_one(
+    straight: Path, tmp_path: Path, topic: str
+) -> None:
+    turned = read_recording(write(tmp_path / "turned", is_turned=True, tf=topic))
+    expected = read_recording(straight)
+    assert turned.record.x == pytest.approx(expected.record.x, abs=1e-6)
+    assert turned.record.a == pytest.approx(expected.record.a, abs=1e-6, nan_ok=True)
+    assert turned.options.sensors.imu_rotation == pytest.approx(ROLL_YAW)
+    log = read_sensor_log(turned.path)
+    assert log.imu == pytest.approx(read_sensor_log(straight).imu, abs=1e-6)
+
+
+def test_without_the_transform_it_is_not(straight: Path, tmp_path: Path) -> None:
+    turned = read_recording(write(tmp_path / "turned", is_turned=True))
+    assert np.abs(turned.record.a - read_recording(straight).record.a).max() > 0.5
+
+
+@pytest.mark.parametrize(
+    "sensors", [SensorConfig(use_tf=False), SensorConfig(imu_position=(0.1, 0.0))]
+)
+def test_parameters_override_what_the_bag_says(sensors: SensorConfig, tmp_path: Path) -> None:
+    path = write(tmp_path / "turned", is_turned=True, tf="/tf_static")
+    read = read_recording(path, RecordingOptions(sensors=sensors))
+    assert read.options.sensors == sensors
