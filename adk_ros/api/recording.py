@@ -194,7 +194,8 @@ def sensors_from_manifest(stored: dict[str, Any]) -> SensorConfig:
             key: tuple(value) if isinstance(value, list) else value
             for key, value in stored.items()
         }
-        return replace(SensorConfig(), **values)
+        # Models of earlier versions were trained without transforms.
+        return replace(SensorConfig(use_tf=False), **values)
     except TypeError as error:
         raise UsageError(
             f"the model's manifest describes sensors that this version does not know: {error}"

@@ -199,8 +199,11 @@ def read_recording(
 
 def _with_extrinsics(bag: Bag, topics: Topics, sensors: SensorConfig) -> SensorConfig:
     """Return a configuration with the pose of the IMU that the bag's `/tf_static` gives."""
-    names = [info.name for info in bag.topics if info.msgtype == MSGTYPE]
-    names = [name for name in names if name.endswith(TOPIC)]
+    published = {info.name for info in bag.topics if info.msgtype == MSGTYPE}
+    parts = topics.odometry.split("/")[:-1]
+    # Of several cars, the transforms in the namespace of this one.
+    nearest = ("/".join(parts[:n]) + TOPIC for n in range(len(parts), 0, -1))
+    names = [name for name in nearest if name in published][:1]
     if not names or topics.imu is None or not wants_extrinsics(sensors):
         return sensors
     transforms = StaticTransforms()

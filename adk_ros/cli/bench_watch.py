@@ -37,8 +37,8 @@ def watch(
     live: Annotated[
         float,
         typer.Option(
-            help="seconds of a drive played in real time, to measure the CPU load of the whole "
-            "node; 0: none"
+            help="seconds in which the CPU load of the whole node is measured, in real time and "
+            "after 150 s of learning; 0: none"
         ),
     ] = 0.0,
     out: Annotated[

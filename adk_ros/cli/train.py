@@ -173,6 +173,11 @@ def read_recordings(bags: list[Path], options: RecordingOptions) -> list[BagReco
             console.note(f"{path}: {extrinsics_text(recording.options.sensors)}")
         console.warn_all(recording.warnings)
         recordings.append(recording)
+    if any(x.options.sensors != recordings[0].options.sensors for x in recordings):
+        console.warn(
+            "the bags differ in the pose of the IMU (/tf_static): the model stores that of the "
+            "first"
+        )
     return recordings
 
 

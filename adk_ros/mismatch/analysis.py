@@ -92,6 +92,7 @@ def _decided(
     about = Questioned(training, path, decision, lap, surrogate.parameters)
     asked = [answer(name, about) for name in ask]
     decision = with_confidence(refitted(decision, whole), validation.error_ratio)
-    hidden = downweighted_residuals(whole, decision.hypothesis, surrogate, data.single_lap)
+    known = data.observable.adapted(surrogate)
+    hidden = downweighted_residuals(whole, decision.hypothesis, known, data.single_lap)
     decision = with_episodes(decision, hidden)
     return Outcome(path, decision, training, whole, validation, evidence, hidden, asked)

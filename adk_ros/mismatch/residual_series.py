@@ -32,14 +32,15 @@ def residual_series(likelihood: Likelihood, h: Hypothesis, lap: Lap | None) -> R
     for i, active in enumerate(h.effects if len(h.effects) > 1 else ()):
         others = [*h.effects[:i], *h.effects[i + 1 :]]
         inputs = likelihood.simulation_inputs(h.nuisances, others)
-        without[active.effect.name] = counted * problem.residuals(*inputs)
+        without[active.effect.name] = counted * likelihood.channel_residuals(*inputs)
     return ResidualSeries(
         time_s=problem.bin_s,
         x=x,
         y=y,
         signals=signals,
-        before=counted * problem.residuals(likelihood.parameters, likelihood.fixed_terms),
-        after=counted * problem.residuals(p, terms, out=out),
+        before=counted
+        * likelihood.channel_residuals(likelihood.parameters, likelihood.fixed_terms),
+        after=counted * (problem.residuals(p, terms, out=out) - likelihood.systematic_error),
         noise=problem.bin_noise,
         distance=_distance(problem, lap),
         without=without,

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from adk_ros.mismatch.inference.surrogate_extension import augment_surrogate
+from adk_ros.mismatch.inference.surrogate_extension import augment_surrogate, is_underfit
 from adk_ros.mismatch.library.criteria import MIN_ROAD_COVERAGE
 from adk_ros.mismatch.recording.implied_values import implied_mass
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
@@ -57,19 +57,27 @@ def _surrogate_and_notes(
         lambda done, total: report(0.5 * done / total, "identifying the simulator"),
         body_known,
     )
+    on_road = _is_on_same_road(problem, prepare_residual_problem(recording))
     extended = augment_surrogate(
         problem,
         plain,
         start,
         body_known,
         lambda done, total: report(0.5 + 0.5 * done / total, "extending the surrogate"),
-        _is_on_same_road(problem, prepare_residual_problem(recording)),
+        on_road,
     )
+    notes = []
+    if not on_road and is_underfit(problem, plain):
+        notes.append(
+            "the recording is on another road than the simulation, or their pose frames differ: "
+            "slopes of the simulated road are not identified"
+        )
     if not extended.augmentation_notes:
-        return plain, []
+        return plain, notes
     return extended, [
+        *notes,
         "the surrogate needed more than tyres and body to reproduce the simulation; it also has: "
-        f"{'; '.join(extended.augmentation_notes)}"
+        f"{'; '.join(extended.augmentation_notes)}",
     ]
 
 

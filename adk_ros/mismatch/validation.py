@@ -152,7 +152,11 @@ def correction_errors(
 
 
 def expected_error(surrogate: SurrogateModel, logs: Sequence[SensorLog]) -> FloatArray:
-    """Return the RMSE (horizons, 3) of a correct model: noise and the surrogate's own error."""
+    """
+    Return the RMSE (horizons, 3) of a correct model of a car without build tolerances.
+
+    Noise and the surrogate's own error cause it.
+    """
     noise = np.sqrt(np.mean([noise_error(log) ** 2 for log in logs], axis=0))
     own = surrogate.open_loop_error
     zero = np.zeros((len(HORIZONS_S), len(STATE_NAMES)))

@@ -63,9 +63,9 @@ class Stop:
     def close(self) -> None:
         """Let signals have their usual effect again."""
         self._closed = True
-        signal.pthread_sigmask(signal.SIG_SETMASK, self._mask)
         for number, handler in self._handlers.items():
-            signal.signal(number, handler)
+            signal.signal(number, handler or signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_SETMASK, self._mask)
 
     def _request(self) -> None:
         if self.starting:

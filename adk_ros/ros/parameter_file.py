@@ -1,13 +1,14 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A ROS parameter file, read without ROS.
+A ROS parameter file, read and written without ROS.
 
 Keys given twice are allowed, as in ROS: the last one counts.
 """
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import yaml  # type: ignore[import-untyped, unused-ignore]
 
 from adk_ros.errors import UsageError, first_line, one_line
 from adk_ros.ros.parameter_table import TABLE, defaults, unknown_parameter
+from adk_ros.signals.decode import SensorConfig
 
 
 def read_parameter_file(path: Path) -> tuple[dict[str, Any], list[str]]:
@@ -36,6 +38,18 @@ def read_parameter_file(path: Path) -> tuple[dict[str, Any], list[str]]:
         elif (warning := unknown_parameter(name)) is not None:
             warnings.append(one_line(f"{path}: {warning}"))
     return values, warnings
+
+
+def write_sensor_parameters(path: Path, sensors: SensorConfig) -> None:
+    """Write a ROS parameter file with the sensor configuration, for `--params`."""
+    names = {spec.name for spec in TABLE}
+    values = {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in asdict(sensors).items()
+        if name in names
+    }
+    content = {"/**": {"ros__parameters": values}}
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 
 def _file_content(path: Path) -> dict[str, Any]:

@@ -83,8 +83,12 @@ class ParameterSpec:
     def _number(self, value: Any) -> float | None:
         if isinstance(value, bool) or not isinstance(value, int | float):
             return None
-        fits = math.isfinite(value) and self.low <= value <= self.high
-        return float(value) if fits else None
+        # A whole number of YAML may be too large for a float.
+        fits = self.low <= value <= self.high and abs(value) < math.inf
+        try:
+            return float(value) if fits else None
+        except OverflowError:
+            return None
 
 
 def as_list(value: Any) -> Any:

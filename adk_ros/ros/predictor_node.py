@@ -52,6 +52,7 @@ from adk_ros.ros.static_transforms import ImuExtrinsics
 from adk_ros.ros.waiting import waiting_hint
 from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.commands import COMMAND_TYPES
+from adk_ros.signals.decode import SensorConfig
 from adk_ros.signals.frames import published_frame
 
 NODE_NAME = "predictor"
@@ -95,8 +96,7 @@ class PredictorNode:
             loaded = artefact.load(path, public_keys_path(self.values))
             settings = pipeline_settings(self.values, loaded.model.online)
             warm_up(loaded.model, settings)
-        for text in differences_from_training(settings.sensors, loaded.manifest["training"]):
-            self._logger.warning(text)
+        self._training = loaded.manifest["training"]
         if loaded.model.lifting.warning:
             self._logger.warning(loaded.model.lifting.warning)
 
@@ -119,7 +119,12 @@ class PredictorNode:
         self._create_outputs()
         self._debug = DebugTopics(self.node, frame_id, OUTPUT_DEPTH)
         self._inputs = self._create_inputs(classes)
-        ImuExtrinsics(self.node, self.core, self._logger.info)
+        extrinsics = ImuExtrinsics(
+            self.node, self.core, self._logger.info, self._warn_of_differences
+        )
+        # With transforms, the pose of the IMU is compared once it is known.
+        self._pose_pending = extrinsics.subscription is not None
+        self._warn_of_differences(settings.sensors, ignore_pose=self._pose_pending)
         self._facts = self._configuration(loaded)
         self.diagnostics = Diagnostics(
             self.core, self._facts, self.values["use_imu"], time.monotonic()
@@ -129,6 +134,13 @@ class PredictorNode:
         self._logged_level = Level.OK
         self._logged_imu = False
         self._logger.info(", ".join(f"{key} {value}" for key, value in self._facts.items()))
+
+    def _warn_of_differences(self, sensors: SensorConfig, *, ignore_pose: bool = False) -> None:
+        """Say which sensor parameters differ from those that the model was trained with."""
+        self._pose_pending = ignore_pose
+        for text in differences_from_training(sensors, self._training):
+            if not ignore_pose or "'imu_" not in text:
+                self._logger.warning(text)
 
     def _create_outputs(self) -> None:
         node = self.node
@@ -267,6 +279,8 @@ class PredictorNode:
         if self._waited or time.monotonic() - self._begin_s < _WAIT_S:
             return
         self._waited = True
+        if self._pose_pending:
+            self._warn_of_differences(self.core.sensors)
         received = self.core.pipeline.received
         missing = {
             source: (str(self._inputs[source].topic_name), self._types[source])

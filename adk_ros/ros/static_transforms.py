@@ -54,18 +54,26 @@ class ImuExtrinsics:
     Sets the pose of the IMU as soon as transforms and messages have named the frames.
 
     Until then the IMU is read as if it were unrotated at the origin; the receiver then begins
-    afresh. Does nothing where a parameter gives the pose, or where the ROS package tf2_msgs is not
-    installed.
+    afresh, and `on_known` is called. Does nothing where a parameter gives the pose, or where the
+    ROS package tf2_msgs is not installed.
     """
 
-    def __init__(self, node: Any, receiver: Receiver, note: Callable[[str], None]) -> None:
-        self._receiver, self._note = receiver, note
+    def __init__(
+        self,
+        node: Any,
+        receiver: Receiver,
+        note: Callable[[str], None],
+        on_known: Callable[[SensorConfig], None] | None = None,
+    ) -> None:
+        self._receiver, self._note, self._on_known = receiver, note, on_known
         self._transforms = StaticTransforms()
+        self.subscription: Any = None
         if not wants_extrinsics(receiver.sensors):
             return
         try:
             kind = message_class(MSGTYPE, TOPIC)
         except UsageError:
+            note(f"the ROS package tf2_msgs is not installed: {TOPIC} is not read")
             return
         profile: Any = QoSProfile
         qos = profile(
@@ -74,10 +82,11 @@ class ImuExtrinsics:
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL,
         )
-        node.create_subscription(kind, TOPIC, self._take, qos)
+        self.subscription = node.create_subscription(kind, TOPIC, self.take, qos)
         receiver.on_frames = self._apply
 
-    def _take(self, message: Any) -> None:
+    def take(self, message: Any) -> None:
+        """Add the transforms of a message."""
         with self._receiver.guarded():
             self._transforms.add(message)
             self._apply()
@@ -90,3 +99,5 @@ class ImuExtrinsics:
         if known != sensors:
             self._receiver.set_sensors(known)
             self._note(extrinsics_text(known))
+            if self._on_known is not None:
+                self._on_known(known)

@@ -43,6 +43,7 @@ from adk_ros.ros.diagnostics import Level
 from adk_ros.ros.evidence import Evidence, StampedMessage
 from adk_ros.ros.messages import split_stamp
 from adk_ros.ros.node import Stop
+from adk_ros.ros.parameter_file import write_sensor_parameters
 from adk_ros.ros.session import Session, message_class
 from adk_ros.ros.static_transforms import ImuExtrinsics
 from adk_ros.ros.watch_report import WatchInputs, watch_report
@@ -55,12 +56,15 @@ NODE_NAME = "watch"
 DIAGNOSTIC_NAME = ": watch"
 """End of the DiagnosticStatus name, after the name of the node."""
 MODEL_FILE, EVIDENCE, CHANGE_FILE, REPORT = "watched.yaml", "evidence", "change.json", "report"
+PARAMETERS_FILE = "sensors.yaml"
 MAX_FOLDERS = 20
 """Most folders with evidence that one run writes: 20 bags of 30 MB. By choice."""
 _BEFORE_S = 120.0
 """s of evidence before the onset: the part on which `adk mismatch` learns the car. By choice."""
 _DEPTH = 4000
 """Queue depth of the subscriptions, messages: 4 s of an IMU at 1000 Hz; a step takes 0.4 s."""
+_SERVICES = 8
+"""Calls of the executor per report: each serves a parameter service, or one of four inputs."""
 _PERIOD_S = 1.0
 """s between diagnostics."""
 _POLL_S = 0.05
@@ -145,7 +149,7 @@ class WatchNode:
             )
             for source, message in self._classes.items()
         }
-        ImuExtrinsics(self._node, self, note)
+        self._extrinsics = ImuExtrinsics(self._node, self, note)
 
     @property
     def sensors(self) -> SensorConfig:
@@ -161,10 +165,13 @@ class WatchNode:
 
     def guarded(self) -> AbstractContextManager[None]:
         """Return a context that ignores a message of which a part is missing."""
-        return suppress(AttributeError, TypeError, ValueError)
+        return suppress(AdkError, AttributeError, TypeError, ValueError)
 
     def receive(self) -> None:
         """Take all messages that have arrived, in the order of their arrival."""
+        if self._extrinsics.subscription is not None:
+            for _, message in Session.received(self._extrinsics.subscription):
+                self._extrinsics.take(message)
         arrived = [
             (at_ns, source, content)
             for source, subscription in self._subscriptions.items()
@@ -207,7 +214,8 @@ class WatchNode:
         self._children = [child for child in self._children if child.poll() is None]
         now_s = time.monotonic()
         if now_s - self._reported_s >= _PERIOD_S:
-            self._session.spin(0.0)  # Parameter services.
+            for _ in range(_SERVICES):
+                self._session.spin(0.0)
             self._report(now_s)
         return busy
 
@@ -239,9 +247,12 @@ class WatchNode:
             partial_folder / EVIDENCE, begin_ns, change.stamp_ns(change.until_s)
         )
         (partial_folder / CHANGE_FILE).write_text(text + "\n", encoding="utf-8")
+        # The evidence is to be read as the watch read it, with the pose of the IMU.
+        write_sensor_parameters(partial_folder / PARAMETERS_FILE, self.sensors)
         partial_folder.rename(folder)
         command = ["mismatch", "--simulation", str(out / MODEL_FILE)]
-        command += ["--recording", str(folder / EVIDENCE), "--out", str(folder / REPORT)]
+        command += ["--recording", str(folder / EVIDENCE)]
+        command += ["--params", str(folder / PARAMETERS_FILE), "--out", str(folder / REPORT)]
         self._note(f"analyse the evidence: {shlex.join(['adk', *command])}")
         if self._options.run_mismatch:
             if self._children:

@@ -28,12 +28,12 @@ KINDS = {
 }
 
 
-def write(path: Path, *, is_turned: bool, tf: str = "") -> Path:
+def write(path: Path, *, is_turned: bool, tf: str = "", namespace: str = "") -> Path:
     """Write a slalom; `is_turned`: of an IMU that is rotated, `tf`: topic that says so."""
     to_sensor = Rotation.from_euler("xyz", ROLL_YAW).inv() if is_turned else Rotation.identity()
     with BagWriter(path) as writer:
         for topic, kind in KINDS.values():
-            writer.add_topic(topic, kind)
+            writer.add_topic(namespace + topic, kind)
         every = list(readings(4.0))
         if tf:
             writer.add_topic(tf, "tf2_msgs/msg/TFMessage")
@@ -56,7 +56,7 @@ def write(path: Path, *, is_turned: bool, tf: str = "") -> Path:
                     "effort": [v[0], 0.0],
                     "position": [0.0, v[1]],
                 }
-            writer.write(topic, message(kind, **fields), reading.stamp_ns)
+            writer.write(namespace + topic, message(kind, **fields), reading.stamp_ns)
     return path
 
 
@@ -80,17 +80,26 @@ def straight(tmp_path: Path) -> Path:
     return write(tmp_path / "straight", is_turned=False)
 
 
-@pytest.mark.parametrize("topic", ["/tf_static", "/car1/tf_static"])
+@pytest.mark.parametrize(
+    ("topic", "namespace"),
+    [("/tf_static", ""), ("/car1/tf_static", "/car1"), ("/tf_static", "/car1")],
+)
 def test_a_turned_imu_is_read_like_a_straight_one(
-    straight: Path, tmp_path: Path, topic: str
+    straight: Path, tmp_path: Path, topic: str, namespace: str
 ) -> None:
-    turned = read_recording(write(tmp_path / "turned", is_turned=True, tf=topic))
+    path = tmp_path / "turned"
+    turned = read_recording(write(path, is_turned=True, tf=topic, namespace=namespace))
     expected = read_recording(straight)
     assert turned.record.x == pytest.approx(expected.record.x, abs=1e-6)
     assert turned.record.a == pytest.approx(expected.record.a, abs=1e-6, nan_ok=True)
     assert turned.options.sensors.imu_rotation == pytest.approx(ROLL_YAW)
     log = read_sensor_log(turned.path)
     assert log.imu == pytest.approx(read_sensor_log(straight).imu, abs=1e-6)
+
+
+def test_transforms_of_another_car_are_not_used(straight: Path, tmp_path: Path) -> None:
+    path = write(tmp_path / "turned", is_turned=True, tf="/car2/tf_static", namespace="/car1")
+    assert read_recording(path).options.sensors == SensorConfig()
 
 
 def test_without_the_transform_it_is_not(straight: Path, tmp_path: Path) -> None:

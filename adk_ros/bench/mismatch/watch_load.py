@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import subprocess
 import tempfile
 import time
 from collections.abc import Callable
@@ -33,12 +34,15 @@ TARGET_PERCENT = 10.0
 """Required load, per cent of a core."""
 MAX_LIVE_S = 3600.0
 _SCENARIO = "handling"
-_START_S, _LEARN_S = 10.0, 30.0
-"""s for the processes to find each other, and s of the drive before the measurement: first blocks
-compile kernels and fix the noise."""
+_START_S, LEARN_S = 10.0, 140.0
+"""s for the processes to find each other, and s before the measurement: the watch learns the car
+for 130 s (`watch.settings`), after which it looks for changes."""
+_MIN_RATE_HZ = 20.0
+"""Least messages of each input per second: all that are played have twice as many."""
 _MODULE = "adk_ros.cli.main"
 
 Progress = Callable[[float, float], None]
+Processes = tuple[subprocess.Popen[str], subprocess.Popen[str]]
 
 
 def check_live(duration_s: float) -> None:
@@ -56,17 +60,20 @@ def check_live(duration_s: float) -> None:
         )
 
 
-def watch_load(duration_s: float, progress: Progress | None = None) -> float:
+def watch_load(
+    duration_s: float, progress: Progress | None = None, learn_s: float = LEARN_S
+) -> float:
     """
     Return the load of the watch over `duration_s`, receiving and computing, per cent of a core.
 
-    It watches a drive without an event with the surrogate of that drive.
+    It watches a recording without a change, with the surrogate of that recording, from `learn_s`
+    after its start.
 
     :raises DataError: a process ended early.
     """
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="adk_watch_")))
-        seconds = _START_S + _LEARN_S + duration_s
+        seconds = _START_S + learn_s + duration_s
         drive = simulate(_SCENARIO, folder / "bag", duration_s=seconds).drive
         log = sensor_log_of(drive)
         surrogate, _ = surrogate_of(
@@ -77,23 +84,37 @@ def watch_load(duration_s: float, progress: Progress | None = None) -> float:
         topics = [x for source, (name, _) in TOPICS.items() for x in (_option(source), name)]
         watch = start_process(stack, folder, _MODULE, "watch", "--model", str(model), *topics)
         player = start_process(stack, folder, _MODULE, "play", str(folder / "bag"))
-        time.sleep(_START_S + _LEARN_S)
+        _wait(_START_S + learn_s, (watch, player), folder)
         process = psutil.Process(watch.pid)
         begin_s, spent_s = time.monotonic(), cpu_seconds(process)
         while (done_s := time.monotonic() - begin_s) < duration_s:
-            if watch.poll() is not None or player.poll():
-                raise DataError(f"the measurement failed: {last_error(folder)}")
+            _check((watch, player), folder)
             if progress is not None:
                 progress(done_s, duration_s)
             time.sleep(0.1)
         percent = 100.0 * (cpu_seconds(process) - spent_s) / (time.monotonic() - begin_s)
         end_process(player)
         end_process(watch)
-        received = last_error(folder)
+        received = last_error(folder, "watch")
         counts = [int(x) for x in re.findall(r"(\d+) [a-z]+", received)]
-        if len(counts) != len(TOPICS) or min(counts) < duration_s:
+        if len(counts) != len(TOPICS) or min(counts) < _MIN_RATE_HZ * (learn_s + duration_s):
             raise DataError(f"the watch missed its inputs: {received}")
         return percent
+
+
+def _wait(seconds: float, processes: Processes, folder: Path) -> None:
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        _check(processes, folder)
+        time.sleep(0.5)
+
+
+def _check(processes: Processes, folder: Path) -> None:
+    watch, player = processes
+    if watch.poll() is not None:
+        raise DataError(f"the watch ended: {last_error(folder, 'watch')}")
+    if player.poll():
+        raise DataError(f"the player failed: {last_error(folder, 'play')}")
 
 
 def _option(source: Source) -> str:

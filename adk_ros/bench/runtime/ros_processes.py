@@ -53,9 +53,11 @@ def cpu_seconds(process: Any) -> float:
     return float(times.user + times.system)
 
 
-def last_error(folder: Path) -> str:
-    """Return the last line that a process wrote to stderr."""
+def last_error(folder: Path, name: str = "*") -> str:
+    """Return the last line that a process wrote to stderr; `name`: its first argument."""
     lines = [
-        line for path in sorted(folder.glob("*.err")) for line in path.read_text().splitlines()
+        line
+        for path in sorted(folder.glob(f"{name}.err"))
+        for line in path.read_text().splitlines()
     ]
     return lines[-1] if lines else "no reason was given"

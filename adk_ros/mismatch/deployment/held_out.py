@@ -3,9 +3,9 @@
 """
 Errors of open-loop predictions on data that no hypothesis has seen, and what they should be.
 
-A correct model still errs: by the measurement noise of its start and of the comparison, and by
-what the surrogate cannot reproduce of the simulator. `explained_ratio` compares an error with
-both; above one, something is left that the model does not explain.
+A correct model still errs: by the measurement noise of its start and of the comparison, by what
+the surrogate cannot reproduce of the simulator, and by the build tolerances of the car
+(`tolerance_error`). `explained_ratio` compares an error with these; above one, something is left that the model does not explain.
 """
 
 from __future__ import annotations

@@ -21,7 +21,8 @@ explains: UNLISTED_ODDS r^UNLISTED_EXPONENT. The probability is the mean over th
 1 / (1 + all odds): pseudo-Bayesian model averaging (Y. Yao, A. Vehtari, D. Simpson, A. Gelman,
 "Using stacking to average Bayesian predictive distributions", Bayesian Analysis 13 (2018) 917).
 
-The four constants are calibrated: `adk bench concealed --calibrate`.
+`library.criteria` names the source of the four constants; `adk bench concealed --calibrate` prints
+their most likely values.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class ConfidenceModel:
-    """The calibrated constants of the posterior."""
+    """The constants of the posterior."""
 
     inexactness: float = CONFIDENCE_INEXACTNESS
     unlisted_odds: float = UNLISTED_ODDS

@@ -24,6 +24,7 @@ from adk_ros.mismatch.inference.result import NONE, UNKNOWN, UnexplainedResidual
 from adk_ros.mismatch.library.criteria import EQUATION_GAIN_SHARE
 from adk_ros.mismatch.recording.sensor_log import CHANNELS
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.joined_problem import JoinedProblem
 from adk_ros.mismatch.surrogate.lap import Lap
 from adk_ros.mismatch.surrogate.residuals import BIN_S
 from adk_ros.numerics.arrays import BoolArray, FloatArray
@@ -59,6 +60,7 @@ def downweighted_residuals(
         _seconds(beyond),
         simulated,
         counted_s / simulated_s,
+        len(problem.parts) if isinstance(problem := likelihood.problem, JoinedProblem) else 1,
         float(cut.sum() / (e**2).sum()),
         tuple(name for name in order if by_equation[name] > least),
     )
@@ -98,7 +100,13 @@ def _seconds(beyond: BoolArray) -> int:
 
 
 def _seconds_on_simulation(likelihood: Likelihood, surrogate: SurrogateModel) -> tuple[int, float]:
-    """Return the seconds in which the surrogate is as wrong about the simulation, of how many."""
+    """
+    Return the seconds in which the surrogate is as wrong about the simulation, of how many.
+
+    Of a surrogate from a file, whose residuals are not known: none of infinitely many.
+    """
+    if surrogate.residuals.shape[1] == 0 or not np.any(surrogate.error > 0.0):
+        return 0, np.inf
     scaled = surrogate.unexplained_residuals / likelihood.problem.bin_noise[:, None]
     bins = int(scaled.shape[1])
     whitened = [

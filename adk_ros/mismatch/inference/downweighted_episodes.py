@@ -47,8 +47,8 @@ class Downweighted:
     """
     Downweighted residuals of a recording; `episodes` by time.
 
-    `seconds` with such a residual; `simulated`: as many has the simulation, and `exposure`: the
-    recording's duration over the simulation's.
+    `seconds` with such a residual; `simulated`: seconds of the simulation with one; `exposure`:
+    duration of the recordings over that of the simulation; `recordings`: their number.
     `share`: part of the squared residuals that the robust loss does not count. `equations`: those
     that it concerns, largest part first.
     """
@@ -57,12 +57,13 @@ class Downweighted:
     seconds: int
     simulated: int
     exposure: float
+    recordings: int
     share: float
     equations: tuple[str, ...]
 
     @property
     def expected(self) -> float:
-        """Seconds of the simulation in the same time."""
+        """Seconds that the rate of the simulation gives for the recordings."""
         return self.simulated * self.exposure
 
     @property
@@ -73,9 +74,10 @@ class Downweighted:
     def chance(self) -> float:
         """Return the probability of as many seconds or more without physics of the car."""
         rate = (self.simulated + _JEFFREYS, 1.0 / (1.0 + self.exposure))
-        own = np.arange(self.seconds)
-        accidents = poisson.sf(self.seconds - 1 - own, ACCIDENTAL_SECONDS)
-        both = float(nbinom.pmf(own, *rate) @ accidents)
+        of_surrogate = np.arange(self.seconds)
+        mean = ACCIDENTAL_SECONDS * self.recordings
+        accidents = poisson.sf(self.seconds - 1 - of_surrogate, mean)
+        both = float(nbinom.pmf(of_surrogate, *rate) @ accidents)
         return both + float(nbinom.sf(self.seconds - 1, *rate))
 
     def text(self) -> str:

@@ -106,9 +106,9 @@ SIGNIFICANT_ODDS = 20.0
 """Odds at which one of two explanations is significantly better: those of 5 %. Convention."""
 INDISTINGUISHABLE_LOSS = 2.0 * math.log(SIGNIFICANT_ODDS)
 """
-A competing effect within this loss of the identified one is indistinguishable from it: the
-likelihood ratio is below `SIGNIFICANT_ODDS`. The credible set of `inference.final_estimate` adds
-others that are still probable.
+A competing effect within this loss of the identified one, tempered as in `inference.confidence`,
+is indistinguishable from it: the likelihood ratio is below `SIGNIFICANT_ODDS`. The credible set of
+`inference.final_estimate` adds others that are still probable.
 """
 INDISTINGUISHABLE_LOSS_SHARE = 2e-4
 """
@@ -272,9 +272,9 @@ MIN_ACTIVE_S = 2.0
 """s that an effect must act in data to be confirmed, refuted or measured there. By choice."""
 MAX_EXPLAINED_RATIO = 1.2
 """
-Largest held-out error that a correct model explains, over what noise and the surrogate's own error
-on the simulation cause. Calibrated: correct results on clean cases reach 0.96, and a quarter more
-is allowed.
+Largest held-out error that a correct model explains, over what noise, build tolerances and the
+surrogate's own error on the simulation cause. Calibrated before tolerances were part of it:
+correct results on clean cases reached 0.96, and a quarter more is allowed.
 """
 INEXACT_EQUATION_SHARE = 0.05
 """

@@ -67,7 +67,8 @@ class SystematicError:
     def along(self, problem: ResidualProblem, out: FloatArray) -> FloatArray:
         """Return the error (6, bins) along a recording; `out`: the surrogate's run along it."""
         columns = np.clip(_columns(_signals(problem, out), self.spread), self.low, self.high)
-        return np.asarray(self.coefficients @ columns.T)
+        # A run that diverges leaves the residuals as they are.
+        return np.asarray(np.nan_to_num(self.coefficients @ columns.T))
 
 
 def learn_systematic_error(
@@ -153,7 +154,7 @@ def _signals(problem: ResidualProblem, out: FloatArray) -> FloatArray:
 
 
 def _columns(signals: FloatArray, spread: FloatArray) -> FloatArray:
-    """Return the state (bins, 7), its transients and signs (bins, k), and a constant."""
+    """Return the columns (bins, k): a constant, the state, its transients and its signs."""
     transients = [
         x - low_pass(x, BIN_S, tau)
         for x in np.ascontiguousarray(signals.T)

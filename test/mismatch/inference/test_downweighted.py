@@ -10,8 +10,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+import yaml
 from helpers.mismatch import case
 
+from adk_ros.files.yaml_file import validate
+from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
+from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.downweighted import (
     downweighted_residuals,
@@ -23,6 +27,7 @@ from adk_ros.mismatch.inference.fit_budget import NULL_HYPOTHESIS
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN, UnexplainedResidual
+from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
@@ -38,13 +43,17 @@ def surrogate() -> SurrogateModel:
     return surrogate_of(c.simulation, c.recording, c.nominal, lambda done, text: None)[0]
 
 
-def hidden_by(pulses_s: Sequence[float], size: float = 1.5) -> Downweighted | None:
-    """What is downweighted in a clean recording with pulses of 0.4 s of a_y."""
+def with_pulses(pulses_s: Sequence[float], size: float) -> SensorLog:
     log = case().recording
     imu = log.imu.copy()
     for begin in pulses_s:
         imu[(log.imu_s > begin) & (log.imu_s < begin + 0.4), 1] += size
-    problem = prepare_residual_problem(replace(log, imu=imu))
+    return replace(log, imu=imu)
+
+
+def hidden_by(pulses_s: Sequence[float], size: float = 1.5) -> Downweighted | None:
+    """What is downweighted in a clean recording with pulses of 0.4 s of a_y."""
+    problem = prepare_residual_problem(with_pulses(pulses_s, size))
     likelihood = Likelihood.of(problem, surrogate())
     null = likelihood.fit([], budget=NULL_HYPOTHESIS)
     return downweighted_residuals(likelihood, null, surrogate(), find_lap(problem))
@@ -80,10 +89,12 @@ def test_one_accident_is_noted_and_not_material() -> None:
     assert len(hidden.episodes) == 1
 
 
-def material(seconds: int, simulated: int = 0, exposure: float = 1.0) -> Downweighted:
+def material(
+    seconds: int, simulated: int = 0, exposure: float = 1.0, recordings: int = 1
+) -> Downweighted:
     episode = Episode(35.2, 35.8, "imu_a_y", 1.4, 20.0, 3.0, 4.0, 120.0)
     return Downweighted(
-        (episode,) * seconds, seconds, simulated, exposure, 0.4, ("v_y", "yaw_rate")
+        (episode,) * seconds, seconds, simulated, exposure, recordings, 0.4, ("v_y", "yaw_rate")
     )
 
 
@@ -101,6 +112,25 @@ def test_a_longer_simulation_without_episodes_says_more() -> None:
     assert not material(4).is_material
     assert material(4, exposure=0.1).is_material
     assert material(4, exposure=0.1).expected == 0.0
+
+
+def test_accidents_are_those_of_every_recording() -> None:
+    assert material(4, exposure=0.0).is_material
+    assert not material(4, exposure=0.0, recordings=3).is_material
+
+
+@pytest.mark.slow
+def test_episodes_are_material_for_a_surrogate_from_a_file() -> None:
+    content = yaml.safe_load(simulation_yaml(surrogate()))
+    known = validate("model", content, SurrogateFile).surrogate()
+    log = with_pulses(PULSES_S, 1.5)
+    problem = prepare_residual_problem(log)
+    likelihood = Likelihood.of(problem, known)
+    null = likelihood.fit([], budget=NULL_HYPOTHESIS)
+    hidden = downweighted_residuals(likelihood, null, known, find_lap(problem))
+    assert hidden is not None
+    assert hidden.exposure == 0.0
+    assert hidden.is_material
 
 
 def test_chance_of_episodes_is_that_of_drawn_counts() -> None:
