@@ -5,7 +5,8 @@ Errors of open-loop predictions on data that no hypothesis has seen, and what th
 
 A correct model still errs: by the measurement noise of its start and of the comparison, by what
 the surrogate cannot reproduce of the simulator, and by the build tolerances of the car
-(`tolerance_error`). `explained_ratio` compares an error with these; above one, something is left that the model does not explain.
+(`tolerance_error`). `explained_ratio` compares an error with these; above one, something is left
+that the model does not explain.
 """
 
 from __future__ import annotations
