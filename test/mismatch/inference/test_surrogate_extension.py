@@ -232,7 +232,8 @@ def test_no_road_profile_is_fitted_for_another_road(monkeypatch: pytest.MonkeyPa
     moved = replace(log, pose=log.pose + np.array([900.0, 0.0, 0.0]))
     surrogate, notes = simulator.surrogate_of(log, moved, nominal_vehicle_of(car), report)
     assert surrogate.road is None
-    assert notes == []
+    assert len(notes) == 1
+    assert "on another road than the simulation" in notes[0]
 
 
 @pytest.mark.slow(seconds=25)

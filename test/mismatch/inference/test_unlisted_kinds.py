@@ -39,7 +39,7 @@ def surrogate() -> SurrogateModel:
         ("battery_sag", "v_x", "drift:drive_torque:time:"),
         ("torque_ripple", "v_x", "pulsation:2.5:"),
         ("torque_hysteresis", "v_x", "hysteresis:torque:"),
-        ("yaw_limiter", "yaw_rate", "excess:yaw_rate:0.2"),
+        ("yaw_limiter", "yaw_rate", "excess:yaw_rate:"),
         ("torque_locking_differential", "yaw_rate", "torque_size_curvature"),
         ("variable_steering_ratio", "steering", "delta_speed"),
         ("shimmy", "yaw_rate", "speed_wave:4"),
@@ -54,3 +54,5 @@ def test_one_feature_of_the_right_kind_is_found(name: str, equation: str, featur
     found = fit_feature_expansion(likelihood, null, expected, null.loss - expected)
     assert [term.equation for term in found.terms] == [equation]
     assert found.terms[0].feature.startswith(feature)
+    if name == "yaw_limiter":
+        assert float(found.terms[0].feature.split(":")[2]) == pytest.approx(0.2, rel=0.02)
