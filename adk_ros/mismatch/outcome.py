@@ -11,6 +11,7 @@ from adk_ros.mismatch.deployment.corrected_model import corrected_yaml
 from adk_ros.mismatch.deployment.held_out import HORIZONS_S, REPORTED_HORIZON, Evidence
 from adk_ros.mismatch.deployment.predicted_signals import predicted_signals, unpredicted_signals
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
+from adk_ros.mismatch.export_choice import exported
 from adk_ros.mismatch.inference.asked_effect import AskedEffect
 from adk_ros.mismatch.inference.candidates import rejected_candidates
 from adk_ros.mismatch.inference.decision import Decision
@@ -32,7 +33,7 @@ from adk_ros.mismatch.recording.sensor_log import CHANNELS
 from adk_ros.mismatch.residual_series import residual_series
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem
-from adk_ros.mismatch.validation import Validation, exported, held_out_result
+from adk_ros.mismatch.validation import Validation, held_out_result
 
 
 @dataclass(frozen=True)

@@ -31,19 +31,15 @@ from adk_ros.mismatch.deployment.held_out import (
     without_sensor_faults,
 )
 from adk_ros.mismatch.deployment.open_loop import FIRST_START_S
-from adk_ros.mismatch.deployment.raised_errors import improves, raised_states
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.deployment.tolerance_error import tolerance_error
+from adk_ros.mismatch.export_choice import Correction, choose_correction
 from adk_ros.mismatch.inference.decision import Decision
-from adk_ros.mismatch.inference.feature_effect import catalogue_effects
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.result import (
-    FULL,
     NOT_EXPORTED,
     UNKNOWN,
-    WITHOUT_FEATURES,
-    WITHOUT_TOLERANCES,
     HeldOutResult,
     UnexplainedResidual,
 )
@@ -82,35 +78,22 @@ def validate_on_held_out(
     not_judged: Sequence[str] = (),
 ) -> Validation:
     """
-    Return the errors of the largest correction that raises none, `hypothesis` fitted before.
-
-    Tolerances alone are a correction only where the simulation is worse than a correct model.
+    Return the errors of the correction that is exported (see `export_choice`).
 
     `not_judged`: states that the recorded channels say nothing about.
     """
-    simulation = horizon_errors(_parsed(simulation_yaml(surrogate)), held_out)
-    before = rmse(simulation)
-    raised: tuple[str, ...] = ()
-    text, export, after = simulation_yaml(surrogate), NOT_EXPORTED, before
-    expected = expected_error(surrogate, [x.log for x in held_out])
-    trials = []
+    logs = [x.log for x in held_out]
+    expected = expected_error(surrogate, logs)
     effects = hypothesis.effects
-    needed = bool(effects) or _exceeds(before, expected)
-    for rung, candidate in _rungs(hypothesis) if needed else []:
+
+    def evaluate(part: str, candidate: Hypothesis) -> Correction:
         trial = corrected_yaml(surrogate, candidate, lap)
-        errors = horizon_errors(_parsed(trial), held_out)
-        higher = raised_states(before, rmse(errors), not_judged)
-        if not higher:
-            text, export, after = trial, rung, rmse(errors)
-            break
-        raised = raised or tuple(higher)
-        trials.append((trial, rung, errors))
-    else:
-        # Tolerances alone promise nothing that would be worth a risk.
-        for trial, rung, errors in trials if effects else []:
-            if improves(simulation, errors, expected, not_judged):
-                text, export, after = trial, rung, rmse(errors)
-                break
+        return Correction(part, trial, horizon_errors(_parsed(trial), held_out))
+
+    plain = simulation_yaml(surrogate)
+    simulation = Correction(NOT_EXPORTED, plain, horizon_errors(_parsed(plain), held_out))
+    chosen = choose_correction(simulation, hypothesis, evaluate, expected, not_judged)
+    before, after, text = rmse(simulation.errors), rmse(chosen.errors), chosen.text
     clean = [replace(x, log=without_sensor_faults(x.log, effects)) for x in held_out]
     unchanged = all(a.log is b.log for a, b in zip(clean, held_out, strict=True))
     corrected = after if unchanged else rmse(horizon_errors(_parsed(text), clean))
@@ -129,11 +112,11 @@ def validate_on_held_out(
             rmse(persistence_errors(held_out)),
             expected,
             corrected,
-            int(np.isfinite(simulation[:, REPORTED_HORIZON, 0]).sum()),
+            int(np.isfinite(simulation.errors[:, REPORTED_HORIZON, 0]).sum()),
         ),
-        export,
+        chosen.part,
         text,
-        raised,
+        chosen.raised,
     )
 
 
@@ -224,32 +207,6 @@ def _source(item: Evidence) -> str:
     if item.from_s <= FIRST_START_S:
         return f"the recording (bag {log.name})"
     return f"the last {log.duration_s - item.from_s:.0f} s of the recording (bag {log.name})"
-
-
-def exported(hypothesis: Hypothesis, export: str) -> Hypothesis | None:
-    """Return the part of a hypothesis that is exported, or None."""
-    return dict(_rungs(hypothesis)).get(export)
-
-
-def _rungs(h: Hypothesis) -> list[tuple[str, Hypothesis]]:
-    """Return the corrections to try, from all that was fitted to the effects alone."""
-    plain = np.zeros_like(h.nuisances)
-    rungs = [(FULL, h)]
-    if h.effects:
-        rungs.append((WITHOUT_TOLERANCES, replace(h, nuisances=plain)))
-    effects = catalogue_effects(h.effects)
-    if effects and len(effects) < len(h.effects):
-        rungs.append((WITHOUT_FEATURES, replace(h, effects=effects, nuisances=plain)))
-    return rungs
-
-
-def _exceeds(errors: FloatArray, expected: FloatArray) -> bool:
-    """
-    Whether an error at the reported horizon is larger than that of a correct model.
-
-    Where none is, tolerances fit the noise: on another recording they raise what they lower here.
-    """
-    return bool(np.any(errors[REPORTED_HORIZON] > expected[REPORTED_HORIZON]))
 
 
 def _unexplained_share(errors: HeldOutErrors, states: Sequence[str]) -> float:

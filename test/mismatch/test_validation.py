@@ -27,18 +27,27 @@ from adk_ros.mismatch.deployment.held_out import (
     without_sensor_faults,
 )
 from adk_ros.mismatch.deployment.open_loop import ASSIMILATION_GAINS
-from adk_ros.mismatch.deployment.raised_errors import improves, significant_rise
+from adk_ros.mismatch.deployment.raised_errors import (
+    improves,
+    largest_rise,
+    lowers_on_the_whole,
+    raised_states,
+    significant_rise,
+)
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
+from adk_ros.mismatch.export_choice import Correction, choose_correction
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES
 from adk_ros.mismatch.inference.result import (
     EXPLAINED,
     FULL,
+    HALF_TOLERANCES,
     NONE,
     NOT_EXPORTED,
     UNKNOWN,
+    WITHOUT_FEATURES,
     WITHOUT_TOLERANCES,
     MismatchResult,
 )
@@ -205,6 +214,49 @@ def test_tolerances_are_dropped_before_the_effect() -> None:
     np.testing.assert_allclose(done.errors.after, full.errors.after)
 
 
+def choice_with(
+    errors_of: dict[str, float], *effects: ActiveEffect, before: float = 0.1
+) -> Correction:
+    """Return the choice among parts with the given errors; those not named are twice as bad."""
+    simulation = Correction(NOT_EXPORTED, "", np.full((40, *SHAPE), before))
+
+    def evaluate(part: str, _: Hypothesis) -> Correction:
+        return Correction(part, part, np.full((40, *SHAPE), errors_of.get(part, 0.2)))
+
+    return choose_correction(
+        simulation, hypothesis(*effects, tolerance=0.1), evaluate, table(0.02), []
+    )
+
+
+def test_the_largest_part_that_lowers_the_errors_is_exported() -> None:
+    drag = effect("aero_drag", 1.0)
+    assert choice_with({FULL: 0.05, HALF_TOLERANCES: 0.01}, drag).part == FULL
+    assert choice_with({HALF_TOLERANCES: 0.05, WITHOUT_TOLERANCES: 0.01}, drag).part == (
+        HALF_TOLERANCES
+    )
+    assert choice_with({WITHOUT_TOLERANCES: 0.05}, drag).part == WITHOUT_TOLERANCES
+    none = choice_with({FULL: 0.101, HALF_TOLERANCES: 0.1005, WITHOUT_TOLERANCES: 0.1}, drag)
+    assert none.part == NOT_EXPORTED
+    assert none.raised == ()
+    assert choice_with({}, drag).raised == ("v_x", "v_y", "yaw_rate")
+    # Nothing is corrected where the error is that of a correct model, whatever the IMU does.
+    better = {FULL: 0.01}
+    bias = effect("imu_bias", 0.1, 0.0)
+    assert choice_with(better, bias, before=0.02).part == NOT_EXPORTED
+    assert choice_with(better, bias, before=0.03).part == FULL
+    assert choice_with(better, bias, drag, before=0.02).part == FULL
+
+
+def test_a_rise_at_any_horizon_counts() -> None:
+    after = table(0.05)
+    after[0, 1] = 0.103
+    assert raised_states(table(0.1), after, []) == ["v_y"]
+    assert raised_states(table(0.1), after, ["v_y"]) == []
+    assert largest_rise(table(0.1), after, []) == pytest.approx(1.03)
+    assert lowers_on_the_whole(table(0.1), after, [])
+    assert not lowers_on_the_whole(table(0.1), table(0.1), [])
+
+
 def test_a_state_without_evidence_is_not_judged() -> None:
     done = validate_on_held_out(
         surrogate(), hypothesis(), None, [Evidence(case().held_out)], ["v_x"]
@@ -258,8 +310,12 @@ def test_the_result_lists_horizons_and_candidates() -> None:
     one = answer["fit"]["horizons"]["1"]
     assert one["before"]["v_x"] == answer["fit"]["before"]["v_x"]
     assert answer["fit"]["data"].startswith("the last ")
-    assert answer["fit"]["exported"] in {"full", "without tolerances", "none"} | {
-        "without feature terms"
+    assert answer["fit"]["exported"] in {
+        FULL,
+        HALF_TOLERANCES,
+        WITHOUT_TOLERANCES,
+        WITHOUT_FEATURES,
+        NOT_EXPORTED,
     }
     for candidate in answer["candidates"]:
         assert candidate["not_claimed_because"]

@@ -23,10 +23,29 @@ from adk_ros.signals.channels import STATE_NAMES
 
 
 def raised_states(before: FloatArray, after: FloatArray, not_judged: Sequence[str]) -> list[str]:
-    """Return the states whose error at the reported horizon a correction raises."""
-    first, then = before[REPORTED_HORIZON], after[REPORTED_HORIZON]
-    higher = ~(then <= MAX_RAISED_RATIO * first) & np.isfinite(first)
-    return [x for x, y in zip(STATE_NAMES, higher, strict=True) if y and x not in not_judged]
+    """Return the states whose error (horizons, 3) a correction raises at any horizon."""
+    higher = ~(after <= MAX_RAISED_RATIO * before) & np.isfinite(before)
+    return [
+        name for i, name in enumerate(STATE_NAMES) if higher[:, i].any() and name not in not_judged
+    ]
+
+
+def lowers_on_the_whole(before: FloatArray, after: FloatArray, not_judged: Sequence[str]) -> bool:
+    """Whether the geometric mean of the errors (horizons, 3) of all judged states is lower."""
+    return float(np.log(_ratios(before, after, not_judged)).sum()) < 0.0
+
+
+def largest_rise(before: FloatArray, after: FloatArray, not_judged: Sequence[str]) -> float:
+    """Return the largest error of a judged state after over before, at any horizon."""
+    return float(_ratios(before, after, not_judged).max(initial=0.0))
+
+
+def _ratios(before: FloatArray, after: FloatArray, not_judged: Sequence[str]) -> FloatArray:
+    """Return the errors (horizons, 3) after over before of judged states, those that exist."""
+    judged = [i for i, name in enumerate(STATE_NAMES) if name not in not_judged]
+    first, then = before[:, judged], after[:, judged]
+    known = np.isfinite(first) & np.isfinite(then) & (first > 0.0) & (then > 0.0)
+    return np.asarray(then[known] / first[known])
 
 
 def improves(

@@ -124,15 +124,9 @@ def is_improvement(h: Hypothesis, before: Hypothesis, path: SelectionPath) -> bo
 
 
 def min_required_gain(before: Hypothesis, path: SelectionPath) -> float:
-    """
-    Return the penalised gain that a further effect must bring.
-
-    Effects whose loss is within the expected one leave nothing to explain: what a further effect
-    gains there is the surrogate's own error, unless it gains more than all of that.
-    """
+    """Return the penalised gain that a further effect must bring."""
     excess = max(before.loss - path.expected_loss, 0.0)
-    share = 1.0 if before.effects and excess == 0.0 else MIN_GAIN_PER_SURROGATE_ERROR
-    least = max(MIN_GAIN, share * path.surrogate_error_dof)
+    least = max(MIN_GAIN, MIN_GAIN_PER_SURROGATE_ERROR * path.surrogate_error_dof)
     return max(
         least, MIN_GAIN_PER_EXCESS * excess, MIN_GAIN_PER_NULL_EXCESS * path.null_excess_loss
     )

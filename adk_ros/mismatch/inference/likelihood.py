@@ -33,6 +33,7 @@ from adk_ros.mismatch.library.criteria import (
 )
 from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.passed_noise import passed_noise_autocovariance
 from adk_ros.mismatch.surrogate.residuals import (
     DISTANCE_INTERVAL_S,
     ResidualProblem,
@@ -111,14 +112,16 @@ class Likelihood:
         weights = problem.weights()
         outside = (problem.bin_s < problem.start_s + SETTLING_S) | (problem.bin_s >= until_s)
         weights[:, outside | stationary_bins(problem) | unmeasured_bins(problem)] = 0.0
-        filters, shares = prediction_error_filters(surrogate, problem.bin_noise)
+        terms = surrogate.fixed_terms(problem)
+        passed = passed_noise_autocovariance(problem, surrogate.parameters, terms)
+        filters, shares = prediction_error_filters(surrogate, problem.bin_noise, passed)
         return cls(
             problem,
             surrogate.parameters,
             weights,
             filters,
             surrogate.weak_directions,
-            surrogate.fixed_terms(problem),
+            terms,
             shares,
             surrogate.systematic_error(problem),
             until_s,

@@ -22,8 +22,9 @@ from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.numerics.arrays import FloatArray
 
 NONE, EXPLAINED, UNKNOWN = "none", "explained", "unknown"
-FULL, WITHOUT_TOLERANCES, WITHOUT_FEATURES, NOT_EXPORTED = (
+FULL, HALF_TOLERANCES, WITHOUT_TOLERANCES, WITHOUT_FEATURES, NOT_EXPORTED = (
     "full",
+    "half of the tolerances",
     "without tolerances",
     "without feature terms",
     "none",

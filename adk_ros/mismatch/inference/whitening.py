@@ -3,10 +3,11 @@
 """
 Whitening of residuals by prediction-error filters.
 
-The residuals of a correct hypothesis are the sensors' white noise plus the surrogate's own error.
-Their autocovariance, in units of the noise variance of a bin, is delta(k) + c(k), with c that of
-the surrogate's residuals on the simulation less its known error. An autoregressive filter of
-order 30 from the Yule-Walker equations makes them white with unit variance.
+The residuals of a correct hypothesis are the sensors' white noise, what the observer passes on of
+it, and the surrogate's own error. Their autocovariance, in units of the noise variance of a bin,
+is delta(k) + p(k) + c(k), with p from `surrogate.passed_noise` and c that of the surrogate's
+residuals on the simulation less its known error. An autoregressive filter of order 30 from the
+Yule-Walker equations makes them white with unit variance.
 """
 
 from __future__ import annotations
@@ -22,13 +23,14 @@ _MIN_INNOVATION_VARIANCE = 1e-6
 
 
 def prediction_error_filters(
-    surrogate: SurrogateModel, bin_noise: FloatArray
+    surrogate: SurrogateModel, bin_noise: FloatArray, passed_noise: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """
     Return filters (6, order + 1) for residuals over noise, and shares (6,).
 
-    `bin_noise` (6,): standard deviation of a bin's mean, by channel. A share is that of the
-    surrogate's own error in the variance of its channel.
+    `bin_noise` (6,): standard deviation of a bin's mean, by channel; `passed_noise`
+    (6, order + 1): what the observer adds to the autocovariance of the noise. A share is that of
+    the surrogate's own error in the variance of its channel.
     """
     order = MAX_LAG
     filters = np.zeros((6, order + 1))
@@ -36,8 +38,10 @@ def prediction_error_filters(
     lags = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))
     for channel in range(6):
         covariance = _normalised_autocovariance(surrogate, channel, float(bin_noise[channel]))
-        shares[channel] = covariance[0] / (1.0 + covariance[0])
-        covariance[0] += 1.0
+        noise = passed_noise[channel].copy()
+        noise[0] += 1.0
+        shares[channel] = covariance[0] / (noise[0] + covariance[0])
+        covariance += noise
         coefficients = np.linalg.solve(covariance[lags], covariance[1:])
         innovation = covariance[0] - coefficients @ covariance[1:]
         filters[channel] = np.concatenate([[1.0], -coefficients]) / np.sqrt(

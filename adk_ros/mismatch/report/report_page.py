@@ -14,6 +14,7 @@ from adk_ros.files.pages.provenance import Provenance
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.inference.result import (
     FULL,
+    HALF_TOLERANCES,
     NONE,
     WITHOUT_TOLERANCES,
     MismatchResult,
@@ -70,6 +71,8 @@ from adk_ros.mismatch.report.vocabulary import CHANNEL_TITLES, listed, title, un
 
 PAGE = "report.html"
 _MAX_TERM_FIGURES = 8
+_WITH_FORMULA = {FULL, HALF_TOLERANCES, WITHOUT_TOLERANCES}
+"""Corrections that contain the formula, where there is one."""
 
 FIGURES = (
     *OPENING_FIGURES,
@@ -151,7 +154,9 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         horizon_rows=[] if held_out is None else horizon_rows(held_out),
         held_out_data="the last part" if held_out is None else held_out.source,
         export=FULL if held_out is None else held_out.export,
-        formula_exported=(held_out is None or held_out.export in {FULL, WITHOUT_TOLERANCES})
+        formula_exported=(
+            held_out is None or held_out.export in {FULL, HALF_TOLERANCES, WITHOUT_TOLERANCES}
+        )
         and any(is_transferable(term.feature) for term in terms),
         explained_ratio=MAX_EXPLAINED_RATIO,
         inexact_percent=100.0 * INEXACT_EQUATION_SHARE,

@@ -170,8 +170,8 @@ def improvement_text(result: MismatchResult) -> str:
     if held_out is not None and held_out.export == NOT_EXPORTED and held_out.raised:
         raised = listed([STATES[name][0] for name in held_out.raised])
         return (
-            f"No corrected vehicle model is exported: it would raise the {raised} error "
-            f"{result.horizon_s:g} s ahead on held-out data."
+            f"No corrected vehicle model is exported: it would raise the {raised} error on "
+            "held-out data."
         )
     name = most_improved_state(result)
     state, unit = STATES.get(name, (name, ""))

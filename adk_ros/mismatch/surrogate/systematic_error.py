@@ -45,6 +45,8 @@ of the benchmark at strength 1 change a gain by 3 to 20 %).
 _FOLDS = 5
 _STRETCH_S = 5.0
 """Duration of a stretch that is left out as a whole, about that of a bend."""
+_MIN_STRETCH_S = 2.4
+"""On a short lap: twice the memory of the whitening filters, 1.2 s, which join its ends."""
 _MIN_STRETCHES = 2 * _FOLDS
 
 
@@ -177,7 +179,8 @@ def _folds(problem: ResidualProblem) -> IntArray:
         stretch = (elapsed / _STRETCH_S).astype(np.int64)
     else:
         speed = np.maximum(np.mean(np.abs(problem.smoothed_odometry[:, 0])), 1.0)
-        count = max(int(lap.length / (speed * _STRETCH_S)), 1)
+        lap_s = lap.length / speed
+        count = max(int(lap_s / _STRETCH_S), min(int(lap_s / _MIN_STRETCH_S), _MIN_STRETCHES), 1)
         at = np.interp(problem.bin_s, problem.middle_s, lap.unwrapped) % lap.length
         stretch = np.minimum((at / lap.length * count).astype(np.int64), count - 1)
     if stretch.max() + 1 < _MIN_STRETCHES:

@@ -18,7 +18,6 @@ import numpy as np
 
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.whitening import prediction_error_filters
 from adk_ros.mismatch.library.criteria import MIN_ROAD_COVERAGE
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -131,7 +130,7 @@ class BlockLineariser:
             surrogate = replace(surrogate, road=None)
         likelihood = Likelihood.of(problem, surrogate)
         if self._filters is None:
-            self._filters = prediction_error_filters(surrogate, problem.bin_noise)
+            self._filters = likelihood.filters, likelihood.surrogate_error_share
         filters, shares = self._filters
         return replace(likelihood, filters=filters, surrogate_error_share=shares)
 

@@ -31,6 +31,7 @@ from adk_ros.numerics.arrays import FloatArray
 
 SCHEMA_1 = Path(__file__).parent / "data" / "surrogate_schema_1.yaml"
 NOISE = np.array([0.02, 0.02, 1e-3, 0.01, 0.01, 1e-3])
+NO_PASSED_NOISE = np.zeros((6, MAX_LAG + 1))
 
 
 def coloured(scale: float, bins: int = 4000) -> FloatArray:
@@ -86,8 +87,10 @@ def test_reloaded_surrogate_keeps_its_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scale", [2.0, 8.0, 40.0])
 def test_clipped_error_is_close_between_the_tabulated_limits(tmp_path: Path, scale: float) -> None:
     model = surrogate(scale)
-    filters, shares = prediction_error_filters(model, NOISE)
-    same_filters, same_shares = prediction_error_filters(reloaded(model, tmp_path), NOISE)
+    filters, shares = prediction_error_filters(model, NOISE, NO_PASSED_NOISE)
+    same_filters, same_shares = prediction_error_filters(
+        reloaded(model, tmp_path), NOISE, NO_PASSED_NOISE
+    )
     np.testing.assert_allclose(same_shares, shares, rtol=0.03)
     np.testing.assert_allclose(same_filters[:, 0], filters[:, 0], rtol=0.03)
 
