@@ -16,14 +16,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adk_ros.mismatch.deployment.held_out import REPORTED_HORIZON, rmse
+from adk_ros.mismatch.deployment.held_out import rmse
 from adk_ros.mismatch.deployment.raised_errors import (
     improves,
     largest_rise,
     lowers_on_the_whole,
     raised_states,
 )
-from adk_ros.mismatch.inference.feature_effect import catalogue_effects
+from adk_ros.mismatch.inference.feature_effect import catalogue_effects, feature_terms
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.result import (
     FULL,
@@ -32,6 +32,7 @@ from adk_ros.mismatch.inference.result import (
     WITHOUT_FEATURES,
     WITHOUT_TOLERANCES,
 )
+from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.numerics.arrays import FloatArray
 
 
@@ -59,18 +60,15 @@ def choose_correction(
     """
     Return the part of a hypothesis to export, or `simulation` with what was raised.
 
-    `evaluate(part, hypothesis)` runs a part on the held-out data. Tolerances alone are a
-    correction only where the simulation is worse than a correct model: where it is not, they fit
-    the noise, and on another recording they raise what they lower here. `expected` (horizons, 3):
-    the errors of a correct model.
+    `evaluate(part, hypothesis)` runs a part on the held-out data. Tolerances alone are no
+    correction: nothing is missing, and what they lower here they may raise on another recording.
+    `expected` (horizons, 3): the errors of a correct model.
     """
+    if not _is_correctable(hypothesis):
+        return simulation
     before = rmse(simulation.errors)
     raised: tuple[str, ...] = ()
     trials = []
-    if not _has_vehicle_effect(hypothesis) and not np.any(
-        before[REPORTED_HORIZON] > expected[REPORTED_HORIZON]
-    ):
-        return simulation
     for part, candidate in _parts(hypothesis):
         trial = evaluate(part, candidate)
         after = rmse(trial.errors)
@@ -79,12 +77,7 @@ def choose_correction(
             return trial
         raised = raised or tuple(higher)
         trials.append(trial)
-    # Tolerances alone promise nothing that would be worth a risk.
-    allowed = [
-        x
-        for x in (trials if hypothesis.effects else [])
-        if improves(simulation.errors, x.errors, expected, not_judged)
-    ]
+    allowed = [x for x in trials if improves(simulation.errors, x.errors, expected, not_judged)]
     if allowed:
         return min(allowed, key=lambda x: largest_rise(before, rmse(x.errors), not_judged))
     return replace(simulation, raised=raised)
@@ -98,16 +91,19 @@ def exported(hypothesis: Hypothesis, part: str) -> Hypothesis | None:
 def _parts(h: Hypothesis) -> list[tuple[str, Hypothesis]]:
     """Return the corrections to try, from all that was fitted to the effects alone."""
     plain = np.zeros_like(h.nuisances)
-    parts = [(FULL, h), (HALF_TOLERANCES, replace(h, nuisances=0.5 * h.nuisances))]
-    if h.effects:
-        parts.append((WITHOUT_TOLERANCES, replace(h, nuisances=plain)))
+    parts = [
+        (FULL, h),
+        (HALF_TOLERANCES, replace(h, nuisances=0.5 * h.nuisances)),
+        (WITHOUT_TOLERANCES, replace(h, nuisances=plain)),
+    ]
     effects = catalogue_effects(h.effects)
     if effects and len(effects) < len(h.effects):
         parts.append((WITHOUT_FEATURES, replace(h, effects=effects, nuisances=plain)))
     return parts
 
 
-def _has_vehicle_effect(h: Hypothesis) -> bool:
-    """Whether a hypothesis has an effect that is not a sensor fault, or a formula."""
-    effects = catalogue_effects(h.effects)
-    return len(effects) < len(h.effects) or any(not x.effect.sensor for x in effects)
+def _is_correctable(h: Hypothesis) -> bool:
+    """Whether a hypothesis has an effect or a term that a vehicle model can contain."""
+    return any(not x.effect.sensor for x in catalogue_effects(h.effects)) or any(
+        is_transferable(term.feature) for term in feature_terms(h.effects)
+    )

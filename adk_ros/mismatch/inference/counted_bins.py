@@ -10,8 +10,9 @@ from adk_ros.mismatch.library.criteria import MIN_SPEED, SETTLING_S
 from adk_ros.mismatch.recording.frozen_readings import gaps
 from adk_ros.mismatch.surrogate.residuals import BIN_S, ResidualProblem
 from adk_ros.numerics.arrays import BoolArray
+from adk_ros.numerics.differentiation import SMOOTHING_WINDOW_S
 
-_SMOOTHED_S = 0.2
+_SMOOTHED_S = 0.5 * SMOOTHING_WINDOW_S
 """s before a gap of odometry in which its smoothed values depend on the gap."""
 
 

@@ -32,6 +32,7 @@ from adk_ros.mismatch.library.criteria import (
     WEAK_DIRECTION_BOUND,
 )
 from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW
+from adk_ros.mismatch.surrogate.error_autocovariance import MAX_LAG
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.passed_noise import passed_noise_autocovariance
 from adk_ros.mismatch.surrogate.residuals import (
@@ -39,6 +40,7 @@ from adk_ros.mismatch.surrogate.residuals import (
     ResidualProblem,
 )
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
+from adk_ros.mismatch.surrogate.state_index import N_CHANNELS
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.numerics.filters import causal_filter
 from adk_ros.numerics.levenberg_marquardt import (
@@ -106,14 +108,25 @@ class Likelihood:
 
     @classmethod
     def of(
-        cls, problem: ResidualProblem, surrogate: SurrogateModel, until_s: float = np.inf
+        cls,
+        problem: ResidualProblem,
+        surrogate: SurrogateModel,
+        until_s: float = np.inf,
+        *,
+        is_noisy: bool = True,
     ) -> Likelihood:
-        """Return the likelihood of a recording, or of its part before `until_s`."""
+        """
+        Return the likelihood of a recording, or of its part before `until_s`.
+
+        `is_noisy`: whether there is noise that the observer passes on; a simulation has none.
+        """
         weights = problem.weights()
         outside = (problem.bin_s < problem.start_s + SETTLING_S) | (problem.bin_s >= until_s)
         weights[:, outside | stationary_bins(problem) | unmeasured_bins(problem)] = 0.0
         terms = surrogate.fixed_terms(problem)
-        passed = passed_noise_autocovariance(problem, surrogate.parameters, terms)
+        passed = np.zeros((N_CHANNELS, MAX_LAG + 1))
+        if is_noisy:
+            passed = passed_noise_autocovariance(problem, surrogate.parameters, terms)
         filters, shares = prediction_error_filters(surrogate, problem.bin_noise, passed)
         return cls(
             problem,

@@ -210,7 +210,8 @@ class _Extension:
         for row, (name, (spread, _)) in zip(directions, fitted.items(), strict=True):
             row[INDEX[name]] = spread
         exact = replace(current, residuals=np.zeros_like(current.residuals))
-        return replace(Likelihood.of(self.problem, exact), weak_directions=directions)
+        likelihood = Likelihood.of(self.problem, exact, is_noisy=False)
+        return replace(likelihood, weak_directions=directions)
 
     def _refit(
         self,
