@@ -24,6 +24,7 @@ from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.simulator import DEFAULT_WHEEL_RADIUS, default_vehicle, surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
+from adk_ros.mismatch.surrogate.residuals import BIN_S
 from adk_ros.numerics.arrays import FloatArray
 
 SurrogateProgress = Callable[[float, str], None]
@@ -72,7 +73,7 @@ class Inputs:
             surrogate, found = surrogate_of(simulation, every, nominal, progress)
             notes += [*found, *_notes_on_default_vehicle(nominal)]
         data = RecordedData.of(surrogate, logs, noise, has_imu, held_out_share)
-        notes += _notes_on_lap(data.lap)
+        notes += [*_notes_on_lap(data.lap), *_notes_on_driving(surrogate, data)]
         return cls(simulation, surrogate, data, has_imu, tuple(notes))
 
 
@@ -124,4 +125,19 @@ def _notes_on_lap(lap: Lap | None) -> list[str]:
     return [
         "no part of the route is driven twice, so local effects (grade, bank, friction patches) "
         "cannot be identified"
+    ]
+
+
+def _notes_on_driving(surrogate: SurrogateModel, data: RecordedData) -> list[str]:
+    """Return how much of the recordings is driven harder than the simulation."""
+    beyond_s = BIN_S * sum(float(surrogate.harder_driving(part).sum()) for part in data.parts)
+    if beyond_s == 0.0:
+        return []
+    share = beyond_s / (BIN_S * data.problem.bins)
+    left_out = any(surrogate.bins_beyond(part).any() for part in data.parts)
+    return [
+        f"{beyond_s:.0f} s ({100.0 * share:.0f} %) of the recording are driven harder than the "
+        "simulation, with accelerations that it does not reach: there the surrogate extrapolates, "
+        f"and {'nothing is compared' if left_out else 'its error is unknown'}; simulate a drive "
+        "that is as hard"
     ]

@@ -39,7 +39,7 @@ def surrogate_of(
     """
     surrogate, notes = _surrogate_and_notes(simulation, recording, nominal, report)
     error = open_loop_error(surrogate, simulation)
-    surrogate = surrogate.with_systematic_error(prepare_residual_problem(simulation))
+    surrogate = surrogate.with_known_driving(prepare_residual_problem(simulation))
     return replace(surrogate, open_loop_error=error), notes
 
 

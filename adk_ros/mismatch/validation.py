@@ -46,6 +46,7 @@ from adk_ros.mismatch.inference.result import (
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
+from adk_ros.mismatch.surrogate.residuals import BIN_S, prepare_residual_problem
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STATE_NAMES
 
@@ -82,8 +83,8 @@ def validate_on_held_out(
 
     `not_judged`: states that the recorded channels say nothing about.
     """
-    logs = [x.log for x in held_out]
-    expected = expected_error(surrogate, logs)
+    held_out = [_within_simulation(surrogate, x) for x in held_out]
+    expected = expected_error(surrogate, [x.log for x in held_out])
     effects = hypothesis.effects
 
     def evaluate(part: str, candidate: Hypothesis) -> Correction:
@@ -117,6 +118,16 @@ def validate_on_held_out(
         chosen.part,
         text,
         chosen.raised,
+    )
+
+
+def _within_simulation(surrogate: SurrogateModel, item: Evidence) -> Evidence:
+    """Return evidence without the stretches that are driven harder than the simulation."""
+    problem = prepare_residual_problem(item.log)
+    edges = np.diff(surrogate.bins_beyond(problem).astype(int), prepend=0, append=0)
+    begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    return replace(
+        item, skipped_s=problem.start_s + BIN_S * np.column_stack([begins, ends]).astype(float)
     )
 
 

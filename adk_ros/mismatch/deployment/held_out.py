@@ -32,7 +32,7 @@ from adk_ros.mismatch.library.criteria import (
 )
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.activation import Activation
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 
 HORIZONS_S = (0.25, 1.0, 2.0)
@@ -46,11 +46,23 @@ _TICK_S = TICK_NS * 1e-9
 
 @dataclass(frozen=True)
 class Evidence:
-    """A recording, or its part from `from_s` to `until_s`, to predict."""
+    """
+    A recording, or its part from `from_s` to `until_s`, to predict.
+
+    `skipped_s` (k, 2): begin and end of stretches that no prediction may touch.
+    """
 
     log: SensorLog
     from_s: float = FIRST_START_S
     until_s: float = np.inf
+    skipped_s: FloatArray | None = None
+
+    def touches_skipped(self, begins_s: FloatArray, duration_s: float) -> BoolArray:
+        """Return which of the intervals that begin at `begins_s` (n,) overlap a skipped one."""
+        skipped = np.empty((0, 2)) if self.skipped_s is None else self.skipped_s
+        begin, end = skipped[:, 0], skipped[:, 1]
+        late = begins_s[:, None] + duration_s >= begin
+        return np.asarray((late & (begins_s[:, None] <= end)).any(axis=1))
 
 
 def horizon_errors(
@@ -62,7 +74,7 @@ def horizon_errors(
     Return predicted minus measured (n, horizons, 3) of v_x, v_y, yaw rate; horizons ascend.
 
     One row per start; NaN where the car is slower than `MIN_SPEED` at the start or at the end of
-    the horizon, or where there is no measurement.
+    the horizon, where there is no measurement, or where a prediction touches a skipped stretch.
     """
     return np.concatenate(
         [_errors(OpenLoopPredictor(model, item.log), item, horizons_s) for item in evidence]
@@ -100,6 +112,7 @@ def _errors(
         ahead = at_start if predicted is None else predicted[:, tick - 1]
         slowest = np.minimum(np.abs(at_start[:, 0]), np.abs(at_end[:, 0]))
         counted = (at_s <= log.odometry_s[-1]) & (slowest > MIN_SPEED)
+        counted &= ~item.touches_skipped(starts, horizon)
         out[:, i] = np.where(counted[:, None], ahead - at_end, np.nan)
     return out
 

@@ -117,6 +117,10 @@ def _identification(surrogate: SurrogateModel) -> dict[str, Any]:
         content["open_loop_error"] = {
             name: [_rounded(x) for x in open_loop[:, i]] for i, name in enumerate(STATE_NAMES)
         }
+    if surrogate.envelope is not None:
+        content["envelope"] = [
+            [_rounded(x) for x in vertex] for vertex in surrogate.envelope.vertices
+        ]
     return content
 
 

@@ -122,7 +122,8 @@ class Likelihood:
         """
         weights = problem.weights()
         outside = (problem.bin_s < problem.start_s + SETTLING_S) | (problem.bin_s >= until_s)
-        weights[:, outside | stationary_bins(problem) | unmeasured_bins(problem)] = 0.0
+        outside |= stationary_bins(problem) | unmeasured_bins(problem)
+        weights[:, outside | surrogate.bins_beyond(problem)] = 0.0
         terms = surrogate.fixed_terms(problem)
         passed = np.zeros((N_CHANNELS, MAX_LAG + 1))
         if is_noisy:

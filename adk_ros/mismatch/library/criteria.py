@@ -81,12 +81,10 @@ MIN_GAIN_PER_NULL_EXCESS = 5e-4
 Least gain, as a share of the excess loss before any effect: no effect's equation is exact.
 Calibrated.
 """
-MIN_GAIN_PER_SURROGATE_ERROR = 0.4
+MIN_GAIN_PER_SURROGATE_ERROR = 0.12
 """
 Least gain, as a share of the surrogate error: that error repeats every lap, whitening takes it for
-new noise, and any effect may resemble part of it. By choice, between the best effects on clean
-cases of `adk bench concealed --own --seed 4` (up to 0.29, multi-body car) and the present ones at
-full strength (from 0.57): their geometric mean.
+new noise, and any effect may resemble part of it. Calibrated.
 """
 
 ONSET_MIN_GAIN_RATIO = 1.1

@@ -18,6 +18,10 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW
+from adk_ros.mismatch.surrogate.acceleration_envelope import (
+    AccelerationEnvelope,
+    simulated_accelerations,
+)
 from adk_ros.mismatch.surrogate.error_autocovariance import ErrorAutocovariance
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm, active_terms_of
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem
@@ -26,7 +30,7 @@ from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.mismatch.surrogate.state_index import N_CHANNELS
 from adk_ros.mismatch.surrogate.systematic_error import SystematicError, learn_systematic_error
 from adk_ros.mismatch.surrogate.weak_directions import weakly_identified_directions
-from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.numerics.levenberg_marquardt import (
     BoundedParameters,
     FitOptions,
@@ -110,6 +114,8 @@ SETTLING_BINS = 25
 """Bins at the start of a recording in which lags and loads settle: 1 s."""
 _SETTLING_S = 1.0
 """The same in seconds."""
+MAX_SHARE_BEYOND = 0.5
+"""Largest share of a recording that does not count for being driven harder. By choice: half."""
 _EARLY_ROUND = FitOptions(iterations=5, relative_tolerance=1e-3)
 _LAST_ROUND = FitOptions(iterations=8, relative_tolerance=1e-3)
 
@@ -146,19 +152,38 @@ class SurrogateModel:
     """(horizons, 3) RMSE of open-loop predictions of the simulation, if it was measured."""
     systematic: SystematicError | None = None
     """The error as a function of the driven state, if it was learned."""
+    envelope: AccelerationEnvelope | None = None
+    """The accelerations that the simulation reaches, if they span an area."""
 
     @property
     def unexplained_residuals(self) -> FloatArray:
         """Residuals (6, bins) on the simulation less what is known of them."""
         return self.residuals if self.systematic is None else self.systematic.remaining
 
-    def with_systematic_error(self, problem: ResidualProblem) -> SurrogateModel:
-        """Return the surrogate with its error learned on the simulation's `problem`."""
+    def with_known_driving(self, problem: ResidualProblem) -> SurrogateModel:
+        """Return the surrogate with its error and the envelope of the simulation's `problem`."""
         terms = self.fixed_terms(problem)
         out = problem.run(self.parameters, terms)
         residuals = problem.residuals(self.parameters, terms)
         learned = learn_systematic_error(problem, out, residuals, SETTLING_BINS)
-        return replace(self, systematic=learned)
+        accelerations = simulated_accelerations(problem, out)[SETTLING_BINS:]
+        return replace(self, systematic=learned, envelope=AccelerationEnvelope.of(accelerations))
+
+    def bins_beyond(self, problem: ResidualProblem) -> BoolArray:
+        """
+        Return the bins (b,) of a recording that is driven harder than the simulation.
+
+        None, where that is most of the recording: what is left would not be what is asked about.
+        """
+        beyond = self.harder_driving(problem)
+        return np.asarray(beyond & (beyond.mean() <= MAX_SHARE_BEYOND))
+
+    def harder_driving(self, problem: ResidualProblem) -> BoolArray:
+        """Return the bins (b,) with accelerations that the simulation does not reach."""
+        if self.envelope is None:
+            return np.zeros(problem.bins, dtype=bool)
+        out = problem.run(self.parameters, self.fixed_terms(problem))
+        return self.envelope.bins_beyond(problem, out)
 
     def systematic_error(self, problem: ResidualProblem) -> FloatArray:
         """Return the known error (6, bins) along a recording: measured minus simulated."""

@@ -127,7 +127,7 @@ def test_a_lap_shorter_than_ten_bends_has_shorter_stretches(
 def test_the_likelihood_subtracts_what_is_known() -> None:
     simulation, recording = problems()
     plain = surrogate()
-    known = plain.with_systematic_error(simulation)
+    known = plain.with_known_driving(simulation)
     assert known.systematic is not None
     before, after = (Likelihood.of(recording, x) for x in (plain, known))
     assert after.surrogate_error_dof() < 0.9 * before.surrogate_error_dof()
@@ -138,6 +138,6 @@ def test_the_likelihood_subtracts_what_is_known() -> None:
 
 
 def test_without_a_torque_nothing_is_known() -> None:
-    known = surrogate().with_systematic_error(problems()[0])
+    known = surrogate().with_known_driving(problems()[0])
     assert ObservableEffects(torque=False).adapted(known).systematic is None
     assert ObservableEffects().adapted(known).systematic is known.systematic
