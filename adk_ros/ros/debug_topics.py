@@ -21,6 +21,7 @@ from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.ros.messages import split_stamp
+from adk_ros.ros.output_topic import OutputTopic
 from adk_ros.signals.channels import STATE_NAMES
 
 JOINT = "all"
@@ -50,8 +51,8 @@ class DebugTopics:
         self._frame_id = frame_id
         self._previous: Prediction | None = None
 
-        def publisher(kind: Any, name: str) -> Any:
-            return node.create_publisher(kind, f"~/debug/{name}", depth)
+        def publisher(kind: Any, name: str) -> OutputTopic:
+            return OutputTopic(node, kind, f"~/debug/{name}", depth)
 
         self._innovation = publisher(TwistStamped, "innovation")
         self._normalised = publisher(JointState, "normalised_innovation_squared")
@@ -70,27 +71,29 @@ class DebugTopics:
             µs.
         """
         previous, self._previous = self._previous, prediction
-        if self._disturbance.get_subscription_count():
+        if self._disturbance.is_read:
             acceleration = AccelStamped()
             _set(acceleration.accel, predictor.disturbance)
             self._send(self._disturbance, acceleration, prediction.origin_ns)
         if previous is None:
             return
-        if self._tick_time.get_subscription_count() and tick_us:
+        if self._tick_time.is_read and tick_us:
             times = JointState(name=["tick_time"], position=[tick_us[-1] * 1e-6])
             self._send(self._tick_time, times, previous.origin_ns)
+        if not (self._innovation.is_read or self._normalised.is_read):
+            return
         if previous.stamp_ns != prediction.origin_ns or not np.isfinite(prediction.innovation[0]):
             return
-        if self._innovation.get_subscription_count():
+        if self._innovation.is_read:
             twist = TwistStamped()
             _set(twist.twist, prediction.innovation)
             self._send(self._innovation, twist, prediction.origin_ns)
-        if self._normalised.get_subscription_count():
+        if self._normalised.is_read:
             squares = normalised_innovation_squared(prediction.innovation, previous.covariance)
             values = JointState(name=[*STATE_NAMES, JOINT], position=squares.tolist())
             self._send(self._normalised, values, prediction.origin_ns)
 
-    def _send(self, publisher: Any, message: Any, stamp_ns: int) -> None:
+    def _send(self, publisher: OutputTopic, message: Any, stamp_ns: int) -> None:
         message.header.frame_id = self._frame_id
         message.header.stamp.sec, message.header.stamp.nanosec = split_stamp(stamp_ns)
         publisher.publish(message)

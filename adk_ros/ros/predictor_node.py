@@ -39,6 +39,7 @@ from adk_ros.ros.messages import (
     StampedCovarianceBytes,
     TwistBytes,
 )
+from adk_ros.ros.output_topic import OutputTopic
 from adk_ros.ros.parameter_settings import (
     differences_from_training,
     model_path,
@@ -144,17 +145,17 @@ class PredictorNode:
 
     def _create_outputs(self) -> None:
         node = self.node
-        self._twist_out = node.create_publisher(
-            TwistWithCovarianceStamped, "~/predicted_twist", OUTPUT_DEPTH
+        self._twist_out = OutputTopic(
+            node, TwistWithCovarianceStamped, "~/predicted_twist", OUTPUT_DEPTH
         )
-        self._horizon_out = node.create_publisher(
-            MultiDOFJointTrajectory, "~/predicted_horizon", OUTPUT_DEPTH
+        self._horizon_out = OutputTopic(
+            node, MultiDOFJointTrajectory, "~/predicted_horizon", OUTPUT_DEPTH
         )
-        self._covariance_out = node.create_publisher(
-            Float64MultiArray, "~/predicted_horizon_covariance", OUTPUT_DEPTH
+        self._covariance_out = OutputTopic(
+            node, Float64MultiArray, "~/predicted_horizon_covariance", OUTPUT_DEPTH
         )
-        self._stamped_out = node.create_publisher(
-            JointTrajectory, "~/predicted_horizon_covariance_stamped", OUTPUT_DEPTH
+        self._stamped_out = OutputTopic(
+            node, JointTrajectory, "~/predicted_horizon_covariance_stamped", OUTPUT_DEPTH
         )
         node.create_service(Trigger, "~/reset", self._on_reset)
         node.create_service(SetBool, "~/enable", self._on_enable)
@@ -194,7 +195,7 @@ class PredictorNode:
         return facts
 
     def _publish(self, prediction: Prediction) -> None:
-        self._twist_out.publish(self._twist.fill(prediction))
+        self._twist_out.send(self._twist.fill(prediction))
         if self._publish_horizon:
             self._publish_read_horizon(prediction)
         predictor, tick_us = self.core.pipeline.predictor, self.core.counters.tick_us
@@ -203,15 +204,12 @@ class PredictorNode:
     def _publish_read_horizon(self, prediction: Prediction) -> None:
         """Publish what is subscribed to: filling all takes longer than the prediction itself."""
         covariance = prediction.horizon_covariance
-        if self._horizon and self._horizon_out.get_subscription_count():
-            content = self._horizon.fill(prediction.origin_ns, prediction.horizon)
-            self._horizon_out.publish(content)
-        if self._covariance and self._covariance_out.get_subscription_count():
-            content = self._covariance.fill(covariance)
-            self._covariance_out.publish(content)
-        if self._stamped and self._stamped_out.get_subscription_count():
-            content = self._stamped.fill(prediction.origin_ns, covariance)
-            self._stamped_out.publish(content)
+        if self._horizon and self._horizon_out.is_read:
+            self._horizon_out.send(self._horizon.fill(prediction.origin_ns, prediction.horizon))
+        if self._covariance and self._covariance_out.is_read:
+            self._covariance_out.send(self._covariance.fill(covariance))
+        if self._stamped and self._stamped_out.is_read:
+            self._stamped_out.send(self._stamped.fill(prediction.origin_ns, covariance))
 
     def _log_internal_error(self, error: Exception) -> None:
         self._logger.error(

@@ -13,14 +13,11 @@ from adk_ros.model.prediction import Prediction, Status
 from adk_ros.ros.predictor_node import PredictorNode
 
 
-class Publisher:
+class Topic:
     def __init__(self, readers: int) -> None:
-        self.readers, self.sent = readers, 0
+        self.is_read, self.sent = readers > 0, 0
 
-    def get_subscription_count(self) -> int:
-        return self.readers
-
-    def publish(self, _content: bytes) -> None:
+    def send(self, _content: bytes) -> None:
         self.sent += 1
 
 
@@ -42,9 +39,9 @@ def test_only_what_is_read_is_filled(
 ) -> None:
     debugged: list[bool] = []
     node: Any = SimpleNamespace(
-        _twist=Content(), _horizon=Content(), _covariance=Content(), _twist_out=Publisher(0),
-        _horizon_out=Publisher(horizon_readers), _covariance_out=Publisher(covariance_readers),
-        _stamped=Content(), _stamped_out=Publisher(stamped_readers), _publish_horizon=wanted,
+        _twist=Content(), _horizon=Content(), _covariance=Content(), _twist_out=Topic(0),
+        _horizon_out=Topic(horizon_readers), _covariance_out=Topic(covariance_readers),
+        _stamped=Content(), _stamped_out=Topic(stamped_readers), _publish_horizon=wanted,
         core=SimpleNamespace(
             pipeline=SimpleNamespace(predictor=None), counters=SimpleNamespace(tick_us=[])
         ),
