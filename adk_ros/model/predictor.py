@@ -31,7 +31,19 @@ from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.model_rollout import ModelRollout
 from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.tick_memory import TickMemory
-from adk_ros.model.tick_steps import NOT_FINITE, PREDICTED, Measured, Observed, make_tick_steps
+from adk_ros.model.tick_steps import (
+    IS_MEASURED,
+    IS_USABLE,
+    IS_WARMING_UP,
+    LEARNS,
+    NOT_FINITE,
+    PREDICTED,
+    WARMING_UP,
+    WITHHOLDS,
+    TickInput,
+    TickParts,
+    make_tick_steps,
+)
 from adk_ros.model.uncertainty.published_horizons import PublishedHorizonErrors
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, Sample
@@ -82,7 +94,6 @@ class Predictor:
         self.online = METHODS[self.settings.method](model.theta0, self.settings)
         self.horizon_steps = horizon_steps
         self.max_coast_steps = max_coast_steps
-        self._withholds = withhold_implausible
         self._memory = TickMemory(model)
         self._tick = self._memory.tick
         self._gains = self._memory.gains
@@ -95,9 +106,15 @@ class Predictor:
         self._model_rollout = ModelRollout(
             model, self._tick, self._memory.phi, self._memory.disturbance, self._gains
         )
-        self._steps = make_tick_steps(
-            model, self._memory, self._published, self._model_rollout, self.rollout_monitor
+        parts = TickParts(
+            model,
+            self._memory,
+            self._published,
+            self._model_rollout,
+            self.online,
         )
+        self._tick_flags = WITHHOLDS if withhold_implausible else 0
+        self._steps = make_tick_steps(parts, self.rollout_monitor)
         self.implausible = 0
         """Number of predictions withheld because no vehicle can move like that."""
         self.reset()
@@ -227,27 +244,17 @@ class Predictor:
                 learns = enough and not warming_up
         # A repeated odometry reading says less than the prediction for this tick.
         stale = sample.flags & _ODOMETRY_STALE
-        completed = self._steps.observe(
-            self.online.theta,
-            Observed(state, predicted, innovation, sample.u),
-            self._prediction_only_gains if stale else self._gains,
-            usable,
-            learns,
-        )
-        if warming_up:
+        flags = self._tick_flags
+        flags |= (IS_MEASURED if measured else 0) | (IS_USABLE if usable else 0)
+        flags |= (LEARNS if learns else 0) | (IS_WARMING_UP if warming_up else 0)
+        gains = self._prediction_only_gains if stale else self._gains
+        given = TickInput(state, predicted, innovation, *sample.u, gains, flags)
+        horizon = np.empty((max(horizon_steps, 1), 3))
+        slot = self._published.slot(horizon_steps, self._uncertain_ticks)
+        outcome = self._steps.advance(given, horizon, horizon_steps, slot)
+        if outcome == WARMING_UP:
             self.status = Status.WARMING_UP
             return None
-        if completed:
-            self.online.update(self._memory.phi, self._memory.y)
-        horizon = np.empty((max(horizon_steps, 1), 3))
-        outcome = self._steps.predict(
-            self.online.theta,
-            Measured(state, measured, usable),
-            horizon,
-            horizon_steps,
-            self._published.slot(horizon_steps, self._uncertain_ticks),
-            self._withholds,
-        )
         if outcome == NOT_FINITE:
             # Not reachable from finite samples with a valid model; if it happens, start again.
             self.reset()

@@ -1,17 +1,20 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The arithmetic of a tick before and after the online method learns: `observe` and `predict`.
+The arithmetic of a tick: observe, lift, learn, predict.
 
-`CompiledTick` does each in one kernel call. A call costs more than its arithmetic, above all
-after a pause, when code and data have left the caches. `StepwiseTick` is for models that are not
-lifted by a compiled encoder at each step, or have no rollout monitor.
+`FusedTick` does all of it in one kernel call. A call costs more than its arithmetic, above all
+after a pause, when code and data have left the caches. `CompiledTick` is for online methods that
+are not part of that kernel, `StepwiseTick` for models that are not lifted by a compiled encoder at
+each step, or have no rollout monitor.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+from adk_ros.model.adaptation.least_squares import window_arrays, windowed_update
+from adk_ros.model.adaptation.online_methods import OnlineMethod, WindowedRidge
 from adk_ros.model.drivable import is_drivable
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder_kernels import pack_regressor, perceptron
@@ -33,132 +36,177 @@ from adk_ros.model.uncertainty.rollout_monitor import (
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.numba_cache import fused_kernel
 
-PREDICTED, NOT_FINITE, NOT_DRIVABLE = 0, 1, 2
-"""Outcomes of `predict`."""
+PREDICTED, NOT_FINITE, NOT_DRIVABLE, WARMING_UP, NOT_SOLVED = 0, 1, 2, 3, 4
+"""Outcomes of `TickSteps.advance`, and of its last part; NOT_SOLVED: the online method failed."""
 
 
-class Observed(NamedTuple):
+IS_MEASURED, IS_USABLE, LEARNS, IS_WARMING_UP, WITHHOLDS = 1, 2, 4, 8, 16
+"""
+Flags of a tick: the state is a measurement, it may be learned, the pair that it completes may,
+past samples are missing, and a prediction that no vehicle can follow is no prediction.
+
+In one integer, since numba looks up the type of each bool or tuple that it gets.
+"""
+
+
+class TickInput(NamedTuple):
     """
-    What a tick begins with, SI: state (3,), the prediction for it, their difference, the command.
+    What a tick begins with, SI.
 
-    Prediction and innovation are NaN if there are none.
+    `state` (3,), the prediction for it, their difference (both NaN if there is none), the command
+    in force, `gains` as `ObserverGains.table`, and flags.
     """
 
     state: FloatArray
     predicted: FloatArray
     innovation: FloatArray
-    command: tuple[float, float]
-
-
-class Measured(NamedTuple):
-    """State (3,) of a tick, SI; whether it is a measurement, and whether it may be learned."""
-
-    state: FloatArray
-    is_measured: bool
-    is_usable: bool
+    torque: float
+    delta: float
+    gains: FloatArray
+    flags: int
 
 
 class TickSteps(Protocol):
     """What a predictor calls on every tick."""
 
-    def observe(
-        self, theta: FloatArray, seen: Observed, gains: FloatArray, usable: bool, learns: bool
-    ) -> bool:
+    def advance(self, given: TickInput, horizon: FloatArray, ahead: int, slot: int) -> int:
         """
-        Take a sample, advance the monitored rollouts, lift, and complete the regression pair.
+        Take a sample; lift, learn, and write the `horizon` (h, 3), SI, under a constant command.
 
-        The pair only if `learns`. Return whether there is one to learn.
+        Return the outcome. If it is PREDICTED, compare the state with earlier horizons, and store
+        the first `ahead` rows in `slot`.
         """
 
-    def predict(
-        self, theta: FloatArray, measured: Measured, horizon: FloatArray, ahead: int, slot: int,
-        withholds: bool,
-    ) -> int:  # fmt: skip
-        """
-        Write the `horizon` (h, 3), SI, under a constant command; return the outcome.
 
-        If it is PREDICTED, compare the state with earlier horizons, and store the first `ahead`
-        rows in `slot`. Only with `withholds` it is checked whether a vehicle can follow.
-        """
+class TickParts(NamedTuple):
+    """What the steps of a tick work on."""
+
+    model: KoopmanModel
+    memory: TickMemory
+    published: PublishedHorizonErrors
+    rollout: ModelRollout
+    online: OnlineMethod
 
 
 class StepwiseTick:
-    """The steps by single calls."""
+    """The steps by single calls; there are no monitored rollouts."""
 
-    def __init__(
-        self,
-        model: KoopmanModel,
-        memory: TickMemory,
-        published: PublishedHorizonErrors,
-        rollout: ModelRollout,
-    ) -> None:
-        self._model, self._memory, self._rollout = model, memory, rollout
-        self._published = published
+    def __init__(self, parts: TickParts) -> None:
+        self._parts = parts
         # A view: the present command, as commands ahead.
-        self._constant_command = memory.tick.u[None]
+        self._constant_command = parts.memory.tick.u[None]
 
-    def observe(
-        self, theta: FloatArray, seen: Observed, gains: FloatArray, usable: bool, learns: bool
-    ) -> bool:
-        """See `TickSteps`; there are no monitored rollouts."""
-        memory = self._memory
-        observe(seen.state, seen.predicted, seen.command, gains, memory.rows)
-        memory.features[:] = self._model.lifting(memory.tick.row)
-        return learns and bool(complete_pair(theta, seen.innovation, memory.rows))
-
-    def predict(
-        self, theta: FloatArray, measured: Measured, horizon: FloatArray, ahead: int, slot: int,
-        withholds: bool,
-    ) -> int:  # fmt: skip
+    def advance(self, given: TickInput, horizon: FloatArray, ahead: int, slot: int) -> int:
         """See `TickSteps`."""
-        memory, state = self._memory, measured.state
-        tick = memory.tick
-        pack_regressor(tick.x_past, memory.features, tick.u, self._model.affine, memory.phi)
-        rows = self._rollout.run(theta, self._constant_command, len(horizon), None)
+        model, memory, published, rollout, online = self._parts
+        tick, flags = memory.tick, given.flags
+        command = given.torque, given.delta
+        observe(given.state, given.predicted, command, given.gains, memory.rows)
+        memory.features[:] = model.lifting(tick.row)
+        completed = flags & LEARNS and complete_pair(online.theta, given.innovation, memory.rows)
+        if flags & IS_WARMING_UP:
+            return WARMING_UP
+        if completed:
+            online.update(memory.phi, memory.y)
+        pack_regressor(tick.x_past, memory.features, tick.u, model.affine, memory.phi)
+        rows = rollout.run(online.theta, self._constant_command, len(horizon), None)
         if rows is None:
             return NOT_FINITE
         horizon[:] = rows
-        if withholds and not is_drivable(state, horizon):
+        if flags & WITHHOLDS and not is_drivable(given.state, horizon):
             return NOT_DRIVABLE
         update_published_errors(
-            state, measured.is_usable, horizon[:ahead], slot, self._published.rows
+            given.state, bool(flags & IS_USABLE), horizon[:ahead], slot, published.rows
         )
         return PREDICTED
 
 
 class CompiledTick:
-    """The steps in two kernel calls."""
+    """The steps in two kernel calls around the online method."""
 
-    def __init__(
-        self, memory: TickMemory, published: PublishedHorizonErrors, monitor: RolloutMonitor
-    ) -> None:
-        self._monitor = monitor
+    def __init__(self, parts: TickParts, monitor: RolloutMonitor) -> None:
+        self._monitor, self._online = monitor, parts.online
+        self._memory = parts.memory
         # The tables keep their arrays alive, and these objects the tables.
-        self._kept = memory, published
-        self._memory_rows, self._published_rows = memory.rows, published.rows
+        self._kept = parts
+        self._rows = parts.memory.rows, monitor.rows, parts.published.rows
 
-    def observe(
-        self, theta: FloatArray, seen: Observed, gains: FloatArray, usable: bool, learns: bool
-    ) -> bool:
-        """See `TickSteps`."""
-        return bool(
-            observe_and_lift(
-                theta, *seen, gains, usable, learns, self._memory_rows, self._monitor.rows
-            )
-        )
-
-    def predict(
-        self, theta: FloatArray, measured: Measured, horizon: FloatArray, ahead: int, slot: int,
-        withholds: bool,
-    ) -> int:  # fmt: skip
+    def advance(self, given: TickInput, horizon: FloatArray, ahead: int, slot: int) -> int:
         """See `TickSteps`; also start a monitored rollout if one is due."""
-        start = self._monitor.next_slot() if measured.is_measured else -1
+        completed = observe_and_lift(self._online.theta, *given, *self._rows[:2])
+        if given.flags & IS_WARMING_UP:
+            return WARMING_UP
+        if completed:
+            self._online.update(self._memory.phi, self._memory.y)
+        return self._predict(given, horizon, ahead, slot, self._next_slot(given))
+
+    def _next_slot(self, given: TickInput) -> int:
+        return self._monitor.next_slot() if given.flags & IS_MEASURED else -1
+
+    def _predict(
+        self, given: TickInput, horizon: FloatArray, ahead: int, slot: int, monitor_slot: int
+    ) -> int:
         return int(
             predict_and_compare(
-                theta, measured.state, horizon, ahead, measured.is_usable, withholds, start, slot,
-                self._memory_rows, self._monitor.rows, self._published_rows,
+                self._online.theta, given.state, horizon, ahead, given.flags, monitor_slot, slot,
+                *self._rows,
             )
         )  # fmt: skip
+
+
+class FusedTick(CompiledTick):
+    """The steps with windowed least squares in one kernel call."""
+
+    def __init__(self, parts: TickParts, monitor: RolloutMonitor, online: WindowedRidge) -> None:
+        super().__init__(parts, monitor)
+        self._windowed = online
+
+    def advance(self, given: TickInput, horizon: FloatArray, ahead: int, slot: int) -> int:
+        """See `TickSteps`; also start a monitored rollout if one is due."""
+        monitor_slot = -1 if given.flags & IS_WARMING_UP else self._next_slot(given)
+        outcome = int(
+            fused_tick(
+                *given, horizon, ahead, monitor_slot, slot, self._windowed.rows, *self._rows
+
+            )
+        )  # fmt: skip
+        if outcome != NOT_SOLVED:
+            return outcome
+        self._windowed.start_again()
+        return self._predict(given, horizon, ahead, slot, monitor_slot)
+
+
+@fused_kernel
+def fused_tick(
+    state: FloatArray,
+    predicted: FloatArray,
+    innovation: FloatArray,
+    torque: float,
+    delta: float,
+    gains: FloatArray,
+    flags: int,
+    horizon: FloatArray,
+    ahead: int,
+    monitor_slot: int,
+    slot: int,
+    window_rows: IntArray,
+    memory_rows: IntArray,
+    monitor_rows: IntArray,
+    published_rows: IntArray,
+) -> int:
+    """Run `observe_and_lift`, `windowed_update` and `predict_and_compare`; return the outcome."""
+    theta, pair = window_arrays(window_rows).theta, memory_arrays(memory_rows).pair
+    completed = observe_and_lift(
+        theta, state, predicted, innovation, torque, delta, gains, flags, memory_rows, monitor_rows
+    )
+    if flags & IS_WARMING_UP:
+        return WARMING_UP
+    if completed and not windowed_update(pair.phi, pair.y, window_rows):
+        return NOT_SOLVED
+    return predict_and_compare(
+        theta, state, horizon, ahead, flags, monitor_slot, slot,
+        memory_rows, monitor_rows, published_rows,
+    )  # fmt: skip
 
 
 @fused_kernel
@@ -167,20 +215,24 @@ def observe_and_lift(
     state: FloatArray,
     predicted: FloatArray,
     innovation: FloatArray,
-    command: tuple[float, float],
+    torque: float,
+    delta: float,
     gains: FloatArray,
-    usable: bool,
-    learns: bool,
+    flags: int,
     memory_rows: IntArray,
     monitor_rows: IntArray,
 ) -> bool:
-    """Run the observer, advance the monitored rollouts, and lift; see `TickSteps.observe`."""
+    """
+    Run the observer, advance the monitored rollouts, lift, and complete the regression pair.
+
+    The pair only with LEARNS. Return whether there is one to learn.
+    """
     memory, monitor = memory_arrays(memory_rows), monitor_arrays(monitor_rows)
-    observe(state, predicted, command, gains, memory_rows)
-    tick, form = memory.tick, memory.form
+    observe(state, predicted, (torque, delta), gains, memory_rows)
+    tick, form, usable = memory.tick, memory.form, flags & IS_USABLE != 0
     update_rollouts(tick.measured, tick.u_previous, usable, form[2], form[0] != 0, monitor)
     perceptron(tick.row, monitor.encoder, monitor.scratch, memory.features)
-    return learns and complete_pair(theta, innovation, memory_rows)
+    return flags & LEARNS != 0 and complete_pair(theta, innovation, memory_rows)
 
 
 @fused_kernel
@@ -189,8 +241,7 @@ def predict_and_compare(
     state: FloatArray,
     horizon: FloatArray,
     ahead: int,
-    usable: bool,
-    withholds: bool,
+    flags: int,
     monitor_slot: int,
     slot: int,
     memory_rows: IntArray,
@@ -198,7 +249,7 @@ def predict_and_compare(
     published_rows: IntArray,
 ) -> int:
     """
-    Write the `horizon` (h, 3), SI, and compare `state` with earlier ones; see `TickSteps`.
+    Write the `horizon` (h, 3), SI, and compare `state` with earlier ones; return the outcome.
 
     A monitored rollout is started in `monitor_slot`, unless it is -1.
     """
@@ -232,20 +283,18 @@ def predict_and_compare(
     )
     if not finite:
         return NOT_FINITE
-    if withholds and not is_drivable(state, horizon):
+    if flags & WITHHOLDS and not is_drivable(state, horizon):
         return NOT_DRIVABLE
-    compare_horizons(state, usable, horizon[:ahead], slot, published_arrays(published_rows))
+    compare_horizons(
+        state, flags & IS_USABLE != 0, horizon[:ahead], slot, published_arrays(published_rows)
+    )
     return PREDICTED
 
 
-def make_tick_steps(
-    model: KoopmanModel,
-    memory: TickMemory,
-    published: PublishedHorizonErrors,
-    rollout: ModelRollout,
-    monitor: RolloutMonitor | None,
-) -> TickSteps:
+def make_tick_steps(parts: TickParts, monitor: RolloutMonitor | None) -> TickSteps:
     """Return compiled steps if there is a monitor, which has the compiled encoder."""
     if monitor is None:
-        return StepwiseTick(model, memory, published, rollout)
-    return CompiledTick(memory, published, monitor)
+        return StepwiseTick(parts)
+    if isinstance(parts.online, WindowedRidge):
+        return FusedTick(parts, monitor, parts.online)
+    return CompiledTick(parts, monitor)

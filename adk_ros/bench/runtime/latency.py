@@ -179,7 +179,7 @@ class _Stopwatch:
 def _stages(
     model: KoopmanModel, messages: list[Message], before: int, progress: Progress | None
 ) -> dict[str, dict[str, float]]:
-    names = ("decode", "align", "observe", "update", "horizon", "rest")
+    names = ("decode", "align", "model", "rest")
     watches = {name: _Stopwatch(name) for name in names}
     pipeline = Pipeline(model)
     decoder: Any = pipeline.decoder
@@ -189,9 +189,7 @@ def _stages(
     take = aligner.take
     # Samples are formed, and their readings judged, when they are asked for.
     aligner.take = watches["align"].wrap(lambda reading: list(take(reading)))
-    predictor._steps.observe = watches["observe"].wrap(predictor._steps.observe)
-    predictor.online.update = watches["update"].wrap(predictor.online.update)
-    predictor._steps.predict = watches["horizon"].wrap(predictor._steps.predict)
+    predictor._steps.advance = watches["model"].wrap(predictor._steps.advance)
     feed = endless(messages)
     rows = []
     for i in range(_WARM_UP_TICKS + _STAGE_TICKS):

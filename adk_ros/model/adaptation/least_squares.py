@@ -11,8 +11,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.array_table import floats_1, floats_2, integers_1
+from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.numba_cache import strict_kernel
 
 
@@ -20,17 +22,38 @@ class WindowArrays(NamedTuple):
     """
     State of windowed least squares with n regressors and m outputs, window of w pairs.
 
-    `theta0` (m, n): offline model; `phis` (w, n), `ys` (w, m): pairs in the window, a ring buffer;
-    `gram` (n, n), `cross` (n, m): their sums of products; `work` (n, n), `right` (n, m): scratch.
+    `theta` (m, n): the solution; `theta0` (m, n): offline model; `ridge` (1,); `n_pairs` (1,):
+    pairs so far; `phis` (w, n), `ys` (w, m): those in the window, a ring buffer; `gram` (n, n),
+    `cross` (n, m): their sums of products; `work` (n, n), `right` (n, m): scratch.
     """
 
+    theta: FloatArray
     theta0: FloatArray
+    ridge: FloatArray
+    n_pairs: NDArray[np.int64]
     phis: FloatArray
     ys: FloatArray
     gram: FloatArray
     cross: FloatArray
     work: FloatArray
     right: FloatArray
+
+
+@strict_kernel
+def window_arrays(rows: IntArray) -> WindowArrays:
+    """Return the structure that an `ArrayTable` of its fields passes to kernels."""
+    return WindowArrays(
+        floats_2(rows, 0),
+        floats_2(rows, 1),
+        floats_1(rows, 2),
+        integers_1(rows, 3),
+        floats_2(rows, 4),
+        floats_2(rows, 5),
+        floats_2(rows, 6),
+        floats_2(rows, 7),
+        floats_2(rows, 8),
+        floats_2(rows, 9),
+    )
 
 
 @strict_kernel
@@ -90,26 +113,20 @@ def rank_one(
 
 
 @strict_kernel
-def windowed_update(
-    phi: FloatArray,
-    y: FloatArray,
-    theta: FloatArray,
-    ridge: float,
-    slot: int,
-    full: bool,
-    *arrays: FloatArray,
-) -> bool:
+def windowed_update(phi: FloatArray, y: FloatArray, rows: IntArray) -> bool:
     """
     Replace the oldest pair of the window, or add one, and solve for theta.
 
     theta = argmin sum |y_i - theta phi_i|^2 + ridge |theta - theta0|^2 over the window. The window
-    stores y - theta0 phi, so that theta - theta0 is solved for. `slot`: row of the ring buffer to
-    write; `full`: it holds a pair to be removed; `arrays`: the fields of `WindowArrays`.
+    stores y - theta0 phi, so that theta - theta0 is solved for. `rows`: see `window_arrays`.
     Return False if there is no finite solution.
     """
-    window = WindowArrays(*arrays)
-    theta0, phis, ys = window.theta0, window.phis, window.ys
+    window = window_arrays(rows)
+    theta, theta0, phis, ys = window.theta, window.theta0, window.phis, window.ys
     work, right = window.work, window.right
+    size = phis.shape[0]
+    slot, full = window.n_pairs[0] % size, window.n_pairs[0] >= size
+    window.n_pairs[0] += 1
     n_out, n_phi = theta.shape
     if full:
         rank_one(window.gram, window.cross, phis[slot], ys[slot], -1.0)
@@ -122,7 +139,7 @@ def windowed_update(
     rank_one(window.gram, window.cross, phis[slot], ys[slot], 1.0)
     work[:] = window.gram
     for j in range(n_phi):
-        work[j, j] += ridge
+        work[j, j] += window.ridge[0]
     right[:] = window.cross
     if not cholesky_solve(work, right) > 0.0:
         return False

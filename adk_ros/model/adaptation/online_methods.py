@@ -17,6 +17,7 @@ import numpy as np
 
 from adk_ros.errors import UsageError
 from adk_ros.model.adaptation.least_squares import WindowArrays, rls_update, windowed_update
+from adk_ros.numerics.array_table import ArrayTable
 from adk_ros.numerics.arrays import FloatArray
 
 
@@ -194,9 +195,11 @@ class WindowedRidge:
 
     def __init__(self, theta0: FloatArray, settings: OnlineSettings) -> None:
         n_out, n_phi = theta0.shape
-        self._ridge = settings.ridge
         self._window = WindowArrays(
+            theta=np.zeros((n_out, n_phi)),
             theta0=np.ascontiguousarray(theta0, dtype=np.float64),
+            ridge=np.array([settings.ridge]),
+            n_pairs=np.zeros(1, dtype=np.int64),
             phis=np.zeros((settings.window, n_phi)),
             ys=np.zeros((settings.window, n_out)),
             gram=np.zeros((n_phi, n_phi)),
@@ -204,42 +207,46 @@ class WindowedRidge:
             work=np.zeros((n_phi, n_phi)),
             right=np.zeros((n_phi, n_out)),
         )
-        self._size = settings.window
+        self._table = ArrayTable(*self._window)
+        self.rows = self._table.rows
+        """All arrays, as a table for kernels."""
+        self.theta = self._window.theta
         self.failures = 0
         self.reset()
 
     def update(self, phi: FloatArray, y: FloatArray) -> None:
         """Slide the window by one pair and solve."""
-        count, size = self._count, self._size
-        solved = windowed_update(
-            phi, y, self.theta, self._ridge, count % size, count >= size, *self._window
-        )
-        self._count += 1
-        if not solved:
-            self.failures += 1
-            self.reset()
+        if not windowed_update(phi, y, self.rows):
+            self.start_again()
+
+    def start_again(self) -> None:
+        """Count a failure, and reset."""
+        self.failures += 1
+        self.reset()
 
     def reset(self) -> None:
         """Return to the offline model and an empty window."""
-        self.theta = self._window.theta0.copy()
-        self._window.gram[:] = 0.0
-        self._window.cross[:] = 0.0
-        self._count = 0
+        window = self._window
+        window.theta[:] = window.theta0
+        window.gram[:] = 0.0
+        window.cross[:] = 0.0
+        window.n_pairs[0] = 0
 
     def condition_number(self) -> float:
         """Return that of the Gram matrix with its ridge, which is factorised."""
         gram = self._window.gram
-        return _condition(gram + self._ridge * np.eye(gram.shape[0]))
+        return _condition(gram + self._window.ridge * np.eye(gram.shape[0]))
 
     def batch_solution(self) -> FloatArray:
         """Return theta (m, n) solved from the stored pairs at once, to check the recursion."""
-        rows = min(self._count, self._size)
-        phi, y = self._window.phis[:rows], self._window.ys[:rows]
+        window = self._window
+        pairs = min(int(window.n_pairs[0]), len(window.phis))
+        phi, y = window.phis[:pairs], window.ys[:pairs]
         n_phi = phi.shape[1]
-        stacked = np.vstack([phi, np.sqrt(self._ridge) * np.eye(n_phi)])
+        stacked = np.vstack([phi, np.sqrt(window.ridge[0]) * np.eye(n_phi)])
         target = np.vstack([y, np.zeros((n_phi, y.shape[1]))])
         solution: FloatArray = np.linalg.lstsq(stacked, target, rcond=None)[0]
-        return np.asarray(self._window.theta0 + solution.T)
+        return np.asarray(window.theta0 + solution.T)
 
 
 def _condition(matrix: FloatArray) -> float:

@@ -32,7 +32,7 @@ from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import TICK_NS, Sample, Source
 
-STAGES = {"decode", "align", "observe", "update", "horizon", "rest"}
+STAGES = {"decode", "align", "model", "rest"}
 
 
 @pytest.fixture(scope="module", autouse=True)
