@@ -58,7 +58,10 @@ def watch(
     from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
     from adk_ros.mismatch.report.result_files import SIMULATION_FILE
     from adk_ros.mismatch.watch.watched_model import watched_surrogate
+    from adk_ros.ros.unread_output import STDERR, STDOUT, discard_unread_output
 
+    for descriptor in (STDOUT, STDERR):
+        discard_unread_output(descriptor)
     if run and out is None:
         raise UsageError("--run analyses the evidence: name a folder for it with --out")
     if duration is not None and not duration > 0.0:

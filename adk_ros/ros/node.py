@@ -8,7 +8,8 @@ reason on standard error.
 
 A Python signal handler runs between two bytecodes of the main thread, which the compiler of the
 kernels may keep busy for seconds, and what it raises can be lost in a callback from C. So signals
-are blocked, and a thread waits for them.
+are blocked, and a thread waits for them. It needs Python's lock, so nothing that holds it may wait
+for a reader of the output.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import threading
 import time
 
 from adk_ros.errors import AdkError, UsageError, first_line
+from adk_ros.ros.unread_output import STDERR, STDOUT, discard_unread_output
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SPIN_S = 0.1
@@ -84,6 +86,7 @@ class Stop:
 def main(argv: list[str] | None = None) -> int:
     """Run the node until a signal; return the exit code."""
     stop = Stop()
+    discard_unread_output(STDERR)
     try:
         return _run(sys.argv if argv is None else argv, stop)
     except AdkError as error:
@@ -120,6 +123,7 @@ def _run(argv: list[str], stop: Stop) -> int:
                 f"argument '{unknown[0]}' is not understood: give parameters as "
                 "--ros-args -p NAME:=VALUE, topics as -r imu:=/TOPIC"
             )
+        discard_unread_output(STDOUT)
         _spin(stop)
     finally:
         try_shutdown()
