@@ -38,7 +38,8 @@ def detectable(
     :return: index (effect, parameter, minutes). `size`: difference from the simulation, NaN if no
         size is detectable, with `unit`; `limit`: the contribution that alone demands the largest
         effect; the size with each contribution alone: `sensor_noise`, `build_tolerance`,
-        `surrogate_error`, `materiality_threshold`.
+        `surrogate_error`, `materiality_threshold`. In `attrs`, lists of lines: `warnings`, what
+        looks wrong in the bags, and `extrinsics`, the poses of the IMU that they gave.
     :raises UsageError: an argument is invalid.
     :raises DataError: a bag is unusable.
     """
@@ -57,9 +58,11 @@ def detectable(
     simulated = read_sensor_log(simulation, reading, in_stage(progress, "reading the simulation"))
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
     values = None if noise is None else np.array(noise, dtype=np.float64)
+    logs = [simulated]
     if values is None and recording is not None:
         report = in_stage(progress, "reading the recording")
-        values = read_sensor_log(recording, reading, report).noise()
+        logs.append(read_sensor_log(recording, reading, report))
+        values = logs[1].noise()
     drive = planned_drive(simulated, nominal, values)
     report = in_stage(progress, "effects")
     found = detectable_sizes(
@@ -79,4 +82,6 @@ def detectable(
     )
     for name in ("sensor noise", "build tolerance", "surrogate error", "materiality threshold"):
         frame[name.replace(" ", "_")] = [x.alone.get(name, np.nan) for x in found]
+    frame.attrs["warnings"] = [line for log in logs for line in log.warnings]
+    frame.attrs["extrinsics"] = [log.extrinsics for log in logs if log.extrinsics]
     return frame

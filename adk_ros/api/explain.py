@@ -41,11 +41,13 @@ class MismatchExplanation:
 
     `result`: the full result with residuals, losses and models. `warnings`: what looks wrong in
     the bags, one line each. `provenance`: input files with hashes, command, version, date.
+    `extrinsics`: the pose of the IMU, in a line for each bag that gave it in `/tf_static`.
     """
 
     result: MismatchResult
     warnings: list[str]
     provenance: Provenance | None = None
+    extrinsics: Sequence[str] = ()
 
     @property
     def verdict(self) -> str:
@@ -216,15 +218,19 @@ def explain(
     )
     simulated, recorded, nominal = inputs
     others = _read_held_out([Path(path) for path in held_out], recordings, options, progress)
-    warnings = [line for log in (*recorded, *others) for line in log.warnings]
+    logs = [*recorded, *others]
     if isinstance(simulated, SensorLog):
-        warnings += simulated.warnings
+        logs.append(simulated)
+    warnings = [line for log in logs for line in log.warnings]
+    extrinsics = [log.extrinsics for log in logs if log.extrinsics]
 
     def comparing(done: float, total: float, detail: str) -> None:
         in_stage(progress, "comparing")(done, total, detail)
 
     explanation = MismatchExplanation(
-        identify_mismatch(simulated, recorded, nominal, comparing, others, ask), warnings
+        identify_mismatch(simulated, recorded, nominal, comparing, others, ask),
+        warnings,
+        extrinsics=extrinsics,
     )
     sources = [("simulation", simulation), *(("recording", bag) for bag in recordings)]
     sources += [("held-out recording", Path(path)) for path in held_out]

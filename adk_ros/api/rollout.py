@@ -41,13 +41,15 @@ class RolloutResult:
 
     `starts_s` (n,): start times, s from the bag's first message. `predicted` (n, steps, 3): states
     in SI units; entry j is (j + 1) * 25 ms after its start. `name`: name of the recording.
-    `warnings`: what looks wrong in the recording.
+    `warnings`: what looks wrong in the recording. `extrinsics`: the pose of the IMU, in a line, if
+    the recording gave it in `/tf_static`.
     """
 
     name: str
     starts_s: FloatArray
     predicted: FloatArray
     warnings: list[str]
+    extrinsics: str
     _read: Callable[[], BagRecording]
 
     @property
@@ -184,7 +186,8 @@ def rollout(
     warnings = read.warnings
     if isinstance(model, TrainedModel):
         warnings += missing_imu_warning(read, model)
-    return RolloutResult(read.name, starts_s, predicted, warnings, lambda: read)
+    extrinsics = read.content.extrinsics
+    return RolloutResult(read.name, starts_s, predicted, warnings, extrinsics, lambda: read)
 
 
 def _surrogate_rollout(
@@ -204,11 +207,12 @@ def _surrogate_rollout(
     else:
         path, options = Path(recording), options or RecordingOptions()
     report = in_stage(progress, f"reading {path.name}")
-    starts_s, predicted = rollout_surrogate(model, path, options, steps, stride_s, report)
+    starts_s, predicted, log = rollout_surrogate(model, path, options, steps, stride_s, report)
 
     def measured() -> BagRecording:
         if isinstance(recording, BagRecording):
             return recording
         return read_recording(path, options)
 
-    return RolloutResult(path.name, starts_s, predicted, [], measured)
+    warnings = list(log.warnings)
+    return RolloutResult(path.name, starts_s, predicted, warnings, log.extrinsics, measured)

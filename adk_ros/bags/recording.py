@@ -26,6 +26,7 @@ from adk_ros.signals.extrinsics import (
     MSGTYPE,
     TOPIC,
     StaticTransforms,
+    extrinsics_text,
     frame_of,
     wants_extrinsics,
     with_extrinsics,
@@ -64,7 +65,8 @@ class Recording:
 
     `start_ns`: log time of the bag's first message. `sensors`: the configuration that its
     messages were decoded with. `commands`: the command readings at their
-    own rate; the record holds only the command in force at each tick.
+    own rate; the record holds only the command in force at each tick. `extrinsics`: the pose of
+    the IMU, in a line, if the bag gave it in `/tf_static`.
     """
 
     record: Record
@@ -73,6 +75,7 @@ class Recording:
     start_ns: int
     commands: list[Reading]
     sensors: SensorConfig
+    extrinsics: str = ""
 
 
 def choose_topics(bag: Bag, options: RecordingOptions) -> Topics:
@@ -118,8 +121,9 @@ class RecordingReader:
     One pass over the decoded readings of an open bag.
 
     `topics` are the chosen topics, `sensors` the configuration with the pose of the IMU, if the
-    bag has it in `/tf_static`. Messages that the decoder refuses are skipped and counted;
-    `refusals()` and `warnings()` are complete once the pass is.
+    bag has it in `/tf_static`; `extrinsics` says so in a line, else it is empty. Messages that
+    the decoder refuses are skipped and counted; `refusals()` and `warnings()` are complete once
+    the pass is.
 
     :raises UsageError, DataError: as `choose_topics`.
     """
@@ -128,8 +132,11 @@ class RecordingReader:
         self, bag: Bag, options: RecordingOptions, progress: Progress | None = None
     ) -> None:
         self.topics = choose_topics(bag, options)
-        self.sensors = _with_extrinsics(bag, self.topics, options.sensors)
         self._bag = bag
+        self._tf_warnings: list[str] = []
+        self.sensors = self._with_extrinsics(options.sensors)
+        known = self.sensors != options.sensors
+        self.extrinsics = f"{bag.path.name}: {extrinsics_text(self.sensors)}" if known else ""
         self._decoder = Decoder(self.sensors)
         self._progress = progress
         self._checked: Counter[Source] = Counter()
@@ -164,8 +171,33 @@ class RecordingReader:
         ]
 
     def warnings(self) -> list[str]:
-        """Return the bag's warnings, then the refusals prefixed with the bag's name."""
-        return self._bag.warnings + [f"{self._bag.path.name}: {x}" for x in self.refusals()]
+        """Return the bag's warnings, then others prefixed with the bag's name."""
+        others = self._tf_warnings + self.refusals()
+        return self._bag.warnings + [f"{self._bag.path.name}: {x}" for x in others]
+
+    def _with_extrinsics(self, sensors: SensorConfig) -> SensorConfig:
+        """Return a configuration with the pose of the IMU that the bag's `/tf_static` gives."""
+        bag, topics = self._bag, self.topics
+        published = {info.name for info in bag.topics if info.msgtype == MSGTYPE}
+        parts = topics.odometry.split("/")[:-1]
+        # Of several cars, the transforms in the namespace of this one.
+        nearest = ("/".join(parts[:n]) + TOPIC for n in range(len(parts), 0, -1))
+        names = [name for name in nearest if name in published][:1]
+        if not names or topics.imu is None or not wants_extrinsics(sensors):
+            return sensors
+        transforms = StaticTransforms()
+        try:
+            for _, _, msg in bag.messages(names):
+                transforms.add(msg)
+        except DataError as error:
+            reason = str(error).removeprefix(f"bag {bag.path}: ")
+            self._tf_warnings.append(
+                f"the pose of the IMU is not read ({reason}), and taken to be that of odometry's "
+                "child frame: set imu_position and imu_rotation, or use_tf: false if it is right"
+            )
+            return sensors
+        vehicle, imu = (_first_frame(bag, topic) for topic in (topics.odometry, topics.imu))
+        return with_extrinsics(sensors, transforms, vehicle, imu)
 
 
 def read_recording(
@@ -194,26 +226,9 @@ def read_recording(
     details = [f"{count} times {event}" for event, count in counts.items()]
     details += plausibility.warnings() + reader.message_warnings()
     warnings += [f"{name}: {text}" for text in details]
-    return Recording(record, reader.topics, warnings, start_ns, commands, reader.sensors)
-
-
-def _with_extrinsics(bag: Bag, topics: Topics, sensors: SensorConfig) -> SensorConfig:
-    """Return a configuration with the pose of the IMU that the bag's `/tf_static` gives."""
-    published = {info.name for info in bag.topics if info.msgtype == MSGTYPE}
-    parts = topics.odometry.split("/")[:-1]
-    # Of several cars, the transforms in the namespace of this one.
-    nearest = ("/".join(parts[:n]) + TOPIC for n in range(len(parts), 0, -1))
-    names = [name for name in nearest if name in published][:1]
-    if not names or topics.imu is None or not wants_extrinsics(sensors):
-        return sensors
-    transforms = StaticTransforms()
-    try:
-        for _, _, msg in bag.messages(names):
-            transforms.add(msg)
-    except DataError:  # The bag does not define the type.
-        return sensors
-    vehicle, imu = (_first_frame(bag, topic) for topic in (topics.odometry, topics.imu))
-    return with_extrinsics(sensors, transforms, vehicle, imu)
+    return Recording(
+        record, reader.topics, warnings, start_ns, commands, reader.sensors, reader.extrinsics
+    )
 
 
 def _first_frame(bag: Bag, topic: str) -> str:

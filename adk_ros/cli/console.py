@@ -55,6 +55,13 @@ def warn(text: str) -> None:
     errors.print(f"warning: {text}", style="yellow", markup=False)
 
 
+def note_all(texts: Iterable[str]) -> None:
+    """Print each text that is not empty as a line on stderr."""
+    for text in texts:
+        if text:
+            note(text)
+
+
 def warn_all(texts: Iterable[str]) -> None:
     """Print a warning for each text."""
     for text in texts:

@@ -80,6 +80,8 @@ def detectable(
             options=options,
             progress=progress,
         )
+    console.note_all(frame.attrs["extrinsics"])
+    console.warn_all(frame.attrs["warnings"])
     if out is not None:
         frame.to_csv(out)
     if as_json:

@@ -106,6 +106,7 @@ def mismatch(
     except Terminated:
         console.note("adk: terminated")
         raise typer.Exit(TERMINATED) from None
+    console.note_all(result.extrinsics)
     console.warn_all(result.warnings)
     if as_json:
         console.print_json(result.as_dict())

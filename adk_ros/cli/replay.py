@@ -76,7 +76,6 @@ def replay(
     """
     from adk_ros.api.model import load_model
     from adk_ros.api.replay import replay as run
-    from adk_ros.signals.extrinsics import extrinsics_text
 
     trained = load_model(model)
     options = read_options(imu, odometry, command, no_imu, params, trained.sensors)
@@ -94,8 +93,7 @@ def replay(
             force=force,
             progress=progress,
         )
-    if result.recording.options.sensors != options.sensors:
-        console.note(extrinsics_text(result.recording.options.sensors))
+    console.note_all([result.recording.content.extrinsics])
     console.warn_all(result.warnings)
     if as_json:
         console.print_json(result.as_dict())

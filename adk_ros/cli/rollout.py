@@ -67,6 +67,7 @@ def rollout(
             options=options,
             progress=progress,
         )
+    console.note_all([result.extrinsics])
     console.warn_all(result.warnings)
     result.write_csv(out, force)
     if as_json:

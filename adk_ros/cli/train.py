@@ -158,7 +158,6 @@ def train(
 def read_recordings(bags: list[Path], options: RecordingOptions) -> list[BagRecording]:
     """Read the bags; print the topics that were chosen and the warnings of each."""
     from adk_ros.api.recording import read_recording
-    from adk_ros.signals.extrinsics import extrinsics_text
 
     recordings = []
     for path in bags:
@@ -169,8 +168,7 @@ def read_recordings(bags: list[Path], options: RecordingOptions) -> list[BagReco
             f"{path}: imu {topics.imu or 'none (yaw rate from odometry)'}, odometry "
             f"{topics.odometry}, command {topics.command}; {recording.duration_s:.1f} s"
         )
-        if recording.options.sensors != options.sensors:
-            console.note(f"{path}: {extrinsics_text(recording.options.sensors)}")
+        console.note_all([recording.content.extrinsics])
         console.warn_all(recording.warnings)
         recordings.append(recording)
     if any(x.options.sensors != recordings[0].options.sensors for x in recordings):

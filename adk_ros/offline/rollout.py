@@ -26,6 +26,7 @@ from adk_ros.mismatch.deployment.open_loop import (
 )
 from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
+from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.model.evaluation import sample_at
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.predictor import Predictor
@@ -119,9 +120,11 @@ def rollout_surrogate(
     steps: int,
     stride_s: float,
     progress: Progress | None = None,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, SensorLog]:
     """
     Return start times and predictions as `rollout` does, by a surrogate of `adk mismatch`.
+
+    The third is the recording as the surrogate reads it.
 
     :raises UsageError: the file or the bag cannot be read.
     :raises DataError: the bag lacks a stream, or there is no start.
@@ -129,7 +132,8 @@ def rollout_surrogate(
     surrogate = load_surrogate(model)
     recording = read_sensor_log(bag, options, progress, needs_imu=False)
     starts = start_times_of(recording, steps, stride_s, FIRST_START_S)
-    return starts, OpenLoopPredictor(surrogate.content, recording).predict(starts, steps)
+    predicted = OpenLoopPredictor(surrogate.content, recording).predict(starts, steps)
+    return starts, predicted, recording
 
 
 def start_rows(record: Record, since_s: FloatArray, steps: int, stride_s: float) -> IntArray:

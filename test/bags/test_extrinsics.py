@@ -10,16 +10,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.mismatch_report import drag
 from helpers.node import readings
 from scipy.spatial.transform import Rotation
 
 from adk_ros.api.recording import read_recording
-from adk_ros.bags import BagWriter, message
+from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.bags.recording import RecordingOptions
+from adk_ros.cli.main import main
+from adk_ros.errors import DataError
+from adk_ros.mismatch import analysis, planned_drive
+from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
+from adk_ros.mismatch.inference import detectable_sizes
+from adk_ros.mismatch.library.surrogate_parameters import default_parameters
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.signals.channels import Source
 from adk_ros.signals.decode import SensorConfig
 
+NOTE = "turned: IMU at (0, 0) m, rotated by (180, 0, 90)° (roll, pitch, yaw): /tf_static"
 ROLL_YAW = (math.pi, 0.0, math.pi / 2)
 KINDS = {
     Source.IMU: ("/imu/data", "sensor_msgs/msg/Imu"),
@@ -114,3 +122,77 @@ def test_parameters_override_what_the_bag_says(sensors: SensorConfig, tmp_path: 
     path = write(tmp_path / "turned", is_turned=True, tf="/tf_static")
     read = read_recording(path, RecordingOptions(sensors=sensors))
     assert read.options.sensors == sensors
+
+
+@pytest.fixture
+def turned(tmp_path: Path) -> Path:
+    return write(tmp_path / "turned", is_turned=True, tf="/tf_static")
+
+
+def test_the_pose_is_stated_only_where_the_bag_gives_it(straight: Path, turned: Path) -> None:
+    assert read_recording(turned).content.extrinsics == NOTE
+    log = read_sensor_log(turned)
+    assert log.extrinsics == log.between(1.0, 2.0).extrinsics == NOTE
+    ignored = RecordingOptions(sensors=SensorConfig(use_tf=False))
+    assert read_sensor_log(turned, ignored).extrinsics == ""
+    assert read_sensor_log(straight).extrinsics == read_recording(straight).content.extrinsics
+    assert read_sensor_log(straight).extrinsics == ""
+
+
+@pytest.mark.parametrize("kind", ["vehicle", "surrogate"])
+def test_rollout_states_the_pose(
+    turned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    model = "imdv"
+    if kind == "surrogate":
+        model = str(tmp_path / "simulation.yaml")
+        Path(model).write_text(surrogate_yaml(default_parameters()))
+    out = str(tmp_path / "rollouts.csv")
+    given = ["--model", model, "--bag", str(turned), "--horizon", "0.5", "--out", out]
+    assert main(["rollout", *given]) == 0
+    assert NOTE in capsys.readouterr().err.splitlines()
+
+
+def test_mismatch_states_the_pose_of_each_bag(
+    straight: Path,
+    turned: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(analysis, "identify_mismatch", lambda *_: drag())
+    given = ["--simulation", str(turned), "--recording", str(straight)]
+    assert main(["mismatch", *given, "--out", str(tmp_path / "report"), "--json"]) == 0
+    assert capsys.readouterr().err.splitlines().count(NOTE) == 1
+
+
+def test_detectable_states_the_pose(
+    turned: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(planned_drive, "planned_drive", lambda *_: None)
+    monkeypatch.setattr(detectable_sizes, "detectable_sizes", lambda *_, **__: [])
+    assert main(["detectable", "--simulation", str(turned), "--json"]) == 0
+    assert NOTE in capsys.readouterr().err.splitlines()
+
+
+def test_unreadable_transforms_are_a_warning(
+    turned: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of_bag = Bag.messages
+
+    def messages(bag: Bag, topics: Any = None) -> Any:
+        if topics == ["/tf_static"]:
+            raise DataError(f"bag {bag.path}: /tf_static is encoded as 'json', not CDR")
+        return of_bag(bag, topics)
+
+    monkeypatch.setattr(Bag, "messages", messages)
+    expected = (
+        "turned: the pose of the IMU is not read (/tf_static is encoded as 'json', not CDR), and "
+        "taken to be that of odometry's child frame: set imu_position and imu_rotation, or "
+        "use_tf: false if it is right"
+    )
+    assert read_recording(turned).warnings[0] == expected
+    assert read_sensor_log(turned).warnings == (expected,)
+    assert read_sensor_log(turned).extrinsics == ""
+    ignored = RecordingOptions(sensors=SensorConfig(use_tf=False))
+    assert expected not in read_recording(turned, ignored).warnings

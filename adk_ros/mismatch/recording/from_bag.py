@@ -90,6 +90,7 @@ def read_sensor_log(
         start_ns=start_ns,
         torque_is_inferred=COMMAND_TYPES[options.sensors.command_type].inferred_torque,
         warnings=warnings,
+        extrinsics=reader.extrinsics,
     )
 
 

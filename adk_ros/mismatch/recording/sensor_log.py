@@ -48,6 +48,8 @@ class SensorLog:
     """Whether the torque is computed from a requested acceleration, not commanded."""
     warnings: tuple[str, ...] = ()
     """Lost and refused messages of the bag, one line each."""
+    extrinsics: str = ""
+    """The pose of the IMU, in a line, if the bag gave it in `/tf_static`."""
 
     @property
     def odometry_period_s(self) -> float:
@@ -80,4 +82,5 @@ class SensorLog:
             self.start_ns,
             self.torque_is_inferred,
             self.warnings,
+            self.extrinsics,
         )
