@@ -26,8 +26,8 @@ from adk_ros.ros.unread_output import STDERR, STDOUT, discard_unread_output
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SPIN_S = 0.1
-"""s after which the loops check for a signal or its consequence: far below `_GRACE_S`."""
-_GRACE_S = 1.5
+"""s after which the loops check for a signal or its consequence: far below `GRACE_S`."""
+GRACE_S = 1.5
 """s that the end may take after a signal: launch files and service managers expect two."""
 _USAGE = """\
 usage: predictor --ros-args -p model:=FOLDER [-p NAME:=VALUE ...] [-r imu:=/TOPIC ...]
@@ -44,7 +44,7 @@ class Stop:
     Waits for SIGINT and SIGTERM from construction to `close`; more of them have no effect.
 
     While `starting`, a signal ends the process at once, since no loop checks for it yet; nothing
-    is half-written then. Later it sets `requested`, and the process has `_GRACE_S` to end.
+    is half-written then. Later it sets `requested`, and the process has `GRACE_S` to end.
     """
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ class Stop:
         if self.starting:
             os._exit(0)
         self.requested = True
-        self._ends_s = min(self._ends_s, time.monotonic() + _GRACE_S)
+        self._ends_s = min(self._ends_s, time.monotonic() + GRACE_S)
 
     def _wait(self) -> None:
         while not self._closed:

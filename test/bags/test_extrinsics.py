@@ -4,17 +4,21 @@
 
 from __future__ import annotations
 
+import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers.mismatch_report import drag
-from helpers.node import readings
+from helpers.node import readings, write_model
 from scipy.spatial.transform import Rotation
 
-from adk_ros.api.recording import read_recording
+from adk_ros.api.model import load_model
+from adk_ros.api.recording import read_recording, recording_options
+from adk_ros.api.rollout import rollout
 from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.cli.main import main
@@ -24,6 +28,7 @@ from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
 from adk_ros.mismatch.inference import detectable_sizes
 from adk_ros.mismatch.library.surrogate_parameters import default_parameters
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
+from adk_ros.ros.parameter_settings import differences_from_training
 from adk_ros.signals.channels import Source
 from adk_ros.signals.decode import SensorConfig
 
@@ -196,3 +201,27 @@ def test_unreadable_transforms_are_a_warning(
     assert read_sensor_log(turned).extrinsics == ""
     ignored = RecordingOptions(sensors=SensorConfig(use_tf=False))
     assert expected not in read_recording(turned, ignored).warnings
+
+
+def test_a_model_from_before_use_tf_is_used_without_transforms(
+    turned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_model(tmp_path / "model")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    sensors = asdict(SensorConfig())
+    del sensors["use_tf"]
+    manifest["training"]["sensors"] = sensors
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    model = load_model(folder)
+    options = recording_options(stored_sensors=model.sensors)
+    assert options.sensors == SensorConfig(use_tf=False)
+    assert differences_from_training(SensorConfig(), model.facts) == []
+    made = rollout(turned, model, horizon_s=0.5)
+    without = RecordingOptions(sensors=SensorConfig(use_tf=False))
+    expected = rollout(turned, model, horizon_s=0.5, options=without)
+    np.testing.assert_array_equal(made.predicted, expected.predicted)
+    assert made.extrinsics == ""
+    out = str(tmp_path / "r.csv")
+    given = ["--model", str(folder), "--bag", str(turned), "--horizon", "0.5", "--out", out]
+    assert main(["rollout", *given]) == 0
+    assert NOTE not in capsys.readouterr().err
