@@ -35,6 +35,7 @@ from adk_ros.mismatch.inference.segments import (
 )
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
+    MIN_FURTHER_GAIN_PER_SURROGATE_ERROR,
     MIN_GAIN,
     MIN_GAIN_PER_EXCESS,
     MIN_GAIN_PER_NULL_EXCESS,
@@ -124,9 +125,16 @@ def is_improvement(h: Hypothesis, before: Hypothesis, path: SelectionPath) -> bo
 
 
 def min_required_gain(before: Hypothesis, path: SelectionPath) -> float:
-    """Return the penalised gain that a further effect must bring."""
+    """
+    Return the penalised gain that a further effect must bring.
+
+    Effects whose loss is within the expected one leave nothing to explain: what a further effect
+    gains there is rather the surrogate's error.
+    """
     excess = max(before.loss - path.expected_loss, 0.0)
-    least = max(MIN_GAIN, MIN_GAIN_PER_SURROGATE_ERROR * path.surrogate_error_dof)
+    explained = bool(before.effects) and excess == 0.0
+    share = MIN_FURTHER_GAIN_PER_SURROGATE_ERROR if explained else MIN_GAIN_PER_SURROGATE_ERROR
+    least = max(MIN_GAIN, share * path.surrogate_error_dof)
     return max(
         least, MIN_GAIN_PER_EXCESS * excess, MIN_GAIN_PER_NULL_EXCESS * path.null_excess_loss
     )

@@ -86,6 +86,11 @@ MIN_GAIN_PER_SURROGATE_ERROR = 0.12
 Least gain, as a share of the surrogate error: that error repeats every lap, whitening takes it for
 new noise, and any effect may resemble part of it. Calibrated.
 """
+MIN_FURTHER_GAIN_PER_SURROGATE_ERROR = 0.5
+"""
+The same for a further effect where those before it explain the recording. By choice: of `adk bench
+concealed --own --seed 4`, absent second effects gain up to 0.2, present ones more than 1.
+"""
 
 ONSET_MIN_GAIN_RATIO = 1.1
 """An effect from an onset on must gain this many times what it gains throughout. By choice."""

@@ -232,6 +232,11 @@ class WindowedRidge:
         window.cross[:] = 0.0
         window.n_pairs[0] = 0
 
+    @property
+    def n_pairs(self) -> int:
+        """Number of pairs learned since the last reset."""
+        return int(self._window.n_pairs[0])
+
     def condition_number(self) -> float:
         """Return that of the Gram matrix with its ridge, which is factorised."""
         gram = self._window.gram
@@ -240,7 +245,7 @@ class WindowedRidge:
     def batch_solution(self) -> FloatArray:
         """Return theta (m, n) solved from the stored pairs at once, to check the recursion."""
         window = self._window
-        pairs = min(int(window.n_pairs[0]), len(window.phis))
+        pairs = min(self.n_pairs, len(window.phis))
         phi, y = window.phis[:pairs], window.ys[:pairs]
         n_phi = phi.shape[1]
         stacked = np.vstack([phi, np.sqrt(window.ridge[0]) * np.eye(n_phi)])
