@@ -22,7 +22,10 @@ def test_the_fused_tick_equals_the_compiled_one(fails: bool) -> None:
     fused, compiled = predictor(), predictor()
     assert isinstance(fused._steps, FusedTick)
     assert compiled.rollout_monitor is not None
-    compiled._steps = CompiledTick(compiled._steps._kept, compiled.rollout_monitor)  # type: ignore[attr-defined]
+    compiled._steps = CompiledTick(
+        compiled._steps._kept,  # type: ignore[attr-defined]
+        compiled.rollout_monitor,
+    )
     for k, item in enumerate(slalom(60)):
         if fails and k == 30:
             for one in (fused, compiled):

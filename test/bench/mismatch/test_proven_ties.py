@@ -59,10 +59,10 @@ def test_a_proven_tie_costs_nothing() -> None:
 
 @pytest.mark.slow(seconds=15)
 def test_torque_gain_and_wheel_radius_are_tied_and_steering_is_not(tmp_path: Path) -> None:
-    gain = case("drive_torque_gain", scale=0.9)
+    gain = case("drive_torque_gain", scale=0.97)
     exact = make_case(
         "exact",
-        InjectedMismatch({"drive_torque_gain": {"scale": 0.9}}),
+        InjectedMismatch({"drive_torque_gain": {"scale": 0.97}}),
         5,
         seconds=(60.0, 90.0, 30.0),
         noise=0.0,

@@ -84,7 +84,7 @@ def test_the_linear_response_equals_a_run(equation: str, frequency: float) -> No
         linearised.column(ActiveEffect(effect, (size,), Activation(weight=wave)))
     )
     found = size * response.column(equation, wave)
-    assert np.corrcoef(found, exact)[0, 1] > 0.95
+    assert np.corrcoef(found, exact)[0, 1] > 0.9
     assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(exact), rel=0.15)
 
 
