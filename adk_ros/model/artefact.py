@@ -32,6 +32,7 @@ from adk_ros.model.signature import SIGNATURE_ENDING
 from adk_ros.model.stored_model import (
     ARRAYS,
     ENCODER,
+    MOTION_LIMITS,
     SCALING_ARRAYS,
     content_hash,
     pack_arrays,
@@ -141,6 +142,7 @@ def load(folder: Path, public_keys: Path | None = None) -> Artefact:
         observer_gains=ObserverGains(**{n: arrays[n] for n in ObserverGains.names()}),
         horizon_covariance=arrays["horizon_covariance"],
         held_input_covariance=arrays["held_covariance"],
+        motion_limits=arrays[MOTION_LIMITS],
         mean_square_change=arrays["usual_change"],
         uses_imu=manifest["uses_imu"],
         online=OnlineSettings(**manifest["online"]),

@@ -8,6 +8,7 @@ import numpy as np
 
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.uncertainty.compiled_rollout import StepForm
+from adk_ros.model.uncertainty.motion_limits import step_bounds
 from adk_ros.model.uncertainty.rollout_monitor import RolloutMonitor
 from adk_ros.numerics.arrays import FloatArray
 
@@ -60,6 +61,7 @@ def make_rollout_monitor(model: KoopmanModel) -> RolloutMonitor | None:
         residual=model.residual,
         step_scale=model.scaling.step_scale,
         gains=model.observer_gains.table(),
+        bounds=step_bounds(model.motion_limits, model.scaling),
     )
     return RolloutMonitor(encoder, form, errors, PRIOR_ROLLOUTS)
 

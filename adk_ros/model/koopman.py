@@ -27,7 +27,8 @@ class KoopmanModel:
 
     By horizon step, SI, on validation data: `horizon_covariance` (steps, 3, 3), error covariance
     under known commands; `held_input_covariance` (steps, 3, 3), under constant commands;
-    `mean_square_change` (steps, 3) of the state. Each is empty if unknown.
+    `mean_square_change` (steps, 3) of the state. `motion_limits` (4,): see there. Each is empty if
+    unknown.
     """
 
     lifting: Lifting
@@ -43,6 +44,7 @@ class KoopmanModel:
     uses_imu: bool
     online: OnlineSettings = field(default_factory=OnlineSettings)
     held_input_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    motion_limits: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def n_z(self) -> int:

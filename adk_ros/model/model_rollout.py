@@ -21,6 +21,7 @@ from adk_ros.model.uncertainty.compiled_rollout import (
     to_si,
 )
 from adk_ros.model.uncertainty.error_regression import N_REGRESSORS
+from adk_ros.model.uncertainty.motion_limits import limit_step, step_bounds
 from adk_ros.model.uncertainty.rollout_monitor import RolloutMonitor
 from adk_ros.numerics.arrays import FloatArray
 
@@ -53,8 +54,9 @@ class ModelRollout:
         self._present_disturbance = disturbance[None]
         self._gains = gains
         encoder = model.lifting.compiled
+        self._bounds = step_bounds(model.motion_limits, model.scaling)
         self._step_arrays = (
-            None if encoder is None else (model.scaling.step_scale, gains, *encoder)
+            None if encoder is None else (model.scaling.step_scale, gains, self._bounds, *encoder)
         )
 
     def run(
@@ -109,6 +111,7 @@ class ModelRollout:
             change = (theta[:3] @ phi + disturbance.sum(axis=0)) * model.scaling.step_scale
             disturbance *= self._gains[[2, 4]]
             new = change + x_past[0] if model.residual else change
+            limit_step(tuple(x_past[0].tolist()), new, self._bounds)
             new = np.clip(new, -MAX_SCALED_STATE, MAX_SCALED_STATE)
             shift_in(x_past, new)
             shift_in(u_past, u)

@@ -18,6 +18,7 @@ from adk_ros.model.estimation.observer_gains import ObserverGains
 from adk_ros.model.lifting.program_archive import MAX_PROGRAM_BYTES
 from adk_ros.model.lifting.program_grammar import check_program
 from adk_ros.model.manifest import MANIFEST, read_manifest
+from adk_ros.model.uncertainty.motion_limits import N_LIMITS
 from adk_ros.numerics.arrays import FloatArray
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ _ARRAYS = (
     "usual_change",
     *ObserverGains.names(),
 )
+MOTION_LIMITS = "motion_limits"
+"""Array that models of the first releases lack: they predict without limits."""
 _MAX_ARRAYS_BYTES = 64 << 20
 """Bytes of arrays.npz, packed and unpacked: that of the default model has 60 kB."""
 
@@ -80,6 +83,11 @@ def read_arrays(folder: Path, manifest: dict[str, Any]) -> dict[str, FloatArray]
             raise ValueError(f"it unpacks to {unpacked >> 20} MiB")
         with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
             arrays = {name: _real(name, stored[name]) for name in _ARRAYS}
+            arrays[MOTION_LIMITS] = (
+                _real(MOTION_LIMITS, stored[MOTION_LIMITS])
+                if MOTION_LIMITS in stored
+                else np.zeros(0)
+            )
     except Exception as error:
         # The zip and npy readers raise a dozen types, MemoryError and TokenError included.
         raise UsageError(f"{folder / ARRAYS} is not readable ({error}): train again") from None
@@ -102,6 +110,7 @@ def pack_arrays(model: KoopmanModel) -> bytes:
         "horizon_covariance": model.horizon_covariance,
         "held_covariance": model.held_input_covariance,
         "usual_change": model.mean_square_change,
+        MOTION_LIMITS: model.motion_limits,
     }
     arrays |= {name: getattr(model.observer_gains, name) for name in ObserverGains.names()}
     buffer = io.BytesIO()
@@ -157,6 +166,11 @@ def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine:
     ):
         if arrays[name].shape not in {shape, (0, *shape[1:])}:
             raise UsageError(f"{folder / ARRAYS}: {name} has shape {arrays[name].shape}")
+    limits = arrays[MOTION_LIMITS]
+    if limits.shape not in {(0,), (N_LIMITS,)} or not (limits > 0.0).all():
+        raise UsageError(
+            f"{folder / ARRAYS}: {MOTION_LIMITS} is not {N_LIMITS} positive numbers: train again"
+        )
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise UsageError(f"{folder / ARRAYS}: {name} contains values that are not finite")

@@ -270,6 +270,7 @@ def predict_and_compare(
         horizon,
         memory.pair.step_scale,
         memory.pair.gains,
+        monitor.bounds,
         monitor.encoder,
     )
     finite = to_si(

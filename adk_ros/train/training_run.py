@@ -12,6 +12,7 @@ from typing import Any
 from adk_ros.errors import DataError
 from adk_ros.model import artefact
 from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.uncertainty.motion_limits import motion_limits
 from adk_ros.signals.channels import Record
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.train.assemble import assemble
@@ -102,7 +103,8 @@ def run_training(
         trained = fit(train, validation, settings, on_step, checkpoint)
         joined = sequences(train, settings.history, 2, "training")
         built = assemble(trained, joined, uses_imu)
-        model = select_hyperparameters(built.model, split, note, built.refitted)
+        limited = replace(built.model, motion_limits=motion_limits(split.of(TRAIN)))
+        model = select_hyperparameters(limited, split, note, built.refitted)
 
     def scoring(done: int, total: int) -> None:
         if note is not None:

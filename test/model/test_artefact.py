@@ -156,6 +156,7 @@ def test_model_of_the_last_release_loads(folder: Path) -> None:
     for name, array in stored.items():
         np.testing.assert_array_equal(fields[name], array, err_msg=name)
     assert asdict(model.online) == online
+    assert model.motion_limits.shape == (0,), "a model of that release has no limits"
     assert len(predictions(model)) > 100
 
 
@@ -376,6 +377,9 @@ READABLE, FINITE = "arrays.npz is not readable", "contains values that are not f
         (with_arrays(held_covariance=np.zeros((3, 3))), "held_covariance has shape"),
         (with_arrays(held_covariance=np.zeros((79, 3, 3))), "held_covariance has shape"),
         (with_arrays(held_covariance=None), READABLE),
+        (with_arrays(motion_limits=np.ones(3)), "motion_limits is not 4 positive numbers"),
+        (with_arrays(motion_limits=np.zeros(4)), "motion_limits is not 4 positive numbers"),
+        (with_arrays(motion_limits=np.full(4, np.nan)), "motion_limits is not 4 positive numbers"),
         (with_arrays(theta0=np.full((7, 10), np.nan)), f"theta0 {FINITE}"),
         (with_arrays(x_scale=np.array([1.0, np.inf, 1.0])), f"x_scale {FINITE}"),
         (with_arrays(x_scale=np.array([1.0, 0.0, 1.0])), "a scale that is not positive"),

@@ -43,6 +43,7 @@ def test_the_artefact_is_whole_and_tells_how_it_came_about(tmp_path: Path) -> No
     loaded = artefact.load(tmp_path / "m")
     facts = loaded.manifest["training"]
     assert facts == json.loads(json.dumps(run.facts))
+    assert loaded.model.motion_limits.tolist() == [12.0, 12.0, 9.0, 12.0], "gentle driving"
     assert facts["kind"] == "default"
     assert facts["settings"] == asdict(SHORT)
     stored: dict[str, Any] = {

@@ -30,6 +30,7 @@ from adk_ros.model.lifting.encoder_kernels import (
     set_command,
 )
 from adk_ros.model.uncertainty.error_regression import predicted_error
+from adk_ros.model.uncertainty.motion_limits import limit_step
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.numba_cache import fused_kernel, inlined_kernel, strict_kernel
 
@@ -63,13 +64,14 @@ class StepForm(NamedTuple):
     How a step uses what the model predicts.
 
     `n_x`: columns of the row that are states; `residual`: the model predicts increments, in units
-    of `step_scale` (3,); `gains` (5, 3): `ObserverGains.table`.
+    of `step_scale` (3,); `gains` (5, 3): `ObserverGains.table`; `bounds` (4, 3) of `step_bounds`.
     """
 
     n_x: int
     residual: bool
     step_scale: FloatArray
     gains: FloatArray
+    bounds: FloatArray
 
 
 @fused_kernel
@@ -131,14 +133,17 @@ def rollout_step(
         s0 += w_skip[0, i] * row[i]
         s1 += w_skip[1, i] * row[i]
         s2 += w_skip[2, i] * row[i]
+    before = x[0], x[1], x[2]
     for c in range(3):
         lifted = s0 if c == 0 else s1 if c == 1 else s2
         value = w_input_bias[c, 2] + lifted + w_input_bias[c, 0] * u0 + w_input_bias[c, 1] * u1
         value += disturbance[0, c] + disturbance[1, c]
         disturbance[0, c] *= form.gains[2, c]
         disturbance[1, c] *= form.gains[4, c]
-        value = value * form.step_scale[c] + (x[c] if form.residual else 0.0)
-        x[c] = min(max(value, -MAX_SCALED_STATE), MAX_SCALED_STATE)
+        x[c] = value * form.step_scale[c] + (x[c] if form.residual else 0.0)
+    limit_step(before, x, form.bounds)
+    for c in range(3):
+        x[c] = min(max(x[c], -MAX_SCALED_STATE), MAX_SCALED_STATE)
     for i in range(n_x - 1, 2, -1):
         row[i] = row[i - 3]
     for i in range(n - 1, n_x + 1, -1):
@@ -159,6 +164,7 @@ def rollout_lifting(
     out: FloatArray,
     step_scale: FloatArray,
     gains: FloatArray,
+    bounds: FloatArray,
     *encoder_arrays: Any,
 ) -> None:
     """Run `roll_out` with an encoder given by the fields of `EncoderArrays`."""
@@ -174,6 +180,7 @@ def rollout_lifting(
         out,
         step_scale,
         gains,
+        bounds,
         encoder,
     )
 
@@ -190,6 +197,7 @@ def roll_out(
     out: FloatArray,
     step_scale: FloatArray,
     gains: FloatArray,
+    bounds: FloatArray,
     encoder: EncoderArrays,
 ) -> None:
     """
@@ -197,7 +205,8 @@ def roll_out(
 
     `x_past` (p + 1, 3), `u_past` (p, 2): newest first, scaled. `u_ahead` (up to h, 2): scaled,
     its last row repeated. `theta` (n_z, n_phi): the state's three rows are used. `disturbance`
-    (>= 2, 3) is added to the increments and decays by `gains` (5, 3). The inputs are not changed.
+    (>= 2, 3) is added to the increments and decays by `gains` (5, 3). No step exceeds `bounds`
+    (4, 3) of `step_bounds`. The inputs are not changed.
     """
     n, n_hidden = encoder.w1.shape[0], encoder.w3.shape[0]
     n_x, last = 3 * x_past.shape[0], u_ahead.shape[0] - 1
@@ -212,7 +221,7 @@ def roll_out(
     )
     fold_output_layer(theta, affine, encoder, folded)
     state = RolloutState(row, x_past[0].copy(), disturbance.copy())
-    form = StepForm(n_x, residual, step_scale, gains)
+    form = StepForm(n_x, residual, step_scale, gains, bounds)
     for step in range(out.shape[0]):
         u0, u1 = u_ahead[min(step, last), 0], u_ahead[min(step, last), 1]
         rollout_step(state, u0, u1, form, encoder, folded, first, second)

@@ -120,6 +120,7 @@ class MonitorArrays(NamedTuple):
     scale: ConformalArrays
     step_scale: FloatArray
     gains: FloatArray
+    bounds: FloatArray
     scratch: Float32Array
 
 
@@ -166,6 +167,7 @@ class RolloutMonitor:
             *self._scale.arrays,
             np.ascontiguousarray(form.step_scale, dtype=np.float64),
             form.gains,
+            form.bounds,
             np.zeros((2, n_hidden + n), np.float32),
         )
         self.rows = self._table.rows
@@ -242,7 +244,8 @@ def monitor_arrays(rows: IntArray) -> MonitorArrays:
         ),
         floats_1(rows, 28),
         floats_2(rows, 29),
-        singles_2(rows, 30),
+        floats_2(rows, 30),
+        singles_2(rows, 31),
     )
 
 
@@ -292,7 +295,7 @@ def update_rollouts(
     """Advance every rollout by one step and, if the measurement is `usable`, account for it."""
     slots, scale = monitor.slots, monitor.scale
     sums, shrinkage, moments, weights = monitor.statistics
-    form = StepForm(n_x, residual, monitor.step_scale, monitor.gains)
+    form = StepForm(n_x, residual, monitor.step_scale, monitor.gains, monitor.bounds)
     steps = shrinkage.shape[0]
     error, issued_error = np.empty(3), np.empty(3)
     factors = np.empty((N_REGRESSORS, N_REGRESSORS))

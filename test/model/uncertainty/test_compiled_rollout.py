@@ -12,12 +12,16 @@ import torch
 from helpers.model import Array, random_lift, weights
 
 from adk_ros.model.estimation.observer_gains import ObserverGains
+from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.model.uncertainty import compiled_rollout
 from adk_ros.model.uncertainty.error_regression import N_REGRESSORS
+from adk_ros.model.uncertainty.motion_limits import step_bounds
 
 Random = np.random.Generator
 NO_CORRECTION = np.zeros((1, 3, 3)), np.zeros((0, 3, N_REGRESSORS + 1)), np.ones((0, 3))
 """Disturbance, weights and shrinkage that leave a prediction unchanged."""
+PLAIN = Scaling(np.zeros(3), np.ones(3), np.zeros(2), np.ones(2), np.ones(3))
+NO_BOUNDS = step_bounds(np.zeros(0), PLAIN)
 
 
 @pytest.fixture
@@ -81,7 +85,7 @@ def test_last_command_is_repeated(random: Random) -> None:
     for u_ahead, of in ((np.ones((1, 2)), out[0]), (np.ones((30, 2)), out[1])):
         compiled_rollout.rollout_lifting(
             np.zeros((2, 3)), np.zeros((1, 2)), theta, u_ahead, np.zeros((2, 3)), True, True, of,
-            np.ones(3), np.ones((5, 3)), *weights(encoder),
+            np.ones(3), np.ones((5, 3)), NO_BOUNDS, *weights(encoder),
         )  # fmt: skip
     np.testing.assert_array_equal(out[0], out[1])
     assert np.abs(out[0]).max() > 0.1
@@ -124,7 +128,7 @@ def test_rollout_lifting(history: int, residual: bool, affine: bool, random: Ran
     before = [array.copy() for array in given]
     compiled_rollout.rollout_lifting(
         x_past, u_past, theta, u_ahead, disturbance, residual, affine, out, step, gains,
-        *weights(encoder),
+        NO_BOUNDS, *weights(encoder),
     )  # fmt: skip
 
     def features_of(row: Array) -> Array:
@@ -145,7 +149,7 @@ def test_rollout_lifting_clamps_states_and_reports_nan(random: Random) -> None:
     past = (np.zeros((1, 3)), np.zeros((0, 2)))
     constant: tuple[Any, ...] = (
         np.ones((20, 2)), np.zeros((2, 3)), True, True, out, np.ones(3), np.ones((5, 3)),
-        *weights(encoder),
+        NO_BOUNDS, *weights(encoder),
     )  # fmt: skip
     theta[:3, :3] = 3.0 * np.eye(3)
     theta[0, 7], theta[1, 7] = 1.0, -1.0
@@ -154,6 +158,24 @@ def test_rollout_lifting_clamps_states_and_reports_nan(random: Random) -> None:
     theta[1, 0] = np.nan
     compiled_rollout.rollout_lifting(*past, theta, *constant)
     assert not compiled_rollout.to_si(out, np.zeros(3), *NO_CORRECTION, np.zeros(3), np.ones(3))
+
+
+def test_rollout_lifting_keeps_to_the_limits_of_motion() -> None:
+    """A model that feeds its own error back: without limits it reaches the clamp."""
+    encoder, theta, out = random_lift(0, 4, 2), np.zeros((5, 8)), np.empty((80, 3))
+    theta[:3, :3], theta[:3, 7] = 3.0 * np.eye(3), [1.0, 0.1, 0.1]
+    scaling = replace(PLAIN, x_mean=np.array([20.0, 0.0, 0.0]), x_scale=np.array([5.0, 0.5, 0.2]))
+    bounds = step_bounds(np.array([10.0, 8.0, 5.0, 12.0]), scaling)
+    compiled_rollout.rollout_lifting(
+        np.zeros((1, 3)), np.zeros((0, 2)), theta, np.zeros((1, 2)), np.zeros((2, 3)), True, True,
+        out, np.ones(3), np.ones((5, 3)), bounds, *weights(encoder),
+    )  # fmt: skip
+    states = np.vstack([np.zeros(3), out]) * scaling.x_scale + scaling.x_mean
+    rates = np.abs(np.diff(states, axis=0)) / 0.025
+    assert (rates <= np.array([10.0, 8.0, 5.0]) + 1e-9).all()
+    lateral = np.abs(states[:, 0] * states[:, 2])
+    assert rates.max(axis=0).tolist() == pytest.approx([10.0, 8.0, 5.0])
+    assert 11.9 < lateral.max() < 12.0 + 1e-9
 
 
 def test_rollout_linear_equals_matrix_powers(random: Random) -> None:
