@@ -24,6 +24,7 @@ from adk_ros.cli import (
     demo,
     detectable,
     echo,
+    import_files,
     info,
     mismatch,
     play,
@@ -69,6 +70,7 @@ def _options(
 
 VERBS: dict[str, tuple[str, Callable[..., Any]]] = {
     "info": (DATA, info.info),
+    "import": (DATA, import_files.import_files),
     "simulate": (DATA, simulate.simulate),
     "play": (DATA, play.play),
     "train": (PREDICT, train.train),
@@ -154,6 +156,7 @@ play_main = _verb_main("play")
 echo_main = _verb_main("echo")
 rollout_main = _verb_main("rollout")
 info_main = _verb_main("info")
+import_main = _verb_main("import")
 simulate_main = _verb_main("simulate")
 mismatch_main = _verb_main("mismatch")
 watch_main = _verb_main("watch")
