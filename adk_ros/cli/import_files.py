@@ -97,11 +97,12 @@ def _propose(
 
 def _print_result(result: ImportResult) -> None:
     from rich import box
+    from rich.markup import escape
     from rich.table import Table
 
     content = result.content
     console.note_all(content.notes)
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1))
+    table = Table(box=box.SIMPLE_HEAD, padding=0)
     for heading in ("channel", "source", "unit", "factor", "Hz", "count", "range"):
         is_number = heading in {"factor", "Hz", "count"}
         table.add_column(heading, justify="right" if is_number else "left", no_wrap=not is_number)
@@ -109,8 +110,9 @@ def _print_result(result: ImportResult) -> None:
         span = f"{row['min']:.4g} to {row['max']:.4g} {row['si_unit']}"
         table.add_row(
             row["channel"],
-            row["source"] if len(row["source"]) <= 28 else f"...{row['source'][-25:]}",
-            row["unit"],
+            # `[g]` in a name is no markup.
+            escape(row["source"] if len(row["source"]) <= 28 else f"...{row['source'][-25:]}"),
+            escape(row["unit"]),
             f"{row['factor']:.6g}",
             f"{row['rate_hz']:.4g}",
             str(row["count"]),

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.errors import DataError, first_line
-from adk_ros.importing.optional_library import optional_library
+from adk_ros.importing.parquet_file import write_parquet
 from adk_ros.importing.source_channels import SourceChannel
 from adk_ros.numerics.arrays import FloatArray, IntArray
 
@@ -77,11 +76,7 @@ def write_table(table: ColumnTable, kind: str, out: Path) -> None:
     if kind == "csv":
         frame.to_csv(out, index=False)
         return
-    optional_library("fastparquet", "Parquet")
-    try:
-        frame.to_parquet(out, index=False, engine="fastparquet")
-    except ValueError as error:
-        raise DataError(f"{out}: cannot be written as Parquet: {first_line(error)}") from None
+    write_parquet(frame, out)
 
 
 def write_mat(groups: Mapping[str, ColumnTable], out: Path) -> None:

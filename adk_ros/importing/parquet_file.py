@@ -1,9 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Read Parquet files, with pyarrow or fastparquet, whichever pandas finds."""
+"""Read and write Parquet files, with pyarrow or fastparquet, whichever is installed."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,14 +24,12 @@ def read_parquet_table(path: Path) -> Table:
     :raises UsageError: neither pyarrow nor fastparquet is installed.
     :raises DataError: the file cannot be read, or has no row.
     """
-    import pandas as pd
-
+    library = parquet_library()
     try:
-        optional_library("pyarrow", "Parquet")
-    except UsageError:
-        optional_library("fastparquet", "Parquet")
-    try:
-        frame = pd.read_parquet(path)
+        if library.__name__ == "fastparquet":
+            frame = library.ParquetFile(str(path)).to_pandas()
+        else:
+            frame = library.parquet.read_table(path).to_pandas()
     except Exception as error:  # the parser may raise anything on a file of a stranger
         raise DataError(f"{path}: cannot be read as Parquet: {first_line(error)}") from None
     if frame.index.name:
@@ -44,6 +43,37 @@ def read_parquet_table(path: Path) -> Table:
         return {name: _values(series[name]) for name in wanted}
 
     return Table(path, "", names, load)
+
+
+def write_parquet(frame: Any, path: Path) -> None:
+    """
+    Write a data frame without its index.
+
+    :raises UsageError: neither pyarrow nor fastparquet is installed.
+    """
+    library = parquet_library()
+    if library.__name__ == "fastparquet":
+        library.write(str(path), frame, write_index=False)
+    else:
+        frame.to_parquet(path, index=False, engine="pyarrow")
+
+
+def parquet_library() -> Any:
+    """
+    Return the module pyarrow with its `parquet`, or fastparquet.
+
+    Called directly, because pandas is to lose its access to fastparquet.
+
+    :raises UsageError: neither is installed.
+    """
+    try:
+        optional_library("pyarrow.parquet", "Parquet")
+        return optional_library("pyarrow", "Parquet")
+    except UsageError:
+        # Its remarks on pandas concern its authors, not who reads a file.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return optional_library("fastparquet", "Parquet")
 
 
 def _values(series: Any) -> NDArray[Any]:

@@ -196,6 +196,8 @@ def _guess(
     if name in found.flipped:
         entry["sign"] = -1
         reasons.append(found.flipped[name])
+        if name in found.doubtful_signs:
+            doubts.append("sign guessed")
     if name == "delta" and found.ratio is not None:
         if found.ratio != 1.0:
             entry["ratio"] = found.ratio

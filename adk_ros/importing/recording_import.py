@@ -92,7 +92,9 @@ def read_channels(
     if not outcome.topics:
         reasons = "; ".join(f"{name}: {why}" for name, why in outcome.left_out.items())
         raise DataError(f"{map_name}: no message can be written: {reasons or 'no common time'}")
-    used = {(channel.table, channel.column) for channel in channels}
+    used: set[tuple[str, str | None]] = {(channel.table, channel.column) for channel in channels}
+    times = [import_map.time, *(each.time for each in import_map.files.values())]
+    used |= {(table.label, table.find(time.column)) for table in tables for time in times if time}
     unused = [
         column for table in tables for column in table.columns if (table.label, column) not in used
     ]

@@ -56,23 +56,25 @@ def choose_signs(signals: Mapping[str, FloatArray], found: Findings) -> None:
 def _flip(signs: dict[str, int], found: Findings) -> None:
     """Decide which of the channels that turn with the car have the wrong sign."""
     reference = "positions" if "positions" in signs else "heading" if "heading" in signs else ""
-    turning = ["a_y", "delta"]
-    is_gyro_wrong = False
+    turning = [name for name in ("a_y", "delta") if name in signs]
+    found.reference = reference
+    # Without a reference, two against one.
+    is_gyro_wrong = len(turning) == 2 and all(signs[name] < 0 for name in turning)
     if reference:
-        found.reference = reference
         is_gyro_wrong = signs[reference] < 0
-    elif all(signs.get(name, 1) < 0 for name in turning) and len(signs) == len(turning):
-        # Two against one.
-        is_gyro_wrong = True
     if is_gyro_wrong:
         found.flipped["yaw_rate"] = (
             f"opposite to the turning of the {reference}"
             if reference
             else "opposite to all others"
         )
+        if not reference:
+            found.doubtful_signs.add("yaw_rate")
     for name in turning:
-        if name in signs and (signs[name] < 0) != is_gyro_wrong:
+        if (signs[name] < 0) != is_gyro_wrong:
             found.flipped[name] = "opposite to the yaw rate"
+            if not reference and len(turning) < 2:
+                found.doubtful_signs.add(name)
     if reference == "positions" and "heading" in signs and (signs["heading"] < 0) != is_gyro_wrong:
         found.flipped["heading"] = "opposite to the turning of the positions"
 

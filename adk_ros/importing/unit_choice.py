@@ -43,14 +43,16 @@ class Findings:
     What consistency says, by channel.
 
     `units`: the unit that fits; `reasons`: why; `certain`: whether other units are excluded.
-    `flipped`: channels whose sign contradicts the others. `ratio`: of a hand wheel, 1 of a road
-    wheel, None if nothing is known of `delta`. `reference`: what the signs were compared with.
+    `flipped`: channels whose sign contradicts the others, and why; `doubtful_signs`: those of them
+    that may be right. `ratio`: of a hand wheel, 1 of a road wheel, None if nothing is known of
+    `delta`. `reference`: what the signs were compared with, empty if only with each other.
     """
 
     units: dict[str, str] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
     certain: set[str] = field(default_factory=set)
     flipped: dict[str, str] = field(default_factory=dict)
+    doubtful_signs: set[str] = field(default_factory=set)
     ratio: float | None = None
     ratio_reason: str = ""
     is_ratio_certain: bool = False

@@ -12,6 +12,7 @@ import pandas as pd
 from scipy.io import savemat
 
 from adk_ros.bags import BagWriter, message
+from adk_ros.importing.parquet_file import write_parquet
 from adk_ros.signals.channels import Source
 from helpers.train import drive
 
@@ -55,10 +56,10 @@ def write_csv(folder: Path) -> list[Path]:
     return paths
 
 
-def write_parquet(folder: Path) -> list[Path]:
+def write_parquet_files(folder: Path) -> list[Path]:
     paths = [folder / f"{name}.parquet" for name in frames()]
     for path, frame in zip(paths, frames().values(), strict=True):
-        frame.to_parquet(path, index=False)
+        write_parquet(frame, path)
     return paths
 
 
@@ -185,7 +186,8 @@ def write_can(folder: Path, suffix: str) -> list[Path]:
     import cantools
 
     (folder / "drive.dbc").write_text(dbc_text())
-    database = cantools.database.load_string(dbc_text(), "dbc")
+    database = cantools.database.Database()
+    database.add_dbc_string(dbc_text())
     path = folder / f"drive{suffix}"
     kinds = {".blf": can.BLFWriter, ".asc": can.ASCWriter, ".log": can.CanutilsLogWriter}
     frames_sent = []

@@ -17,7 +17,7 @@ from adk_ros.signals.channels import Record
 
 EXACT = {
     "csv": (source.write_csv, source.si_map(time=source.STAMPS)),
-    "parquet": (source.write_parquet, source.si_map(time=source.STAMPS)),
+    "parquet": (source.write_parquet_files, source.si_map(time=source.STAMPS)),
     "mat": (source.write_mat, source.si_map(time=source.STAMPS)),
     "mdf": (source.write_mdf, source.si_map()),
     "bag": (
