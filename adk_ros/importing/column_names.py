@@ -129,7 +129,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     ),
     "brake_pedal": (r"(?:brake|brk|brems?)_?(?:pedal|position|pos)?",),
     "throttle": (
-        r"throttle(?:_?(?:position|pos|pedal))?|tps",
+        r"throttle(?:_?(?:position|pos|pedal))?|tps|gas",
         r"(?:accelerator|acc|gas|fahr)_?pedal(?:_?(?:position|pos|stellung))?",
     ),
     "gear": (r"gear|gang",),

@@ -23,7 +23,8 @@ def read_matlab_tables(path: Path) -> list[Table]:
     """
     Return a table for each structure of vectors of one length, and for the vectors of one length.
 
-    A matrix has one column per column, named `name[0]`, `name[1]` and so on.
+    A matrix has one column per column, named `name[0]`, `name[1]` and so on. A structure `units`
+    of texts, as `adk export` writes it, gives the unit of the vector of the same path.
 
     :raises DataError: the file cannot be read, is of version 7.3, or has no vector of numbers.
     """
@@ -42,6 +43,8 @@ def read_matlab_tables(path: Path) -> list[Table]:
     for name, value in content.items():
         if not name.startswith("__"):
             _collect(name, value, found, 0)
+    units: dict[str, str] = {}
+    _collect_units("", content.get("units"), units, 0)
     groups: dict[tuple[str, int], dict[str, NDArray[Any]]] = {}
     for name, column in found.items():
         structure = name.rpartition(".")[0]
@@ -50,16 +53,33 @@ def read_matlab_tables(path: Path) -> list[Table]:
         raise DataError(f"{path}: has no vector of numbers (timeseries and tables are not read)")
     sizes = [structure for structure, _ in groups]
     return [
-        _table(path, name if sizes.count(name) == 1 else f"{name} of {rows}".strip(), columns)
+        _table(
+            path,
+            name if sizes.count(name) == 1 else f"{name} of {rows}".strip(),
+            columns,
+            {column: units[column] for column in columns if column in units},
+        )
         for (name, rows), columns in groups.items()
     ]
 
 
-def _table(path: Path, name: str, columns: dict[str, NDArray[Any]]) -> Table:
+def _table(
+    path: Path, name: str, columns: dict[str, NDArray[Any]], units: dict[str, str]
+) -> Table:
     def load(wanted: Sequence[str]) -> dict[str, NDArray[Any]]:
         return {column: columns[column] for column in wanted}
 
-    return Table(path, name, tuple(columns), load)
+    return Table(path, name, tuple(columns), load, units)
+
+
+def _collect_units(name: str, value: Any, found: dict[str, str], depth: int) -> None:
+    """Add the texts of a structure to `found`, by their path in it."""
+    for each in getattr(value, "_fieldnames", None) or ():
+        inner, path = getattr(value, each), f"{name}.{each}".lstrip(".")
+        if isinstance(inner, str):
+            found[path] = inner
+        elif depth < _MAX_DEPTH:
+            _collect_units(path, inner, found, depth + 1)
 
 
 def _collect(name: str, value: Any, found: dict[str, NDArray[Any]], depth: int) -> None:

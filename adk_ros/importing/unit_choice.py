@@ -70,8 +70,6 @@ def choose_units(
             group = _GROUP.get(name, name)
             stated = (known[name],) if name in known else None
             present[group] = stated or present.get(group, _CANDIDATES[group])
-    if "heading" in present and "heading" not in known:
-        present["heading"] = ("rad",) if np.ptp(signals["heading"]) < 7.0 else ("deg",)
     names = list(present)
     scored = []
     for choice in product(*(present[name] for name in names)):
