@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,7 @@ def _table(path: Path, topic: str, fields: dict[str, tuple[_Step, ...]]) -> Tabl
         values = np.array(rows, dtype=np.float64).reshape(len(rows), len(wanted))
         return {name: values[:, i] for i, name in enumerate(wanted)}
 
+    @lru_cache(maxsize=1)
     def clock() -> Clock:
         stamps = [_stamp_ns(log_ns, msg) for log_ns, msg in _messages()]
         return Clock(np.array(stamps, dtype=np.int64), True)

@@ -57,8 +57,11 @@ def read_can_tables(path: Path, database: Any, notes: list[str]) -> list[Table]:
     unknown: Counter[int] = Counter()
     bad: Counter[str] = Counter()
     frames = 0
+    suffix = path.suffix.lower()
+    # The date in an ASC file is the local time of the logger; without it, stamps are relative.
+    options = {"relative_timestamp": False} if suffix == ".asc" else {}
     try:
-        with getattr(can, READERS[path.suffix.lower()])(str(path)) as reader:
+        with getattr(can, READERS[suffix])(str(path), **options) as reader:
             for frame in reader:
                 if frame.is_error_frame or frame.is_remote_frame:
                     continue

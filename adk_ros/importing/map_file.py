@@ -33,13 +33,14 @@ _Length = Annotated[float, Field(gt=0.0, le=5.0)]
 
 class TimeMap(FileModel):
     """
-    The time column of a file.
+    The time of a file.
 
-    `origin` is the date, or the number of seconds since 1970, at which the column is zero; by
-    default the start that the file states. `format`: of a date, as strftime writes it.
+    `column`: where it is; None for the clock of an MDF file, CAN log or bag. `origin` is the date,
+    or the number of seconds since 1970, at which it is zero; by default the start that the file
+    states. `format`: of a date, as strftime writes it.
     """
 
-    column: _Column
+    column: _Column | None = None
     unit: str = "s"
     origin: datetime | date | float | str | None = None
     format: str | None = None

@@ -116,7 +116,7 @@ def _time_lines(times: Sequence[tuple[Table, TimeGuess]], uncertain: list[str]) 
     first = columns[0][1]
     assert first.time is not None
     # The tables of a MAT file name it by their structure: imu.t, odometry.t.
-    ending = first.time.column.rsplit(".", 1)[-1]
+    ending = (first.time.column or "").rsplit(".", 1)[-1]
     if all(guess.time and table.find(ending) == guess.time.column for table, guess in columns):
         columns = [
             (table, replace(guess, time=guess.time.model_copy(update={"column": ending})))

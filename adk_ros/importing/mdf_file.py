@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adk_ros.errors import DataError, first_line
-from adk_ros.importing.optional_library import optional_library
+from adk_ros.importing.optional_library import optional_library, quiet_library
 from adk_ros.importing.table import Clock, Table
 
 _YEAR_S = 366 * 86_400
@@ -28,12 +29,19 @@ def read_mdf_tables(path: Path) -> list[Table]:
     :raises DataError: the file cannot be read, or has no channel.
     """
     asammdf = optional_library("asammdf", "MDF")
-    try:
-        mdf = asammdf.MDF(str(path))
-        start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
-        groups = list(enumerate(mdf.groups))
-    except Exception as error:  # the parser may raise anything on a file of a stranger
-        raise DataError(f"{path}: cannot be read as MDF: {first_line(error)}") from None
+    reason = ""
+    with quiet_library("asammdf"):
+        try:
+            mdf = asammdf.MDF(str(path))
+            start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
+            groups = list(enumerate(mdf.groups))
+        except Exception as error:  # the parser may raise anything on a file of a stranger
+            reason = first_line(error)
+        if reason:
+            # asammdf fails again when a file that it could not open is discarded.
+            gc.collect()
+    if reason:
+        raise DataError(f"{path}: cannot be read as MDF: {reason}")
     tables = []
     for index, group in groups:
         master = mdf.masters_db.get(index)
@@ -65,10 +73,12 @@ def _table(
     start_ns: int,
 ) -> Table:
     def signal(number: int, **options: Any) -> Any:
-        try:
-            return mdf.get(group=group, index=number, **options)
-        except Exception as error:  # as above
-            raise DataError(f"{path}: a channel cannot be read: {first_line(error)}") from None
+        with quiet_library("asammdf"):
+            try:
+                return mdf.get(group=group, index=number, **options)
+            except Exception as error:  # as above
+                reason = first_line(error)
+        raise DataError(f"{path}: a channel cannot be read: {reason}")
 
     def load(wanted: Sequence[str]) -> dict[str, NDArray[Any]]:
         columns = {}

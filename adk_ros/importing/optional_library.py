@@ -5,6 +5,12 @@
 from __future__ import annotations
 
 import importlib
+import io
+import logging
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from typing import Any
 
 from adk_ros.errors import UsageError
@@ -25,3 +31,23 @@ def optional_library(name: str, purpose: str, distribution: str = "") -> Any:
         raise UsageError(
             f"{purpose} needs {library}, which is not installed: pip install 'adk_ros[import]'"
         ) from None
+
+
+@contextmanager
+def quiet_library(name: str) -> Iterator[None]:
+    """
+    Keep a library from printing, logging and warning of what the caller reports in a line.
+
+    Errors that it raises while it discards a half-read file are ignored as well.
+    """
+    logger, hook = logging.getLogger(name), sys.unraisablehook
+    level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    sys.unraisablehook = lambda _: None
+    try:
+        with redirect_stdout(io.StringIO()), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        sys.unraisablehook = hook
+        logger.setLevel(level)

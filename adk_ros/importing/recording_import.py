@@ -94,7 +94,12 @@ def read_channels(
         raise DataError(f"{map_name}: no message can be written: {reasons or 'no common time'}")
     used: set[tuple[str, str | None]] = {(channel.table, channel.column) for channel in channels}
     times = [import_map.time, *(each.time for each in import_map.files.values())]
-    used |= {(table.label, table.find(time.column)) for table in tables for time in times if time}
+    used |= {
+        (table.label, table.find(time.column))
+        for table in tables
+        for time in times
+        if time is not None and time.column is not None
+    }
     unused = [
         column for table in tables for column in table.columns if (table.label, column) not in used
     ]

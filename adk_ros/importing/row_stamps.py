@@ -46,27 +46,32 @@ def row_stamps(table: Table, import_map: ImportMap, notes: list[str]) -> RowStam
     :raises UsageError: there is no time, or its unit, format or origin is wrong.
     :raises DataError: no row has a time, or the time jumps back.
     """
-    time = options_of(table.path, import_map.files).time
-    column = None if time is None else table.find(time.column)
-    if time is not None and column is None:
+    own = options_of(table.path, import_map.files).time
+    time = own or import_map.time
+    column = None if time is None or time.column is None else table.find(time.column)
+    if own is not None and own.column is not None and column is None:
         raise UsageError(
-            f"{table.label}: has no column '{time.column}' for the time; it has "
+            f"{table.label}: has no column '{own.column}' for the time; it has "
             f"{column_list(table.columns)}"
         )
-    if time is None and import_map.time is not None:
-        time = import_map.time
-        column = table.find(time.column)
     if time is None or column is None:
         clock = table.clock()
         if clock is None:
-            named = "give time.column" if time is None else f"has no column '{time.column}'"
+            named = (
+                f"has no column '{time.column}'"
+                if time is not None and time.column is not None
+                else "give time.column"
+            )
             raise UsageError(
                 f"{table.label}: {named} for the time; it has {column_list(table.columns)}"
             )
         stamp_ns, is_absolute = clock
         known = np.ones(stamp_ns.shape[0], dtype=bool)
-        # The origin of a column of another file says nothing about a clock that states its own.
-        time = None if is_absolute else time
+        if is_absolute and own is not None and own.origin is not None:
+            raise UsageError(f"{table.label}: its time is absolute: leave out time.origin")
+        if is_absolute or (own is None and time is not None and time.column is not None):
+            # An origin of the column of another file says nothing about this clock.
+            time = None
     else:
         stamp_ns, known = _column_stamps(table, column, time)
         # Years from 1970, or a date.

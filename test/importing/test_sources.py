@@ -6,19 +6,22 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import suppress
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers import importing as source
 from helpers.train import refused
 from scipy.io import savemat
 
-from adk_ros.api.importing import import_recording
+from adk_ros.api.importing import import_recording, propose_map
 from adk_ros.bags import Bag
 from adk_ros.bags.recording import read_recording
 from adk_ros.cli.main import main
-from adk_ros.errors import DataError, UsageError
+from adk_ros.errors import AdkError, DataError, UsageError
 from adk_ros.importing.optional_library import optional_library
 
 CHANNELS = {
@@ -155,6 +158,34 @@ def test_time_units_origins_and_dates(tmp_path: Path, time, cell, first_s: float
     assert np.abs(np.diff(stamps) - 20_000_000).max() < 1000
 
 
+def test_the_clock_of_a_file_without_a_start_gets_an_origin(tmp_path: Path) -> None:
+    from asammdf import MDF, Signal
+
+    seconds = np.arange(0.02, 4.0, 0.02)
+    path = tmp_path / "a.mf4"
+    with MDF(version="4.10") as mdf:
+        mdf.header.start_time = datetime.fromtimestamp(0, tz=timezone.utc)
+        names = {"v": 10.0 + seconds, "d": 0.01 * seconds, "m": seconds}
+        mdf.append([Signal(values, seconds, name=name) for name, values in names.items()])
+        mdf.save(path, overwrite=True)
+    relative = take(path, tmp_path / "bag", time=None)
+    assert relative.content.channels[0].stamp_ns[0] == 946_684_800_020_000_000
+    origin = {"a.mf4": {"time": {"origin": "2024-05-01T08:00:00Z"}}}
+    placed = take(path, tmp_path / "bag", time=None, files=origin)
+    assert placed.content.channels[0].stamp_ns[0] == 1_714_550_400_020_000_000
+    files = source.write_mdf(tmp_path)
+    with pytest.raises(UsageError, match=r"its time is absolute: leave out time\.origin"):
+        import_recording(
+            files,
+            source.si_map(files={"drive.mf4": origin["a.mf4"]}),
+            tmp_path / "bag",
+            force=True,
+        )
+    both = source.si_map()["channels"] | {"motor_speed": {"column": "m", "unit": "rpm"}}
+    with pytest.raises(UsageError, match=r"a.mf4: its time is relative, that of .* is absolute"):
+        take([*files, path], tmp_path / "bag", time=None, channels=both)
+
+
 def test_other_channels_get_topics_of_their_own(tmp_path: Path) -> None:
     header = "t,v,d,m,fl,p,gas,gear,gs,course,lat,lon,n"
     lines = [f"{row},{36.0},{1.5},{50},{3},{36},{90},{48.1},{11.5},{3000}" for row in rows()]
@@ -220,6 +251,28 @@ def test_unusable_files_are_refused_in_one_line(
         arguments += [option, tmp_path / value]
     assert line in refused(capsys, [*arguments, "--out", tmp_path / "bag"], code)
     assert not (tmp_path / "bag").exists()
+
+
+def test_damaged_files_are_refused_or_read_in_part(capfd, tmp_path: Path) -> None:
+    """Cut and altered files of each binary format; no library prints or raises by itself."""
+    rng = np.random.default_rng(0)
+    files = [
+        *source.write_mdf(tmp_path),
+        *source.write_mat(tmp_path),
+        *source.write_parquet_files(tmp_path)[:1],
+        *source.write_can(tmp_path, ".blf"),
+    ]
+    for path in files:
+        whole = path.read_bytes()
+        for length in (100, len(whole) // 2, len(whole)):
+            content = bytearray(whole[:length])
+            for place in rng.integers(min(length, 4000), size=5):
+                content[place] = rng.integers(256)
+            path.write_bytes(bytes(content))
+            with suppress(AdkError):
+                propose_map(path, dbc=[tmp_path / "drive.dbc"])
+    printed = capfd.readouterr()
+    assert (printed.out, printed.err) == ("", "")
 
 
 def test_mat_of_version_7_3_is_named(tmp_path: Path) -> None:

@@ -286,7 +286,8 @@ def test_pins_are_complete_and_installed() -> None:
     """Every installed package is pinned, at the installed version."""
     python = f"{sys.version_info[0]}.{sys.version_info[1]}"
     chosen = versions(ALL_PINS, python)
-    direct = [pin for file in [*RUNTIME, "import.txt", "test.txt", "docs.txt"] for pin in pins(file)]
+    files = [*RUNTIME, "import.txt", "test.txt", "docs.txt"]
+    direct = [pin for file in files for pin in pins(file)]
     roots = [pin for pin in direct if pin.marker is None or pin.marker.evaluate()]
     installed = dict(closure(roots))
     # "+cpu" names the build, not the version.
