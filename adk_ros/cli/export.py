@@ -42,7 +42,7 @@ def export(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Export the channels of a bag, or the signals of a mismatch report.
+    Export a bag or a mismatch report as a table or MCAP.
 
     A report gives measured, simulated and corrected signals with their residuals, side by side.
     With mcap, layouts for Foxglove and PlotJuggler are written next to the bag.
