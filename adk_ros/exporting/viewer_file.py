@@ -86,7 +86,7 @@ def plots_of_topics(topics: Sequence[Topic]) -> list[Plot]:
     """Return plots of the channels that `importing.topics` writes."""
     by_name = {topic.name: topic for topic in topics}
     plots = [
-        Plot(title, tuple(Curve(topic, field) for topic, field in curves if topic in by_name))
+        Plot(title, tuple(Curve(*curve) for curve in curves if curve[0] in by_name))
         for title, curves in (
             ("v_x in m/s", [("/odometry", "twist.twist.linear.x"), ("/gps/speed", "data")]),
             ("v_y in m/s", [("/odometry", "twist.twist.linear.y")]),
@@ -98,8 +98,8 @@ def plots_of_topics(topics: Sequence[Topic]) -> list[Plot]:
                 "acceleration in m/s^2",
                 [("/imu/data", "linear_acceleration.x"), ("/imu/data", "linear_acceleration.y")],
             ),
-            ("torque in N m", [("/vehicle/command", "effort[0]")]),
-            ("road-wheel angle in rad", [("/vehicle/command", "position[1]")]),
+            ("torque in N m", [("/vehicle/command", "effort[0]", "drive")]),
+            ("road-wheel angle in rad", [("/vehicle/command", "position[1]", "steer")]),
         )
     ]
     for topic in topics:

@@ -15,10 +15,15 @@ _PER_TAB = 3
 
 
 class Curve(NamedTuple):
-    """A number in a topic; `field` is its path in the message, with dots and indices."""
+    """
+    A number in a topic; `field` is its path in the message, with dots and indices.
+
+    `joint`: of a JointState, the name of the joint that the index stands for.
+    """
 
     topic: str
     field: str
+    joint: str = ""
 
 
 class Plot(NamedTuple):
@@ -121,5 +126,7 @@ def plotjuggler_layout(plots: Sequence[Plot], file_name: str) -> str:
 
 
 def plotjuggler_name(curve: Curve) -> str:
-    """Return the name that PlotJuggler gives a number: slashes, and indices as `[0]`."""
+    """Return the name that PlotJuggler gives a number: slashes, and joints by their name."""
+    if curve.joint:
+        return f"{curve.topic}/{curve.joint}/{curve.field.partition('[')[0]}"
     return f"{curve.topic}/{curve.field.replace('.', '/')}"

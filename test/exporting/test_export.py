@@ -75,6 +75,16 @@ def value_at(msg, path: str) -> float:
     return float(msg)
 
 
+def plotjuggler_curve(value: str, messages: dict) -> str:
+    """Return the name that PlotJuggler gives a path of Foxglove: joints by their name."""
+    topic, _, field = value.partition(".")
+    msg = messages[topic]
+    if hasattr(msg, "effort"):
+        name, _, index = field.partition("[")
+        return f"{topic}/{msg.name[int(index[:-1])]}/{name}"
+    return f"{topic}/{field.replace('.', '/')}"
+
+
 def check_layouts(out: Path, layouts: tuple[Path, ...]) -> list[str]:
     """Require that each curve of both layouts is a number of a message; return the curves."""
     with Bag(out) as opened:
@@ -97,7 +107,7 @@ def check_layouts(out: Path, layouts: tuple[Path, ...]) -> list[str]:
     assert all(f'"{name}"' in named for name in panels if name.startswith("Plot!"))
     root = ElementTree.parse(plotjuggler).getroot()
     curves = [element.get("name") or "" for element in root.iter("curve")]
-    assert [curve.replace("/", ".") for curve in curves] == [x.replace("/", ".") for x in shown]
+    assert curves == [plotjuggler_curve(value, messages) for value in shown]
     (loaded,) = root.iter("fileInfo")
     assert loaded.get("filename") == f"{out.name}/{out.name}.mcap"
     assert (out.parent / f"{out.name}/{out.name}.mcap").is_file()
