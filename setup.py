@@ -18,7 +18,7 @@ from setuptools import find_packages, setup
 NAME = "adk_ros"
 VERBS = (
     "train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench",
-    "compile", "watch",
+    "compile", "watch", "import", "export",
 )  # fmt: skip
 
 console_scripts = ["adk = adk_ros.cli.main:main", "predictor = adk_ros.ros.node:main"]
@@ -78,6 +78,14 @@ setup(
     extras_require={
         # ROS itself, for machines without ROS packages.
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1", "ros-jazzy-common-interfaces>=5.3"],
+        # Parquet, MDF, CAN logs and units of `adk import` and `adk export`.
+        "import": [
+            "asammdf>=8.0",
+            "cantools>=39.4",
+            "fastparquet>=2024.11",
+            "pint>=0.24",
+            "python-can>=4.4",
+        ],
         "tensorboard": ["tensorboard>=2.12"],
         "signature": ["cryptography>=41"],
         "bench": ["padasip>=1.2"],

@@ -26,6 +26,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from adk_ros.api.explain import MismatchExplanation as MismatchExplanation
     from adk_ros.api.explain import explain as explain
+    from adk_ros.api.exporting import ExportResult as ExportResult
+    from adk_ros.api.exporting import export as export
+    from adk_ros.api.importing import ImportResult as ImportResult
+    from adk_ros.api.importing import import_recording as import_recording
+    from adk_ros.api.importing import propose_map as propose_map
     from adk_ros.api.model import TrainedModel as TrainedModel
     from adk_ros.api.model import load_model as load_model
     from adk_ros.api.progress import Progress as Progress
@@ -43,6 +48,7 @@ if TYPE_CHECKING:
     from adk_ros.errors import AdkError as AdkError
     from adk_ros.errors import DataError as DataError
     from adk_ros.errors import UsageError as UsageError
+    from adk_ros.importing.map_text import Proposal as Proposal
     from adk_ros.train.train_settings import PaperSettings as PaperSettings
     from adk_ros.train.train_settings import TrainSettings as TrainSettings
 
@@ -50,9 +56,12 @@ _MODULE_OF = {
     "AdkError": "errors",
     "BagRecording": "api.recording",
     "DataError": "errors",
+    "ExportResult": "api.exporting",
+    "ImportResult": "api.importing",
     "MismatchExplanation": "api.explain",
     "PaperSettings": "train.train_settings",
     "Progress": "api.progress",
+    "Proposal": "importing.map_text",
     "RecordingOptions": "bags.recording",
     "ReplayResult": "api.replay",
     "RolloutResult": "api.rollout",
@@ -61,7 +70,10 @@ _MODULE_OF = {
     "TrainedModel": "api.model",
     "UsageError": "errors",
     "explain": "api.explain",
+    "export": "api.exporting",
+    "import_recording": "api.importing",
     "load_model": "api.model",
+    "propose_map": "api.importing",
     "read_recording": "api.recording",
     "recording_options": "api.recording",
     "replay": "api.replay",

@@ -24,6 +24,8 @@ from adk_ros.cli import (
     demo,
     detectable,
     echo,
+    export,
+    import_files,
     info,
     mismatch,
     play,
@@ -69,6 +71,8 @@ def _options(
 
 VERBS: dict[str, tuple[str, Callable[..., Any]]] = {
     "info": (DATA, info.info),
+    "import": (DATA, import_files.import_files),
+    "export": (DATA, export.export),
     "simulate": (DATA, simulate.simulate),
     "play": (DATA, play.play),
     "train": (PREDICT, train.train),
@@ -154,6 +158,8 @@ play_main = _verb_main("play")
 echo_main = _verb_main("echo")
 rollout_main = _verb_main("rollout")
 info_main = _verb_main("info")
+import_main = _verb_main("import")
+export_main = _verb_main("export")
 simulate_main = _verb_main("simulate")
 mismatch_main = _verb_main("mismatch")
 watch_main = _verb_main("watch")

@@ -1,0 +1,189 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Read the channels of a bag at the stamps of their messages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adk_ros.bags import Bag, TopicInfo
+from adk_ros.bags.recording import Progress, RecordingOptions, RecordingReader
+from adk_ros.importing.channels import CHANNELS, COMMAND, IMU, ODOMETRY
+from adk_ros.importing.map_file import ChannelMap
+from adk_ros.importing.message_factories import FIX, NUMBER, PRESSURE, TWIST
+from adk_ros.importing.source_channels import SourceChannel
+from adk_ros.signals.channels import Source
+from adk_ros.signals.decode import MAX_VARIANCE
+
+_OF_SOURCE = {
+    Source.IMU: (IMU, ("a_x", "a_y", "yaw_rate")),
+    Source.ODOMETRY: (ODOMETRY, ("v_x", "v_y", "odometry_yaw_rate")),
+    Source.COMMAND: (COMMAND, ("torque", "delta")),
+    Source.STEERING: ("steering", ("delta",)),
+}
+_Values = Callable[[Any], dict[str, float]]
+
+
+class BagChannels(NamedTuple):
+    """
+    The channels of a bag, by stream; `warnings` of the bag; `start_ns`: its first log time.
+
+    The channels of a stream share their stamps, apart from values that a message does not report.
+    """
+
+    streams: dict[str, list[SourceChannel]]
+    warnings: list[str]
+    start_ns: int
+
+    @property
+    def channels(self) -> list[SourceChannel]:
+        """The channels of all streams."""
+        return [channel for stream in self.streams.values() for channel in stream]
+
+
+def read_bag_channels(
+    path: Path, options: RecordingOptions | None = None, progress: Progress | None = None
+) -> BagChannels:
+    """
+    Return the channels of IMU, odometry and command, and those that `adk import` stores.
+
+    IMU, odometry and command are decoded as training and replay do. Values that a message marks
+    as not measured are absent.
+
+    :raises UsageError, DataError: the bag cannot be read, or lacks odometry or commands.
+    """
+    rows: dict[str, list[tuple[int, dict[str, float]]]] = {}
+    with Bag(path) as bag:
+        reader = RecordingReader(bag, options or RecordingOptions(), progress)
+        for reading, msg in reader.readings_with_messages():
+            stream, names = _OF_SOURCE[reading.source]
+            values = dict(zip(names, reading.values, strict=True))
+            if reading.source is Source.ODOMETRY:
+                values = _without_unmeasured(values, msg) | _pose(msg)
+            elif reading.source is Source.IMU:
+                values |= _imu_rest(msg)
+            rows.setdefault(stream, []).append((reading.stamp_ns, values))
+        getters = dict(_single_topics(bag.topics))
+        for topic, log_ns, msg in bag.messages(getters) if getters else ():
+            name, get = getters[topic]
+            stamp = getattr(getattr(msg, "header", None), "stamp", None)
+            stamp_ns = log_ns if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
+            rows.setdefault(name, []).append((stamp_ns, get(msg)))
+        warnings, start_ns = reader.warnings(), bag.start_ns
+    streams = {stream: _channels(path, stream, found) for stream, found in rows.items()}
+    return BagChannels({k: v for k, v in streams.items() if v}, warnings, start_ns)
+
+
+def _channels(
+    path: Path, stream: str, rows: list[tuple[int, dict[str, float]]]
+) -> list[SourceChannel]:
+    """Return the columns of a stream; of equal stamps the first is kept."""
+    stamps, first = np.unique(np.array([stamp for stamp, _ in rows]), return_index=True)
+    kept = [rows[i][1] for i in first.tolist()]
+    names = [name for name in CHANNELS if any(name in values for values in kept)]
+    out = []
+    for name in names:
+        column = np.array([values.get(name, math.nan) for values in kept], dtype=np.float64)
+        known = np.isfinite(column)
+        if known.any():
+            entry = ChannelMap(column=name, unit=CHANNELS[name].unit)
+            out.append(
+                SourceChannel(
+                    name,
+                    f"{path.name}: {stream}",
+                    name,
+                    entry,
+                    1.0,
+                    stamps[known],
+                    column[known],
+                    0,
+                    0,
+                    len(rows) - stamps.shape[0],
+                )
+            )
+    return out
+
+
+def _without_unmeasured(values: dict[str, float], msg: Any) -> dict[str, float]:
+    covariance = msg.twist.covariance
+    index = {"v_x": 0, "v_y": 7, "odometry_yaw_rate": 35}
+    return {name: x for name, x in values.items() if covariance[index[name]] < MAX_VARIANCE}
+
+
+def _pose(msg: Any) -> dict[str, float]:
+    """Return the position and heading that an odometry message reports."""
+    position, q = msg.pose.pose.position, msg.pose.pose.orientation
+    heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
+    values = {"x": (position.x, 0), "y": (position.y, 7), "z": (position.z, 14)}
+    values["heading"] = (heading, 35)
+    covariance = msg.pose.covariance
+    found = {name: float(x) for name, (x, i) in values.items() if covariance[i] < MAX_VARIANCE}
+    # Planar odometry has no height, whatever its covariance says.
+    return {name: x for name, x in found.items() if name != "z" or x != 0.0}
+
+
+def _imu_rest(msg: Any) -> dict[str, float]:
+    """Return what an IMU message reports besides the channels of training and replay."""
+    force, rate = msg.linear_acceleration, msg.angular_velocity
+    forces, rates = msg.linear_acceleration_covariance, msg.angular_velocity_covariance
+    values = {}
+    if forces[0] != -1.0 and forces[8] < MAX_VARIANCE:
+        values["a_z"] = float(force.z)
+    for name, x, variance in (
+        ("roll_rate", rate.x, rates[0]),
+        ("pitch_rate", rate.y, rates[4]),
+    ):
+        # Planar simulations write zeros.
+        if variance < MAX_VARIANCE and x != 0.0:
+            values[name] = float(x)
+    q = msg.orientation
+    if msg.orientation_covariance[0] != -1.0:
+        values["roll"] = math.atan2(2.0 * (q.w * q.x + q.y * q.z), 1.0 - 2.0 * (q.x**2 + q.y**2))
+        values["pitch"] = math.asin(max(-1.0, min(1.0, 2.0 * (q.w * q.y - q.z * q.x))))
+    return values
+
+
+def _single_topics(topics: list[TopicInfo]) -> Iterator[tuple[str, tuple[str, _Values]]]:
+    """Yield topic -> (stream, function of a message) of the topics of `importing.topics`."""
+
+    def single(name: str, get: Callable[[Any], float]) -> tuple[str, _Values]:
+        return name, lambda msg: {name: float(get(msg))}
+
+    def rotation(msg: Any) -> float:
+        return float(msg.twist.angular.y)
+
+    for topic in topics:
+        parts = topic.name.strip("/").split("/")
+        if not topic.count or parts[0] not in {"vehicle", "gps"}:
+            continue
+        name = "_".join(parts[1:])
+        if topic.msgtype == TWIST and name in CHANNELS:
+            yield topic.name, single(name, rotation)
+        elif topic.msgtype == PRESSURE and name in CHANNELS:
+            yield topic.name, single(name, lambda msg: msg.fluid_pressure)
+        elif topic.msgtype == NUMBER and topic.name == "/gps/speed":
+            yield topic.name, single("gps_speed", lambda msg: msg.data)
+        elif topic.msgtype == NUMBER and name in CHANNELS:
+            yield topic.name, single(name, lambda msg: msg.data)
+        elif topic.msgtype == TWIST and topic.name == "/gps/velocity":
+            yield topic.name, ("gps_velocity", _ground_velocity)
+        elif topic.msgtype == FIX and topic.name == "/gps/fix":
+            yield topic.name, ("gps_fix", _fix)
+
+
+def _ground_velocity(msg: Any) -> dict[str, float]:
+    east, north = float(msg.twist.linear.x), float(msg.twist.linear.y)
+    return {"gps_speed": math.hypot(east, north), "gps_course": math.atan2(east, north)}
+
+
+def _fix(msg: Any) -> dict[str, float]:
+    return {
+        "latitude": float(msg.latitude),
+        "longitude": float(msg.longitude),
+        "altitude": float(msg.altitude),
+    }

@@ -1,0 +1,193 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Messages from the values of their channels.
+
+Frames are those of simulated recordings (`offline.export`). A value that has no source is marked
+as not measured by its covariance (REP-145), never written as NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, ODOMETRY_TYPE, message
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import GRAVITY
+
+COMMAND_TYPE = COMMAND_TYPES["joint_state"]
+TWIST, PRESSURE = "geometry_msgs/msg/TwistStamped", "sensor_msgs/msg/FluidPressure"
+FIX, NUMBER = "sensor_msgs/msg/NavSatFix", "std_msgs/msg/Float64"
+
+_NOT_MEASURED = 1e6
+"""Variance of an axis without a source, SI units squared; 0 is unknown (REP-145)."""
+
+Create = Callable[[int, Mapping[str, float]], Any]
+"""Function (stamp in ns, values) -> message; it returns the same object each time."""
+
+
+def imu(names: set[str]) -> Create:
+    """Return the factory of IMU messages from the channels `names`."""
+    rates = [0.0 if name in names else _NOT_MEASURED for name in ("roll_rate", "pitch_rate")]
+    has_attitude = {"roll", "pitch"} <= names
+    msg = message(
+        IMU_TYPE,
+        header=_stamped("imu_link"),
+        orientation_covariance=(
+            _diagonal(3, {8: _NOT_MEASURED}) if has_attitude else [-1.0] + [0.0] * 8
+        ),
+        angular_velocity_covariance=_diagonal(3, {0: rates[0], 4: rates[1]}),
+        linear_acceleration={"z": GRAVITY},
+        linear_acceleration_covariance=_diagonal(3, {8: 0.0 if "a_z" in names else _NOT_MEASURED}),
+    )
+    force, rate, q = msg.linear_acceleration, msg.angular_velocity, msg.orientation
+
+    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+        _set_stamp(msg, stamp_ns)
+        force.x, force.y, rate.z = values["a_x"], values["a_y"], values["yaw_rate"]
+        force.z = values.get("a_z", GRAVITY)
+        rate.x, rate.y = values.get("roll_rate", 0.0), values.get("pitch_rate", 0.0)
+        if has_attitude:
+            roll, pitch = 0.5 * values["roll"], 0.5 * values["pitch"]
+            q.x, q.w = math.sin(roll) * math.cos(pitch), math.cos(roll) * math.cos(pitch)
+            q.y, q.z = math.cos(roll) * math.sin(pitch), -math.sin(roll) * math.sin(pitch)
+        return msg
+
+    return create
+
+
+def odometry(names: set[str]) -> Create:
+    """Return the factory of odometry messages from the channels `names`."""
+    position = {0: "x", 7: "y", 14: "z", 35: "heading"}
+    velocity = {7: "v_y", 35: "odometry_yaw_rate"}
+    never = {21: _NOT_MEASURED, 28: _NOT_MEASURED}
+    msg = message(
+        ODOMETRY_TYPE,
+        header=_stamped("odom"),
+        child_frame_id="base_link",
+        pose={"covariance": _diagonal(6, _missing(position, names) | never)},
+        twist={
+            "covariance": _diagonal(6, _missing(velocity, names) | never | {14: _NOT_MEASURED})
+        },
+    )
+    point, q = msg.pose.pose.position, msg.pose.pose.orientation
+    linear, angular = msg.twist.twist.linear, msg.twist.twist.angular
+
+    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+        _set_stamp(msg, stamp_ns)
+        linear.x, linear.y = values["v_x"], values.get("v_y", 0.0)
+        angular.z = values.get("odometry_yaw_rate", 0.0)
+        point.x, point.y = values.get("x", 0.0), values.get("y", 0.0)
+        point.z = values.get("z", 0.0)
+        heading = values.get("heading", 0.0)
+        q.z, q.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
+        return msg
+
+    return create
+
+
+def command() -> Create:
+    """Return the factory of commands: effort of `drive`, position of `steer`."""
+    msg = message(
+        COMMAND_TYPE,
+        header=_stamped("base_link"),
+        name=["drive", "steer"],
+        position=[0.0, 0.0],
+        velocity=[0.0, 0.0],
+        effort=[0.0, 0.0],
+    )
+
+    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+        _set_stamp(msg, stamp_ns)
+        msg.effort[0], msg.position[1] = values.get("torque", 0.0), values["delta"]
+        return msg
+
+    return create
+
+
+def ground_velocity() -> Create:
+    """Return the factory of velocities over ground: x east, y north."""
+    msg = message(TWIST, header=_stamped("enu"))
+    linear = msg.twist.linear
+
+    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+        _set_stamp(msg, stamp_ns)
+        speed, course = values["gps_speed"], values["gps_course"]
+        linear.x, linear.y = speed * math.sin(course), speed * math.cos(course)
+        return msg
+
+    return create
+
+
+def fix() -> Create:
+    """Return the factory of satellite fixes."""
+    msg = message(FIX, header=_stamped("gps"))
+
+    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+        _set_stamp(msg, stamp_ns)
+        msg.latitude, msg.longitude = values["latitude"], values["longitude"]
+        # The definition of NavSatFix asks for NaN where there is no altitude.
+        msg.altitude = values.get("altitude", math.nan)
+        return msg
+
+    return create
+
+
+def rotation(name: str, frame: str) -> Create:
+    """Return the factory of speeds of rotation about the y axis, forward positive (REP-103)."""
+    msg = message(TWIST, header=_stamped(frame))
+
+    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+        _set_stamp(msg, stamp_ns)
+        msg.twist.angular.y = values[name]
+        return msg
+
+    return create
+
+
+def pressures(name: str) -> Create:
+    """Return the factory of pressures, from the channel `name`."""
+    msg = message(PRESSURE, header=_stamped("brake"))
+
+    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+        _set_stamp(msg, stamp_ns)
+        msg.fluid_pressure = values[name]
+        return msg
+
+    return create
+
+
+def numbers(name: str) -> Create:
+    """Return the factory of numbers without a header, from the channel `name`."""
+    msg = message(NUMBER)
+
+    def create(_: int, values: Mapping[str, float]) -> Any:
+        msg.data = values[name]
+        return msg
+
+    return create
+
+
+def _missing(elements: Mapping[int, str], names: set[str]) -> dict[int, float]:
+    return {index: _NOT_MEASURED for index, name in elements.items() if name not in names}
+
+
+def _stamped(frame_id: str) -> dict[str, Any]:
+    return {"stamp": 0, "frame_id": frame_id}
+
+
+def _set_stamp(msg: Any, stamp_ns: int) -> None:
+    stamp = msg.header.stamp
+    stamp.sec, stamp.nanosec = divmod(stamp_ns, 10**9)
+
+
+def _diagonal(size: int, entries: Mapping[int, float]) -> FloatArray:
+    """Return a covariance as a flat array, with entries by their index in it."""
+    matrix = np.zeros(size * size)
+    for i, value in entries.items():
+        matrix[i] = value
+    return matrix

@@ -1,0 +1,93 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Find the channels whose sign contradicts the others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from adk_ros.importing.relations import STEP_S, relation
+from adk_ros.importing.unit_choice import Findings
+from adk_ros.numerics.arrays import FloatArray
+
+_MIN_SPEED = 0.15
+"""Share of the top speed above which the path has a direction."""
+
+
+def choose_signs(signals: Mapping[str, FloatArray], found: Findings) -> None:
+    """Find the channels whose sign contradicts the others; the position decides, if there is."""
+    v = signals.get("v_x")
+    if v is None:
+        return
+    if float(np.median(v)) < 0.0:
+        found.flipped["v_x"] = "most speeds are negative"
+        v = -v
+    signs: dict[str, int] = {}
+    rate = signals.get("yaw_rate")
+    if rate is not None:
+        for name, signal in (
+            ("a_y", signals.get("a_y")),
+            ("delta", signals["delta"] * v if "delta" in signals else None),
+            (
+                "heading",
+                np.gradient(signals["heading"], STEP_S) if "heading" in signals else None,
+            ),
+            ("positions", _turning(signals, v)),
+        ):
+            if signal is not None:
+                target = v * rate if name == "a_y" else rate
+                held = relation(signal, target, name, (), "")
+                if held.is_useful:
+                    signs[name] = 1 if held.correlation > 0.0 else -1
+    _flip(signs, found)
+    if "a_x" in signals:
+        held = relation(signals["a_x"], np.gradient(v, STEP_S), "a_x", (), "")
+        if held.is_useful and held.correlation < 0.0:
+            found.flipped["a_x"] = "opposite to dv_x/dt"
+        if "torque" in signals and held.is_useful:
+            drive = relation(signals["torque"], np.gradient(v, STEP_S), "torque", (), "")
+            if drive.is_useful and drive.correlation < 0.0:
+                found.flipped["torque"] = "opposite to dv_x/dt"
+
+
+def _flip(signs: dict[str, int], found: Findings) -> None:
+    """Decide which of the channels that turn with the car have the wrong sign."""
+    reference = "positions" if "positions" in signs else "heading" if "heading" in signs else ""
+    turning = [name for name in ("a_y", "delta") if name in signs]
+    found.reference = reference
+    # Without a reference, two against one.
+    is_gyro_wrong = len(turning) == 2 and all(signs[name] < 0 for name in turning)
+    if reference:
+        is_gyro_wrong = signs[reference] < 0
+    if is_gyro_wrong:
+        found.flipped["yaw_rate"] = (
+            f"opposite to the turning of the {reference}"
+            if reference
+            else "opposite to all others"
+        )
+        if not reference:
+            found.doubtful_signs.add("yaw_rate")
+    for name in turning:
+        if (signs[name] < 0) != is_gyro_wrong:
+            found.flipped[name] = "opposite to the yaw rate"
+            if not reference and len(turning) < 2:
+                found.doubtful_signs.add(name)
+    if reference == "positions" and "heading" in signs and (signs["heading"] < 0) != is_gyro_wrong:
+        found.flipped["heading"] = "opposite to the turning of the positions"
+
+
+def _turning(signals: Mapping[str, FloatArray], v: FloatArray) -> FloatArray | None:
+    """Return the rate of turning of the path, left positive; None without positions."""
+    if "x" in signals and "y" in signals:
+        east, north = signals["x"], signals["y"]
+    elif "latitude" in signals and "longitude" in signals:
+        north = signals["latitude"]
+        east = signals["longitude"] * math.cos(math.radians(float(north.mean())))
+    else:
+        return None
+    course = np.unwrap(np.arctan2(np.gradient(north), np.gradient(east)))
+    moving = np.abs(v) > _MIN_SPEED * np.abs(v).max()
+    return np.asarray(np.where(moving, np.gradient(course, STEP_S), 0.0))

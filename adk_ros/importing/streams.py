@@ -1,0 +1,130 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Join channels to messages.
+
+Channels of one message that share their stamps are stored at these. Otherwise the message has the
+stamps of its leading channel, and the others are interpolated there: linearly, commands by
+zero-order hold. Nothing else is resampled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.importing.source_channels import SourceChannel
+from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
+
+_MAX_GAP_NS = 150_000_000
+"""ns; gaps up to this length, or `_MAX_GAP_PERIODS`, are interpolated, as in `signals.record`."""
+_MAX_GAP_PERIODS = 2.5
+_MIN_COMPLETE = 0.5
+"""Share of rows with all channels above which the others are defects, not slower channels."""
+_CIRCULAR = ("heading", "gps_course", "roll", "pitch")
+
+
+@dataclass(frozen=True)
+class MessageStream:
+    """Values (n,) of each channel of a message at its stamps (n,), ns, ascending strictly."""
+
+    stamp_ns: IntArray
+    values: Mapping[str, FloatArray]
+
+    def __len__(self) -> int:
+        return int(self.stamp_ns.shape[0])
+
+
+def joined(
+    name: str, channels: Sequence[SourceChannel], notes: list[str], hold: bool = False
+) -> MessageStream:
+    """
+    Return the stream of a message with these channels, the leading one first.
+
+    :param name: of the message, for the lines that say what was lost or interpolated.
+    :param hold: hold the last value instead of interpolating.
+    """
+    stamps = [channel.stamp_ns for channel in channels]
+    everywhere = stamps[0]
+    for others in stamps[1:]:
+        everywhere = np.intersect1d(everywhere, others, assume_unique=True)
+    one_table = len({channel.table for channel in channels}) == 1
+    most = max(each.shape[0] for each in stamps)
+    if everywhere.shape[0] == most or (one_table and everywhere.shape[0] >= _MIN_COMPLETE * most):
+        if lost := np.unique(np.concatenate(stamps)).shape[0] - everywhere.shape[0]:
+            names = ", ".join(channel.name for channel in channels)
+            notes.append(f"{name}: {lost} rows lack one of {names}: skipped")
+        values = {
+            channel.name: channel.values[np.searchsorted(channel.stamp_ns, everywhere)]
+            for channel in channels
+        }
+        return MessageStream(everywhere, values)
+    return _resampled(name, channels, notes, hold)
+
+
+def _resampled(
+    name: str, channels: Sequence[SourceChannel], notes: list[str], hold: bool
+) -> MessageStream:
+    lead = channels[0]
+    values = {lead.name: lead.values}
+    known = np.ones(lead.stamp_ns.shape[0], dtype=bool)
+    for channel in channels[1:]:
+        if np.array_equal(channel.stamp_ns, lead.stamp_ns):
+            values[channel.name] = channel.values
+            continue
+        at, inside = _at(channel, lead.stamp_ns, hold)
+        values[channel.name] = at
+        known &= inside
+        how = "held" if hold else "interpolated"
+        notes.append(
+            f"{name}: {channel.name} ({rate_text(channel.stamp_ns)}) is {how} at the stamps of "
+            f"{lead.name} ({rate_text(lead.stamp_ns)})"
+        )
+    if lost := int((~known).sum()):
+        notes.append(f"{name}: {lost} of {known.shape[0]} stamps lie in gaps: skipped")
+    return MessageStream(
+        lead.stamp_ns[known], {key: column[known] for key, column in values.items()}
+    )
+
+
+def at_stamps(
+    name: str, channel: SourceChannel, stamp_ns: IntArray, lead: str, notes: list[str]
+) -> tuple[FloatArray, BoolArray]:
+    """Return a channel interpolated at stamps (n,), and where it is known (n,); it is noted."""
+    if not np.array_equal(channel.stamp_ns, stamp_ns):
+        notes.append(
+            f"{name}: {channel.name} ({rate_text(channel.stamp_ns)}) is interpolated at the "
+            f"stamps of {lead} ({rate_text(stamp_ns)})"
+        )
+    return _at(channel, stamp_ns, hold=False)
+
+
+def _at(channel: SourceChannel, at_ns: IntArray, hold: bool) -> tuple[FloatArray, BoolArray]:
+    stamps = channel.stamp_ns
+    before = np.searchsorted(stamps, at_ns, side="right") - 1
+    left = np.maximum(before, 0)
+    if hold or stamps.shape[0] < 2:
+        return channel.values[left], before >= 0 if hold else stamps[left] == at_ns
+    right = np.minimum(left + 1, stamps.shape[0] - 1)
+    source = np.unwrap(channel.values) if channel.name in _CIRCULAR else channel.values
+    gap = (stamps[right] - stamps[left]).astype(np.float64)
+    share = (at_ns - stamps[left]) / np.maximum(gap, 1.0)
+    values = source[left] + share * (source[right] - source[left])
+    longest = max(_MAX_GAP_NS, _MAX_GAP_PERIODS * float(np.median(np.diff(stamps))))
+    exact = stamps[left] == at_ns
+    inside = exact | ((before >= 0) & (at_ns <= stamps[-1]) & (gap <= longest))
+    return np.where(exact, source[left], values), inside
+
+
+def rate_hz(stamp_ns: IntArray) -> float:
+    """Return the median rate of stamps, Hz; 0 of fewer than two."""
+    if stamp_ns.shape[0] < 2:
+        return 0.0
+    return float(1e9 / np.median(np.diff(stamp_ns)))
+
+
+def rate_text(stamp_ns: IntArray) -> str:
+    """Return the rate of stamps as text."""
+    return f"{rate_hz(stamp_ns):.4g} Hz"

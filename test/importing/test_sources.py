@@ -1,0 +1,322 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What loggers write: preambles, decimal commas, gaps, bad cells, several files and rates."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import suppress
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import importing as source
+from helpers.train import refused
+from scipy.io import savemat
+
+from adk_ros.api.importing import import_recording, propose_map
+from adk_ros.bags import Bag
+from adk_ros.bags.recording import read_recording
+from adk_ros.cli.main import main
+from adk_ros.errors import AdkError, DataError, UsageError
+from adk_ros.importing.optional_library import optional_library
+
+CHANNELS = {
+    "v_x": {"column": "v", "unit": "m/s"},
+    "delta": {"column": "d", "unit": "rad"},
+    "torque": {"column": "m", "unit": "N m"},
+}
+TIME = {"column": "t", "unit": "s"}
+
+
+def rows(count: int = 200, step: float = 0.02) -> list[str]:
+    return [
+        f"{i * step:.3f},{10 + 0.01 * i:.3f},{0.001 * i:.4f},{2.0 * i:g}" for i in range(count)
+    ]
+
+
+def write(path: Path, lines: list[str], header: str = "t,v,d,m") -> Path:
+    path.write_text("\n".join([header, *lines]) + "\n")
+    return path
+
+
+def take(path: Path | list[Path], out: Path, **more):
+    content = {"time": TIME, "channels": CHANNELS} | more
+    return import_recording(path, content, out, force=True)
+
+
+def values_of(bag: Path, topic: str, field) -> list:
+    with Bag(bag) as opened:
+        return [(t, field(msg)) for _, t, msg in opened.messages([topic])]
+
+
+def test_what_is_not_measured_is_marked_and_nothing_is_nan(tmp_path: Path) -> None:
+    result = take(write(tmp_path / "a.csv", rows()), tmp_path / "bag")
+    assert any("no v_y: written as 0" in note for note in result.notes)
+    assert any("no yaw rate: written as 0" in note for note in result.notes)
+    twists = values_of(tmp_path / "bag", "/odometry", lambda msg: msg.twist)
+    assert len(twists) == 200
+    for _, twist in twists:
+        assert twist.covariance[7] == twist.covariance[35] == 1e6
+        assert np.isfinite([twist.twist.linear.x, twist.twist.linear.y]).all()
+    for _, msg in values_of(tmp_path / "bag", "/vehicle/command", lambda msg: msg):
+        assert np.isfinite([*msg.position, *msg.effort]).all()
+    record = read_recording(tmp_path / "bag").record
+    assert np.isfinite(record.x).all()
+    np.testing.assert_allclose(record.u[-1], [2.0 * 198, 0.198], rtol=1e-12)
+
+
+def test_a_logger_file_with_preamble_units_and_decimal_comma(tmp_path: Path) -> None:
+    plain = take(write(tmp_path / "a.csv", rows()), tmp_path / "plain")
+    lines = ["Logger;V1.2", "Driver;M. Müller", "", "Zeit;v;d;m", "s;m/s;rad;N m"]
+    lines += [row.replace(",", ";").replace(".", ",") for row in rows()]
+    (tmp_path / "b.csv").write_bytes("\r\n".join(lines).encode("latin-1"))
+    german = take(tmp_path / "b.csv", tmp_path / "german", time={"column": "Zeit", "unit": "s"})
+    assert german.content.rows()[0]["count"] == 200
+    for first, second in zip(plain.content.channels, german.content.channels, strict=True):
+        np.testing.assert_array_equal(first.values, second.values)
+        np.testing.assert_array_equal(first.stamp_ns, second.stamp_ns)
+
+
+def test_bad_cells_and_times_are_counted_and_skipped(tmp_path: Path) -> None:
+    lines = rows()
+    lines[10] = "0.200,,0.010,20"  # empty
+    lines[11] = "0.220,ERR,0.011,22"  # a text
+    lines[12] = "0.240,inf,0.012,24"
+    lines[13] = lines[14]  # a stamp given twice
+    lines[20], lines[21] = lines[21], lines[20]  # out of order
+    lines[30] = ",10.3,0.030,60"  # no time
+    result = take(write(tmp_path / "a.csv", lines), tmp_path / "bag")
+    notes = "\n".join(result.notes)
+    assert "a.csv: 1 of 200 rows have no time: skipped" in notes
+    assert "1 rows lie before the row above them, by at most 0.02 s: sorted by time" in notes
+    assert "v_x: 1 of 199 cells are empty: skipped" in notes
+    assert "v_x: 2 of 199 cells are no number: skipped" in notes
+    assert "1 of 199 cells repeat the time of another row: skipped" in notes
+    counts = {row["channel"]: row["count"] for row in result.content.rows()}
+    assert counts == {"v_x": 195, "delta": 198, "torque": 198}
+    stamps = [t for t, _ in values_of(tmp_path / "bag", "/odometry", lambda msg: msg)]
+    assert stamps == sorted(set(stamps))
+
+
+def test_recordings_in_a_row_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"the time jumps back by 3.98 s at row 201"):
+        take(write(tmp_path / "a.csv", rows() + rows()), tmp_path / "bag")
+
+
+def test_files_of_different_rates_keep_their_stamps(tmp_path: Path) -> None:
+    fast = write(tmp_path / "imu.csv", [f"{i * 5},0.1,0.2,{i * 0.001:.4f}" for i in range(800)],
+                 "ms,ax,ay,r")  # fmt: skip
+    slow = write(tmp_path / "can.csv", rows())
+    imu = {"a_x": ("ax", "m/s^2"), "a_y": ("ay", "m/s^2"), "yaw_rate": ("r", "rad/s")}
+    channels = CHANNELS | {k: {"column": c, "unit": u} for k, (c, u) in imu.items()}
+    files = {"imu.csv": {"time": {"column": "ms", "unit": "ms"}}}
+    result = take([fast, slow], tmp_path / "bag", channels=channels, files=files)
+    counts = {topic["name"]: topic["count"] for topic in result.as_dict()["topics"]}
+    assert counts == {"/imu/data": 800, "/odometry": 200, "/vehicle/command": 200}
+    # The yaw rate of odometry is the gyro's, at the stamps of v_x, and this is said.
+    assert any("yaw_rate (200 Hz) is interpolated at the stamps of v_x" in n for n in result.notes)
+    rates = values_of(tmp_path / "bag", "/odometry", lambda msg: msg.twist.twist.angular.z)
+    np.testing.assert_allclose([x for _, x in rates], 0.004 * np.arange(200), atol=1e-12)
+
+
+def test_channels_of_one_message_are_joined_at_the_leading_stamps(tmp_path: Path) -> None:
+    lines = [f"{i * 0.02 + 0.007:.3f},{0.5 * i:g}" for i in range(200)]
+    other = write(tmp_path / "y.csv", lines, "t,vy")
+    channels = CHANNELS | {"v_y": {"column": "vy", "unit": "m/s", "file": "y.csv"}}
+    result = take([write(tmp_path / "a.csv", rows()), other], tmp_path / "bag", channels=channels)
+    assert "odometry: v_y (50 Hz) is interpolated at the stamps of v_x (50 Hz)" in result.notes
+    assert "odometry: 1 of 200 stamps lie in gaps: skipped" in result.notes
+    lateral = values_of(tmp_path / "bag", "/odometry", lambda msg: msg.twist.twist.linear.y)
+    np.testing.assert_allclose(lateral[0][1], 0.5 * 0.013 / 0.02, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("time", "cell", "first_s"),
+    [
+        ({"unit": "ms"}, lambda s: f"{s * 1e3:.0f}", 946_684_800.0),
+        ({"unit": "s", "origin": "2024-05-01T10:00:00+02:00"}, lambda s: f"{s}", 1_714_550_400.0),
+        ({"unit": "s", "origin": 5.0}, lambda s: f"{s}", 5.0),
+        ({"unit": "s"}, lambda s: f"{1.7e9 + s:.6f}", 1.7e9),
+        ({"unit": "ns"}, lambda s: f"{1_700_000_000_000_000_000 + round(s * 1e9)}", 1.7e9),
+        ({"unit": "date"}, lambda s: f"2024-05-01T08:00:{s:09.6f}Z", 1_714_550_400.0),
+        (
+            {"unit": "date", "format": "%d.%m.%Y %H:%M:%S.%f"},
+            lambda s: f"01.05.2024 08:00:{s:09.6f}",
+            1_714_550_400.0,
+        ),
+    ],
+)
+def test_time_units_origins_and_dates(tmp_path: Path, time, cell, first_s: float) -> None:
+    lines = [f"{cell(i * 0.02)},10.0,0.0{i},5" for i in range(100)]
+    result = take(write(tmp_path / "a.csv", lines), tmp_path / "bag", time={"column": "t"} | time)
+    stamps = result.content.channels[0].stamp_ns
+    assert stamps[0] == round(first_s * 1e9)
+    assert np.abs(np.diff(stamps) - 20_000_000).max() < 1000
+
+
+def test_the_clock_of_a_file_without_a_start_gets_an_origin(tmp_path: Path) -> None:
+    from asammdf import MDF, Signal
+
+    seconds = np.arange(0.02, 4.0, 0.02)
+    path = tmp_path / "a.mf4"
+    with MDF(version="4.10") as mdf:
+        mdf.header.start_time = datetime.fromtimestamp(0, tz=timezone.utc)
+        names = {"v": 10.0 + seconds, "d": 0.01 * seconds, "m": seconds}
+        mdf.append([Signal(values, seconds, name=name) for name, values in names.items()])
+        mdf.save(path, overwrite=True)
+    relative = take(path, tmp_path / "bag", time=None)
+    assert relative.content.channels[0].stamp_ns[0] == 946_684_800_020_000_000
+    origin = {"a.mf4": {"time": {"origin": "2024-05-01T08:00:00Z"}}}
+    placed = take(path, tmp_path / "bag", time=None, files=origin)
+    assert placed.content.channels[0].stamp_ns[0] == 1_714_550_400_020_000_000
+    files = source.write_mdf(tmp_path)
+    with pytest.raises(UsageError, match=r"its time is absolute: leave out time\.origin"):
+        import_recording(
+            files,
+            source.si_map(files={"drive.mf4": origin["a.mf4"]}),
+            tmp_path / "bag",
+            force=True,
+        )
+    both = source.si_map()["channels"] | {"motor_speed": {"column": "m", "unit": "rpm"}}
+    with pytest.raises(UsageError, match=r"a.mf4: its time is relative, that of .* is absolute"):
+        take([*files, path], tmp_path / "bag", time=None, channels=both)
+
+
+def test_other_channels_get_topics_of_their_own(tmp_path: Path) -> None:
+    header = "t,v,d,m,fl,p,gas,gear,gs,course,lat,lon,n"
+    lines = [f"{row},{36.0},{1.5},{50},{3},{36},{90},{48.1},{11.5},{3000}" for row in rows()]
+    extra = {
+        "wheel_speed_front_left": {"column": "fl", "unit": "km/h", "wheel_radius": 0.25},
+        "brake_pressure": {"column": "p", "unit": "bar"},
+        "throttle": {"column": "gas", "unit": "%"},
+        "gear": {"column": "gear", "unit": "1"},
+        "gps_speed": {"column": "gs", "unit": "km/h"},
+        "gps_course": {"column": "course", "unit": "deg"},
+        "latitude": {"column": "lat", "unit": "deg"},
+        "longitude": {"column": "lon", "unit": "deg"},
+        "motor_speed": {"column": "n", "unit": "rpm"},
+        "a_x": {"column": "v", "unit": "m/s^2"},
+    }
+    path = write(tmp_path / "a.csv", lines, header)
+    result = take(path, tmp_path / "bag", channels=CHANNELS | extra)
+    assert result.not_imported == {"a_x": "an IMU message also needs a_y, yaw_rate"}
+    first: dict[str, Any] = {}
+    with Bag(tmp_path / "bag") as bag:
+        for topic, _, msg in bag.messages():
+            first.setdefault(topic, msg)
+    wheel = first["/vehicle/wheel_speed/front_left"].twist.angular.y
+    assert wheel == pytest.approx(10.0 / 0.25)
+    assert first["/vehicle/brake_pressure"].fluid_pressure == pytest.approx(1.5e5)
+    assert first["/vehicle/throttle"].data == pytest.approx(0.5)
+    assert first["/vehicle/gear"].data == 3.0
+    assert first["/vehicle/motor_speed"].twist.angular.y == pytest.approx(100 * np.pi)
+    east = first["/gps/velocity"].twist.linear
+    assert (east.x, east.y) == pytest.approx((10.0, 0.0), abs=1e-9)
+    assert first["/gps/fix"].latitude == 48.1
+    # The command of training and replay is still the only JointState.
+    assert read_recording(tmp_path / "bag").topics.command == "/vehicle/command"
+
+
+ERRORS = [
+    ("a.csv", "", {}, 3, "a.csv: is empty"),
+    ("a.csv", "t,v,d,m\n", {}, 3, "has no row of numbers"),
+    ("a.csv", "0,1,2,3\n1,2,3,4\n", {}, 3, "has no row of column names"),
+    ("a.csv", "t,v,d\n0.0,1,2\n0.1,1,2\n", {}, 2, "channels.torque: no column 'm' in a.csv"),
+    ("a.csv", "x,v,d,m\n0.0,1,2,3\n0.1,1,2,3\n", {}, 2, "has no column 't' for the time"),
+    ("a.csv", "t,v,d,m\n0.0,1,2,a\n0.1,1,2,b\n", {}, 3, "column 'm' has no number"),
+    ("a.mf4", "no MDF", {}, 3, "a.mf4: cannot be read as MDF"),
+    ("a.mat", "no MAT file at all" * 20, {}, 3, "cannot be read as a MAT file"),
+    ("a.parquet", "no Parquet", {}, 3, "cannot be read as Parquet"),
+    ("a.blf", "no BLF", {"--dbc": "c.dbc"}, 3, "cannot be read as a CAN log"),
+    ("a.blf", "no BLF", {}, 2, "a CAN log needs its messages: give --dbc FILE"),
+    ("a.blf", "x", {"--dbc": "a.blf"}, 2, "a.blf: is no DBC file"),
+    ("a.mcap", "x", {}, 3, "is neither MCAP, SQLite nor a ROS 1 bag"),
+    ("a.xlsx", "x", {}, 2, "format '.xlsx' is not known: give CSV, Parquet"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "more", "code", "line"), ERRORS)
+def test_unusable_files_are_refused_in_one_line(
+    capsys, tmp_path: Path, name: str, content: str, more: dict, code: int, line: str
+) -> None:
+    (tmp_path / "map.yaml").write_text(json.dumps({"time": TIME, "channels": CHANNELS}))
+    (tmp_path / "c.dbc").write_text('VERSION ""\n')
+    (tmp_path / name).write_text(content)
+    arguments = ["import", tmp_path / name, "--map", tmp_path / "map.yaml"]
+    for option, value in more.items():
+        arguments += [option, tmp_path / value]
+    assert line in refused(capsys, [*arguments, "--out", tmp_path / "bag"], code)
+    assert not (tmp_path / "bag").exists()
+
+
+def test_damaged_files_are_refused_or_read_in_part(capfd, tmp_path: Path) -> None:
+    """Cut and altered files of each binary format; no library prints or raises by itself."""
+    rng = np.random.default_rng(0)
+    files = [
+        *source.write_mdf(tmp_path),
+        *source.write_mat(tmp_path),
+        *source.write_parquet_files(tmp_path)[:1],
+        *source.write_can(tmp_path, ".blf"),
+    ]
+    for path in files:
+        whole = path.read_bytes()
+        for length in (100, len(whole) // 2, len(whole)):
+            content = bytearray(whole[:length])
+            for place in rng.integers(min(length, 4000), size=5):
+                content[place] = rng.integers(256)
+            path.write_bytes(bytes(content))
+            with suppress(AdkError):
+                propose_map(path, dbc=[tmp_path / "drive.dbc"])
+    printed = capfd.readouterr()
+    assert (printed.out, printed.err) == ("", "")
+
+
+def test_mat_of_version_7_3_is_named(tmp_path: Path) -> None:
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124, b" ") + b"\x00\x02IM"
+    (tmp_path / "a.mat").write_bytes(head + bytes(400))
+    with pytest.raises(DataError, match=r"version 7.3 \(HDF5\).*save\(file, '-v7'\)"):
+        take(tmp_path / "a.mat", tmp_path / "bag")
+    savemat(tmp_path / "b.mat", {"text": "only"})
+    with pytest.raises(DataError, match="has no vector of numbers"):
+        take(tmp_path / "b.mat", tmp_path / "bag")
+
+
+def test_wrong_arguments_are_refused(capsys, tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", rows())
+    assert "give --map YAML, or write a first one" in refused(capsys, ["import", path], 2)
+    (tmp_path / "map.yaml").write_text(json.dumps({"time": TIME, "channels": CHANNELS}))
+    arguments = ["import", path, "--map", tmp_path / "map.yaml"]
+    assert "give --out BAG" in refused(capsys, arguments, 2)
+    assert "leave out --map" in refused(capsys, [*arguments, "--propose"], 2)
+    assert "no such file" in refused(capsys, [arguments[0], tmp_path / "b", *arguments[2:],
+                                              "--out", tmp_path / "o"], 2)  # fmt: skip
+    assert "no such map file" in refused(
+        capsys, ["import", path, "--map", tmp_path / "no.yaml", "--out", tmp_path / "o"], 2
+    )
+    assert main([str(x) for x in [*arguments, "--out", tmp_path / "o"]]) == 0
+    printed = capsys.readouterr()
+    assert "v_x" in printed.out
+    assert f"next: adk info {tmp_path / 'o'}" in printed.err
+    line = refused(capsys, [*arguments, "--out", tmp_path / "o"], 2)
+    assert "add --force to replace it" in line
+    forced = [*arguments, "--out", tmp_path / "o", "--force", "--json"]
+    assert main([str(x) for x in forced]) == 0
+    printed_json = json.loads(capsys.readouterr().out)
+    assert printed_json["messages"] == 400
+    assert {row["channel"]: row["count"] for row in printed_json["channels"]} == dict.fromkeys(
+        CHANNELS, 200
+    )
+
+
+def test_a_missing_library_is_named_with_the_command(monkeypatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    (tmp_path / "a.mf4").write_bytes(b"x")
+    with pytest.raises(UsageError, match=r"MDF needs asammdf.*pip install 'adk_ros\[import\]'"):
+        take(tmp_path / "a.mf4", tmp_path / "bag")
+    monkeypatch.setitem(sys.modules, "can", None)
+    with pytest.raises(UsageError, match="CAN logs needs python-can, which is not installed"):
+        optional_library("can", "CAN logs", "python-can")
