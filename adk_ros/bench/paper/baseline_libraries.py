@@ -15,6 +15,7 @@ import os
 import selectors
 import subprocess
 import tempfile
+import time
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -95,6 +96,11 @@ class Peer:
         return predicted
 
 
+_POLL_S = 1.0
+"""s; interval at which a thread that waits for a reply sees that another has closed the worker: no
+event comes from a pipe that is closed."""
+
+
 class Worker:
     """Process in the other environment that exchanges requests and answers as files."""
 
@@ -156,11 +162,16 @@ class Worker:
         with selectors.DefaultSelector() as selector:
             selector.register(pipe_out, selectors.EVENT_READ)
             # The reply is one short line, which arrives as a whole.
-            if not selector.select(self._timeout_s):
-                self.close()
-                raise DataError(
-                    f"the baseline libraries took more than {self._timeout_s:g} s and were stopped"
-                )
+            end_s = time.monotonic() + self._timeout_s
+            while not selector.select(min(_POLL_S, max(end_s - time.monotonic(), 0.0))):
+                if not self._end.alive:
+                    return ""
+                if time.monotonic() >= end_s:
+                    self.close()
+                    raise DataError(
+                        f"the baseline libraries took more than {self._timeout_s:g} s and were"
+                        " stopped"
+                    )
         return pipe_out.readline().decode(errors="replace").strip()
 
     def _last_error(self) -> str:

@@ -9,7 +9,9 @@ import re
 import runpy
 import sys
 import textwrap
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -252,3 +254,14 @@ def test_make_peers_installs_wheels_of_pinned_versions() -> None:
     makefile = (ROOT / "Makefile").read_text()
     assert re.search(r"^peers:.*## \S", makefile, re.MULTILINE)
     assert "--no-deps --only-binary :all: -r requirements/peers.txt" in makefile
+
+
+def test_a_thread_that_waits_ends_when_another_closes_the_worker(tmp_path: Path) -> None:
+    waits = script(tmp_path, "import time\ntime.sleep(600)\n")
+    worker = baseline_libraries.Worker(Path(sys.executable), waits, timeout_s=600.0)
+    with ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(worker.ask, x=np.zeros(3))
+        time.sleep(0.5)
+        worker.close()
+        with pytest.raises((UsageError, ValueError)):
+            asked.result(timeout=10.0)
