@@ -21,6 +21,7 @@ import typer
 from adk_ros.api.provenance import COMMAND_LINE
 from adk_ros.cli import (
     bench,
+    check,
     demo,
     detectable,
     echo,
@@ -69,6 +70,7 @@ def _options(
 
 VERBS: dict[str, tuple[str, Callable[..., Any]]] = {
     "info": (DATA, info.info),
+    "check": (DATA, check.check),
     "simulate": (DATA, simulate.simulate),
     "play": (DATA, play.play),
     "train": (PREDICT, train.train),
@@ -154,6 +156,7 @@ play_main = _verb_main("play")
 echo_main = _verb_main("echo")
 rollout_main = _verb_main("rollout")
 info_main = _verb_main("info")
+check_main = _verb_main("check")
 simulate_main = _verb_main("simulate")
 mismatch_main = _verb_main("mismatch")
 watch_main = _verb_main("watch")
