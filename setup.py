@@ -18,7 +18,7 @@ from setuptools import find_packages, setup
 NAME = "adk_ros"
 VERBS = (
     "train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench",
-    "compile", "watch", "import", "export",
+    "compile", "watch", "import", "export", "check",
 )  # fmt: skip
 
 console_scripts = ["adk = adk_ros.cli.main:main", "predictor = adk_ros.ros.node:main"]

@@ -21,6 +21,7 @@ import typer
 from adk_ros.api.provenance import COMMAND_LINE
 from adk_ros.cli import (
     bench,
+    check,
     demo,
     detectable,
     echo,
@@ -73,6 +74,7 @@ VERBS: dict[str, tuple[str, Callable[..., Any]]] = {
     "info": (DATA, info.info),
     "import": (DATA, import_files.import_files),
     "export": (DATA, export.export),
+    "check": (DATA, check.check),
     "simulate": (DATA, simulate.simulate),
     "play": (DATA, play.play),
     "train": (PREDICT, train.train),
@@ -160,6 +162,7 @@ rollout_main = _verb_main("rollout")
 info_main = _verb_main("info")
 import_main = _verb_main("import")
 export_main = _verb_main("export")
+check_main = _verb_main("check")
 simulate_main = _verb_main("simulate")
 mismatch_main = _verb_main("mismatch")
 watch_main = _verb_main("watch")

@@ -8,6 +8,7 @@ Keys given twice are allowed, as in ROS: the last one counts.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -43,12 +44,14 @@ def read_parameter_file(path: Path) -> tuple[dict[str, Any], list[str]]:
 def write_sensor_parameters(path: Path, sensors: SensorConfig) -> None:
     """Write a ROS parameter file with the sensor configuration, for `--params`."""
     names = {spec.name for spec in TABLE}
-    values = {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in asdict(sensors).items()
-        if name in names
-    }
-    content = {"/**": {"ros__parameters": values}}
+    values = {name: value for name, value in asdict(sensors).items() if name in names}
+    write_parameters(path, values)
+
+
+def write_parameters(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a ROS parameter file with the given values by name, for `--params` and the node."""
+    plain = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
+    content = {"/**": {"ros__parameters": plain}}
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 

@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
 VERBS = [
     "train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench",
-    "compile", "watch", "import", "export",
+    "compile", "watch", "import", "export", "check",
 ]  # fmt: skip
 PYTHONS = ["3.10", "3.11", "3.12", "3.13", "3.14"]
 

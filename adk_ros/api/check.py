@@ -1,0 +1,108 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`adk check`: signs, units, axes, timing and calibration of a recording, with evidence."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from adk_ros.api.output import check_output
+from adk_ros.api.progress import Progress, in_stage
+from adk_ros.bags.recording import RecordingOptions
+from adk_ros.calibration.check import CheckResult
+from adk_ros.calibration.from_bag import BagContent
+from adk_ros.errors import UsageError
+
+
+@dataclass(frozen=True)
+class RecordingCheck:
+    """
+    The checks of one recording.
+
+    `path`: the bag. `content`: what it holds. `result`: findings, proposed parameters, advice.
+    """
+
+    path: Path
+    content: BagContent
+    result: CheckResult
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The findings as a table, one row per check, indexed by name."""
+        rows = [finding.as_dict() for finding in self.result.findings]
+        return pd.DataFrame(rows).set_index("name")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what `adk check --json` prints."""
+        return {
+            "kind": "check",
+            "path": str(self.path),
+            "seconds": round(self.content.streams.seconds, 3),
+            "used_as": self.content.topics,
+            "findings": [finding.as_dict() for finding in self.result.findings],
+            "parameters": self.result.parameters,
+            "advice": self.result.advice,
+            "notes": list(self.content.streams.notes),
+            "warnings": self.content.warnings,
+        }
+
+    def write_parameters(self, out: Path | str, force: bool = False) -> bool:
+        """
+        Write the proposed parameters as a ROS parameter file; return False if there are none.
+
+        The file also has what the recording was read with, as far as it differs from the
+        defaults, so that it replaces an earlier one.
+
+        :raises UsageError: the file exists and `force` is not set, or values contradict.
+        """
+        from adk_ros.ros.parameter_file import write_parameters
+        from adk_ros.signals.decode import SensorConfig
+
+        if not self.result.parameters:
+            return False
+        target = Path(out)
+        check_output(target, force, None, self.path)
+        default, given = asdict(SensorConfig()), asdict(self.content.sensors)
+        known = {name: value for name, value in given.items() if value != default[name]}
+        values: dict[str, Any] = known | self.result.parameters
+        arguments: dict[str, Any] = {
+            name: tuple(x) if isinstance(x, list) else x for name, x in values.items()
+        }
+        try:
+            SensorConfig(**arguments)
+        except UsageError as error:
+            raise UsageError(f"{target}: the proposed parameters contradict: {error}") from None
+        write_parameters(target, values)
+        return True
+
+
+def check_recording(
+    recording: Path | str,
+    vehicle: Path | str | None = None,
+    *,
+    options: RecordingOptions | None = None,
+    progress: Progress | None = None,
+) -> RecordingCheck:
+    """
+    Check a recording before training or comparing with it.
+
+    :param recording: rosbag2 folder, .mcap, .db3 or ROS 1 .bag; IMU, odometry and command are each
+        optional.
+    :param vehicle: vehicle file (YAML or packaged name), for the wheelbase, mass and wheel radius.
+    :param options: topics and sensor configuration.
+    :raises UsageError: the bag or a file does not exist or is invalid.
+    :raises DataError: the bag is unreadable or empty.
+    """
+    from adk_ros.calibration.check import check
+    from adk_ros.calibration.from_bag import read_streams
+    from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
+
+    nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
+    report = in_stage(progress, f"reading {Path(recording).name}")
+    content = read_streams(recording, options or RecordingOptions(), report)
+    found = check(content, nominal, in_stage(progress, "checking"))
+    return RecordingCheck(Path(recording), content, found)

@@ -1,0 +1,239 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+All checks of one recording, in the order in which one fault would hide another.
+
+Streams first (gaps, frozen readings), then signs and units of the odometry, the axes of the IMU,
+signs and units of the gyro and the steering; each is corrected before the next. Scales, offsets,
+positions and lags are estimated on the corrected streams.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from adk_ros.calibration.continuity import Interval
+from adk_ros.calibration.criteria import MIN_MOVING_S
+from adk_ros.calibration.drive_command import check_torque, check_wheels
+from adk_ros.calibration.finding import Finding, Verdict, found, not_decidable, undecided
+from adk_ros.calibration.from_bag import BagContent
+from adk_ros.calibration.grid import Signals, on_grid, shifted
+from adk_ros.calibration.imu_axes import check_axes, check_gravity
+from adk_ros.calibration.imu_calibration import check_imu
+from adk_ros.calibration.odometry_calibration import check_odometry_scale, check_yaw_rates
+from adk_ros.calibration.reference_point import check_reference_point
+from adk_ros.calibration.signs_and_units import check_gyro, check_odometry
+from adk_ros.calibration.steering import check_sign, check_steering
+from adk_ros.calibration.stream_checks import check_streams
+from adk_ros.calibration.streams import Streams
+from adk_ros.calibration.timing import check_timing
+from adk_ros.plant.vehicle.vehicle_parameters import Dimensions
+from adk_ros.signals.commands import COMMAND_TYPES
+from adk_ros.signals.decode import SensorConfig
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """
+    What the checks say about a recording.
+
+    `findings` in the order of the checks; `parameters`: proposed values by name, which replace
+    those that the recording was read with; `advice`: one line on what to do next.
+    """
+
+    findings: list[Finding]
+    parameters: dict[str, Any]
+    advice: str
+
+    def of(self, verdict: Verdict) -> list[Finding]:
+        """Return the findings with a verdict."""
+        return [x for x in self.findings if x.verdict is verdict]
+
+
+def check(
+    content: BagContent, vehicle: Dimensions | None = None, progress: Progress | None = None
+) -> CheckResult:
+    """Return the findings on a recording; a vehicle gives wheelbase, mass and wheel radius."""
+    report = progress or (lambda done, total: None)
+    findings = _command(content, vehicle)
+    faults = check_streams(content.streams)
+    findings += faults.findings
+    streams, sensors, coarse = _coarse(content, faults.unusable, vehicle)
+    findings += coarse
+    report(1, 3)
+    s = on_grid(streams, faults.unusable)
+    if s is None or s.moving_s < MIN_MOVING_S:
+        moving_s = 0.0 if s is None else s.moving_s
+        reason = (
+            f"only {moving_s:.1f} s of driving are covered by all streams and free of faults; "
+            f"{MIN_MOVING_S:g} s are needed"
+        )
+        findings.append(not_decidable("calibration", reason))
+        return _result(findings, content)
+    findings += _fine(s, streams, sensors, vehicle, content)
+    report(3, 3)
+    return _result(findings, content)
+
+
+def _coarse(
+    content: BagContent, unusable: list[Interval], vehicle: Dimensions | None
+) -> tuple[Streams, SensorConfig, list[Finding]]:
+    """Return the streams with axes, signs and units corrected, and the findings on them."""
+    streams, sensors = content.streams, content.sensors
+    findings: list[Finding] = []
+    s = on_grid(streams, unusable)
+    if s is None:
+        text = "the stamps of the streams do not overlap: they are of different clocks"
+        remedy = "stamp all messages with one clock"
+        findings.append(found("clocks", text, "first and last stamps", remedy=remedy))
+        return streams, sensors, findings
+    # A speed in km/h is no standstill, but one without any motion has nothing to compare.
+    if s.moving_s < MIN_MOVING_S:
+        return streams, sensors, findings
+    for finding, corrected in check_odometry(streams, s):
+        findings.append(finding)
+        streams = corrected
+    s = _again(streams, unusable, s)
+    found_here, streams = check_gravity(streams, s)
+    findings += found_here
+    s = _again(streams, unusable, s)
+    found_here, streams = check_axes(streams, s, sensors)
+    findings += found_here
+    sensors = _with_rotation(sensors, found_here)
+    s = _again(streams, unusable, s)
+    for finding, corrected in check_gyro(streams, s):
+        findings.append(finding)
+        streams = corrected
+    s = _again(streams, unusable, s)
+    wheelbase = _wheelbase(vehicle)
+    found_here, streams, sensors = check_sign(streams, s, sensors, wheelbase)
+    return streams, sensors, findings + found_here
+
+
+def _again(streams: Streams, unusable: Iterable[Interval], before: Signals) -> Signals:
+    return on_grid(streams, unusable) or before
+
+
+def _with_rotation(sensors: SensorConfig, findings: list[Finding]) -> SensorConfig:
+    for finding in findings:
+        if (angles := finding.parameters.get("imu_rotation")) is not None:
+            sensors = replace(sensors, imu_rotation=tuple(angles))
+    return sensors
+
+
+def _wheelbase(vehicle: Dimensions | None) -> float | None:
+    return None if vehicle is None else vehicle.cg_to_front_axle + vehicle.cg_to_rear_axle
+
+
+def _fine(
+    s: Signals,
+    streams: Streams,
+    sensors: SensorConfig,
+    vehicle: Dimensions | None,
+    content: BagContent,
+) -> list[Finding]:
+    """Return the findings on scales, offsets, positions and lags."""
+    timing = list(check_timing(s))
+    out = [*check_odometry_scale(s), *check_yaw_rates(s), *timing]
+    late = {x.name for x in timing if x.verdict is Verdict.FINDING}
+    if any(name.startswith("odometry_yaw_rate") for name in late):
+        # No reference and no instrument for what follows.
+        s = replace(s, yaw_rate=None)
+    positions = list(check_imu(_aligned(s, timing), sensors))
+    out += [_unless_filtered(x, late) for x in positions]
+    points = list(check_reference_point(s, sensors, vehicle))
+    is_known = not any(x.verdict is Verdict.FINDING for x in points)
+    out += points
+    out += [_unless_offset(x, late) for x in check_steering(s, sensors, vehicle, is_known)]
+    radius = None if vehicle is None else vehicle.wheel_radius
+    mass = None if vehicle is None else vehicle.mass
+    if streams.command is not None and content.command_type == "joint_state":
+        out += check_torque(s, mass, radius)
+        out += check_wheels(s, dict(streams.wheels), radius)
+    return out
+
+
+def _aligned(s: Signals, timing: list[Finding]) -> Signals:
+    """Return signals with the IMU moved in time by the delays that were found."""
+    delays = {x.name: x.value for x in timing if x.verdict is Verdict.FINDING and x.value}
+    by_gyro, by_accelerometer = delays.get("gyro_delay"), delays.get("accelerometer_delay")
+    if by_gyro and s.w is not None:
+        s = replace(s, w=np.vstack([shifted(axis, -by_gyro) for axis in s.w]))
+    if by_accelerometer and s.a is not None:
+        s = replace(s, a=np.vstack([shifted(axis, -by_accelerometer) for axis in s.a]))
+    return s
+
+
+def _unless_filtered(finding: Finding, late: set[str]) -> Finding:
+    """Return a finding on the IMU, undecided where a filter of a stream looks the same."""
+    is_position = finding.name == "imu_position" and finding.verdict is Verdict.FINDING
+    filtered = sorted(name for name in late if name.endswith(("_filter", "_lag")))
+    if is_position and any(not name.startswith("odometry_yaw_rate") for name in filtered):
+        return undecided(finding, "a low-pass filter of the IMU or of odometry looks the same")
+    return finding
+
+
+def _unless_offset(finding: Finding, late: set[str]) -> Finding:
+    """Return a finding on the steering, undecided where IMU and odometry disagree on time."""
+    is_delay = finding.name == "steering_delay" and finding.verdict is Verdict.FINDING
+    if is_delay and late & {"gyro_delay", "gyro_lag", "accelerometer_delay"}:
+        reason = "IMU and odometry are offset in time: correct that first"
+        return undecided(finding, reason)
+    return finding
+
+
+def _command(content: BagContent, vehicle: Dimensions | None) -> list[Finding]:
+    """Return the findings on the type of the command and the names of its joints."""
+    if not content.command_type:
+        return []
+    out = []
+    if content.command_type != content.sensors.command_type:
+        proposal: dict[str, Any] = {"command_type": content.command_type}
+        kind = COMMAND_TYPES[content.command_type]
+        if kind.inferred_torque:
+            proposal |= (
+                {}
+                if vehicle is None
+                else {"mass": vehicle.mass, "wheel_radius": vehicle.wheel_radius}
+            )
+        text = f"the command is of type {kind.msgtype}, not {content.sensors.command_type}"
+        usable = not kind.inferred_torque or vehicle is not None
+        remedy = "give --vehicle: mass and wheel radius are needed with it"
+        out.append(
+            found("command_type", text, "types of the topics", proposal if usable else {}, remedy)
+        )
+    proposal = content.joints.proposal(content.sensors)
+    if content.command_type == "joint_state" and proposal:
+        named = ", ".join(content.joints.names())
+        text = f"the configured joints are absent; the command has {named}"
+        out.append(found("joints", text, "names in the command", proposal))
+    return out
+
+
+def _result(findings: list[Finding], content: BagContent) -> CheckResult:
+    parameters: dict[str, Any] = {}
+    for finding in findings:
+        parameters |= finding.parameters
+    return CheckResult(findings, parameters, _advice(findings, parameters))
+
+
+def _advice(findings: list[Finding], parameters: dict[str, Any]) -> str:
+    count = sum(x.verdict is Verdict.FINDING for x in findings)
+    if not count:
+        open_checks = sum(x.verdict is Verdict.NOT_DECIDABLE for x in findings)
+        return "nothing to correct" + (
+            f"; {open_checks} checks are not decidable with this recording" if open_checks else ""
+        )
+    if parameters:
+        names = ", ".join(parameters)
+        return (
+            f"write {names} with --out params.yaml, check again with --params params.yaml, then "
+            "use it for train, replay, mismatch and the node"
+        )
+    return "correct the recording where a finding says so, then check again"

@@ -1,0 +1,236 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Read a bag into `Streams`: all axes, nothing refused for its sign, unit or joint names.
+
+The decoder of the other verbs refuses messages that it cannot use, such as a hand-wheel angle in
+degrees. Here they are what is to be found, so the fields are read as they stand; only the sensor
+configuration that is already known (`--params`, `/tf_static`) is applied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, ODOMETRY_TYPE, Bag
+from adk_ros.bags.recording import Progress, RecordingOptions
+from adk_ros.calibration.joints import JointTable
+from adk_ros.calibration.messages import imu_row, odometry_row, request_row, stamp_s
+from adk_ros.calibration.streams import (
+    COMMAND_COLUMNS,
+    IMU_COLUMNS,
+    ODOMETRY_COLUMNS,
+    Stream,
+    Streams,
+)
+from adk_ros.calibration.topics import command_topic, optional_topic
+from adk_ros.errors import DataError
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.decode import SensorConfig
+from adk_ros.signals.extrinsics import (
+    MSGTYPE,
+    StaticTransforms,
+    extrinsics_text,
+    frame_of,
+    wants_extrinsics,
+    with_extrinsics,
+)
+from adk_ros.signals.frames import rotation
+
+_PROGRESS_INTERVAL = 2000
+_MIN_MESSAGES = 10
+"""Messages that a stream must have: fewer have no rate."""
+_MAX_VALUE = 1e9
+"""SI units; a larger number is a faulty field: above any angle, torque or position of a car."""
+_MAX_STRAY_S = 60.0
+"""s by which stamps may leave the duration of the log."""
+
+
+@dataclass(frozen=True)
+class BagContent:
+    """
+    What a bag holds for the checks.
+
+    `topics`: name by role (imu, odometry, command), None where absent. `sensors`: configuration
+    that the streams were read with. `joints`: the joints of the command, if it has any.
+    `command_type`: key of `signals.commands.COMMAND_TYPES`, "" without a command.
+    """
+
+    streams: Streams
+    topics: dict[str, str | None]
+    sensors: SensorConfig
+    joints: JointTable
+    command_type: str
+    warnings: list[str]
+
+
+def read_streams(
+    path: Path | str, options: RecordingOptions, progress: Progress | None = None
+) -> BagContent:
+    """
+    Read the streams of a bag; those that it lacks are None.
+
+    :raises UsageError: the bag does not exist, or a named topic is absent.
+    :raises DataError: the bag is unreadable or empty, or has neither IMU, odometry nor command.
+    """
+    with Bag(path) as bag:
+        notes: list[str] = []
+        imu = optional_topic(bag, "imu", options.imu if options.use_imu else "", IMU_TYPE, notes)
+        odometry = optional_topic(bag, "odometry", options.odometry, ODOMETRY_TYPE, notes)
+        command, kind = command_topic(bag, options, notes)
+        names = {"imu": imu, "odometry": odometry, "command": command}
+        if not any(names.values()):
+            raise DataError(
+                f"bag {bag.path}: no IMU, odometry or command to check; it has {bag.summary()}"
+            )
+        sensors = _with_transforms(bag, options.sensors, imu, odometry, notes)
+        content = _Rows(kind)
+        role_of = {name: role for role, name in names.items() if name is not None}
+        role_of |= {
+            x.name: "wheels"
+            for x in bag.topics
+            if x.msgtype == COMMAND_TYPES["joint_state"] and x.count and x.name != command
+        }
+        total = sum(x.count for x in bag.topics if x.name in role_of)
+        for done, (topic, _, msg) in enumerate(bag.messages(role_of), start=1):
+            content.add(role_of[topic], topic, msg)
+            if progress is not None and (done % _PROGRESS_INTERVAL == 0 or done == total):
+                progress(done, total)
+        warnings = list(bag.warnings)
+        seconds = bag.duration_s
+    name = Path(path).name
+    if content.refused:
+        warnings.append(f"{name}: {content.refused} messages lack expected fields: skipped")
+    streams = _streams(content, name, seconds, sensors, notes)
+    return BagContent(streams, names, sensors, content.joints, kind, warnings)
+
+
+@dataclass
+class _Rows:
+    """Rows of numbers by role, joints of the command and of other topics, refused messages."""
+
+    kind: str
+    rows: dict[str, list[list[float]]] = field(
+        default_factory=lambda: {"imu": [], "odometry": [], "command": []}
+    )
+    joints: JointTable = field(default_factory=JointTable)
+    others: dict[str, JointTable] = field(default_factory=dict)
+    refused: int = 0
+
+    def add(self, role: str, topic: str, msg: Any) -> None:
+        """Take over a message; one that lacks a field is counted."""
+        # Untrusted messages: a field of another type must not end in a traceback.
+        try:
+            if role == "wheels":
+                self.others.setdefault(topic, JointTable()).add(stamp_s(msg), msg)
+            elif role == "command" and self.kind == "joint_state":
+                self.joints.add(stamp_s(msg), msg)
+            else:
+                self.rows[role].append(_ROWS[role](msg))
+        except (AttributeError, TypeError, ValueError, IndexError, OverflowError):
+            self.refused += 1
+
+
+_ROWS = {"imu": imu_row, "odometry": odometry_row, "command": request_row}
+
+
+def _with_transforms(
+    bag: Bag, sensors: SensorConfig, imu: str | None, odometry: str | None, notes: list[str]
+) -> SensorConfig:
+    """Return the configuration with the pose of the IMU that the bag's `/tf_static` gives."""
+    names = [x.name for x in bag.topics if x.msgtype == MSGTYPE and x.name.endswith("tf_static")]
+    if not names or imu is None or odometry is None or not wants_extrinsics(sensors):
+        return sensors
+    transforms = StaticTransforms()
+    try:
+        for _, _, msg in bag.messages(names):
+            transforms.add(msg)
+    except DataError as error:
+        notes.append(f"the pose of the IMU is not read: {error}")
+        return sensors
+    vehicle, frame = (
+        next((frame_of(msg) for _, _, msg in bag.messages([topic])), "")
+        for topic in (odometry, imu)
+    )
+    out = with_extrinsics(sensors, transforms, vehicle, frame)
+    if out != sensors:
+        notes.append(extrinsics_text(out))
+    return out
+
+
+def _streams(
+    content: _Rows, name: str, seconds: float, sensors: SensorConfig, notes: list[str]
+) -> Streams:
+    rows, joints = content.rows, content.joints
+    if content.kind == "joint_state":
+        torque, steering = joints.drive_and_steer(sensors)
+        rows["command"] = np.column_stack([joints.at_s, torque, steering]).tolist()
+    tables = {role: _table(rows[role], seconds) for role in rows}
+    present = [table for table, _ in tables.values() if table.size]
+    first = min((float(table[0, 0]) for table in present), default=0.0)
+    imu = _stream("the IMU", tables["imu"], IMU_COLUMNS, first)
+    odometry = _stream("odometry", tables["odometry"], ODOMETRY_COLUMNS, first)
+    command = _stream("the command", tables["command"], COMMAND_COLUMNS, first)
+    if imu is not None and any(sensors.imu_rotation):
+        imu = turned(imu, rotation(*sensors.imu_rotation))
+    if odometry is not None:
+        odometry = odometry.having(heading=np.unwrap(odometry["heading"]))
+    wheels = {}
+    for table in (joints, *content.others.values()):
+        for joint, values in table.velocities().items():
+            rows_of = np.column_stack([table.at_s, values]).tolist()
+            stream = _stream(joint, _table(rows_of, seconds), ("velocity",), first)
+            if stream is not None:
+                wheels[joint] = stream
+    return Streams(name, seconds, imu, odometry, command, wheels, tuple(notes))
+
+
+def _table(rows: list[list[float]], seconds: float) -> tuple[FloatArray, int]:
+    """Return rows with usable stamps in their order (n, k), and how many were out of order."""
+    table = np.array(rows, dtype=np.float64)
+    if table.size == 0:
+        return table, 0
+    table[:, 1:][np.abs(table[:, 1:]) > _MAX_VALUE] = np.nan
+    at = table[:, 0]
+    # A stamp of another day would make the grid endless.
+    near = np.abs(at - np.median(at)) < seconds + _MAX_STRAY_S
+    usable = np.isfinite(at) & (at > 0.0) & near
+    disordered = int((np.diff(at) <= 0.0).sum()) + int((~near & (at > 0.0)).sum())
+    table = table[usable]
+    _, kept = np.unique(table[:, 0], return_index=True)
+    return table[kept], disordered
+
+
+def _stream(
+    name: str, found: tuple[FloatArray, int], columns: Sequence[str], first: float
+) -> Stream | None:
+    table, disordered = found
+    if table.shape[0] < _MIN_MESSAGES:
+        return None
+    values = {column: _without_nan(table[:, i + 1]) for i, column in enumerate(columns)}
+    return Stream(name, table[:, 0] - first, values, disordered)
+
+
+def _without_nan(values: FloatArray) -> FloatArray:
+    """Return a channel with single missing values held; NaN throughout if most are missing."""
+    known = np.isfinite(values)
+    if known.mean() < 0.5:
+        return np.full_like(values, np.nan)
+    at = np.arange(values.size, dtype=np.float64)
+    return np.interp(at, at[known], values[known])
+
+
+def turned(imu: Stream, matrix: FloatArray) -> Stream:
+    """Return an IMU stream with its vectors multiplied by `matrix` (3, 3)."""
+    out: dict[str, FloatArray] = {}
+    for names in (IMU_COLUMNS[:3], IMU_COLUMNS[3:]):
+        rows = np.vstack([imu[name] for name in names])
+        # A single axis that is not reported must not take the others along.
+        vectors = matrix @ (rows if np.isnan(rows).all() else np.nan_to_num(rows))
+        out |= dict(zip(names, vectors, strict=True))
+    return replace(imu, columns={**imu.columns, **out})

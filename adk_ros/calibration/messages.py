@@ -1,0 +1,54 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fields of a message as a row of numbers, as they stand: nothing is refused or corrected."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+
+def stamp_s(msg: Any) -> float:
+    """Return the stamp of a message in s; Autoware messages have no header."""
+    stamp = msg.header.stamp if hasattr(msg, "header") else msg.stamp
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+
+
+def imu_row(msg: Any) -> list[float]:
+    """Return stamp, acceleration and angular velocity (7,); NaN where it is not reported."""
+    force, rate = msg.linear_acceleration, msg.angular_velocity
+    a = [float(force.x), float(force.y), float(force.z)]
+    w = [float(rate.x), float(rate.y), float(rate.z)]
+    # REP-145: a first covariance element of -1 marks a field that is not reported.
+    if msg.linear_acceleration_covariance[0] == -1.0:
+        a = [math.nan] * 3
+    if msg.angular_velocity_covariance[0] == -1.0:
+        w = [math.nan] * 3
+    return [stamp_s(msg), *a, *w]
+
+
+def odometry_row(msg: Any) -> list[float]:
+    """Return stamp, v_x, v_y, yaw rate, x, y and heading (7,)."""
+    twist, pose = msg.twist.twist, msg.pose.pose
+    q = pose.orientation
+    heading = math.atan2(
+        2.0 * (float(q.w) * float(q.z) + float(q.x) * float(q.y)),
+        1.0 - 2.0 * (float(q.y) ** 2 + float(q.z) ** 2),
+    )
+    return [
+        stamp_s(msg),
+        float(twist.linear.x),
+        float(twist.linear.y),
+        float(twist.angular.z),
+        float(pose.position.x),
+        float(pose.position.y),
+        heading,
+    ]
+
+
+def request_row(msg: Any) -> list[float]:
+    """Return stamp, acceleration and road-wheel angle of an Ackermann or Autoware command (3,)."""
+    at = stamp_s(msg)
+    if hasattr(msg, "drive"):
+        return [at, float(msg.drive.acceleration), float(msg.drive.steering_angle)]
+    return [at, float(msg.longitudinal.acceleration), float(msg.lateral.steering_tire_angle)]

@@ -1,0 +1,177 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Scale of the odometry, scale and bias of yaw rates: changes over blocks of 5 s.
+
+Over a block the integral of a rate is compared with the change of what it is the rate of. A delay
+or a low-pass filter of the rate changes that integral only by its lag times the change of the
+rate between the ends of the block, which is a column of the regression: neither is mistaken for a
+scale, as a regression of rate on rate would.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from adk_ros.calibration.criteria import BLOCK_S, MIN_SPEED_CHANGE, PERIOD_S
+from adk_ros.calibration.finding import Finding, Verdict, judged, not_decidable, undecided
+from adk_ros.calibration.grid import Signals
+from adk_ros.calibration.regression import Regression, regress
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.numerics.constants import GRAVITY
+
+_MIN_COSINE = 0.85
+"""Cosine of 32°, the steepest bank of an oval (Talladega: 33°)."""
+
+
+def check_odometry_scale(s: Signals) -> Iterator[Finding]:
+    """Yield the scale of v_x against the pose, and against the accelerometer."""
+    if s.v_x is None:
+        return
+    yield _scale_by_pose(s)
+    yield _scale_by_acceleration(s)
+
+
+def check_yaw_rates(s: Signals) -> Iterator[Finding]:
+    """Yield scale and bias of the gyro, and of odometry's yaw rate where a pose exists."""
+    if s.heading is not None:
+        other = s.gyro if s.gyro is not None else s.yaw_rate
+        if s.gyro is not None:
+            yield from _rate(s, s.gyro, s.heading, s.yaw_rate, "gyro", "heading of the pose")
+        if s.yaw_rate is not None:
+            yield from _rate(s, s.yaw_rate, s.heading, other, "yaw_rate", "heading of the pose")
+    elif s.gyro is not None and s.yaw_rate is not None:
+        integral = np.cumsum(s.yaw_rate) * PERIOD_S
+        yield from _rate(s, s.gyro, integral, None, "gyro", "integral of odometry's yaw rate")
+
+
+def _scale_by_pose(s: Signals) -> Finding:
+    name = "odometry_scale"
+    if s.forward is None or s.heading is None or s.x is None or s.y is None:
+        return not_decidable(name, "odometry has no pose")
+    assert s.v_x is not None
+    left = s.v_y if s.v_y is not None else np.zeros_like(s.v_x)
+    c, n = np.cos(s.heading), np.sin(s.heading)
+    starts, weights = _blocks(s)
+    driven = np.hypot(
+        _integral(s.v_x * c - left * n, starts), _integral(s.v_x * n + left * c, starts)
+    )
+    # Straight-line distances: a constant error of the heading turns both alike.
+    moved = np.hypot(_change(s.x, starts), _change(s.y, starts))
+    ends = _change(s.v_x, starts)
+    found = regress(np.column_stack([moved, ends]), driven, weights, period_s=BLOCK_S)
+    evidence = "distance driven by v_x, v_y over 5 s against the displacement of the pose"
+    if found is None:
+        return not_decidable(name, _too_little(s), evidence)
+    text = "odometry's velocity is not to the scale of its position: ratio"
+    remedy = "no parameter for this yet: correct the wheel radius or the scale of the odometry"
+    return judged(name, found.estimate(0), 1.0, text, evidence, remedy=remedy)
+
+
+def _scale_by_acceleration(s: Signals) -> Finding:
+    name = "acceleration_scale"
+    if s.a is None or s.longitudinal is None:
+        return not_decidable(name, "the recording has no accelerometer or no velocity")
+    assert s.v_x is not None
+    starts, weights = _blocks(s)
+    change = _change(s.v_x, starts)
+    usual = float(np.sqrt(weights @ change**2 / max(float(weights.sum()), 1.0)))
+    if usual < MIN_SPEED_CHANGE:
+        reason = f"the speed changes by {usual:.2f} m/s (RMS) in {BLOCK_S:g} s only"
+        return not_decidable(name, reason)
+    coupling = _integral(s.longitudinal - np.gradient(s.v_x, PERIOD_S), starts)
+    sensed = _integral(s.a[0], starts)
+    columns = np.column_stack([change + coupling, np.full_like(change, BLOCK_S)])
+    found = regress(columns, sensed, weights, period_s=BLOCK_S)
+    evidence = "integral of a_x over 5 s against the change of v_x"
+    if found is None:
+        return not_decidable(name, _too_little(s), evidence)
+    text = "the accelerometer's a_x is not to the scale of odometry's v_x: ratio"
+    return judged(name, found.estimate(0), 1.0, text, evidence)
+
+
+def _rate(
+    s: Signals,
+    rate: FloatArray,
+    angle: FloatArray,
+    instrument: FloatArray | None,
+    name: str,
+    reference: str,
+) -> Iterator[Finding]:
+    """Yield scale and bias of a rate against the change of an angle."""
+    starts, weights = _blocks(s)
+    change, ends = _change(angle, starts), _change(rate, starts)
+    duration = np.full_like(change, BLOCK_S)
+    columns = np.column_stack([change, duration, ends])
+    instruments = columns
+    if instrument is not None:
+        # The noise of the heading would lower the scale; another sensor's noise is independent.
+        instruments = np.column_stack([_integral(instrument, starts), duration, ends])
+    found: Regression | None = regress(
+        columns, _integral(rate, starts), weights, instruments, period_s=BLOCK_S
+    )
+    title = "the gyro" if name == "gyro" else "odometry's yaw rate"
+    evidence = (
+        f"integral of {title} over 5 s against the change of the {reference}, with a column that "
+        "takes up delay and filter"
+    )
+    if found is None:
+        yield not_decidable(f"{name}_scale", _too_little(s), evidence)
+        return
+    text = f"{title} is not to the scale of the {reference}: ratio"
+    scale = judged(f"{name}_scale", found.estimate(0), 1.0, text, evidence, kind="gyro_scale")
+    yield _unless_banked(scale, s)
+    text = f"{title} has a bias against the {reference}"
+    yield judged(f"{name}_bias", found.estimate(1), 0.0, text, evidence, kind="gyro_bias")
+
+
+def _unless_banked(scale: Finding, s: Signals) -> Finding:
+    """
+    Return the finding on the scale of a yaw rate, undecided where banked bends explain it.
+
+    About the vertical axis of a car that is rolled by a bank, the yaw rate is the cosine of the
+    bank times the rate of the heading. A bank also lowers the lateral specific force, by g times
+    its sine; where that is measured and not seen, the bends are level.
+    """
+    value = scale.value
+    if scale.verdict is not Verdict.FINDING or value is None or not _MIN_COSINE < value < 1.0:
+        return scale
+    bank = float(np.arccos(value))
+    reason = f"bends banked by {np.degrees(bank):.0f}° would lower the yaw rate as much"
+    if s.a is None or s.lateral is None:
+        return undecided(scale, f"{reason}, and there is no accelerometer to see it")
+    columns = np.column_stack([s.lateral, np.ones_like(s.lateral)])
+    fit = regress(columns, s.a[1], s.moving)
+    bends = s.moving * np.abs(s.lateral)
+    usual = float(bends @ np.abs(s.lateral)) / max(float(bends.sum()), 1e-9)
+    lowered = GRAVITY * float(np.sin(bank)) / max(usual, 1e-9)
+    if fit is not None and fit.estimate(0).low > 1.0 - 0.5 * lowered:
+        return scale
+    return undecided(scale, reason)
+
+
+def _blocks(s: Signals) -> tuple[IntArray, FloatArray]:
+    """Return the first rows of consecutive blocks, and weights: 1 if all of a block counts."""
+    rows = round(BLOCK_S / PERIOD_S)
+    starts = np.arange(0, s.at_s.size - rows, rows, dtype=np.int64)
+    sums = np.concatenate([[0.0], np.cumsum(s.moving)])
+    whole = sums[starts + rows] - sums[starts] > rows - 0.5
+    return starts, whole.astype(np.float64)
+
+
+def _integral(values: FloatArray, starts: IntArray) -> FloatArray:
+    """Return the integral (b,) of values over each block, by the trapezoidal rule."""
+    steps = 0.5 * PERIOD_S * (values[1:] + values[:-1])
+    total = np.concatenate([[0.0], np.cumsum(steps)])
+    return _change(total, starts)
+
+
+def _change(values: FloatArray, starts: IntArray) -> FloatArray:
+    rows = round(BLOCK_S / PERIOD_S)
+    return np.asarray(values[starts + rows] - values[starts])
+
+
+def _too_little(s: Signals) -> str:
+    return f"{s.moving_s:.0f} s of driving without faults are too few"

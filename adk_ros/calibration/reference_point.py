@@ -1,0 +1,100 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where the point of odometry's twist lies along the car, from the sideslip of the rear axle.
+
+The lateral velocity at l ahead of the rear axle is v_y = l r - C v_x a_y, with the cornering
+compliance C of the rear axle and a_y = v_x r: at low lateral acceleration the rear axle follows
+its heading (M. Abe, Vehicle Handling Dynamics, 2015, section 3.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from adk_ros.calibration.criteria import MAX_LATERAL, MIN_CORRELATION, PERIOD_S
+from adk_ros.calibration.finding import Finding, Verdict, judged, not_decidable
+from adk_ros.calibration.grid import Signals
+from adk_ros.calibration.regression import regress
+from adk_ros.calibration.steering_fit import sideways_is_measured
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.plant.vehicle.vehicle_parameters import Dimensions
+from adk_ros.signals.decode import SensorConfig
+
+
+def check_reference_point(
+    s: Signals, sensors: SensorConfig, vehicle: Dimensions | None
+) -> Iterator[Finding]:
+    """Yield the distance of odometry's twist from the rear axle, against the vehicle's."""
+    name = "reference_point"
+    if s.v_x is None or s.turning is None:
+        return
+    if s.v_y is None:
+        yield not_decidable(name, "odometry's v_y is not measured")
+        return
+    evidence = "regression of odometry's v_y on r, v_x² r, v_x, dr/dt below 4 m/s²"
+    weights = s.moving * (np.abs(s.v_x * s.turning) < MAX_LATERAL) * (s.v_x > 0.0)
+    rate = np.gradient(s.turning, PERIOD_S)
+
+    def columns(turning: FloatArray) -> FloatArray:
+        assert s.v_x is not None
+        return np.column_stack([turning, s.v_x**2 * turning, s.v_x, s.v_x * rate])
+
+    other = s.gyro if s.gyro is not None else s.yaw_rate
+    instruments = None if other is None else columns(other)
+    fit = regress(columns(s.turning), s.v_y, weights, instruments)
+    if fit is None:
+        yield not_decidable(name, "there is too little driving in the linear range", evidence)
+        return
+    length = fit.estimate(0)
+    explained = _explained(columns(s.turning), s.v_y, weights, fit.values)
+    if explained < MIN_CORRELATION**2:
+        reason = f"the yaw rate explains only {explained:.0%} of the variance of v_y"
+        yield not_decidable(name, reason, evidence)
+        return
+    if not sideways_is_measured(s):
+        reason = (
+            "v_y and the lateral velocity of the pose contradict each other; a heading that "
+            "follows the course has none"
+        )
+        yield not_decidable(name, reason, evidence)
+        return
+    if vehicle is None:
+        yield Finding(
+            name,
+            Verdict.NOT_DECIDABLE,
+            "not decidable, because the vehicle is unknown: give --vehicle; the twist is that of "
+            f"a point {length.value:.2f} m ahead of the rear axle ({length.low:.2f} to "
+            f"{length.high:.2f})",
+            length.value,
+            length.low,
+            length.high,
+            "m",
+            evidence=evidence,
+            seconds=length.seconds,
+        )
+        return
+    # The configured reference point is where the centre of gravity lies from the twist's point.
+    nominal = vehicle.cg_to_rear_axle - sensors.reference_point[0]
+    ahead = round(vehicle.cg_to_rear_axle - length.value, 2)
+    text = "odometry's twist is that of a point ahead of the rear axle by, in m"
+    yield judged(
+        name,
+        length,
+        nominal,
+        text,
+        evidence,
+        parameters={"reference_point": [ahead, sensors.reference_point[1]]},
+    )
+
+
+def _explained(
+    columns: FloatArray, target: FloatArray, weights: FloatArray, values: FloatArray
+) -> float:
+    """Return the share of the weighted variance of a target that a regression explains."""
+    residual = target - columns @ values
+    mean = float(weights @ target) / max(float(weights.sum()), 1e-9)
+    power = float(weights @ (target - mean) ** 2)
+    return 1.0 - float(weights @ residual**2) / max(power, 1e-12)

@@ -1,0 +1,87 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The streams of a recording at their own rates, with all axes, before any correction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from adk_ros.numerics.arrays import FloatArray
+
+IMU_COLUMNS = ("a_x", "a_y", "a_z", "w_x", "w_y", "w_z")
+ODOMETRY_COLUMNS = ("v_x", "v_y", "yaw_rate", "x", "y", "heading")
+COMMAND_COLUMNS = ("torque", "steering")
+
+
+@dataclass(frozen=True)
+class Stream:
+    """
+    Messages of one sensor, sorted by stamp.
+
+    `name` for messages to users, `at_s` (n,): stamps, s from the first of all streams;
+    `columns`: values (n,) by name, SI; a channel that is not reported is NaN throughout.
+    `disordered`: messages whose stamp was not later than the one before.
+    """
+
+    name: str
+    at_s: FloatArray
+    columns: Mapping[str, FloatArray]
+    disordered: int = 0
+
+    def __getitem__(self, column: str) -> FloatArray:
+        return self.columns[column]
+
+    def has(self, column: str) -> bool:
+        """Whether a channel is reported and varies."""
+        values = self.columns.get(column)
+        return (
+            values is not None
+            and bool(np.isfinite(values).all())
+            and values.size > 1
+            and float(np.ptp(values)) > 0.0
+        )
+
+    def having(self, **columns: FloatArray) -> Stream:
+        """Return the stream with other values in some columns."""
+        return Stream(self.name, self.at_s, {**self.columns, **columns}, self.disordered)
+
+    @property
+    def period_s(self) -> float:
+        """Median time between messages, s."""
+        return float(np.median(np.diff(self.at_s))) if self.at_s.size > 1 else float("inf")
+
+
+@dataclass(frozen=True)
+class Streams:
+    """
+    The streams of a recording; None where it has no such stream.
+
+    `wheels`: angular velocities (n,) of joints, rad/s, by joint name. `notes`: what was done
+    while reading, for the person.
+    """
+
+    name: str
+    seconds: float
+    imu: Stream | None
+    odometry: Stream | None
+    command: Stream | None
+    wheels: Mapping[str, Stream] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def of(self, name: str) -> Stream | None:
+        """Return the stream "imu", "odometry" or "command", None if it does not exist."""
+        found: Stream | None = getattr(self, name)
+        return found
+
+    def with_stream(self, name: str, stream: Stream) -> Streams:
+        """Return the streams with another one in place of "imu", "odometry" or "command"."""
+        changes: dict[str, Any] = {name: stream}
+        return replace(self, **changes)
+
+    def present(self) -> list[Stream]:
+        """Return the streams that exist: IMU, odometry, command."""
+        return [x for x in (self.imu, self.odometry, self.command) if x is not None]

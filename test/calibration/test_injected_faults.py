@@ -1,0 +1,186 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of sensors and steering, injected into a simulated drive, are found with their size."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from helpers.calibration import (
+    VEHICLE,
+    Fault,
+    added,
+    at_rear_axle,
+    checked,
+    displaced,
+    driven,
+    frozen,
+    jumped,
+    late,
+    low_passed,
+    mounted,
+    scaled,
+    without,
+)
+
+from adk_ros.calibration.check import CheckResult
+from adk_ros.calibration.finding import Finding, Verdict
+
+DEGREES = 180.0 / math.pi
+
+
+def findings(fault: Fault) -> dict[str, Finding]:
+    return {x.name: x for x in result(fault).of(Verdict.FINDING)}
+
+
+def result(fault: Fault) -> CheckResult:
+    return checked(fault(driven()))
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "said"),
+    [
+        (scaled("command", -1.0, "steering"), "steering", "sign flipped"),
+        (scaled("command", -1.0, "torque"), "torque", "sign flipped"),
+        (scaled("command", 1e-3, "torque"), "torque", "kN m"),
+        (scaled("command", 2e-4, "torque"), "torque", "pedal"),
+        (scaled("command", DEGREES, "steering"), "steering", "deg at the road wheel"),
+        (scaled("imu", -1.0, "w_z"), "w_z", "sign flipped"),
+        (scaled("imu", DEGREES, "w_z"), "w_z", "looks like deg"),
+        (scaled("imu", -1.0, "a_x"), "imu_axes", "a_x has its sign flipped"),
+        (scaled("imu", -1.0, "a_y"), "imu_axes", "a_y has its sign flipped"),
+        (scaled("imu", -1.0, "a_x", "a_y", "a_z"), "imu_axes", "opposite sign"),
+        (scaled("imu", 1.0 / 9.81, "a_x", "a_y", "a_z"), "acceleration_unit", "look like g"),
+        (added("imu", a_z=-9.81), "gravity", "gravity is removed"),
+        (scaled("odometry", -1.0, "v_x"), "v_x", "sign flipped"),
+        (scaled("odometry", -1.0, "v_y"), "v_y", "sign flipped"),
+        (scaled("odometry", 3.6, "v_x", "v_y"), "v_x", "km/h"),
+        (scaled("odometry", -1.0, "yaw_rate"), "yaw_rate", "sign flipped"),
+        (scaled("odometry", DEGREES, "yaw_rate"), "yaw_rate", "looks like deg"),
+        (scaled("odometry", -1.0, "heading"), "heading", "sign flipped"),
+        (frozen("imu", 50.0, 53.0), "imu_frozen", "3.00 s, from 50.0 s"),
+        (frozen("odometry", 50.0, 53.0), "odometry_frozen", "2.98 s, from 50.0 s"),
+        (without("odometry", 50.0, 52.0), "odometry_gaps", "2.02 s, from 50.0 s"),
+        (jumped(60.0, 2.0), "pose_jumps", "at 60.0 s: 1.9"),
+        (jumped(60.0, 0.0, 0.3), "pose_jumps", "17.2"),
+        (late("imu", 1e6), "clocks", "do not overlap"),
+    ],
+)
+def test_a_fault_is_the_only_finding(fault: Fault, name: str, said: str) -> None:
+    found = findings(fault)
+    assert list(found) == [name]
+    assert said in found[name].text
+    assert found[name].evidence
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "size"),
+    [
+        (late("imu", 0.05), "gyro_delay", 0.05),
+        (late("imu", 0.05), "accelerometer_delay", 0.05),
+        (late("odometry", 0.05), "gyro_delay", -0.05),
+        (low_passed("odometry", 0.3, "yaw_rate"), "odometry_yaw_rate_filter", 0.3),
+        (low_passed("imu", 0.3, "w_z"), "gyro_filter", 0.3),
+        (scaled("command", 0.93, "steering"), "steering_ratio", 0.93),
+        (added("command", steering=0.02), "steering_offset", 0.02),
+        (scaled("odometry", 1.03, "v_x", "v_y"), "odometry_scale", 1.03),
+        # The simulated gyro has a bias of 0.0005 rad/s of its own.
+        (added("imu", w_z=0.01), "gyro_bias", 0.0105),
+        (scaled("imu", 1.03, "w_z"), "gyro_scale", 1.03),
+        (scaled("imu", 0.97, "w_z"), "gyro_scale", 0.97),
+        (displaced(1.5, 0.0), "imu_position", 1.5),
+        (displaced(-1.0, 0.8), "imu_position", -1.0),
+        (at_rear_axle, "reference_point", 0.0),
+        (mounted(0.0, 3.0, 0.0), "imu_pitch", math.radians(3.0)),
+        (mounted(-3.0, 0.0, 0.0), "imu_roll", math.radians(-3.0)),
+        (mounted(0.0, 0.0, 10.0), "imu_yaw", math.sin(math.radians(10.0))),
+    ],
+)
+def test_a_size_lies_within_its_interval(fault: Fault, name: str, size: float) -> None:
+    found = findings(fault)[name]
+    assert found.value is not None
+    assert found.low is not None
+    assert found.high is not None
+    # Bias of the simulated sensors and discrete filters: 2 % and 1e-3 on top of the interval.
+    slack = 0.02 * abs(size) + 1e-3 + (0.02 if name == "reference_point" else 0.0)
+    assert found.low - slack <= size <= found.high + slack
+    assert found.standard_errors is not None
+    assert found.standard_errors >= 3.5
+    assert found.seconds is not None
+    assert found.seconds > 100.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "angles"),
+    [
+        (mounted(0.0, 0.0, 90.0), (0.0, 0.0, 90.0)),
+        (mounted(0.0, 0.0, -90.0), (0.0, 0.0, -90.0)),
+        (mounted(0.0, 0.0, 180.0), (0.0, 0.0, 180.0)),
+        (mounted(180.0, 0.0, 0.0), (180.0, 0.0, 0.0)),
+        (mounted(90.0, 0.0, 0.0), (90.0, 0.0, 0.0)),
+        (mounted(0.0, 3.0, 0.0), (0.0, 3.0, 0.0)),
+        (mounted(-3.0, 3.0, 0.0), (-3.0, 3.0, 0.0)),
+        (mounted(0.0, 0.0, 10.0), (0.0, 0.0, 10.0)),
+    ],
+)
+def test_a_turned_imu_is_proposed_as_a_rotation(
+    fault: Fault, angles: tuple[float, float, float]
+) -> None:
+    proposed = result(fault).parameters
+    assert set(proposed) == {"imu_rotation"}
+    assert np.degrees(proposed["imu_rotation"]) == pytest.approx(angles, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "value"),
+    [
+        (scaled("command", -1.0, "steering"), "steering_ratio", -1.0),
+        (scaled("command", DEGREES, "steering"), "steering_ratio", DEGREES),
+        (scaled("command", 16.0, "steering"), "steering_ratio", 16.0),
+        (scaled("command", -16.0 * DEGREES, "steering"), "steering_ratio", -16.0 * DEGREES),
+        (scaled("command", 0.93, "steering"), "steering_ratio", 0.93),
+        (displaced(-1.0, 0.8), "imu_position", [-1.0, 0.8]),
+        (at_rear_axle, "reference_point", [VEHICLE.cg_to_rear_axle, 0.0]),
+    ],
+)
+def test_parameters_that_are_proposed(fault: Fault, name: str, value: float) -> None:
+    assert result(fault).parameters[name] == pytest.approx(value, rel=0.02, abs=0.03)
+
+
+def test_a_filtered_yaw_rate_is_no_delay() -> None:
+    found = findings(low_passed("odometry", 0.3, "yaw_rate"))
+    assert list(found) == ["odometry_yaw_rate_filter"]
+    assert "it is no delay" in found["odometry_yaw_rate_filter"].remedy
+
+
+def test_a_filtered_imu_has_no_lever_arm_and_no_scale() -> None:
+    found = findings(low_passed("imu", 0.3, "w_z", "a_x", "a_y"))
+    assert set(found) == {"gyro_filter", "accelerometer_filter"}
+
+
+def test_a_late_command_is_a_steering_delay() -> None:
+    # The plant adds 0.03 s of actuator and 0.0125 s of hold.
+    found = findings(late("command", -0.1))["steering_delay"]
+    assert found.value == pytest.approx(0.1425, abs=0.02)
+
+
+def test_corrected_parameters_leave_nothing_to_find() -> None:
+    from dataclasses import replace
+
+    from adk_ros.calibration.from_bag import turned
+    from adk_ros.signals.decode import SensorConfig
+    from adk_ros.signals.frames import rotation
+
+    fault = mounted(180.0, 0.0, 90.0)
+    streams = scaled("command", -16.0, "steering")(fault(driven()))
+    proposed = checked(streams).parameters
+    sensors = SensorConfig(
+        steering_ratio=proposed["steering_ratio"], imu_rotation=tuple(proposed["imu_rotation"])
+    )
+    assert streams.imu is not None
+    read = scaled("command", 1.0 / sensors.steering_ratio, "steering")(
+        replace(streams, imu=turned(streams.imu, rotation(*sensors.imu_rotation)))
+    )
+    assert not checked(read, sensors=sensors).of(Verdict.FINDING)
