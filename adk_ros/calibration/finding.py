@@ -107,8 +107,9 @@ def found(
 
 
 def _shown(value: float, size: float) -> str:
-    """Return a number with two digits more than the smallest material size has."""
-    return f"{round(value, 1 - math.floor(math.log10(size))) + 0.0:g}"
+    """Return a number with one decimal more than the smallest material size has."""
+    decimals = max(1 - math.floor(math.log10(size)), 0)
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 def judged(
