@@ -23,7 +23,7 @@ from adk_ros.mismatch.library.effect import PLACE, TIME
 from adk_ros.mismatch.library.features import FEATURES, feature, feature_matrix
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.activation import Activation
-from adk_ros.mismatch.surrogate.feature_terms import feature_signals
+from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS, feature_signals
 from adk_ros.mismatch.surrogate.lap import Lap, find_lap
 from adk_ros.mismatch.surrogate.residuals import (
     STEP_S,
@@ -34,7 +34,6 @@ from adk_ros.mismatch.surrogate.residuals import (
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.mismatch.surrogate.state_index import V_X, V_Y, YAW_RATE
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.signals.channels import STATE_NAMES
 
 HALF = 25
 """Half width of the slope fit, grid steps (0.25 s)."""
@@ -143,9 +142,11 @@ def _setting(
 
 
 def _extra(model: SurrogateFile, course: ResidualProblem, out: FloatArray) -> FloatArray:
+    """Return what the feature terms add (n, 4), see `RunInputs.extra`."""
     signals = feature_signals(course, out)
-    extra = np.zeros((course.steps, 3))
+    columns = list(EQUATION_PARAMETERS)
+    extra = np.zeros((course.steps, len(columns)))
     for piece in model.feature_terms:
-        column = STATE_NAMES.index(piece.equation)
+        column = columns.index(piece.equation)
         extra[:, column] += piece.coefficient * feature(piece.feature).function(signals)
     return extra

@@ -12,6 +12,7 @@ from adk_ros.bench.mismatch import equation_errors
 from adk_ros.mismatch.deployment.surrogate_file import (
     ActivationEntry,
     EffectTermEntry,
+    FeatureTermEntry,
     SurrogateFile,
     load_surrogate,
 )
@@ -47,3 +48,13 @@ def test_a_term_at_a_place_keeps_its_transition_length(
     _, terms = equation_errors._setting(problem, lap, model)
     expected = inside_segments(distance, ((50.0, 120.0),), 220.0, transition_length)
     np.testing.assert_allclose(terms.activations[terms.rows[-1]], expected)
+
+
+def test_a_feature_term_acts_in_its_equation_alone(surrogate: SurrogateFile) -> None:
+    term = FeatureTermEntry(equation="v_x", feature="speed_squared", coefficient=-1e-4)
+    log = steady(20.0)
+    before = equation_errors.equation_errors(log, surrogate).residuals
+    model = surrogate.model_copy(update={"feature_terms": [term]})
+    change = equation_errors.equation_errors(log, model).residuals - before
+    assert change[:, 0] == pytest.approx(1e-4 * 20.0**2, rel=0.05)
+    assert np.abs(change[:, 1:]).max() < 0.002
