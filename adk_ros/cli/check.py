@@ -53,7 +53,7 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Check signs, units, axes, timing and calibration of a recording.
+    Check signs, units, axes and timing of a recording.
 
     Each check says ok, a finding with its 90 % interval and evidence, or not decidable and why.
     What train, replay, mismatch and the node can correct is proposed as a parameter file. Streams

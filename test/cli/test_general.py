@@ -66,7 +66,7 @@ def test_help_groups_the_verbs(capsys) -> None:
         if group != "Options"
     }
     assert verbs == {
-        "Data": ["info", "import", "export", "simulate", "play"],
+        "Data": ["info", "import", "export", "check", "simulate", "play"],
         "Predict": ["train", "replay", "rollout", "echo", "demo"],
         "Compare": ["mismatch", "detectable", "watch"],
         "Measure": ["bench"],
