@@ -61,6 +61,8 @@ INPUT_DEPTH = 200
 """Queue depth of the subscriptions, messages: 0.2 s of an IMU at 1000 Hz."""
 _WAIT_S = 5.0
 """s without a message after which the log says what is published instead; discovery takes 3 s."""
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""What rmw calls a node that it has not discovered."""
 OUTPUT_DEPTH = 10
 """Queue depth of the publishers, messages: the default of ROS 2."""
 
@@ -266,7 +268,7 @@ class PredictorNode:
         """Return the full names of the nodes that publish on the inputs."""
         return {
             source: [
-                f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                _full_name(info.node_namespace, info.node_name)
                 for info in self.node.get_publishers_info_by_topic(subscription.topic_name)
             ]
             for source, subscription in self._inputs.items()
@@ -324,6 +326,13 @@ class PredictorNode:
         elif level < self._logged_level and level is Level.OK:
             self._logger.info(text)
         self._logged_level = level
+
+
+def _full_name(namespace: str, name: str) -> str:
+    """Return the full name of a node; the middleware finds its publishers a moment earlier."""
+    if name == _UNKNOWN_NODE:
+        return "a node not discovered yet"
+    return f"{namespace.rstrip('/')}/{name}"
 
 
 def freeze_garbage_collector() -> None:
