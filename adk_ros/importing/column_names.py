@@ -148,7 +148,8 @@ _PARTS_OF_OTHERS = {"x", "y", "z", "roll", "pitch", "gear", "brake_pedal", TIME,
 """Channels that only their whole name stands for: a part of a name says little."""
 _NEVER = re.compile(
     r"covariance|variance|stamp_sec|nanosec|_seq$|(?:^|_)(?:std|stddev|valid|status|flag|counter"
-    r"|crc|checksum|target|setpoint|soll|temp(?:erature)?|limit|max|min|demand|request|error)(?:_|$)"
+    r"|crc|checksum|target|setpoint|soll|temp(?:erature)?|limit|max|min|demand|request|error)"
+    r"(?:_|$)"
 )
 _SPELLING = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "ψ": "psi", "δ": "delta"})
 
