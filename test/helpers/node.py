@@ -30,6 +30,7 @@ from adk_ros.model.prediction import Prediction
 from adk_ros.ros.core import Core
 from adk_ros.ros.diagnostic_values import Clocks
 from adk_ros.ros.diagnostics import DiagnosticReport, Diagnostics
+from adk_ros.ros.session import Session
 from adk_ros.ros.traffic import Rates, message, motion, schedule
 from adk_ros.signals.channels import TICK_NS, Reading, Source
 
@@ -258,6 +259,23 @@ def running_node(*arguments: str, **parameters: Any) -> Iterator[NodeProcess]:
         if node.process.poll() is None:
             node.process.kill()
         node.process.communicate()
+
+
+def call(session: Session, kind: Any, name: str, request: Any) -> Any:
+    """Call a service of a running node once it is there, and return the response."""
+    client = session.node.create_client(kind, name)
+    wait_for(session, client.service_is_ready)
+    future = client.call_async(request)
+    wait_for(session, future.done)
+    return future.result()
+
+
+def wait_for(session: Session, condition: Callable[[], bool], limit_s: float = 20.0) -> None:
+    """Handle messages until `condition` is true."""
+    deadline_s = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline_s
+        session.spin(0.05)
 
 
 def environment() -> dict[str, str]:

@@ -11,7 +11,6 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +21,10 @@ from helpers.node import (
     REMAP,
     TOPICS,
     NodeProcess,
+    call,
     run_python,
     running_node,
+    wait_for,
     write_bag,
     write_model,
 )
@@ -264,21 +265,6 @@ def test_service_parameters_and_echo(
         player.send_signal(signal.SIGTERM)
         assert finish(player)["interrupted"]
         assert node.end()[0] == 0
-
-
-def call(session: Session, kind: Any, name: str, request: Any) -> Any:
-    client = session.node.create_client(kind, name)
-    wait_for(session, client.service_is_ready)
-    future = client.call_async(request)
-    wait_for(session, future.done)
-    return future.result()
-
-
-def wait_for(session: Session, condition: Callable[[], bool], limit_s: float = 20.0) -> None:
-    deadline_s = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline_s
-        session.spin(0.05)
 
 
 @pytest.mark.slow

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from helpers.node import Change, Rig, running_node, write_model
+from helpers.node import Change, Rig, call, running_node, wait_for, write_model
+from std_srvs.srv import SetBool
 
 from adk_ros.model import artefact
 from adk_ros.model.koopman import KoopmanModel
@@ -181,22 +182,26 @@ def test_short_gaps_are_no_error(model: KoopmanModel) -> None:
 def test_a_node_reports_a_second_after_its_start(tmp_path: Path) -> None:
     """Live, with a report every 60 s: the error comes in between, with the topics."""
     seen: list[Any] = []
-    path = write_model(tmp_path / "model")
-    # On a busy machine the watcher may find the node only after its error: then another node.
-    for _ in range(3):
-        with (
-            running_node("-r", "odometry:=/odom", model=path, diagnostics_period_s=60.0) as node,
-            Session("watcher") as session,
-        ):
-            session.node.create_subscription(
-                DiagnosticArray, "/diagnostics", lambda array: seen.extend(array.status), 10
-            )
-            end_s = time.monotonic() + 30.0
-            while time.monotonic() < end_s and not (seen and seen[-1].level == b"\x02"):
-                session.spin(0.1)
-            assert node.end()[0] == 0
-        if seen and seen[-1].level == b"\x02":
-            break
+    with (
+        Session("watcher") as session,
+        running_node(
+            "-r",
+            "odometry:=/odom",
+            model=write_model(tmp_path / "model"),
+            diagnostics_period_s=60.0,
+        ),
+    ):
+        session.node.create_subscription(
+            DiagnosticArray, "/diagnostics", lambda array: seen.extend(array.status), 10
+        )
+        # Discovery takes seconds now and then, and whoever comes after the report waits for the
+        # next. So the node starts afresh once both know each other, and says so at once.
+        while not seen:
+            assert call(session, SetBool, "/predictor/enable", SetBool.Request(data=True)).success
+            session.spin(0.1)
+        begin_s = time.monotonic()
+        wait_for(session, lambda: bool(seen[-1].level == b"\x02"))
+    assert time.monotonic() - begin_s < 10.0
     assert seen[-1].message == (
         "no predictions: odometry never received on /odom, command never received on /command"
     )
