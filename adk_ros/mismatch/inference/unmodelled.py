@@ -157,18 +157,16 @@ def fit_feature_expansion(
         linearised = LinearisedProblem(likelihood, current, jacobian)
         left = FEATURE_MAJORITY_SHARE * (current.loss - expected_loss)
         least = max(least_sibling, min(FEATURE_MIN_GAIN_PER_EXCESS * excess, left))
-        extended = _best_extension(linearised, screening.candidates(linearised), jacobian, least)
-        if extended is None:
+        extensions = _best_extensions(
+            linearised, screening.candidates(linearised), jacobian, least
+        )
+        if not extensions:
             break
-        polished = refined(likelihood, extended, jacobian)
-        polished = with_siblings(
-            likelihood, polished, jacobian, screening.equations, least_sibling
+        polished = first_unless_far_behind(
+            [_polished(likelihood, x, jacobian, screening, least_sibling) for x in extensions],
+            least,
         )
         n_more = len(polished.effects) - len(current.effects)
-        if polished is not extended:
-            polished = likelihood.fit(
-                polished.effects, nuisances=polished.nuisances, budget=FEATURE_REFIT
-            )
         kept = polished
         if _is_searched(polished.effects[-1]):
             first = len(start.effects)
@@ -201,18 +199,34 @@ def _cost(h: Hypothesis) -> float:
     return h.loss + PENALTY_PER_LOCATION * searched_parameters(name)
 
 
-def _best_extension(
+def _polished(
+    likelihood: Likelihood,
+    extended: Hypothesis,
+    jacobian: FloatArray,
+    screening: FeatureScreening,
+    least_sibling: float,
+) -> Hypothesis:
+    """Return a hypothesis with the parameters of its last feature refined, and its sibling."""
+    polished = refined(likelihood, extended, jacobian)
+    polished = with_siblings(likelihood, polished, jacobian, screening.equations, least_sibling)
+    if polished is extended:
+        return extended
+    return likelihood.fit(polished.effects, nuisances=polished.nuisances, budget=FEATURE_REFIT)
+
+
+def _best_extensions(
     linearised: LinearisedProblem,
     candidates: list[Candidate],
     jacobian: FloatArray,
     least: float,
-) -> Hypothesis | None:
+) -> list[Hypothesis]:
     """
-    Return the hypothesis with the best further feature, or None where none gains `least`.
+    Return the hypotheses with the best further feature, none where no feature gains `least`.
 
     A linearised gain is inaccurate where much is unexplained: the best few are fitted, and the
     leaders once more with updated nuisance derivatives. A feature without searched parameters is
-    preferred if it is among the leaders. Among those tied with the best, within statistical margin
+    preferred if it is among the leaders; the best of those with them then comes second, since
+    refinement may find much more in it. Among those tied with the best, within statistical margin
     and surrogate error, the shortest expression wins.
     """
     likelihood, current = linearised.likelihood, linearised.hypothesis
@@ -232,20 +246,33 @@ def _best_extension(
     ]
     top = max((current.loss - _cost(h) for h in fitted), default=0.0)
     if top < least:
-        return None
+        return []
     leaders = sorted(
         (h for h in fitted if current.loss - _cost(h) > FEATURE_REFIT_GAIN_SHARE * top),
         key=_cost,
     )
+    margin = FEATURE_TIE_LOSS
+    margin += FEATURE_TIE_LOSS_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof()
+
+    def best(hypotheses: list[Hypothesis]) -> Hypothesis:
+        refitted = [
+            likelihood.fit(h.effects, nuisances=h.nuisances, budget=FEATURE_REFIT)
+            for h in hypotheses[:MAX_FEATURE_REFITS]
+        ]
+        return most_parsimonious(refitted, margin)
+
     # Among hundreds of thresholds and frequencies one nearly always beats a plain feature.
     plain = [h for h in leaders if not _is_searched(h.effects[-1])]
-    leaders = plain or leaders
-    refitted = [
-        likelihood.fit(h.effects, nuisances=h.nuisances, budget=FEATURE_REFIT)
-        for h in leaders[:MAX_FEATURE_REFITS]
-    ]
-    margin = FEATURE_TIE_LOSS_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof()
-    return most_parsimonious(refitted, FEATURE_TIE_LOSS + margin)
+    if not plain:
+        return [best(leaders)]
+    searched = leaders[0] if _is_searched(leaders[0].effects[-1]) else None
+    return [best(plain)] if searched is None else [best(plain), best([searched])]
+
+
+def first_unless_far_behind(fitted: list[Hypothesis], least: float) -> Hypothesis:
+    """Return the first hypothesis, or a later one whose lead would be worth a further feature."""
+    best = min(fitted, key=_cost)
+    return best if _cost(best) + least < _cost(fitted[0]) else fitted[0]
 
 
 def most_parsimonious(fitted: list[Hypothesis], margin: float) -> Hypothesis:

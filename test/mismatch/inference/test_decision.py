@@ -16,7 +16,11 @@ from adk_ros.mismatch.inference.feature_effect import (
 from adk_ros.mismatch.inference.forward_selection import SelectionPath
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.term_meaning import Body
-from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics, most_parsimonious
+from adk_ros.mismatch.inference.unmodelled import (
+    UnmodelledDynamics,
+    first_unless_far_behind,
+    most_parsimonious,
+)
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 
@@ -43,6 +47,15 @@ def test_shortest_of_tied_features_is_selected() -> None:
     assert most_parsimonious([power, torque], 20.0) is torque
     assert most_parsimonious([power, torque], 2.0) is power
     assert most_parsimonious([power, torque, cubic], 5.0) is cubic
+
+
+def test_searched_feature_needs_the_lead_of_a_further_feature() -> None:
+    plain = fitted("yaw_rate_speed", 2000.0)
+    # Its frequency and damping cost 8 each.
+    near, far = fitted("resonance:a_y:0.5:0.05", 1400.0), fitted("resonance:a_y:0.5:0.05", 1300.0)
+    assert first_unless_far_behind([plain, near], 600.0) is plain
+    assert first_unless_far_behind([plain, far], 600.0) is far
+    assert first_unless_far_behind([plain], 600.0) is plain
 
 
 def test_feature_effects_are_a_type_of_their_own() -> None:
