@@ -84,7 +84,8 @@ def _decided(
     report(_DECIDED, _TOTAL, "predicting held-out data")
     if not held_out:
         decision = confirmed(decision, training, whole)
-    evidence = [Evidence(log) for log in held_out] or data.held_out(decision.hypothesis)
+    evidence = [Evidence(inputs.completed(log)) for log in held_out]
+    evidence = evidence or data.held_out(decision.hypothesis)
     validation = validate_on_held_out(
         surrogate, decision.hypothesis, lap, evidence, data.not_predicted()
     )

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from adk_ros.mismatch.inference.observability import is_torque
 from adk_ros.mismatch.library.criteria import SURROGATE_ERROR_AS_NOISE
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recorded_data import RecordedData, usable_recordings
 from adk_ros.mismatch.recording.checks import (
     check_recording,
@@ -17,7 +19,9 @@ from adk_ros.mismatch.recording.checks import (
     check_torque_unit,
     check_vehicle,
 )
+from adk_ros.mismatch.recording.dead_channels import without_dead_channels
 from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
+from adk_ros.mismatch.recording.inferred_torque import with_inferred_torque
 from adk_ros.mismatch.recording.joined import concatenated, in_sequence
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
@@ -55,9 +59,10 @@ class Inputs:
         `held_out_share` of each recording is not used for training.
         :raises DataError: the recordings do not allow an analysis.
         """
-        has_imu = all(log.imu_s.size > 0 for log in recordings)
-        logs = usable_recordings(recordings)
-        notes: list[str] = []
+        live = [without_dead_channels(log) for log in recordings]
+        notes = [line for _, lines in live for line in lines]
+        has_imu = all(log.imu_s.size > 0 for log, _ in live)
+        logs = usable_recordings([log for log, _ in live])
         for i, log in enumerate(logs):
             logs[i], dropouts = without_frozen_readings(log)
             notes += [f"{log.name}: {line}" for line in dropouts] if len(logs) > 1 else dropouts
@@ -72,15 +77,28 @@ class Inputs:
             every = logs[0] if len(logs) == 1 else concatenated(in_sequence(logs))
             surrogate, found = surrogate_of(simulation, every, nominal, progress)
             notes += [*found, *_notes_on_default_vehicle(nominal)]
+        logs = [_with_torque(log, surrogate) for log in logs]
         data = RecordedData.of(surrogate, logs, noise, has_imu, held_out_share)
         notes += [*_notes_on_lap(data.lap), *_notes_on_driving(surrogate, data)]
         return cls(simulation, surrogate, data, has_imu, tuple(notes))
+
+    def completed(self, log: SensorLog) -> SensorLog:
+        """Return a further recording as the analysed ones are: without dead channels."""
+        return _with_torque(without_dead_channels(log)[0], self.surrogate)
+
+
+def _with_torque(log: SensorLog, surrogate: SurrogateModel) -> SensorLog:
+    """Return a recording with the torque that its motion takes where the command is none."""
+    p = surrogate.parameters
+    if log.torque_is_inferred or is_torque(log, p[INDEX["mass"]], p[INDEX["wheel_radius"]]):
+        return log
+    return with_inferred_torque(log, p)
 
 
 def _check_simulation(
     simulation: SensorLog, logs: Sequence[SensorLog], nominal: NominalVehicle | None
 ) -> None:
-    check_recording(simulation)
+    check_recording(simulation, is_simulation=True)
     for log in logs:
         check_same_vehicle(simulation, log)
     if nominal is not None:

@@ -204,7 +204,7 @@ class RecordedData:
 
     def not_predicted(self) -> list[str]:
         """Return the states whose prediction needs a channel that the recordings lack."""
-        return [] if self.observable.torque else ["v_x"]
+        return self.observable.not_predicted()
 
 
 def _common_channels(
@@ -216,6 +216,8 @@ def _common_channels(
     for what, known in (
         ("a torque command", [one.torque for one in each]),
         ("an unfiltered yaw rate", [one.yaw_filter_s == 0.0 for one in each]),
+        ("a lateral velocity", [one.v_y for one in each]),
+        ("a changing steering angle", [one.steering for one in each]),
     ):
         if len(set(known)) > 1:
             raise DataError(

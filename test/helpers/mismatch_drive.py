@@ -62,13 +62,22 @@ def driven(**changes: float) -> SensorLog:
 
 
 def drive_of(
-    p: FloatArray, terms: ActiveTerms, seconds: float, seed: int = 1, pose_noise_m: float = 0.0
+    p: FloatArray,
+    terms: ActiveTerms,
+    seconds: float,
+    seed: int = 1,
+    pose_noise_m: float = 0.0,
+    steered: float = 1.0,
 ) -> SensorLog:
-    """Recording of a car with the parameters `p` and `terms`: speed and bends vary slowly."""
+    """
+    Recording of a car with the parameters `p` and `terms`: speed and bends vary slowly.
+
+    `steered`: factor on the steering angle; 0 for a straight drive.
+    """
     command_s = np.arange(0.0, seconds + 1.0, 0.025)
     hold = 0.5 * 1.225 * 0.6 * SPEED**2 + 0.012 * p[INDEX["mass"]] * 9.81
     torque = p[INDEX["wheel_radius"]] * (hold + 1500.0 * np.sin(0.35 * command_s))
-    angle = 0.02 * np.sin(0.2 * command_s) + 0.006 * np.sin(1.9 * command_s)
+    angle = steered * (0.02 * np.sin(0.2 * command_s) + 0.006 * np.sin(1.9 * command_s))
     command = np.column_stack([torque, angle])
     n = round(seconds / STEP_S)
     state = np.zeros(STATE_SIZE)

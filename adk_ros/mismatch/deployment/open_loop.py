@@ -80,6 +80,8 @@ class OpenLoopPredictor:
         self.parameters = model.vector_with_terms()
         self.position_terms = PositionTerms(model)
         self.features, self.coefficients = model.feature_coefficients()
+        # What is not measured follows from the rest.
+        self._gains = ASSIMILATION_GAINS * [1.0, float(log.measures_v_y), 1.0]
         self._warm_up_s = _WARM_UP_S
         self._history: dict[str, FloatArray] | None = None
         """Signals before the present start, for features with a memory."""
@@ -164,7 +166,7 @@ class OpenLoopPredictor:
             STEP_S,
             prescribed_v_x=np.empty(0),
             measured=measured,
-            observer_gains=ASSIMILATION_GAINS,
+            observer_gains=self._gains,
             extra=no_extra(),
         )
         before = state.copy()

@@ -7,6 +7,9 @@ Observability: which effects the recorded channels can show.
   not distinguishable from a force.
 - A drive command that is no torque (a pedal position, an acceleration) carries no information
   about longitudinal forces.
+- Without a lateral velocity, the model's own takes its place: forces show in the accelerations and
+  the yaw rate alone.
+- Without steering, nothing is known of the lateral motion; a coast-down has none.
 - A published yaw rate may be the low-pass filtered derivative of the heading; its phase lag is
   then not the vehicle's. Without a gyro, the filter is identified by comparing the low-pass
   filtered heading with the integral of the yaw rate.
@@ -75,11 +78,14 @@ class ObservableEffects:
     imu: bool = True
     torque: bool = True
     yaw_filter_s: float = 0.0
+    v_y: bool = True
+    steering: bool = True
 
     @property
     def is_complete(self) -> bool:
         """Whether all channels are available and unfiltered."""
-        return self.imu and self.torque and self.yaw_filter_s == 0.0
+        channels = self.imu and self.torque and self.v_y and self.steering
+        return channels and self.yaw_filter_s == 0.0
 
     @property
     def unobservable(self) -> frozenset[str]:
@@ -91,9 +97,25 @@ class ObservableEffects:
             out |= {e.name for e in EFFECTS.values() if "v_x" in e.equations}
             out |= {name for name in FEATURES if "torque" in name}
             out.add("v_x")
+        if not self.steering:
+            lateral = {"v_y", "yaw_rate"}
+            out |= {e.name for e in EFFECTS.values() if not lateral.isdisjoint(e.equations)}
+            out |= lateral
+        elif not self.v_y and not self.imu:
+            # Of two lateral equations, one measurement.
+            out.add("v_y")
         if self.yaw_filter_s > 0.0:
             out |= set(PHASE_LAG_EFFECTS)
         return frozenset(out)
+
+    def not_predicted(self) -> list[str]:
+        """Return the states whose prediction needs a channel that the recording lacks."""
+        known = {
+            "v_x": self.torque,
+            "v_y": self.v_y and self.steering,
+            "yaw_rate": self.steering,
+        }
+        return [name for name, is_known in known.items() if not is_known]
 
     def missing_channels(self) -> list[MissingChannel]:
         """Return the missing channels, with the consequence and the remedy of each."""
@@ -111,9 +133,25 @@ class ObservableEffects:
             out.append(
                 MissingChannel(
                     "a torque command",
-                    "the drive command is no torque (it is a requested acceleration, or far too"
-                    " small to move the car, like a pedal position or a torque in kN·m):"
+                    "the drive command is no torque (it is constant, a requested acceleration, or"
+                    " far too small to move the car, like a pedal position or a torque in kN·m):"
                     " longitudinal forces are not analysed; record the wheel torque in N·m",
+                )
+            )
+        if not self.v_y:
+            out.append(
+                MissingChannel(
+                    "a lateral velocity",
+                    "odometry's v_y is constant, not measured: the model's own takes its place,"
+                    " and v_y is not compared; record the velocity of an INS or of two antennas",
+                )
+            )
+        if not self.steering:
+            out.append(
+                MissingChannel(
+                    "a steering angle",
+                    "the steering angle is constant: lateral motion is not analysed; record the"
+                    " angle of the road wheels, and drive bends",
                 )
             )
         if self.yaw_filter_s > 0.0:
@@ -166,6 +204,11 @@ class ObservableEffects:
             weights[:3] = 0.0
         if not self.torque:
             weights[[CHANNELS.index("imu_a_x"), CHANNELS.index("v_x")]] = 0.0
+        if not self.v_y:
+            weights[CHANNELS.index("v_y")] = 0.0
+        if not self.steering:
+            lateral = ("imu_a_y", "imu_yaw_rate", "v_y", "yaw_rate")
+            weights[[CHANNELS.index(name) for name in lateral]] = 0.0
         return replace(likelihood, weights=weights, unobservable=self.unobservable)
 
 
@@ -181,13 +224,15 @@ def observable_effects(
     """
     log = recording
     # A torque inferred from a requested acceleration is no evidence about longitudinal forces.
-    torque = not log.torque_is_inferred and _is_torque(log, mass, wheel_radius)
-    if not torque and np.ptp(log.command[:, 1]) == 0.0:
+    torque = not log.torque_is_inferred and is_torque(log, mass, wheel_radius)
+    steering = bool(np.ptp(log.command[:, 1]) > 0.0)
+    if not torque and not steering:
         raise DataError(
             f"{log.name}: the drive command is no torque and the steering is constant: no "
             "excitation to compare the motion with; record the wheel torque in N·m"
         )
-    return ObservableEffects(imu, torque, 0.0 if imu else yaw_filter(log))
+    filter_s = 0.0 if imu or not steering else yaw_filter(log)
+    return ObservableEffects(imu, torque, filter_s, log.measures_v_y, steering)
 
 
 def with_pseudo_imu(recording: SensorLog) -> SensorLog:
@@ -225,7 +270,7 @@ def longest_moving_segment(recording: SensorLog) -> SensorLog:
     return replace(recording.between(begin, end), duration_s=end)
 
 
-def _is_torque(log: SensorLog, mass: float, wheel_radius: float) -> bool:
+def is_torque(log: SensorLog, mass: float, wheel_radius: float) -> bool:
     """Whether the command, taken for a torque, accounts for the largest accelerations."""
     v_x = savitzky_golay(log.odometry[:, 0], log.odometry_period_s)
     acceleration = np.abs(np.gradient(v_x, log.odometry_s))
@@ -234,6 +279,8 @@ def _is_torque(log: SensorLog, mass: float, wheel_radius: float) -> bool:
         float(np.percentile(acceleration[moving], _EXTREME_PERCENTILE)) if moving.any() else 0.0
     )
     torque = float(np.percentile(np.abs(log.command[:, 0]), _EXTREME_PERCENTILE))
+    if np.ptp(log.command[:, 0]) == 0.0:
+        return False
     return torque / (wheel_radius * mass) > MIN_TORQUE_TO_INERTIA_RATIO * measured
 
 

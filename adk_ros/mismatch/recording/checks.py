@@ -55,6 +55,11 @@ _MAX_FACTOR_LOG = 0.2
 """Largest log distance of a slope from a unit factor that still identifies the unit: 22 %."""
 _MIN_UNIT_LOG = 0.7
 """Least log distance of a slope from 1 that counts as a wrong unit: a factor of 2."""
+_MAX_STRAIGHT_LATERAL = 1.0
+"""
+m/s². A lateral acceleration a costs a^2 / C, where C is the cornering stiffness per mass, some 80
+m/s² per rad for a car: 0.01 m/s², the least noise assumed of an accelerometer.
+"""
 _DEGREES = 180.0 / np.pi
 _KMH = 3.6
 
@@ -73,12 +78,12 @@ class _Comparison(NamedTuple):
     unit_factor: float
 
 
-def check_recording(log: SensorLog) -> None:
+def check_recording(log: SensorLog, is_simulation: bool = False) -> None:
     """
-    Check one recording.
+    Check one recording; a simulation must have every channel.
 
     :raises DataError: the recording is too short or mostly stationary, a unit or a sign is wrong,
-        or a channel is constant.
+        or a channel is constant that must not be.
     """
     begin = max(log.imu_s[0], log.odometry_s[0], log.command_s[0])
     end = min(log.imu_s[-1], log.odometry_s[-1], log.command_s[-1])
@@ -95,7 +100,7 @@ def check_recording(log: SensorLog) -> None:
             f"{100 * (1 - _MIN_MOVING_SHARE):.0f} % is allowed: record more driving"
         )
     _check_signs_and_units(log)
-    _check_variation(log)
+    _check_variation(log, is_simulation)
 
 
 def _regression(x: FloatArray, y: FloatArray) -> tuple[float, float]:
@@ -199,21 +204,33 @@ def _check_comparison(name: str, c: _Comparison) -> None:
             )
 
 
-def _check_variation(log: SensorLog) -> None:
-    """Raise `DataError` if a channel is constant."""
-    for name, values in (
-        ("odometry's v_y", log.odometry[:, 1]),
-        ("odometry's yaw rate", log.odometry[:, 2]),
-        ("the IMU's a_x", log.imu[:, 0]),
-        ("the IMU's a_y", log.imu[:, 1]),
-        ("the commanded torque", log.command[:, 0]),
-        ("the commanded steering angle", log.command[:, 1]),
+def _check_variation(log: SensorLog, is_simulation: bool) -> None:
+    """
+    Raise `DataError` if a channel is constant that must not be.
+
+    A recording may lack some, see `dead_channels`; a car that steers has a yaw rate, and one that
+    turns a steering angle: its tyres' drag in bends would be taken for missing physics.
+    """
+    turns, steers = _turns(log), bool(np.ptp(log.command[:, 1]) > 0.0)
+    for name, values, required in (
+        ("odometry's v_y", log.odometry[:, 1], is_simulation),
+        ("odometry's yaw rate", log.odometry[:, 2], is_simulation or steers),
+        ("the IMU's a_x", log.imu[:, 0], True),
+        ("the IMU's a_y", log.imu[:, 1], is_simulation),
+        ("the commanded torque", log.command[:, 0], is_simulation),
+        ("the commanded steering angle", log.command[:, 1], is_simulation or turns),
     ):
-        if np.ptp(values) == 0.0:
+        if required and np.ptp(values) == 0.0:
             raise DataError(
                 f"{log.name}: {name} is {values[0] + 0.0:g} throughout: it is not measured, and "
-                "effects that depend on it cannot be analysed; record it"
+                "nothing can be compared without it; record it"
             )
+
+
+def _turns(log: SensorLog) -> bool:
+    """Whether the car drives bends in which the tyres' side forces slow it down noticeably."""
+    lateral = np.abs(log.odometry[:, 0] * log.odometry[:, 2])
+    return bool(np.percentile(lateral, 99.0) > _MAX_STRAIGHT_LATERAL)
 
 
 def check_same_vehicle(simulation: SensorLog, recording: SensorLog) -> None:

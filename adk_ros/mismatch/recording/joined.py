@@ -77,4 +77,5 @@ def concatenated(logs: Sequence[SensorLog]) -> SensorLog:
         start_ns=logs[0].start_ns,
         torque_is_inferred=any(log.torque_is_inferred for log in logs),
         warnings=tuple(line for log in logs for line in log.warnings),
+        measures_v_y=all(log.measures_v_y for log in logs),
     )

@@ -50,6 +50,8 @@ class SensorLog:
     """Lost and refused messages of the bag, one line each."""
     extrinsics: str = ""
     """The pose of the IMU, in a line, if the bag gave it in `/tf_static`."""
+    measures_v_y: bool = True
+    """Whether v_y is a measurement; if not, its values are zero and not compared with."""
 
     @property
     def odometry_period_s(self) -> float:
@@ -83,4 +85,5 @@ class SensorLog:
             self.torque_is_inferred,
             self.warnings,
             self.extrinsics,
+            self.measures_v_y,
         )

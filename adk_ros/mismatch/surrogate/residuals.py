@@ -178,13 +178,16 @@ class ResidualProblem:
         state[[S_V_X, S_V_Y, S_YAW_RATE]] = self.smoothed_odometry[0]
         state[[S_STEER, S_STEER_MORE, S_PLAY]] = self.log.command[0, 1]
         buffers = run_buffers(state, self.steps)
+        shares = observer_shares(gain)
+        if not self.log.measures_v_y:
+            shares[1] = 0.0
         inputs = RunInputs(
             self.commands,
             self.start_s - self.command_start_s,
             STEP_S,
             self.prescribed_v_x,
             self.smoothed_odometry,
-            observer_shares(gain),
+            shares,
             no_extra() if extra is None else extra,
         )
         integrate(parameters, terms or self.no_terms(), inputs, buffers)

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.mismatch import case
+from helpers.mismatch import CAR, case
+from helpers.mismatch_drive import SECONDS, STEP_S, drive_of, driven, simulated_car
 
 from adk_ros.errors import DataError
 from adk_ros.mismatch.analysis import identify_mismatch
@@ -26,10 +27,13 @@ from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import MIN_SPEED
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.recording.dead_channels import without_dead_channels
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.report.summary import sentence
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
+from adk_ros.mismatch.surrogate.run_inputs import no_terms
+from adk_ros.mismatch.surrogate.state_index import V_Y
 
 MASS, RADIUS = 2000.0, 0.325
 
@@ -94,6 +98,58 @@ def test_unobservable_effects() -> None:
     assert "aero_drag" not in ObservableEffects(imu=False).unobservable
 
 
+def without_v_y(e: SensorLog) -> SensorLog:
+    return without_dead_channels(replace(e, odometry=e.odometry * np.array([1.0, 0.0, 1.0])))[0]
+
+
+def straight(**changes: float) -> SensorLog:
+    p = simulated_car(**changes)
+    return drive_of(p, no_terms(round(SECONDS / STEP_S)), SECONDS, steered=0.0)
+
+
+def test_constant_channels_are_not_judged() -> None:
+    whole = case().recording
+    no_torque = replace(whole, command=whole.command * np.array([0.0, 1.0]) + [500.0, 0.0])
+    for log, states, missing in (
+        (whole, [], []),
+        (without_v_y(whole), ["v_y"], ["a lateral velocity"]),
+        (no_torque, ["v_x"], ["a torque command"]),
+        (straight(), ["v_y", "yaw_rate"], ["a steering angle"]),
+    ):
+        scope = observable_effects(log, MASS, RADIUS)
+        assert scope.not_predicted() == states
+        assert [x.what for x in scope.missing_channels()] == missing
+    on_course = observable_effects(straight(), MASS, RADIUS).unobservable
+    assert {"steering_ratio", "rear_tyre_stiffness", "yaw_rate", "v_y"} <= on_course
+    assert {"aero_drag", "rolling_resistance", "v_x"}.isdisjoint(on_course)
+    # An accelerometer tells the lateral force without a lateral velocity.
+    assert not ObservableEffects(v_y=False).unobservable
+    assert ObservableEffects(v_y=False, imu=False).unobservable >= {"v_y", "imu_bias"}
+
+
+def test_dead_channels() -> None:
+    whole = case().recording
+    assert without_dead_channels(whole) == (whole, [])
+    found, lines = without_dead_channels(replace(whole, imu=whole.imu * np.array([1.0, 1.0, 0.0])))
+    assert not found.imu_s.size
+    assert lines == [f"{whole.name}: the IMU's yaw rate is 0 throughout: the IMU is left out"]
+    constant = whole.odometry * np.array([1.0, 0.0, 1.0]) + np.array([0.0, 0.3, 0.0])
+    found, lines = without_dead_channels(replace(whole, odometry=constant))
+    assert not found.measures_v_y
+    assert not found.odometry[:, 1].any()
+    assert lines == []
+    assert not found.between(1.0, 2.0).measures_v_y
+
+
+def test_a_dead_lateral_velocity_corrects_nothing() -> None:
+    log, parameters = driven(), simulated_car()
+    followed = prepare_residual_problem(log).run(parameters)
+    free = prepare_residual_problem(without_v_y(log)).run(parameters)
+    as_measured = prepare_residual_problem(replace(without_v_y(log), measures_v_y=True))
+    error = np.abs(free[V_Y] - followed[V_Y]).mean()
+    assert error < 0.1 * np.abs(as_measured.run(parameters)[V_Y] - followed[V_Y]).mean()
+
+
 def test_uninformative_channels_have_no_weight() -> None:
     course = prepare_residual_problem(with_pseudo_imu(without_imu(case().recording)))
     plain = SurrogateModel(
@@ -104,6 +160,10 @@ def test_uninformative_channels_have_no_weight() -> None:
     assert not found.weights[:4].any()
     assert found.weights[4:].any()
     assert found.unobservable == scope.unobservable
+    no_v_y = ObservableEffects(v_y=False).masked(Likelihood.of(course, plain)).weights.any(axis=1)
+    assert list(no_v_y) == [True, True, True, True, False, True]
+    straight = ObservableEffects(steering=False).masked(Likelihood.of(course, plain))
+    assert list(straight.weights.any(axis=1)) == [True, False, False, True, False, False]
     assert found.parameters[INDEX["odometry_lag"]] == 0.4
     assert plain.parameters[INDEX["odometry_lag"]] == 0.0
 
@@ -149,3 +209,37 @@ def test_no_longitudinal_effect_with_a_pedal_position() -> None:
     assert np.isnan(found.before["v_x"])
     assert np.isfinite(found.before["yaw_rate"])
     assert not found.series.before[3].any()
+
+
+@pytest.mark.slow(seconds=40)
+def test_a_steering_ratio_is_identified_without_a_lateral_velocity() -> None:
+    ratio = case("steering_ratio", scale=0.9)
+    found = identify_mismatch(ratio.simulation, without_v_y(ratio.recording), ratio.nominal)
+    assert found.verdict == EXPLAINED
+    (one,) = found.effects
+    assert one.effect.name == "steering_ratio"
+    assert one.parameters["scale"].value == pytest.approx(0.9, abs=0.02)
+    assert np.isnan(found.before["v_y"])
+    assert found.after["yaw_rate"] < 0.5 * found.before["yaw_rate"]
+
+
+@pytest.mark.slow(seconds=40)
+def test_a_steering_ratio_is_identified_without_a_torque() -> None:
+    ratio = case("steering_ratio", scale=0.9)
+    command = ratio.recording.command * np.array([0.0, 1.0])
+    recording = replace(ratio.recording, command=command)
+    found = identify_mismatch(ratio.simulation, recording, ratio.nominal, held_out=[recording])
+    assert [x.effect.name for x in found.effects] == ["steering_ratio"]
+    assert found.effects[0].parameters["scale"].value == pytest.approx(0.9, abs=0.02)
+    assert np.isnan(found.before["v_x"])
+
+
+@pytest.mark.slow(seconds=40)
+def test_drag_is_identified_on_a_straight_drive() -> None:
+    recording = replace(straight(drag_area=1.4), name="straight")
+    found = identify_mismatch(driven(), recording, CAR)
+    assert found.verdict == EXPLAINED
+    (drag,) = found.effects
+    assert "aero_drag" in (drag.effect.name, *drag.alternatives)
+    assert np.isnan(found.before["yaw_rate"])
+    assert "steering_ratio" in found.not_judged

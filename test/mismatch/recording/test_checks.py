@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.mismatch import case
+from helpers.mismatch_drive import drive_of, simulated_car
 
 from adk_ros.errors import DataError
 from adk_ros.mismatch.recording.checks import (
@@ -20,6 +21,7 @@ from adk_ros.mismatch.recording.checks import (
 )
 from adk_ros.mismatch.recording.implied_values import implied_mass, steering_unit
 from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.surrogate.run_inputs import no_terms
 
 
 def scaled(stream: str, column: int, factor: float) -> Callable[[SensorLog], SensorLog]:
@@ -58,8 +60,7 @@ def test_a_valid_recording_passes_all_checks() -> None:
         (scaled("odometry", 0, 3.6), "its unit is not SI"),
         (scaled("command", 1, 57.3), "its unit is not rad at the road wheels"),
         (scaled("imu", 1, 1.0 / 9.81), "its unit is not SI"),
-        (scaled("odometry", 1, 0.0), "v_y is 0 throughout"),
-        (scaled("command", 0, 0.0), "torque is 0 throughout"),
+        (scaled("odometry", 2, 0.0), "yaw rate is 0 throughout"),
     ],
 )
 def test_an_invalid_recording_is_refused(
@@ -69,6 +70,28 @@ def test_an_invalid_recording_is_refused(
         check_recording(change(case().recording))
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (scaled("odometry", 1, 0.0), "v_y is 0 throughout"),
+        (scaled("command", 0, 0.0), "torque is 0 throughout"),
+        (scaled("command", 1, 0.0), "steering angle is 0 throughout"),
+    ],
+)
+def test_only_a_simulation_needs_every_channel(
+    change: Callable[[SensorLog], SensorLog], message: str
+) -> None:
+    straight = drive_of(simulated_car(), no_terms(6000), 60.0, steered=0.0)
+    check_recording(change(straight))
+    with pytest.raises(DataError, match=message):
+        check_recording(change(case().simulation), is_simulation=True)
+
+
+def test_a_car_that_turns_needs_a_steering_angle() -> None:
+    with pytest.raises(DataError, match="steering angle is 0 throughout"):
+        check_recording(scaled("command", 1, 0.0)(case().recording))
 
 
 def test_recordings_without_a_common_speed_are_refused() -> None:
