@@ -161,9 +161,9 @@ def test_uninformative_channels_have_no_weight() -> None:
     assert found.weights[4:].any()
     assert found.unobservable == scope.unobservable
     no_v_y = ObservableEffects(v_y=False).masked(Likelihood.of(course, plain)).weights.any(axis=1)
-    assert list(no_v_y) == [True, True, True, True, False, True]
+    assert no_v_y.tolist() == [True, True, True, True, False, True]
     straight = ObservableEffects(steering=False).masked(Likelihood.of(course, plain))
-    assert list(straight.weights.any(axis=1)) == [True, False, False, True, False, False]
+    assert straight.weights.any(axis=1).tolist() == [True, False, False, True, False, False]
     assert found.parameters[INDEX["odometry_lag"]] == 0.4
     assert plain.parameters[INDEX["odometry_lag"]] == 0.0
 
