@@ -17,6 +17,9 @@ from adk_ros.calibration.check import CheckResult
 from adk_ros.calibration.from_bag import BagContent
 from adk_ros.errors import UsageError
 
+_NEEDED = frozenset({"cg_to_front_axle", "cg_to_rear_axle", "wheel_radius"})
+"""Values of a vehicle file that sensors and steering are compared with."""
+
 
 @dataclass(frozen=True)
 class RecordingCheck:
@@ -102,6 +105,10 @@ def check_recording(
     from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
+    if nominal is not None and (lacking := sorted(nominal.assumed & _NEEDED)):
+        raise UsageError(
+            f"{vehicle}: {', '.join(lacking)} missing: an assumed length is no measure for sensors"
+        )
     report = in_stage(progress, f"reading {Path(recording).name}")
     content = read_streams(recording, options or RecordingOptions(), report)
     found = check(content, nominal, in_stage(progress, "checking"))

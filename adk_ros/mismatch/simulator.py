@@ -9,13 +9,19 @@ from dataclasses import replace
 
 from adk_ros.mismatch.inference.surrogate_extension import augment_surrogate, is_underfit
 from adk_ros.mismatch.library.criteria import MIN_ROAD_COVERAGE
+from adk_ros.mismatch.library.surrogate_parameters import INDEX, SURROGATE_PARAMETERS
 from adk_ros.mismatch.recording.implied_values import implied_mass
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
-from adk_ros.mismatch.surrogate.identification import SurrogateModel, identify_surrogate
+from adk_ros.mismatch.surrogate.identification import (
+    MASS_AND_LENGTH_PARAMETERS,
+    SurrogateModel,
+    identify_surrogate,
+)
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
 from adk_ros.mismatch.surrogate.road_profile import zero_profile
 from adk_ros.mismatch.validation import open_loop_error
+from adk_ros.numerics.constants import QUANTILE_90
 
 DEFAULT_WHEEL_RADIUS = 0.325
 """m, where no vehicle is given: torque over mass and wheel radius are not identifiable apart."""
@@ -49,24 +55,26 @@ def _surrogate_and_notes(
     nominal: NominalVehicle | None,
     report: Callable[[float, str], None],
 ) -> tuple[SurrogateModel, list[str]]:
-    problem, body_known = prepare_residual_problem(simulation), nominal is not None
+    problem = prepare_residual_problem(simulation)
+    assumed = frozenset(MASS_AND_LENGTH_PARAMETERS) if nominal is None else nominal.assumed
+    unknown = assumed & MASS_AND_LENGTH_PARAMETERS.keys()
     start = (nominal or default_vehicle(simulation)).parameters()
     plain = identify_surrogate(
         problem,
         start,
         lambda done, total: report(0.5 * done / total, "identifying the simulator"),
-        body_known,
+        unknown,
     )
     on_road = _is_on_same_road(problem, prepare_residual_problem(recording))
     extended = augment_surrogate(
         problem,
         plain,
         start,
-        body_known,
+        unknown,
         lambda done, total: report(0.5 + 0.5 * done / total, "extending the surrogate"),
         on_road,
     )
-    notes = []
+    notes = [] if nominal is None else _notes_on_assumed(nominal, extended, unknown)
     if not on_road and is_underfit(problem, plain):
         notes.append(
             "the recording is on another road than the simulation, or their pose frames differ: "
@@ -79,6 +87,30 @@ def _surrogate_and_notes(
         "the surrogate needed more than tyres and body to reproduce the simulation; it also has: "
         f"{'; '.join(extended.augmentation_notes)}",
     ]
+
+
+def _notes_on_assumed(
+    nominal: NominalVehicle, surrogate: SurrogateModel, unknown: frozenset[str]
+) -> list[str]:
+    """Return what the vehicle file leaves out, with the values used instead."""
+    identified = []
+    for name in sorted(unknown):
+        value, half = surrogate.parameters[INDEX[name]], QUANTILE_90 * surrogate.deviations[name]
+        unit = SURROGATE_PARAMETERS[name].unit
+        identified.append(f"{name} {value:.3g} ({value - half:.3g} to {value + half:.3g}) {unit}")
+    rest = [f"{k} {getattr(nominal, k):.3g}" for k in sorted(nominal.assumed - unknown)]
+    notes = []
+    if identified:
+        notes.append(
+            "not in the vehicle file and identified from the simulation, with 90 % confidence "
+            f"intervals: {', '.join(identified)}"
+        )
+    if rest:
+        notes.append(
+            "not in the vehicle file and assumed, as of a vehicle of this wheelbase: "
+            f"{', '.join(rest)}"
+        )
+    return notes
 
 
 def _is_on_same_road(simulation: ResidualProblem, recording: ResidualProblem) -> bool:

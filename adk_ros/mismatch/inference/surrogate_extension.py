@@ -12,7 +12,7 @@ no findings.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,18 +69,18 @@ def augment_surrogate(
     problem: ResidualProblem,
     surrogate: SurrogateModel,
     start: FloatArray,
-    body_known: bool = True,
+    unknown: Collection[str] = (),
     progress: Callable[[float, float], None] | None = None,
     along_road: bool = True,
 ) -> SurrogateModel:
     """
     Return a surrogate with the extensions that it needs to fit the simulation.
 
-    `surrogate` was identified on `problem` from the parameters `start`; unless `body_known`, mass,
-    inertia and lengths are free as well. `along_road`: also by a road profile, which helps no
-    recording on another road.
+    `surrogate` was identified on `problem` from the parameters `start`; `unknown` masses
+    and lengths are free as well. `along_road`: also by a road profile, which helps no recording on
+    another road.
     """
-    extension = _Extension(problem, start, body_known)
+    extension = _Extension(problem, start, unknown)
     anywhere = (extension.with_effect, extension.with_features)
     stages = (
         (extension.with_slopes, *anywhere, extension.with_friction) if along_road else anywhere
@@ -112,11 +112,11 @@ def augment_surrogate(
 
 @dataclass(frozen=True)
 class _Extension:
-    """The simulation's problem, the parameters to start from, and whether the body is known."""
+    """The simulation's problem, the parameters to start from, and unknown masses and lengths."""
 
     problem: ResidualProblem
     start: FloatArray
-    body_known: bool
+    unknown: Collection[str]
 
     def with_slopes(self, current: SurrogateModel) -> SurrogateModel:
         """Add grade and bank along the road."""
@@ -205,7 +205,7 @@ class _Extension:
 
         All fitted parameters are free in it: they have been biased by what is missing.
         """
-        fitted = fitted_parameters(self.body_known)
+        fitted = fitted_parameters(self.unknown, self.start)
         directions = np.zeros((len(fitted), SIZE))
         for row, (name, (spread, _)) in zip(directions, fitted.items(), strict=True):
             row[INDEX[name]] = spread
@@ -220,7 +220,7 @@ class _Extension:
         free: Mapping[str, tuple[float, float]] | None = None,
     ) -> SurrogateModel:
         """Return the surrogate with its parameters, and those in `free`, fitted again."""
-        fitted = {**fitted_parameters(self.body_known), **_SENSOR_BIASES, **(free or {})}
+        fitted = {**fitted_parameters(self.unknown, self.start), **_SENSOR_BIASES, **(free or {})}
         refitted = fit_surrogate(
             self.problem,
             self.start if mean is None else mean,
