@@ -238,7 +238,7 @@ def _score(replayed: ReplayResult, bag: Path, out: Path) -> None:
     better, better_held = (
         int((ratio[1:] < TIE).sum()) for ratio in (scores.ratio, scores.ratio_held)
     )
-    total = scores.ratio[1:].size
+    total = int(np.isfinite(scores.ratio[1:]).sum())
     console.note(
         f"better than every naive predictor in {better} of {total} (channel, horizon) "
         f"combinations from 0.25 to 2 s (without the 0.025 s rows) with future commands known, in "

@@ -1,9 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of numpy values to JSON."""
+"""Numbers that may not be finite, as JSON and as text."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -20,3 +21,8 @@ def finite(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
+
+
+def shown(value: float, form: str) -> str:
+    """Return a number in a format such as ".2f", a dash for one that is not finite."""
+    return f"{value:{form}}" if math.isfinite(value) else "-"

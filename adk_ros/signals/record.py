@@ -95,9 +95,14 @@ def _assemble(
     breaks = np.concatenate([[False], np.diff(stamp_ns) != TICK_NS])
     breaks |= (flags & int(Flag.RESTART)) != 0
     episode = np.cumsum(breaks)
+    x = np.array([s.x for s in samples])
+    # Of a velocity that is not measured, only what the IMU adds between two odometry messages
+    # would change.
+    for i in np.flatnonzero(np.nanmax(x_ref, axis=0) == np.nanmin(x_ref, axis=0)):
+        x[:, i] = np.nanmin(x_ref[:, i])
     return Record(
         stamp_ns=stamp_ns,
-        x=np.array([s.x for s in samples]),
+        x=x,
         u=np.array([s.u for s in samples]),
         a=np.array([s.a for s in samples]),
         flags=flags,

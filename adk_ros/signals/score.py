@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.signals.channels import TICK_NS, Record
 
 TICK_S = TICK_NS * 1e-9
@@ -127,11 +127,16 @@ def score(
     predicted: FloatArray,
     steps: tuple[int, ...] = HORIZON_STEPS,
 ) -> ErrorTable:
-    """Return the errors of `predicted` (n, ahead, 3), made at `rows` (n,), against `x_ref`."""
+    """
+    Return the errors of `predicted` (n, ahead, 3), made at `rows` (n,), against `x_ref`.
+
+    NaN for channels that are not measured: a constant is predicted without error by persistence.
+    """
     index = np.array(steps)
     error = predicted[:, index - 1, :] - record.x_ref[rows[:, None] + index[None, :]]
     diverged = ~np.isfinite(error) | (np.abs(error) > DIVERGED)
     error = np.where(diverged, DIVERGED, error)
+    error[:, :, ~measured_channels(record)] = np.nan
     return ErrorTable(
         steps=steps,
         rmse=np.sqrt(np.mean(error**2, axis=0)),
@@ -150,15 +155,25 @@ def pool(scores: Sequence[ErrorTable]) -> ErrorTable:
     used = [item for item in scores if item.count]
     if not used:
         raise ValueError("no table has a scored start")
-    weights = np.array([item.count for item in used], dtype=np.float64)
+    counts = np.array([item.count for item in used], dtype=np.float64)
     squares = np.array([item.rmse**2 for item in used])
+    # A channel that one recording does not measure is that of the others.
+    weights = np.where(np.isfinite(squares), counts[:, None, None], 0.0)
+    total = np.nansum(weights * squares, axis=0)
+    weight = weights.sum(axis=0)
     return ErrorTable(
         steps=used[0].steps,
-        rmse=np.sqrt(np.tensordot(weights / weights.sum(), squares, axes=1)),
-        worst=np.max([item.worst for item in used], axis=0),
-        count=int(weights.sum()),
+        rmse=np.sqrt(np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)),
+        worst=np.fmax.reduce([item.worst for item in used]),
+        count=int(counts.sum()),
         diverged=sum(item.diverged for item in used),
     )
+
+
+def measured_channels(record: Record) -> BoolArray:
+    """Return which states (3,) of a record are measured: those that are not constant."""
+    rows = record.x_ref[np.isfinite(record.x_ref).all(axis=1)]
+    return np.asarray(np.ptp(rows, axis=0) > 0.0) if len(rows) else np.ones(3, dtype=bool)
 
 
 def reference_noise(record: Record) -> FloatArray:

@@ -75,7 +75,7 @@ class HeldOutScores:
                         writer.writerow([name, channel, f"{step * TICK_NS * 1e-9:g}", *cell])
 
     def as_json(self) -> dict[str, Any]:
-        """Return the scores, SI, by predictor, channel and horizon."""
+        """Return the scores, SI, by predictor, channel and horizon; None if not measured."""
         steps = self.scores[MODEL].steps
         return {
             "horizons_s": [round(s * TICK_NS * 1e-9, 3) for s in steps],
@@ -83,8 +83,8 @@ class HeldOutScores:
             "predictors": {
                 name: {
                     channel: {
-                        "rmse": [float(v) for v in item.rmse[:, c]],
-                        "max": [float(v) for v in item.worst[:, c]],
+                        "rmse": _values(item.rmse[:, c]),
+                        "max": _values(item.worst[:, c]),
                     }
                     for c, channel in enumerate(STATE_NAMES)
                 }
@@ -92,16 +92,19 @@ class HeldOutScores:
                 for name, item in self.scores.items()
             },
             "ratio_to_best_naive": {
-                channel: [float(v) for v in self.ratio[:, c]]
-                for c, channel in enumerate(STATE_NAMES)
+                channel: _values(self.ratio[:, c]) for c, channel in enumerate(STATE_NAMES)
             },
             "ratio_to_best_naive_commands_held": {
-                channel: [float(v) for v in self.ratio_held[:, c]]
-                for c, channel in enumerate(STATE_NAMES)
+                channel: _values(self.ratio_held[:, c]) for c, channel in enumerate(STATE_NAMES)
             },
-            "geometric_mean_ratio": float(np.exp(np.log(self.ratio).mean())),
+            "geometric_mean_ratio": float(np.exp(np.nanmean(np.log(self.ratio)))),
             "lost_cells": self.lost,
         }
+
+
+def _values(column: FloatArray) -> list[float | None]:
+    """Return a column of a table; None for what is not measured."""
+    return [float(v) if np.isfinite(v) else None for v in column]
 
 
 @dataclass(frozen=True)

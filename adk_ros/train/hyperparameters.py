@@ -162,7 +162,8 @@ def _log_ratio(model: KoopmanModel, cases: Sequence[ValidationRecords]) -> Float
         ]
         rolled = [item for item in rolled if item.rows.size]
         if rolled:
-            result.append(np.log(_against_naive(rolled)))
+            # A channel that is not measured prefers no candidate.
+            result.append(np.nan_to_num(np.log(_against_naive(rolled))))
     # Without a whole horizon in the validation part, the most conservative candidate is selected.
     return np.array(result) if result else np.zeros((1, 1, 3))
 

@@ -104,6 +104,10 @@ def require_min_rows(rows: IntArray) -> None:
         )
 
 
+_MIN_CHANGE = 1e-6
+"""Scaled. A state that changes less over all the training data is a constant."""
+
+
 class _Data:
     """A part of the data as scaled tensors, from which sequences are gathered."""
 
@@ -126,11 +130,12 @@ class _Data:
         )
 
     def persistence(self, ahead: int) -> Tensor:
-        """Return s_jc (h, 3), see the module."""
+        """Return s_jc (h, 3), see the module; infinite for a channel that is not measured."""
         rows = torch.from_numpy(self.part.rows).to(self.x.device)
         now, ends = self.x[rows], range(1, ahead + 1)
         result = [((self.x_ref[rows + j] - now) ** 2).mean(0) for j in ends]
-        return torch.stack(result).sqrt().clamp_min(1e-6)
+        change = torch.stack(result).sqrt()
+        return torch.where(change > _MIN_CHANGE, change, math.inf)
 
 
 def input_noise(train: Sequence[Record], scaling: Scaling, most: float) -> FloatArray:

@@ -8,8 +8,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from adk_ros.files.pages.page import embed, render_page
 from adk_ros.files.pages.provenance import Provenance
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.finite import shown
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.train.held_out import MODEL, TIE, HeldOutScores
 from adk_ros.train.report_figures import (
@@ -102,12 +106,19 @@ def _sentence(test: HeldOutScores | None) -> str:
     second = known[test.scores[MODEL].steps.index(_ONE_SECOND)]
     return (
         f"With future commands known, the model is better than every naive predictor in "
-        f"{int((known < TIE).sum())} of {known.size} (channel, horizon) combinations on held-out "
-        f"data, from one 25 ms tick to 2 s. At 1 s its RMSE is {second[0]:.2f}, {second[1]:.2f} "
-        f"and {second[2]:.2f} times that of the best naive predictor for v_x, v_y and yaw rate. "
+        f"{int((known < TIE).sum())} of {int(np.isfinite(known).sum())} (channel, horizon) "
+        "combinations on held-out data, from one 25 ms tick to 2 s. At 1 s its RMSE over that of "
+        f"the best naive predictor is {_ratios_text(second)}. "
         "With commands held constant, as in the published horizon of the live node, it is better "
         f"in {int((held < TIE).sum())}."
     )
+
+
+def _ratios_text(ratios: FloatArray) -> str:
+    """Return the ratios (3,) of the channels that are measured."""
+    names = ("v_x", "v_y", "yaw rate")
+    known = [f"{x:.2f} for {name}" for name, x in zip(names, ratios, strict=True) if x == x]
+    return f"{', '.join(known[:-1])} and {known[-1]}" if len(known) > 1 else "".join(known)
 
 
 def _rows(test: HeldOutScores) -> list[dict[str, Any]]:
@@ -121,9 +132,10 @@ def _rows(test: HeldOutScores) -> list[dict[str, Any]]:
                     "channel": REPORT_UNITS.labels[c] if i == 0 else "",
                     "horizon": f"{step * TICK_NS * 1e-9:g} s",
                     "errors": [
-                        f"{s.rmse[i, c] * REPORT_UNITS.scale[c]:.4g}" for s in test.scores.values()
+                        shown(s.rmse[i, c] * REPORT_UNITS.scale[c], ".4g")
+                        for s in test.scores.values()
                     ],
-                    "ratios": [(f"{ratio:.2f}", bool(ratio < TIE)) for ratio in ratios],
+                    "ratios": [(shown(ratio, ".2f"), bool(ratio < TIE)) for ratio in ratios],
                 }
             )
     return rows

@@ -54,6 +54,20 @@ def test_columns_equal_the_samples() -> None:
     assert set(record.episode) == {0}
 
 
+def test_a_velocity_that_is_not_measured_stays_constant() -> None:
+    readings = [
+        item._replace(values=(item.values[0], 0.0, item.values[2]))
+        if item.source is Source.ODOMETRY
+        else item
+        for item in arriving(drive(5.0, noise=0.01), 5, 0.02)
+    ]
+    # Between two odometry messages the accelerometer would move it.
+    assert any(sample.x[1] for sample in align_samples(readings))
+    record = build_record(readings, "town", {})
+    assert not record.x[:, 1].any()
+    assert record.x[:, 0].std() > 0.0
+
+
 @pytest.mark.parametrize("rate_hz", [5, 10, 33, 50, 80, 97, 100, 200, 400, 1000])
 @pytest.mark.parametrize("jitter", [0.0, 0.2])
 def test_reference_is_exact_on_straight_lines(rate_hz: int, jitter: float) -> None:

@@ -22,6 +22,7 @@ from adk_ros.signals.score import (
     best_naive,
     imu_integration,
     linear_extrapolation,
+    measured_channels,
     naive_predictions,
     persistence,
     pool,
@@ -46,6 +47,13 @@ def record_of(x: FloatArray, a: FloatArray | None = None, **columns: Any) -> Rec
 def random_record(n: int = 200, seed: int = 0) -> Record:
     random = np.random.default_rng(seed)
     return record_of(random.normal(size=(n, 3)), random.normal(size=(n, 2)))
+
+
+def still_record() -> Record:
+    """Return a record that is zero where it is scored; a constant channel is not measured."""
+    x = np.zeros((100, 3))
+    x[-1] = 1.0
+    return record_of(x)
 
 
 def test_persistence() -> None:
@@ -148,7 +156,7 @@ def test_starts(seed: int, history: int, ahead: int, n: int) -> None:
 
 
 def test_score_of_known_errors() -> None:
-    record = record_of(np.zeros((100, 3)))
+    record = still_record()
     rows = np.array([0, 10])
     predicted = np.zeros((2, 80, 3))
     predicted[0, 0], predicted[1, 0] = (3.0, 0.0, 1.0), (-4.0, 0.0, -1.0)
@@ -174,7 +182,7 @@ def test_score_uses_the_measurement_at_the_predicted_step() -> None:
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e5, -1e300])
 def test_diverged_predictions_are_scored(bad: float) -> None:
-    record = record_of(np.zeros((100, 3)))
+    record = still_record()
     predicted = np.zeros((4, 80, 3))
     predicted[0, 79, 0] = predicted[0, 79, 1] = predicted[2, 9, 2] = bad
     predicted[3, 5] = bad
@@ -206,6 +214,26 @@ def test_pool_is_the_score_over_all_starts(seed: int, counts: list[int]) -> None
     np.testing.assert_allclose(pooled.rmse, joint.rmse)
     np.testing.assert_allclose(pooled.worst, joint.worst)
     assert (pooled.count, pooled.diverged) == (joint.count, joint.diverged)
+
+
+def test_a_constant_channel_is_not_scored() -> None:
+    record = random_record()
+    x = record.x.copy()
+    x[:, 1] = 0.0
+    dead = replace(record, x=x, x_ref=x.copy())
+    rows = np.arange(10, 40)
+    assert measured_channels(record).all()
+    assert measured_channels(dead).tolist() == [True, False, True]
+    table = score(dead, rows, persistence(dead, rows, 80))
+    assert np.isnan(table.rmse[:, 1]).all()
+    assert np.isnan(table.worst[:, 1]).all()
+    assert np.isfinite(table.rmse[:, [0, 2]]).all()
+    assert table.diverged == 0
+    # With a recording that measures it, the pool is that of the other.
+    other = score(record, rows, persistence(record, rows, 80))
+    np.testing.assert_allclose(pool([table, other]).rmse[:, 1], other.rmse[:, 1])
+    assert np.isnan(pool([table, table]).rmse[:, 1]).all()
+    assert np.isnan(best_naive({"a": table})[:, 1]).all()
 
 
 def test_pool_of_empty_tables() -> None:

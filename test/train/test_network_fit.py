@@ -243,6 +243,16 @@ def test_a_channel_that_never_changes_is_no_fault() -> None:
     assert np.isfinite(np.array(trained.curve)).all()
 
 
+def test_a_lateral_velocity_that_is_not_measured_weighs_nothing() -> None:
+    x, x_ref = record().x.copy(), record().x_ref.copy()
+    x[:, 1] = x_ref[:, 1] = 0.0
+    trained = network_fit.fit(*parts(replace(record(), x=x, x_ref=x_ref)), SHORT)
+    assert trained.scaling.x_scale[1] == 1.0
+    assert trained.scaling.step_scale[1] == 1.0
+    # In units of persistence's error.
+    assert np.array(trained.curve)[:, 1:].max() < 100.0
+
+
 def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert choose_device("auto").type == "cpu"

@@ -116,7 +116,8 @@ def test_texts_state_the_scores(page: Page) -> None:
     held = int((test.ratio_held < TIE).sum())
     assert f"published horizon of the live node, it is better in {held}." in page.text
     v_x, v_y, yaw = test.ratio[3]
-    assert f"its RMSE is {v_x:.2f}, {v_y:.2f} and {yaw:.2f} times that of the best" in page.text
+    ratios = f"{v_x:.2f} for v_x, {v_y:.2f} for v_y and {yaw:.2f} for yaw rate"
+    assert f"its RMSE over that of the best naive predictor is {ratios}." in page.text
     for combination, reason in test.lost.items():
         assert f"{combination}: {reason}" in page.text
     facts = small().run.facts

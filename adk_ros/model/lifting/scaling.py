@@ -14,6 +14,12 @@ _MIN_SCALE = 1e-6
 """Smallest scale, in the channel's unit: a constant channel must not be divided by zero."""
 
 
+def _deviation(values: FloatArray) -> FloatArray:
+    """Return the standard deviations (k,) of values (n, k), one for a constant."""
+    found = values.std(axis=0)
+    return np.asarray(np.where(found > _MIN_SCALE, found, 1.0))
+
+
 @dataclass(frozen=True)
 class Scaling:
     """
@@ -31,14 +37,18 @@ class Scaling:
 
     @staticmethod
     def standard(x: FloatArray, u: FloatArray, change: FloatArray) -> Scaling:
-        """Scale to zero mean, unit deviation; `change` (n, 3): increments of x over one tick."""
-        x_scale = np.maximum(x.std(axis=0), _MIN_SCALE)
+        """
+        Scale to zero mean, unit deviation; `change` (n, 3): increments of x over one tick.
+
+        A state that does not change, since it is not measured, keeps its unit.
+        """
+        x_scale = _deviation(x)
         return Scaling(
             x_mean=x.mean(axis=0),
             x_scale=x_scale,
             u_mean=u.mean(axis=0),
             u_scale=np.maximum(u.std(axis=0), _MIN_SCALE),
-            step_scale=np.maximum(change.std(axis=0) / x_scale, _MIN_SCALE),
+            step_scale=_deviation(change) / x_scale,
         )
 
     @staticmethod
