@@ -25,7 +25,7 @@ from adk_ros.files.pages.figure_style import (
     VERMILION,
 )
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.signals.channels import TICK_NS
+from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import DISPLAY_NAMES, REPORT_SCALE
 from adk_ros.train.held_out import HELD_INPUTS, MODEL, HeldOutScores
 
@@ -127,6 +127,10 @@ def horizon_figure(test: HeldOutScores, path: Path, units: FigureUnits = REPORT_
     others = iter(_OTHER_STYLES)
     styles = {name: _STYLES.get(name) or next(others) for name in test.scores}
     for c, axis in enumerate(axes):
+        if np.isnan(test.ratio[:, c]).all():
+            axis.set_axis_off()
+            axis.text(0.5, 0.5, f"{STATE_NAMES[c]} is not measured", ha="center")
+            continue
         for name, item in test.scores.items():
             colour, line, marker = styles[name]
             is_model = name in (MODEL, HELD_INPUTS)
@@ -147,8 +151,9 @@ def horizon_figure(test: HeldOutScores, path: Path, units: FigureUnits = REPORT_
         axis.set_xlabel("prediction horizon (s)")
         axis.set_ylabel(f"RMSE of {units.labels[c]}")
         axis.grid(alpha=0.3, which="both")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
+    drawn = [axis.get_legend_handles_labels() for axis in axes if axis.lines]
+    for handles, labels in drawn[:1]:
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from adk_ros.train.held_out import (
     score_held_out,
 )
 from adk_ros.train.network import Encoder, Lift, to_torchscript
+from adk_ros.train.report_figures import horizon_figure
 
 
 def linear_model(change: np.ndarray) -> KoopmanModel:
@@ -258,3 +260,18 @@ def test_the_range_comes_back_from_json() -> None:
     np.testing.assert_array_equal(again.low, known.low)
     np.testing.assert_array_equal(again.high, known.high)
     assert TrainingDomain.from_json(None) is None
+
+
+def test_a_velocity_that_is_not_measured_has_no_score(tmp_path: Path) -> None:
+    x = record().x.copy()
+    x[:, 1] = 0.0
+    scores = score_held_out(STILL, [(made_record(x, record().u), None)])
+    assert scores is not None
+    about = scores.as_json()
+    json.dumps(about, allow_nan=False)
+    assert about["ratio_to_best_naive"]["v_y"] == [None] * len(HORIZON_STEPS)
+    assert np.isfinite(about["geometric_mean_ratio"])
+    assert not any(cell.startswith("v_y") for cell in scores.lost)
+    # A logarithmic axis without values ends in an error.
+    horizon_figure(scores, tmp_path / "horizon.png")
+    assert (tmp_path / "horizon.png").stat().st_size > 10_000
