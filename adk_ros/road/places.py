@@ -20,7 +20,7 @@ from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 LANE_WIDTH = 3.6
 """m (AASHTO, A Policy on Geometric Design, 2018): the other direction drives this far away."""
 MAX_RADIUS = 1.4 * LANE_WIDTH
-"""m from an earlier pass within which a place is the same; 0.4 of a lane for errors of position."""
+"""m from an earlier pass within which a place is the same; 0.4 of a lane for position errors."""
 _RADIUS_PER_TURN = 0.5
 """Share of the tightest turning radius: the two sides of a hairpin are two of them apart."""
 _PARALLEL = np.radians(45.0)

@@ -9,15 +9,16 @@ rate r of odometry, and REP-103 axes,
     a_x = dv_x/dt - r v_y + g sin(grade) + disturbances
     a_y = dv_y/dt + r v_x + g sin(bank) + disturbances
 
-with grade positive uphill and bank positive where the left side is higher. The disturbances, whose
-constants are estimated with the slopes: offset of the IMU; pitch and roll of the body, which follow
-the load transfer and thus the specific force; turned axes, lever arm r² x - dr/dt y, delay of the
-IMU; and, where v_y is not measured, the sideslip of the reference point, v_y = r l - K r v_x².
+with grade positive uphill and bank positive where the left side is higher. The constants of the
+disturbances are estimated with the slopes: offset of the IMU; pitch and roll of the body, which
+follow the load transfer and thus the specific force; turned axes, lever arm r² x - dr/dt y, delay
+of the IMU; and, where v_y is not measured, the sideslip of the reference point, v_y = r l - K r
+v_x².
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,12 +39,14 @@ STANDING_SPEED = 0.3
 SPACING_S = 0.25
 """s at the median speed from knot to knot; the walk is continuous over more than one step."""
 
-OFFSET_PRIOR = 0.2
-"""m/s²: offset of an automotive MEMS accelerometer (0.1) and 1° of mounting (0.17), added as
-variances."""
-FORCE_PRIOR = 0.1
-"""Share of the specific force that pitch and roll of the body add: 1 to 6°/g (T. D. Gillespie,
-Fundamentals of Vehicle Dynamics, 1992, section 7) is 0.02 to 0.1."""
+OFFSET_PRIOR = 0.35
+"""m/s²: offset of an automotive MEMS accelerometer (0.1) and 2° of a housing that is levelled by
+eye (0.34), added as variances."""
+PITCH_PER_FORCE, ROLL_PER_FORCE = 0.04, 0.07
+"""Share of gravity in a_x, a_y per share of specific force, by pitch and roll of the body: 2.3 and
+4°/g (T. D. Gillespie, Fundamentals of Vehicle Dynamics, 1992, section 7)."""
+FORCE_PRIOR = 0.03
+"""Standard deviation of both; covers 0 (an IMU that is levelled) to 0.09, and 3 % of scale."""
 TURNED_PRIOR = 0.05
 """rad: mounting yaw of the IMU, 3°."""
 LEVER_PRIOR = 1.5
@@ -53,6 +56,10 @@ SLIP_PRIOR = 0.005
 passenger car."""
 DELAY_PRIOR = 0.1
 """s between the streams; one period of a satellite receiver at 10 Hz."""
+_BODY = 1
+"""Index of the share of the specific force among the constants."""
+MIN_INFORMATION = 4.0
+"""Information on it with shared places over that without: most of it is from repeated places."""
 _PRIOR = (OFFSET_PRIOR, FORCE_PRIOR, TURNED_PRIOR, LEVER_PRIOR, LEVER_PRIOR, DELAY_PRIOR)
 START = Variances(reading=1e-3, force=1e-3, walk=1e-3)
 """Start of the search for the variances: 0.03 m/s, 0.03 m/s² over 1 s, 0.3 % of grade per m."""
@@ -63,21 +70,17 @@ class SlopeProfile:
     """
     Grade or bank (n,), rad, in the direction of the car, with its 90 % interval (n,).
 
-    `level`: half-width of the 90 % interval of its mean, rad. `offset`: of the IMU, m/s², with its
-    half-width `offset_error`.
+    Half-widths of 90 % intervals: `level` of its mean, `relative` of the difference from it
+    (median), rad; `offset_error` of the `offset` of the IMU, m/s².
     """
 
     value: FloatArray
     low: FloatArray
     high: FloatArray
     level: float
+    relative: float
     offset: float
     offset_error: float
-
-    @property
-    def half_width(self) -> float:
-        """Median half-width of the interval, rad."""
-        return float(np.median(0.5 * (self.high - self.low)))
 
 
 @dataclass(frozen=True)
@@ -85,9 +88,9 @@ class RoadProfile:
     """
     Grade and bank at the n nodes at which the car moves.
 
-    `at_s`, `distance`, `place` (n,), `direction` (n,): +1 in the direction of the first pass, -1
-    against it; `x`, `y` (n,), None without a pose. `grade`, `bank`: profiles (n,). `level_by`: what
-    separates the level of the grade from the offset of the IMU. `assumed`: assumptions, for the
+    `at_s`, `distance`, `place` (n,), s and m; `direction` (n,): +1 in the direction of the first
+    pass, -1 against it; `x`, `y` (n,), m, None without a pose. `level_by`: what separates the
+    level of the grade from the offset of the IMU, empty if nothing does. `assumed`: for the
     person. `repeated`: share of the distance on road that was driven before.
     """
 
@@ -162,7 +165,7 @@ def _along(steps: Steps, has_v_y: bool) -> Axis:
         columns.append(steps.yaw_rate_2 * middle(steps.v_x) ** 2)
         prior.append(SLIP_PRIOR)
     gained = steps.force_x + steps.turn_x
-    return _axis(steps, steps.v_x, gained, columns, prior)
+    return _axis(steps, steps.v_x, gained, columns, prior, PITCH_PER_FORCE)
 
 
 def _across(steps: Steps, has_v_y: bool) -> Axis:
@@ -179,7 +182,7 @@ def _across(steps: Steps, has_v_y: bool) -> Axis:
     if not has_v_y:
         columns.append(np.diff(steps.yaw_rate * steps.v_x**2))
         prior.append(SLIP_PRIOR)
-    return _axis(steps, steps.v_y, steps.force_y - steps.turn_y, columns, prior)
+    return _axis(steps, steps.v_y, steps.force_y - steps.turn_y, columns, prior, ROLL_PER_FORCE)
 
 
 def _axis(
@@ -188,31 +191,45 @@ def _axis(
     gained: FloatArray,
     columns: list[FloatArray],
     prior: list[float],
+    body: float,
 ) -> Axis:
+    expected = np.zeros(len(prior))
+    expected[_BODY] = body
     return Axis(
         velocity,
         steps.readings,
         gained,
         np.column_stack(columns),
+        expected,
         np.array(prior),
+        np.zeros(len(prior), dtype=bool),
         steps.used,
         steps.step_s,
     )
 
 
 def _slopes(axis: Axis, places: Places, steps: Steps, spacing: float, is_height: bool) -> Slopes:
-    driven = np.gradient(steps.distance) * np.where(steps.v_x < 0.0, -1.0, 1.0)
-    model = SlopeModel(axis, places, driven, spacing)
+    ahead = np.where(steps.v_x < 0.0, -1.0, 1.0)
+    driven = np.gradient(steps.distance) * ahead
+    variances = SlopeModel(axis, places, driven, spacing).fitted(START)
+    shared = SlopeModel(axis, places, driven, spacing).information(variances)
+    once = along_the_way(steps.distance, ahead)
+    single = SlopeModel(axis, once, driven, spacing).information(variances)
+    # A driver who slows down uphill makes pitch of the body and slope look alike. Only different
+    # accelerations at the same place separate them.
+    considered = axis.considered.copy()
+    considered[_BODY] = shared[_BODY] < MIN_INFORMATION * single[_BODY]
+    model = SlopeModel(replace(axis, considered=considered), places, driven, spacing)
     # The car returns to a place within the radius, on a slope of up to 10 %.
     height_sigma = 0.1 * places.radius if is_height and places.returns else None
-    return model.slopes(model.fitted(START), height_sigma)
+    return model.slopes(variances, height_sigma)
 
 
 def _profile(slopes: Slopes, kept: np.ndarray) -> SlopeProfile:
     # Body pitch and roll follow the load transfer, which gravity along the road causes as well.
-    body = 1.0 + float(slopes.constants[1])
+    body = 1.0 + float(slopes.constants[_BODY])
     theta = slopes.theta[kept] / body
-    sigma = np.hypot(slopes.sigma[kept], theta * slopes.constant_sigma[1]) / body
+    sigma = np.hypot(slopes.sigma[kept], theta * slopes.constant_sigma[_BODY]) / body
 
     def angle(values: FloatArray) -> FloatArray:
         return np.asarray(np.arcsin(np.clip(values / GRAVITY, -1.0, 1.0)))
@@ -222,6 +239,7 @@ def _profile(slopes: Slopes, kept: np.ndarray) -> SlopeProfile:
         angle(theta - QUANTILE_90 * sigma),
         angle(theta + QUANTILE_90 * sigma),
         QUANTILE_90 * slopes.level_sigma / GRAVITY,
+        QUANTILE_90 * float(np.median(slopes.relative_sigma[kept])) / GRAVITY,
         float(slopes.constants[0]),
         QUANTILE_90 * float(slopes.constant_sigma[0]),
     )

@@ -48,14 +48,14 @@ class RecordedDrive:
 @dataclass(frozen=True)
 class Steps:
     """
-    A drive at n nodes, `step_s` apart, and on the n - 1 steps between them.
+    A drive at n nodes, `step_s` apart, and on the n - 1 steps between them; SI units.
 
-    `at_s` (n,); `distance` (n,): driven from the start, m, backwards as well as ahead. `v_x`, `v_y`
-    (n,): mean reading around the node; `readings` (n,): how many, zero where the node is not used.
-    `used` (n - 1,): whether a step joins two used nodes. `yaw_rate` (n,); `longitudinal`, `lateral` (n,):
-    accelerations by odometry, dv_x/dt - r v_y and dv_y/dt + r v_x. `force_x`, `force_y`,
-    `turn_x`, `turn_y`, `yaw_rate_2` (n - 1,): integrals over the step of a_x, a_y, r v_y, r v_x
-    and r². `x`, `y`, `heading` (n,) or None.
+    (n,): `at_s`; `distance` driven from the start, backwards as well as ahead; `v_x`, `v_y`, mean
+    reading around the node; `readings`, how many, zero where the node is not used; `yaw_rate`;
+    `longitudinal` and `lateral` acceleration by odometry, dv_x/dt - r v_y and dv_y/dt + r v_x;
+    `x`, `y`, `heading`, or None. (n - 1,): `used`, whether a step joins two used nodes; integrals
+    over the step: `force_x`, `force_y` of a_x, a_y; `turn_x`, `turn_y` of r v_y, r v_x;
+    `yaw_rate_2` of r².
     """
 
     step_s: float

@@ -50,14 +50,18 @@ class Axis:
 
     `velocity` (n,), m/s; `readings` (n,): its number, zero where unknown. `gained` (n - 1,):
     integral of specific force and turn over the step, m/s. `columns` (n - 1, k): integrals of the
-    disturbances for a constant of one, `prior` (k,): standard deviations of the constants.
+    disturbances for a constant of one. The constants have the standard deviations `prior` (k,)
+    about `expected` (k,); those of `considered` (k,) are not estimated but widen the intervals (S.
+    F. Schmidt, Advances in Control Systems 3, 1966, 293).
     """
 
     velocity: FloatArray
     readings: IntArray
     gained: FloatArray
     columns: FloatArray
+    expected: FloatArray
     prior: FloatArray
+    considered: BoolArray
     used: BoolArray
     step_s: float
 
@@ -76,12 +80,14 @@ class Slopes:
     """
     Posterior at the n nodes in the direction of the car: `theta`, `sigma` (n,), m/s².
 
-    `level_sigma`: of the mean of theta over the distance. `constants`, `constant_sigma` (k,).
+    `level_sigma`: of the mean of theta over the distance; `relative_sigma` (n,): of the difference
+    from it. `constants`, `constant_sigma` (k,).
     """
 
     theta: FloatArray
     sigma: FloatArray
     level_sigma: float
+    relative_sigma: FloatArray
     constants: FloatArray
     constant_sigma: FloatArray
     variances: Variances
@@ -101,12 +107,13 @@ class _Posterior:
     """
     Velocities and slopes s, factorised, bordered by the constants c, which touch every step.
 
-    `border`: Q_ss^-1 Q_sc (s, k), `inner`: covariance of c (k, k). `cost`: -2 log likelihood up to
-    a constant.
+    `border`: Q_ss^-1 Q_sc (s, k); `information` (k, k) of the data on c; `inner` (k, k): their
+    covariance. `cost`: -2 log likelihood up to a constant.
     """
 
     factors: SuperLU
     border: FloatArray
+    information: FloatArray
     inner: FloatArray
     mean: FloatArray
     constants: FloatArray
@@ -212,21 +219,29 @@ class SlopeModel:
         solved = factors.solve(np.column_stack([right, cross]))
         border = solved[:, 1:]
         own = self._columns.T @ (weight[:, None] * self._columns)
-        precision = own + np.diag(self._axis.prior**-2.0) - cross.T @ border
-        inner = np.linalg.inv(precision)
-        right_c = self._columns.T @ (weight * force.target) - border.T @ right
-        constants = inner @ right_c
+        free, axis = ~self._axis.considered, self._axis
+        information = own - cross.T @ border
+        precision = (information + np.diag(axis.prior**-2.0))[np.ix_(free, free)]
+        known = self._columns.T @ (weight * force.target) - border.T @ right
+        known += axis.expected / axis.prior**2 - information[:, ~free] @ axis.expected[~free]
+        constants = np.array(axis.expected)
+        constants[free] = np.linalg.solve(precision, known[free])
+        inner = np.zeros_like(own)
+        inner[np.ix_(free, free)] = np.linalg.inv(precision)
+        # What the others, and by the border the slopes, change with a considered constant.
+        change = np.eye(free.size)[:, ~free]
+        change[free] = -np.linalg.solve(precision, information[np.ix_(free, ~free)])
+        inner += (change * axis.prior[~free] ** 2) @ change.T
         mean = solved[:, 0] - border @ constants
-        cost = float(np.log(np.abs(factors.U.diagonal())).sum())
-        cost += float(np.linalg.slogdet(precision)[1]) + float(
-            (constants / self._axis.prior) @ (constants / self._axis.prior)
-        )
+        surprise = ((constants - axis.expected) / axis.prior)[free]
+        cost = float(np.log(np.abs(factors.U.diagonal())).sum()) + float(surprise @ surprise)
+        cost += float(np.linalg.slogdet(precision)[1])
         for number, (part, each) in enumerate(zip(self._parts, weights, strict=True)):
             error = part.target - part.matrix @ mean
             if number == 1:
                 error = error - self._columns @ constants
             cost += float(each @ error**2) - float(np.log(each).sum())
-        return _Posterior(factors, border, inner, mean, constants, cost)
+        return _Posterior(factors, border, information, inner, mean, constants, cost)
 
     def fitted(self, start: Variances) -> Variances:
         """Return the variances of greatest marginal likelihood."""
@@ -237,8 +252,8 @@ class SlopeModel:
 
         options = {
             "maxfev": _SEARCH,
-            "xatol": 0.05,
-            "fatol": 0.05,
+            "xatol": 0.1,
+            "fatol": 0.5,
             "initial_simplex": first + np.vstack([np.zeros(3), 2.0 * np.eye(3)]),
         }
         found = minimize(
@@ -248,6 +263,10 @@ class SlopeModel:
             options=options,
         )
         return at(found.x)
+
+    def information(self, variances: Variances) -> FloatArray:
+        """Return the information (k,) of the data on each constant, the others known."""
+        return np.asarray(np.diag(self._posterior(variances).information))
 
     def slopes(self, variances: Variances, height_sigma: float | None) -> Slopes:
         """
@@ -270,10 +289,14 @@ class SlopeModel:
             + 2.0 * weights[:, 0] * weights[:, 1] * spread[a, b]
         )
         level = self._travelled(0, every.size - 1) / max(float(np.abs(self._driven).sum()), 1e-9)
+        with_level = spread @ level
+        level_variance = max(float(level @ with_level), 0.0)
+        relative = variance + level_variance - 2.0 * (weights * with_level[knots]).sum(axis=1)
         return Slopes(
             (weights * value[knots]).sum(axis=1),
             np.sqrt(np.maximum(variance, 0.0)),
-            float(np.sqrt(max(float(level @ spread @ level), 0.0))),
+            float(np.sqrt(level_variance)),
+            np.sqrt(np.maximum(relative, 0.0)),
             value[self._knots :],
             np.sqrt(np.maximum(np.diag(spread)[self._knots :], 0.0)),
             variances,
