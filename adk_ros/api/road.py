@@ -83,7 +83,7 @@ def _summary(slope: SlopeProfile) -> dict[str, float]:
 def check_road_path(out: Path) -> None:
     """Refuse a file of another kind than `SUFFIXES`."""
     if out.suffix.lower() not in SUFFIXES:
-        raise UsageError(f"{out}: --road writes {', '.join(SUFFIXES)}: choose one of these endings")
+        raise UsageError(f"{out}: --road writes files that end in {' or '.join(SUFFIXES)}")
 
 
 def write_road(profile: RoadProfile, attitude: Stream | None, out: Path) -> None:

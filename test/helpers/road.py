@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from adk_ros.calibration.streams import Stream, Streams
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.road.recorded_drive import RecordedDrive
@@ -99,3 +100,41 @@ def hilly(
         noisy(heading[o], 0.002),
     )
     return Hilly(drive, at, up, left_up)
+
+
+def as_streams(hilly: Hilly, attitude: bool = False) -> Streams:
+    """Return a drive as streams of a recording, with a command that fits the accelerations."""
+    d = hilly.drive
+    assert d.v_y is not None
+    assert d.x is not None
+    assert d.y is not None
+    assert d.heading is not None
+    rng = np.random.default_rng(1)
+    k = d.imu_at_s.size
+    imu = {
+        "a_x": d.a_x,
+        "a_y": d.a_y,
+        "a_z": GRAVITY + 0.05 * rng.standard_normal(k),
+        "w_x": 0.002 * rng.standard_normal(k),
+        "w_y": 0.002 * rng.standard_normal(k),
+        "w_z": np.interp(d.imu_at_s, d.odometry_at_s, d.yaw_rate),
+    }
+    odometry = {
+        "v_x": d.v_x,
+        "v_y": d.v_y,
+        "yaw_rate": d.yaw_rate,
+        "x": d.x,
+        "y": d.y,
+        "heading": d.heading,
+    }
+    o = slice(None, None, 4)
+    command = {"torque": 450.0 * d.a_x[o], "steering": 2.7 * d.yaw_rate[::2] / d.v_x[::2]}
+    ins = Stream("the attitude", hilly.at_s, {"roll": hilly.bank, "pitch": -hilly.grade})
+    return Streams(
+        "drive",
+        float(d.imu_at_s[-1]),
+        Stream("the IMU", d.imu_at_s, imu),
+        Stream("odometry", d.odometry_at_s, odometry),
+        Stream("the command", d.imu_at_s[o], command),
+        attitude=ins if attitude else None,
+    )
