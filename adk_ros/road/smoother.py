@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 from scipy.sparse import coo_matrix, csc_matrix, diags_array
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 
 from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -95,11 +96,16 @@ class Slopes:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows of a linear model: `matrix` (m, size), `target` and relative `precision` (m,)."""
+    """
+    Rows of a linear model: `matrix` (m, size), `target` and relative `precision` (m,).
+
+    `rank`: rows that are independent of each other.
+    """
 
     matrix: csc_matrix
     target: FloatArray
     precision: FloatArray
+    rank: int
 
 
 @dataclass(frozen=True)
@@ -164,9 +170,8 @@ class SlopeModel:
 
     def _reading_rows(self, nodes: IntArray) -> _Rows:
         matrix = self._rows([np.arange(nodes.size)], [np.ones(nodes.size)])
-        return _Rows(
-            matrix, self._axis.velocity[nodes], self._axis.readings[nodes].astype(np.float64)
-        )
+        readings = self._axis.readings[nodes].astype(np.float64)
+        return _Rows(matrix, self._axis.velocity[nodes], readings, nodes.size)
 
     def _force_rows(self, column_of: IntArray) -> _Rows:
         at, ones = self._steps, np.ones(self._steps.size)
@@ -177,7 +182,7 @@ class SlopeModel:
             columns.append(self._first_knot + knots)
             values.append(0.5 * self._axis.step_s * weights)
         precision = ones / self._axis.step_s
-        return _Rows(self._rows(columns, values), self._axis.gained[at], precision)
+        return _Rows(self._rows(columns, values), self._axis.gained[at], precision, at.size)
 
     def _walk_rows(self) -> _Rows:
         """Return the random walk along stretches and across their joins."""
@@ -200,7 +205,10 @@ class SlopeModel:
         matrix = self._rows(
             [self._first_knot + first, self._first_knot + second], [np.ones(first.size), -sign]
         )
-        return _Rows(matrix, np.zeros(first.size), 1.0 / length)
+        graph = coo_matrix((np.ones(first.size), (first, second)), (self._knots, self._knots))
+        # Where joined stretches make a circle, its last step follows from the others.
+        rank = self._knots - int(connected_components(graph, directed=False)[0])
+        return _Rows(matrix, np.zeros(first.size), 1.0 / length, rank)
 
     def _posterior(self, variances: Variances) -> _Posterior:
         scales = (variances.reading, variances.force, variances.walk)
@@ -240,11 +248,11 @@ class SlopeModel:
             error = part.target - part.matrix @ mean
             if number == 1:
                 error = error - self._columns @ constants
-            cost += float(each @ error**2) - float(np.log(each).sum())
+            cost += float(each @ error**2) + part.rank * float(np.log(scales[number]))
         return _Posterior(factors, border, information, inner, mean, constants, cost)
 
     def fitted(self, start: Variances) -> Variances:
-        """Return the variances of greatest marginal likelihood."""
+        """Return the variances of greatest marginal likelihood, that of the walk not zero."""
         first = np.log([start.reading, start.force, start.walk])
 
         def at(logs: FloatArray) -> Variances:
@@ -257,7 +265,10 @@ class SlopeModel:
             "initial_simplex": first + np.vstack([np.zeros(3), 2.0 * np.eye(3)]),
         }
         found = minimize(
-            lambda logs: self._posterior(at(logs)).cost,
+            # A walk of zero would claim a slope without any uncertainty where none is detected:
+            # ln(sigma) is added to the log likelihood (Y. Chung et al., Psychometrika 78, 2013,
+            # 685).
+            lambda logs: self._posterior(at(logs)).cost - float(logs[2]),
             first,
             method="Nelder-Mead",
             options=options,
