@@ -32,7 +32,8 @@ from adk_ros.road.places import (
     match_radius,
 )
 from adk_ros.road.recorded_drive import RecordedDrive, Steps, in_steps, middle
-from adk_ros.road.smoother import MAX_KNOTS, Axis, SlopeModel, Slopes, Variances
+from adk_ros.road.slope_rows import Axis
+from adk_ros.road.smoother import MAX_KNOTS, SlopeModel, Slopes, Variances
 
 STANDING_SPEED = 0.3
 """m/s below which the car stands, where wheel speeds have a dead band."""

@@ -24,47 +24,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.sparse import coo_matrix, csc_matrix, diags_array
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 
-from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.road.places import Places
+from adk_ros.road.slope_rows import Axis, SlopeRows
 
 MAX_KNOTS = 3000
 """Knots at most: the time of the intervals grows with their square."""
-_FLAT = 1e-12
-"""Precision of a velocity before its reading, s²/m²: none, but the matrix stays regular."""
 _CHUNK = 256
 """Columns of the covariance that are solved for at once."""
 _RANGE = 12.0
 """Largest |ln| of a variance over its start: five decades."""
 _SEARCH = 160
 """Evaluations of the likelihood at most; it is flat after about 80."""
-
-
-@dataclass(frozen=True)
-class Axis:
-    """
-    Readings along one axis of the car, for n nodes and the n - 1 steps between them.
-
-    `velocity` (n,), m/s; `readings` (n,): its number, zero where unknown. `gained` (n - 1,):
-    integral of specific force and turn over the step, m/s. `columns` (n - 1, k): integrals of the
-    disturbances for a constant of one. The constants have the standard deviations `prior` (k,)
-    about `expected` (k,); those of `considered` (k,) are not estimated but widen the intervals (S.
-    F. Schmidt, Advances in Control Systems 3, 1966, 293).
-    """
-
-    velocity: FloatArray
-    readings: IntArray
-    gained: FloatArray
-    columns: FloatArray
-    expected: FloatArray
-    prior: FloatArray
-    considered: BoolArray
-    used: BoolArray
-    step_s: float
 
 
 @dataclass(frozen=True)
@@ -95,20 +69,6 @@ class Slopes:
 
 
 @dataclass(frozen=True)
-class _Rows:
-    """
-    Rows of a linear model: `matrix` (m, size), `target` and relative `precision` (m,).
-
-    `rank`: rows that are independent of each other.
-    """
-
-    matrix: csc_matrix
-    target: FloatArray
-    precision: FloatArray
-    rank: int
-
-
-@dataclass(frozen=True)
 class _Posterior:
     """
     Velocities and slopes s, factorised, bordered by the constants c, which touch every step.
@@ -127,94 +87,19 @@ class _Posterior:
 
 
 class SlopeModel:
-    """The sparse model of one axis over given places."""
+    """The posterior of the slopes of one axis over given places."""
 
     def __init__(self, axis: Axis, places: Places, driven: FloatArray, spacing: float) -> None:
-        """
-        Arrange the model.
-
-        :param driven: distance (n,), m, around each node in the direction of the car's x axis.
-        :param spacing: of the knots, m.
-        """
-        self._axis, self._places, self._driven = axis, places, driven
-        self._spacing = spacing
-        nodes = np.flatnonzero(axis.readings > 0)
-        position = places.place / spacing
-        self._knot = np.floor(position).astype(np.int64)
-        self._share = position - self._knot
-        self._first_knot = nodes.size
-        self._knots = int(self._knot.max()) + 2
-        self._size = nodes.size + self._knots
-        column_of = np.full(axis.velocity.size, -1, dtype=np.int64)
-        column_of[nodes] = np.arange(nodes.size)
-        self._steps = np.flatnonzero(axis.used)
-        self._parts = [
-            self._reading_rows(nodes),
-            self._force_rows(column_of),
-            self._walk_rows(),
-        ]
-        self._columns = axis.columns[self._steps]
-        self._pattern = _CommonPattern([x.matrix for x in self._parts], self._parts)
-
-    def _slope_entries(self, nodes: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return knots (m, 2) and weights (m, 2) of theta in the direction of the car."""
-        sign, share = self._places.direction[nodes], self._share[nodes]
-        knots = np.column_stack([self._knot[nodes], self._knot[nodes] + 1])
-        return knots, np.column_stack([sign * (1.0 - share), sign * share])
-
-    def _rows(self, columns: list[IntArray], values: list[FloatArray]) -> csc_matrix:
-        wide, high = np.column_stack(columns), np.column_stack(values)
-        at = np.repeat(np.arange(wide.shape[0]), wide.shape[1])
-        shape = (wide.shape[0], self._size)
-        return coo_matrix((high.ravel(), (at, wide.ravel())), shape).tocsc()
-
-    def _reading_rows(self, nodes: IntArray) -> _Rows:
-        matrix = self._rows([np.arange(nodes.size)], [np.ones(nodes.size)])
-        readings = self._axis.readings[nodes].astype(np.float64)
-        return _Rows(matrix, self._axis.velocity[nodes], readings, nodes.size)
-
-    def _force_rows(self, column_of: IntArray) -> _Rows:
-        at, ones = self._steps, np.ones(self._steps.size)
-        columns: list[IntArray] = [column_of[at + 1], column_of[at]]
-        values: list[FloatArray] = [ones, -ones]
-        for nodes in (at, at + 1):
-            knots, weights = self._slope_entries(nodes)
-            columns.append(self._first_knot + knots)
-            values.append(0.5 * self._axis.step_s * weights)
-        precision = ones / self._axis.step_s
-        return _Rows(self._rows(columns, values), self._axis.gained[at], precision, at.size)
-
-    def _walk_rows(self) -> _Rows:
-        """Return the random walk along stretches and across their joins."""
-        spacing, joins = self._spacing, self._places.joins
-        inner = np.concatenate(
-            [
-                np.arange(int(low // spacing), int(high // spacing) + 1)
-                for low, high in self._places.stretches
-            ]
-        )
-        near = [round(x.place / spacing) for x in joins]
-        far = [round(x.other / spacing) for x in joins]
-        apart = [max(x.distance, spacing) for x in joins]
-        first = np.concatenate([inner, np.array(near, dtype=np.int64)])
-        second = np.concatenate([inner + 1, np.array(far, dtype=np.int64)])
-        sign = np.concatenate([np.ones(inner.size), [x.sign for x in joins]])
-        length = np.concatenate([np.full(inner.size, spacing), apart])
-        distinct = first != second
-        first, second, sign, length = (x[distinct] for x in (first, second, sign, length))
-        matrix = self._rows(
-            [self._first_knot + first, self._first_knot + second], [np.ones(first.size), -sign]
-        )
-        graph = coo_matrix((np.ones(first.size), (first, second)), (self._knots, self._knots))
-        # Where joined stretches make a circle, its last step follows from the others.
-        rank = self._knots - int(connected_components(graph, directed=False)[0])
-        return _Rows(matrix, np.zeros(first.size), 1.0 / length, rank)
+        """Arrange the model; the arguments are those of `SlopeRows`."""
+        self._axis, self._places = axis, places
+        self._rows = SlopeRows(axis, places, driven, spacing)
+        self._parts = [self._rows.readings, self._rows.forces, self._rows.walk]
 
     def _posterior(self, variances: Variances) -> _Posterior:
         scales = (variances.reading, variances.force, variances.walk)
         weights = [x.precision / scale for x, scale in zip(self._parts, scales, strict=True)]
         factors = splu(
-            self._pattern.sum([1.0 / scale for scale in scales]),
+            self._rows.pattern.sum([1.0 / scale for scale in scales]),
             permc_spec="MMD_AT_PLUS_A",
             options={"SymmetricMode": True},
         )
@@ -223,14 +108,14 @@ class SlopeModel:
             axis=0,
         )
         force, weight = self._parts[1], weights[1]
-        cross = force.matrix.T @ (weight[:, None] * self._columns)
+        cross = force.matrix.T @ (weight[:, None] * self._rows.columns)
         solved = factors.solve(np.column_stack([right, cross]))
         border = solved[:, 1:]
-        own = self._columns.T @ (weight[:, None] * self._columns)
+        own = self._rows.columns.T @ (weight[:, None] * self._rows.columns)
         free, axis = ~self._axis.considered, self._axis
         information = own - cross.T @ border
         precision = (information + np.diag(axis.prior**-2.0))[np.ix_(free, free)]
-        known = self._columns.T @ (weight * force.target) - border.T @ right
+        known = self._rows.columns.T @ (weight * force.target) - border.T @ right
         known += axis.expected / axis.prior**2 - information[:, ~free] @ axis.expected[~free]
         constants = np.array(axis.expected)
         constants[free] = np.linalg.solve(precision, known[free])
@@ -247,7 +132,7 @@ class SlopeModel:
         for number, (part, each) in enumerate(zip(self._parts, weights, strict=True)):
             error = part.target - part.matrix @ mean
             if number == 1:
-                error = error - self._columns @ constants
+                error = error - self._rows.columns @ constants
             cost += float(each @ error**2) + part.rank * float(np.log(scales[number]))
         return _Posterior(factors, border, information, inner, mean, constants, cost)
 
@@ -287,19 +172,21 @@ class SlopeModel:
             the car returns to it; None where the slope is no height (bank).
         """
         posterior = self._posterior(variances)
-        value = np.concatenate([posterior.mean[self._first_knot :], posterior.constants])
+        value = np.concatenate([posterior.mean[self._rows.first_knot :], posterior.constants])
         spread = self._covariance(posterior)
         if height_sigma is not None and self._places.returns:
             value, spread = self._closed(value, spread, height_sigma)
-        every = np.arange(self._knot.size)
-        knots, weights = self._slope_entries(every)
+        every = np.arange(self._places.place.size)
+        knots, weights = self._rows.slope_entries(every)
         a, b = knots.T
         variance = (
             weights[:, 0] ** 2 * spread[a, a]
             + weights[:, 1] ** 2 * spread[b, b]
             + 2.0 * weights[:, 0] * weights[:, 1] * spread[a, b]
         )
-        level = self._travelled(0, every.size - 1) / max(float(np.abs(self._driven).sum()), 1e-9)
+        level = self._rows.travelled(0, every.size - 1) / max(
+            float(np.abs(self._rows.driven).sum()), 1e-9
+        )
         with_level = spread @ level
         level_variance = max(float(level @ with_level), 0.0)
         relative = variance + level_variance - 2.0 * (weights * with_level[knots]).sum(axis=1)
@@ -308,67 +195,33 @@ class SlopeModel:
             np.sqrt(np.maximum(variance, 0.0)),
             float(np.sqrt(level_variance)),
             np.sqrt(np.maximum(relative, 0.0)),
-            value[self._knots :],
-            np.sqrt(np.maximum(np.diag(spread)[self._knots :], 0.0)),
+            value[self._rows.knots :],
+            np.sqrt(np.maximum(np.diag(spread)[self._rows.knots :], 0.0)),
             variances,
         )
 
     def _covariance(self, posterior: _Posterior) -> FloatArray:
         """Return the covariance of knots and constants."""
-        k = self._knots
+        k = self._rows.knots
         out = np.empty((k + posterior.inner.shape[0],) * 2)
         for begin in range(0, k, _CHUNK):
             end = min(begin + _CHUNK, k)
-            units = np.zeros((self._size, end - begin))
-            units[self._first_knot + np.arange(begin, end), np.arange(end - begin)] = 1.0
-            out[:k, begin:end] = posterior.factors.solve(units)[self._first_knot :]
-        border = posterior.border[self._first_knot :]
+            units = np.zeros((self._rows.size, end - begin))
+            units[self._rows.first_knot + np.arange(begin, end), np.arange(end - begin)] = 1.0
+            out[:k, begin:end] = posterior.factors.solve(units)[self._rows.first_knot :]
+        border = posterior.border[self._rows.first_knot :]
         out[:k, :k] += border @ posterior.inner @ border.T
         out[:k, k:] = -border @ posterior.inner
         out[k:, :k] = out[:k, k:].T
         out[k:, k:] = posterior.inner
         return out
 
-    def _travelled(self, first: int, last: int) -> FloatArray:
-        """Return the row (knots + constants,) that integrates the slope over the way."""
-        nodes = np.arange(first, last + 1)
-        knots, weights = self._slope_entries(nodes)
-        row = np.zeros(self._knots + self._axis.prior.size)
-        np.add.at(row, knots.ravel(), (weights * self._driven[nodes][:, None]).ravel())
-        return row
-
     def _closed(
         self, value: FloatArray, spread: FloatArray, height_sigma: float
     ) -> tuple[FloatArray, FloatArray]:
         """Return mean and covariance given that heights agree where the car returns."""
-        rows = np.vstack([self._travelled(*each) for each in self._places.returns])
+        rows = np.vstack([self._rows.travelled(*each) for each in self._places.returns])
         cross = spread @ rows.T
         noise = np.eye(rows.shape[0]) * (GRAVITY * height_sigma) ** 2
         gain = np.linalg.solve(rows @ cross + noise, cross.T).T
         return value - gain @ (rows @ value), spread - gain @ cross.T
-
-
-class _CommonPattern:
-    """Normal matrices of several parts, on one sparsity pattern, to add them fast."""
-
-    def __init__(self, matrices: list[csc_matrix], parts: list[_Rows]) -> None:
-        products = [
-            (m.T @ diags_array(x.precision) @ m).tocoo()
-            for m, x in zip(matrices, parts, strict=True)
-        ]
-        self._size = matrices[0].shape[1]
-        keys = [x.col.astype(np.int64) * self._size + x.row for x in products]
-        diagonal = np.arange(self._size) * (self._size + 1)
-        union = np.unique(np.concatenate([*keys, diagonal]))
-        self._data = np.zeros((len(products), union.size))
-        for row, key, product in zip(self._data, keys, products, strict=True):
-            row[np.searchsorted(union, key)] = product.data
-        self._flat = np.zeros(union.size)
-        self._flat[np.searchsorted(union, diagonal)] = _FLAT
-        self._rows = union % self._size
-        self._starts = np.searchsorted(union, np.arange(self._size + 1) * self._size)
-
-    def sum(self, factors: list[float]) -> csc_matrix:
-        """Return the sum of the matrices with factors, and of a tiny diagonal."""
-        data = self._flat + np.array(factors) @ self._data
-        return csc_matrix((data, self._rows, self._starts), (self._size, self._size))
