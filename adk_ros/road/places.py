@@ -27,6 +27,8 @@ _PARALLEL = np.radians(45.0)
 """Largest difference in direction of one road; a crossing differs by more. By choice."""
 _MIN_RETURN = 6.0
 """Radii driven since an earlier pass, at least: twice a half circle of the radius."""
+_MARK = 0.1
+"""Radii between the nodes that later ones are compared with."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,10 @@ class _Passes:
     def __init__(self, track: Track, radius: float, both_directions: bool) -> None:
         self._track = track
         self._xy = np.column_stack([track.x, track.y])
-        self._near = cKDTree(self._xy).query_ball_point(self._xy, radius)
+        # A car that stands for an hour would be near itself thousands of times.
+        marks = np.floor(track.distance / max(_MARK * radius, 1e-9))
+        self._marks = np.flatnonzero(np.diff(marks, prepend=-1.0) > 0.0)
+        self._near = cKDTree(self._xy[self._marks]).query_ball_point(self._xy, radius)
         self._min_return = _MIN_RETURN * radius
         self._both = both_directions
         self.is_first: BoolArray = np.ones(track.distance.size, dtype=bool)
@@ -150,7 +155,8 @@ class _Passes:
     def known(self, i: int) -> int:
         """Return the nearest node of an earlier first pass of the same road, -1 if none is."""
         track = self._track
-        earlier = np.array([j for j in self._near[i] if j < i], dtype=np.int64)
+        earlier = self._marks[self._near[i]] if self._near[i] else self._marks[:0]
+        earlier = earlier[earlier < i]
         if earlier.size == 0:
             return -1
         parallel = np.cos(track.heading[earlier] - track.heading[i])
