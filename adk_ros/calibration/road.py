@@ -21,6 +21,8 @@ from adk_ros.road.recorded_drive import RecordedDrive
 _EVIDENCE = "random walk along the way in a_x + r v_y - dv_x/dt, a_y - r v_x - dv_y/dt"
 _MIN_GRAVITY = 0.3
 """Share of g: a shorter mean vector that varies on z is an acceleration without gravity."""
+_MAX_TANGENT = 0.6
+"""Steepest slope: 31°, where the grip of off-road tyres ends; public roads end at 0.35."""
 
 
 def check_road(
@@ -122,6 +124,9 @@ def _judged(name: str, slope: SlopeProfile, level: str, evidence: str) -> Findin
         f"±{100.0 * slope.relative:.1f} %; {level}"
     )
     is_decided = slope.relative <= size
+    if float(np.abs(tangent).max()) > _MAX_TANGENT:
+        reason = f"slopes of more than {_MAX_TANGENT:.0%} mean that a_x, a_y or v_x is wrong"
+        return not_decidable(name, reason, evidence)
     if not is_decided:
         number = (
             f"not decidable, because its changes are uncertain by more than ±{size:.1%}: {number}"

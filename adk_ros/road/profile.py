@@ -39,6 +39,9 @@ STANDING_SPEED = 0.3
 """m/s below which the car stands, where wheel speeds have a dead band."""
 SPACING_S = 0.25
 """s at the median speed from knot to knot; the walk is continuous over more than one step."""
+MIN_POSE_SHARE = 0.5
+"""Length of the path of the pose over the distance driven by v_x: less is a pose that does not
+follow the car, such as a receiver without a fix."""
 
 OFFSET_PRIOR = 0.35
 """m/s²: offset of an automotive MEMS accelerometer (0.1) and 2° of a housing that is levelled by
@@ -145,10 +148,17 @@ def _places(steps: Steps, spacing: float, both_directions: bool) -> Places:
     ahead = np.where(steps.v_x < 0.0, -1.0, 1.0)
     if steps.x is None or steps.y is None or steps.heading is None:
         return along_the_way(steps.distance, ahead)
+    moved = float(np.hypot(np.diff(steps.x), np.diff(steps.y)).sum())
+    if moved < MIN_POSE_SHARE * float(steps.distance[-1]):
+        return along_the_way(steps.distance, ahead)
     moving = steps.readings > 0
     radius = match_radius(steps.v_x[moving], steps.yaw_rate[moving])
     track = Track(steps.distance, steps.x, steps.y, steps.heading, ahead)
-    return find_places(track, radius, 2.0 * spacing, both_directions)
+    places = find_places(track, radius, 2.0 * spacing, both_directions)
+    if float(places.place.max()) > 2.0 * MAX_KNOTS * spacing:
+        # A pose that jumps makes a new stretch each time: it shows no place reliably.
+        return along_the_way(steps.distance, ahead)
+    return places
 
 
 def _along(steps: Steps, has_v_y: bool) -> Axis:

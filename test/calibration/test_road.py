@@ -55,6 +55,15 @@ def test_accelerations_without_gravity_have_no_slope() -> None:
     assert found(replace(streams, imu=unreported))["road_grade"].verdict is Verdict.OK
 
 
+def test_a_cliff_is_a_faulty_channel() -> None:
+    streams = as_streams(hilly(seconds=30.0))
+    assert streams.odometry is not None
+    fast = streams.odometry.having(v_x=20.0 * streams.odometry["v_x"])
+    grade = found(replace(streams, odometry=fast))["road_grade"]
+    assert grade.verdict is Verdict.NOT_DECIDABLE
+    assert "more than 60%" in grade.text
+
+
 def test_the_attitude_of_an_ins_agrees() -> None:
     findings = found(as_streams(hilly(bank=hills), attitude=True))
     assert findings["ins_pitch"].verdict is Verdict.OK

@@ -114,6 +114,15 @@ def test_without_v_y_and_pose_a_profile_over_time_remains() -> None:
     assert np.corrcoef(true_grade(drive, profile), profile.grade.value)[0, 1] > 0.99
 
 
+def test_a_pose_that_does_not_move_is_no_return() -> None:
+    drive = hilly(seconds=60.0).drive
+    assert drive.x is not None
+    profile = road_profile(replace(drive, x=0.0 * drive.x, y=0.0 * drive.x))
+    assert profile is not None
+    assert profile.level_by == ""
+    assert profile.repeated == 0.0
+
+
 def test_standing_and_gaps_have_no_profile() -> None:
     drive = hilly().drive
     standing = (drive.odometry_at_s > 40.0) & (drive.odometry_at_s < 50.0)
