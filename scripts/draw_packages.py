@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "doc" / "packages.svg"
 ORDER = (
     "cli", "bench", "api", "ros", "exporting", "offline", "importing", "mismatch", "calibration",
+    "road",
     "train", "model", "plant", "bags", "signals", "files", "numerics", "shutdown", "errors",
 )  # fmt: skip
 """From top to bottom."""

@@ -48,10 +48,41 @@ class RecordingCheck:
             "used_as": self.content.topics,
             "findings": [finding.as_dict() for finding in self.result.findings],
             "parameters": self.result.parameters,
+            "road": self._road_summary(),
             "advice": self.result.advice,
             "notes": list(self.content.streams.notes),
             "warnings": self.content.warnings,
         }
+
+    def _road_summary(self) -> dict[str, Any] | None:
+        from adk_ros.api.road import road_summary
+
+        profile = self.result.road
+        return None if profile is None else road_summary(profile, self.content.streams.attitude)
+
+    @property
+    def road(self) -> pd.DataFrame | None:
+        """Grade and bank along the drive (`road.road_frame`); None where not decidable."""
+        from adk_ros.api.road import road_frame
+
+        profile = self.result.road
+        return None if profile is None else road_frame(profile, self.content.streams.attitude)
+
+    def write_road(self, out: Path | str, force: bool = False) -> bool:
+        """
+        Write grade and bank along the drive as CSV, PNG or SVG; return False if there are none.
+
+        :raises UsageError: the file exists and `force` is not set, or has another ending.
+        """
+        from adk_ros.api.road import check_road_path, write_road
+
+        target = Path(out)
+        check_road_path(target)
+        if self.result.road is None:
+            return False
+        check_output(target, force, None, self.path)
+        write_road(self.result.road, self.content.streams.attitude, target)
+        return True
 
     def write_parameters(self, out: Path | str, force: bool = False) -> bool:
         """

@@ -26,12 +26,14 @@ from adk_ros.calibration.imu_axes import check_axes, check_gravity
 from adk_ros.calibration.imu_calibration import check_imu
 from adk_ros.calibration.odometry_calibration import check_odometry_scale, check_yaw_rates
 from adk_ros.calibration.reference_point import check_reference_point
+from adk_ros.calibration.road import check_road
 from adk_ros.calibration.signs_and_units import check_gyro, check_odometry
 from adk_ros.calibration.steering import check_sign, check_steering
 from adk_ros.calibration.stream_checks import check_streams
 from adk_ros.calibration.streams import Streams
 from adk_ros.calibration.timing import check_timing
 from adk_ros.plant.vehicle.vehicle_parameters import Dimensions
+from adk_ros.road.profile import RoadProfile
 from adk_ros.signals.commands import COMMAND_TYPES
 from adk_ros.signals.decode import SensorConfig
 
@@ -44,12 +46,14 @@ class CheckResult:
     What the checks say about a recording.
 
     `findings` in the order of the checks; `parameters`: proposed values by name, which replace
-    those that the recording was read with; `advice`: one line on what to do next.
+    those that the recording was read with; `advice`: one line on what to do next. `road`: grade
+    and bank along the way, None where they are not decidable.
     """
 
     findings: list[Finding]
     parameters: dict[str, Any]
     advice: str
+    road: RoadProfile | None = None
 
     def of(self, verdict: Verdict) -> list[Finding]:
         """Return the findings with a verdict."""
@@ -67,6 +71,10 @@ def check(
     streams, sensors, coarse = _coarse(content, faults.unusable, vehicle)
     findings += coarse
     report(1, 3)
+    # Gaps of the command do not matter to the road.
+    sensed = check_streams(replace(content.streams, command=None)).unusable
+    on_road, road = check_road(streams, sensed)
+    report(2, 3)
     s = on_grid(streams, faults.unusable)
     if s is None or s.moving_s < MIN_MOVING_S:
         moving_s = 0.0 if s is None else s.moving_s
@@ -74,11 +82,11 @@ def check(
             f"only {moving_s:.1f} s of driving are covered by all streams and free of faults; "
             f"{MIN_MOVING_S:g} s are needed"
         )
-        findings.append(not_decidable("calibration", reason))
-        return _result(findings, content)
-    findings += _fine(s, streams, sensors, vehicle, content)
+        findings += [not_decidable("calibration", reason), *on_road]
+        return _result(findings, content, road)
+    findings += [*_fine(s, streams, sensors, vehicle, content), *on_road]
     report(3, 3)
-    return _result(findings, content)
+    return _result(findings, content, road)
 
 
 def _coarse(
@@ -216,11 +224,11 @@ def _command(content: BagContent, vehicle: Dimensions | None) -> list[Finding]:
     return out
 
 
-def _result(findings: list[Finding], content: BagContent) -> CheckResult:
+def _result(findings: list[Finding], content: BagContent, road: RoadProfile | None) -> CheckResult:
     parameters: dict[str, Any] = {}
     for finding in findings:
         parameters |= finding.parameters
-    return CheckResult(findings, parameters, _advice(findings, parameters))
+    return CheckResult(findings, parameters, _advice(findings, parameters), road)
 
 
 def _advice(findings: list[Finding], parameters: dict[str, Any]) -> str:

@@ -131,4 +131,7 @@ MATERIAL = {
     # Body roll and yaw misalignment of a housing fitted by eye: 2 deg; by choice.
     "imu_yaw": Material(math.radians(2.5), "rad"),
     "gravity": Material(0.5, "m/s²"),
+    # As the offsets of a_x and a_y: 1.5 % and 3 % of g.
+    "road_grade": Material(0.015, "1"),
+    "road_bank": Material(0.03, "1"),
 }

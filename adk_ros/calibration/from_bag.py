@@ -19,6 +19,7 @@ import numpy as np
 
 from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, ODOMETRY_TYPE, Bag
 from adk_ros.bags.recording import Progress, RecordingOptions
+from adk_ros.calibration.attitude import attitude_of, attitude_row
 from adk_ros.calibration.joints import JointTable
 from adk_ros.calibration.messages import imu_row, odometry_row, request_row, stamp_s
 from adk_ros.calibration.streams import (
@@ -118,6 +119,9 @@ class _Rows:
     rows: dict[str, list[list[float]]] = field(
         default_factory=lambda: {"imu": [], "odometry": [], "command": []}
     )
+    orientations: dict[str, list[list[float]]] = field(
+        default_factory=lambda: {"imu": [], "odometry": []}
+    )
     joints: JointTable = field(default_factory=JointTable)
     others: dict[str, JointTable] = field(default_factory=dict)
     refused: int = 0
@@ -132,6 +136,8 @@ class _Rows:
                 self.joints.add(stamp_s(msg), msg)
             else:
                 self.rows[role].append(_ROWS[role](msg))
+                if role in self.orientations:
+                    self.orientations[role].append(attitude_row(msg))
         except (AttributeError, TypeError, ValueError, IndexError, OverflowError):
             self.refused += 1
 
@@ -187,7 +193,22 @@ def _streams(
             stream = _stream(joint, _table(rows_of, seconds), ("velocity",), first)
             if stream is not None:
                 wheels[joint] = stream
-    return Streams(name, seconds, imu, odometry, command, wheels, tuple(notes))
+    attitude = _attitude(content, seconds, sensors, first)
+    return Streams(name, seconds, imu, odometry, command, wheels, tuple(notes), attitude)
+
+
+def _attitude(
+    content: _Rows, seconds: float, sensors: SensorConfig, first: float
+) -> Stream | None:
+    """Return roll and pitch of the IMU, else of odometry; None if neither reports them."""
+    for role, mounting in (("imu", rotation(*sensors.imu_rotation)), ("odometry", np.eye(3))):
+        table, _ = _table(content.orientations[role], seconds)
+        if table.shape[0] < _MIN_MESSAGES:
+            continue
+        attitude = attitude_of(table[:, 0] - first, table[:, 1:], mounting)
+        if attitude is not None:
+            return attitude
+    return None
 
 
 def _table(rows: list[list[float]], seconds: float) -> tuple[FloatArray, int]:

@@ -61,7 +61,8 @@ class Streams:
     The streams of a recording; None where it has no such stream.
 
     `wheels`: angular velocities (n,) of joints, rad/s, by joint name. `notes`: what was done
-    while reading, for the person.
+    while reading, for the person. `attitude`: roll and pitch, rad, of an inertial navigation
+    system, as far as the IMU or odometry reports them; no check depends on it.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Streams:
     command: Stream | None
     wheels: Mapping[str, Stream] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    attitude: Stream | None = None
 
     def of(self, name: str) -> Stream | None:
         """Return the stream "imu", "odometry" or "command", None if it does not exist."""

@@ -41,6 +41,13 @@ def check(
         Path | None,
         typer.Option(help="parameter file to write with the proposed values, for --params"),
     ] = None,
+    road: Annotated[
+        Path | None,
+        typer.Option(
+            help="file to write grade and bank along the drive to, with their 90 % intervals: "
+            ".csv, .png or .svg"
+        ),
+    ] = None,
     imu: ImuOption = None,
     odometry: OdometryOption = None,
     command: CommandOption = None,
@@ -57,18 +64,23 @@ def check(
 
     Each check says ok, a finding with its 90 % interval and evidence, or not decidable and why.
     What train, replay, mismatch and the node can correct is proposed as a parameter file. Streams
-    that the bag lacks reduce the scope. Takes a few seconds per minute of recording.
+    that the bag lacks reduce the scope. Grade and bank of the road are estimated from IMU and
+    odometry alone and written by --road. Takes a few seconds per minute of recording.
 
     Example: adk check bags/handling --vehicle imdv --out params.yaml
     """
     from adk_ros.api.check import check_recording
+    from adk_ros.api.road import check_road_path
 
+    if road is not None:
+        check_road_path(road)
     options = read_options(imu, odometry, command, no_imu, params)
     with console.stages() as progress:
         checked = check_recording(bag, vehicle, options=options, progress=progress)
     console.note_all(checked.content.streams.notes)
     console.warn_all(checked.content.warnings)
     written = out is not None and checked.write_parameters(out, force)
+    has_road = road is not None and checked.write_road(road, force)
     if as_json:
         console.print_json(checked.as_dict())
     else:
@@ -77,6 +89,10 @@ def check(
         console.note(f"wrote {out}: {', '.join(checked.result.parameters)}")
     elif out is not None:
         console.note(f"{out} not written: no parameter to propose")
+    if has_road:
+        console.note(f"wrote {road}: grade and bank along the drive")
+    elif road is not None:
+        console.note(f"{road} not written: grade and bank are not decidable")
 
 
 def _print(checked: RecordingCheck, evidence: bool) -> None:

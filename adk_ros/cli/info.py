@@ -71,7 +71,8 @@ def _show_model(path: Path, public_keys: Path | None, as_json: bool) -> None:
 
 
 def _show_bag(path: Path, as_json: bool) -> None:
-    about = _bag_content(path)
+    about = _bag_content(path) | {"scope": _scope(path)}
+    about["verdict"] = _verdict(about)
     if as_json:
         console.print_json(about)
         return
@@ -91,7 +92,56 @@ def _show_bag(path: Path, as_json: bool) -> None:
             markup=False,
         )
     console.warn_all(about["warnings"])
+    if about["scope"]:
+        _print_scope(about["scope"])
     console.output.print(f"  {about['verdict']}", markup=False)
+
+
+def _scope(path: Path) -> list[dict[str, str]]:
+    """Return what the recording allows; empty if it has no stream to read."""
+    from adk_ros.bags.recording import RecordingOptions
+    from adk_ros.calibration.from_bag import read_streams
+    from adk_ros.calibration.scope import scope_of
+    from adk_ros.errors import AdkError
+
+    try:
+        with console.progress(f"reading {path.name}") as report:
+            content = read_streams(path, RecordingOptions(), report)
+    except AdkError:
+        return []
+    return [row.as_dict() for row in scope_of(content)]
+
+
+def _print_scope(rows: list[dict[str, str]]) -> None:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    style = {"yes": "green", "reduced": "yellow", "no": "red"}
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    table.add_column("what", no_wrap=True)
+    table.add_column("possible", no_wrap=True)
+    table.add_column("why not")
+    table.add_column("what would allow it")
+    for row in rows:
+        cells = (row["name"], row["possible"], row["why"], row["needs"])
+        table.add_row(*(Text(x, style[x] if x == row["possible"] else "") for x in cells))
+    console.print_table(table)
+
+
+def _verdict(about: dict[str, Any]) -> str:
+    """Return the last line: the roles of the topics, and what the channels allow of prediction."""
+    verdict = str(about["verdict"])
+    rows = [row for row in about["scope"] if row["name"].startswith("predict")]
+    if verdict.startswith("not") or not rows:
+        return verdict
+    impossible = [row for row in rows if row["possible"] == "no"]
+    if len(impossible) == len(rows):
+        return f"not usable for training or replay: {impossible[0]['why']}"
+    if impossible:
+        names = " and ".join(row["name"].removeprefix("predict ") for row in impossible)
+        return f"{verdict}, not for {names}"
+    return verdict
 
 
 def _bag_content(path: Path) -> dict[str, Any]:

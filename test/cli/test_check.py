@@ -123,3 +123,25 @@ def test_a_bag_without_any_stream_is_refused(
     assert main(["check", str(tmp_path / "bag")]) == 3
     (line,) = capsys.readouterr().err.splitlines()
     assert "no IMU, odometry or command to check" in line
+
+
+def test_the_road_is_written_as_a_table_and_a_figure(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    table, figure = tmp_path / "road.csv", tmp_path / "road.png"
+    road = report(capsys, "bags/town", "--road", table)["road"]
+    assert road["distance"] > 500.0
+    assert road["grade"]["relative_error"] < 0.015
+    head, *rows = table.read_text().splitlines()
+    assert head.startswith("time_s,distance,place,direction,grade,grade_low,grade_high,bank,")
+    assert len(rows) > 100
+    assert main(["check", "bags/town", "--road", str(figure)]) == 0
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    capsys.readouterr()
+
+
+def test_a_road_file_of_another_kind_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert main(["check", "bags/town", "--road", str(tmp_path / "road.xlsx")]) == 2
+    assert ".csv or .png or .svg" in capsys.readouterr().err

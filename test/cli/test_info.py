@@ -33,9 +33,11 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
 
 
 def test_a_bag_as_text(capsys) -> None:
-    head, *topics, verdict = lines(printed(capsys, bag()))
+    head, *rest, verdict = lines(printed(capsys, bag()))
+    topics, table = rest[:3], rest[3:]
     assert head.startswith(f"bag {bag()}: 30.0 s, ")
     assert verdict.strip() == "usable for training and replay"
+    assert any("predict v_x" in line and "training needs 60 s" in line for line in table)
     found = {}
     for line in topics:
         name, kind, count, rate, unit, role = line.split()
@@ -63,11 +65,19 @@ def test_a_bag_as_json(capsys) -> None:
         "command": "/vehicle/command",
     }
     assert about["warnings"] == []
+    scope = {row["name"]: row["possible"] for row in about["scope"]}
+    assert scope["predict v_x"] == "reduced"
+    assert scope["grade"] == "yes"
 
 
 def test_a_bag_without_an_imu(capsys) -> None:
-    text = printed(capsys, bag("town", 20.0, imu=False))
+    text = printed(capsys, bag("town", 30.0, imu=False))
     assert "usable for training and replay (no IMU: yaw rate from odometry)" in text
+
+
+def test_a_short_bag_is_not_called_usable(capsys) -> None:
+    text = printed(capsys, bag("town", 11.0))
+    assert "not usable for training or replay: the car moves for 11 s only" in text
 
 
 def test_an_unusable_bag_is_described(capsys, tmp_path: Path) -> None:

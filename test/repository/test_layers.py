@@ -22,8 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 ORDER: dict[str, tuple[str, ...]] = {
     "": (
         "errors", "numerics", "files", "shutdown", "signals", "plant", "model", "train", "bags",
-        "calibration", "mismatch", "importing", "offline", "exporting", "ros", "api", "bench",
-        "cli", "",
+        "road", "calibration", "mismatch", "importing", "offline", "exporting", "ros", "api",
+        "bench", "cli", "",
     ),
     "plant": ("environment", "vehicle", "identification", "scenario", ""),
     "model": ("lifting", "estimation", "adaptation", "uncertainty", ""),
@@ -33,7 +33,8 @@ ORDER: dict[str, tuple[str, ...]] = {
     ),
     "bench": ("runtime", "paper", "mismatch", ""),
 }  # fmt: skip
-CORE = {"errors", "numerics", "signals", "model", "plant", "train", "calibration", "mismatch"}
+CORE = {"errors", "numerics", "signals", "model", "plant", "train", "road", "calibration"}
+CORE |= {"mismatch"}
 BENCH_VERBS = "cli/bench"
 """Beginning of the only product files that may import from the benchmarks."""
 

@@ -1,0 +1,110 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which channels of a recording are informative: measured, varying and plausible while moving."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.calibration.continuity import Interval
+from adk_ros.calibration.criteria import STANDING_SPEED
+from adk_ros.calibration.road import missing_for_road
+from adk_ros.calibration.streams import Stream, Streams
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.commands import COMMAND_TYPES
+
+MAX_PEDAL = 1.0
+"""Largest value of a normalised pedal; a torque in N·m that moves a car exceeds it."""
+MAX_POSITION = 1e7
+"""m: the largest northing of UTM (10 000 km); beyond it no map frame has a place."""
+
+
+@dataclass(frozen=True)
+class Informative:
+    """
+    What is wrong with each channel, empty where it is informative; and the driving in s.
+
+    `road`: with IMU and v_x, for grade and bank. `torque`: as a torque in N·m; `drive`: as
+    anything that drives the car, such as a pedal.
+    """
+
+    driving_s: float
+    v_x: str
+    v_y: str
+    yaw_rate: str
+    steering: str
+    torque: str
+    drive: str
+    pose: str
+    imu: str
+    road: str
+
+
+def informative(streams: Streams, unusable: list[Interval], command_type: str) -> Informative:
+    """
+    Return which channels of a recording are informative.
+
+    :param unusable: intervals (s) of gaps, frozen readings and jumps.
+    :param command_type: key of `COMMAND_TYPES`, empty without a command.
+    """
+    odometry, command, imu = streams.odometry, streams.command, streams.imu
+    drive = _lacking(command, "the command", "torque")
+    torque = drive
+    if not drive and command is not None:
+        if COMMAND_TYPES[command_type].inferred_torque:
+            torque = "the command is an acceleration: a torque inferred from it is no measurement"
+        elif float(np.nanmax(np.abs(command["torque"]))) <= MAX_PEDAL:
+            torque = "the torque stays within ±1: it is a pedal or a normalised command"
+    gyro = _lacking(imu, "the IMU", "w_z")
+    turning = _lacking(odometry, "odometry", "yaw_rate")
+    return Informative(
+        _driving_s(odometry, unusable),
+        _lacking(odometry, "odometry", "v_x"),
+        _lacking(odometry, "odometry", "v_y"),
+        "" if not gyro or not turning else f"{gyro}; {turning}",
+        _lacking(command, "the command", "steering"),
+        torque,
+        drive,
+        _pose(odometry),
+        "" if imu is not None else "the recording has no IMU",
+        missing_for_road(streams),
+    )
+
+
+def _lacking(stream: Stream | None, title: str, column: str) -> str:
+    if stream is None:
+        return f"the recording has no {title.removeprefix('the ')}"
+    if stream.has(column):
+        return ""
+    values = stream.columns.get(column)
+    if values is None or not np.isfinite(values).all():
+        return f"{column} of {title} is not reported"
+    return f"{column} of {title} is {values[0] + 0.0:g} throughout"
+
+
+def _pose(odometry: Stream | None) -> str:
+    for column in ("x", "y", "heading"):
+        if lacking := _lacking(odometry, "odometry", column):
+            return lacking
+    assert odometry is not None
+    farthest = float(max(np.abs(odometry[name]).max() for name in ("x", "y")))
+    if farthest > MAX_POSITION:
+        return f"the pose is up to {farthest:.0e} m from its origin, no place on Earth"
+    return ""
+
+
+def _driving_s(odometry: Stream | None, unusable: list[Interval]) -> float:
+    """Return for how long the car moves while its odometry is usable, s."""
+    if odometry is None:
+        return 0.0
+    speed: FloatArray = np.abs(np.nan_to_num(odometry["v_x"]))
+    if not odometry.has("v_x"):
+        rate = [np.gradient(np.nan_to_num(odometry[name]), odometry.at_s) for name in ("x", "y")]
+        speed = np.hypot(*rate)
+    moving = speed > STANDING_SPEED
+    for begin, end in unusable:
+        moving &= (odometry.at_s < begin) | (odometry.at_s > end)
+    between = np.diff(odometry.at_s)
+    return float(between[moving[1:] & moving[:-1]].sum())

@@ -1,0 +1,150 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a recording allows: what can be predicted, judged and calibrated, what not, and why.
+
+A missing channel reduces the scope; nothing but a parked car or a very short drive ends it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from adk_ros.calibration.criteria import MIN_MOVING_S
+from adk_ros.calibration.from_bag import BagContent
+from adk_ros.calibration.informative import Informative, informative
+from adk_ros.calibration.stream_checks import check_streams
+
+MIN_TRAINING_S = 60.0
+"""s of recordings that `adk train` needs in all (`train.training_run`)."""
+MIN_JUDGED_S = 30.0
+"""s of driving that `adk mismatch` needs (`mismatch.recording.checks.MIN_DURATION_S`)."""
+MIN_ROAD_S = 5.0
+"""s of driving from which the road has a profile (`road.profile`)."""
+
+
+class Possible(str, Enum):
+    """How far a recording allows something."""
+
+    YES = "yes"
+    REDUCED = "reduced"
+    NO = "no"
+
+
+@dataclass(frozen=True)
+class Scope:
+    """
+    One row: `name` of what is wanted, how far it is `possible`, `why` not more.
+
+    `needs`: the channel that would allow more; both are empty where it is fully possible.
+    """
+
+    name: str
+    possible: Possible
+    why: str = ""
+    needs: str = ""
+
+    def as_dict(self) -> dict[str, str]:
+        """Return the row for JSON."""
+        return {
+            "name": self.name,
+            "possible": self.possible.value,
+            "why": self.why,
+            "needs": self.needs,
+        }
+
+
+Reason = tuple[str, str]
+"""Why something is not possible, empty if it is, and which channel would allow it."""
+
+
+def scope_of(content: BagContent) -> list[Scope]:
+    """Return what a recording allows, row by row."""
+    faults = check_streams(content.streams)
+    about = informative(content.streams, faults.unusable, content.command_type)
+    return [*_predict(about), *_judge(about), *_road(about), _calibration(about)]
+
+
+def _row(name: str, required: list[Reason], desired: list[Reason]) -> Scope:
+    """Return the row of something that requires some reasons to be empty and desires others."""
+    for possible, reasons in ((Possible.NO, required), (Possible.REDUCED, desired)):
+        open_reasons = [each for each in reasons if each[0]]
+        if open_reasons:
+            needs = dict.fromkeys(need for _, need in open_reasons)
+            return Scope(
+                name, possible, "; ".join(why for why, _ in open_reasons), "; ".join(needs)
+            )
+    return Scope(name, Possible.YES)
+
+
+def _drive(about: Informative, least_s: float) -> Reason:
+    if about.driving_s >= least_s:
+        return "", ""
+    if about.driving_s == 0.0:
+        return "the car does not move", f"a drive of {least_s:g} s"
+    return f"the car moves for {about.driving_s:.0f} s only", f"a drive of {least_s:g} s"
+
+
+def _v_x(about: Informative) -> Reason:
+    return about.v_x, "v_x of odometry, wheels or a satellite receiver"
+
+
+def _v_y(about: Informative) -> Reason:
+    return about.v_y, "v_y of an inertial navigation system or an optical sensor"
+
+
+def _yaw_rate(about: Informative) -> Reason:
+    return about.yaw_rate, "a gyro"
+
+
+def _steering(about: Informative) -> Reason:
+    return about.steering, "the steering angle"
+
+
+def _predict(about: Informative) -> list[Scope]:
+    always = [_drive(about, MIN_MOVING_S), _v_x(about)]
+    longer = about.driving_s, MIN_TRAINING_S
+    short = "" if longer[0] >= longer[1] else f"training needs {MIN_TRAINING_S:g} s in all"
+    further = [(short, "further recordings")]
+    return [
+        _row("predict v_x", always, [*further, (about.drive, "wheel torque or pedal")]),
+        _row("predict v_y", [*always, _v_y(about)], [*further, _steering(about)]),
+        _row("predict yaw rate", [*always, _yaw_rate(about)], [*further, _steering(about)]),
+    ]
+
+
+def _judge(about: Informative) -> list[Scope]:
+    always = [_drive(about, MIN_JUDGED_S), _v_x(about)]
+    imu = (about.imu, "an IMU")
+    drive = (about.drive, "wheel torque")
+    torque = (about.torque if not about.drive else "", "wheel torque in N·m")
+    return [
+        _row("judge v_x", [*always, drive], [torque, imu]),
+        _row("judge v_y", [*always, _v_y(about), _steering(about)], [imu]),
+        _row("judge yaw rate", [*always, _yaw_rate(about), _steering(about)], [imu]),
+    ]
+
+
+def _road(about: Informative) -> list[Scope]:
+    sensors = (about.road, "an IMU with gravity, and v_x")
+    required = [_drive(about, MIN_ROAD_S), sensors]
+    pose = f"the level is uncertain: {about.pose}" if about.pose else ""
+    sideways = "" if not about.v_y else f"v_y is assumed: {about.v_y}"
+    assumed = (sideways, _v_y(about)[1])
+    return [
+        _row("grade", required, [(pose, "a pose"), assumed]),
+        _row("bank", required, [assumed]),
+    ]
+
+
+def _calibration(about: Informative) -> Scope:
+    desired = [
+        (about.imu, "an IMU"),
+        (about.pose, "a pose"),
+        _v_x(about),
+        _v_y(about),
+        _steering(about),
+        (about.torque, "wheel torque in N·m"),
+    ]
+    return _row("calibration", [_drive(about, MIN_MOVING_S)], desired)
