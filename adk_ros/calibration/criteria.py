@@ -35,6 +35,9 @@ MIN_MOVING_S = 20.0
 
 MIN_SPEED = 2.0
 """m/s below which a sample counts as standing or manoeuvring: as in `signals.plausibility`."""
+MIN_SPEED_SHARE = 0.1
+"""Share of the speed that 95 % of the recording stay below, at which a small car manoeuvres, where
+that is less than `MIN_SPEED`: a 1:10 car drives at 1 to 4 m/s; by choice."""
 STANDING_SPEED = 0.3
 """m/s below which the car stands: above the noise of wheel and satellite speeds; by choice."""
 MAX_STANDING_SHARE = 0.3
@@ -132,3 +135,7 @@ MATERIAL = {
     "imu_yaw": Material(math.radians(2.5), "rad"),
     "gravity": Material(0.5, "m/s²"),
 }
+
+MAX_ODDS = 20.0
+"""Likelihood ratio from which one of two explanations is excluded: "strong" evidence (R. E. Kass,
+A. E. Raftery, Journal of the American Statistical Association 90, 1995, 773)."""

@@ -49,9 +49,28 @@ def check_yaw_rates(s: Signals) -> Iterator[Finding]:
 
 def _scale_by_pose(s: Signals) -> Finding:
     name = "odometry_scale"
-    if s.forward is None or s.heading is None or s.x is None or s.y is None:
+    compared = distances(s)
+    if compared is None:
         return not_decidable(name, "odometry has no pose")
-    assert s.v_x is not None
+    columns, driven, weights, period_s = compared
+    found = regress(columns, driven, weights, period_s=period_s)
+    evidence = "distance driven by v_x, v_y over 5 s against the displacement of the pose"
+    if found is None:
+        return not_decidable(name, _too_little(s), evidence)
+    text = "odometry's velocity is not to the scale of its position: ratio"
+    remedy = "no parameter for this yet: correct the wheel radius or the scale of the odometry"
+    return judged(name, found.estimate(0), 1.0, text, evidence, remedy=remedy)
+
+
+def distances(s: Signals) -> tuple[FloatArray, FloatArray, FloatArray, float] | None:
+    """
+    Return columns (b, 2), target (b,) and weights (b,) of the scale, and the length of a block, s.
+
+    The target is the distance driven by v_x, v_y in a block; the columns are the displacement of
+    the pose and the change of v_x, which takes up a delay. None without a pose.
+    """
+    if s.v_x is None or s.forward is None or s.heading is None or s.x is None or s.y is None:
+        return None
     left = s.v_y if s.v_y is not None else np.zeros_like(s.v_x)
     c, n = np.cos(s.heading), np.sin(s.heading)
     starts, weights = _blocks(s)
@@ -60,14 +79,7 @@ def _scale_by_pose(s: Signals) -> Finding:
     )
     # Straight-line distances: a constant error of the heading turns both alike.
     moved = np.hypot(_change(s.x, starts), _change(s.y, starts))
-    ends = _change(s.v_x, starts)
-    found = regress(np.column_stack([moved, ends]), driven, weights, period_s=BLOCK_S)
-    evidence = "distance driven by v_x, v_y over 5 s against the displacement of the pose"
-    if found is None:
-        return not_decidable(name, _too_little(s), evidence)
-    text = "odometry's velocity is not to the scale of its position: ratio"
-    remedy = "no parameter for this yet: correct the wheel radius or the scale of the odometry"
-    return judged(name, found.estimate(0), 1.0, text, evidence, remedy=remedy)
+    return np.column_stack([moved, _change(s.v_x, starts)]), driven, weights, BLOCK_S
 
 
 def _scale_by_acceleration(s: Signals) -> Finding:

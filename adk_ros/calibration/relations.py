@@ -1,0 +1,157 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Relations between the channels of a recording, whose coefficients a fault of a sensor changes.
+
+Each is a linear regression of one channel on what other channels imply for it, with columns for
+whatever the same car always has (understeer, a lever arm, a lag). Its coefficients need not be
+those of a perfect sensor: two recordings of one car have the same.
+
+    velocity      distance by v_x over 5 s = s (displacement of the pose) + e (change of v_x)
+    gyro          r = s w_z + b + T dw_z/dt + c d²w_z/dt²,   r: rate of the heading, else odometry's
+    yaw_rate      r, on odometry's yaw rate in the same way
+    gyro_x, _y    w_x, w_y = c r + b
+    a_x           = s u + b - T du/dt - x r² - y dr/dt,   u = dv_x/dt - v_y r
+    a_y           = s u + b - T du/dt + x dr/dt - y r²,   u = v_x r + dv_y/dt
+    steering      v_x delta = L r + K v_x² r + o v_x + T v_x dr/dt - D dr/dt
+    drive         dv_x/dt - v_y r = p T+ + n T- + d dT+/dt + e dT-/dt + c v_x² + o
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from adk_ros.calibration.criteria import PERIOD_S
+from adk_ros.calibration.grid import Signals, by_speed, smooth
+from adk_ros.calibration.lag import WINDOW_S
+from adk_ros.calibration.odometry_calibration import distances
+from adk_ros.calibration.regression import regress
+from adk_ros.calibration.steering_fit import linear_range
+from adk_ros.numerics.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Design:
+    """Columns (n, k), target (n,) and weights (n,) of a relation, in steps of `period_s`."""
+
+    columns: FloatArray
+    target: FloatArray
+    weights: FloatArray
+    period_s: float = PERIOD_S
+
+
+@dataclass(frozen=True)
+class RelationEstimate:
+    """Coefficients (k,) of a relation with their covariance (k, k), from `seconds` of driving."""
+
+    values: FloatArray
+    covariance: FloatArray
+    seconds: float
+
+
+def relations_of(s: Signals) -> dict[str, RelationEstimate]:
+    """Return the relations that a recording has the channels and the length for, by name."""
+    out = {}
+    for name, design_of in RELATIONS.items():
+        design = design_of(s)
+        if design is None:
+            continue
+        fit = regress(
+            design.columns, design.target, design.weights, period_s=design.period_s
+        )
+        if fit is not None:
+            covariance = np.atleast_2d(np.cov(fit.resampled.T))
+            out[name] = RelationEstimate(fit.values, covariance, fit.seconds)
+    return out
+
+
+def coefficients(s: Signals, name: str) -> FloatArray:
+    """Return the coefficients (k,) of one relation, without their covariance."""
+    design = RELATIONS[name](s)
+    assert design is not None
+    weighted = design.columns * design.weights[:, None]
+    matrix, vector = weighted.T @ design.columns, weighted.T @ design.target
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    solved = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-10) @ (vector / scale)
+    return np.asarray(solved / scale)
+
+
+def _rate(values: FloatArray) -> FloatArray:
+    return np.asarray(np.gradient(values, PERIOD_S))
+
+
+def _velocity(s: Signals) -> Design | None:
+    compared = distances(s)
+    return None if compared is None else Design(*compared)
+
+
+def _of_rate(rate: FloatArray | None, reference: FloatArray | None, s: Signals) -> Design | None:
+    """Return a reference on a yaw rate and its derivatives, which take up delay and filter."""
+    if rate is None or reference is None or rate is reference:
+        return None
+    # The rate of a heading is the noisier one, and in the target its noise biases nothing.
+    known = smooth(rate, WINDOW_S)
+    first = _rate(known)
+    columns = np.column_stack([known, np.ones_like(known), first, _rate(first)])
+    return Design(columns, smooth(reference, WINDOW_S), by_speed(s))
+
+
+def _gyro(s: Signals) -> Design | None:
+    reference = s.heading_rate if s.heading_rate is not None else s.yaw_rate
+    return _of_rate(s.gyro, reference, s)
+
+
+def _yaw_rate(s: Signals) -> Design | None:
+    return _of_rate(s.yaw_rate, s.heading_rate, s)
+
+
+def _of_gyro_axis(s: Signals, axis: int) -> Design | None:
+    if s.w is None or s.gyro is None or float(np.ptp(s.w[axis])) == 0.0:
+        return None
+    columns = np.column_stack([s.gyro, np.ones_like(s.gyro)])
+    return Design(columns, s.w[axis], s.moving)
+
+
+def _of_acceleration(s: Signals, axis: int) -> Design | None:
+    """Return a_x or a_y on what odometry implies for it, with columns for lag and lever arm."""
+    expected = s.longitudinal if axis == 0 else s.lateral
+    if s.a is None or expected is None or s.turning is None or float(np.ptp(s.a[axis])) == 0.0:
+        return None
+    implied, r = smooth(expected, WINDOW_S), smooth(s.turning, WINDOW_S)
+    columns = np.column_stack([implied, np.ones_like(r), _rate(implied), r**2, _rate(r)])
+    return Design(columns, smooth(s.a[axis], WINDOW_S), s.moving)
+
+
+def _steering(s: Signals) -> Design | None:
+    if s.steering is None or s.v_x is None or s.turning is None:
+        return None
+    r, v_x = smooth(s.turning, WINDOW_S), s.v_x
+    rate = _rate(r)
+    columns = np.column_stack([r, v_x**2 * r, v_x, v_x * rate, rate])
+    return Design(columns, v_x * smooth(smooth(s.steering), WINDOW_S), linear_range(s))
+
+
+def _drive(s: Signals) -> Design | None:
+    if s.torque is None or s.v_x is None or s.longitudinal is None:
+        return None
+    torque = smooth(smooth(s.torque), WINDOW_S)
+    driving, braking = np.maximum(torque, 0.0), np.minimum(torque, 0.0)
+    ones = np.ones_like(torque)
+    columns = [driving, braking, _rate(driving), _rate(braking), s.v_x**2, ones]
+    return Design(np.column_stack(columns), smooth(s.longitudinal, WINDOW_S), s.moving)
+
+
+RELATIONS: dict[str, Callable[[Signals], Design | None]] = {
+    "velocity": _velocity,
+    "gyro": _gyro,
+    "yaw_rate": _yaw_rate,
+    "gyro_x": lambda s: _of_gyro_axis(s, 0),
+    "gyro_y": lambda s: _of_gyro_axis(s, 1),
+    "a_x": lambda s: _of_acceleration(s, 0),
+    "a_y": lambda s: _of_acceleration(s, 1),
+    "steering": _steering,
+    "drive": _drive,
+}
