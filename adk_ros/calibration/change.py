@@ -21,11 +21,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from adk_ros.calibration.criteria import MAX_LAG_S, MAX_ODDS, SIGNIFICANCE
-from adk_ros.calibration.faults import FAULTS, Fault
+from adk_ros.calibration.criteria import (
+    MAX_LAG_S,
+    MAX_ODDS,
+    PERIOD_S,
+    SAME_COURSE_SHARE,
+    SAME_PLACE_S,
+    SIGNIFICANCE,
+)
+from adk_ros.calibration.faults import FAULTS, REFERENCE_WHEELBASE, Fault
 from adk_ros.calibration.grid import Signals
-from adk_ros.calibration.relations import RelationEstimate, coefficients, relations_of
+from adk_ros.calibration.relations import RelationEstimate, coefficients, relations_of_both
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import QUANTILE_90
 
@@ -35,6 +43,8 @@ _ITERATIONS, _TOLERANCE = 8, 0.02
 """Gauss-Newton steps, and the last one in units of the material size."""
 _LARGEST_STEP = 10.0
 """Longest step in units of the material size."""
+_EVERY = 10
+"""Rows between places that are compared: 0.2 s."""
 _ROUNDS = 2
 """Passes in which the weights follow from the best explanation of the one before."""
 
@@ -72,10 +82,15 @@ class FaultFit:
 
 @dataclass(frozen=True)
 class Change:
-    """A fault that explains a difference, and those that explain it about as well."""
+    """
+    A fault that explains a difference, and those that explain it about as well.
+
+    `is_of_road`: slope or bank of another course does so as well.
+    """
 
     fit: FaultFit
     candidates: tuple[FaultFit, ...]
+    is_of_road: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,7 +98,7 @@ class Comparison:
     """
     What has changed between two recordings.
 
-    `changes`: in the order in which they were found. `others`: the remaining faults, with those
+    `changes`: in the order in which they were found. `is_same_course`: None without poses. `others`: the remaining faults, with those
     changes removed. `relations`: names of the relations that both recordings have. `missing`:
     faults that neither shows, for lack of channels or length.
     """
@@ -92,6 +107,7 @@ class Comparison:
     others: tuple[FaultFit, ...]
     relations: tuple[str, ...]
     missing: tuple[Fault, ...]
+    is_same_course: bool | None
 
 
 @dataclass(frozen=True)
@@ -129,11 +145,12 @@ def compare(reference: Signals, tested: Signals, wheelbase: float) -> Comparison
 
     :param wheelbase: m; lengths are material in proportion to it.
     """
-    known, seen = relations_of(reference), relations_of(tested)
-    names = tuple(name for name in known if name in seen)
+    known, seen = relations_of_both(reference, tested)
+    names = tuple(known)
     evidence = _evidence(known, seen, names)
     faults = [fault for fault in FAULTS if set(fault.needs) & set(names)]
     faults = [fault for fault in faults if _has_channels(fault, tested)]
+    is_same_course = same_course(reference, tested)
     changes: list[Change] = []
     while True:
         left = [f for f in faults if f.label not in {c.fit.fault.label for c in changes}]
@@ -143,10 +160,25 @@ def compare(reference: Signals, tested: Signals, wheelbase: float) -> Comparison
             break
         limit = best.chi2 + 2.0 * np.log(MAX_ODDS)
         rivals = [x for x in fits if x is not best and x.chi2 < limit and x.standard_errors > 0.0]
-        changes.append(Change(best, tuple(sorted(rivals, key=lambda x: x.chi2))))
+        is_of_road = best.fault.is_of_road and is_same_course is False
+        changes.append(Change(best, tuple(sorted(rivals, key=lambda x: x.chi2)), is_of_road))
         tested = best.fault.remove(tested, best.size)
     missing = tuple(fault for fault in FAULTS if fault not in faults)
-    return Comparison(tuple(changes), tuple(fits), names, missing)
+    return Comparison(tuple(changes), tuple(fits), names, missing, is_same_course)
+
+
+def same_course(reference: Signals, tested: Signals) -> bool | None:
+    """Return whether a recording stays near the places of another; None without a pose."""
+    places = []
+    for s in (reference, tested):
+        if s.x is None or s.y is None or not s.moving.any():
+            return None
+        is_moving = s.moving > 0.0
+        places.append(np.column_stack([s.x, s.y])[is_moving][::_EVERY])
+    steps = np.linalg.norm(np.diff(places[0], axis=0), axis=1)
+    near = float(np.median(steps)) * SAME_PLACE_S / (_EVERY * PERIOD_S)
+    distance, _ = cKDTree(places[0]).query(places[1])
+    return bool(np.mean(distance < near) >= SAME_COURSE_SHARE)
 
 
 def _has_channels(fault: Fault, s: Signals) -> bool:
@@ -254,6 +286,3 @@ def _removed(
     )
     return _Removal(fit, values, frozenset(affected))
 
-
-REFERENCE_WHEELBASE = 2.8
-"""m, of a passenger car: the material size of a length is for it."""

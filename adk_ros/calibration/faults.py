@@ -28,7 +28,8 @@ class Fault:
     A fault with one size.
 
     `name` as in the effect catalogue, `component`: which of its sizes, "" if it has one. `unit`,
-    `material`: smallest size of a claim; `nominal`: size without a fault. `remove(s, size)`:
+    `material`: smallest size of a claim, m of a car of `REFERENCE_WHEELBASE` if `is_length`;
+    `is_of_road`: slope or bank of another course looks the same; `nominal`: size without a fault. `remove(s, size)`:
     signals without a fault of that size. `needs`: relations that show it, one of which the
     recordings must have. `excitation`: driving that would decide it.
     """
@@ -42,6 +43,7 @@ class Fault:
     excitation: str
     nominal: float = 0.0
     is_length: bool = False
+    is_of_road: bool = False
 
     @property
     def label(self) -> str:
@@ -144,21 +146,25 @@ def _clock_offset(s: Signals, size: float) -> Signals:
     )
 
 
+REFERENCE_WHEELBASE = 2.8
+"""m, of a passenger car."""
 _LATENCY = MATERIAL["time_offset"].size
+_STEERING = ("steering", "fast_steering")
 _ACCELERATIONS = ("a_x", "a_y")
 _STEPS = "step steers and changes of torque"
 
 FAULTS = (
     Fault("imu_bias", "a_x", "m/s²", MATERIAL["a_x_offset"].size, _accelerometer(0), ("a_x",),
-          "the same closed course, in both directions"),
+          "the same closed course, in both directions", is_of_road=True),
     Fault("imu_bias", "a_y", "m/s²", MATERIAL["a_y_offset"].size, _accelerometer(1), ("a_y",),
-          "the same closed course, in both directions"),
-    Fault("imu_bias", "gyro", "rad/s", MATERIAL["gyro_bias"].size, _gyro_bias, ("gyro",),
+          "the same closed course, in both directions", is_of_road=True),
+    Fault("imu_bias", "gyro", "rad/s", MATERIAL["gyro_bias"].size, _gyro_bias,
+          ("gyro", "a_y", *_STEERING),
           "straights or a standstill, with a pose or a second yaw rate"),
     Fault("imu_tilt", "roll", "rad", MATERIAL["tilt"].size, _tilt(0), ("a_y", "gyro_y"),
-          "the same closed course, and a gyro of three axes"),
+          "the same closed course, and a gyro of three axes", is_of_road=True),
     Fault("imu_tilt", "pitch", "rad", MATERIAL["tilt"].size, _tilt(1), ("a_x", "gyro_x"),
-          "the same closed course, and a gyro of three axes"),
+          "the same closed course, and a gyro of three axes", is_of_road=True),
     Fault("imu_lever_arm", "x", "m", MATERIAL["imu_position"].size, _lever_arm(0),
           _ACCELERATIONS, "fast steering and tight bends", is_length=True),
     Fault("imu_lever_arm", "y", "m", MATERIAL["imu_position"].size, _lever_arm(1),
@@ -166,15 +172,15 @@ FAULTS = (
     Fault("imu_delay", "", "s", _LATENCY, _imu_delay, ("gyro", *_ACCELERATIONS), _STEPS),
     Fault("odometry_scale", "", "1", MATERIAL["odometry_scale"].size, _odometry_scale,
           ("velocity", *_ACCELERATIONS), "a known distance, or changes of speed", 1.0),
-    Fault("gyro_scale", "", "1", MATERIAL["gyro_scale"].size, _gyro_scale, ("gyro", "a_y"),
-          "a full circle", 1.0),
+    Fault("gyro_scale", "", "1", MATERIAL["gyro_scale"].size, _gyro_scale,
+          ("gyro", "a_y", *_STEERING), "a full circle, with a pose or a second yaw rate", 1.0),
     Fault("odometry_filter", "", "s", MATERIAL["filter"].size, _odometry_filter,
           ("yaw_rate", "gyro"), "fast steering"),
-    Fault("clock_offset", "", "s", _LATENCY, _clock_offset, ("steering", "drive"), _STEPS),
-    Fault("steering_delay", "", "s", _LATENCY, _steering_delay, ("steering",), "step steers"),
+    Fault("clock_offset", "", "s", _LATENCY, _clock_offset, (*_STEERING, "drive"), _STEPS),
+    Fault("steering_delay", "", "s", _LATENCY, _steering_delay, _STEERING, "step steers"),
     Fault("steering_offset", "", "rad", MATERIAL["steering_offset"].size, _steering_offset,
-          ("steering",), "straights"),
+          _STEERING, "straights of the same course", is_of_road=True),
     Fault("steering_ratio", "", "1", MATERIAL["steering_ratio"].size, _steering_ratio,
-          ("steering",), "bends below 4 m/s²", 1.0),
+          _STEERING, "bends below 4 m/s²", 1.0),
 )  # fmt: skip
 """The faults in the order in which they are named. Signs as in the effect catalogue."""

@@ -13,7 +13,8 @@ those of a perfect sensor: two recordings of one car have the same.
     gyro_x, _y    w_x, w_y = c r + b
     a_x           = s u + b - T du/dt - x r² - y dr/dt,   u = dv_x/dt - v_y r
     a_y           = s u + b - T du/dt + x dr/dt - y r²,   u = v_x r + dv_y/dt
-    steering      v_x delta = L r + K v_x² r + o v_x + T v_x dr/dt - D dr/dt
+    steering      v_x delta = L r + K v_x² r + o v_x + T v_x dr/dt - D dr/dt, in the linear range
+    fast_steering the same of all driving, where the linear range is left most of the time
     drive         dv_x/dt - v_y r = p T+ + n T- + d dT+/dt + e dT-/dt + c v_x² + o
 """
 
@@ -24,7 +25,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.calibration.criteria import PERIOD_S
+from adk_ros.calibration.criteria import (
+    BLOCK_S,
+    MAX_COPY,
+    MIN_BLOCK_S,
+    MIN_LINEAR_SHARE,
+    PERIOD_S,
+    USUAL_BLOCKS,
+)
 from adk_ros.calibration.grid import Signals, by_speed, smooth
 from adk_ros.calibration.lag import WINDOW_S
 from adk_ros.calibration.odometry_calibration import distances
@@ -45,27 +53,75 @@ class Design:
 
 @dataclass(frozen=True)
 class RelationEstimate:
-    """Coefficients (k,) of a relation with their covariance (k, k), from `seconds` of driving."""
+    """
+    Coefficients (k,) of a relation with their covariance (k, k), from `seconds` of driving.
+
+    `unexplained`: share of the power of the target that they leave.
+    """
 
     values: FloatArray
     covariance: FloatArray
     seconds: float
+    unexplained: float
 
 
 def relations_of(s: Signals) -> dict[str, RelationEstimate]:
     """Return the relations that a recording has the channels and the length for, by name."""
+    block_s = block_length(s)
     out = {}
     for name, design_of in RELATIONS.items():
         design = design_of(s)
         if design is None:
             continue
         fit = regress(
-            design.columns, design.target, design.weights, period_s=design.period_s
+            design.columns,
+            design.target,
+            design.weights,
+            period_s=design.period_s,
+            block_s=block_s,
         )
         if fit is not None:
             covariance = np.atleast_2d(np.cov(fit.resampled.T))
-            out[name] = RelationEstimate(fit.values, covariance, fit.seconds)
+            residual = design.target - design.columns @ fit.values
+            power = float(design.weights @ design.target**2)
+            left = float(design.weights @ residual**2) / max(power, 1e-300)
+            out[name] = RelationEstimate(fit.values, covariance, fit.seconds, left)
     return out
+
+
+def relations_of_both(
+    reference: Signals, tested: Signals
+) -> tuple[dict[str, RelationEstimate], dict[str, RelationEstimate]]:
+    """Return the relations that two recordings share and that measure anything, of each."""
+    known, seen = relations_of(reference), relations_of(tested)
+    is_fast = min(_linear_share(reference), _linear_share(tested)) < MIN_LINEAR_SHARE
+    left_out = {"steering" if is_fast else "fast_steering"}
+    # A channel that follows exactly from another is no second sensor: a fault of one would look
+    # like a disagreement that no car has.
+    left_out |= {
+        name
+        for both in (known, seen)
+        for name in _BETWEEN_SENSORS
+        if name in both and both[name].unexplained < MAX_COPY
+    }
+    names = [name for name in known if name in seen and name not in left_out]
+    return {name: known[name] for name in names}, {name: seen[name] for name in names}
+
+
+_BETWEEN_SENSORS = ("gyro", "a_x", "a_y")
+"""Relations of the IMU with odometry; the channels of odometry may follow from each other."""
+
+
+def _linear_share(s: Signals) -> float:
+    """Return the share of the driving in the linear range of the tyres."""
+    if s.v_x is None or s.turning is None:
+        return 0.0
+    return float((linear_range(s, False)).sum() / max(float(s.moving.sum()), 1.0))
+
+
+def block_length(s: Signals) -> float:
+    """Return the length of a bootstrap block, s: shorter where the recording has few of 5 s."""
+    return float(np.clip(s.moving_s / USUAL_BLOCKS, MIN_BLOCK_S, BLOCK_S))
 
 
 def coefficients(s: Signals, name: str) -> FloatArray:
@@ -84,7 +140,7 @@ def _rate(values: FloatArray) -> FloatArray:
 
 
 def _velocity(s: Signals) -> Design | None:
-    compared = distances(s)
+    compared = distances(s, block_length(s))
     return None if compared is None else Design(*compared)
 
 
@@ -125,13 +181,14 @@ def _of_acceleration(s: Signals, axis: int) -> Design | None:
     return Design(columns, smooth(s.a[axis], WINDOW_S), s.moving)
 
 
-def _steering(s: Signals) -> Design | None:
+def _steering(s: Signals, is_linear: bool) -> Design | None:
     if s.steering is None or s.v_x is None or s.turning is None:
         return None
     r, v_x = smooth(s.turning, WINDOW_S), s.v_x
     rate = _rate(r)
     columns = np.column_stack([r, v_x**2 * r, v_x, v_x * rate, rate])
-    return Design(columns, v_x * smooth(smooth(s.steering), WINDOW_S), linear_range(s))
+    weights = linear_range(s) if is_linear else by_speed(s) * (v_x > 0.0)
+    return Design(columns, v_x * smooth(smooth(s.steering), WINDOW_S), weights)
 
 
 def _drive(s: Signals) -> Design | None:
@@ -152,6 +209,7 @@ RELATIONS: dict[str, Callable[[Signals], Design | None]] = {
     "gyro_y": lambda s: _of_gyro_axis(s, 1),
     "a_x": lambda s: _of_acceleration(s, 0),
     "a_y": lambda s: _of_acceleration(s, 1),
-    "steering": _steering,
+    "steering": lambda s: _steering(s, True),
+    "fast_steering": lambda s: _steering(s, False),
     "drive": _drive,
 }
