@@ -17,6 +17,7 @@ from adk_ros.calibration.faults import REFERENCE_WHEELBASE, Fault
 from adk_ros.calibration.finding import Finding, Verdict, not_decidable, shown
 from adk_ros.calibration.from_bag import BagContent
 from adk_ros.calibration.grid import Signals, on_grid
+from adk_ros.calibration.relations import smoothed
 from adk_ros.calibration.stream_checks import check_streams
 from adk_ros.numerics.constants import QUANTILE_90
 from adk_ros.plant.vehicle.vehicle_parameters import Dimensions
@@ -47,17 +48,41 @@ class ReferenceCheck:
         return [x for x in self.findings if x.verdict is verdict]
 
 
+@dataclass(frozen=True)
+class Prepared:
+    """
+    A recording ready for comparison.
+
+    `signals`: with signs corrected, smoothed for their derivatives; None where the streams do not
+    overlap. `signs`: what was corrected. `wheelbase`: m, by the steering.
+    """
+
+    signals: Signals | None
+    signs: list[Finding]
+    wheelbase: float
+
+
+def prepared(content: BagContent) -> Prepared:
+    """Return a recording ready for comparison."""
+    faults = check_streams(content.streams)
+    # Without a vehicle, so that the ratio of the steering is left as it is.
+    streams, _, signs = correct_signs(content, faults.unusable, None)
+    signals = on_grid(streams, faults.unusable)
+    if signals is None:
+        return Prepared(None, signs, REFERENCE_WHEELBASE)
+    return Prepared(smoothed(signals), signs, _wheelbase(signals))
+
+
 def check_against(
-    reference: BagContent, tested: BagContent, vehicle: Dimensions | None = None
+    reference: Prepared, tested: Prepared, vehicle: Dimensions | None = None
 ) -> ReferenceCheck:
     """
     Return what has changed from the reference to the tested recording of the same vehicle.
 
     :param vehicle: gives the wheelbase; without one it follows from the steering of the reference.
     """
-    known, known_signs = _prepared(reference)
-    seen, seen_signs = _prepared(tested)
-    findings = _changed_signs(known_signs, seen_signs)
+    known, seen = reference.signals, tested.signals
+    findings = _changed_signs(reference.signs, tested.signs)
     least_s = MIN_SPARE_BLOCKS * MIN_BLOCK_S
     for s, title in ((known, "the reference"), (seen, "the recording")):
         if s is None or s.moving_s < least_s:
@@ -69,19 +94,14 @@ def check_against(
             findings.append(not_decidable("calibration", reason))
     if known is None or seen is None or any(x.name == "calibration" for x in findings):
         return ReferenceCheck(findings, None, "record more driving")
-    comparison = compare(known, seen, _wheelbase(vehicle, known))
+    wheelbase = reference.wheelbase
+    if vehicle is not None:
+        wheelbase = vehicle.cg_to_front_axle + vehicle.cg_to_rear_axle
+    comparison = compare(known, seen, wheelbase)
     findings += [_of_change(change, comparison) for change in comparison.changes]
     findings += [_of_other(fit, comparison) for fit in comparison.others]
     findings += [_of_missing(fault) for fault in comparison.missing]
     return ReferenceCheck(findings, comparison, _advice(findings))
-
-
-def _prepared(content: BagContent) -> tuple[Signals | None, list[Finding]]:
-    """Return the signals of a recording in SI with signs corrected, and what was corrected."""
-    faults = check_streams(content.streams)
-    # Without a vehicle, so that the ratio of the steering is left as it is.
-    streams, _, signs = correct_signs(content, faults.unusable, None)
-    return on_grid(streams, faults.unusable), signs
 
 
 def _changed_signs(known: list[Finding], seen: list[Finding]) -> list[Finding]:
@@ -100,10 +120,8 @@ def _changed_signs(known: list[Finding], seen: list[Finding]) -> list[Finding]:
     ]
 
 
-def _wheelbase(vehicle: Dimensions | None, s: Signals) -> float:
-    """Return the wheelbase, m: of the vehicle, else from the steering angle by curvature."""
-    if vehicle is not None:
-        return vehicle.cg_to_front_axle + vehicle.cg_to_rear_axle
+def _wheelbase(s: Signals) -> float:
+    """Return the steering angle by curvature, m; that of a passenger car if it is none."""
     if s.steering is None or s.v_x is None or s.turning is None:
         return REFERENCE_WHEELBASE
     w = s.moving

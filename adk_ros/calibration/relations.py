@@ -3,7 +3,7 @@
 """
 Relations between the channels of a recording, whose coefficients a fault of a sensor changes.
 
-Each is a linear regression of one channel on what other channels imply for it, with columns for
+Signals are those of `smoothed`. Each is a linear regression of one channel on what other channels imply for it, with columns for
 whatever the same car always has (understeer, a lever arm, a lag). Its coefficients need not be
 those of a perfect sensor: two recordings of one car have the same.
 
@@ -21,7 +21,7 @@ those of a perfect sensor: two recordings of one car have the same.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,6 +63,32 @@ class RelationEstimate:
     covariance: FloatArray
     seconds: float
     unexplained: float
+
+
+def smoothed(s: Signals) -> Signals:
+    """Return the signals smoothed once more, over `WINDOW_S`, for their derivatives."""
+
+    def each(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None else smooth(values, WINDOW_S)
+
+    def axes(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None else np.vstack([smooth(x, WINDOW_S) for x in values])
+
+    def held(values: FloatArray | None) -> FloatArray | None:
+        # A command is not yet smoothed at all.
+        return None if values is None else smooth(smooth(values), WINDOW_S)
+
+    return replace(
+        s,
+        v_x=each(s.v_x),
+        v_y=each(s.v_y),
+        yaw_rate=each(s.yaw_rate),
+        heading_rate=each(s.heading_rate),
+        a=axes(s.a),
+        w=axes(s.w),
+        torque=held(s.torque),
+        steering=held(s.steering),
+    )
 
 
 def relations_of(s: Signals) -> dict[str, RelationEstimate]:
@@ -149,10 +175,9 @@ def _of_rate(rate: FloatArray | None, reference: FloatArray | None, s: Signals) 
     if rate is None or reference is None or rate is reference:
         return None
     # The rate of a heading is the noisier one, and in the target its noise biases nothing.
-    known = smooth(rate, WINDOW_S)
-    first = _rate(known)
-    columns = np.column_stack([known, np.ones_like(known), first, _rate(first)])
-    return Design(columns, smooth(reference, WINDOW_S), by_speed(s))
+    first = _rate(rate)
+    columns = np.column_stack([rate, np.ones_like(rate), first, _rate(first)])
+    return Design(columns, reference, by_speed(s))
 
 
 def _gyro(s: Signals) -> Design | None:
@@ -176,29 +201,28 @@ def _of_acceleration(s: Signals, axis: int) -> Design | None:
     expected = s.longitudinal if axis == 0 else s.lateral
     if s.a is None or expected is None or s.turning is None or float(np.ptp(s.a[axis])) == 0.0:
         return None
-    implied, r = smooth(expected, WINDOW_S), smooth(s.turning, WINDOW_S)
-    columns = np.column_stack([implied, np.ones_like(r), _rate(implied), r**2, _rate(r)])
-    return Design(columns, smooth(s.a[axis], WINDOW_S), s.moving)
+    r = s.turning
+    columns = np.column_stack([expected, np.ones_like(r), _rate(expected), r**2, _rate(r)])
+    return Design(columns, s.a[axis], s.moving)
 
 
 def _steering(s: Signals, is_linear: bool) -> Design | None:
     if s.steering is None or s.v_x is None or s.turning is None:
         return None
-    r, v_x = smooth(s.turning, WINDOW_S), s.v_x
+    r, v_x = s.turning, s.v_x
     rate = _rate(r)
     columns = np.column_stack([r, v_x**2 * r, v_x, v_x * rate, rate])
     weights = linear_range(s) if is_linear else by_speed(s) * (v_x > 0.0)
-    return Design(columns, v_x * smooth(smooth(s.steering), WINDOW_S), weights)
+    return Design(columns, v_x * s.steering, weights)
 
 
 def _drive(s: Signals) -> Design | None:
     if s.torque is None or s.v_x is None or s.longitudinal is None:
         return None
-    torque = smooth(smooth(s.torque), WINDOW_S)
-    driving, braking = np.maximum(torque, 0.0), np.minimum(torque, 0.0)
-    ones = np.ones_like(torque)
+    driving, braking = np.maximum(s.torque, 0.0), np.minimum(s.torque, 0.0)
+    ones = np.ones_like(s.torque)
     columns = [driving, braking, _rate(driving), _rate(braking), s.v_x**2, ones]
-    return Design(np.column_stack(columns), smooth(s.longitudinal, WINDOW_S), s.moving)
+    return Design(np.column_stack(columns), s.longitudinal, s.moving)
 
 
 RELATIONS: dict[str, Callable[[Signals], Design | None]] = {
