@@ -98,8 +98,8 @@ class Comparison:
     """
     What has changed between two recordings.
 
-    `changes`: in the order in which they were found. `is_same_course`: None without poses. `others`: the remaining faults, with those
-    changes removed. `relations`: names of the relations that both recordings have. `missing`:
+    `changes`: in the order in which they were found. `others`: the remaining faults, with those
+    changes removed. `is_same_course`: None without poses. `relations`: names of the relations that both recordings have. `missing`:
     faults that neither shows, for lack of channels or length.
     """
 
@@ -248,7 +248,7 @@ def _removed(
     start: Mapping[str, FloatArray],
     wheelbase: float,
 ) -> _Removal | None:
-    """Return a fault in the size that leaves least chi²; None if the recording does not show it."""
+    """Return a fault in the size of least chi²; None if the recording does not show it."""
     material = fault.material * (wheelbase / REFERENCE_WHEELBASE if fault.is_length else 1.0)
     step = 0.5 * material
     size, values = fault.nominal, dict(start)
@@ -270,8 +270,9 @@ def _removed(
             information += float(slope @ evidence.weights[name] @ slope)
         if information <= 0.0:
             return None
-        move = float(np.clip(-gradient / information, -_LARGEST_STEP * material,
-                             _LARGEST_STEP * material))
+        move = float(
+            np.clip(-gradient / information, -_LARGEST_STEP * material, _LARGEST_STEP * material)
+        )
         size += move
         if fault.unit == "s" and abs(size) > MAX_LAG_S:
             return None
@@ -285,4 +286,3 @@ def _removed(
         fault, size, information**-0.5, chi2, float(np.sqrt(max(explained, 0.0))), material
     )
     return _Removal(fit, values, frozenset(affected))
-

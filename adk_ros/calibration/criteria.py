@@ -148,9 +148,9 @@ A. E. Raftery, Journal of the American Statistical Association 90, 1995, 773).""
 MAX_COPY = 1e-6
 """Unexplained share of the power of a channel below which it is computed from another: the noise
 of a sensor is above 1/1000 of its signal."""
-MIN_LINEAR_SHARE = 0.5
-"""Share of the driving in the linear range of the tyres, below which the steering of two recordings
-is compared over all driving; by choice."""
+MIN_LINEAR_SHARE = 0.75
+"""Share of the driving in the linear range of the tyres, below which the steering of two
+recordings is compared over all driving; by choice."""
 SAME_COURSE_SHARE = 0.8
 """Share of a drive near places of another, from which both are on the same course; by choice."""
 SAME_PLACE_S = 1.0

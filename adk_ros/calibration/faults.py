@@ -28,10 +28,10 @@ class Fault:
     A fault with one size.
 
     `name` as in the effect catalogue, `component`: which of its sizes, "" if it has one. `unit`,
-    `material`: smallest size of a claim, m of a car of `REFERENCE_WHEELBASE` if `is_length`;
-    `is_of_road`: slope or bank of another course looks the same; `nominal`: size without a fault. `remove(s, size)`:
-    signals without a fault of that size. `needs`: relations that show it, one of which the
-    recordings must have. `excitation`: driving that would decide it.
+    `material`: smallest size of a claim, that of a car of `REFERENCE_WHEELBASE` if `is_length`;
+    `nominal`: size without a fault. `remove(s, size)`: signals without a fault of that size.
+    `needs`: relations that show it, one of which the recordings must have. `excitation`: driving
+    that would decide it. `is_of_road`: slope or bank of another course looks the same.
     """
 
     name: str
@@ -141,9 +141,7 @@ def _steering_delay(s: Signals, size: float) -> Signals:
 
 
 def _clock_offset(s: Signals, size: float) -> Signals:
-    return replace(
-        s, steering=_earlier(s.steering, -size), torque=_earlier(s.torque, -size)
-    )
+    return replace(s, steering=_earlier(s.steering, -size), torque=_earlier(s.torque, -size))
 
 
 REFERENCE_WHEELBASE = 2.8

@@ -177,9 +177,7 @@ def _blocks(s: Signals, block_s: float = BLOCK_S) -> tuple[IntArray, FloatArray]
     return starts, whole.astype(np.float64)
 
 
-def _integral(
-    values: FloatArray, starts: IntArray, block_s: float = BLOCK_S
-) -> FloatArray:
+def _integral(values: FloatArray, starts: IntArray, block_s: float = BLOCK_S) -> FloatArray:
     """Return the integral (b,) of values over each block, by the trapezoidal rule."""
     steps = 0.5 * PERIOD_S * (values[1:] + values[:-1])
     total = np.concatenate([[0.0], np.cumsum(steps)])

@@ -105,13 +105,9 @@ def check_against(
 
 
 def _changed_signs(known: list[Finding], seen: list[Finding]) -> list[Finding]:
-    """Return what the signs, units or axes of one of two recordings need and the other's do not."""
+    """Return the corrections of signs, units or axes that only one of two recordings needs."""
     before = {x.name: x.text for x in known if x.verdict is Verdict.FINDING}
-    out = [
-        x
-        for x in seen
-        if x.verdict is Verdict.FINDING and before.get(x.name) != x.text
-    ]
+    out = [x for x in seen if x.verdict is Verdict.FINDING and before.get(x.name) != x.text]
     now = {x.name for x in seen if x.verdict is Verdict.FINDING}
     return out + [
         Finding(name, Verdict.FINDING, f"no longer so: {text}", evidence="check of the reference")

@@ -3,12 +3,12 @@
 """
 Relations between the channels of a recording, whose coefficients a fault of a sensor changes.
 
-Signals are those of `smoothed`. Each is a linear regression of one channel on what other channels imply for it, with columns for
-whatever the same car always has (understeer, a lever arm, a lag). Its coefficients need not be
-those of a perfect sensor: two recordings of one car have the same.
+Signals are those of `smoothed`. Each is a linear regression of one channel on what other channels
+imply for it, with columns for whatever the same car always has (understeer, a lever arm, a lag).
+Its coefficients need not be those of a perfect sensor: two recordings of one car have the same.
 
     velocity      distance by v_x over 5 s = s (displacement of the pose) + e (change of v_x)
-    gyro          r = s w_z + b + T dw_z/dt + c d²w_z/dt²,   r: rate of the heading, else odometry's
+    gyro          r = s w_z + b + T dw_z/dt + c d²w_z/dt²,   r: of the heading, else of odometry
     yaw_rate      r, on odometry's yaw rate in the same way
     gyro_x, _y    w_x, w_y = c r + b
     a_x           = s u + b - T du/dt - x r² - y dr/dt,   u = dv_x/dt - v_y r

@@ -23,9 +23,9 @@ def read_matlab_tables(path: Path) -> list[Table]:
     """
     Return a table for each structure of vectors of one length, and for the vectors of one length.
 
-    A matrix has one column per column, named `name[0]`, `name[1]` and so on; one that is wider than
-    high has its channels in rows. A structure `units`
-    of texts, as `adk export` writes it, gives the unit of the vector of the same path.
+    A matrix has one column per column, named `name[0]`, `name[1]` and so on; one that is wider
+    than high has its channels in rows. A structure `units` of texts, as `adk export` writes it,
+    gives the unit of the vector of the same path.
 
     :raises DataError: the file cannot be read, is of version 7.3, or has no vector of numbers.
     """

@@ -20,6 +20,8 @@ from adk_ros.calibration.reference_check import (
 )
 from adk_ros.calibration.streams import Streams
 
+OTHER_COURSE = "pair, other course"
+"""Kind of a comparison with a recording of another course, whose slope, bank and speeds differ."""
 Progress = Callable[[int, int], None]
 
 
@@ -89,6 +91,8 @@ def bench_real(
             reasons = "; ".join(x.text for x in untouched.of(Verdict.NOT_DECIDABLE))
             refused.append(f"{pairing.vehicle}, {pairing.name}: {reasons}")
             continue
+        if untouched.comparison.is_same_course is False:
+            pairing = replace(pairing, kind=OTHER_COURSE)
         outcomes.append(_scored(pairing, "", 0.0, untouched))
         shown, hidden = _faults(pairing, untouched.comparison, sizes)
         left_out[f"{pairing.vehicle}, {pairing.name}"] = hidden
@@ -104,7 +108,8 @@ def _faults(
     """Return the faults that the channels of a comparison can show, and the others."""
     missing = {fault.label for fault in comparison.missing}
     streams = pairing.tested.streams
-    shown, hidden = [], []
+    shown: list[str] = []
+    hidden: list[str] = []
     for label in sizes:
         is_shown = label not in missing and _has_channel(label, streams)
         (shown if is_shown else hidden).append(label)

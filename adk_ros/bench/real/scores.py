@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from adk_ros.bench.real.real_bench import Outcome, RealBench
+from adk_ros.bench.real.real_bench import OTHER_COURSE, Outcome, RealBench
 
 MIN_NAMED = 0.9
 """Share of the injected faults that must be named."""
@@ -79,8 +79,12 @@ def untouched(result: RealBench) -> list[Outcome]:
 
 
 def criteria(result: RealBench) -> list[Criterion]:
-    """Return the acceptance criteria; none is met without a case."""
-    total = score("all", [x for x in result.outcomes if x.fault])
+    """
+    Return the acceptance criteria; none is met without a case.
+
+    Faults against a recording of another course do not count, claims on untouched ones do.
+    """
+    total = score("all", [x for x in result.outcomes if x.fault and x.kind != OTHER_COURSE])
     clean = untouched(result)
     claims = sum(len(x.false_claims) for x in clean)
     error = total.median_error
