@@ -99,8 +99,8 @@ class Comparison:
     What has changed between two recordings.
 
     `changes`: in the order in which they were found. `others`: the remaining faults, with those
-    changes removed. `is_same_course`: None without poses. `relations`: names of the relations that both recordings have. `missing`:
-    faults that neither shows, for lack of channels or length.
+    changes removed. `is_same_course`: None without poses. `relations`: names of the relations
+    that both recordings have. `missing`: faults that neither shows, for lack of channels or length.
     """
 
     changes: tuple[Change, ...]

@@ -123,3 +123,21 @@ def test_a_bag_without_any_stream_is_refused(
     assert main(["check", str(tmp_path / "bag")]) == 3
     (line,) = capsys.readouterr().err.splitlines()
     assert "no IMU, odometry or command to check" in line
+
+
+def test_what_has_changed_against_a_reference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before, after = driven("handling", 1, 100.0), driven("handling", 2, 100.0)
+    reference = write_streams(before, tmp_path / "before")
+    bag = write_streams(scaled("odometry", 1.05, "v_x", "v_y")(after), tmp_path / "after")
+    assert main(["check", str(bag), "--reference", str(reference)]) == 0
+    out = capsys.readouterr().out
+    assert "odometry's velocity has the factor: 1.05" in out
+    assert "result: changed: odometry_scale" in out
+    result = report(capsys, bag, "--reference", reference, "--vehicle", "imdv")
+    assert result["kind"] == "check against reference"
+    assert names_of(result, "finding") == {"odometry_scale"}
+    assert result["candidates"] == {"odometry_scale": []}
+    assert main(["check", str(bag), "--reference", str(reference), "--out", "p.yaml"]) == 2
+    assert "--reference proposes no parameters" in capsys.readouterr().err

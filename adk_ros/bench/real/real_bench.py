@@ -84,21 +84,22 @@ def bench_real(
     all_pairings = list(pairings(recordings_by_vehicle(folder), refused))
     outcomes: list[Outcome] = []
     left_out: dict[str, list[str]] = {}
-    for done, pairing in enumerate(all_pairings):
+    for done, given in enumerate(all_pairings, start=1):
+        pairing = given
         reference = prepared(pairing.reference)
         untouched = check_against(reference, prepared(pairing.tested))
         if untouched.comparison is None:
             reasons = "; ".join(x.text for x in untouched.of(Verdict.NOT_DECIDABLE))
             refused.append(f"{pairing.vehicle}, {pairing.name}: {reasons}")
             continue
-        if untouched.comparison.is_same_course is False:
-            pairing = replace(pairing, kind=OTHER_COURSE)
+        if given.kind == "pair" and untouched.comparison.is_same_course is False:
+            pairing = replace(given, kind=OTHER_COURSE)
         outcomes.append(_scored(pairing, "", 0.0, untouched))
         shown, hidden = _faults(pairing, untouched.comparison, sizes)
         left_out[f"{pairing.vehicle}, {pairing.name}"] = hidden
         outcomes += _injected(pairing, reference, shown, sizes)
         if progress is not None:
-            progress(done + 1, len(all_pairings))
+            progress(done, len(all_pairings))
     return RealBench(outcomes, left_out, refused)
 
 
