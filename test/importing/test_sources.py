@@ -192,7 +192,7 @@ def test_rows_without_a_time_are_counted(tmp_path: Path) -> None:
     result = take(path, tmp_path / "bag", time={"period": 20, "unit": "ms"})
     stamps = [t for t, _ in values_of(result.out, "/odometry", lambda msg: msg)]
     assert np.diff(stamps).tolist() == [20_000_000] * 199
-    with pytest.raises(UsageError, match="time.period: needs a unit, and no column"):
+    with pytest.raises(UsageError, match=r"time\.period: needs a unit, and no column"):
         take(path, tmp_path / "bag", time={"period": 20, "column": "v"})
 
 
@@ -201,7 +201,7 @@ def test_a_part_of_the_rows_is_one_of_several_drives(tmp_path: Path) -> None:
     files = {"a.csv": {"rows": [201, 300]}}
     result = take(path, tmp_path / "bag", files=files)
     assert result.content.duration_s == pytest.approx(1.98)
-    with pytest.raises(UsageError, match=r"files.a.csv.rows: give the first and the last row"):
+    with pytest.raises(UsageError, match=r"files\.a\.csv\.rows: give the first and the last row"):
         take(path, tmp_path / "bag", files={"a.csv": {"rows": [3, 2]}})
 
 

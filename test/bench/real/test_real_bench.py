@@ -76,7 +76,7 @@ def test_a_low_pass_has_its_time_constant() -> None:
     streams = driven()
     assert streams.odometry is not None
     n = streams.odometry.at_s.size
-    at = 0.02 * np.arange(n)
+    at = 0.02 * np.arange(n, dtype=np.float64)
     sine = replace(streams.odometry.having(yaw_rate=np.sin(at)), at_s=at)
     filtered = INJECTIONS["odometry_filter"](streams.with_stream("odometry", sine), 0.5).odometry
     assert filtered is not None
