@@ -100,7 +100,8 @@ class Comparison:
 
     `changes`: in the order in which they were found. `others`: the remaining faults, with those
     changes removed. `is_same_course`: None without poses. `relations`: names of the relations
-    that both recordings have. `missing`: faults that neither shows, for lack of channels or length.
+    that both recordings have. `missing`: faults that they do not show, for lack of channels or
+    length.
     """
 
     changes: tuple[Change, ...]

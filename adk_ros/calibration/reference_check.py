@@ -106,14 +106,21 @@ def check_against(
 
 def _changed_signs(known: list[Finding], seen: list[Finding]) -> list[Finding]:
     """Return the corrections of signs, units or axes that only one of two recordings needs."""
-    before = {x.name: x.text for x in known if x.verdict is Verdict.FINDING}
-    out = [x for x in seen if x.verdict is Verdict.FINDING and before.get(x.name) != x.text]
-    now = {x.name for x in seen if x.verdict is Verdict.FINDING}
-    return out + [
-        Finding(name, Verdict.FINDING, f"no longer so: {text}", evidence="check of the reference")
-        for name, text in before.items()
-        if name not in now
+    before, now = ({x.name: x for x in signs} for signs in (known, seen))
+    decided = [
+        name
+        for name in dict.fromkeys([*now, *before])
+        if all(name in x and x[name].verdict is not Verdict.NOT_DECIDABLE for x in (before, now))
     ]
+    out = []
+    for name in decided:
+        if now[name].verdict is Verdict.FINDING:
+            if before[name].verdict is Verdict.OK or before[name].text != now[name].text:
+                out.append(now[name])
+        elif before[name].verdict is Verdict.FINDING:
+            text = f"no longer so: {before[name].text}"
+            out.append(Finding(name, Verdict.FINDING, text, evidence=before[name].evidence))
+    return out
 
 
 def _wheelbase(s: Signals) -> float:
