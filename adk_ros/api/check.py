@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -15,7 +15,11 @@ from adk_ros.api.progress import Progress, in_stage
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.calibration.check import CheckResult
 from adk_ros.calibration.from_bag import BagContent
+from adk_ros.calibration.reference_check import ReferenceCheck
 from adk_ros.errors import UsageError
+
+if TYPE_CHECKING:
+    from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 
 _NEEDED = frozenset({"cg_to_front_axle", "cg_to_rear_axle", "wheel_radius"})
 """Values of a vehicle file that sensors and steering are compared with."""
@@ -133,14 +137,98 @@ def check_recording(
     """
     from adk_ros.calibration.check import check
     from adk_ros.calibration.from_bag import read_streams
-    from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
-    nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
-    if nominal is not None and (lacking := sorted(nominal.assumed & _NEEDED)):
-        raise UsageError(
-            f"{vehicle}: {', '.join(lacking)} missing: an assumed length is no measure for sensors"
-        )
+    nominal = None if vehicle is None else _known_vehicle(vehicle)
     report = in_stage(progress, f"reading {Path(recording).name}")
     content = read_streams(recording, options or RecordingOptions(), report)
     found = check(content, nominal, in_stage(progress, "checking"))
     return RecordingCheck(Path(recording), content, found)
+
+
+@dataclass(frozen=True)
+class RecordingComparison:
+    """
+    What has changed between two recordings of one vehicle.
+
+    `path`, `reference`: the bags, with their contents `content` and `reference_content`.
+    """
+
+    path: Path
+    reference: Path
+    content: BagContent
+    reference_content: BagContent
+    result: ReferenceCheck
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The findings as a table, one row per fault, indexed by name."""
+        rows = [finding.as_dict() for finding in self.result.findings]
+        return pd.DataFrame(rows).set_index("name")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what `adk check --reference --json` prints."""
+        comparison = self.result.comparison
+        changes = () if comparison is None else comparison.changes
+        contents = (self.content, self.reference_content)
+        return {
+            "kind": "check against reference",
+            "path": str(self.path),
+            "reference": str(self.reference),
+            "findings": [finding.as_dict() for finding in self.result.findings],
+            "candidates": {
+                x.fit.fault.label: [y.fault.label for y in x.candidates] for x in changes
+            },
+            "is_same_course": None if comparison is None else comparison.is_same_course,
+            "advice": self.result.advice,
+            "notes": [note for x in contents for note in x.streams.notes],
+            "warnings": [warning for x in contents for warning in x.warnings],
+        }
+
+
+def compare_recordings(
+    recording: Path | str,
+    reference: Path | str,
+    vehicle: Path | str | None = None,
+    *,
+    options: RecordingOptions | None = None,
+    progress: Progress | None = None,
+) -> RecordingComparison:
+    """
+    Say which sensor or steering parameter has changed against a recording of the same vehicle.
+
+    :param recording: as for `check_recording`; `reference`: the recording before.
+    :param vehicle: vehicle file, for the wheelbase; without one it follows from the steering.
+    :param options: topics and sensor configuration, of both recordings.
+    :raises UsageError: a bag or a file does not exist or is invalid.
+    :raises DataError: a bag is unreadable or empty.
+    """
+    from adk_ros.calibration.from_bag import read_streams
+    from adk_ros.calibration.reference_check import check_against, prepared
+
+    nominal = None if vehicle is None else _known_vehicle(vehicle)
+    known, content = (
+        read_streams(
+            path,
+            options or RecordingOptions(),
+            in_stage(progress, f"reading {Path(path).name}"),
+        )
+        for path in (reference, recording)
+    )
+    found = check_against(prepared(known), prepared(content), nominal)
+    return RecordingComparison(Path(recording), Path(reference), content, known, found)
+
+
+def _known_vehicle(vehicle: Path | str) -> NominalVehicle:
+    """
+    Return a vehicle whose file gives what sensors and steering are compared with.
+
+    :raises UsageError: it does not, or is invalid.
+    """
+    from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
+
+    nominal = load_nominal_vehicle(vehicle)
+    if lacking := sorted(nominal.assumed & _NEEDED):
+        raise UsageError(
+            f"{vehicle}: {', '.join(lacking)} missing: an assumed length is no measure for sensors"
+        )
+    return nominal

@@ -68,7 +68,7 @@ def check(
     findings = _command(content, vehicle)
     faults = check_streams(content.streams)
     findings += faults.findings
-    streams, sensors, coarse = _coarse(content, faults.unusable, vehicle)
+    streams, sensors, coarse = correct_signs(content, faults.unusable, vehicle)
     findings += coarse
     report(1, 3)
     # Gaps of the command do not matter to the road.
@@ -89,7 +89,7 @@ def check(
     return _result(findings, content, road)
 
 
-def _coarse(
+def correct_signs(
     content: BagContent, unusable: list[Interval], vehicle: Dimensions | None
 ) -> tuple[Streams, SensorConfig, list[Finding]]:
     """Return the streams with axes, signs and units corrected, and the findings on them."""

@@ -24,6 +24,11 @@ PERIOD_S = 0.02
 BLOCK_S = 5.0
 """Length of a bootstrap block, s: longer than the memory of a car's response (yaw below 0.5 s,
 speed control about 2 s), as H. R. Künsch (Annals of Statistics 17, 1989, 1217) requires."""
+USUAL_BLOCKS = 24
+"""Blocks that a comparison of two recordings wants: a variance of 24 has an error of 30 %. Short
+recordings get shorter blocks."""
+MIN_BLOCK_S = 2.0
+"""s: the shortest block; the memory of the speed control, the longest response of a car."""
 RESAMPLES = 300
 """Bootstrap resamples: the standard error of a standard deviation is 4 %."""
 MIN_SPARE_BLOCKS = 4
@@ -35,6 +40,9 @@ MIN_MOVING_S = 20.0
 
 MIN_SPEED = 2.0
 """m/s below which a sample counts as standing or manoeuvring: as in `signals.plausibility`."""
+MIN_SPEED_SHARE = 0.1
+"""Share of the speed that 95 % of the recording stay below, at which a small car manoeuvres, where
+that is less than `MIN_SPEED`: a 1:10 car drives at 1 to 4 m/s; by choice."""
 STANDING_SPEED = 0.3
 """m/s below which the car stands: above the noise of wheel and satellite speeds; by choice."""
 MAX_STANDING_SHARE = 0.3
@@ -135,3 +143,18 @@ MATERIAL = {
     "road_grade": Material(0.015, "1"),
     "road_bank": Material(0.03, "1"),
 }
+
+MAX_ODDS = 20.0
+"""Likelihood ratio from which one of two explanations is excluded: "strong" evidence (R. E. Kass,
+A. E. Raftery, Journal of the American Statistical Association 90, 1995, 773)."""
+
+MAX_COPY = 1e-6
+"""Unexplained share of the power of a channel below which it is computed from another: the noise
+of a sensor is above 1/1000 of its signal."""
+MIN_LINEAR_SHARE = 0.75
+"""Share of the driving in the linear range of the tyres, below which the steering of two
+recordings is compared over all driving; by choice."""
+SAME_COURSE_SHARE = 0.8
+"""Share of a drive near places of another, from which both are on the same course; by choice."""
+SAME_PLACE_S = 1.0
+"""Places count as the same that lie within the distance driven in this time, s; by choice."""

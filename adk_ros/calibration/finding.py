@@ -106,7 +106,7 @@ def found(
     )
 
 
-def _shown(value: float, size: float) -> str:
+def shown(value: float, size: float) -> str:
     """Return a number with one decimal more than the smallest material size has."""
     decimals = max(1 - math.floor(math.log10(size)), 0)
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
@@ -137,7 +137,7 @@ def judged(
     half_width = 0.5 * (estimate.high - estimate.low)
     errors = distance / estimate.standard_error if estimate.standard_error > 0.0 else None
     is_significant = errors is None or errors >= SIGNIFICANCE
-    value, low, high = (_shown(x, size) for x in (estimate.value, estimate.low, estimate.high))
+    value, low, high = (shown(x, size) for x in (estimate.value, estimate.low, estimate.high))
     number = f"{value} ({low} to {high})"
     unit = "" if material.unit == "1" else f" {material.unit}"
     if distance >= size and is_significant and distance > 0.0:

@@ -49,25 +49,41 @@ def check_yaw_rates(s: Signals) -> Iterator[Finding]:
 
 def _scale_by_pose(s: Signals) -> Finding:
     name = "odometry_scale"
-    if s.forward is None or s.heading is None or s.x is None or s.y is None:
+    compared = distances(s)
+    if compared is None:
         return not_decidable(name, "odometry has no pose")
-    assert s.v_x is not None
-    left = s.v_y if s.v_y is not None else np.zeros_like(s.v_x)
-    c, n = np.cos(s.heading), np.sin(s.heading)
-    starts, weights = _blocks(s)
-    driven = np.hypot(
-        _integral(s.v_x * c - left * n, starts), _integral(s.v_x * n + left * c, starts)
-    )
-    # Straight-line distances: a constant error of the heading turns both alike.
-    moved = np.hypot(_change(s.x, starts), _change(s.y, starts))
-    ends = _change(s.v_x, starts)
-    found = regress(np.column_stack([moved, ends]), driven, weights, period_s=BLOCK_S)
+    columns, driven, weights, period_s = compared
+    found = regress(columns, driven, weights, period_s=period_s)
     evidence = "distance driven by v_x, v_y over 5 s against the displacement of the pose"
     if found is None:
         return not_decidable(name, _too_little(s), evidence)
     text = "odometry's velocity is not to the scale of its position: ratio"
     remedy = "no parameter for this yet: correct the wheel radius or the scale of the odometry"
     return judged(name, found.estimate(0), 1.0, text, evidence, remedy=remedy)
+
+
+def distances(
+    s: Signals, block_s: float = BLOCK_S
+) -> tuple[FloatArray, FloatArray, FloatArray, float] | None:
+    """
+    Return columns (b, 2), target (b,) and weights (b,) of the scale, and the length of a block, s.
+
+    The target is the distance driven by v_x, v_y in a block; the columns are the displacement of
+    the pose and the change of v_x, which takes up a delay. None without a pose.
+    """
+    if s.v_x is None or s.forward is None or s.heading is None or s.x is None or s.y is None:
+        return None
+    left = s.v_y if s.v_y is not None else np.zeros_like(s.v_x)
+    c, n = np.cos(s.heading), np.sin(s.heading)
+    starts, weights = _blocks(s, block_s)
+    driven = np.hypot(
+        _integral(s.v_x * c - left * n, starts, block_s),
+        _integral(s.v_x * n + left * c, starts, block_s),
+    )
+    # Straight-line distances: a constant error of the heading turns both alike.
+    moved = np.hypot(_change(s.x, starts, block_s), _change(s.y, starts, block_s))
+    ends = _change(s.v_x, starts, block_s)
+    return np.column_stack([moved, ends]), driven, weights, block_s
 
 
 def _scale_by_acceleration(s: Signals) -> Finding:
@@ -152,24 +168,24 @@ def _unless_banked(scale: Finding, s: Signals) -> Finding:
     return undecided(scale, reason)
 
 
-def _blocks(s: Signals) -> tuple[IntArray, FloatArray]:
+def _blocks(s: Signals, block_s: float = BLOCK_S) -> tuple[IntArray, FloatArray]:
     """Return the first rows of consecutive blocks, and weights: 1 if all of a block counts."""
-    rows = round(BLOCK_S / PERIOD_S)
+    rows = round(block_s / PERIOD_S)
     starts = np.arange(0, s.at_s.size - rows, rows, dtype=np.int64)
     sums = np.concatenate([[0.0], np.cumsum(s.moving)])
     whole = sums[starts + rows] - sums[starts] > rows - 0.5
     return starts, whole.astype(np.float64)
 
 
-def _integral(values: FloatArray, starts: IntArray) -> FloatArray:
+def _integral(values: FloatArray, starts: IntArray, block_s: float = BLOCK_S) -> FloatArray:
     """Return the integral (b,) of values over each block, by the trapezoidal rule."""
     steps = 0.5 * PERIOD_S * (values[1:] + values[:-1])
     total = np.concatenate([[0.0], np.cumsum(steps)])
-    return _change(total, starts)
+    return _change(total, starts, block_s)
 
 
-def _change(values: FloatArray, starts: IntArray) -> FloatArray:
-    rows = round(BLOCK_S / PERIOD_S)
+def _change(values: FloatArray, starts: IntArray, block_s: float = BLOCK_S) -> FloatArray:
+    rows = round(block_s / PERIOD_S)
     return np.asarray(values[starts + rows] - values[starts])
 
 

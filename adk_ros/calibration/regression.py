@@ -62,9 +62,9 @@ class Regression:
         return Estimate.of(float(self.values[i]), self.resampled[:, i], self.seconds)
 
 
-def block_rows(period_s: float = PERIOD_S) -> int:
+def block_rows(period_s: float = PERIOD_S, block_s: float = BLOCK_S) -> int:
     """Return the number of rows of a bootstrap block."""
-    return max(1, round(BLOCK_S / period_s))
+    return max(1, round(block_s / period_s))
 
 
 def draws(blocks: int) -> FloatArray:
@@ -91,6 +91,7 @@ def regress(
     weights: FloatArray,
     instruments: FloatArray | None = None,
     period_s: float = PERIOD_S,
+    block_s: float = BLOCK_S,
 ) -> Regression | None:
     """
     Return the regression of `target` (n,) on `columns` (n, k), weighted by `weights` (n,).
@@ -98,7 +99,7 @@ def regress(
     None with too few data. `instruments` (n, k): default the columns (least squares).
     """
     given = columns if instruments is None else instruments
-    rows = block_rows(period_s)
+    rows = block_rows(period_s, block_s)
     edges = np.arange(0, target.shape[0], rows)
     sums = np.add.reduceat(weights, edges)
     used = sums > 0.0

@@ -21,9 +21,11 @@ from adk_ros.cli.options import (
     ParamsOption,
     read_options,
 )
+from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
-    from adk_ros.api.check import RecordingCheck
+    from adk_ros.api.check import RecordingCheck, RecordingComparison
+    from adk_ros.bags.recording import RecordingOptions
 
 _STYLE = {"ok": "green", "finding": "yellow", "not decidable": "dim"}
 
@@ -48,6 +50,13 @@ def check(
             ".csv, .png or .svg"
         ),
     ] = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            help="earlier recording of the same vehicle: say which sensor or steering parameter "
+            "has changed since, and by how much"
+        ),
+    ] = None,
     imu: ImuOption = None,
     odometry: OdometryOption = None,
     command: CommandOption = None,
@@ -66,6 +75,7 @@ def check(
     What train, replay, mismatch and the node can correct is proposed as a parameter file. Streams
     that the bag lacks reduce the scope. Grade and bank of the road are estimated from IMU and
     odometry alone and written by --road. Takes a few seconds per minute of recording.
+    With --reference, both recordings may have errors; only what differs is a finding.
 
     Example: adk check bags/handling --vehicle imdv --out params.yaml
     """
@@ -75,6 +85,11 @@ def check(
     if road is not None:
         check_road_path(road)
     options = read_options(imu, odometry, command, no_imu, params)
+    if reference is not None:
+        if out is not None or road is not None:
+            raise UsageError("--reference proposes no parameters: leave out --out and --road")
+        _compare(bag, reference, vehicle, options, evidence, as_json)
+        return
     with console.stages() as progress:
         checked = check_recording(bag, vehicle, options=options, progress=progress)
     console.note_all(checked.content.streams.notes)
@@ -95,10 +110,33 @@ def check(
         console.note(f"{road} not written: grade and bank are not decidable")
 
 
-def _print(checked: RecordingCheck, evidence: bool) -> None:
+def _compare(
+    bag: Path,
+    reference: Path,
+    vehicle: Path | None,
+    options: RecordingOptions,
+    evidence: bool,
+    as_json: bool,
+) -> None:
+    from adk_ros.api.check import compare_recordings
+
+    with console.stages() as progress:
+        compared = compare_recordings(bag, reference, vehicle, options=options, progress=progress)
+    for content in (compared.reference_content, compared.content):
+        console.note_all(content.streams.notes)
+        console.warn_all(content.warnings)
+    if as_json:
+        console.print_json(compared.as_dict())
+        return
+    _print(compared, evidence)
+
+
+def _print(checked: RecordingCheck | RecordingComparison, evidence: bool) -> None:
     from rich import box
     from rich.table import Table
     from rich.text import Text
+
+    from adk_ros.calibration.check import CheckResult
 
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
     table.add_column("check", no_wrap=True)
@@ -118,7 +156,8 @@ def _print(checked: RecordingCheck, evidence: bool) -> None:
             Text(finding.name), Text(verdict, style=_STYLE[verdict]), Text("\n".join(lines))
         )
     console.print_table(table)
-    console.output.print(f"next: {checked.result.advice}", markup=False)
+    heading = "next" if isinstance(checked.result, CheckResult) else "result"
+    console.output.print(f"{heading}: {checked.result.advice}", markup=False)
     console.flush()
 
 

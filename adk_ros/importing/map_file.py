@@ -29,6 +29,8 @@ TIME_UNITS = {
 
 _Column = Annotated[str, Field(min_length=1, max_length=400)]
 _Length = Annotated[float, Field(gt=0.0, le=5.0)]
+_Period = Annotated[float, Field(gt=0.0, le=3600.0)]
+_Row = Annotated[int, Field(ge=1)]
 
 
 class TimeMap(FileModel):
@@ -37,19 +39,27 @@ class TimeMap(FileModel):
 
     `column`: where it is; None for the clock of an MDF file, CAN log or bag. `origin` is the date,
     or the number of seconds since 1970, at which it is zero; by default the start that the file
-    states. `format`: of a date, as strftime writes it.
+    states. `format`: of a date, as strftime writes it. `period`: time between rows, in `unit`, of
+    a file that has no time at all; its first row is at zero.
     """
 
     column: _Column | None = None
+    period: _Period | None = None
     unit: str = "s"
     origin: datetime | date | float | str | None = None
     format: str | None = None
 
 
 class FileMap(FileModel):
-    """How to read one file, where that differs from the others or is not detected."""
+    """
+    How to read one file, where that differs from the others or is not detected.
+
+    `rows`: first and last row of the table that is read, from 1, without headings: one of several
+    drives that the file has in sequence.
+    """
 
     time: TimeMap | None = None
+    rows: Annotated[list[_Row], Field(min_length=2, max_length=2)] | None = None
     delimiter: str | None = None
     decimal: Literal[".", ","] | None = None
     header_row: Annotated[int, Field(ge=1, le=10_000)] | None = None
@@ -111,11 +121,18 @@ def checked_map(name: str, content: Any) -> ImportMap:
     places = [("time", loaded.time)]
     places += [(f"files.{key}.time", item.time) for key, item in loaded.files.items()]
     for place, time in places:
-        if time is not None and time.unit not in TIME_UNITS:
+        if time is None:
+            continue
+        if time.unit not in TIME_UNITS:
             known = ", ".join(TIME_UNITS)
             raise UsageError(
                 f"{name}: {place}.unit: unit '{time.unit}' is unknown: choose one of {known}"
             )
+        if time.period is not None and (time.column is not None or time.unit == "date"):
+            raise UsageError(f"{name}: {place}.period: needs a unit, and no column")
+    for key, item in loaded.files.items():
+        if item.rows is not None and item.rows[0] >= item.rows[1]:
+            raise UsageError(f"{name}: files.{key}.rows: give the first and the last row")
     return loaded
 
 

@@ -23,8 +23,9 @@ def read_matlab_tables(path: Path) -> list[Table]:
     """
     Return a table for each structure of vectors of one length, and for the vectors of one length.
 
-    A matrix has one column per column, named `name[0]`, `name[1]` and so on. A structure `units`
-    of texts, as `adk export` writes it, gives the unit of the vector of the same path.
+    A matrix has one column per column, named `name[0]`, `name[1]` and so on; one that is wider
+    than high has its channels in rows. A structure `units` of texts, as `adk export` writes it,
+    gives the unit of the vector of the same path.
 
     :raises DataError: the file cannot be read, is of version 7.3, or has no vector of numbers.
     """
@@ -95,6 +96,8 @@ def _collect(name: str, value: Any, found: dict[str, NDArray[Any]], depth: int) 
         return
     if value.ndim == 1 and value.shape[0] >= _MIN_ROWS:
         found[name] = value
-    elif value.ndim == 2 and value.shape[0] >= _MIN_ROWS:
-        for i in range(value.shape[1]):
-            found[f"{name}[{i}]"] = value[:, i]
+    elif value.ndim == 2 and max(value.shape) >= _MIN_ROWS:
+        # Samples outnumber channels.
+        table = value.T if value.shape[1] > value.shape[0] else value
+        for i in range(table.shape[1]):
+            found[f"{name}[{i}]"] = table[:, i]

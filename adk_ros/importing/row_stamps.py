@@ -54,7 +54,10 @@ def row_stamps(table: Table, import_map: ImportMap, notes: list[str]) -> RowStam
             f"{table.label}: has no column '{own.column}' for the time; it has "
             f"{column_list(table.columns)}"
         )
-    if time is None or column is None:
+    if time is not None and time.period is not None:
+        stamp_ns = _counted_stamps(table, time.period * TIME_UNITS[time.unit])
+        known, is_absolute = np.ones(stamp_ns.shape[0], dtype=bool), False
+    elif time is None or column is None:
         clock = table.clock()
         if clock is None:
             named = (
@@ -118,6 +121,12 @@ def column_list(columns: Sequence[str]) -> str:
     """Return the first column names for a message."""
     shown = ", ".join(f"'{name}'" for name in columns[:8])
     return shown + (f" and {len(columns) - 8} more" if len(columns) > 8 else "")
+
+
+def _counted_stamps(table: Table, period_ns: float) -> IntArray:
+    """Return stamps of a constant period for rows without a time."""
+    rows = table.load(table.columns[:1])[table.columns[0]].shape[0]
+    return np.asarray(np.round(period_ns * np.arange(rows)), dtype=np.int64)
 
 
 def _column_stamps(table: Table, column: str, time: TimeMap) -> tuple[IntArray, BoolArray]:

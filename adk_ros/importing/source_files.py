@@ -51,7 +51,11 @@ def open_tables(
             if not databases:
                 raise UsageError(f"{path}: a CAN log needs its messages: give --dbc FILE")
             database = load_databases(databases)
-        tables += _open(path, options_of(path, files), database, notes)
+        options = options_of(path, files)
+        opened = _open(path, options, database, notes)
+        tables += [
+            t if options.rows is None else t.part(options.rows[0], options.rows[1]) for t in opened
+        ]
     return tables
 
 

@@ -10,7 +10,7 @@ message, a bag one per topic, a MAT file one per structure or length.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -64,6 +64,19 @@ class Table:
             return column
         ends = [name for name in self.columns if name.endswith((f".{column}", f"/{column}"))]
         return ends[0] if len(ends) == 1 else None
+
+    def part(self, first: int, last: int) -> Table:
+        """Return the table of rows `first` to `last`, both included, counted from 1."""
+        rows = slice(first - 1, last)
+
+        def load(columns: Sequence[str]) -> dict[str, NDArray[Any]]:
+            return {name: values[rows] for name, values in self.load(columns).items()}
+
+        def clock() -> Clock | None:
+            whole = self.clock()
+            return None if whole is None else Clock(whole.stamp_ns[rows], whole.is_absolute)
+
+        return replace(self, load=load, clock=clock)
 
 
 class Numbers(NamedTuple):

@@ -145,3 +145,30 @@ def test_a_road_file_of_another_kind_is_refused(
 ) -> None:
     assert main(["check", "bags/town", "--road", str(tmp_path / "road.xlsx")]) == 2
     assert ".csv or .png or .svg" in capsys.readouterr().err
+
+
+def test_what_has_changed_against_a_reference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before, after = driven("handling", 1, 100.0), driven("handling", 2, 100.0)
+    reference = write_streams(before, tmp_path / "before")
+    bag = write_streams(scaled("odometry", 1.05, "v_x", "v_y")(after), tmp_path / "after")
+    assert main(["check", str(bag), "--reference", str(reference)]) == 0
+    out = capsys.readouterr().out
+    assert "odometry's velocity has the factor: 1.05" in out
+    assert "result: changed: odometry_scale" in out
+    result = report(capsys, bag, "--reference", reference, "--vehicle", "imdv")
+    assert result["kind"] == "check against reference"
+    assert names_of(result, "finding") == {"odometry_scale"}
+    assert result["candidates"] == {"odometry_scale": []}
+    assert main(["check", str(bag), "--reference", str(reference), "--out", "p.yaml"]) == 2
+    assert "--reference proposes no parameters" in capsys.readouterr().err
+
+
+def test_an_assumed_length_measures_no_sensor(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet = tmp_path / "sheet.yaml"
+    sheet.write_text("mass: 1600.0\nwheelbase: 2.7\nwheel_radius: 0.3\n")
+    assert main(["check", "bags/town", "--vehicle", str(sheet)]) == 2
+    assert "cg_to_front_axle, cg_to_rear_axle missing" in capsys.readouterr().err

@@ -186,6 +186,38 @@ def test_the_clock_of_a_file_without_a_start_gets_an_origin(tmp_path: Path) -> N
         take([*files, path], tmp_path / "bag", time=None, channels=both)
 
 
+def test_rows_without_a_time_are_counted(tmp_path: Path) -> None:
+    lines = [row.split(",", 1)[1] for row in rows()]
+    path = write(tmp_path / "a.csv", lines, "v,d,m")
+    result = take(path, tmp_path / "bag", time={"period": 20, "unit": "ms"})
+    stamps = [t for t, _ in values_of(result.out, "/odometry", lambda msg: msg)]
+    assert np.diff(stamps).tolist() == [20_000_000] * 199
+    with pytest.raises(UsageError, match=r"time\.period: needs a unit, and no column"):
+        take(path, tmp_path / "bag", time={"period": 20, "column": "v"})
+
+
+def test_a_part_of_the_rows_is_one_of_several_drives(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", [*rows(), *rows(100)])
+    files = {"a.csv": {"rows": [201, 300]}}
+    result = take(path, tmp_path / "bag", files=files)
+    assert result.content.duration_s == pytest.approx(1.98)
+    with pytest.raises(UsageError, match=r"files\.a\.csv\.rows: give the first and the last row"):
+        take(path, tmp_path / "bag", files={"a.csv": {"rows": [3, 2]}})
+
+
+def test_a_wide_matrix_has_its_channels_in_rows(tmp_path: Path) -> None:
+    t = 0.02 * np.arange(200.0)
+    savemat(tmp_path / "a.mat", {"s": np.vstack([10.0 + t, 0.01 * t, t])})
+    channels = {
+        "v_x": {"column": "s[0]", "unit": "m/s"},
+        "delta": {"column": "s[1]", "unit": "rad"},
+    }
+    time = {"period": 0.02}
+    result = take(tmp_path / "a.mat", tmp_path / "bag", channels=channels, time=time)
+    speeds = values_of(result.out, "/odometry", lambda msg: msg.twist.twist.linear.x)
+    assert [v for _, v in speeds] == pytest.approx((10.0 + t).tolist())
+
+
 def test_other_channels_get_topics_of_their_own(tmp_path: Path) -> None:
     header = "t,v,d,m,fl,p,gas,gear,gs,course,lat,lon,n"
     lines = [f"{row},{36.0},{1.5},{50},{3},{36},{90},{48.1},{11.5},{3000}" for row in rows()]
