@@ -43,8 +43,9 @@ ACCELERATION = 2.0
 
 
 def ramp(n: int = 400) -> Record:
-    """v_x grows by 0.05 m/s a tick; all else stays."""
+    """v_x grows by 0.05 m/s a tick; all else stays, but for a first row that is not scored."""
     x = np.zeros((n, 3))
+    x[0] = 1.0
     x[:, 0] = 10.0 + ACCELERATION * 0.025 * np.arange(n)
     return replace(made_record(x), a=np.tile([ACCELERATION, 0.0], (n, 1)))
 
