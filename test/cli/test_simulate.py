@@ -87,7 +87,8 @@ def test_each_verb_has_an_entry_point(capsys, monkeypatch: pytest.MonkeyPatch) -
     """The case of `ros2 run adk_ros info ...`."""
     monkeypatch.setattr(sys, "argv", ["/opt/ws/lib/adk_ros/info", str(bag("town", 10.0))])
     assert cli.info_main() == 0
-    assert "not usable for training or replay: the car moves for 10 s only" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "not usable for training or replay: the car moves for 10 s only" in said
     for verb in ("train", "replay", "play", "echo", "rollout", "info", "simulate", "bench"):
         monkeypatch.setattr(sys, "argv", [f"/opt/ws/lib/adk_ros/{verb}", "--help"])
         assert getattr(cli, f"{verb}_main")() == 0
