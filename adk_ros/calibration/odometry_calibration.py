@@ -80,7 +80,7 @@ def distances(
         _integral(s.v_x * c - left * n, starts, block_s),
         _integral(s.v_x * n + left * c, starts, block_s),
     )
-    # Straight-line distances: a constant error of the heading turns both alike.
+    # Straight-line distances: a constant error of the heading turns both by the same angle.
     moved = np.hypot(_change(s.x, starts, block_s), _change(s.y, starts, block_s))
     ends = _change(s.v_x, starts, block_s)
     return np.column_stack([moved, ends]), driven, weights, block_s

@@ -226,8 +226,8 @@ def _slopes(axis: Axis, places: Places, steps: Steps, spacing: float, is_height:
     shared = SlopeModel(axis, places, driven, spacing).information(variances)
     once = along_the_way(steps.distance, ahead)
     single = SlopeModel(axis, once, driven, spacing).information(variances)
-    # A driver who slows down uphill makes pitch of the body and slope look alike. Only different
-    # accelerations at the same place separate them.
+    # With a driver who slows down uphill, pitch of the body and slope are confounded. Only
+    # different accelerations at the same place separate them.
     considered = axis.considered.copy()
     considered[_BODY] = shared[_BODY] < MIN_INFORMATION * single[_BODY]
     model = SlopeModel(replace(axis, considered=considered), places, driven, spacing)
