@@ -13,6 +13,7 @@ import pandas as pd
 from adk_ros.calibration.road import attitude_comparison
 from adk_ros.calibration.streams import Stream
 from adk_ros.errors import UsageError
+from adk_ros.files.pages.figure_style import BLACK, BLUE
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.road.profile import RoadProfile, SlopeProfile
 
@@ -107,11 +108,11 @@ def road_figure(frame: pd.DataFrame, title: str) -> Figure:
         low, value, high = (
             100.0 * np.tan(frame[f"{name}{end}"].to_numpy()) for end in ("_low", "", "_high")
         )
-        axis.fill_between(distance, low, high, color="#0072B2", alpha=0.25, label="90 % interval")
-        axis.plot(distance, value, color="#0072B2", linewidth=1.4, label="from kinematics")
+        axis.fill_between(distance, low, high, color=BLUE, alpha=0.25, label="90 % interval")
+        axis.plot(distance, value, color=BLUE, linewidth=1.4, label="from kinematics")
         if f"ins_{name}" in frame:
             ins = 100.0 * np.tan(frame[f"ins_{name}"].to_numpy())
-            axis.plot(distance, ins, color="#000000", linewidth=1.0, linestyle="--", label="INS")
+            axis.plot(distance, ins, color=BLACK, linewidth=1.0, linestyle="--", label="INS")
         axis.set_ylabel(f"{name} (%)")
         axis.grid(alpha=0.3)
     axes[0].legend(fontsize=8)
