@@ -263,10 +263,10 @@ def _best_extensions(
 
     # Among hundreds of thresholds and frequencies one nearly always beats a plain feature.
     plain = [h for h in leaders if not _is_searched(h.effects[-1])]
-    if not plain:
-        return [best(leaders)]
-    searched = leaders[0] if _is_searched(leaders[0].effects[-1]) else None
-    return [best(plain)] if searched is None else [best(plain), best([searched])]
+    groups = [plain or leaders]
+    if plain and plain[0] is not leaders[0]:
+        groups.append(leaders[:1])
+    return [best(group) for group in groups]
 
 
 def first_unless_far_behind(fitted: list[Hypothesis], least: float) -> Hypothesis:
