@@ -22,12 +22,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from adk_ros.errors import DataError
+from adk_ros.mismatch.inference.channel_roles import CHANNEL_ROLES, ChannelRole
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.forward_selection import SelectionPath
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import UNKNOWN, MissingChannel
 from adk_ros.mismatch.inference.unmodelled import fit_feature_expansion
-from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
     MAX_FILTER_MISFIT,
     MAX_NORMALISED_LOSS,
@@ -35,13 +35,13 @@ from adk_ros.mismatch.library.criteria import (
     MIN_TORQUE_TO_INERTIA_RATIO,
     MIN_YAW_FILTER_S,
 )
-from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.differentiation import savitzky_golay
 from adk_ros.numerics.filters import low_pass
+from adk_ros.signals.channels import STATE_NAMES
 
 YAW_FILTER_GRID_S = np.arange(0.0, 1.51, 0.025)
 """Time constants that are tried, s."""
@@ -53,8 +53,6 @@ _MIN_COMPARISONS = 10
 _EXTREME_PERCENTILE = 99.0
 _PSEUDO_IMU_OFFSET_S, _PSEUDO_IMU_PERIOD_S = 0.005, 0.01
 
-GRAVITY_EFFECTS = ("road_grade", "road_bank")
-"""Effects that need an accelerometer, which measures specific force, to differ from a force."""
 PHASE_LAG_EFFECTS = (
     "steering_delay",
     "steering_lag",
@@ -82,78 +80,34 @@ class ObservableEffects:
     steering: bool = True
 
     @property
+    def _lost(self) -> list[ChannelRole]:
+        """What is lost with the channels that are missing."""
+        return [role for name, role in CHANNEL_ROLES.items() if not getattr(self, name)]
+
+    @property
     def is_complete(self) -> bool:
         """Whether all channels are available and unfiltered."""
-        channels = self.imu and self.torque and self.v_y and self.steering
-        return channels and self.yaw_filter_s == 0.0
+        return not self._lost and self.yaw_filter_s == 0.0
 
     @property
     def unobservable(self) -> frozenset[str]:
         """Effects, features and equations that the channels do not show."""
-        out: set[str] = set()
-        if not self.imu:
-            out |= {e.name for e in EFFECTS.values() if e.sensor} | set(GRAVITY_EFFECTS)
-        if not self.torque:
-            out |= {e.name for e in EFFECTS.values() if "v_x" in e.equations}
-            out |= {name for name in FEATURES if "torque" in name}
-            out.add("v_x")
-        if not self.steering:
-            lateral = {"v_y", "yaw_rate"}
-            out |= {e.name for e in EFFECTS.values() if not lateral.isdisjoint(e.equations)}
-            out |= lateral
-        elif not self.v_y and not self.imu:
+        out = frozenset().union(*(role.unobservable for role in self._lost))
+        if not self.v_y and not self.imu:
             # Of two lateral equations, one measurement.
-            out.add("v_y")
+            out |= {"v_y"}
         if self.yaw_filter_s > 0.0:
-            out |= set(PHASE_LAG_EFFECTS)
-        return frozenset(out)
+            out = out.union(PHASE_LAG_EFFECTS)
+        return out
 
     def not_predicted(self) -> list[str]:
         """Return the states whose prediction needs a channel that the recording lacks."""
-        known = {
-            "v_x": self.torque,
-            "v_y": self.v_y and self.steering,
-            "yaw_rate": self.steering,
-        }
-        return [name for name, is_known in known.items() if not is_known]
+        lost = {state for role in self._lost for state in role.states}
+        return [name for name in STATE_NAMES if name in lost]
 
     def missing_channels(self) -> list[MissingChannel]:
         """Return the missing channels, with the consequence and the remedy of each."""
-        out = []
-        if not self.imu:
-            out.append(
-                MissingChannel(
-                    "an IMU",
-                    "the recording has no IMU: only odometry is analysed, and effects that need an"
-                    " accelerometer or a gyro (grade, bank, sensor faults) are not; record"
-                    " sensor_msgs/msg/Imu",
-                )
-            )
-        if not self.torque:
-            out.append(
-                MissingChannel(
-                    "a torque command",
-                    "the drive command is no torque (it is constant, a requested acceleration, or"
-                    " far too small to move the car, like a pedal position or a torque in kN·m):"
-                    " longitudinal forces are not analysed; record the wheel torque in N·m",
-                )
-            )
-        if not self.v_y:
-            out.append(
-                MissingChannel(
-                    "a lateral velocity",
-                    "odometry's v_y is constant, not measured: the model's own takes its place,"
-                    " and v_y is not compared; record the velocity of an INS or of two antennas",
-                )
-            )
-        if not self.steering:
-            out.append(
-                MissingChannel(
-                    "a steering angle",
-                    "the steering angle is constant: lateral motion is not analysed; record the"
-                    " angle of the road wheels, and drive bends",
-                )
-            )
+        out = [role.missing for role in self._lost]
         if self.yaw_filter_s > 0.0:
             out.append(
                 MissingChannel(
@@ -200,15 +154,8 @@ class ObservableEffects:
         if self.is_complete:
             return likelihood
         weights = likelihood.weights.copy()
-        if not self.imu:
-            weights[:3] = 0.0
-        if not self.torque:
-            weights[[CHANNELS.index("imu_a_x"), CHANNELS.index("v_x")]] = 0.0
-        if not self.v_y:
-            weights[CHANNELS.index("v_y")] = 0.0
-        if not self.steering:
-            lateral = ("imu_a_y", "imu_yaw_rate", "v_y", "yaw_rate")
-            weights[[CHANNELS.index(name) for name in lateral]] = 0.0
+        lost = {name for role in self._lost for name in role.residuals}
+        weights[[CHANNELS.index(name) for name in sorted(lost)]] = 0.0
         return replace(likelihood, weights=weights, unobservable=self.unobservable)
 
 
@@ -272,6 +219,8 @@ def longest_moving_segment(recording: SensorLog) -> SensorLog:
 
 def is_torque(log: SensorLog, mass: float, wheel_radius: float) -> bool:
     """Whether the command, taken for a torque, accounts for the largest accelerations."""
+    if np.ptp(log.command[:, 0]) == 0.0:
+        return False
     v_x = savitzky_golay(log.odometry[:, 0], log.odometry_period_s)
     acceleration = np.abs(np.gradient(v_x, log.odometry_s))
     moving = v_x > MIN_SPEED
@@ -279,8 +228,6 @@ def is_torque(log: SensorLog, mass: float, wheel_radius: float) -> bool:
         float(np.percentile(acceleration[moving], _EXTREME_PERCENTILE)) if moving.any() else 0.0
     )
     torque = float(np.percentile(np.abs(log.command[:, 0]), _EXTREME_PERCENTILE))
-    if np.ptp(log.command[:, 0]) == 0.0:
-        return False
     return torque / (wheel_radius * mass) > MIN_TORQUE_TO_INERTIA_RATIO * measured
 
 
