@@ -141,6 +141,12 @@ class Record:
         return np.asarray((self.flags & int(UNLEARNABLE)) == 0)
 
     @property
+    def measured(self) -> BoolArray:
+        """Whether each state is measured (3,): its reference is not constant."""
+        known = self.x_ref[np.isfinite(self.x_ref).all(axis=1)]
+        return np.asarray(np.ptp(known, axis=0) > 0.0) if len(known) else np.ones(3, dtype=bool)
+
+    @property
     def duration_s(self) -> float:
         """Total duration of the samples, gaps excluded, s."""
         return len(self) * TICK_NS * 1e-9

@@ -95,14 +95,9 @@ def _assemble(
     breaks = np.concatenate([[False], np.diff(stamp_ns) != TICK_NS])
     breaks |= (flags & int(Flag.RESTART)) != 0
     episode = np.cumsum(breaks)
-    x = np.array([s.x for s in samples])
-    # Of a velocity that is not measured, only what the IMU adds between two odometry messages
-    # would change.
-    for i in np.flatnonzero(np.nanmax(x_ref, axis=0) == np.nanmin(x_ref, axis=0)):
-        x[:, i] = np.nanmin(x_ref[:, i])
-    return Record(
+    record = Record(
         stamp_ns=stamp_ns,
-        x=x,
+        x=np.array([s.x for s in samples]),
         u=np.array([s.u for s in samples]),
         a=np.array([s.a for s in samples]),
         flags=flags,
@@ -110,6 +105,11 @@ def _assemble(
         episode=episode - episode[0],
         name=name,
     )
+    # Of a velocity that is not measured, only what the IMU adds between two odometry messages
+    # would change.
+    for i in np.flatnonzero(~record.measured):
+        record.x[:, i] = np.nanmin(x_ref[:, i])
+    return record
 
 
 def reference(stamp_ns: IntArray, readings: list[Reading]) -> FloatArray:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
+from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.signals.channels import TICK_NS, Record
 
 TICK_S = TICK_NS * 1e-9
@@ -136,7 +136,7 @@ def score(
     error = predicted[:, index - 1, :] - record.x_ref[rows[:, None] + index[None, :]]
     diverged = ~np.isfinite(error) | (np.abs(error) > DIVERGED)
     error = np.where(diverged, DIVERGED, error)
-    error[:, :, ~measured_channels(record)] = np.nan
+    error[:, :, ~record.measured] = np.nan
     return ErrorTable(
         steps=steps,
         rmse=np.sqrt(np.mean(error**2, axis=0)),
@@ -168,12 +168,6 @@ def pool(scores: Sequence[ErrorTable]) -> ErrorTable:
         count=int(counts.sum()),
         diverged=sum(item.diverged for item in used),
     )
-
-
-def measured_channels(record: Record) -> BoolArray:
-    """Return which states (3,) of a record are measured: those that are not constant."""
-    rows = record.x_ref[np.isfinite(record.x_ref).all(axis=1)]
-    return np.asarray(np.ptp(rows, axis=0) > 0.0) if len(rows) else np.ones(3, dtype=bool)
 
 
 def reference_noise(record: Record) -> FloatArray:

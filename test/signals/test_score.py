@@ -22,7 +22,6 @@ from adk_ros.signals.score import (
     best_naive,
     imu_integration,
     linear_extrapolation,
-    measured_channels,
     naive_predictions,
     persistence,
     pool,
@@ -222,8 +221,8 @@ def test_a_constant_channel_is_not_scored() -> None:
     x[:, 1] = 0.0
     dead = replace(record, x=x, x_ref=x.copy())
     rows = np.arange(10, 40)
-    assert measured_channels(record).all()
-    assert measured_channels(dead).tolist() == [True, False, True]
+    assert record.measured.all()
+    assert dead.measured.tolist() == [True, False, True]
     table = score(dead, rows, persistence(dead, rows, 80))
     assert np.isnan(table.rmse[:, 1]).all()
     assert np.isnan(table.worst[:, 1]).all()
