@@ -277,6 +277,18 @@ def test_sensor_faults_are_removed() -> None:
     np.testing.assert_allclose(part.odometry[~before], log.odometry[~before])
 
 
+def test_the_gyro_replaces_a_filtered_yaw_rate() -> None:
+    log = case().held_out
+    slow = replace(log, odometry=log.odometry * [1.0, 1.0, 0.0])
+    restored = without_sensor_faults(slow, [effect("odometry_filter", 0.25)])
+    # Noise of both sensors is left.
+    noise = np.hypot(log.noise()[2], log.noise()[5])
+    assert np.std(restored.odometry[:, 2] - log.odometry[:, 2]) < 2.0 * noise
+    np.testing.assert_array_equal(restored.odometry[:, :2], log.odometry[:, :2])
+    blind = replace(slow, imu_s=np.empty(0), imu=np.empty((0, 3)))
+    assert without_sensor_faults(blind, [effect("odometry_filter", 0.25)]) is blind
+
+
 @cache
 def torque_cut() -> MismatchResult:
     """A car whose drive torque is cut by 60 % in curves; its simulator does not know."""

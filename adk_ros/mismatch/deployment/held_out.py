@@ -198,8 +198,8 @@ def without_sensor_faults(log: SensorLog, effects: Sequence[ActiveEffect]) -> Se
     """
     Return a recording from which identified faults of odometry and clock are removed.
 
-    A low-pass filter of the yaw rate is inverted by its derivative. Faults of the IMU do not
-    enter open-loop predictions.
+    The gyro's yaw rate takes the place of a filtered one. Faults of the IMU do not enter open-loop
+    predictions.
     """
     for active in effects:
         values = active.values()
@@ -212,6 +212,12 @@ def without_sensor_faults(log: SensorLog, effects: Sequence[ActiveEffect]) -> Se
             share = _weight(active.activation, log.command_s)
             stamps = log.command_s + share * values["offset"]
             log = replace(log, command_s=np.maximum.accumulate(stamps))
+        elif active.effect.name == "odometry_filter" and log.imu_s.size:
+            share = _weight(active.activation, log.odometry_s)
+            gyro = np.interp(log.odometry_s, log.imu_s, log.imu[:, 2])
+            odometry = log.odometry.copy()
+            odometry[:, 2] += share * (gyro - odometry[:, 2])
+            log = replace(log, odometry=odometry)
     return log
 
 
