@@ -61,6 +61,7 @@ from adk_ros.mismatch.library.search_limits import (
     PRUNING_SHARE,
     REFIT_EXCESS_RATIO,
     REFIT_NOISE_SHARE,
+    REFIT_NULL_SHARE,
 )
 from adk_ros.mismatch.surrogate.lap import Lap
 
@@ -163,7 +164,7 @@ def select_effects(
                 text = "one effect" if size == 1 else f"{size} effects"
                 progress(size - 1 + i / len(beam), max_effects, text)
             level += _extend(likelihood, start, lap, path)
-        level = _refit_competitive(likelihood, level, path.expected_loss)
+        level = _refit_competitive(likelihood, level, path)
         if not level:
             break
         path.levels.append(level)
@@ -274,13 +275,15 @@ def _top_candidates(candidates: list[Candidate], least: float, count: int) -> li
 
 
 def _refit_competitive(
-    likelihood: Likelihood, level: list[Hypothesis], expected_loss: float
+    likelihood: Likelihood, level: list[Hypothesis], path: SelectionPath
 ) -> list[Hypothesis]:
     """Fit the competitive hypotheses jointly; return the distinct ones with material effects."""
     screened = _distinct(level)[:MAX_REFITS]
+    expected_loss = path.expected_loss
     best_excess = max(screened[0].loss - expected_loss, 0.0) if screened else 0.0
     # A joint fit may change the order of those that a screening fit leaves close together.
     limit = REFIT_EXCESS_RATIO * best_excess + REFIT_NOISE_SHARE * expected_loss
+    limit += REFIT_NULL_SHARE * path.null_excess_loss
     fitted = [
         likelihood.fit(h.effects, nuisances=h.nuisances, budget=JOINT, fit_activation=True)
         if h.loss - expected_loss < limit

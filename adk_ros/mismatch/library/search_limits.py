@@ -36,6 +36,11 @@ BEAM_EXCESS_SHARE = 0.5
 """A hypothesis within this share of the best one's excess loss is extended."""
 BEAM_NOISE_SHARE = 0.04
 """Share of a perfect model's loss added to that margin."""
+REFIT_NULL_SHARE = 0.1
+"""
+Share of the excess loss before any effect added to that margin: screening keeps the nuisance
+derivatives of that fit, and errs by a share of what is unexplained there.
+"""
 REFIT_EXCESS_RATIO = 2.0
 """A hypothesis below this multiple of the best excess loss is fitted jointly."""
 REFIT_NOISE_SHARE = 0.08
