@@ -15,6 +15,7 @@ from adk_ros.mismatch.inference.forward_selection import (
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import RejectedCandidate
+from adk_ros.mismatch.inference.significance import significant_effects
 from adk_ros.mismatch.library.criteria import MAX_CANDIDATES_LISTED
 
 
@@ -44,7 +45,7 @@ def rejected_candidates(
                 confidence_intervals(active, deviation),
                 round((null.loss - h.loss) / max(least, null.loss - h.loss), 3),
                 active.activation.kind,
-                _reason(h, null, path, decision),
+                _reason(likelihood, h, path, decision),
             )
         )
         if len(out) == MAX_CANDIDATES_LISTED:
@@ -52,7 +53,8 @@ def rejected_candidates(
     return out
 
 
-def _reason(h: Hypothesis, null: Hypothesis, path: SelectionPath, decision: Decision) -> str:
+def _reason(likelihood: Likelihood, h: Hypothesis, path: SelectionPath, decision: Decision) -> str:
+    null = path.levels[0][0]
     if not is_improvement(h, null, path):
         gain = max(penalised_loss(null) - penalised_loss(h), 0.0)
         return (
@@ -65,4 +67,6 @@ def _reason(h: Hypothesis, null: Hypothesis, path: SelectionPath, decision: Deci
         return f"{names} {verb} better; no significant residual remains for this effect"
     if decision.unmodelled is not None and decision.unmodelled.terms:
         return "the fitted formula explains more"
+    if not significant_effects(likelihood, h, path.examined):
+        return "chance reaches this size somewhere among all effects, places and onsets examined"
     return "it does not explain the errors on held-out data"
