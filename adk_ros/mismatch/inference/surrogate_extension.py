@@ -50,6 +50,8 @@ _ROAD_ALTERNATIONS = 3
 """Alternations between the road profile and the parameters."""
 _FIRST_ROAD_ROUNDS, _ROAD_ROUNDS = 1, 2
 _ROAD_NOTE = "road grade"
+_DRIVE_YAW = ("yaw_rate", "drive_torque")
+"""Equation and feature of a yaw moment in proportion to the driving torque."""
 _SENSOR_BIASES = {"bias_a_x": (0.02, 0.005), "bias_a_y": (0.02, 0.005), "bias_gyro": (5e-4, 2e-4)}
 """Biases of simulated sensors, SI: prior standard deviation, difference step."""
 
@@ -186,11 +188,14 @@ class _Extension:
         )
         if not expansion.terms:
             return current
-        extended = replace(
-            current,
-            parameters=likelihood.with_nuisances(expansion.hypothesis.nuisances),
-            feature_terms=expansion.terms,
-        )
+        parameters = likelihood.with_nuisances(expansion.hypothesis.nuisances)
+        for term in expansion.terms:
+            if (term.equation, term.feature) == _DRIVE_YAW:
+                # As a parameter it follows the torque that acts, also where effects change that.
+                moment = term.coefficient * parameters[INDEX["yaw_inertia"]]
+                parameters[INDEX["drive_yaw_moment"]] = moment
+        others = [x for x in expansion.terms if (x.equation, x.feature) != _DRIVE_YAW]
+        extended = replace(current, parameters=parameters, feature_terms=tuple(others))
         refitted = self._refit(extended)
         parts = [
             added_to(term.equation, f"{term.coefficient:+.3g} {feature(term.feature).expression}")

@@ -125,6 +125,9 @@ SURROGATE_PARAMETERS: dict[str, SurrogateParameter] = {
     "side_drag": SurrogateParameter(
         0.0, -3e3, 3e3, "N m", "brake torque of each wheel on one side, left +"
     ),
+    "drive_yaw_moment": SurrogateParameter(
+        0.0, -2.0, 2.0, "-", "yaw moment over the driving torque, left +"
+    ),
     "command_delay": SurrogateParameter(
         0.0, -1.0, 1.0, "s", "delay of all commands after their stamps"
     ),

@@ -42,6 +42,7 @@ _ROLL_ARM = INDEX["roll_arm"]
 _DRAG = INDEX["drag_area"]
 _LIFT = INDEX["lift_area"]
 _REAR_STEER = INDEX["rear_steer"]
+_DRIVE_YAW_MOMENT = INDEX["drive_yaw_moment"]
 _WIND_X = INDEX["wind_x"]
 _WIND_Y = INDEX["wind_y"]
 _EXTRA_X = INDEX["extra_x"]
@@ -110,7 +111,7 @@ def body_forces(
     f_x, f_y, m_z = summed_wheel_forces(wheels)
     f_x -= pressure * p[_DRAG] * w_x
     f_y += pressure * p[_SIDE_AREA] * w_y
-    m_z += pressure * p[_YAW_VOLUME] * w_y
+    m_z += pressure * p[_YAW_VOLUME] * w_y + p[_DRIVE_YAW_MOMENT] * max(motion.torque, 0.0)
     a_x = (f_x - spin * kinematic) / (mass + spin) + p[_EXTRA_X]
     a_y = f_y / mass + p[_EXTRA_Y]
     return a_x, a_y, m_z / p[_INERTIA] + p[_EXTRA_YAW]

@@ -41,6 +41,8 @@ from adk_ros.mismatch.surrogate.road_profile import (
     zero_profile,
 )
 from adk_ros.mismatch.surrogate.road_profile_fit import graph_colouring
+from adk_ros.mismatch.surrogate.state_index import A_X, A_Y, V_Y, YAW_ACCELERATION, YAW_RATE
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.environment.elevation import Height, Undulation
 from adk_ros.plant.environment.road import ROAD_GRADE, ROAD_HEADING, ROAD_X, ROAD_Y, lookup
 from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
@@ -263,6 +265,41 @@ def test_unmodelled_part_of_a_simulator_becomes_a_feature_term() -> None:
     without = model.model_copy(update={"extras": type(model.extras)()})
     errors = [rmse(horizon_errors(m, [Evidence(c.held_out)], (1.0,)))[0] for m in (model, without)]
     assert errors[0][0] < 0.5 * errors[1][0]
+
+
+@pytest.mark.slow(seconds=20)
+def test_a_yaw_moment_by_the_driving_torque_follows_the_torque_that_acts() -> None:
+    log, start = case().simulation, case().nominal.parameters()
+    problem = prepare_residual_problem(log)
+    plain = identify_surrogate(problem, start)
+    uneven = plain.parameters.copy()
+    uneven[INDEX["drive_yaw_moment"]] = 0.15
+    more = problem.run(uneven, gain=0.0) - problem.run(plain.parameters, gain=0.0)
+
+    def added(at_s: FloatArray, row: int) -> FloatArray:
+        return np.interp(at_s, problem.middle_s, more[row])
+
+    imu = log.imu + np.column_stack([added(log.imu_s, row) for row in (A_X, A_Y, YAW_RATE)])
+    odometry = log.odometry.copy()
+    for column, row in ((1, V_Y), (2, YAW_RATE)):
+        odometry[:, column] += added(log.odometry_s, row)
+    simulated = prepare_residual_problem(replace(log, imu=imu, odometry=odometry))
+    without = identify_surrogate(simulated, start)
+    assert is_underfit(simulated, without)
+    extended = augment_surrogate(simulated, without, start)
+    assert "max(T, 0)" in extended.augmentation_notes[0]
+    assert not extended.feature_terms
+    moment = extended.parameters[INDEX["drive_yaw_moment"]]
+    assert moment == pytest.approx(0.15, rel=0.15)
+    # With half of the torque, it is half as large.
+    weak, none = extended.parameters.copy(), extended.parameters.copy()
+    none[INDEX["drive_yaw_moment"]] = 0.0
+    whole = problem.run(weak, gain=0.0)[YAW_ACCELERATION]
+    whole -= problem.run(none, gain=0.0)[YAW_ACCELERATION]
+    weak[INDEX["torque_gain"]] = none[INDEX["torque_gain"]] = 0.5
+    half = problem.run(weak, gain=0.0)[YAW_ACCELERATION]
+    half -= problem.run(none, gain=0.0)[YAW_ACCELERATION]
+    assert np.abs(half).max() < 0.7 * np.abs(whole).max()
 
 
 @pytest.mark.slow(seconds=25)
