@@ -36,7 +36,7 @@ from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.deployment.tolerance_error import tolerance_error
 from adk_ros.mismatch.export_choice import Correction, choose_correction
 from adk_ros.mismatch.inference.decision import Decision
-from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, road_friction
 from adk_ros.mismatch.inference.result import (
     NOT_EXPORTED,
     UNKNOWN,
@@ -46,8 +46,8 @@ from adk_ros.mismatch.inference.result import (
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
-from adk_ros.mismatch.surrogate.residuals import BIN_S, prepare_residual_problem
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.mismatch.surrogate.residuals import BIN_S, ResidualProblem, prepare_residual_problem
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.channels import STATE_NAMES
 
 
@@ -95,8 +95,8 @@ def validate_on_held_out(
     simulation = Correction(NOT_EXPORTED, plain, horizon_errors(_parsed(plain), held_out))
     chosen = choose_correction(simulation, hypothesis, evaluate, expected, not_judged)
     before, after, text = rmse(simulation.errors), rmse(chosen.errors), chosen.text
-    clean = [replace(x, log=without_sensor_faults(x.log, effects)) for x in held_out]
-    unchanged = all(a.log is b.log for a, b in zip(clean, held_out, strict=True))
+    clean = [_judged(surrogate, x, effects) for x in held_out]
+    unchanged = all(a is b for a, b in zip(clean, held_out, strict=True))
     corrected = after if unchanged else rmse(horizon_errors(_parsed(text), clean))
     hidden = [STATE_NAMES.index(name) for name in not_judged]
     faulty = [STATE_NAMES.index(name) for name in unjudged_states(effects)]
@@ -124,7 +124,30 @@ def validate_on_held_out(
 def _within_simulation(surrogate: SurrogateModel, item: Evidence) -> Evidence:
     """Return evidence without the stretches that are driven harder than the simulation."""
     problem = prepare_residual_problem(item.log)
-    edges = np.diff(surrogate.bins_beyond(problem).astype(int), prepend=0, append=0)
+    return _without(item, problem, surrogate.bins_beyond(problem))
+
+
+def _judged(
+    surrogate: SurrogateModel, item: Evidence, effects: Sequence[ActiveEffect]
+) -> Evidence:
+    """
+    Return the evidence that a corrected model is judged by: without identified sensor faults.
+
+    Nor with the stretches on a slippery road that use more of the grip than the simulation.
+    """
+    clean = without_sensor_faults(item.log, effects)
+    out = item if clean is item.log else replace(item, log=clean)
+    problem = prepare_residual_problem(item.log)
+    friction = road_friction(effects, problem)
+    if friction is None:
+        return out
+    beyond = surrogate.bins_beyond(problem, friction)
+    return _without(out, problem, beyond) if beyond.any() else out
+
+
+def _without(item: Evidence, problem: ResidualProblem, bins: BoolArray) -> Evidence:
+    """Return evidence that skips some bins (b,) of its recording's grid."""
+    edges = np.diff(bins.astype(int), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     return replace(
         item, skipped_s=problem.start_s + BIN_S * np.column_stack([begins, ends]).astype(float)

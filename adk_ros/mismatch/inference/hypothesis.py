@@ -7,8 +7,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.surrogate.activation import ALWAYS_ACTIVE, Activation
+from adk_ros.mismatch.surrogate.residuals import ResidualProblem
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.levenberg_marquardt import FitResult
 
@@ -71,3 +74,21 @@ def with_parameters(
 def inactive_effect(effect: Effect, activation: Activation = ALWAYS_ACTIVE) -> ActiveEffect:
     """Return an effect at its neutral values."""
     return ActiveEffect(effect, tuple(p.theta_neutral for p in effect.parameters), activation)
+
+
+def road_friction(effects: Sequence[ActiveEffect], problem: ResidualProblem) -> FloatArray | None:
+    """
+    Return the road's friction (b,) over that of the simulation, or None without such an effect.
+
+    Where it acts at places that are not known along this recording, it counts everywhere.
+    """
+    found = [active for active in effects if active.effect.name == "low_friction"]
+    if not found:
+        return None
+    factor = np.ones(problem.bins)
+    for active in found:
+        distance = active.activation.distance
+        is_known = distance is None or distance.shape == (problem.steps,)
+        weight = active.activation.series(problem) if is_known else np.ones(problem.steps)
+        factor *= 1.0 + (active.values()["mu_scale"] - 1.0) * problem.binned(weight)
+    return factor

@@ -9,6 +9,9 @@ physics. Such driving is where both the measured and the simulated acceleration 
 convex hull of the simulated ones in the plane of a_x and a_y (the g-g diagram: D. L. Milliken,
 W. F. Milliken, "Race Car Vehicle Dynamics", 1995, chapter 9). Both, since missing physics may move
 either of them alone: a power limit lowers the measured one, a phantom braking the simulated one.
+
+With the friction of the road all forces of a tyre at given slip over peak slip shrink in
+proportion: on a slippery road the hull shrinks with it.
 """
 
 from __future__ import annotations
@@ -51,15 +54,18 @@ class AccelerationEnvelope:
         outside = accelerations @ sides[:, :2].T + sides[:, 2]
         return np.asarray((outside > _ROUNDING).any(axis=1))
 
-    def bins_beyond(self, problem: ResidualProblem, out: FloatArray) -> BoolArray:
+    def bins_beyond(
+        self, problem: ResidualProblem, out: FloatArray, friction: FloatArray
+    ) -> BoolArray:
         """
         Return the bins (b,) of a recording beyond the simulation, and those that they influence.
 
-        `out`: the surrogate's run along the recording. Smoothing spreads a measurement by half of
-        its window, and the surrogate settles afterwards.
+        `out`: the surrogate's run along the recording; `friction` (b,): of the road, relative to
+        the simulation's. Smoothing spreads a measurement by half of its window, and the surrogate
+        settles afterwards.
         """
-        beyond = self.excludes(simulated_accelerations(problem, out))
-        beyond &= self.excludes(_measured_accelerations(problem))
+        beyond = self.excludes(simulated_accelerations(problem, out) / friction[:, None])
+        beyond &= self.excludes(_measured_accelerations(problem) / friction[:, None])
         before = np.ones(round(0.5 * SMOOTHING_WINDOW_S / BIN_S) + 1)
         after = np.ones(round(SETTLING_S / BIN_S) + 1)
         spread = np.convolve(beyond[::-1], before)[: problem.bins][::-1] > 0.0

@@ -174,21 +174,27 @@ class SurrogateModel:
         accelerations = simulated_accelerations(problem, out)[SETTLING_BINS:]
         return replace(self, systematic=learned, envelope=AccelerationEnvelope.of(accelerations))
 
-    def bins_beyond(self, problem: ResidualProblem) -> BoolArray:
+    def bins_beyond(
+        self, problem: ResidualProblem, friction: FloatArray | None = None
+    ) -> BoolArray:
         """
         Return the bins (b,) of a recording that is driven harder than the simulation.
 
-        None, where that is most of the recording: what is left would not be what is asked about.
+        `friction` (b,): of the road, relative to the simulation's. None, where that is most of the
+        recording: what is left would not be what is asked about.
         """
-        beyond = self.harder_driving(problem)
+        beyond = self.harder_driving(problem, friction)
         return np.asarray(beyond & (beyond.mean() <= MAX_SHARE_BEYOND))
 
-    def harder_driving(self, problem: ResidualProblem) -> BoolArray:
+    def harder_driving(
+        self, problem: ResidualProblem, friction: FloatArray | None = None
+    ) -> BoolArray:
         """Return the bins (b,) with accelerations that the simulation does not reach."""
         if self.envelope is None:
             return np.zeros(problem.bins, dtype=bool)
         out = problem.run(self.parameters, self.fixed_terms(problem))
-        return self.envelope.bins_beyond(problem, out)
+        alike = np.ones(problem.bins)
+        return self.envelope.bins_beyond(problem, out, alike if friction is None else friction)
 
     def systematic_error(self, problem: ResidualProblem) -> FloatArray:
         """Return the known error (6, bins) along a recording: measured minus simulated."""

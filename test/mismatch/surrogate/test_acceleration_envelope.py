@@ -17,10 +17,12 @@ from adk_ros.files.yaml_file import validate
 from adk_ros.mismatch.deployment.held_out import Evidence, persistence_errors
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
-from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, road_friction
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inputs import Inputs
+from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.surrogate.acceleration_envelope import AccelerationEnvelope
+from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.identification import SurrogateModel, identify_surrogate
 from adk_ros.mismatch.surrogate.residuals import (
     BIN_S,
@@ -104,6 +106,48 @@ def test_a_drive_that_is_harder_throughout_is_kept() -> None:
     known = gentler(0.2)
     assert known.harder_driving(problem()).mean() > 0.5
     assert not known.bins_beyond(problem()).any()
+
+
+def test_a_slippery_road_is_driven_harder_at_the_same_accelerations() -> None:
+    recording = prepare_residual_problem(case().recording)
+    half = np.full(recording.bins, 0.5)
+    # As if the simulation had been driven half as hard.
+    slippery, gentle = surrogate().harder_driving(recording, half), gentler(0.5)
+    np.testing.assert_array_equal(slippery, gentle.harder_driving(recording))
+    assert slippery.sum() > surrogate().harder_driving(recording).sum()
+
+
+def test_friction_is_that_of_the_effect_where_it_acts() -> None:
+    recording = prepare_residual_problem(case().recording)
+    low = EFFECTS["low_friction"]
+    assert road_friction([], recording) is None
+    everywhere = road_friction([ActiveEffect(low, (0.7,))], recording)
+    assert everywhere is not None
+    np.testing.assert_allclose(everywhere, 0.7)
+    late = road_friction([ActiveEffect(low, (0.7,), Activation(onset_s=45.0))], recording)
+    assert late is not None
+    assert late[recording.bin_s < 40.0] == pytest.approx(1.0, abs=1e-3)
+    assert late[recording.bin_s > 50.0] == pytest.approx(0.7, abs=1e-3)
+    # The places of another drive are not known here: it may act anywhere.
+    placed = Activation(segments=((0.0, 50.0),), lap_length=300.0, distance=np.zeros(7))
+    unknown = road_friction([ActiveEffect(low, (0.7,), placed)], recording)
+    assert unknown is not None
+    np.testing.assert_allclose(unknown, 0.7)
+
+
+def test_sliding_beyond_the_simulation_does_not_count_against_a_correction() -> None:
+    low = ActiveEffect(EFFECTS["low_friction"], (0.95,))
+    known = surrogate()
+    nuisances = np.zeros(15 + known.weak_directions.shape[0])
+    evidence = [Evidence(case().recording)]
+    with_friction, without = (
+        validate_on_held_out(known, Hypothesis(effects, nuisances, 0.0), None, evidence).errors
+        for effects in ((low,), ())
+    )
+    # The same predictions are compared with the simulation's; fewer judge the correction.
+    assert with_friction.starts == without.starts
+    np.testing.assert_array_equal(with_friction.before, without.before)
+    assert (with_friction.corrected != with_friction.after).any()
 
 
 def test_what_is_beyond_neither_counts_nor_is_predicted() -> None:
