@@ -75,6 +75,24 @@ def test_rotating_inertia_is_no_build_tolerance() -> None:
         }
 
 
+def test_rotating_inertia_is_no_pair_of_torque_gain_and_wheel_radius() -> None:
+    """Screening leaves it a quarter above the loss that a joint fit reaches."""
+    result = result_of("rotating_inertia", plant="spring_car")
+    assert result.verdict == EXPLAINED
+    (found,) = result.effects
+    assert found.effect.name == "rotating_inertia"
+    assert found.parameters["inertia"].value == pytest.approx(20.0, rel=0.15)
+
+
+def test_a_power_limit_of_a_foreign_car_leaves_no_yaw_error() -> None:
+    """The yaw moment of its drive ends with the torque that acts, not with the command."""
+    injected = InjectedMismatch({"power_limit": FULL["power_limit"]})
+    case = make_case("power", injected, 23, MULTI_BODY, seconds=SECONDS)
+    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    assert result.verdict == EXPLAINED
+    assert [x.effect.name for x in result.effects] == ["power_limit"]
+
+
 def test_a_foreign_car_steers_less() -> None:
     """The multi-body model of another project, on both sides."""
     injected = InjectedMismatch({"steering_ratio": {"scale": 0.93}})
