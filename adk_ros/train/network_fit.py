@@ -59,6 +59,8 @@ _NOISE_SHARE, _MIN_NOISE = 0.45, 0.02
 Training noise as a share of the measurement noise, and its minimum in units of `step_scale`.
 Empirical, not calibrated.
 """
+_MIN_CHANGE = 1e-6
+"""Scaled. A state that changes less over all the training data is a constant."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +104,6 @@ def require_min_rows(rows: IntArray) -> None:
             f"only {rows.size * _TICK_S:.0f} s of training data without gaps, at least "
             f"{_MIN_ROWS * _TICK_S:.0f} s are needed: give more or longer recordings"
         )
-
-
-_MIN_CHANGE = 1e-6
-"""Scaled. A state that changes less over all the training data is a constant."""
 
 
 class _Data:
