@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +118,7 @@ def _sentence(test: HeldOutScores | None) -> str:
 def _ratios_text(ratios: FloatArray) -> str:
     """Return the ratios (3,) of the channels that are measured."""
     names = ("v_x", "v_y", "yaw rate")
-    known = [f"{x:.2f} for {name}" for name, x in zip(names, ratios, strict=True) if x == x]
+    known = [f"{x:.2f} for {name}" for name, x in zip(names, ratios, strict=True) if math.isfinite(x)]
     return f"{', '.join(known[:-1])} and {known[-1]}" if len(known) > 1 else "".join(known)
 
 
