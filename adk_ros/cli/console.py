@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from adk_ros.numerics.finite import finite, shown
+from adk_ros.numerics.finite import finite, number_or_dash
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import DISPLAY_NAMES, REPORT_SCALE, ErrorTable, best_naive
 
@@ -170,7 +170,7 @@ def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], tit
     for channel, (label, unit) in enumerate(zip(STATE_NAMES, _REPORT_UNITS, strict=True)):
         for row, step in enumerate(first.steps):
             errors_shown = [
-                shown(scores[name].rmse[row, channel] * REPORT_SCALE[channel], ".4g")
+                number_or_dash(scores[name].rmse[row, channel] * REPORT_SCALE[channel], ".4g")
                 for name in (*model_names, *naive)
             ]
             ratios = [
@@ -182,7 +182,7 @@ def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], tit
                 name,
                 f"{step * TICK_NS * 1e-9:g} s",
                 *errors_shown,
-                *(shown(ratio, ".2f") for ratio in ratios),
+                *(number_or_dash(ratio, ".2f") for ratio in ratios),
                 end_section=row == len(first.steps) - 1,
                 style=None if ratios[0] < 1.0 else "yellow",
             )

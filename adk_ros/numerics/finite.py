@@ -23,6 +23,6 @@ def finite(value: Any) -> Any:
     return value
 
 
-def shown(value: float, form: str) -> str:
+def number_or_dash(value: float, form: str) -> str:
     """Return a number in a format such as ".2f", a dash for one that is not finite."""
     return f"{value:{form}}" if math.isfinite(value) else "-"

@@ -14,7 +14,7 @@ import numpy as np
 from adk_ros.files.pages.page import embed, render_page
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.numerics.finite import shown
+from adk_ros.numerics.finite import number_or_dash
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.train.held_out import MODEL, TIE, HeldOutScores
 from adk_ros.train.report_figures import (
@@ -118,7 +118,9 @@ def _sentence(test: HeldOutScores | None) -> str:
 def _ratios_text(ratios: FloatArray) -> str:
     """Return the ratios (3,) of the channels that are measured."""
     names = ("v_x", "v_y", "yaw rate")
-    known = [f"{x:.2f} for {name}" for name, x in zip(names, ratios, strict=True) if math.isfinite(x)]
+    known = [
+        f"{x:.2f} for {name}" for name, x in zip(names, ratios, strict=True) if math.isfinite(x)
+    ]
     return f"{', '.join(known[:-1])} and {known[-1]}" if len(known) > 1 else "".join(known)
 
 
@@ -133,10 +135,12 @@ def _rows(test: HeldOutScores) -> list[dict[str, Any]]:
                     "channel": REPORT_UNITS.labels[c] if i == 0 else "",
                     "horizon": f"{step * TICK_NS * 1e-9:g} s",
                     "errors": [
-                        shown(s.rmse[i, c] * REPORT_UNITS.scale[c], ".4g")
+                        number_or_dash(s.rmse[i, c] * REPORT_UNITS.scale[c], ".4g")
                         for s in test.scores.values()
                     ],
-                    "ratios": [(shown(ratio, ".2f"), bool(ratio < TIE)) for ratio in ratios],
+                    "ratios": [
+                        (number_or_dash(ratio, ".2f"), bool(ratio < TIE)) for ratio in ratios
+                    ],
                 }
             )
     return rows
