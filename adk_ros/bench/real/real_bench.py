@@ -10,7 +10,6 @@ from pathlib import Path
 
 from adk_ros.bench.real.fault_cases import Pairing, pairings, recordings_by_vehicle
 from adk_ros.bench.real.injected_faults import INJECTIONS
-from adk_ros.calibration.change import Comparison
 from adk_ros.calibration.finding import Verdict
 from adk_ros.calibration.reference_check import (
     Prepared,
@@ -18,7 +17,6 @@ from adk_ros.calibration.reference_check import (
     check_against,
     prepared,
 )
-from adk_ros.calibration.streams import Streams
 
 OTHER_COURSE = "pair, other course"
 """Kind of a comparison with a recording of another course, whose slope, bank and speeds differ."""
@@ -95,38 +93,12 @@ def bench_real(
         if given.kind == "pair" and untouched.comparison.is_same_course is False:
             pairing = replace(given, kind=OTHER_COURSE)
         outcomes.append(_scored(pairing, "", 0.0, untouched))
-        shown, hidden = _faults(pairing, untouched.comparison, sizes)
-        left_out[f"{pairing.vehicle}, {pairing.name}"] = hidden
-        outcomes += _injected(pairing, reference, shown, sizes)
+        missing = {fault.label for fault in untouched.comparison.missing}
+        left_out[f"{pairing.vehicle}, {pairing.name}"] = [x for x in sizes if x in missing]
+        outcomes += _injected(pairing, reference, [x for x in sizes if x not in missing], sizes)
         if progress is not None:
             progress(done, len(all_pairings))
     return RealBench(outcomes, left_out, refused)
-
-
-def _faults(
-    pairing: Pairing, comparison: Comparison, sizes: Mapping[str, tuple[float, ...]]
-) -> tuple[list[str], list[str]]:
-    """Return the faults that the channels of a comparison can show, and the others."""
-    missing = {fault.label for fault in comparison.missing}
-    streams = pairing.tested.streams
-    shown: list[str] = []
-    hidden: list[str] = []
-    for label in sizes:
-        is_shown = label not in missing and _has_channel(label, streams)
-        (shown if is_shown else hidden).append(label)
-    return shown, hidden
-
-
-def _has_channel(label: str, streams: Streams) -> bool:
-    if label.startswith("imu"):
-        return streams.imu is not None
-    if label == "gyro_scale":
-        return streams.imu is not None and streams.imu.has("w_z")
-    if label == "odometry_filter":
-        return streams.odometry is not None and streams.odometry.has("yaw_rate")
-    if label == "odometry_scale":
-        return streams.odometry is not None
-    return streams.command is not None
 
 
 def _injected(
