@@ -47,8 +47,10 @@ class Channel:
     meaning: str
 
 
-_WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+AXLES = {"front": ("front_left", "front_right"), "rear": ("rear_left", "rear_right")}
+"""Wheels of each axle, left and right; a wheel speed may also be that of a whole axle."""
 _WHEEL = "speed of rotation of the wheel, forward positive"
+_AXLE = "mean speed of rotation of the wheels of the axle, forward positive"
 
 CHANNELS: dict[str, Channel] = {
     channel.name: channel
@@ -70,7 +72,12 @@ CHANNELS: dict[str, Channel] = {
         Channel("heading", ANGLE, ODOMETRY, "direction of the x axis, from x towards y positive"),
         Channel("torque", TORQUE, COMMAND, "net wheel torque, sum of all wheels"),
         Channel("delta", ANGLE, COMMAND, "road-wheel angle, left positive"),
-        *(Channel(f"wheel_speed_{wheel}", RATE, "", _WHEEL) for wheel in _WHEELS),
+        *(
+            Channel(f"wheel_speed_{at}", RATE, "", _WHEEL)
+            for pair in AXLES.values()
+            for at in pair
+        ),
+        *(Channel(f"wheel_speed_{axle}", RATE, "", _AXLE) for axle in AXLES),
         Channel("motor_speed", RATE, "", "speed of rotation of the engine or motor"),
         Channel("brake_pressure", PRESSURE, "", "brake pressure"),
         Channel("throttle", SHARE, "", "position of the accelerator pedal, 0 to 1"),

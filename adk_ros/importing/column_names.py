@@ -66,6 +66,13 @@ _WHEEL_NAMES = {
     )
     for wheel, at in _POSITIONS.items()
 }
+_AXLE_NAMES = {
+    f"wheel_speed_{axle}": (
+        rf"{_WHEEL_WORD}s?_?{_WHEEL_QUANTITY}_?{at}",
+        rf"{at}_?(?:axle_?)?{_WHEEL_WORD}s?_?{_WHEEL_QUANTITY}",
+    )
+    for axle, at in (("front", r"(?:front|vorne?|va)"), ("rear", r"(?:rear|hinten|ha)"))
+}
 # In the order in which they are tried: the special before the general.
 _NAMES: dict[str, tuple[str, ...]] = {
     TIME: (
@@ -75,6 +82,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
         r"elapsed(?:_?time)?",
     ),
     **_WHEEL_NAMES,
+    **_AXLE_NAMES,
     "gps_speed": (
         rf"(?:gps|gnss|ground)_?{_VEL}|sog",
         rf"{_VEL}_?(?:gps|gnss|over_?ground)",
