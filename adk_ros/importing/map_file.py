@@ -10,15 +10,16 @@ hand-wheel angle over the road-wheel angle.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from datetime import date, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, PlainValidator
 
 from adk_ros.errors import UsageError
 from adk_ros.files.yaml_file import FileModel, read, validate
-from adk_ros.importing.channels import CHANNELS, SPEED, is_wheel_speed
+from adk_ros.importing.channels import AXLES, CHANNELS, SPEED, is_wheel_speed
 from adk_ros.importing.units import factor_to_si, is_unit_of
 
 TIME_UNITS = {
@@ -28,7 +29,23 @@ TIME_UNITS = {
 """Unit of a time column -> ns; "date" is a text with date and time."""
 
 _Column = Annotated[str, Field(min_length=1, max_length=400)]
-_Length = Annotated[float, Field(gt=0.0, le=5.0)]
+_MAX_RADIUS = 5.0
+"""m; the largest `wheel_radius` of a channel."""
+IDENTIFY = "identify"
+"""In place of a wheel radius: the one that fits GPS speed or position."""
+
+
+def _radius(value: Any) -> float | str | None:
+    """Return a wheel radius as the map gives it; raises `ValueError`."""
+    if value is None or value == IDENTIFY:
+        return value if value is None else IDENTIFY
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not 0.0 < value <= _MAX_RADIUS:
+        raise ValueError(f"give a length up to {_MAX_RADIUS:g} m, or {IDENTIFY}")
+    return float(value)
+
+
+_Radius = Annotated[float | str | None, PlainValidator(_radius)]
 _Period = Annotated[float, Field(gt=0.0, le=3600.0)]
 _Row = Annotated[int, Field(ge=1)]
 
@@ -75,7 +92,26 @@ class ChannelMap(FileModel):
     offset: float = 0.0
     scale: float = 1.0
     ratio: float = 1.0
-    wheel_radius: _Length | None = None
+    wheel_radius: Annotated[float, Field(gt=0.0, le=_MAX_RADIUS)] | None = None
+
+
+class VelocityMap(FileModel):
+    """
+    How v_x is computed: from wheel speeds, or from the speed over ground of a GPS receiver.
+
+    `wheels`: the undriven axle, which slips least. `wheel_radius` in m, or `IDENTIFY`; by default
+    that of the channels, else identified.
+    """
+
+    from_: Annotated[Literal["wheel_speeds", "gps"], Field(alias="from")]
+    wheels: Literal["front", "rear", "all"] = "all"
+    wheel_radius: _Radius = None
+
+
+class ComputedMap(FileModel):
+    """Channels that no column has, computed from others."""
+
+    v_x: VelocityMap | None = None
 
 
 class ImportMap(FileModel):
@@ -84,6 +120,7 @@ class ImportMap(FileModel):
     time: TimeMap | None = None
     files: dict[str, FileMap] = Field(default_factory=dict)
     channels: dict[str, ChannelMap]
+    computed: ComputedMap = ComputedMap()
 
 
 def load_map(path: Path | str) -> ImportMap:
@@ -118,6 +155,7 @@ def checked_map(name: str, content: Any) -> ImportMap:
             factor_of(channel, entry)
         except UsageError as error:
             raise UsageError(f"{place}.unit: {error}") from None
+    _check_computed(name, loaded)
     places = [("time", loaded.time)]
     places += [(f"files.{key}.time", item.time) for key, item in loaded.files.items()]
     for place, time in places:
@@ -134,6 +172,40 @@ def checked_map(name: str, content: Any) -> ImportMap:
         if item.rows is not None and item.rows[0] >= item.rows[1]:
             raise UsageError(f"{name}: files.{key}.rows: give the first and the last row")
     return loaded
+
+
+def _check_computed(name: str, loaded: ImportMap) -> None:
+    """Raise `UsageError` if a computed channel is measured as well, or lacks what it needs."""
+    velocity = loaded.computed.v_x
+    if velocity is None:
+        return
+    place = f"{name}: computed.v_x"
+    if "v_x" in loaded.channels:
+        raise UsageError(f"{place}: channels.v_x is given as well: leave out one of them")
+    if velocity.from_ == "gps":
+        if "gps_speed" not in loaded.channels:
+            raise UsageError(f"{place}: needs channels.gps_speed")
+        if velocity.wheel_radius is not None or velocity.wheels != "all":
+            raise UsageError(f"{place}: wheels and wheel_radius are for 'from: wheel_speeds'")
+        return
+    if not any(wheels_of(axle, loaded.channels) for axle in axles_of(velocity.wheels)):
+        which = "" if velocity.wheels == "all" else f"{velocity.wheels} "
+        raise UsageError(
+            f"{place}: needs {which}wheel speeds in channels, such as "
+            f"wheel_speed_{axles_of(velocity.wheels)[0]}_left"
+        )
+
+
+def axles_of(wheels: str) -> tuple[str, ...]:
+    """Return the axles that `VelocityMap.wheels` stands for."""
+    return tuple(AXLES) if wheels == "all" else (wheels,)
+
+
+def wheels_of(axle: str, names: Collection[str]) -> tuple[str, ...]:
+    """Return the wheel-speed channels of an axle: its wheels, else its mean; empty if none."""
+    pair = tuple(f"wheel_speed_{at}" for at in AXLES[axle] if f"wheel_speed_{at}" in names)
+    mean = f"wheel_speed_{axle}"
+    return (mean,) if mean in names and len(pair) < len(AXLES[axle]) else pair
 
 
 def factor_of(channel: str, entry: ChannelMap) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from adk_ros.bags import BagWriter
 from adk_ros.errors import DataError
 from adk_ros.importing.channels import CHANNELS
+from adk_ros.importing.computed_channels import with_computed
 from adk_ros.importing.map_file import ImportMap
 from adk_ros.importing.source_channels import SourceChannel, source_channels
 from adk_ros.importing.source_files import open_tables
@@ -87,6 +88,7 @@ def read_channels(
     tables = open_tables(files, import_map.files, databases, notes)
     channels = source_channels(tables, import_map, map_name, notes)
     notes += _losses(channels)
+    channels = with_computed(channels, import_map, map_name, notes)
     outcome = topics_of(channels, notes)
     outcome.topics = [topic for topic in outcome.topics if len(topic.stream)]
     if not outcome.topics:

@@ -112,10 +112,15 @@ def _at(channel: SourceChannel, at_ns: IntArray, hold: bool) -> tuple[FloatArray
     gap = (stamps[right] - stamps[left]).astype(np.float64)
     share = (at_ns - stamps[left]) / np.maximum(gap, 1.0)
     values = source[left] + share * (source[right] - source[left])
-    longest = max(_MAX_GAP_NS, _MAX_GAP_PERIODS * float(np.median(np.diff(stamps))))
+    longest = longest_gap_ns(stamps)
     exact = stamps[left] == at_ns
     inside = exact | ((before >= 0) & (at_ns <= stamps[-1]) & (gap <= longest))
     return np.where(exact, source[left], values), inside
+
+
+def longest_gap_ns(stamp_ns: IntArray) -> float:
+    """Return the longest time between stamps over which values are interpolated, ns."""
+    return max(_MAX_GAP_NS, _MAX_GAP_PERIODS * float(np.median(np.diff(stamp_ns))))
 
 
 def rate_hz(stamp_ns: IntArray) -> float:
