@@ -35,31 +35,40 @@ class Proposal:
     """
     A proposed map.
 
-    `text`: as YAML with a reason for each line. `guesses`: its channels. `uncertain`: the lines to
-    check, by channel; `time` is the time column. `unused`: columns without a channel.
+    `text`: as YAML with a reason for each line. `guesses`: its channels; `computed`: those that
+    are computed from others. `uncertain`: the lines to check, by channel; `time` is the time
+    column. `unused`: columns without a channel.
     """
 
     text: str
     guesses: tuple[Guess, ...]
+    computed: tuple[Guess, ...]
     uncertain: tuple[str, ...]
     unused: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """Return what `adk import --propose --json` prints."""
         return {
-            "channels": {
-                guess.channel: guess.entry | {"reason": guess.reason, "certain": guess.is_certain}
-                for guess in self.guesses
-            },
+            "channels": _entries(self.guesses),
+            "computed": _entries(self.computed),
             "check": list(self.uncertain),
             "unused": list(self.unused),
             "text": self.text,
         }
 
 
+def _entries(guesses: Sequence[Guess]) -> dict[str, dict[str, Any]]:
+    """Return the entries of guesses by channel, each with its reason."""
+    return {
+        guess.channel: guess.entry | {"reason": guess.reason, "certain": guess.is_certain}
+        for guess in guesses
+    }
+
+
 def written(
     files: Sequence[Path],
     guesses: tuple[Guess, ...],
+    computed: tuple[Guess, ...],
     times: Sequence[tuple[Table, TimeGuess]],
     reference: str,
     unused: tuple[str, ...],
@@ -79,13 +88,14 @@ def written(
     ]
     uncertain: list[str] = []
     lines += _time_lines(times, uncertain)
-    lines.append("channels:")
-    for guess in guesses:
-        mark = "" if guess.is_certain else CHECK
-        lines.append(f"  {guess.channel}: {_flow(guess.entry)}  # {mark}{guess.reason}")
-        if not guess.is_certain:
-            uncertain.append(guess.channel)
-    given = {guess.channel for guess in guesses}
+    for key, part in (("channels", guesses), ("computed", computed)):
+        lines += [f"{key}:"] if part else []
+        for guess in part:
+            mark = "" if guess.is_certain else CHECK
+            lines.append(f"  {guess.channel}: {_flow(guess.entry)}  # {mark}{guess.reason}")
+            if not guess.is_certain:
+                uncertain.append(guess.channel)
+    given = {guess.channel for guess in (*guesses, *computed)}
     turning = [x for x in ("yaw_rate", "a_y", "delta", "v_y") if x in given]
     if turning and not reference:
         lines.append(
@@ -105,7 +115,7 @@ def written(
         shown = ", ".join(" ".join(name.split()) for name in unused[:_MAX_NAMED])
         lines.append(f"# not used: {shown}{more}")
     lines += [f"# {' '.join(note.split())}" for note in notes]
-    return Proposal("\n".join(lines) + "\n", guesses, tuple(uncertain), unused)
+    return Proposal("\n".join(lines) + "\n", guesses, computed, tuple(uncertain), unused)
 
 
 def _time_lines(times: Sequence[tuple[Table, TimeGuess]], uncertain: list[str]) -> list[str]:

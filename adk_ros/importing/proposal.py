@@ -35,6 +35,7 @@ from adk_ros.importing.table import Table, as_numbers
 from adk_ros.importing.time_column import TimeGuess, guess_time
 from adk_ros.importing.unit_choice import Findings
 from adk_ros.importing.units import is_unit_of
+from adk_ros.importing.velocity_choice import USUAL_RADIUS, computed_velocity, speed_to_compare
 from adk_ros.numerics.arrays import FloatArray
 
 _HAND = re.compile(r"(?i)hand|lenkrad|lws|swa|steering_?\s?wheel|str_?whl|str_?wheel")
@@ -77,14 +78,14 @@ def propose(files: Sequence[Path], databases: Sequence[Path]) -> Proposal:
     if "delta" in chosen:
         column = chosen["delta"].channel.column
         hand = True if _HAND.search(column) else False if _ROAD.search(column) else None
-    found = find_consistent_units(
-        {name: item.channel for name, item in chosen.items()}, known, hand
-    )
+    raw = {name: item.channel for name, item in chosen.items()}
+    found = find_consistent_units(*_with_speed(raw, known), hand)
     guesses = tuple(
         _guess(name, chosen[name], chosen, found, len(candidates.get(name, ())), tables)
         for name in CHANNELS
         if name in chosen
     )
+    velocity = computed_velocity(raw, {guess.channel: guess for guess in guesses})
     used = {(item.channel.table, item.channel.column) for item in chosen.values()}
     time_columns = {(t.label, time.column) for t in tables if (time := times[id(t)].time)}
     unused = tuple(
@@ -95,8 +96,25 @@ def propose(files: Sequence[Path], databases: Sequence[Path]) -> Proposal:
     )
     used_tables = [t for t in tables if any(item.table is t for item in chosen.values())]
     return written(
-        files, guesses, [(t, times[id(t)]) for t in used_tables], found.reference, unused, notes
+        files,
+        guesses,
+        (velocity,) if velocity is not None else (),
+        [(t, times[id(t)]) for t in used_tables],
+        found.reference,
+        unused,
+        notes,
     )
+
+
+def _with_speed(
+    raw: dict[str, SourceChannel], known: dict[str, str]
+) -> tuple[dict[str, SourceChannel], dict[str, str]]:
+    """Return channels and known units, with a speed to compare with where v_x is missing."""
+    speed = None if "v_x" in raw else speed_to_compare(raw, known)
+    if speed is None:
+        return raw, known
+    channel, unit = speed
+    return raw | {"v_x": channel}, known | ({"v_x": unit} if unit else {})
 
 
 def _candidates(table: Table, time: TimeGuess, notes: list[str]) -> list[_Candidate]:
@@ -205,7 +223,7 @@ def _guess(
         if not found.is_ratio_certain and (found.ratio != 1.0 or not item.unit):
             doubts.append("ratio guessed")
     if is_wheel_speed(name) and is_unit_of(entry["unit"], SPEED):
-        entry["wheel_radius"] = 0.3
+        entry["wheel_radius"] = USUAL_RADIUS
         doubts.append("wheel radius guessed")
     if name == "torque" and _MOTOR.search(item.channel.column):
         doubts.append("torque of the motor: give the ratio of the gears as scale")
