@@ -42,12 +42,18 @@ class Informative:
     road: str
 
 
-def informative(streams: Streams, unusable: list[Interval], command_type: str) -> Informative:
+def informative(
+    streams: Streams,
+    unusable: list[Interval],
+    command_type: str,
+    is_torque_estimated: bool = False,
+) -> Informative:
     """
     Return which channels of a recording are informative.
 
     :param unusable: intervals (s) of gaps, frozen readings and jumps.
     :param command_type: key of `COMMAND_TYPES`, empty without a command.
+    :param is_torque_estimated: whether the command says so.
     """
     odometry, command, imu = streams.odometry, streams.command, streams.imu
     drive = _lacking(command, "the command", "torque")
@@ -55,6 +61,8 @@ def informative(streams: Streams, unusable: list[Interval], command_type: str) -
     if not drive and command is not None:
         if COMMAND_TYPES[command_type].inferred_torque:
             torque = "the command is an acceleration: a torque inferred from it is no measurement"
+        elif is_torque_estimated:
+            torque = "the torque is estimated from pedals by a map fitted to the motion"
         elif float(np.nanmax(np.abs(command["torque"]))) <= MAX_PEDAL:
             torque = "the torque stays within ±1: it is a pedal or a normalised command"
     gyro = _lacking(imu, "the IMU", "w_z")

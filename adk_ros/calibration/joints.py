@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.commands import is_torque_estimated
 from adk_ros.signals.decode import SensorConfig
 
 _FIELDS = ("position", "velocity", "effort")
@@ -23,12 +24,15 @@ class JointTable:
     Fields are `position` (rad), `velocity` (rad/s) and `effort` (N·m).
     """
 
+    is_torque_estimated: bool = False
+    """Whether a message says that its efforts were estimated from the motion."""
     _stamps: list[float] = field(default_factory=list)
     _values: dict[tuple[str, str], list[float]] = field(default_factory=dict)
 
     def add(self, at_s: float, msg: Any) -> None:
         """Take over a sensor_msgs/JointState."""
         row = len(self._stamps)
+        self.is_torque_estimated = self.is_torque_estimated or is_torque_estimated(msg)
         self._stamps.append(at_s)
         for i, joint in enumerate(msg.name):
             for name in _FIELDS:

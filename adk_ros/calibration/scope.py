@@ -62,7 +62,12 @@ Reason = tuple[str, str]
 def scope_of(content: BagContent) -> list[Scope]:
     """Return what a recording allows, row by row."""
     faults = check_streams(content.streams)
-    about = informative(content.streams, faults.unusable, content.command_type)
+    about = informative(
+        content.streams,
+        faults.unusable,
+        content.command_type,
+        content.joints.is_torque_estimated,
+    )
     return [*_predict(about), *_judge(about), *_road(about), _calibration(about)]
 
 

@@ -48,6 +48,18 @@ class CommandConfig(Protocol):
         """Wheel radius, m."""
 
 
+ESTIMATED_TORQUE = "torque_estimated_from_motion"
+"""
+Frame of a command whose torque was estimated from pedals by a map fitted to the motion: as of a
+type with `inferred_torque`, it is no evidence about longitudinal forces.
+"""
+
+
+def is_torque_estimated(msg: Any) -> bool:
+    """Return whether a command says that its torque was estimated from the motion."""
+    return str(getattr(getattr(msg, "header", None), "frame_id", "")) == ESTIMATED_TORQUE
+
+
 @dataclass(frozen=True)
 class CommandType:
     """

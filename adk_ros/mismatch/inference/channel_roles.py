@@ -51,9 +51,9 @@ CHANNEL_ROLES = {
     "torque": ChannelRole(
         MissingChannel(
             "a torque command",
-            "the drive command is no torque (it is constant, a requested acceleration, or far too"
-            " small to move the car, like a pedal position or a torque in kN·m): longitudinal"
-            " forces are not analysed; record the wheel torque in N·m",
+            "the drive command is no torque (it is constant, a requested acceleration, estimated"
+            " from pedals, or far too small to move the car, like a pedal position or a torque in"
+            " kN·m): longitudinal forces are not analysed; record the wheel torque in N·m",
         ),
         _entering("v_x") | {name for name in FEATURES if "torque" in name} | {"v_x"},
         ("imu_a_x", "v_x"),

@@ -16,7 +16,7 @@ from adk_ros.errors import DataError
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STANDARD_SOURCES, Source
-from adk_ros.signals.commands import COMMAND_TYPES
+from adk_ros.signals.commands import COMMAND_TYPES, is_torque_estimated
 
 _MIN_MESSAGES = 10
 """Usable messages that each required stream must have: enough to estimate its rate and noise."""
@@ -43,6 +43,7 @@ def read_sensor_log(
     stamps: dict[Source, list[int]] = {source: [] for source in Source}
     rows: dict[Source, list[tuple[float, ...]]] = {source: [] for source in Source}
     poses: list[tuple[float, float, float]] = []
+    is_inferred = COMMAND_TYPES[options.sensors.command_type].inferred_torque
     with Bag(path) as bag:
         reader = RecordingReader(bag, options, progress)
         if reader.topics.imu is None and needs_imu:
@@ -56,6 +57,8 @@ def read_sensor_log(
             rows[reading.source].append(reading.values)
             if reading.source is Source.ODOMETRY:
                 poses.append(pose_of(msg))
+            elif reading.source is Source.COMMAND:
+                is_inferred = is_inferred or is_torque_estimated(msg)
         start_ns = bag.start_ns
         warnings = tuple(reader.warnings())
     for source in STANDARD_SOURCES:
@@ -88,7 +91,7 @@ def read_sensor_log(
         command_s=command_s,
         command=commands,
         start_ns=start_ns,
-        torque_is_inferred=COMMAND_TYPES[options.sensors.command_type].inferred_torque,
+        torque_is_inferred=is_inferred,
         warnings=warnings,
         extrinsics=reader.extrinsics,
     )
