@@ -25,6 +25,7 @@ from adk_ros.calibration.grid import Signals, on_grid, shifted
 from adk_ros.calibration.imu_axes import check_axes, check_gravity
 from adk_ros.calibration.imu_calibration import check_imu
 from adk_ros.calibration.odometry_calibration import check_odometry_scale, check_yaw_rates
+from adk_ros.calibration.pedals import check_pedals
 from adk_ros.calibration.reference_point import check_reference_point
 from adk_ros.calibration.road import check_road
 from adk_ros.calibration.signs_and_units import check_gyro, check_odometry
@@ -162,8 +163,12 @@ def _fine(
     radius = None if vehicle is None else vehicle.wheel_radius
     mass = None if vehicle is None else vehicle.mass
     if streams.command is not None and content.command_type == "joint_state":
-        out += check_torque(s, mass, radius)
+        if content.joints.is_torque_estimated:
+            out.append(not_decidable("torque", "the map of the import estimated it from pedals"))
+        else:
+            out += check_torque(s, mass, radius)
         out += check_wheels(s, dict(streams.wheels), radius)
+    out += check_pedals(s, streams, mass, radius)
     return out
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from adk_ros.calibration.criteria import MIN_CORRELATION, UNIT_FACTORS
 from adk_ros.calibration.finding import Finding, found, judged, not_decidable, ok
 from adk_ros.calibration.grid import Signals, smooth
+from adk_ros.calibration.informative import MAX_PEDAL
 from adk_ros.calibration.regression import regress
 from adk_ros.calibration.signs_and_units import gain
 from adk_ros.calibration.streams import Stream
@@ -24,8 +25,6 @@ from adk_ros.numerics.arrays import FloatArray
 
 _MAX_MASS_LOG = np.log(3.0)
 """|ln| of implied over nominal mass within which the torque is in N·m: load, gear and slope."""
-_MAX_PEDAL = 1.0
-"""Largest value of a normalised pedal; a torque in kN·m of a car that accelerates exceeds it."""
 _MAX_SLIP_ACCEL = 1.0
 """m/s² below which a wheel rolls with less than 1 % of slip (slip stiffness of 10 to 20)."""
 _MIN_WHEEL_CORRELATION = 0.98
@@ -69,12 +68,15 @@ def check_torque(s: Signals, mass: float | None, wheel_radius: float | None) -> 
     if abs(np.log(ratio)) < _MAX_MASS_LOG:
         yield ok(name, f"sign and unit; {ratio:.2f} times mass times wheel radius", evidence)
         return
-    if float(np.abs(s.torque).max()) <= _MAX_PEDAL:
+    if float(np.abs(s.torque).max()) <= MAX_PEDAL:
         text = (
             "the commanded torque stays within ±1: it looks like a normalised pedal, not a torque "
             "in N·m"
         )
-        remedy = "no parameter for this: publish a torque; train and replay can use a pedal"
+        remedy = (
+            "no parameter for this: publish a torque, or estimate it from the pedal (pedal_map); "
+            "train and replay can use a pedal"
+        )
         yield found(name, text, evidence, remedy=remedy)
         return
     if abs(np.log(ratio / UNIT_FACTORS["kN m"])) < _MAX_MASS_LOG:

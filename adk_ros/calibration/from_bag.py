@@ -43,6 +43,15 @@ from adk_ros.signals.extrinsics import (
 )
 from adk_ros.signals.frames import rotation
 
+_NUMBER, _PRESSURE = "std_msgs/msg/Float64", "sensor_msgs/msg/FluidPressure"
+_PEDALS = "pedals"
+_PEDAL_TOPICS = {
+    "/vehicle/throttle": ("throttle", _NUMBER, "data"),
+    "/vehicle/brake_pedal": ("brake_pedal", _NUMBER, "data"),
+    "/vehicle/brake_pressure": ("brake_pressure", _PRESSURE, "fluid_pressure"),
+    "/vehicle/gear": ("gear", _NUMBER, "data"),
+}
+"""Topic of `adk import` -> name, type, and field of the value."""
 _PROGRESS_INTERVAL = 2000
 _MIN_MESSAGES = 10
 """Messages that a stream must have: fewer have no rate."""
@@ -97,9 +106,14 @@ def read_streams(
             for x in bag.topics
             if x.msgtype == COMMAND_TYPES["joint_state"] and x.count and x.name != command
         }
+        role_of |= {
+            x.name: _PEDALS
+            for x in bag.topics
+            if x.count and x.name in _PEDAL_TOPICS and x.msgtype == _PEDAL_TOPICS[x.name][1]
+        }
         total = sum(x.count for x in bag.topics if x.name in role_of)
-        for done, (topic, _, msg) in enumerate(bag.messages(role_of), start=1):
-            content.add(role_of[topic], topic, msg)
+        for done, (topic, log_ns, msg) in enumerate(bag.messages(role_of), start=1):
+            content.add(role_of[topic], topic, msg, log_ns)
             if progress is not None and (done % _PROGRESS_INTERVAL == 0 or done == total):
                 progress(done, total)
         warnings = list(bag.warnings)
@@ -122,15 +136,21 @@ class _Rows:
     orientations: dict[str, list[list[float]]] = field(
         default_factory=lambda: {"imu": [], "odometry": []}
     )
+    pedals: dict[str, list[list[float]]] = field(default_factory=dict)
     joints: JointTable = field(default_factory=JointTable)
     others: dict[str, JointTable] = field(default_factory=dict)
     refused: int = 0
 
-    def add(self, role: str, topic: str, msg: Any) -> None:
+    def add(self, role: str, topic: str, msg: Any, log_ns: int) -> None:
         """Take over a message; one that lacks a field is counted."""
         # Untrusted messages: a field of another type must not end in a traceback.
         try:
-            if role == "wheels":
+            if role == _PEDALS:
+                name, _, key = _PEDAL_TOPICS[topic]
+                # A number without a header has the time of its log.
+                at_s = stamp_s(msg) if hasattr(msg, "header") else 1e-9 * log_ns
+                self.pedals.setdefault(name, []).append([at_s, float(getattr(msg, key))])
+            elif role == "wheels":
                 self.others.setdefault(topic, JointTable()).add(stamp_s(msg), msg)
             elif role == "command" and self.kind == "joint_state":
                 self.joints.add(stamp_s(msg), msg)
@@ -194,7 +214,12 @@ def _streams(
             if stream is not None:
                 wheels[joint] = stream
     attitude = _attitude(content, seconds, sensors, first)
-    return Streams(name, seconds, imu, odometry, command, wheels, tuple(notes), attitude)
+    pedals = {
+        key: stream
+        for key, values in content.pedals.items()
+        if (stream := _stream(key, _table(values, seconds), ("value",), first)) is not None
+    }
+    return Streams(name, seconds, imu, odometry, command, wheels, tuple(notes), attitude, pedals)
 
 
 def _attitude(

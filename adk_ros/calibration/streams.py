@@ -62,7 +62,8 @@ class Streams:
 
     `wheels`: angular velocities (n,) of joints, rad/s, by joint name. `notes`: what was done
     while reading, for the person. `attitude`: roll and pitch, rad, of an inertial navigation
-    system, as far as the IMU or odometry reports them; no check depends on it.
+    system, as far as the IMU or odometry reports them; no check depends on it. `pedals`: throttle,
+    brake_pedal, brake_pressure (Pa) and gear in the column "value", as far as they are recorded.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Streams:
     wheels: Mapping[str, Stream] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     attitude: Stream | None = None
+    pedals: Mapping[str, Stream] = field(default_factory=dict)
 
     def of(self, name: str) -> Stream | None:
         """Return the stream "imu", "odometry" or "command", None if it does not exist."""

@@ -16,8 +16,13 @@ from adk_ros.plant.vehicle.seven_dof import OMEGA
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 GPS_DELAY_S = 0.2
+GRIP_FREE = "town"
+"""A drive without wheel spin, in which torque is force times radius."""
+FULL_DRIVE, FULL_BRAKE, THROTTLE_EXPONENT = 3000.0, 9000.0, 1.5
+"""N·m at full pedals, and torque ~ throttle^1.5."""
 
 
+@lru_cache
 def driven(name: str, seconds: float, torque_split_front: float) -> SimulatedDrive:
     """Return a drive of a car with a share of its torque at the front axle."""
     scenario = load_scenario(name)
@@ -47,6 +52,13 @@ def bus(drive: SimulatedDrive, gps_delay_s: float = 0.0) -> pd.DataFrame:
     for i, wheel in enumerate(WHEELS):
         columns[f"wheel_speed_{wheel}"] = step * np.round(drive.states[:, OMEGA + i] / step)
     return pd.DataFrame(columns)
+
+
+def pedals(drive: SimulatedDrive) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pedals (n,) that give a drive its torque: throttle with a soft start, brake."""
+    torque = drive.u[:, 0]
+    throttle = (np.maximum(torque, 0.0) / FULL_DRIVE) ** (1.0 / THROTTLE_EXPONENT)
+    return throttle, np.maximum(-torque, 0.0) / FULL_BRAKE
 
 
 @lru_cache
