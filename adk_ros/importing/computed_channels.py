@@ -10,6 +10,7 @@ import numpy as np
 
 from adk_ros.errors import DataError, UsageError
 from adk_ros.importing.map_file import IDENTIFY, ImportMap, VelocityMap
+from adk_ros.importing.pedal_torque import pedal_torque
 from adk_ros.importing.source_channels import SourceChannel
 from adk_ros.importing.streams import MessageStream
 from adk_ros.importing.wheel_radius import RadiusFit, fit_radius, reference_of
@@ -21,9 +22,6 @@ from adk_ros.importing.wheel_velocity import (
     usual_radius,
     yaw_check,
 )
-
-COMPUTED = "computed"
-"""Table of a computed channel."""
 
 
 def with_computed(
@@ -48,6 +46,13 @@ def with_computed(
         given["v_x"] = made
     elif "v_x" not in given:
         _suggest(given, notes)
+    torque = import_map.computed.torque
+    if torque is not None:
+        stream, values = pedal_torque(given, torque, notes)
+        if not len(stream):
+            raise DataError(f"{map_name}: computed.torque: pedals and v_x have no common time")
+        source = ", ".join(torque.pedals())
+        given["torque"] = computed_channel("torque", source, stream, values)
     return list(given.values())
 
 
@@ -56,7 +61,7 @@ def _from_gps(given: dict[str, SourceChannel]) -> SourceChannel:
     speed = given["gps_speed"]
     stream = MessageStream(speed.stamp_ns, {})
     values = speed.values * direction(given, stream, speed.values)
-    return computed_channel("v_x", "gps_speed", stream, values, COMPUTED)
+    return computed_channel("v_x", "gps_speed", stream, values)
 
 
 def _from_wheels(
@@ -83,7 +88,7 @@ def _from_wheels(
             + ("" if fit is None else f"; identified: {fit.text}")
         )
     values = radius * axle.rate * direction(given, axle.stream, axle.rate)
-    return computed_channel("v_x", source, axle.stream, np.asarray(values), COMPUTED)
+    return computed_channel("v_x", source, axle.stream, np.asarray(values))
 
 
 def _identified(given: dict[str, SourceChannel], axle: AxleSpeed) -> RadiusFit | None:

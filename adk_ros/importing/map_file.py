@@ -12,11 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from datetime import date, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PlainValidator
+import numpy as np
+from pydantic import Field, PlainValidator, model_validator
 
+from adk_ros.calibration.pedal_map import ForceTable
 from adk_ros.errors import UsageError
 from adk_ros.files.yaml_file import FileModel, read, validate
 from adk_ros.importing.channels import AXLES, CHANNELS, SPEED, is_wheel_speed
@@ -108,10 +111,78 @@ class VelocityMap(FileModel):
     wheel_radius: _Radius = None
 
 
+_MAX_FORCE = 1e6
+"""N; above the brakes of the heaviest lorry."""
+_Table = Annotated[list[float], Field(min_length=1, max_length=100)]
+
+
+def _is_number(value: Any) -> bool:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and abs(value) <= _MAX_FORCE
+
+
+class ForceMap(FileModel):
+    """
+    Force of a pedal, N, as `adk check` proposes it: interpolated, and constant beyond its ends.
+
+    `pedal`: positions, ascending, in the SI unit of its channel. `force`: of each position, or a
+    row for each `speed` (m/s, ascending) or `gear`.
+    """
+
+    pedal: _Table
+    speed: _Table | None = None
+    gear: _Table | None = None
+    force: Annotated[list[Any], Field(min_length=1, max_length=100)]
+
+    @model_validator(mode="after")
+    def _has_rows(self) -> ForceMap:
+        """Raise `ValueError` if the table has holes."""
+        if self.speed is not None and self.gear is not None:
+            raise ValueError("give speed or gear, not both")
+        for name, scale in (("pedal", self.pedal), ("speed", self.speed), ("gear", self.gear)):
+            if scale is not None and any(b <= a for a, b in pairwise(scale)):
+                raise ValueError(f"{name} must ascend")
+        at = self.speed or self.gear
+        nested = [row for row in self.force if isinstance(row, list)]
+        if len(nested) != (0 if at is None else len(at)):
+            raise ValueError("force needs a row for each speed or gear, and else one list")
+        rows = nested or [self.force]
+        if any(len(row) != len(self.pedal) or not all(map(_is_number, row)) for row in rows):
+            raise ValueError("force needs a number for each position of the pedal")
+        return self
+
+    def table(self) -> ForceTable:
+        """Return the table for interpolation."""
+        at = self.speed or self.gear
+        return ForceTable(
+            np.array(self.pedal),
+            np.atleast_2d(np.array(self.force, dtype=np.float64)),
+            "" if at is None else "speed" if self.speed else "gear",
+            None if at is None else np.array(at),
+        )
+
+
+class TorqueMap(FileModel):
+    """How the wheel torque is estimated from pedals: `wheel_radius` in m times their forces."""
+
+    from_: Annotated[Literal["pedals"], Field(alias="from")]
+    wheel_radius: Annotated[float, Field(gt=0.0, le=_MAX_RADIUS)]
+    throttle: ForceMap | None = None
+    brake_pedal: ForceMap | None = None
+    brake_pressure: ForceMap | None = None
+
+    def pedals(self) -> dict[str, ForceMap]:
+        """Return the pedals that the map has, by channel."""
+        names = ("throttle", "brake_pedal", "brake_pressure")
+        found = {name: getattr(self, name) for name in names}
+        return {name: entry for name, entry in found.items() if entry is not None}
+
+
 class ComputedMap(FileModel):
     """Channels that no column has, computed from others."""
 
     v_x: VelocityMap | None = None
+    torque: TorqueMap | None = None
 
 
 class ImportMap(FileModel):
@@ -176,9 +247,31 @@ def checked_map(name: str, content: Any) -> ImportMap:
 
 def _check_computed(name: str, loaded: ImportMap) -> None:
     """Raise `UsageError` if a computed channel is measured as well, or lacks what it needs."""
-    velocity = loaded.computed.v_x
-    if velocity is None:
-        return
+    if loaded.computed.v_x is not None:
+        _check_velocity(name, loaded, loaded.computed.v_x)
+    if loaded.computed.torque is not None:
+        _check_torque(name, loaded, loaded.computed.torque)
+
+
+def _check_torque(name: str, loaded: ImportMap, torque: TorqueMap) -> None:
+    place = f"{name}: computed.torque"
+    if "torque" in loaded.channels:
+        raise UsageError(f"{place}: channels.torque is given as well: leave out one of them")
+    pedals = torque.pedals()
+    if not pedals:
+        raise UsageError(f"{place}: give throttle, brake_pedal or brake_pressure")
+    if len(pedals) == 3:
+        raise UsageError(f"{place}: give brake_pedal or brake_pressure, not both")
+    has_v_x = "v_x" in loaded.channels or loaded.computed.v_x is not None
+    needed = {*pedals} | {"gear" for entry in pedals.values() if entry.gear}
+    missing = sorted(needed - loaded.channels.keys())
+    if missing:
+        raise UsageError(f"{place}: needs channels.{missing[0]}")
+    if not has_v_x:
+        raise UsageError(f"{place}: needs v_x, in channels or computed")
+
+
+def _check_velocity(name: str, loaded: ImportMap, velocity: VelocityMap) -> None:
     place = f"{name}: computed.v_x"
     if "v_x" in loaded.channels:
         raise UsageError(f"{place}: channels.v_x is given as well: leave out one of them")

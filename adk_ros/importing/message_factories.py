@@ -18,6 +18,7 @@ import numpy as np
 from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, ODOMETRY_TYPE, message
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
+from adk_ros.signals.commands import ESTIMATED_TORQUE
 
 COMMAND_TYPE = COMMAND_TYPES["joint_state"]
 TWIST, PRESSURE = "geometry_msgs/msg/TwistStamped", "sensor_msgs/msg/FluidPressure"
@@ -90,11 +91,11 @@ def odometry(names: set[str]) -> Create:
     return create
 
 
-def command() -> Create:
+def command(is_torque_estimated: bool = False) -> Create:
     """Return the factory of commands: effort of `drive`, position of `steer`."""
     msg = message(
         COMMAND_TYPE,
-        header=_stamped("base_link"),
+        header=_stamped(ESTIMATED_TORQUE if is_torque_estimated else "base_link"),
         name=["drive", "steer"],
         position=[0.0, 0.0],
         velocity=[0.0, 0.0],

@@ -26,6 +26,9 @@ from adk_ros.importing.row_stamps import (
 from adk_ros.importing.table import Table, as_numbers
 from adk_ros.numerics.arrays import FloatArray, IntArray
 
+COMPUTED = "computed"
+"""Table of a channel that was computed from others."""
+
 
 @dataclass(frozen=True)
 class SourceChannel:
@@ -47,6 +50,11 @@ class SourceChannel:
     empty: int
     texts: int
     duplicates: int
+
+    @property
+    def is_computed(self) -> bool:
+        """Whether it was computed from other channels."""
+        return self.table == COMPUTED
 
 
 def converted(raw: FloatArray, entry: ChannelMap, factor: float) -> FloatArray:

@@ -140,8 +140,9 @@ def _add_command(given: dict[str, SourceChannel], outcome: Outcome, notes: list[
         notes.append("no torque: written as 0 N m; nothing can be said about what drives the car")
     # Commands are held: at the stamps of the faster one, neither loses a value.
     names.sort(key=lambda name: -given[name].stamp_ns.shape[0])
+    is_estimated = "torque" in given and given["torque"].is_computed
     stream = joined("command", [given[name] for name in names], notes, hold=True)
-    outcome.topics.append(Topic(*TOPICS[COMMAND], stream, command()))
+    outcome.topics.append(Topic(*TOPICS[COMMAND], stream, command(is_estimated)))
 
 
 _SATELLITE = ("gps_speed", "gps_course", "latitude", "longitude", "altitude")

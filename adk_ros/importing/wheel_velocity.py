@@ -18,7 +18,7 @@ import numpy as np
 from adk_ros.calibration.regression import regress
 from adk_ros.importing.channels import AXLES, CHANNELS
 from adk_ros.importing.map_file import ChannelMap, axles_of, wheels_of
-from adk_ros.importing.source_channels import SourceChannel
+from adk_ros.importing.source_channels import COMPUTED, SourceChannel
 from adk_ros.importing.streams import MessageStream, at_stamps, joined, rate_hz
 from adk_ros.numerics.arrays import FloatArray
 
@@ -111,12 +111,12 @@ def yaw_check(given: Mapping[str, SourceChannel]) -> list[str]:
 
 
 def computed_channel(
-    name: str, source: str, stream: MessageStream, values: FloatArray, table: str
+    name: str, source: str, stream: MessageStream, values: FloatArray
 ) -> SourceChannel:
     """Return a channel in SI units that was computed from others, as if a column had it."""
     unit = CHANNELS[name].unit
     entry = ChannelMap(column=source, unit=unit)
-    return SourceChannel(name, table, source, entry, 1.0, stream.stamp_ns, values, 0, 0, 0)
+    return SourceChannel(name, COMPUTED, source, entry, 1.0, stream.stamp_ns, values, 0, 0, 0)
 
 
 def usual_radius(given: Mapping[str, SourceChannel], names: Sequence[str]) -> float | None:
