@@ -84,6 +84,39 @@ def test_the_radius_is_identified_by_positions(tmp_path: Path) -> None:
     assert float(line.split("wheel radius ")[1].split()[0]) == pytest.approx(RADIUS, rel=2e-3)
 
 
+def test_the_radius_is_identified_by_satellite_positions(tmp_path: Path) -> None:
+    latitude, degrees = 48.0, 180.0 / np.pi
+    east, north = town().pose[:, 0], town().pose[:, 1]
+    # Radii of curvature of WGS 84 at 48°: along the meridian, and across it.
+    frame = (
+        table()
+        .drop(columns="gps_speed")
+        .assign(
+            latitude=latitude + degrees * north / 6_370_730.0,
+            longitude=11.0 + degrees * east / (6_389_960.0 * np.cos(np.radians(latitude))),
+        )
+    )
+    content = bus_map("gps_speed", v_x={"from": "wheel_speeds", "wheels": "rear"})
+    for name in ("latitude", "longitude"):
+        content["channels"][name] = {"column": name, "unit": "deg"}
+    path = tmp_path / "a.csv"
+    frame.to_csv(path, index=False)
+    recording = read_channels([path], checked_map("m", content), "m", [])
+    line = note(recording, "v_x from wheel_speed_rear_left")
+    assert "against GPS positions" in line
+    assert float(line.split("wheel radius ")[1].split()[0]) == pytest.approx(RADIUS, rel=5e-3)
+
+
+def test_a_gap_of_the_receiver_is_not_compared(tmp_path: Path) -> None:
+    frame = table().copy()
+    frame.loc[(frame["t"] > 30.0) & (frame["t"] < 41.0), "gps_speed"] = np.nan
+    recording = imported(tmp_path, frame, wheels="rear", wheel_radius="identify")
+    line = note(recording, "v_x from wheel_speed_rear_left")
+    assert float(line.split("wheel radius ")[1].split()[0]) == pytest.approx(RADIUS, rel=3e-3)
+    seconds = float(line.split(" s) against")[0].split()[-1])
+    assert seconds == pytest.approx(90.0 - 15.0, abs=5.1)
+
+
 def test_a_stated_radius_is_compared_with_the_gps(tmp_path: Path) -> None:
     recording = imported(tmp_path, table(), wheels="rear", wheel_radius=0.31)
     assert "wheel radius 0.31 m; identified: 0.325" in note(recording, "v_x from")
