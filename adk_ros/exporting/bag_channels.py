@@ -18,6 +18,7 @@ from adk_ros.importing.map_file import ChannelMap
 from adk_ros.importing.message_factories import FIX, NUMBER, PRESSURE, TWIST
 from adk_ros.importing.source_channels import SourceChannel
 from adk_ros.signals.channels import Source
+from adk_ros.signals.commands import is_torque_estimated
 from adk_ros.signals.decode import MAX_VARIANCE
 
 _OF_SOURCE = {
@@ -67,6 +68,8 @@ def read_bag_channels(
                 values = _without_unmeasured(values, msg) | _pose(msg)
             elif reading.source is Source.IMU:
                 values |= _imu_rest(msg)
+            elif reading.source is Source.COMMAND and is_torque_estimated(msg):
+                values["torque_estimated"] = values.pop("torque")
             rows.setdefault(stream, []).append((reading.stamp_ns, values))
         getters = dict(_single_topics(bag.topics))
         for topic, log_ns, msg in bag.messages(getters) if getters else ():

@@ -71,6 +71,7 @@ CHANNELS: dict[str, Channel] = {
         Channel("z", LENGTH, ODOMETRY, "height"),
         Channel("heading", ANGLE, ODOMETRY, "direction of the x axis, from x towards y positive"),
         Channel("torque", TORQUE, COMMAND, "net wheel torque, sum of all wheels"),
+        Channel("torque_estimated", TORQUE, COMMAND, "the same, estimated from the motion"),
         Channel("delta", ANGLE, COMMAND, "road-wheel angle, left positive"),
         *(
             Channel(f"wheel_speed_{at}", RATE, "", _WHEEL)

@@ -52,7 +52,8 @@ def with_computed(
         if not len(stream):
             raise DataError(f"{map_name}: computed.torque: pedals and v_x have no common time")
         source = ", ".join(torque.pedals())
-        given["torque"] = computed_channel("torque", source, stream, values)
+        name = "torque_estimated"
+        given[name] = computed_channel(name, source, stream, values)
     return list(given.values())
 
 

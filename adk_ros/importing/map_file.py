@@ -246,7 +246,9 @@ def checked_map(name: str, content: Any) -> ImportMap:
 
 
 def _check_computed(name: str, loaded: ImportMap) -> None:
-    """Raise `UsageError` if a computed channel is measured as well, or lacks what it needs."""
+    """Raise `UsageError` if a channel has two sources, or a computed one lacks what it needs."""
+    if {"torque", "torque_estimated"} <= loaded.channels.keys():
+        raise UsageError(f"{name}: channels: give torque or torque_estimated, not both")
     if loaded.computed.v_x is not None:
         _check_velocity(name, loaded, loaded.computed.v_x)
     if loaded.computed.torque is not None:
@@ -255,8 +257,9 @@ def _check_computed(name: str, loaded: ImportMap) -> None:
 
 def _check_torque(name: str, loaded: ImportMap, torque: TorqueMap) -> None:
     place = f"{name}: computed.torque"
-    if "torque" in loaded.channels:
-        raise UsageError(f"{place}: channels.torque is given as well: leave out one of them")
+    for other in ("torque", "torque_estimated"):
+        if other in loaded.channels:
+            raise UsageError(f"{place}: channels.{other} is given as well: leave out one of them")
     pedals = torque.pedals()
     if not pedals:
         raise UsageError(f"{place}: give throttle, brake_pedal or brake_pressure")

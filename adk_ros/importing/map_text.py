@@ -105,10 +105,10 @@ def written(
     for missing, meaning in (
         ("v_x", "speed"),
         ("delta", "steering angle"),
-        ("torque", "net wheel torque; a pedal in % or 1 may take its place"),
+        ("torque", _no_torque(given)),
         ("yaw_rate", "yaw rate"),
     ):
-        if missing not in given:
+        if not any(name.startswith(missing) for name in given):
             lines.append(f"# not found: {missing} ({meaning})")
     if unused:
         more = f" and {len(unused) - _MAX_NAMED} more" if len(unused) > _MAX_NAMED else ""
@@ -116,6 +116,13 @@ def written(
         lines.append(f"# not used: {shown}{more}")
     lines += [f"# {' '.join(note.split())}" for note in notes]
     return Proposal("\n".join(lines) + "\n", guesses, computed, tuple(uncertain), unused)
+
+
+def _no_torque(given: set[str]) -> str:
+    """Return what is missing without a torque, and what can take its place."""
+    if "throttle" in given:
+        return "net wheel torque; adk check --vehicle estimates a map of the pedals"
+    return "net wheel torque; a pedal in % or 1 may take its place"
 
 
 def _time_lines(times: Sequence[tuple[Table, TimeGuess]], uncertain: list[str]) -> list[str]:

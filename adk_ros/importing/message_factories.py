@@ -91,11 +91,16 @@ def odometry(names: set[str]) -> Create:
     return create
 
 
-def command(is_torque_estimated: bool = False) -> Create:
-    """Return the factory of commands: effort of `drive`, position of `steer`."""
+def command(names: set[str]) -> Create:
+    """
+    Return the factory of commands from the channels `names`.
+
+    They have the effort of `drive` and the position of `steer`.
+    """
+    torque = "torque_estimated" if "torque_estimated" in names else "torque"
     msg = message(
         COMMAND_TYPE,
-        header=_stamped(ESTIMATED_TORQUE if is_torque_estimated else "base_link"),
+        header=_stamped(ESTIMATED_TORQUE if torque == "torque_estimated" else "base_link"),
         name=["drive", "steer"],
         position=[0.0, 0.0],
         velocity=[0.0, 0.0],
@@ -104,7 +109,7 @@ def command(is_torque_estimated: bool = False) -> Create:
 
     def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
         _set_stamp(msg, stamp_ns)
-        msg.effort[0], msg.position[1] = values.get("torque", 0.0), values["delta"]
+        msg.effort[0], msg.position[1] = values.get(torque, 0.0), values["delta"]
         return msg
 
     return create

@@ -51,11 +51,6 @@ class SourceChannel:
     texts: int
     duplicates: int
 
-    @property
-    def is_computed(self) -> bool:
-        """Whether it was computed from other channels."""
-        return self.table == COMPUTED
-
 
 def converted(raw: FloatArray, entry: ChannelMap, factor: float) -> FloatArray:
     """Return raw values in SI units: `factor * sign * (scale * raw + offset) / ratio`."""

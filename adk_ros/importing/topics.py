@@ -130,19 +130,18 @@ def _add_odometry(given: dict[str, SourceChannel], outcome: Outcome, notes: list
 
 
 def _add_command(given: dict[str, SourceChannel], outcome: Outcome, notes: list[str]) -> None:
-    names = [name for name in ("torque", "delta") if name in given]
+    names = [name for name in CHANNELS if name in given and CHANNELS[name].stream == COMMAND]
     if "delta" not in given:
         for name in names:
             outcome.left_out[name] = "a command also needs delta"
         notes.append("no delta: without a command, nothing can be trained on or compared")
         return
-    if "torque" not in given:
+    if len(names) < 2:
         notes.append("no torque: written as 0 N m; nothing can be said about what drives the car")
     # Commands are held: at the stamps of the faster one, neither loses a value.
     names.sort(key=lambda name: -given[name].stamp_ns.shape[0])
-    is_estimated = "torque" in given and given["torque"].is_computed
     stream = joined("command", [given[name] for name in names], notes, hold=True)
-    outcome.topics.append(Topic(*TOPICS[COMMAND], stream, command(is_estimated)))
+    outcome.topics.append(Topic(*TOPICS[COMMAND], stream, command(set(names))))
 
 
 _SATELLITE = ("gps_speed", "gps_course", "latitude", "longitude", "altitude")

@@ -16,7 +16,8 @@ from helpers.train import refused
 from helpers.wheels import FULL_BRAKE, FULL_DRIVE, GRIP_FREE, bus, bus_map, driven, pedals
 
 from adk_ros.api.check import check_recording
-from adk_ros.api.importing import import_recording
+from adk_ros.api.exporting import export
+from adk_ros.api.importing import import_recording, propose_map
 from adk_ros.errors import UsageError
 from adk_ros.importing.map_file import checked_map
 from adk_ros.importing.recording_import import ImportedRecording, read_channels
@@ -60,7 +61,7 @@ def imported(folder: Path, frame: pd.DataFrame, content: dict[str, Any]) -> Impo
 
 
 def torque_of(recording: ImportedRecording) -> np.ndarray:
-    (torque,) = [channel for channel in recording.channels if channel.name == "torque"]
+    (torque,) = [channel for channel in recording.channels if channel.name == "torque_estimated"]
     return torque.values
 
 
@@ -91,6 +92,18 @@ def test_the_proposed_map_gives_the_torque(tmp_path: Path) -> None:
     findings = {x.name: x for x in check_recording(tmp_path / "second", "imdv").result.findings}
     assert "estimated it from pedals" in findings["torque"].text
     assert "pedal_map" not in findings
+
+
+def test_the_mark_survives_an_export(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    table()[table()["t"] < 20.0].to_csv(path, index=False)
+    import_recording(path, pedal_map(**LINEAR), tmp_path / "bag")
+    export(tmp_path / "bag", "csv", tmp_path / "b.csv")
+    proposal = propose_map(tmp_path / "b.csv")
+    import_recording(tmp_path / "b.csv", yaml.safe_load(proposal.text), tmp_path / "again")
+    first, again = (read_sensor_log(tmp_path / name) for name in ("bag", "again"))
+    assert again.torque_is_inferred
+    assert np.array_equal(first.command, again.command)
 
 
 def test_a_measured_torque_is_evidence(tmp_path: Path) -> None:
@@ -171,6 +184,18 @@ def test_a_wrong_entry_is_refused_in_one_line(torque: dict, line: str) -> None:
         checked_map("map.yaml", pedal_map(**torque))
     assert line in str(refusal.value)
     assert str(refusal.value).startswith("map.yaml: computed.torque")
+
+
+def test_two_torques_are_refused() -> None:
+    content = pedal_map(**LINEAR)
+    entry = {"column": "T", "unit": "N m"}
+    content["channels"]["torque"] = entry
+    with pytest.raises(UsageError, match=r"channels\.torque is given as well: leave out one"):
+        checked_map("m", content)
+    del content["computed"]
+    content["channels"]["torque_estimated"] = entry
+    with pytest.raises(UsageError, match="give torque or torque_estimated, not both"):
+        checked_map("m", content)
 
 
 def test_a_torque_without_a_velocity_is_refused(capsys, tmp_path: Path) -> None:
