@@ -277,7 +277,7 @@ def test_a_yaw_moment_by_the_driving_torque_follows_the_torque_that_acts() -> No
     more = problem.run(uneven, gain=0.0) - problem.run(plain.parameters, gain=0.0)
 
     def added(at_s: FloatArray, row: int) -> FloatArray:
-        return np.interp(at_s, problem.middle_s, more[row])
+        return np.asarray(np.interp(at_s, problem.middle_s, more[row]))
 
     imu = log.imu + np.column_stack([added(log.imu_s, row) for row in (A_X, A_Y, YAW_RATE)])
     odometry = log.odometry.copy()
