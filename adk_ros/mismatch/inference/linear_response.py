@@ -39,7 +39,7 @@ _PROBE_ANGLE = 0.004
 _PROBE_HOLD_STEPS = 40
 """Steps for which the probe's sign is held: 0.4 s, near the car's yaw mode."""
 _MIN_SPEED = 3.0
-"""m/s; slower, the coefficients are those of this speed."""
+"""m/s, of a full-size car; slower, the coefficients are those of this speed."""
 _INPUTS = ("v_y", "yaw_rate", STEERING)
 _STATES = 5
 """Terms of the response before those of the inputs."""
@@ -65,7 +65,9 @@ class LinearResponse:
         likelihood, h = linearised.likelihood, linearised.hypothesis
         problem = likelihood.problem
         p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
-        speed = np.maximum(np.abs(problem.smoothed_odometry[:, 0]), _MIN_SPEED)
+        speed = np.maximum(
+            np.abs(problem.smoothed_odometry[:, 0]), problem.log.similar(_MIN_SPEED)
+        )
         probe = np.zeros((problem.steps, 4))
         steered = np.zeros_like(probe)
         signs = np.random.default_rng(0).integers(

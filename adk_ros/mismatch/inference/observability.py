@@ -207,7 +207,9 @@ def longest_moving_segment(recording: SensorLog) -> SensorLog:
 
     A stationary car carries no information, and its commands may be arbitrary.
     """
-    moving = np.concatenate([[False], recording.odometry[:, 0] > MIN_SPEED, [False]])
+    moving = np.concatenate(
+        [[False], recording.odometry[:, 0] > recording.similar(MIN_SPEED), [False]]
+    )
     edges = np.flatnonzero(np.diff(moving.astype(np.int8)))
     if not edges.size:
         return recording
@@ -223,7 +225,7 @@ def is_torque(log: SensorLog, mass: float, wheel_radius: float) -> bool:
         return False
     v_x = savitzky_golay(log.odometry[:, 0], log.odometry_period_s)
     acceleration = np.abs(np.gradient(v_x, log.odometry_s))
-    moving = v_x > MIN_SPEED
+    moving = v_x > log.similar(MIN_SPEED)
     measured = (
         float(np.percentile(acceleration[moving], _EXTREME_PERCENTILE)) if moving.any() else 0.0
     )
@@ -241,7 +243,7 @@ def yaw_filter(log: SensorLog) -> float:
     at_s = np.arange(log.odometry_s[0], log.odometry_s[-1], _STEP_S)
     heading = np.interp(at_s, log.odometry_s, log.pose[:, 2])
     rate = np.interp(at_s, log.odometry_s, log.odometry[:, 2])
-    moving = np.interp(at_s, log.odometry_s, log.odometry[:, 0]) > MIN_SPEED
+    moving = np.interp(at_s, log.odometry_s, log.odometry[:, 0]) > log.similar(MIN_SPEED)
     counted = moving[_COMPARISON_STEPS:] & moving[:-_COMPARISON_STEPS]
     if np.count_nonzero(counted) < _MIN_COMPARISONS * _COMPARISON_STEPS:
         return 0.0
