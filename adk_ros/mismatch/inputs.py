@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from adk_ros.calibration.scope import Scope, common_scope
 from adk_ros.mismatch.inference.observability import is_torque
 from adk_ros.mismatch.library.criteria import SURROGATE_ERROR_AS_NOISE
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
@@ -24,6 +25,7 @@ from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
 from adk_ros.mismatch.recording.inferred_torque import with_inferred_torque
 from adk_ros.mismatch.recording.joined import concatenated, in_sequence
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
+from adk_ros.mismatch.recording.recorded_scope import recorded_scope
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.simulator import DEFAULT_WHEEL_RADIUS, default_vehicle, surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
@@ -44,6 +46,8 @@ class Inputs:
     data: RecordedData
     has_imu: bool
     notes: tuple[str, ...]
+    scope: tuple[Scope, ...] = ()
+    """What the channels of the recordings allow, before any analysis."""
 
     @classmethod
     def of(
@@ -61,7 +65,9 @@ class Inputs:
         :raises DataError: the recordings do not allow an analysis.
         """
         size = vehicle_scale(simulation, nominal)
-        live = [without_dead_channels(replace(log, length_scale=size)) for log in recordings]
+        recordings = [replace(log, length_scale=size) for log in recordings]
+        scope = common_scope([recorded_scope(log) for log in recordings])
+        live = [without_dead_channels(log) for log in recordings]
         notes = [line for _, lines in live for line in lines]
         has_imu = all(log.imu_s.size > 0 for log, _ in live)
         logs = usable_recordings([log for log, _ in live])
@@ -87,7 +93,7 @@ class Inputs:
             *_notes_on_lap(data.lap, size),
             *_notes_on_driving(surrogate, data),
         ]
-        return cls(simulation, surrogate, data, has_imu, tuple(notes))
+        return cls(simulation, surrogate, data, has_imu, tuple(notes), tuple(scope))
 
     def completed(self, log: SensorLog) -> SensorLog:
         """Return a further recording as the analysed ones are: without dead channels."""

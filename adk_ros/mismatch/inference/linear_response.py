@@ -16,7 +16,7 @@ import numpy as np
 
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.surrogate.feature_terms import STEERING
-from adk_ros.mismatch.surrogate.residuals import OBSERVER_GAINS, STEP_S
+from adk_ros.mismatch.surrogate.residuals import MAX_RESIDUAL, OBSERVER_GAINS, STEP_S
 from adk_ros.mismatch.surrogate.state_index import (
     A_Y,
     IMU_A_X,
@@ -101,6 +101,10 @@ class LinearResponse:
             response = propagate(
                 feature, self.speed, self.coefficients, STEP_S, _INPUTS.index(equation)
             )
+            if problem.log.length_scale < 1.0 and not np.abs(response).max() < MAX_RESIDUAL:
+                # The recursion may diverge for a scale model, whose dynamics are fast for its
+                # step: such a feature is not screened.
+                return out
             change = dict(zip(_LATERAL_CHANNELS, response[[2, 1, 0, 1]], strict=True))
         for channel, values in change.items():
             # As `Likelihood.whiten`, for the channels that the equation changes.

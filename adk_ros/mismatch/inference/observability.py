@@ -17,10 +17,12 @@ Observability: which effects the recorded channels can show.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from adk_ros.calibration.scope import Possible, Scope
 from adk_ros.errors import DataError
 from adk_ros.mismatch.inference.channel_roles import CHANNEL_ROLES, ChannelRole
 from adk_ros.mismatch.inference.decision import Decision
@@ -104,6 +106,25 @@ class ObservableEffects:
         """Return the states whose prediction needs a channel that the recording lacks."""
         lost = {state for role in self._lost for state in role.states}
         return [name for name in STATE_NAMES if name in lost]
+
+    def scope(self, rows: Sequence[Scope]) -> list[Scope]:
+        """Return what the channels allow, with the states that this analysis does not judge."""
+        lacking = {
+            f"judge {state.replace('_rate', ' rate')}": role.missing
+            for role in self._lost
+            for state in role.states
+        }
+        return [
+            replace(
+                row,
+                possible=Possible.NO,
+                why=row.why or f"analysed without {lacking[row.name].what}",
+                needs=row.needs or lacking[row.name].what,
+            )
+            if row.name in lacking
+            else row
+            for row in rows
+        ]
 
     def missing_channels(self) -> list[MissingChannel]:
         """Return the missing channels, with the consequence and the remedy of each."""
