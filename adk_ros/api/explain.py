@@ -202,6 +202,7 @@ def explain(
     """
     from adk_ros.api.provenance import RunTimer
     from adk_ros.mismatch.analysis import identify_mismatch
+    from adk_ros.mismatch.inputs import vehicle_scale
     from adk_ros.mismatch.recording.sensor_log import SensorLog
 
     timer = RunTimer()
@@ -217,7 +218,13 @@ def explain(
         simulation, recordings, vehicle, without_imu, options or RecordingOptions(), progress
     )
     simulated, recorded, nominal = inputs
-    others = _read_held_out([Path(path) for path in held_out], recordings, options, progress)
+    others = _read_held_out(
+        [Path(path) for path in held_out],
+        recordings,
+        options,
+        progress,
+        vehicle_scale(simulated, nominal),
+    )
     logs = [*recorded, *others]
     if isinstance(simulated, SensorLog):
         logs.append(simulated)
@@ -266,6 +273,7 @@ def _read_held_out(
     recordings: Sequence[Path],
     options: RecordingOptions | None,
     progress: Progress | None,
+    length_scale: float,
 ) -> list[SensorLog]:
     """Return the held-out recordings; only their odometry and commands are used."""
     from adk_ros.mismatch.deployment.held_out import check_held_out
@@ -277,7 +285,7 @@ def _read_held_out(
             raise UsageError(f"{bag}: the recording itself is not held out: give another bag")
         report = in_stage(progress, f"reading {bag.name}")
         log = read_sensor_log(bag, options or RecordingOptions(), report, needs_imu=False)
-        check_held_out(log)
+        check_held_out(replace(log, length_scale=length_scale))
         logs.append(log)
     return logs
 

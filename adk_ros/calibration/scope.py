@@ -8,6 +8,7 @@ A missing channel reduces the scope; nothing but a parked car or a very short dr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -15,13 +16,17 @@ from adk_ros.calibration.criteria import MIN_MOVING_S
 from adk_ros.calibration.from_bag import BagContent
 from adk_ros.calibration.informative import Informative, informative
 from adk_ros.calibration.stream_checks import check_streams
+from adk_ros.calibration.streams import Streams
+from adk_ros.road.recorded_drive import MIN_STEPS, STEP_S
+from adk_ros.train.train_settings import MIN_TRAINING_S
 
-MIN_TRAINING_S = 60.0
-"""s of recordings that `adk train` needs in all (`train.training_run`)."""
 MIN_JUDGED_S = 30.0
-"""s of driving that `adk mismatch` needs (`mismatch.recording.checks.MIN_DURATION_S`)."""
-MIN_ROAD_S = 5.0
-"""s of driving from which the road has a profile (`road.profile`)."""
+"""
+s of driving that `adk mismatch` needs, equal to `mismatch.recording.checks.MIN_DURATION_S` of a
+full-size car, which no module of this layer may import.
+"""
+MIN_ROAD_S = MIN_STEPS * STEP_S
+"""s of driving from which the road has a profile."""
 
 
 class Possible(str, Enum):
@@ -61,14 +66,34 @@ Reason = tuple[str, str]
 
 def scope_of(content: BagContent) -> list[Scope]:
     """Return what a recording allows, row by row."""
-    faults = check_streams(content.streams)
-    about = informative(
-        content.streams,
-        faults.unusable,
-        content.command_type,
-        content.joints.is_torque_estimated,
-    )
-    return [*_predict(about), *_judge(about), *_road(about), _calibration(about)]
+    estimated = content.joints.is_torque_estimated
+    return scope_of_streams(content.streams, content.command_type, is_torque_estimated=estimated)
+
+
+def scope_of_streams(
+    streams: Streams,
+    command_type: str,
+    least_judged_s: float = MIN_JUDGED_S,
+    is_torque_estimated: bool = False,
+) -> list[Scope]:
+    """
+    Return what the streams of a recording allow, row by row.
+
+    :param command_type: key of `signals.commands.COMMAND_TYPES`, empty without a command.
+    :param least_judged_s: driving that a comparison needs, s: less of a scale model.
+    :param is_torque_estimated: whether the torque was estimated from the motion.
+    """
+    faults = check_streams(streams)
+    about = informative(streams, faults.unusable, command_type, is_torque_estimated)
+    judged = _judge(about, least_judged_s)
+    return [*_predict(about), *judged, *_road(about), _calibration(about)]
+
+
+def common_scope(each: Sequence[Sequence[Scope]]) -> list[Scope]:
+    """Return the rows of several recordings that are analysed jointly: the least of each."""
+    order = list(Possible)
+    by_name = zip(*each, strict=True)
+    return [max(rows, key=lambda row: order.index(row.possible)) for rows in by_name]
 
 
 def _row(name: str, required: list[Reason], desired: list[Reason]) -> Scope:
@@ -87,8 +112,8 @@ def _drive(about: Informative, least_s: float) -> Reason:
     if about.driving_s >= least_s:
         return "", ""
     if about.driving_s == 0.0:
-        return "the car does not move", f"a drive of {least_s:g} s"
-    return f"the car moves for {about.driving_s:.0f} s only", f"a drive of {least_s:g} s"
+        return "the car does not move", f"a drive of {least_s:.3g} s"
+    return f"the car moves for {about.driving_s:.0f} s only", f"a drive of {least_s:.3g} s"
 
 
 def _v_x(about: Informative) -> Reason:
@@ -119,8 +144,8 @@ def _predict(about: Informative) -> list[Scope]:
     ]
 
 
-def _judge(about: Informative) -> list[Scope]:
-    always = [_drive(about, MIN_JUDGED_S), _v_x(about)]
+def _judge(about: Informative, least_s: float) -> list[Scope]:
+    always = [_drive(about, least_s), _v_x(about)]
     imu = (about.imu, "an IMU")
     drive = (about.drive, "wheel torque")
     torque = (about.torque if not about.drive else "", "wheel torque in N·m")

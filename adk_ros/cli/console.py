@@ -215,3 +215,21 @@ def print_scores(scores: HeldOutScores, title: str) -> None:
     flush()
     for combination, reason in scores.lost.items():
         note(f"not better than a naive predictor, future commands known: {combination}: {reason}")
+
+
+def print_scope(rows: list[dict[str, str]]) -> None:
+    """Print what a recording allows, why not more, and what would allow it."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    style = {"yes": "green", "reduced": "yellow", "no": "red"}
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    table.add_column("what", no_wrap=True)
+    table.add_column("possible", no_wrap=True)
+    table.add_column("why not")
+    table.add_column("what would allow it")
+    for row in rows:
+        cells = (row["name"], row["possible"], row["why"], row["needs"])
+        table.add_row(*(Text(x, style[x] if x == row["possible"] else "") for x in cells))
+    print_table(table)

@@ -71,7 +71,8 @@ def _show_model(path: Path, public_keys: Path | None, as_json: bool) -> None:
 
 
 def _show_bag(path: Path, as_json: bool) -> None:
-    about = _bag_content(path) | {"scope": _scope(path)}
+    about = _bag_content(path)
+    about["scope"] = _scope(path, is_refused=str(about["verdict"]).startswith("not"))
     about["verdict"] = _verdict(about)
     if as_json:
         console.print_json(about)
@@ -93,12 +94,16 @@ def _show_bag(path: Path, as_json: bool) -> None:
         )
     console.warn_all(about["warnings"])
     if about["scope"]:
-        _print_scope(about["scope"])
+        console.print_scope(about["scope"])
     console.output.print(f"  {about['verdict']}", markup=False)
 
 
-def _scope(path: Path) -> list[dict[str, str]]:
-    """Return what the recording allows; empty if it has no stream to read."""
+def _scope(path: Path, is_refused: bool) -> list[dict[str, str]]:
+    """
+    Return what the recording allows; empty if no stream can be read.
+
+    The reason is a warning, unless the verdict `is_refused` and says it already.
+    """
     from adk_ros.bags.recording import RecordingOptions
     from adk_ros.calibration.from_bag import read_streams
     from adk_ros.calibration.scope import scope_of
@@ -107,26 +112,11 @@ def _scope(path: Path) -> list[dict[str, str]]:
     try:
         with console.progress(f"reading {path.name}") as report:
             content = read_streams(path, RecordingOptions(), report)
-    except AdkError:
+    except AdkError as error:
+        if not is_refused:
+            console.warn_all([f"what the recording allows is unknown: {error}"])
         return []
     return [row.as_dict() for row in scope_of(content)]
-
-
-def _print_scope(rows: list[dict[str, str]]) -> None:
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    style = {"yes": "green", "reduced": "yellow", "no": "red"}
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
-    table.add_column("what", no_wrap=True)
-    table.add_column("possible", no_wrap=True)
-    table.add_column("why not")
-    table.add_column("what would allow it")
-    for row in rows:
-        cells = (row["name"], row["possible"], row["why"], row["needs"])
-        table.add_row(*(Text(x, style[x] if x == row["possible"] else "") for x in cells))
-    console.print_table(table)
 
 
 def _verdict(about: dict[str, Any]) -> str:

@@ -113,6 +113,9 @@ def mismatch(
         return
     for text in result.notes:
         console.note(text)
+    rows = result.as_dict()["scope"]["rows"]
+    if any(row["possible"] != "yes" for row in rows):
+        console.print_scope(rows)
     console.output.print(result.summary, markup=False)
     for text in result.answers:
         console.output.print(f"\n{text}", markup=False)

@@ -5,10 +5,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from adk_ros.calibration.scope import Scope, common_scope
 from adk_ros.mismatch.inference.observability import is_torque
 from adk_ros.mismatch.library.criteria import SURROGATE_ERROR_AS_NOISE
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
@@ -24,11 +25,13 @@ from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
 from adk_ros.mismatch.recording.inferred_torque import with_inferred_torque
 from adk_ros.mismatch.recording.joined import concatenated, in_sequence
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
+from adk_ros.mismatch.recording.recorded_scope import recorded_scope
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.simulator import DEFAULT_WHEEL_RADIUS, default_vehicle, surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
 from adk_ros.mismatch.surrogate.residuals import BIN_S
+from adk_ros.mismatch.surrogate.substeps import scale_of
 from adk_ros.numerics.arrays import FloatArray
 
 SurrogateProgress = Callable[[float, str], None]
@@ -43,6 +46,8 @@ class Inputs:
     data: RecordedData
     has_imu: bool
     notes: tuple[str, ...]
+    scope: tuple[Scope, ...] = ()
+    """What the channels of the recordings allow, before any analysis."""
 
     @classmethod
     def of(
@@ -59,6 +64,9 @@ class Inputs:
         `held_out_share` of each recording is not used for training.
         :raises DataError: the recordings do not allow an analysis.
         """
+        size = vehicle_scale(simulation, nominal)
+        recordings = [replace(log, length_scale=size) for log in recordings]
+        scope = common_scope([recorded_scope(log) for log in recordings])
         live = [without_dead_channels(log) for log in recordings]
         notes = [line for _, lines in live for line in lines]
         has_imu = all(log.imu_s.size > 0 for log, _ in live)
@@ -72,6 +80,7 @@ class Inputs:
             notes += _notes_on_known(surrogate)
             noise = [np.maximum(x, _error_as_noise(surrogate)) for x in noise]
         else:
+            simulation = replace(simulation, length_scale=size)
             _check_simulation(simulation, logs, nominal)
             progress(0.0, "identifying the simulator")
             every = logs[0] if len(logs) == 1 else concatenated(in_sequence(logs))
@@ -79,12 +88,24 @@ class Inputs:
             notes += [*found, *_notes_on_default_vehicle(nominal)]
         logs = [_with_torque(log, surrogate) for log in logs]
         data = RecordedData.of(surrogate, logs, noise, has_imu, held_out_share)
-        notes += [*_notes_on_lap(data.lap), *_notes_on_driving(surrogate, data)]
-        return cls(simulation, surrogate, data, has_imu, tuple(notes))
+        notes += [
+            *_notes_on_size(size),
+            *_notes_on_lap(data.lap, size),
+            *_notes_on_driving(surrogate, data),
+        ]
+        return cls(simulation, surrogate, data, has_imu, tuple(notes), tuple(scope))
 
     def completed(self, log: SensorLog) -> SensorLog:
         """Return a further recording as the analysed ones are: without dead channels."""
-        return _with_torque(without_dead_channels(log)[0], self.surrogate)
+        sized = replace(log, length_scale=scale_of(self.surrogate.parameters))
+        return _with_torque(without_dead_channels(sized)[0], self.surrogate)
+
+
+def vehicle_scale(simulation: SensorLog | SurrogateModel, nominal: NominalVehicle | None) -> float:
+    """Return the scale of lengths of the vehicle; 1 where nothing says that it is a model."""
+    if isinstance(simulation, SurrogateModel):
+        return scale_of(simulation.parameters)
+    return 1.0 if nominal is None else nominal.length_scale
 
 
 def _with_torque(log: SensorLog, surrogate: SurrogateModel) -> SensorLog:
@@ -137,8 +158,18 @@ def _notes_on_default_vehicle(nominal: NominalVehicle | None) -> list[str]:
     ]
 
 
-def _notes_on_lap(lap: Lap | None) -> list[str]:
-    if lap is not None:
+def _notes_on_size(size: float) -> list[str]:
+    if size == 1.0:
+        return []
+    return [
+        f"a scale model, 1:{1.0 / size:.2g} of a mid-size car: thresholds of speed, time, mass "
+        "and length are those at the same Froude number; effects at places of a lap are not "
+        "examined"
+    ]
+
+
+def _notes_on_lap(lap: Lap | None, size: float) -> list[str]:
+    if lap is not None or size < 1.0:
         return []
     return [
         "no part of the route is driven twice, so local effects (grade, bank, friction patches) "

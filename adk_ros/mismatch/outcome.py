@@ -105,6 +105,7 @@ class Outcome:
             downweighted=self.downweighted,
             steady_state=steady_state(self.whole, decision.hypothesis, data.observable.torque),
             agreement=agreement_of(data, decision, self.whole, path),
+            scope=data.observable.scope(inputs.scope),
         )
 
 

@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from adk_ros.mismatch.inference.detectability import Drive
 from adk_ros.mismatch.inference.detectable_sizes import active_effect
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.recording.checks import check_recording, check_vehicle
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -46,6 +47,8 @@ def planned_drive(
 
     :raises DataError: the simulation does not allow an analysis.
     """
+    if nominal is not None:
+        simulation = replace(simulation, length_scale=nominal.length_scale)
     check_recording(simulation)
     if nominal is not None:
         check_vehicle(nominal, simulation)
@@ -62,4 +65,6 @@ def is_detectable(drive: Drive, effect: str, values: dict[str, float], minutes: 
     `values` by parameter, in the catalogue's units; parameters that are left out are neutral. An
     effect that can only act at a place is assumed on a quarter of the lap.
     """
-    return drive.is_detectable(active_effect(EFFECTS[effect], values, drive.lap), minutes)
+    return drive.is_detectable(
+        active_effect(drive.full.likelihood.effects[effect], values, drive.lap), minutes
+    )

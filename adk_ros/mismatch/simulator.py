@@ -65,7 +65,9 @@ def _surrogate_and_notes(
         lambda done, total: report(0.5 * done / total, "identifying the simulator"),
         unknown,
     )
-    on_road = _is_on_same_road(problem, prepare_residual_problem(recording))
+    # The thresholds of roads and laps are lengths of full-size roads.
+    is_full_size = simulation.length_scale == 1.0
+    on_road = is_full_size and _is_on_same_road(problem, prepare_residual_problem(recording))
     extended = augment_surrogate(
         problem,
         plain,
@@ -75,7 +77,7 @@ def _surrogate_and_notes(
         on_road,
     )
     notes = [] if nominal is None else _notes_on_assumed(nominal, extended, unknown)
-    if not on_road and is_underfit(problem, plain):
+    if is_full_size and not on_road and is_underfit(problem, plain):
         notes.append(
             "the recording is on another road than the simulation, or their pose frames differ: "
             "slopes of the simulated road are not identified"

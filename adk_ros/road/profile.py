@@ -31,7 +31,13 @@ from adk_ros.road.places import (
     find_places,
     match_radius,
 )
-from adk_ros.road.recorded_drive import RecordedDrive, Steps, in_steps, middle
+from adk_ros.road.recorded_drive import (
+    MIN_STEPS,
+    RecordedDrive,
+    Steps,
+    in_steps,
+    middle,
+)
 from adk_ros.road.slope_rows import Axis
 from adk_ros.road.smoother import MAX_KNOTS, SlopeModel, Slopes, Variances
 
@@ -112,9 +118,9 @@ class RoadProfile:
 
 
 def road_profile(drive: RecordedDrive) -> RoadProfile | None:
-    """Return grade and bank along a drive; None if the car moves for less than 25 steps (5 s)."""
+    """Return grade and bank along a drive; None if the car moves for less than `MIN_STEPS`."""
     steps = in_steps(drive, STANDING_SPEED)
-    if steps is None or int(steps.used.sum()) < 25:
+    if steps is None or int(steps.used.sum()) < MIN_STEPS:
         return None
     spacing = _spacing(steps)
     by_direction = [_places(steps, spacing, both) for both in (True, False)]

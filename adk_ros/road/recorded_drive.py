@@ -14,6 +14,8 @@ from adk_ros.numerics.differentiation import savitzky_golay
 Interval = tuple[float, float]
 """Begin and end, s."""
 
+MIN_STEPS = 25
+"""Steps of a moving car from which the road has a profile: 5 s. By choice."""
 STEP_S = 0.2
 """Time step, s. A grade that changes within two steps (2.5 Hz) is a bump: below the wavelength of
 50 m that ISO 8608 takes for the profile of a road at any speed above 20 m/s."""

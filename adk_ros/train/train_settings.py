@@ -8,6 +8,12 @@ from dataclasses import dataclass
 
 from adk_ros.errors import UsageError
 
+MIN_TRAINING_S = 60.0
+"""
+s of recordings that a training needs in all, for blocks of `dataset` in each of its parts. By
+choice.
+"""
+
 
 @dataclass(frozen=True)
 class TrainSettings:

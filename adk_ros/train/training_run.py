@@ -22,7 +22,7 @@ from adk_ros.train.held_out import HeldOutScores, TrainingDomain, score_held_out
 from adk_ros.train.hyperparameters import horizon_covariances, select_hyperparameters
 from adk_ros.train.network_fit import FittedNetwork, Step, fit
 from adk_ros.train.paper_training import fit_paper
-from adk_ros.train.train_settings import PaperSettings, TrainSettings
+from adk_ros.train.train_settings import MIN_TRAINING_S, PaperSettings, TrainSettings
 
 Note = Callable[[str, int, int], None]
 
@@ -79,7 +79,7 @@ def run_training(
     if not validation:
         raise DataError(
             f"{sum(r.duration_s for r in records):.0f} s of data are too short for a validation "
-            "part: give at least 60 s"
+            f"part: give at least {MIN_TRAINING_S:g} s"
         )
     uses_imu = any(bool((r.a == r.a).any()) for r in records)
     trained: FittedNetwork | None = None

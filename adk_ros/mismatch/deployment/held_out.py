@@ -111,7 +111,7 @@ def _errors(
         at_end = measured(at_s)
         ahead = at_start if predicted is None else predicted[:, tick - 1]
         slowest = np.minimum(np.abs(at_start[:, 0]), np.abs(at_end[:, 0]))
-        counted = (at_s <= log.odometry_s[-1]) & (slowest > MIN_SPEED)
+        counted = (at_s <= log.odometry_s[-1]) & (slowest > log.similar(MIN_SPEED))
         counted &= ~item.touches_skipped(starts, horizon)
         out[:, i] = np.where(counted[:, None], ahead - at_end, np.nan)
     return out
@@ -125,9 +125,10 @@ def check_held_out(log: SensorLog) -> None:
     """
     starts = start_times_of(log, round(HORIZONS_S[-1] / _TICK_S), START_STRIDE_S, FIRST_START_S)
     speed = np.interp(starts, log.odometry_s, log.odometry[:, 0])
-    if not np.any(speed > MIN_SPEED):
+    slowest = log.similar(MIN_SPEED)
+    if not np.any(speed > slowest):
         raise DataError(
-            f"{log.name}: the vehicle is never faster than {MIN_SPEED:g} m/s: there is nothing to "
+            f"{log.name}: the vehicle is never faster than {slowest:.3g} m/s: there is nothing to "
             "predict; give another held-out recording"
         )
 

@@ -21,7 +21,6 @@ from adk_ros.mismatch.library.features import feature_matrix
 from adk_ros.mismatch.library.parametric_features import has_memory, has_unlimited_memory
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.command_integrals import integrate_commands
-from adk_ros.mismatch.surrogate.equations_of_motion import integrate
 from adk_ros.mismatch.surrogate.run_inputs import (
     ActiveTerms,
     RunBuffers,
@@ -48,6 +47,7 @@ from adk_ros.mismatch.surrogate.state_index import (
     V_Y,
     YAW_RATE,
 )
+from adk_ros.mismatch.surrogate.substeps import integrate_in_substeps
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS
 
@@ -180,7 +180,7 @@ class OpenLoopPredictor:
     def _run(self, state: FloatArray, terms: ActiveTerms, inputs: RunInputs) -> RunBuffers:
         """Run from `state`, which is advanced in place."""
         buffers = run_buffers(state, terms.activations.shape[1], keep_end_states=True)
-        integrate(self.parameters, terms, inputs, buffers)
+        integrate_in_substeps(self.parameters, terms, inputs, buffers)
         return buffers
 
     def _feature_accelerations(self, output: FloatArray, start: float) -> FloatArray:

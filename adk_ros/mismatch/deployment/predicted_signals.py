@@ -67,7 +67,7 @@ def predicted_signals(
     if not starts.size:
         return None
     at_s = starts + AHEAD_S
-    moving = np.interp(at_s, log.odometry_s, np.abs(log.odometry[:, 0])) > MIN_SPEED
+    moving = np.interp(at_s, log.odometry_s, np.abs(log.odometry[:, 0])) > log.similar(MIN_SPEED)
     hidden = ~moving[None, :] | np.isin(SIGNALS, list(not_judged))[:, None]
     first, second = (np.where(hidden, np.nan, _predicted(x, log, starts)) for x in models)
     count = np.maximum(np.round(AVERAGED_S / np.array(_periods(log))), 1.0)

@@ -43,7 +43,9 @@ from adk_ros.mismatch.surrogate.state_index import (
     S_YAW_RATE,
     STATE_SIZE,
 )
+from adk_ros.mismatch.surrogate.substeps import scale_of
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.similarity import time_scale
 from adk_ros.plant.environment.road import (
     ROAD_BANK,
     ROAD_GRADE,
@@ -71,6 +73,7 @@ from adk_ros.plant.vehicle.vehicle_parameters import Dimensions, Vehicle
 
 PLANT = "surrogate"
 _MAX_STEP_S = 0.005
+"""s, of a full-size car."""
 _COMMAND_HOLD_S = 0.3
 """s that a command is held ahead of the present: an identified delay may be slightly negative."""
 _MAX_OFF_ROUTE_M = 30.0
@@ -103,8 +106,13 @@ def simulate_scenario(
     :raises DataError: the car leaves the road.
     """
     model = source.content
-    setup, route = set_up_run(scenario, seed, duration_s), scenario.planned_route()
     driver = _driver_vehicle(scenario, model)
+    size = driver.length_scale
+    if size != 1.0:
+        # The scenario's route is for the size of its vehicle, here the surrogate's.
+        scenario = scenario.model_copy(update={"vehicle_changes": driver.model_dump()})
+    route, scenario = scenario.planned_route(), scenario.similar(driver)
+    setup = set_up_run(scenario, seed, duration_s)
     constants = driver.constants()
     run = _SurrogateRun(model, setup.seconds)
     s = scenario.start % route.length
@@ -124,7 +132,7 @@ def simulate_scenario(
         state = run.state
         s, across, road_heading = locate(route.table, route.spacing, s, state[S_X], state[S_Y])
         distances[k] = s
-        if abs(across) > _MAX_OFF_ROUTE_M or not np.isfinite(state).all():
+        if abs(across) > _MAX_OFF_ROUTE_M * size or not np.isfinite(state).all():
             raise DataError(
                 f"{source.name}: the car leaves the road of {scenario.name} after "
                 f"{stamps[k] * STEP:.0f} s: the scenario's speeds are too high for this car"
@@ -196,6 +204,7 @@ class _SurrogateRun:
     def __init__(self, model: SurrogateFile, seconds: float) -> None:
         self.state = np.zeros(STATE_SIZE)
         self._parameters = model.vector_with_terms()
+        self._max_step_s = _MAX_STEP_S * time_scale(scale_of(self._parameters))
         grid = math.ceil((seconds + 1.0) / COMMAND_GRID_S) + 1
         self._commands = CommandIntegrals(np.zeros(grid), np.zeros(grid), COMMAND_GRID_S)
         features, self._coefficients = model.feature_coefficients()
@@ -222,7 +231,7 @@ class _SurrogateRun:
         self._hold(begin_s, command)
         if end_s <= begin_s:
             return
-        n = math.ceil((end_s - begin_s) / _MAX_STEP_S - 1e-9)
+        n = math.ceil((end_s - begin_s) / self._max_step_s - 1e-9)
         step = (end_s - begin_s) / n
         p = self._in_environment(environment)
         extra = self._feature_accelerations(n, begin_s, command)

@@ -23,6 +23,7 @@ from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.differentiation import savitzky_golay
+from adk_ros.numerics.similarity import time_scale
 from adk_ros.plant.scenario.driver import Excitation, SpeedPlan
 from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
 from adk_ros.plant.scenario.sensor_simulation import START_NS, SimulatedDrive
@@ -74,14 +75,18 @@ def is_simulator_file(path: Path) -> bool:
     return path.suffix in {".yaml", ".yml"}
 
 
-def driving_envelope(recording: SensorLog) -> DrivingEnvelope:
-    """Return the speed and accelerations that a recording exceeds 1 % of the time."""
+def driving_envelope(recording: SensorLog, length_scale: float = 1.0) -> DrivingEnvelope:
+    """
+    Return the speed and accelerations that a recording exceeds 1 % of the time.
+
+    The speed is that of the full-size car with the Froude number of a vehicle at `length_scale`.
+    """
     log = recording
     v_x, rate = (savitzky_golay(log.odometry[:, i], log.odometry_period_s) for i in (0, 2))
     acceleration = np.gradient(v_x, log.odometry_s)
     high, low = _EXTREME_PERCENTILE, 100.0 - _EXTREME_PERCENTILE
     return DrivingEnvelope(
-        top=float(np.clip(np.percentile(v_x, high), *_SPEED_RANGE)),
+        top=float(np.clip(np.percentile(v_x, high) / time_scale(length_scale), *_SPEED_RANGE)),
         lateral=float(np.clip(np.percentile(np.abs(v_x * rate), high), *_LATERAL_RANGE)),
         forward=float(np.clip(np.percentile(acceleration, high), *_FORWARD_RANGE)),
         braking=float(np.clip(-np.percentile(acceleration, low), *_BRAKING_RANGE)),
@@ -117,11 +122,12 @@ def simulate_matched_drive(
     The route is the packaged handling course, scaled so that the recording's speed gives its
     lateral acceleration. Raises `UsageError` for a vehicle that cannot drive it.
     """
-    envelope = driving_envelope(recording)
+    envelope = driving_envelope(recording, vehicle.length_scale)
+    slowest = _MIN_SIDESLIP_SPEED * time_scale(vehicle.length_scale)
     for margin in _ENVELOPE_MARGINS:
         log = _simulate(vehicle, envelope, margin, name)
         v_x, v_y = log.odometry[:, 0], log.odometry[:, 1]
-        if np.all(np.abs(v_y) < np.tan(_MAX_SIDESLIP) * np.maximum(v_x, _MIN_SIDESLIP_SPEED)):
+        if np.all(np.abs(v_y) < np.tan(_MAX_SIDESLIP) * np.maximum(v_x, slowest)):
             break
     return log
 
@@ -132,7 +138,8 @@ def _simulate(vehicle: Vehicle, envelope: DrivingEnvelope, margin: float, name: 
     top = min(_TOP_SPEED_FACTOR * envelope.top, _MAX_TOP_SPEED)
     size = (top / base.speed.top) ** 2 * base.speed.lateral_accel / lateral
     size = float(np.clip(size, *_SIZE_RANGE))
-    mass_ratio = vehicle.mass / _REFERENCE_MASS
+    # A scenario is scaled to a scale model as a whole.
+    mass_ratio = vehicle.mass / _REFERENCE_MASS if vehicle.length_scale == 1.0 else 1.0
     scenario = Scenario(
         name=name,
         plant="seven_dof",

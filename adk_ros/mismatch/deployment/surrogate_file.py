@@ -24,7 +24,7 @@ from pydantic import Field, model_validator
 
 from adk_ros.files.yaml_file import FileModel, load, read
 from adk_ros.mismatch.deployment.identification_entry import IdentificationEntry
-from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.catalogue import EFFECTS, effects_of
 from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.surrogate_parameters import (
     INDEX,
@@ -37,6 +37,7 @@ from adk_ros.mismatch.surrogate.activation import TRANSITION_LENGTH_M
 from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS, FeatureTerm
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.road_profile import KNOT_SPACING_M, RoadProfile
+from adk_ros.mismatch.surrogate.substeps import scale_of
 from adk_ros.numerics.arrays import FloatArray
 
 KIND, SCHEMA = "surrogate", 2
@@ -92,7 +93,7 @@ class EffectTermEntry(FileModel):
         """Return (index, amount) pairs that the term adds to the parameters `base`."""
         return [
             pair
-            for parameter in EFFECTS[self.effect].parameters
+            for parameter in effects_of(scale_of(base))[self.effect].parameters
             for pair in parameter.amounts(parameter.theta(self.parameters[parameter.name]), base)
         ]
 

@@ -17,9 +17,9 @@ _SMOOTHED_S = 0.5 * SMOOTHING_WINDOW_S
 
 
 def stationary_bins(problem: ResidualProblem) -> BoolArray:
-    """Return the bins (b,) in which the car is slower than `MIN_SPEED` or was just before."""
+    """Return the bins (b,) in which the car is slower than `MIN_SPEED`, or was just before."""
     speed = np.abs(problem.smoothed_odometry[:, 0])
-    slow = np.interp(problem.bin_s, problem.middle_s, speed) < MIN_SPEED
+    slow = np.interp(problem.bin_s, problem.middle_s, speed) < problem.log.similar(MIN_SPEED)
     after = np.ones(round(SETTLING_S / BIN_S), dtype=np.int64)
     return np.asarray(np.convolve(slow.astype(np.int64), after)[: slow.shape[0]] > 0)
 

@@ -20,7 +20,6 @@ from adk_ros.mismatch.inference.detectability import (
     NoiseModel,
 )
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
-from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect import ALWAYS, Effect, EffectParameter
 from adk_ros.mismatch.surrogate.activation import ALWAYS_ACTIVE, Activation
 from adk_ros.mismatch.surrogate.lap import Lap
@@ -71,7 +70,7 @@ def detectable_sizes(
     """Return the detectable sizes of all effects that the channels show, by effect and time."""
     effects = [
         effect
-        for effect in EFFECTS.values()
+        for effect in drive.full.likelihood.effects.values()
         if effect.name not in unobservable and (ALWAYS in effect.activations or drive.lap)
     ]
     models = {"": drive.full, **drive.partial}
@@ -83,7 +82,8 @@ def detectable_sizes(
             curves[effect.name, parameter.name] = _curve(drive, models, effect, j)
     out = []
     for (name, parameter_name), curve in curves.items():
-        parameter = next(p for p in EFFECTS[name].parameters if p.name == parameter_name)
+        known = drive.full.likelihood.effects[name].parameters
+        parameter = next(p for p in known if p.name == parameter_name)
         for time in minutes:
             out.append(_detectable(drive, models, (name, parameter), curve, time))
     return out

@@ -15,6 +15,7 @@ is the loss by which a recording of the manoeuvre would discriminate between the
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -32,7 +33,6 @@ from adk_ros.mismatch.library.criteria import (
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.command_integrals import integrate_commands
-from adk_ros.mismatch.surrogate.equations_of_motion import integrate
 from adk_ros.mismatch.surrogate.residuals import (
     BIN_S,
     STEP_S,
@@ -48,7 +48,9 @@ from adk_ros.mismatch.surrogate.state_index import (
     STATE_SIZE,
     V_X,
 )
+from adk_ros.mismatch.surrogate.substeps import integrate_in_substeps, scale_of
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.similarity import time_scale
 
 COMMAND_PERIOD_S = 0.005
 DURATION_S = 20.0
@@ -92,7 +94,7 @@ class Discriminability:
 
 
 def manoeuvres() -> tuple[Manoeuvre, ...]:
-    """Return the manoeuvres that are compared, moderate enough for a car on a dry road."""
+    """Return the manoeuvres of a full-size car that are compared, moderate on a dry road."""
     t = COMMAND_PERIOD_S * np.arange(round(DURATION_S / COMMAND_PERIOD_S))
     none, on = np.zeros_like(t), np.asarray(t > 1.0, dtype=np.float64)
     square = on * np.sign(np.sin(2.0 * np.pi * t / 4.0))
@@ -107,6 +109,21 @@ def manoeuvres() -> tuple[Manoeuvre, ...]:
         Manoeuvre("a swept slalom at 15 m/s, 0.2 to 1.5 Hz", 15.0, none, 0.03 * sweep),
         Manoeuvre("a slowly tightening bend at 15 m/s", 15.0, none, 0.006 * np.maximum(t - 1, 0)),
         Manoeuvre("alternating full-lock circles at 4 m/s", 4.0, none, 0.35 * square),
+    )
+
+
+def similar_manoeuvres(size: float) -> tuple[Manoeuvre, ...]:
+    """Return the manoeuvres with the speeds of a vehicle at a scale of lengths."""
+    if size == 1.0:
+        return manoeuvres()
+    tempo = time_scale(size)
+
+    def slower(found: re.Match[str]) -> str:
+        return f"{tempo * float(found.group(1)):.2g} m/s"
+
+    return tuple(
+        replace(x, speed=tempo * x.speed, text=re.sub(r"([\d.]+) m/s", slower, x.text))
+        for x in manoeuvres()
     )
 
 
@@ -129,7 +146,7 @@ def most_discriminating_manoeuvre(
     resized = parameters_with_effects(base, [*others, larger])
     mass, radius = float(base[INDEX["mass"]]), float(base[INDEX["wheel_radius"]])
     best, text = -1.0, ""
-    candidates = manoeuvres()
+    candidates = similar_manoeuvres(scale_of(base))
     for manoeuvre in candidates:
         run = _ManoeuvreRun(manoeuvre, mass * radius)
         observed = run.observe(identified)
@@ -215,12 +232,13 @@ class _ManoeuvreRun:
         state[[S_PLAY, S_STEER, S_STEER_MORE]] = p[INDEX["steer_gain"]] * self._first_angle
         inputs = open_loop_inputs(self._commands, problem.start_s, STEP_S, problem.steps)
         buffers = run_buffers(state, problem.steps)
-        integrate(p, problem.no_terms(), inputs, buffers)
+        integrate_in_substeps(p, problem.no_terms(), inputs, buffers)
         # The measurements are zero: the residuals are the negative simulated signals.
         channels = -problem.residuals(p, out=buffers.output)
         steps_per_bin = round(BIN_S / STEP_S)
         bin_of = np.minimum(np.arange(problem.steps) // steps_per_bin, problem.bins - 1)
-        slow = np.bincount(bin_of, buffers.output[V_X] < MIN_SPEED, problem.bins) > 0
+        slowest = MIN_SPEED * time_scale(scale_of(p))
+        slow = np.bincount(bin_of, buffers.output[V_X] < slowest, problem.bins) > 0
         channels[:, slow] = np.nan
         channels[:, problem.bin_s < _SETTLING_S] = 0.0
         return channels

@@ -33,7 +33,6 @@ from adk_ros.mismatch.inference.segments import (
     fit_segments,
     refine_segments,
 )
-from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
     MIN_FURTHER_GAIN_PER_SURROGATE_ERROR,
     MIN_GAIN,
@@ -232,7 +231,7 @@ def _screen(linearised: LinearisedProblem, lap: Lap | None, path: SelectionPath)
     single = not start.effects
     excluded = {*start.names, *linearised.likelihood.unobservable}
     out = _Screening()
-    for effect in EFFECTS.values():
+    for effect in linearised.likelihood.effects.values():
         if effect.name in excluded:
             continue
         if ALWAYS in effect.activations:
@@ -258,7 +257,7 @@ def examined_count(likelihood: Likelihood, lap: Lap | None) -> int:
 
     Onsets within a block are not independent, nor are segments within a bin of the lap.
     """
-    effects = [x for x in EFFECTS.values() if x.name not in likelihood.unobservable]
+    effects = [x for x in likelihood.effects.values() if x.name not in likelihood.unobservable]
     problem = likelihood.problem
     onsets = int((min(problem.bin_s[-1], likelihood.until_s) - problem.start_s) / BLOCK_S)
     always = sum(len(x.parameters) for x in effects if ALWAYS in x.activations)

@@ -133,7 +133,7 @@ def _similar_effects(
         *STRUCTURALLY_EQUIVALENT.get(active.effect.name, ()),
     }
     candidates = []
-    for effect in EFFECTS.values():
+    for effect in linearised.likelihood.effects.values():
         if effect.name in excluded or kind not in effect.activations:
             continue
         first = linearised.screen_effect(effect, active.activation)[0]

@@ -24,6 +24,7 @@ from adk_ros.mismatch.inference.counted_bins import stationary_bins, unmeasured_
 from adk_ros.mismatch.inference.fit_budget import SIMULATION
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, with_parameters
 from adk_ros.mismatch.inference.whitening import prediction_error_filters
+from adk_ros.mismatch.library.catalogue import effects_of
 from adk_ros.mismatch.library.criteria import (
     SENSOR_OFFSET_PRIORS,
     SETTLING_S,
@@ -31,6 +32,7 @@ from adk_ros.mismatch.library.criteria import (
     TOLERANCE_SIGMA,
     WEAK_DIRECTION_BOUND,
 )
+from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW
 from adk_ros.mismatch.surrogate.error_autocovariance import MAX_LAG
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
@@ -41,6 +43,7 @@ from adk_ros.mismatch.surrogate.residuals import (
 )
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.mismatch.surrogate.state_index import N_CHANNELS
+from adk_ros.mismatch.surrogate.substeps import scale_of
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.numerics.filters import causal_filter
 from adk_ros.numerics.levenberg_marquardt import (
@@ -153,6 +156,11 @@ class Likelihood:
     def surrogate_error_dof(self) -> float:
         """Return the number of residuals that the surrogate's own error accounts for."""
         return float((self.surrogate_error_share * np.count_nonzero(self.weights, axis=1)).sum())
+
+    @property
+    def effects(self) -> dict[str, Effect]:
+        """The catalogue of effects, for a vehicle of this size."""
+        return effects_of(scale_of(self.parameters))
 
     @property
     def n_nuisances(self) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.surrogate.feature_terms import STEERING
-from adk_ros.mismatch.surrogate.residuals import OBSERVER_GAINS, STEP_S
+from adk_ros.mismatch.surrogate.residuals import MAX_RESIDUAL, OBSERVER_GAINS, STEP_S
 from adk_ros.mismatch.surrogate.state_index import (
     A_Y,
     IMU_A_X,
@@ -39,7 +39,7 @@ _PROBE_ANGLE = 0.004
 _PROBE_HOLD_STEPS = 40
 """Steps for which the probe's sign is held: 0.4 s, near the car's yaw mode."""
 _MIN_SPEED = 3.0
-"""m/s; slower, the coefficients are those of this speed."""
+"""m/s, of a full-size car; slower, the coefficients are those of this speed."""
 _INPUTS = ("v_y", "yaw_rate", STEERING)
 _STATES = 5
 """Terms of the response before those of the inputs."""
@@ -65,7 +65,9 @@ class LinearResponse:
         likelihood, h = linearised.likelihood, linearised.hypothesis
         problem = likelihood.problem
         p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
-        speed = np.maximum(np.abs(problem.smoothed_odometry[:, 0]), _MIN_SPEED)
+        speed = np.maximum(
+            np.abs(problem.smoothed_odometry[:, 0]), problem.log.similar(_MIN_SPEED)
+        )
         probe = np.zeros((problem.steps, 4))
         steered = np.zeros_like(probe)
         signs = np.random.default_rng(0).integers(
@@ -99,6 +101,10 @@ class LinearResponse:
             response = propagate(
                 feature, self.speed, self.coefficients, STEP_S, _INPUTS.index(equation)
             )
+            if problem.log.length_scale < 1.0 and not np.abs(response).max() < MAX_RESIDUAL:
+                # The recursion may diverge for a scale model, whose dynamics are fast for its
+                # step: such a feature is not screened.
+                return out
             change = dict(zip(_LATERAL_CHANNELS, response[[2, 1, 0, 1]], strict=True))
         for channel, values in change.items():
             # As `Likelihood.whiten`, for the channels that the equation changes.

@@ -17,10 +17,12 @@ Observability: which effects the recorded channels can show.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from adk_ros.calibration.scope import Possible, Scope
 from adk_ros.errors import DataError
 from adk_ros.mismatch.inference.channel_roles import CHANNEL_ROLES, ChannelRole
 from adk_ros.mismatch.inference.decision import Decision
@@ -104,6 +106,25 @@ class ObservableEffects:
         """Return the states whose prediction needs a channel that the recording lacks."""
         lost = {state for role in self._lost for state in role.states}
         return [name for name in STATE_NAMES if name in lost]
+
+    def scope(self, rows: Sequence[Scope]) -> list[Scope]:
+        """Return what the channels allow, with the states that this analysis does not judge."""
+        lacking = {
+            f"judge {state.replace('_rate', ' rate')}": role.missing
+            for role in self._lost
+            for state in role.states
+        }
+        return [
+            replace(
+                row,
+                possible=Possible.NO,
+                why=row.why or f"analysed without {lacking[row.name].what}",
+                needs=row.needs or lacking[row.name].what,
+            )
+            if row.name in lacking
+            else row
+            for row in rows
+        ]
 
     def missing_channels(self) -> list[MissingChannel]:
         """Return the missing channels, with the consequence and the remedy of each."""
@@ -207,7 +228,9 @@ def longest_moving_segment(recording: SensorLog) -> SensorLog:
 
     A stationary car carries no information, and its commands may be arbitrary.
     """
-    moving = np.concatenate([[False], recording.odometry[:, 0] > MIN_SPEED, [False]])
+    moving = np.concatenate(
+        [[False], recording.odometry[:, 0] > recording.similar(MIN_SPEED), [False]]
+    )
     edges = np.flatnonzero(np.diff(moving.astype(np.int8)))
     if not edges.size:
         return recording
@@ -223,7 +246,7 @@ def is_torque(log: SensorLog, mass: float, wheel_radius: float) -> bool:
         return False
     v_x = savitzky_golay(log.odometry[:, 0], log.odometry_period_s)
     acceleration = np.abs(np.gradient(v_x, log.odometry_s))
-    moving = v_x > MIN_SPEED
+    moving = v_x > log.similar(MIN_SPEED)
     measured = (
         float(np.percentile(acceleration[moving], _EXTREME_PERCENTILE)) if moving.any() else 0.0
     )
@@ -241,7 +264,7 @@ def yaw_filter(log: SensorLog) -> float:
     at_s = np.arange(log.odometry_s[0], log.odometry_s[-1], _STEP_S)
     heading = np.interp(at_s, log.odometry_s, log.pose[:, 2])
     rate = np.interp(at_s, log.odometry_s, log.odometry[:, 2])
-    moving = np.interp(at_s, log.odometry_s, log.odometry[:, 0]) > MIN_SPEED
+    moving = np.interp(at_s, log.odometry_s, log.odometry[:, 0]) > log.similar(MIN_SPEED)
     counted = moving[_COMPARISON_STEPS:] & moving[:-_COMPARISON_STEPS]
     if np.count_nonzero(counted) < _MIN_COMPARISONS * _COMPARISON_STEPS:
         return 0.0

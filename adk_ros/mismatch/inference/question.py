@@ -34,7 +34,6 @@ from adk_ros.mismatch.inference.required_size import Reach, more_driving, suffic
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.inference.segments import fit_segments, refine_segments
 from adk_ros.mismatch.inference.significance import significant_effects
-from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import ONSET_MIN_GAIN_RATIO
 from adk_ros.mismatch.library.effect import ALWAYS, PLACE, TIME, Effect
 from adk_ros.mismatch.surrogate.lap import Lap
@@ -55,7 +54,7 @@ class Questioned:
 
 def answer(name: str, about: Questioned) -> AskedEffect:
     """Return why the effect `name` of the catalogue is claimed or not, and what would decide."""
-    effect, decision = EFFECTS[name], about.decision
+    effect, decision = about.likelihood.effects[name], about.decision
     claimed = any(identified.effect.name == name for identified in decision.effects)
     if name in about.likelihood.unobservable:
         return AskedEffect(name, False, "the channels of this recording do not show it")

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from adk_ros.calibration.scope import Scope
 from adk_ros.mismatch.inference.asked_effect import AskedEffect
 from adk_ros.mismatch.inference.confidence import Evidence
 from adk_ros.mismatch.inference.downweighted_episodes import Downweighted
@@ -268,3 +269,5 @@ class MismatchResult:
     """Residuals that the robust loss does not count in full; None if there are none."""
     agreement: Agreement | None = None
     """The comparison of several recordings; None for one."""
+    scope: list[Scope] = field(default_factory=list)
+    """What the channels allow to predict, judge and calibrate, and why not more."""

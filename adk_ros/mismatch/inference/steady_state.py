@@ -30,7 +30,10 @@ from adk_ros.mismatch.surrogate.state_index import A_X, YAW_RATE
 from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 
 MIN_SPEED = 5.0
-"""m/s. Slower, the angle of the path's curvature is large and its noise as large as understeer."""
+"""
+m/s, of a full-size car. Slower, the angle of the path's curvature is large and its noise as large
+as understeer.
+"""
 RESPONSE_S = 0.2
 """s. Typical response time of yaw rate and lateral acceleration to a step of steering."""
 MAX_TRANSIENT_ANGLE = np.radians(0.1)
@@ -123,8 +126,10 @@ def steady_state(likelihood: Likelihood, h: Hypothesis, has_torque: bool) -> Ste
     ]
     measured = _measured(problem)
     steady = problem.bin_s >= problem.start_s + SETTLING_S
+    slowest = problem.log.similar(MIN_SPEED)
+    steady &= measured["v_x"] > slowest
     return SteadyState(
-        _understeer(measured, runs, steady, base),
+        _understeer(measured, runs, steady, base, slowest),
         _resistance(measured, runs, steady, base) if has_torque else None,
         float(base[INDEX["mass"]]),
     )
@@ -170,13 +175,13 @@ def _understeer(
     runs: list[dict[str, FloatArray]],
     steady: BoolArray,
     p: FloatArray,
+    slowest: float,
 ) -> Characteristic | None:
     wheelbase = float(p[INDEX["cg_to_front_axle"]] + p[INDEX["cg_to_rear_axle"]])
     v, delta = measured["v_x"], measured["delta"]
-    fast = np.maximum(v, MIN_SPEED)
+    fast = np.maximum(v, slowest)
     use = (
         steady
-        & (v > MIN_SPEED)
         & (np.abs(_rate(delta)) * RESPONSE_S < MAX_TRANSIENT_ANGLE)
         & (np.abs(_rate(v)) < MAX_SPEED_CHANGE)
     )
@@ -200,7 +205,6 @@ def _resistance(
     drive = measured["torque"] / float(p[INDEX["mass"]] * p[INDEX["wheel_radius"]])
     use = (
         steady
-        & (v > MIN_SPEED)
         & (np.abs(v * measured["yaw_rate"]) < MAX_CORNERING)
         & (np.abs(_averaged(measured["a_x"])) < MAX_ACCELERATION)
         & (np.abs(_rate(drive)) * RESPONSE_S < MAX_FORCE_LAG)

@@ -1,8 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Catalogue of all effects, by name."""
+"""Catalogue of all effects, by name, of full-size vehicles and their scale models."""
 
 from __future__ import annotations
+
+from functools import lru_cache
 
 from adk_ros.mismatch.library.command_effects import COMMANDS
 from adk_ros.mismatch.library.effect import Effect
@@ -10,3 +12,11 @@ from adk_ros.mismatch.library.sensor_effects import SENSORS
 from adk_ros.mismatch.library.vehicle_effects import VEHICLE
 
 EFFECTS: dict[str, Effect] = {effect.name: effect for effect in (*VEHICLE, *COMMANDS, *SENSORS)}
+
+
+@lru_cache(maxsize=16)
+def effects_of(size: float) -> dict[str, Effect]:
+    """Return the catalogue with the bounds and thresholds of a vehicle's scale of lengths."""
+    if size == 1.0:
+        return EFFECTS
+    return {name: effect.similar(size) for name, effect in EFFECTS.items()}

@@ -51,7 +51,8 @@ before their spectrum is estimated: a few outliers must not blind a channel. By 
 MIN_SPEED = 3.0
 """
 m/s. Slower data do not count: the slip dynamics, with time constant relaxation length / speed, are
-stiffer there than an integration step allows.
+stiffer there than an integration step allows. A scale model counts from the same Froude number on
+(`SensorLog.similar`).
 """
 SETTLING_S = 1.0
 """s after the start, or after standstill, that do not count: the surrogate's state settles."""

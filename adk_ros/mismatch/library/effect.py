@@ -12,10 +12,11 @@ default has no influence, and its term to `surrogate.equations_of_motion`, `tyre
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.library.surrogate_parameters import INDEX, SURROGATE_PARAMETERS
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.similarity import scaled_by_unit
 
 ALWAYS, PLACE, TIME = "always", "place", "time"
 
@@ -75,6 +76,31 @@ class EffectParameter:
             return self.value(theta) < self.materiality_threshold
         return abs(theta - self.neutral) >= self.materiality_threshold
 
+    def similar(self, size: float) -> EffectParameter:
+        """Return the parameter with bounds, step and thresholds at a scale of lengths."""
+
+        def scaled(value: float) -> float:
+            return scaled_by_unit(value, self.unit, size)
+
+        def factor(entry: str, of: float) -> float:
+            # A payload in kg adds to the yaw inertia, in kg m^2, by a length squared.
+            unit = SURROGATE_PARAMETERS[entry].unit
+            return of if self.relative else scaled_by_unit(of, unit, size) / scaled(1.0)
+
+        step_unit = f"1/{self.unit}" if self.inverse else self.unit
+        targets = self.targets
+        if not self.inverse:
+            targets = {entry: factor(entry, of) for entry, of in targets.items()}
+        return replace(
+            self,
+            low=scaled(self.low),
+            high=scaled(self.high),
+            step=scaled_by_unit(self.step, step_unit, size),
+            materiality_threshold=scaled(self.materiality_threshold),
+            starts=tuple(scaled(x) for x in self.starts),
+            targets=targets,
+        )
+
 
 @dataclass(frozen=True)
 class Effect:
@@ -97,3 +123,7 @@ class Effect:
     activations: tuple[str, ...] = (ALWAYS, TIME)
     sensor: bool = False
     where: str = field(default="the whole drive")
+
+    def similar(self, size: float) -> Effect:
+        """Return the effect in a vehicle at a scale of lengths (`numerics.similarity`)."""
+        return replace(self, parameters=tuple(p.similar(size) for p in self.parameters))

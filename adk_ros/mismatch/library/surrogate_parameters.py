@@ -29,13 +29,15 @@ class SurrogateParameter(NamedTuple):
 
 SURROGATE_PARAMETERS: dict[str, SurrogateParameter] = {
     # The vehicle.
-    "mass": SurrogateParameter(1500.0, 50.0, 1e5, "kg", "mass"),
-    "yaw_inertia": SurrogateParameter(2500.0, 10.0, 1e6, "kg m^2", "yaw inertia"),
-    "cg_to_front_axle": SurrogateParameter(1.3, 0.2, 10.0, "m", "centre of gravity to front axle"),
-    "cg_to_rear_axle": SurrogateParameter(1.3, 0.2, 10.0, "m", "centre of gravity to rear axle"),
-    "track_width": SurrogateParameter(1.6, 0.3, 5.0, "m", "track width"),
+    "mass": SurrogateParameter(1500.0, 0.05, 1e5, "kg", "mass"),
+    "yaw_inertia": SurrogateParameter(2500.0, 1e-5, 1e6, "kg m^2", "yaw inertia"),
+    "cg_to_front_axle": SurrogateParameter(
+        1.3, 0.01, 10.0, "m", "centre of gravity to front axle"
+    ),
+    "cg_to_rear_axle": SurrogateParameter(1.3, 0.01, 10.0, "m", "centre of gravity to rear axle"),
+    "track_width": SurrogateParameter(1.6, 0.02, 5.0, "m", "track width"),
     "cg_height": SurrogateParameter(0.53, 0.0, 4.0, "m", "height of the centre of gravity"),
-    "wheel_radius": SurrogateParameter(0.325, 0.1, 1.5, "m", "wheel radius"),
+    "wheel_radius": SurrogateParameter(0.325, 0.005, 1.5, "m", "wheel radius"),
     "wheel_inertia": SurrogateParameter(
         5.2, 0.0, 500.0, "kg m^2", "spin inertia of all four wheels"
     ),

@@ -23,9 +23,13 @@ from adk_ros.numerics.constants import GRAVITY
 from adk_ros.numerics.differentiation import savitzky_golay
 
 MIN_DURATION_S = 30.0
-"""Least duration in which IMU, odometry and commands overlap, s: about half a lap."""
+"""
+Least duration in which IMU, odometry and commands overlap, s: about half a lap of a full-size car.
+"""
 MIN_MOVING_SPEED = 2.0
-"""Speed above which the vehicle counts as moving, m/s."""
+"""Speed above which a full-size vehicle counts as moving, m/s."""
+_STANDING, _FAST_MODEL = 0.2, 10.0
+"""m/s: range of the top speed of a scale model, by choice; it only words a message."""
 _MIN_MOVING_SHARE = 0.3
 """Least share of the recording in which the vehicle moves."""
 _MAX_MASS_RATIO = 2.5
@@ -87,20 +91,31 @@ def check_recording(log: SensorLog, is_simulation: bool = False) -> None:
     """
     begin = max(log.imu_s[0], log.odometry_s[0], log.command_s[0])
     end = min(log.imu_s[-1], log.odometry_s[-1], log.command_s[-1])
-    if end - begin < MIN_DURATION_S:
+    least = log.similar(MIN_DURATION_S)
+    if end - begin < least:
         raise DataError(
             f"{log.name}: IMU, odometry and commands overlap for {max(end - begin, 0.0):.1f} s; "
-            f"the analysis needs at least {MIN_DURATION_S:g} s of driving"
+            f"the analysis needs at least {least:.3g} s of driving"
         )
-    moving = np.abs(log.odometry[:, 0]) > MIN_MOVING_SPEED
+    slowest = log.similar(MIN_MOVING_SPEED)
+    moving = np.abs(log.odometry[:, 0]) > slowest
     if moving.mean() < _MIN_MOVING_SHARE:
         raise DataError(
-            f"{log.name}: the vehicle is slower than {MIN_MOVING_SPEED:g} m/s for "
+            f"{log.name}: the vehicle is slower than {slowest:.3g} m/s for "
             f"{100 * (1 - moving.mean()):.0f} % of the recording; at most "
             f"{100 * (1 - _MIN_MOVING_SHARE):.0f} % is allowed: record more driving"
+            f"{_on_size(log)}"
         )
     _check_signs_and_units(log)
     _check_variation(log, is_simulation)
+
+
+def _on_size(log: SensorLog) -> str:
+    """Return what to do if the vehicle is a scale model and nothing says so."""
+    fastest = float(np.percentile(np.abs(log.odometry[:, 0]), 99.0))
+    if log.length_scale < 1.0 or not _STANDING < fastest < _FAST_MODEL:
+        return ""
+    return "; for a scale model, give its mass and wheelbase as --vehicle"
 
 
 def _regression(x: FloatArray, y: FloatArray) -> tuple[float, float]:
@@ -127,10 +142,9 @@ def _check_signs_and_units(log: SensorLog) -> None:
 
 def _comparisons(log: SensorLog) -> tuple[_Comparison, ...]:
     """Return the channels with their references on a common grid."""
-    at = _grid(log)
+    at, window_s = _grid(log), log.similar(_DERIVATIVE_WINDOW_S)
     x, y, heading = (
-        _smooth(_on_grid(log, log.odometry_s, log.pose[:, i]), _DERIVATIVE_WINDOW_S)
-        for i in range(3)
+        _smooth(_on_grid(log, log.odometry_s, log.pose[:, i]), window_s) for i in range(3)
     )
     heading_rate = np.gradient(heading, at)
     speed = np.gradient(x, at) * np.cos(heading) + np.gradient(y, at) * np.sin(heading)
@@ -138,13 +152,11 @@ def _comparisons(log: SensorLog) -> tuple[_Comparison, ...]:
         savitzky_golay(_on_grid(log, log.odometry_s, log.odometry[:, i]), _PERIOD_S)
         for i in range(3)
     )
-    a_x, a_y, gyro = (
-        _smooth(_on_grid(log, log.imu_s, log.imu[:, i]), _DERIVATIVE_WINDOW_S) for i in range(3)
-    )
+    a_x, a_y, gyro = (_smooth(_on_grid(log, log.imu_s, log.imu[:, i]), window_s) for i in range(3))
     delta = _on_grid(log, log.command_s, log.command[:, 1])
     torque = _on_grid(log, log.command_s, log.command[:, 0])
     lateral = v_x * heading_rate + np.gradient(v_y, at)
-    forward = np.gradient(_smooth(v_x, _DERIVATIVE_WINDOW_S), at) - v_y * heading_rate
+    forward = np.gradient(_smooth(v_x, window_s), at) - v_y * heading_rate
     rate, change = (
         "the rate of change of the heading",
         "the longitudinal acceleration of the odometry",
@@ -264,11 +276,16 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
         _contradicts(mass, nominal.mass) for mass in (overall, low_power or overall)
     ):
         raise DataError(
-            f"{simulation.name}: the torque response implies a mass of {overall.value:.0f} kg "
-            f"({overall.low:.0f} to {overall.high:.0f}) on wheels of {radius:g} m radius, but the "
-            f"vehicle file says {nominal.mass:.0f} kg: correct its mass, wheel_radius or "
-            "wheel_inertia"
+            f"{simulation.name}: the torque response implies a mass of {_mass(overall.value)} "
+            f"kg ({_mass(overall.low)} to {_mass(overall.high)}) on wheels of {radius:.3g} m "
+            f"radius, but the vehicle file says {_mass(nominal.mass)} kg: correct its mass, "
+            "wheel_radius or wheel_inertia"
         )
+
+
+def _mass(value: float) -> str:
+    """Return a mass in kg in words, also that of a scale model."""
+    return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
 
 
 def _contradicts(implied: ImpliedMass, mass: float) -> bool:
@@ -290,5 +307,5 @@ def check_torque_unit(recording: SensorLog, mass: float, wheel_radius: float) ->
     ):
         raise DataError(
             f"{recording.name}: the commanded torque is about 1000 times too small for a car of "
-            f"{mass:.0f} kg: it looks like kN·m, the topic must carry N·m"
+            f"{_mass(mass)} kg: it looks like kN·m, the topic must carry N·m"
         )

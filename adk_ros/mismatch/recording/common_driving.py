@@ -26,7 +26,10 @@ BLOCK_ROWS = 250
 MAX_LATERAL = 3.5
 """m/s². Above it the side force is no longer proportional to the slip angle (ISO 4138: 4 m/s²)."""
 SPEED_CLASS, LATERAL_CLASS = 2.0, 0.7
-"""Widths of a class of driving, m/s and m/s²: narrow against the range, wide against noise."""
+"""
+Widths of a class of driving, m/s and m/s²: narrow against the range, wide against noise. That of
+the speed is for a full-size car.
+"""
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,8 @@ class DrivingSignals:
     pose_speed: FloatArray
     torque: FloatArray
     steering: FloatArray
+    min_speed: float = MIN_SPEED
+    """m/s. Slower samples do not count."""
 
     @classmethod
     def of(cls, log: SensorLog) -> DrivingSignals:
@@ -66,7 +71,10 @@ class DrivingSignals:
         # A command is held until the next; its value at a time is that of the last stamp.
         latest = np.searchsorted(log.command_s, at_s, side="right") - 1
         held = log.command[np.maximum(latest, 0)]
-        return cls(v_x, v_y, yaw_rate, a_x, a_y, gyro, along, held[:, 0], held[:, 1])
+        return cls(
+            *(v_x, v_y, yaw_rate, a_x, a_y, gyro, along, held[:, 0], held[:, 1]),
+            log.similar(MIN_SPEED),
+        )
 
     @property
     def has_imu(self) -> bool:
@@ -113,7 +121,7 @@ def _classes(signals: DrivingSignals) -> IntArray:
     """Return the class (n,) of each sample; -1 for one that does not count."""
     lateral = signals.lateral
     per_speed = int(2.0 * MAX_LATERAL / LATERAL_CLASS) + 1
-    row = np.floor(signals.v_x / SPEED_CLASS).astype(np.int64)
+    row = np.floor(signals.v_x / (SPEED_CLASS * signals.min_speed / MIN_SPEED)).astype(np.int64)
     column = np.floor((lateral + MAX_LATERAL) / LATERAL_CLASS).astype(np.int64)
-    counts = (signals.v_x > MIN_SPEED) & (np.abs(lateral) < MAX_LATERAL)
+    counts = (signals.v_x > signals.min_speed) & (np.abs(lateral) < MAX_LATERAL)
     return np.asarray(np.where(counts, row * per_speed + column, -1), dtype=np.int64)

@@ -28,9 +28,12 @@ from adk_ros.mismatch.recording.direct_meanings import MEANINGS, threshold
 from adk_ros.mismatch.recording.direct_quantities import Quantity, quantities
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.constants import GRAVITY, QUANTILE_90
+from adk_ros.numerics.similarity import scaled_by_unit
 
 SIGNIFICANT_SIGMAS = 3.0
 """Standard deviations beyond build tolerance from which a difference is significant: p = 0.003."""
+_SCALED = {"drag_area": "m^2"}
+"""Unit of a quantity whose tolerance is an absolute one of a full-size car."""
 _MIN_COMMON_S = 40.0
 """Least driving that both recordings share, s: eight bootstrap blocks of 5 s."""
 _GRADIENT_TOLERANCE = (
@@ -106,6 +109,7 @@ def compare_directly(
     `unobservable`: effects that the channels do not show; quantities that speak for no other
     effect are left out. Empty without common driving.
     """
+    size = simulation.length_scale
     signals = [DrivingSignals.of(log) for log in (simulation, recording)]
     weights = common_weights(*signals)
     if min(w.sum() for w in weights) * PERIOD_S < _MIN_COMMON_S:
@@ -127,7 +131,8 @@ def compare_directly(
                 meaning.unit,
                 first,
                 second,
-                _tolerance(name, found[0], speed),
+                _tolerance(name, found[0], speed)
+                * scaled_by_unit(1.0, _SCALED.get(name, ""), size),
                 meaning.effects,
                 EFFECTS[meaning.effects[0]].equations,
                 meaning.assumption,

@@ -29,10 +29,11 @@ def without_frozen_readings(log: SensorLog) -> tuple[SensorLog, list[str]]:
     """Return the log without frozen messages, and notes on dropouts."""
     notes = []
     speed = np.interp(log.imu_s, log.odometry_s, np.abs(log.odometry[:, 0]))
-    frozen = _frozen(log.imu, speed)
+    frozen = _frozen(log.imu, speed > log.similar(_MIN_MOVING_SPEED))
     notes += _note("the IMU", "repeats its last reading", _intervals(log.imu_s, frozen))
     log = replace(log, imu_s=log.imu_s[~frozen], imu=log.imu[~frozen])
-    frozen = _frozen(log.odometry, np.abs(log.odometry[:, 0]))
+    speed = np.abs(log.odometry[:, 0])
+    frozen = _frozen(log.odometry, speed > log.similar(_MIN_MOVING_SPEED))
     notes += _note("odometry", "repeats its last reading", _intervals(log.odometry_s, frozen))
     log = replace(
         log,
@@ -46,14 +47,14 @@ def without_frozen_readings(log: SensorLog) -> tuple[SensorLog, list[str]]:
     return log, notes
 
 
-def _frozen(readings: FloatArray, speed: FloatArray) -> BoolArray:
+def _frozen(readings: FloatArray, moving: BoolArray) -> BoolArray:
     """Return which messages (n,) belong to a run of readings (n, k) that chance cannot explain."""
     n = readings.shape[0]
     out = np.zeros(n, dtype=bool)
     if n < 2:
         return out
     equal = np.concatenate([[False], (np.diff(readings, axis=0) == 0.0).all(axis=1)])
-    equal &= speed > _MIN_MOVING_SPEED
+    equal &= moving
     p = float(equal.mean())
     if not 0.0 < p < 1.0:
         return out

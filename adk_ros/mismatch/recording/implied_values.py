@@ -22,6 +22,7 @@ _PERIOD_S = 0.02
 _WINDOW_S = 1.02
 """Smoothing window, s, of all signals: longer than the lags of usual drives."""
 _MIN_SPEED = 3.0
+"""m/s. Slower, the noise of the yaw rate is a large angle; of a full-size car."""
 _MAX_LATERAL = 2.5
 """m/s². Above it, tyre forces take part of the torque, and the steering angle is no ratio."""
 _MIN_DETERMINATION = 0.25
@@ -35,7 +36,7 @@ _BLOCK_ROWS, _MIN_BLOCKS = 500, 10
 """Rows of a bootstrap block, 10 s: longer than the residuals' memory; fewer for short data."""
 _RESAMPLES = 100
 _WHEELBASE = 2.7
-"""m, of a mid-size car; a unit is wrong by far more than wheelbases differ."""
+"""m, of a mid-size car or its scale model; a unit is wrong by far more than wheelbases differ."""
 _MIN_ANGLE = 0.003
 _STEERING_UNITS = (
     (57.3, 1.35, "degrees at the road wheels"),
@@ -75,7 +76,7 @@ def implied_mass(
     """
     at_s = np.arange(log.odometry_s[0], log.odometry_s[-1], _PERIOD_S)
     torque, a_x, a_y = (
-        savitzky_golay(np.interp(at_s, stamps, values), _PERIOD_S, _WINDOW_S)
+        savitzky_golay(np.interp(at_s, stamps, values), _PERIOD_S, log.similar(_WINDOW_S))
         for stamps, values in (
             (log.command_s, log.command[:, 0]),
             (log.imu_s, log.imu[:, 0]),
@@ -84,7 +85,7 @@ def implied_mass(
     )
     v_x = np.interp(at_s, log.odometry_s, log.odometry[:, 0])
     power = np.abs(torque * v_x)
-    used = (v_x > _MIN_SPEED) & (np.abs(a_y) < _MAX_LATERAL)
+    used = (v_x > log.similar(_MIN_SPEED)) & (np.abs(a_y) < _MAX_LATERAL)
     used &= power <= np.quantile(power, power_share)
     if np.count_nonzero(used) < _MIN_ROWS:
         return None
@@ -125,10 +126,10 @@ def steering_factor(log: SensorLog) -> float | None:
     angle = np.interp(at_s, log.command_s, log.command[:, 1])
     v_x = np.interp(at_s, log.odometry_s, log.odometry[:, 0])
     rate = savitzky_golay(
-        np.interp(at_s, log.odometry_s, log.odometry[:, 2]), _PERIOD_S, _WINDOW_S
+        np.interp(at_s, log.odometry_s, log.odometry[:, 2]), _PERIOD_S, log.similar(_WINDOW_S)
     )
-    used = (v_x > _MIN_SPEED) & (np.abs(rate * v_x) < _MAX_LATERAL)
-    needed = _WHEELBASE * rate[used] / v_x[used]
+    used = (v_x > log.similar(_MIN_SPEED)) & (np.abs(rate * v_x) < _MAX_LATERAL)
+    needed = _WHEELBASE * log.length_scale * rate[used] / v_x[used]
     if np.count_nonzero(np.abs(needed) > _MIN_ANGLE) < _MIN_ROWS:
         return None
     return float(np.abs(needed @ angle[used]) / (needed @ needed))

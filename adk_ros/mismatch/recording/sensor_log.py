@@ -9,11 +9,12 @@ specific force at the IMU, velocities are those of the centre of gravity.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.similarity import time_scale
 from adk_ros.signals.score import white_noise
 
 CHANNELS = ("imu_a_x", "imu_a_y", "imu_yaw_rate", "v_x", "v_y", "yaw_rate")
@@ -52,6 +53,12 @@ class SensorLog:
     """The pose of the IMU, in a line, if the bag gave it in `/tf_static`."""
     measures_v_y: bool = True
     """Whether v_y is a measurement; if not, its values are zero and not compared with."""
+    length_scale: float = 1.0
+    """Scale of lengths of the vehicle: 1 if it is full-size (`numerics.similarity`)."""
+
+    def similar(self, threshold: float) -> float:
+        """Return a speed or a duration that is meant for a full-size car, for this vehicle."""
+        return threshold * time_scale(self.length_scale)
 
     @property
     def odometry_period_s(self) -> float:
@@ -71,19 +78,14 @@ class SensorLog:
         # The command that is in force at the beginning has an earlier stamp.
         first = max(int(np.searchsorted(self.command_s, begin_s, side="right")) - 1, 0)
         last = int(np.searchsorted(self.command_s, end_s))
-        return SensorLog(
-            self.name,
-            end_s - begin_s,
-            self.imu_s[imu],
-            self.imu[imu],
-            self.odometry_s[odometry],
-            self.odometry[odometry],
-            self.pose[odometry],
-            self.command_s[first:last],
-            self.command[first:last],
-            self.start_ns,
-            self.torque_is_inferred,
-            self.warnings,
-            self.extrinsics,
-            self.measures_v_y,
+        return replace(
+            self,
+            duration_s=end_s - begin_s,
+            imu_s=self.imu_s[imu],
+            imu=self.imu[imu],
+            odometry_s=self.odometry_s[odometry],
+            odometry=self.odometry[odometry],
+            pose=self.pose[odometry],
+            command_s=self.command_s[first:last],
+            command=self.command[first:last],
         )

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from adk_ros.calibration.scope import Possible
 from adk_ros.files.pages.page import Figure, embed, render_page
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
@@ -169,6 +170,8 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         groups=group_rows(result),
         surrogate=surrogate_rows(result),
         not_judged=listed([title(name) for name in result.not_judged]),
+        scope_rows=[list(row.as_dict().values()) for row in result.scope],
+        scope_complete=all(row.possible is Possible.YES for row in result.scope),
         drivers=listed([feature(term.feature).description for term in terms]),
         agreement=None if result.agreement is None else agreement_parts(result.agreement),
         manoeuvres=[(title(one.effect.name), one.effect.manoeuvre) for one in result.effects],

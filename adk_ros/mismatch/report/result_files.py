@@ -120,11 +120,11 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
             f"the surrogate model does not fit the simulation in {underfit}; smaller differences "
             "cannot be found"
         )
-    if result.missing_channels:
-        answer["scope"] = {
-            "lacking": [lack.text for lack in result.missing_channels],
-            "not_judged": result.not_judged,
-        }
+    answer["scope"] = {
+        "lacking": [lack.text for lack in result.missing_channels],
+        "not_judged": result.not_judged,
+        "rows": [row.as_dict() for row in result.scope],
+    }
     if result.unexplained is not None:
         unexplained = result.unexplained
         answer["unexplained"] = {

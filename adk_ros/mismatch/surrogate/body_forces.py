@@ -18,6 +18,7 @@ from typing import NamedTuple
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.surrogate.step_constants import StepConstants
 from adk_ros.mismatch.surrogate.wheel_forces import (
+    LEAST_LOAD,
     WheelInputs,
     summed_wheel_forces,
     wheel_forces,
@@ -25,9 +26,6 @@ from adk_ros.mismatch.surrogate.wheel_forces import (
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import AIR_DENSITY, GRAVITY
 from adk_ros.numerics.numba_cache import inlined_kernel
-
-MIN_AXLE_LOAD = 100.0
-"""Least load of an axle, N: keeps the tyre equations defined when an axle lifts."""
 
 _MASS = INDEX["mass"]
 _INERTIA = INDEX["yaw_inertia"]
@@ -95,12 +93,14 @@ def body_forces(
     spin = p[_WHEEL_INERTIA] / (radius * radius)
     # Acceleration of the wheels' spin without a_x itself, which is solved for below.
     kinematic = yaw_rate * v_y - GRAVITY * constants.sin_grade
+    # Keeps the tyre equations defined when an axle lifts.
+    least = 2.0 * wheels[LEAST_LOAD]
     wheel_inputs = WheelInputs(
         v_x,
         v_y + motion.roll_rate * p[_ROLL_ARM],
         yaw_rate,
-        max(weight * p[_L_R] / wheelbase - along + 0.5 * down, MIN_AXLE_LOAD),
-        max(weight * p[_L_F] / wheelbase + along + 0.5 * down, MIN_AXLE_LOAD),
+        max(weight * p[_L_R] / wheelbase - along + 0.5 * down, least),
+        max(weight * p[_L_F] / wheelbase + along + 0.5 * down, least),
         motion.load_y,
         motion.delta,
         p[_REAR_STEER] * motion.delta,

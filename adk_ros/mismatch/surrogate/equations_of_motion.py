@@ -74,6 +74,7 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.numerics.elementary import fast_sin
 from adk_ros.numerics.numba_cache import relaxed_kernel
+from adk_ros.numerics.similarity import FULL_SIZE_WHEELBASE, REFERENCE_WHEELBASE
 
 _MIN_BODY_GRADIENT = 1e-3
 """Least roll or pitch gradient of a sprung mass, rad s^2/m; below it the body counts as rigid."""
@@ -82,8 +83,10 @@ _MIN_RELAXATION_LENGTH = 1e-4
 _MAX_LATERAL_VELOCITY = 30.0
 """Limit of |v_y|, m/s: keeps a spinning surrogate finite."""
 _MAX_YAW_RATE = 5.0
-"""Limit of |yaw rate|, rad/s: keeps a spinning surrogate finite."""
+"""Limit of |yaw rate|, rad/s, of a full-size car: keeps a spinning surrogate finite."""
 
+_L_F = INDEX["cg_to_front_axle"]
+_L_R = INDEX["cg_to_rear_axle"]
 _RELAXATION_LENGTH = INDEX["relaxation_length"]
 _ROLL_GRADIENT = INDEX["roll_gradient"]
 _ROLL_FREQUENCY = INDEX["roll_frequency"]
@@ -121,6 +124,10 @@ def integrate(
     state, out, end_states = buffers.state, buffers.output, buffers.end_states
     n = out.shape[1]
     p = base.copy()
+    wheelbase = base[_L_F] + base[_L_R]
+    # As `numerics.similarity.length_scale`.
+    size = 1.0 if wheelbase >= FULL_SIZE_WHEELBASE else wheelbase / REFERENCE_WHEELBASE
+    fastest_turn = _MAX_YAW_RATE / math.sqrt(size)
     constants = step_constants(base, step)
     wheels = np.zeros(WHEEL_TABLE_SIZE)
     wheels[SLIP : SLIP + WHEELS] = state[S_SLIP : S_SLIP + WHEELS]
@@ -213,7 +220,7 @@ def integrate(
             new_yaw_rate += gains[2] * (rate - out[YAW_RATE, k])
         state[S_V_X] = new_v_x
         state[S_V_Y] = min(max(new_v_y, -_MAX_LATERAL_VELOCITY), _MAX_LATERAL_VELOCITY)
-        state[S_YAW_RATE] = min(max(new_yaw_rate, -_MAX_YAW_RATE), _MAX_YAW_RATE)
+        state[S_YAW_RATE] = min(max(new_yaw_rate, -fastest_turn), fastest_turn)
         _, state[S_LOAD_X] = first_order_lag(state[S_LOAD_X], a_x, constants.load)
         _, state[S_LOAD_Y] = first_order_lag(state[S_LOAD_Y], a_y, constants.load)
         state[S_ROLL], state[S_ROLL_RATE] = second_order_lag(

@@ -17,7 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW
+from adk_ros.mismatch.library.surrogate_parameters import (
+    HIGH,
+    INDEX,
+    LOW,
+    SURROGATE_PARAMETERS,
+)
 from adk_ros.mismatch.surrogate.acceleration_envelope import (
     AccelerationEnvelope,
     simulated_accelerations,
@@ -28,6 +33,7 @@ from adk_ros.mismatch.surrogate.residuals import ResidualProblem
 from adk_ros.mismatch.surrogate.road_profile import RoadProfile
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.mismatch.surrogate.state_index import N_CHANNELS
+from adk_ros.mismatch.surrogate.substeps import scale_of
 from adk_ros.mismatch.surrogate.systematic_error import SystematicError, learn_systematic_error
 from adk_ros.mismatch.surrogate.weak_directions import weakly_identified_directions
 from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -37,6 +43,7 @@ from adk_ros.numerics.levenberg_marquardt import (
     FitResult,
     minimise,
 )
+from adk_ros.numerics.similarity import scaled_by_unit, time_scale
 
 
 class ParameterPrior(NamedTuple):
@@ -224,8 +231,9 @@ def identify_surrogate(
     `unknown`: masses and lengths that are fitted as well.
     """
     guess = start.copy()
+    size = scale_of(start)
     for name, value in _INITIAL_VALUES.items():
-        guess[INDEX[name]] = value
+        guess[INDEX[name]] = scaled_by_unit(value, SURROGATE_PARAMETERS[name].unit, size)
     return fit_surrogate(
         problem, start, guess, fitted_parameters(unknown, start), progress=progress
     )
@@ -238,7 +246,19 @@ def fitted_parameters(unknown: Collection[str], start: FloatArray) -> dict[str, 
         for name, (share, step) in MASS_AND_LENGTH_PARAMETERS.items()
         if name in unknown
     }
-    return FITTED_PARAMETERS | body
+    return _similar(FITTED_PARAMETERS, scale_of(start)) | body
+
+
+def _similar(priors: dict[str, ParameterPrior], size: float) -> dict[str, ParameterPrior]:
+    """Return the priors of road cars at a scale of lengths; natural frequencies rise with it."""
+    if size == 1.0:
+        return priors
+    out = {}
+    for name, prior in priors.items():
+        unit = SURROGATE_PARAMETERS[name].unit
+        factor = 1.0 / time_scale(size) if unit == "rad/s" else scaled_by_unit(1.0, unit, size)
+        out[name] = ParameterPrior(factor * prior.sigma, factor * prior.step)
+    return out
 
 
 def fit_surrogate(

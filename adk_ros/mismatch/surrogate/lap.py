@@ -88,9 +88,13 @@ def find_lap(problem: ResidualProblem) -> Lap | None:
     """
     Return the lap that a recording repeats, or None if no place is passed twice.
 
+    None for a scale model: the lengths of this module are those of full-size roads.
+
     The lap ends where the vehicle first returns to within `MAX_CLOSURE_DISTANCE_M` of the start of
     the lap with the same heading. If it never returns to its first position, later ones are tried.
     """
+    if problem.log.length_scale < 1.0:
+        return None
     pose, speed = problem.pose, problem.smoothed_odometry[:, 0]
     travelled = np.concatenate([[0.0], np.cumsum(speed[:-1] * STEP_S)])
     n = pose.shape[0]

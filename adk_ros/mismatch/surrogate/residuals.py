@@ -18,7 +18,6 @@ import numpy as np
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.command_integrals import CommandIntegrals, integrate_commands
-from adk_ros.mismatch.surrogate.equations_of_motion import integrate
 from adk_ros.mismatch.surrogate.run_inputs import (
     ActiveTerms,
     RunInputs,
@@ -48,6 +47,7 @@ from adk_ros.mismatch.surrogate.state_index import (
     YAW_ACCELERATION,
     YAW_RATE,
 )
+from adk_ros.mismatch.surrogate.substeps import integrate_in_substeps
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.differentiation import savitzky_golay
 from adk_ros.numerics.numba_cache import relaxed_kernel
@@ -190,7 +190,7 @@ class ResidualProblem:
             shares,
             no_extra() if extra is None else extra,
         )
-        integrate(parameters, terms or self.no_terms(), inputs, buffers)
+        integrate_in_substeps(parameters, terms or self.no_terms(), inputs, buffers)
         return buffers.output
 
     def residuals(

@@ -24,15 +24,18 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.numerics.elementary import fast_atan, fast_sin
 from adk_ros.numerics.numba_cache import inlined_kernel, relaxed_kernel
+from adk_ros.numerics.similarity import FULL_SIZE_WHEELBASE, REFERENCE_WHEELBASE
 
 MIN_LATERAL_UTILISATION = 0.15
 """Share of the lateral grip that a wheel keeps under any longitudinal force."""
 MIN_FRICTION = 0.02
 """Least road friction: several active terms at one place may sum to less than zero."""
 MIN_SPEED = 1.0
-"""Least longitudinal speed in slip angles, m/s: they are undefined at standstill."""
+"""
+Least longitudinal speed in slip angles, m/s, of a full-size car: they are undefined at standstill.
+"""
 MIN_WHEEL_LOAD = 50.0
-"""Least load of a wheel, N."""
+"""Least load of a wheel, N, of a full-size car."""
 MIN_LOAD_FACTOR = 0.2
 """Least factor of grip and of stiffness by load sensitivity, which is linear in the load."""
 
@@ -66,13 +69,15 @@ WHEELS = 4
 _FRONT, _X, _Y, _ACROSS, _GRIP, _STIFFNESS, _SHAPE, _CURVATURE, _DRIVEN, _DRAGGING = range(
     0, 10 * WHEELS, WHEELS
 )
+_SLOWEST, LEAST_LOAD = range(10 * WHEELS, 12 * WHEELS, WHEELS)
 # Values of a step:
-SLIP, SLIP_TARGET, FORCE_X, FORCE_Y = range(10 * WHEELS, 14 * WHEELS, WHEELS)
-WHEEL_TABLE_SIZE = 14 * WHEELS
+SLIP, SLIP_TARGET, FORCE_X, FORCE_Y = range(12 * WHEELS, 16 * WHEELS, WHEELS)
+WHEEL_TABLE_SIZE = 16 * WHEELS
 """
 A wheel table holds rows of four values: 1 at the front; position x and y, m; load transfer over
 a_y, N per m/s²; friction; stiffness and shape of the tyre curve, and its curvature; longitudinal
-force over drive torque, 1/m; force of a dragging brake, N; slip angle after relaxation, and the
+force over drive torque, 1/m; force of a dragging brake, N; least speed in slip angles, m/s, and
+load, N; slip angle after relaxation, and the
 one it approaches, rad; forces in body axes, N.
 """
 
@@ -93,6 +98,9 @@ def normalised_lateral_force(slip: float, shape: float, curvature: float, brush:
 @relaxed_kernel
 def set_wheels(table: FloatArray, p: FloatArray) -> None:
     """Write the rows of a wheel table that are constants of the parameters `p` (SIZE,)."""
+    wheelbase = p[_L_F] + p[_L_R]
+    # As `numerics.similarity.length_scale`.
+    size = 1.0 if wheelbase >= FULL_SIZE_WHEELBASE else wheelbase / REFERENCE_WHEELBASE
     wheelbase_height = p[_MASS] * p[_HEIGHT] / p[_TRACK]
     for i in range(WHEELS):
         is_front = i < 2
@@ -109,6 +117,8 @@ def set_wheels(table: FloatArray, p: FloatArray) -> None:
         table[_CURVATURE + i] = p[_E_F] if is_front else p[_E_R]
         table[_DRIVEN + i] = 0.5 * split / p[_RADIUS]
         # A dragging brake acts on the wheels of its side only.
+        table[_SLOWEST + i] = MIN_SPEED * math.sqrt(size)
+        table[LEAST_LOAD + i] = MIN_WHEEL_LOAD * (size * size * size)
         table[_DRAGGING + i] = max(side * p[_SIDE_DRAG], 0.0) / p[_RADIUS]
 
 
@@ -146,9 +156,10 @@ def wheel_forces(table: FloatArray, p: FloatArray, at: WheelInputs, build_up: fl
     for i in range(WHEELS):
         is_front = table[_FRONT + i] > 0.5
         axle = at.front_load if is_front else at.rear_load
-        load = max(0.5 * axle - table[_ACROSS + i] * at.load_y, MIN_WHEEL_LOAD)
+        load = max(0.5 * axle - table[_ACROSS + i] * at.load_y, table[LEAST_LOAD + i])
         angle = at.front_angle if is_front else at.rear_angle
-        hub_x = max(max(at.v_x, MIN_SPEED) - at.yaw_rate * table[_Y + i], MIN_SPEED)
+        slowest = table[_SLOWEST + i]
+        hub_x = max(max(at.v_x, slowest) - at.yaw_rate * table[_Y + i], slowest)
         hub_y = at.hub_v_y + at.yaw_rate * table[_X + i]
         target = angle - fast_atan(hub_y / hub_x)
         slip = target + (table[SLIP + i] - target) * build_up

@@ -10,6 +10,7 @@ parameter's materiality threshold.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,14 +66,17 @@ class ColumnLayout:
 
     @classmethod
     def of(
-        cls, nuisance_deviations: FloatArray, unobservable: frozenset[str] = frozenset()
+        cls,
+        nuisance_deviations: FloatArray,
+        unobservable: frozenset[str] = frozenset(),
+        effects: Mapping[str, Effect] = EFFECTS,
     ) -> ColumnLayout:
-        """Return the columns of all effects of the catalogue that may act from a time on."""
+        """Return the columns of all effects of a catalogue that may act from a time on."""
         n = nuisance_deviations.shape[0]
         columns: list[EffectColumn] = []
         candidates: list[CandidateChange] = []
         static: list[int] = list(range(n))
-        for effect in EFFECTS.values():
+        for effect in effects.values():
             if TIME not in effect.activations or effect.name in unobservable:
                 continue
             further = []

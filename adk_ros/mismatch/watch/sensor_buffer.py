@@ -67,12 +67,14 @@ class SensorBuffer:
     Collects readings; times are seconds from the first one.
 
     `start_ns` is the stamp of the first reading. Readings that are not newer than the last of
-    their stream, and IMU readings without accelerations, are counted in `ignored`.
+    their stream, and IMU readings without accelerations, are counted in `ignored`. `length_scale`
+    is that of the vehicle.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, length_scale: float = 1.0) -> None:
         self.start_ns: int | None = None
         self.ignored = 0
+        self._length_scale = length_scale
         self._imu, self._odometry, self._command = _Series(3), _Series(6), _Series(2)
         self._steering: float | None = None
         self._torque, self._heading = 0.0, 0.0
@@ -133,4 +135,5 @@ class SensorBuffer:
             command[:, 0],
             command[:, 1:],
             self.start_ns or 0,
+            length_scale=self._length_scale,
         )

@@ -22,6 +22,7 @@ from adk_ros.mismatch.library.criteria import MIN_SPEED
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
+from adk_ros.mismatch.surrogate.substeps import scale_of
 from adk_ros.mismatch.watch.block import BlockLineariser
 from adk_ros.mismatch.watch.candidate_columns import ColumnLayout
 from adk_ros.mismatch.watch.change import FINAL, PRELIMINARY, WITHDRAWN, Change
@@ -80,7 +81,7 @@ class Watch:
         self._restart()
 
     def _restart(self) -> None:
-        self.buffer = SensorBuffer()
+        self.buffer = SensorBuffer(scale_of(self._surrogate.parameters))
         self.base = ()
         self.blocks_used = self.blocks_skipped = 0
         self.statistic = 0.0
@@ -165,7 +166,7 @@ class Watch:
     def _take(self, log: SensorLog, span: Span) -> None:
         if self._lineariser is None:
             # A standing car shakes less than a driving one.
-            if np.median(np.abs(log.odometry[:, 0])) < MIN_SPEED:
+            if np.median(np.abs(log.odometry[:, 0])) < log.similar(MIN_SPEED):
                 self.blocks_skipped += 1
                 return
             self._pending.append((log, span))
@@ -189,7 +190,9 @@ class Watch:
         self._sigma = np.median([log.noise() for log, _ in pending], axis=0)
         problem = prepare_residual_problem(pending[0][0], self._sigma)
         likelihood = Likelihood.of(problem, self._surrogate)
-        self._layout = ColumnLayout.of(likelihood.nuisance_deviations(), likelihood.unobservable)
+        self._layout = ColumnLayout.of(
+            likelihood.nuisance_deviations(), likelihood.unobservable, likelihood.effects
+        )
         self._learn_anew()
         self.blocks_used = 0
         for log, span in pending:

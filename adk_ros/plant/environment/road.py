@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 from adk_ros.files.yaml_file import FileModel
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.numba_cache import strict_kernel
+from adk_ros.numerics.similarity import time_scale
 from adk_ros.plant.environment.elevation import Height, Undulation, profile_slope
 
 SPACING = 0.5
@@ -224,6 +225,17 @@ def build_route(
     rises = 0.5 * (table[1:, ROAD_SLOPE] + table[:-1, ROAD_SLOPE]) * (lap / rows)
     table[1:, ROAD_HEIGHT] = np.cumsum(rises)
     return Route(table, lap / rows)
+
+
+def similar_route(route: Route, size: float) -> Route:
+    """Return a route for a vehicle at a scale of lengths: equal accelerations and slopes."""
+    if size == 1.0:
+        return route
+    table = route.table.copy()
+    table[:, [ROAD_X, ROAD_Y, ROAD_HEIGHT]] *= size
+    table[:, ROAD_CURVATURE] /= size
+    table[:, ROAD_SPEED] *= time_scale(size)
+    return Route(table, route.spacing * size)
 
 
 def _apply_patch(table: FloatArray, s: FloatArray, patch: RoadPatch) -> None:

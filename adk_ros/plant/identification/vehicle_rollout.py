@@ -27,7 +27,6 @@ from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.numerics.runge_kutta import axpy, clip, take_step
 from adk_ros.plant.vehicle.seven_dof import STEP, drive_torque
 from adk_ros.plant.vehicle.tyre import (
-    SLIP_SPEED_MIN,
     AxleTyre,
     axle_tyre,
     combined_slip_utilisation,
@@ -99,10 +98,10 @@ def _derivative(
         peak = mu * loads[i] * friction(tyre, loads[i])
         share = 0.5 * (c.torque_split_front if front else 1.0 - c.torque_split_front)
         wanted = share * state[_TORQUE] / (c.wheel_radius * peak)
-        tan_alpha = -hub.across / max(abs(hub.along), SLIP_SPEED_MIN)
+        tan_alpha = -hub.across / max(abs(hub.along), c.slip_speed_min)
         n_x, steady[i] = driven_shares(tyre, wanted, tyre.b_y / mu * tan_alpha)
         contact = math.hypot(hub.along, hub.across)
-        rate = relaxation_rate(contact, tyre.relaxation_length, step)
+        rate = relaxation_rate(contact, tyre.relaxation_length, c.slip_speed_min, step)
         out[_F_Y_UTIL + i] = rate * (steady[i] - state[_F_Y_UTIL + i])
         t_x = peak * n_x + rolling_resistance(c.crr, loads[i], hub.along)
         b_x, b_y, b_m = to_body_axes(hub, t_x, peak * state[_F_Y_UTIL + i])

@@ -6,6 +6,9 @@ Driver model: follows a route with a speed plan and adds excitation to the comma
 Steering: feedforward from the previewed curvature with the understeer gradient, plus pure pursuit.
 Torque: feedforward of the planned acceleration and the known resistances, plus a PI controller.
 The excitation makes vehicle and driver separately identifiable (closed-loop identification).
+
+Lengths, times and torques are those of a full-size car; a scale model drives the similar ones
+(`numerics.similarity`).
 """
 
 from __future__ import annotations
@@ -156,20 +159,21 @@ def driver_command(
     """
     s, across, road_heading = position
     v_x, v_y = velocity
-    speed = max(v_x, 3.0)
+    tempo = math.sqrt(c.length_scale)
+    speed = max(v_x, 3.0 * tempo)
     course_error = heading + math.atan2(v_y, speed) - road_heading
     course_error = math.atan2(math.sin(course_error), math.cos(course_error))
-    ahead = s + speed * _PREVIEW_TIME_S
+    ahead = s + speed * (_PREVIEW_TIME_S * tempo)
     curvature = lookup(table, spacing, ahead, ROAD_CURVATURE)
     wheelbase = c.cg_to_front_axle + c.cg_to_rear_axle
     delta = (wheelbase + understeer_gradient(c) * speed * speed) * curvature
     # Pure pursuit: lookahead distance of 0.8 s of driving, at least 6 m.
-    lookahead = max(6.0, 0.8 * speed)
+    lookahead = max(6.0 * c.length_scale, 0.8 * tempo * speed)
     delta -= (
         2.0 * wheelbase * (across + lookahead * math.sin(course_error)) / (lookahead * lookahead)
     )
     # The lateral acceleration per steering angle grows with the speed squared.
-    delta += added[1] * min(1.0, (_FULL_EXCITATION_SPEED / speed) ** 2)
+    delta += added[1] * min(1.0, (_FULL_EXCITATION_SPEED * tempo / speed) ** 2)
 
     plan = lookup(table, spacing, ahead, ROAD_SPEED)
     after = lookup(table, spacing, ahead + spacing, ROAD_SPEED)
@@ -180,10 +184,10 @@ def driver_command(
         accel = added[4]
     error = target - v_x
     air = 0.5 * AIR_DENSITY * c.cda * v_x * abs(v_x)
-    force = c.mass * (accel + _GAIN_P * error + integral) + air + c.crr * c.mass * GRAVITY
+    force = c.mass * (accel + _GAIN_P / tempo * error + integral) + air + c.crr * c.mass * GRAVITY
     force += c.mass * GRAVITY * math.sin(lookup(table, spacing, s, ROAD_GRADE))
     torque = force * c.wheel_radius + added[0]
     if -c.max_brake_torque < torque < c.max_drive_torque:
-        integral = min(max(integral + _GAIN_I * error * period_s, -2.0), 2.0)
+        integral = min(max(integral + _GAIN_I / c.length_scale * error * period_s, -2.0), 2.0)
     torque = min(max(torque, -c.max_brake_torque), c.max_drive_torque)
     return torque, min(max(delta, -c.max_steer), c.max_steer), integral

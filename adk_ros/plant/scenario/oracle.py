@@ -21,7 +21,6 @@ from adk_ros.plant.vehicle.fourteen_dof import STATE_LIMIT as FOURTEEN_LIMIT
 from adk_ros.plant.vehicle.seven_dof import DELTA, OMEGA, STEP, V_X, V_Y, YAW_RATE, X, Y
 from adk_ros.plant.vehicle.seven_dof import STATE_LIMIT as SEVEN_LIMIT
 from adk_ros.plant.vehicle.sprung_mass import NO_SPRUNG_MASS, SprungMass, resolve
-from adk_ros.plant.vehicle.tyre import SLIP_SPEED_MIN
 from adk_ros.plant.vehicle.vehicle_parameters import Constants
 from adk_ros.signals.channels import TICK_NS
 
@@ -45,8 +44,8 @@ def _restarted(drive: SimulatedDrive, c: Constants, rows: IntArray, x0: FloatArr
         before = _along(c, i, states[:, [V_X, V_Y, YAW_RATE]], states[:, DELTA])
         after = _along(c, i, measured, states[:, DELTA])
         slip = states[:, OMEGA + i] * c.wheel_radius - before
-        slip /= np.maximum(np.abs(before), SLIP_SPEED_MIN)
-        spin = (after + slip * np.maximum(np.abs(after), SLIP_SPEED_MIN)) / c.wheel_radius
+        slip /= np.maximum(np.abs(before), c.slip_speed_min)
+        spin = (after + slip * np.maximum(np.abs(after), c.slip_speed_min)) / c.wheel_radius
         # With an unchanged velocity the spin stays bit-identical.
         states[:, OMEGA + i] = np.where(after == before, states[:, OMEGA + i], spin)
     states[:, [V_X, V_Y, YAW_RATE]] = measured

@@ -3,6 +3,10 @@
 """
 Scenario files (YAML): vehicle, route, driver, duration and sensors of a simulated drive.
 
+Lengths, speeds and torques are those for a full-size car. A scale model drives the similar
+scenario: the same accelerations on a route of its size (`numerics.similarity`), in the same
+duration.
+
 A file may name another one as its `base` and then holds only the differences: mappings are merged
 key by key, lists are replaced.
 """
@@ -16,8 +20,9 @@ from pydantic import Field, model_validator
 
 from adk_ros.errors import UsageError
 from adk_ros.files.yaml_file import FileModel, packaged, read, validate, with_replacements
+from adk_ros.numerics.similarity import REFERENCE_MASS, time_scale
 from adk_ros.plant.environment.elevation import Height, Undulation
-from adk_ros.plant.environment.road import RoadPatch, Route, Segment, build_route
+from adk_ros.plant.environment.road import RoadPatch, Route, Segment, build_route, similar_route
 from adk_ros.plant.environment.wind import Wind
 from adk_ros.plant.scenario.driver import Excitation, SpeedPlan, plan_speed
 from adk_ros.plant.scenario.sensors import Sensors
@@ -27,6 +32,8 @@ from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle
 
 _BASES_MAX = 8
 """Longest chain of `base` files; a longer one is taken for a cycle."""
+_REFERENCE_RADIUS = 0.325
+"""m, wheel radius of the car that the scenarios' torques are meant for."""
 
 
 class Scenario(FileModel):
@@ -87,12 +94,47 @@ class Scenario(FileModel):
         return vehicle
 
     def planned_route(self) -> Route:
-        """Return the route with its speed plan; raise `UsageError` if it does not close."""
+        """
+        Return the route, of the vehicle's size, with its speed plan.
+
+        :raises UsageError: it does not close.
+        """
         try:
             route = build_route(self.route, self.places, self.mu, self.heights, self.undulations)
-            return plan_speed(route, self.speed)
+            return similar_route(plan_speed(route, self.speed), self.car().length_scale)
         except ValueError as error:
             raise UsageError(f"scenario {self.name}: route: {error}") from None
+
+    def similar(self, vehicle: Vehicle) -> Scenario:
+        """Return the scenario with start, wind, excitation and resolution for a vehicle's size."""
+        if (size := vehicle.length_scale) == 1.0:
+            return self
+        tempo = time_scale(size)
+        torque = vehicle.mass * vehicle.wheel_radius / (REFERENCE_MASS * _REFERENCE_RADIUS)
+        excitation, wind, command = self.excitation, self.wind, self.sensors.command
+        changes: dict[str, Any] = {
+            "start": size * self.start,
+            "start_speed": None if self.start_speed is None else tempo * self.start_speed,
+            "wind": wind.model_copy(
+                update={key: tempo * getattr(wind, key) for key in ("x", "y", "gust")}
+            ),
+            "excitation": excitation.model_copy(
+                update={
+                    "torque": torque * excitation.torque,
+                    "torque_step": torque * excitation.torque_step,
+                    "steer_bandwidth_hz": excitation.steer_bandwidth_hz / tempo,
+                    "torque_bandwidth_hz": excitation.torque_bandwidth_hz / tempo,
+                }
+            ),
+            "sensors": self.sensors.model_copy(
+                update={
+                    "command": command.model_copy(
+                        update={"torque_resolution": torque * command.torque_resolution}
+                    )
+                }
+            ),
+        }
+        return self.model_copy(update=changes)
 
 
 def scenarios() -> list[str]:

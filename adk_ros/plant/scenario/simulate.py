@@ -148,8 +148,9 @@ def simulate(
     `progress` is called with (seconds done, seconds in all) every 5 s of simulated time.
     :raises UsageError: duration or seed out of range, or an invalid vehicle or route.
     """
-    setting = set_up_run(scenario, seed, duration_s)
     vehicle, route = scenario.car(), scenario.planned_route()
+    scenario = scenario.similar(vehicle)
+    setting = set_up_run(scenario, seed, duration_s)
     constants, steps = vehicle.constants(), setting.steps
     truth = np.empty((steps + 1, TRUTH_SIZE))
     states = np.empty((steps // TICK + 1, STATE_SIZES[scenario.plant]))

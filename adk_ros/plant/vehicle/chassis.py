@@ -17,18 +17,18 @@ class Chassis(FileModel):
     passenger car. Stiffness and damping are wheel rates, per wheel, along the body's vertical.
     """
 
-    unsprung_mass_front: float | None = Field(default=None, ge=0.5, le=5e3)
+    unsprung_mass_front: float | None = Field(default=None, gt=0.0, le=5e3)
     """Mass of one front wheel with hub and motor, kg; default: 4 % of the vehicle mass."""
-    unsprung_mass_rear: float | None = Field(default=None, ge=0.5, le=5e3)
-    roll_inertia: float | None = Field(default=None, ge=1.0, le=1e6)
+    unsprung_mass_rear: float | None = Field(default=None, gt=0.0, le=5e3)
+    roll_inertia: float | None = Field(default=None, gt=0.0, le=1e6)
     """Of the sprung mass about its own centre of gravity, kg·m²; default: radius of gyration 0.36
     of the track width."""
-    pitch_inertia: float | None = Field(default=None, ge=1.0, le=1e6)
+    pitch_inertia: float | None = Field(default=None, gt=0.0, le=1e6)
     """Of the sprung mass about its own centre of gravity, kg·m²; default: 0.8 of the yaw
     inertia."""
-    spring_front: float | None = Field(default=None, ge=100.0, le=5e6)
+    spring_front: float | None = Field(default=None, gt=0.0, le=5e6)
     """N/m; default: heave frequency of 1.3 Hz at the front, 1.45 Hz at the rear."""
-    spring_rear: float | None = Field(default=None, ge=100.0, le=5e6)
+    spring_rear: float | None = Field(default=None, gt=0.0, le=5e6)
     damper_front: float | None = Field(default=None, ge=0.0, le=1e6)
     """N·s/m, equal in bump and rebound; default: 0.35 of critical."""
     damper_rear: float | None = Field(default=None, ge=0.0, le=1e6)
@@ -36,9 +36,9 @@ class Chassis(FileModel):
     """Roll stiffness of the anti-roll bar, N·m/rad; default: 0.45 (front), 0.15 (rear) of the roll
     stiffness of the axle's springs."""
     anti_roll_rear: float | None = Field(default=None, ge=0.0, le=1e7)
-    tyre_stiffness_front: float | None = Field(default=None, ge=1e3, le=1e8)
+    tyre_stiffness_front: float | None = Field(default=None, gt=0.0, le=1e8)
     """Vertical, N/m; default: static deflection of 20 mm."""
-    tyre_stiffness_rear: float | None = Field(default=None, ge=1e3, le=1e8)
+    tyre_stiffness_rear: float | None = Field(default=None, gt=0.0, le=1e8)
     tyre_damping_front: float | None = Field(default=None, ge=0.0, le=1e6)
     """Vertical, N·s/m; default: 0.02 of critical."""
     tyre_damping_rear: float | None = Field(default=None, ge=0.0, le=1e6)
@@ -46,7 +46,7 @@ class Chassis(FileModel):
     """Height of the axle's roll centre over the road, m. The lateral force times this height rolls
     and jacks the body through the links instead of the springs."""
     roll_centre_rear: float = Field(default=0.08, ge=-1.0, le=2.0)
-    travel: float = Field(default=0.09, ge=0.005, le=1.0)
+    travel: float = Field(default=0.09, gt=0.0, le=1.0)
     """Wheel travel to the bump and rebound stops, m."""
     stop_stiffness: float | None = Field(default=None, ge=0.0, le=5e6)
     """Of the stops, N/m; default: five times the front spring."""

@@ -45,7 +45,6 @@ from adk_ros.plant.vehicle.actuators import brake_torque, torque_requests
 from adk_ros.plant.vehicle.sprung_mass import SprungMass
 from adk_ros.plant.vehicle.suspension import corner, suspension_force, tyre_load
 from adk_ros.plant.vehicle.tyre import (
-    SLIP_SPEED_MIN,
     axle_tyre,
     combined_slip_utilisation,
     friction,
@@ -160,14 +159,14 @@ def derivative(
         across += height * camber_rate + rate * at.roll_centre / y
 
         contact = math.hypot(along, across)
-        rolling = max(abs(along), SLIP_SPEED_MIN)
+        rolling = max(abs(along), c.slip_speed_min)
         kappa = (state[OMEGA + i] * c.wheel_radius - along) / rolling
         tan_alpha = -across / rolling
         n_steady_x, n_steady_y = combined_slip_utilisation(
             tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha
         )
-        rate_x = relaxation_rate(contact, tyre.relaxation_length_x, step)
-        rate_y = relaxation_rate(contact, tyre.relaxation_length, step)
+        rate_x = relaxation_rate(contact, tyre.relaxation_length_x, c.slip_speed_min, step)
+        rate_y = relaxation_rate(contact, tyre.relaxation_length, c.slip_speed_min, step)
         out[F_X_UTIL + i] = rate_x * (n_steady_x - state[F_X_UTIL + i])
         out[F_Y_UTIL + i] = rate_y * (n_steady_y - state[F_Y_UTIL + i])
         peak = mu * load * friction(tyre, load)

@@ -25,7 +25,8 @@ lags. A negative torque brakes a vehicle that rolls forward and, like in-wheel m
 at standstill.
 
 Finite for any finite input: commands are clamped to the actuators' limits, slips use a rolling
-speed of at least 2 m/s, and the state is clamped to `STATE_LIMIT`, far beyond all driving.
+speed of at least 2 m/s (less of a scale model), and the state is clamped to `STATE_LIMIT`, far
+beyond all driving.
 """
 
 from __future__ import annotations
@@ -39,7 +40,6 @@ from adk_ros.numerics.constants import GRAVITY
 from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.numerics.runge_kutta import axpy, clip, take_step
 from adk_ros.plant.vehicle.tyre import (
-    SLIP_SPEED_MIN,
     axle_tyre,
     combined_slip_utilisation,
     friction,
@@ -110,14 +110,14 @@ def derivative(
         tyre = axle_tyre(c, front)
         hub = wheel_hub(c, i, cos_d, sin_d, v_x, v_y, yaw_rate)
         contact = math.hypot(hub.along, hub.across)
-        rolling = max(abs(hub.along), SLIP_SPEED_MIN)
+        rolling = max(abs(hub.along), c.slip_speed_min)
         kappa = (state[OMEGA + i] * c.wheel_radius - hub.along) / rolling
         tan_alpha = -hub.across / rolling
         n_steady_x, n_steady_y = combined_slip_utilisation(
             tyre, tyre.b_x / mu * kappa, tyre.b_y / mu * tan_alpha
         )
-        rate_x = relaxation_rate(contact, tyre.relaxation_length_x, step)
-        rate_y = relaxation_rate(contact, tyre.relaxation_length, step)
+        rate_x = relaxation_rate(contact, tyre.relaxation_length_x, c.slip_speed_min, step)
+        rate_y = relaxation_rate(contact, tyre.relaxation_length, c.slip_speed_min, step)
         out[F_X_UTIL + i] = rate_x * (n_steady_x - state[F_X_UTIL + i])
         out[F_Y_UTIL + i] = rate_y * (n_steady_y - state[F_Y_UTIL + i])
         peak = mu * loads[i] * friction(tyre, loads[i])

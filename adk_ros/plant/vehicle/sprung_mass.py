@@ -23,12 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adk_ros.numerics.constants import GRAVITY
+from adk_ros.numerics.similarity import length_scale, time_scale
 from adk_ros.plant.vehicle.chassis import Chassis
 
 MAX_RATE = 2000.0
 """Fastest admissible mode, 1/s: RK4 with steps of 1 ms is stable up to about 2800 1/s."""
 
-# Defaults for a passenger car. They are assumptions within the usual ranges, not identified.
+# Defaults for a passenger car, of which a scale model has the similar ones. They are assumptions
+# within the usual ranges, not identified.
 _HEAVE_HZ = (1.3, 1.45)
 """Heave frequency of the sprung corner, front and rear, Hz; the rear is faster, so that pitch
 after a bump settles (flat ride)."""
@@ -133,7 +135,7 @@ def resolve(vehicle: VehicleWithChassis) -> SprungMass:
     """
     v, k = vehicle, vehicle.chassis_or_default()
     wheelbase = v.cg_to_front_axle + v.cg_to_rear_axle
-    half = 0.5 * v.track_width
+    size, half = length_scale(wheelbase), 0.5 * v.track_width
     default_unsprung = _UNSPRUNG_SHARE * v.mass
     unsprung = [
         _or_default(k.unsprung_mass_front, default_unsprung),
@@ -176,7 +178,7 @@ def resolve(vehicle: VehicleWithChassis) -> SprungMass:
         raise ValueError("chassis: roll and yaw inertia are too small for the mass positions")
 
     spring = [
-        _or_default(given, mass * (2.0 * math.pi * hertz) ** 2)
+        _or_default(given, mass * (2.0 * math.pi * hertz / time_scale(size)) ** 2)
         for given, mass, hertz in zip(
             (k.spring_front, k.spring_rear), corner, _HEAVE_HZ, strict=True
         )
@@ -193,7 +195,7 @@ def resolve(vehicle: VehicleWithChassis) -> SprungMass:
         )
     ]
     tyre = [
-        _or_default(given, force / _STATIC_TYRE_DEFLECTION_M)
+        _or_default(given, force / (_STATIC_TYRE_DEFLECTION_M * size))
         for given, force in zip((k.tyre_stiffness_front, k.tyre_stiffness_rear), load, strict=True)
     ]
     tyre_damping = [

@@ -31,7 +31,10 @@ from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.plant.vehicle.vehicle_parameters import Constants
 
 SLIP_SPEED_MIN = 2.0
-"""Smallest rolling speed in the denominator of the slips, m/s: finite and damped at standstill."""
+"""
+Smallest rolling speed in the denominator of the slips, m/s: finite and damped at standstill. Of a
+full-size vehicle; `Constants.slip_speed_min` is that of any.
+"""
 
 _SLIP_TINY = 1e-9
 """Normalised slip that keeps the direction cosines finite at zero slip."""
@@ -110,12 +113,12 @@ def combined_slip_utilisation(tyre: AxleTyre, s_x: float, s_y: float) -> tuple[f
 
 
 @strict_kernel
-def relaxation_rate(speed: float, length: float, step: float) -> float:
+def relaxation_rate(speed: float, length: float, slowest: float, step: float) -> float:
     """
     Return speed / length, the rate at which a force approaches its steady value, 1/s.
 
     `speed` is the magnitude of the hub's velocity over ground, m/s: the carcass deflects with the
-    travelled distance, rolling or sliding. The rate is at least that of `SLIP_SPEED_MIN` and at
+    travelled distance, rolling or sliding. The rate is at least that of the speed `slowest` and at
     most 1 / step: a relaxation that the step cannot resolve takes one step.
     """
-    return min(max(speed, SLIP_SPEED_MIN) / max(length, 1e-6), 1.0 / step)
+    return min(max(speed, slowest) / max(length, 1e-6), 1.0 / step)

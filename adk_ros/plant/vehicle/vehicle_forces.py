@@ -12,7 +12,10 @@ from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.plant.vehicle.vehicle_parameters import Constants
 
 LOAD_MIN = 10.0
-"""Smallest wheel load, N: the force of a lifting wheel vanishes instead of changing its sign."""
+"""
+Smallest wheel load, N: the force of a lifting wheel vanishes instead of changing its sign. Of a
+full-size vehicle; `Constants.load_min` is that of any.
+"""
 
 _ROLLING_SPEED = 0.1
 """Speed over which rolling resistance changes its sign smoothly, m/s."""
@@ -55,15 +58,15 @@ def wheel_loads(
     laterally, split between the axles by `roll_share_front`. `weight` is the force normal to the
     road, N. The transfer is limited by the load of the axle; the sum holds even if a wheel lifts.
     """
-    wheelbase = c.cg_to_front_axle + c.cg_to_rear_axle
-    weight = max(weight, 8.0 * LOAD_MIN)
+    wheelbase, least = c.cg_to_front_axle + c.cg_to_rear_axle, c.load_min
+    weight = max(weight, 8.0 * least)
     along = c.mass * c.cg_height * a_x / wheelbase
     front = weight * c.cg_to_rear_axle / wheelbase - along
-    front = min(max(front, 2.0 * LOAD_MIN), weight - 2.0 * LOAD_MIN)
+    front = min(max(front, 2.0 * least), weight - 2.0 * least)
     rear = weight - front
     across = c.mass * c.cg_height * a_y / c.track_width
-    most_f = 0.5 * front - LOAD_MIN
-    most_r = 0.5 * rear - LOAD_MIN
+    most_f = 0.5 * front - least
+    most_r = 0.5 * rear - least
     across_f = min(max(c.roll_share_front * across, -most_f), most_f)
     across_r = min(max((1.0 - c.roll_share_front) * across, -most_r), most_r)
     return (

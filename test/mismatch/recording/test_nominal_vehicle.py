@@ -57,8 +57,8 @@ def test_a_complete_file_assumes_nothing(tmp_path: Path) -> None:
     [
         ({"mass": 1600.0}, "cg_to_front_axle"),
         ({"wheelbase": 2.7}, "mass"),
-        ({"mass": 1600.0, "wheelbase": 0.1}, "wheelbase: expected a number of 0.4 to 20 m"),
-        ({"mass": 1600.0, "wheelbase": "long"}, "wheelbase: expected a number of 0.4 to 20 m"),
+        ({"mass": 1600.0, "wheelbase": 0.01}, "wheelbase: expected a number of 0.05 to 20 m"),
+        ({"mass": 1600.0, "wheelbase": "long"}, "wheelbase: expected a number of 0.05 to 20 m"),
         ({"mass": "heavy", "wheelbase": 2.7}, "mass"),
         ({"mass": 1600.0, "wheelbase": 2.7, "cg_to_rear_axle": "far"}, "cg_to_rear_axle"),
         (

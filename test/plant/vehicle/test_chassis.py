@@ -85,7 +85,7 @@ def test_defaults_are_those_of_a_passenger_car(tmp_path: Path) -> None:
     ("chassis", "said"),
     [
         ("{spring_fornt: 3.0}", r"chassis\.spring_fornt: no such parameter"),
-        ("{spring_front: -3.0}", r"chassis\.spring_front: .*greater than or equal to 100"),
+        ("{spring_front: -3.0}", r"chassis\.spring_front: .*greater than 0"),
         ("{damper_rear: stiff}", r"chassis\.damper_rear: .*valid number, got 'stiff'"),
         ("{unsprung_mass_front: 800.0}", "the sprung mass is less than a fifth of the mass"),
         ("{unsprung_mass_front: 320.0, unsprung_mass_rear: 320.0}", "yaw inertia is less than"),

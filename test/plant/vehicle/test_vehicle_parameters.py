@@ -72,7 +72,7 @@ def test_constants_contain_every_parameter() -> None:
         (LENGTHS_AND_MASSES.replace("mass:", "masss:"), "masss: no such parameter .and 1 more"),
         (LENGTHS_AND_MASSES.replace("mass: 1800.0\n", ""), "mass: is missing"),
         (LENGTHS_AND_MASSES.replace("1800.0", "heavy"), "mass: .*valid number, got 'heavy'"),
-        (LENGTHS_AND_MASSES.replace("1800.0", "-1.0"), "mass: .*greater than or equal to 50"),
+        (LENGTHS_AND_MASSES.replace("1800.0", "-1.0"), "mass: .*greater than 0"),
         (LENGTHS_AND_MASSES.replace("1800.0", ".nan"), "mass: .*finite"),
         (LENGTHS_AND_MASSES.replace("1800.0", "true"), "mass: .*valid number, got True"),
         (LENGTHS_AND_MASSES + "front_tyre: {b_y: 0.0}\n", r"front_tyre\.b_y: "),
