@@ -151,6 +151,7 @@ def _model(program: bytes, history: int, features: int, online: OnlineSettings) 
     from adk_ros.model.koopman import KoopmanModel
     from adk_ros.model.lifting.encoder import Lifting, input_size
     from adk_ros.model.lifting.scaling import Scaling
+    from adk_ros.model.uncertainty.fallback import Fallback
 
     default, n_z = history > 0, 3 + features
     errors = np.tile(np.eye(3), (_STEPS, 1, 1))
@@ -168,6 +169,7 @@ def _model(program: bytes, history: int, features: int, online: OnlineSettings) 
         uses_imu=True,
         online=online,
         held_input_covariance=errors,
+        fallback=Fallback(np.full((2, 3, _STEPS, 3), 0.1)),
     )
 
 

@@ -39,7 +39,8 @@ def info(
 
 
 def _show_model(path: Path, public_keys: Path | None, as_json: bool) -> None:
-    from adk_ros.model.stored_model import inspect_model
+    from adk_ros.model.stored_model import FALLBACK_WEIGHTS, inspect_model, read_arrays
+    from adk_ros.model.uncertainty.fallback import Fallback
 
     manifest = inspect_model(path, public_keys)
     facts = manifest["training"]
@@ -66,7 +67,9 @@ def _show_model(path: Path, public_keys: Path | None, as_json: bool) -> None:
             f"RMSE {held_out['geometric_mean_ratio']:.3f} of the best naive predictor's "
             f"(mean over channels and horizons, {held_out['starts']} rollouts)"
         )
-    for name, text in rows.items():
+    takeovers = Fallback(read_arrays(path, manifest)[FALLBACK_WEIGHTS]).takeovers()
+    lines = [*rows.items(), *(("naive", takeover.text) for takeover in takeovers)]
+    for name, text in lines:
         console.output.print(f"  {name:<11} {text}", markup=False)
 
 

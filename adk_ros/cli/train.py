@@ -181,6 +181,7 @@ def read_recordings(bags: list[Path], options: RecordingOptions) -> list[BagReco
 
 def _print_result(model: TrainedModel) -> None:
     """Print the scores on held-out data, and which step was kept."""
+    from adk_ros.model.uncertainty.fallback import summary
     from adk_ros.train.dataset import TEST
 
     run = model.training
@@ -191,6 +192,11 @@ def _print_result(model: TrainedModel) -> None:
     else:
         test_s = run.split.seconds(TEST)
         console.print_scores(run.test, f"RMSE on {test_s:.0f} s of held-out data")
+    takeovers = summary(run.model.fallback.takeovers())
+    if takeovers:
+        console.note(
+            f"naive predictors take over where the model is not shown to be better: {takeovers}"
+        )
     if run.trained is not None and run.trained.stopped_early:
         console.note(
             "stopped early because the validation loss no longer improved: the model is that of "

@@ -5,7 +5,8 @@ Model folders: save, check and load a trained model.
 
     manifest.json   description, settings, and SHA-256 of the other files
     encoder.pt      TorchScript program (torch's own loader, which runs no Python pickle)
-    arrays.npz      scaling, [A0 B0 c0], gains, horizon covariances (numpy, pickle refused)
+    arrays.npz      scaling, [A0 B0 c0], gains, horizon covariances, limits of motion, weights of
+                    naive predictors (numpy, pickle refused)
 
 A folder of another version, time grid or channel set, or with other hashes than its manifest
 says, is refused.
@@ -32,6 +33,7 @@ from adk_ros.model.signature import SIGNATURE_ENDING
 from adk_ros.model.stored_model import (
     ARRAYS,
     ENCODER,
+    FALLBACK_WEIGHTS,
     MOTION_LIMITS,
     SCALING_ARRAYS,
     content_hash,
@@ -39,6 +41,7 @@ from adk_ros.model.stored_model import (
     read_arrays,
     read_program,
 )
+from adk_ros.model.uncertainty.fallback import Fallback
 
 
 @dataclass(frozen=True)
@@ -146,5 +149,6 @@ def load(folder: Path, public_keys: Path | None = None) -> Artefact:
         mean_square_change=arrays["usual_change"],
         uses_imu=manifest["uses_imu"],
         online=OnlineSettings(**manifest["online"]),
+        fallback=Fallback(arrays[FALLBACK_WEIGHTS]),
     )
     return Artefact(model=model, manifest=manifest, path=folder)

@@ -63,7 +63,7 @@ def make_rollout_monitor(model: KoopmanModel) -> RolloutMonitor | None:
         gains=model.observer_gains.table(),
         bounds=step_bounds(model.motion_limits, model.scaling),
     )
-    return RolloutMonitor(encoder, form, errors, PRIOR_ROLLOUTS)
+    return RolloutMonitor(encoder, form, errors, PRIOR_ROLLOUTS, model.fallback.is_active)
 
 
 def _typical_increment_squared(model: KoopmanModel) -> FloatArray:

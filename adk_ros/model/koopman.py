@@ -12,6 +12,7 @@ from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.estimation.observer_gains import ObserverGains
 from adk_ros.model.lifting.encoder import Lifting
 from adk_ros.model.lifting.scaling import Scaling
+from adk_ros.model.uncertainty.fallback import Fallback
 from adk_ros.numerics.arrays import FloatArray
 
 
@@ -28,7 +29,7 @@ class KoopmanModel:
     By horizon step, SI, on validation data: `horizon_covariance` (steps, 3, 3), error covariance
     under known commands; `held_input_covariance` (steps, 3, 3), under constant commands;
     `mean_square_change` (steps, 3) of the state. `motion_limits` (4,): see there. Each is empty if
-    unknown.
+    unknown. `fallback`: the naive predictors that take over.
     """
 
     lifting: Lifting
@@ -45,6 +46,7 @@ class KoopmanModel:
     online: OnlineSettings = field(default_factory=OnlineSettings)
     held_input_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     motion_limits: FloatArray = field(default_factory=lambda: np.zeros(0))
+    fallback: Fallback = field(default_factory=Fallback.none)
 
     @property
     def n_z(self) -> int:

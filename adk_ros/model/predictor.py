@@ -10,7 +10,8 @@ One tick of the predictor: sample in, prediction out. No clock, no files, no ROS
     x_(k+j): the same, lifted anew at each step, u constant, d decaying   horizon
 
 d is the disturbance: exponentially weighted means of the adapted model's one-step residuals. The
-live node, the replay and the validation in training all call `Predictor.step`.
+live node, the replay and the validation in training all call `Predictor.step`. In what it returns
+naive predictors may take over, see `uncertainty.fallback`; the steps above are those of the model.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from adk_ros.model.initial_errors import (
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.model_rollout import ModelRollout
 from adk_ros.model.prediction import Prediction, Status
-from adk_ros.model.tick_memory import TickMemory
+from adk_ros.model.tick_memory import TickMemory, replace_by_naive
 from adk_ros.model.tick_steps import (
     IS_MEASURED,
     IS_USABLE,
@@ -44,6 +45,7 @@ from adk_ros.model.tick_steps import (
     TickParts,
     make_tick_steps,
 )
+from adk_ros.model.uncertainty.fallback import KNOWN, take_sample
 from adk_ros.model.uncertainty.published_horizons import PublishedHorizonErrors
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, Sample
@@ -106,6 +108,7 @@ class Predictor:
         self._model_rollout = ModelRollout(
             model, self._tick, self._memory.phi, self._memory.disturbance, self._gains
         )
+        self._has_fallback = model.fallback.is_active
         parts = TickParts(
             model,
             self._memory,
@@ -132,6 +135,7 @@ class Predictor:
         self._uncertain_ticks = 0
         self._withheld_in_succession = 0
         self._predicted: FloatArray | None = None
+        self._predicted_by_model: FloatArray | None = None
         self._consecutive_valid_samples = 0
         self._memory.reset()
 
@@ -213,7 +217,11 @@ class Predictor:
             u_ahead.shape[0],
             self.rollout_monitor,
         )
-        return np.full((u_ahead.shape[0], 3), math.nan) if result is None else result
+        if result is None:
+            return np.full((u_ahead.shape[0], 3), math.nan)
+        if self._has_fallback:
+            replace_by_naive(result, KNOWN, self._memory.rows)
+        return result
 
     def _lose_state(self) -> None:
         self.status = Status.NO_STATE
@@ -223,6 +231,7 @@ class Predictor:
         self._n_samples = 0
         self._predicted = None
         self._consecutive_valid_samples = 0
+        self._memory.fallback.start[:] = math.nan
 
     def _advance(
         self, sample: Sample, state: FloatArray, measured: bool, horizon_steps: int
@@ -239,9 +248,15 @@ class Predictor:
             predicted = self._predicted
             if measured:
                 innovation = state - predicted
+                # The observer corrects the model, whoever predicts.
+                if self._predicted_by_model is not None:
+                    predicted = self._predicted_by_model
                 # Both lifts of the pair, with their past samples, must be of learnable samples.
                 enough = self._consecutive_valid_samples >= self.model.history + 2
                 learns = enough and not warming_up
+        if self._has_fallback:
+            continues = not sample.flags & _LEVEL_CHANGE
+            take_sample(state, sample.a, continues, self._memory.fallback)
         # A repeated odometry reading says less than the prediction for this tick.
         stale = sample.flags & _ODOMETRY_STALE
         flags = self._tick_flags
@@ -265,6 +280,8 @@ class Predictor:
         self._withheld_in_succession = 0
         # A copy: callers may write to what is returned.
         self._predicted = horizon[0].copy()
+        if self._has_fallback:
+            self._predicted_by_model = self._memory.fallback.of_model.copy()
         self.status = Status.PREDICTED if measured else Status.COASTING
         return Prediction(
             origin_ns=sample.stamp_ns,
@@ -287,6 +304,7 @@ class Predictor:
             past = self._tick.x_past
             past += (state - self._predicted) / self.model.scaling.x_scale
             self._predicted = state
+            self._predicted_by_model = None
 
     @property
     def uncertainty_growth(self) -> FloatArray:
@@ -303,6 +321,7 @@ class Predictor:
         else:
             drivable = is_drivable(state, predicted[None])
             self._predicted = predicted.copy() if drivable else state.copy()
+        self._predicted_by_model = None
         self.status = Status.IMPLAUSIBLE
 
     def _published_covariance(self) -> FloatArray:

@@ -18,8 +18,10 @@ from adk_ros.model.estimation.observer_gains import ObserverGains
 from adk_ros.model.lifting.program_archive import MAX_PROGRAM_BYTES
 from adk_ros.model.lifting.program_grammar import check_program
 from adk_ros.model.manifest import MANIFEST, read_manifest
+from adk_ros.model.uncertainty.fallback import COMMANDS, Fallback
 from adk_ros.model.uncertainty.motion_limits import N_LIMITS
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.score import NAIVE_PREDICTORS
 
 if TYPE_CHECKING:
     from adk_ros.model.koopman import KoopmanModel
@@ -38,6 +40,12 @@ _ARRAYS = (
 )
 MOTION_LIMITS = "motion_limits"
 """Array that models of the first releases lack: they predict without limits."""
+FALLBACK_WEIGHTS = "fallback_weights"
+"""Array that models of the first releases lack: in these no naive predictor takes over."""
+_WITHOUT = {MOTION_LIMITS: np.zeros(0), FALLBACK_WEIGHTS: Fallback.none().weights}
+"""Arrays that may be missing, and what then takes their place."""
+_ROUNDING = 1e-9
+"""Sums of weights may exceed 1 by this: far above rounding, far below what is printed."""
 _MAX_ARRAYS_BYTES = 64 << 20
 """Bytes of arrays.npz, packed and unpacked: that of the default model has 60 kB."""
 
@@ -83,11 +91,10 @@ def read_arrays(folder: Path, manifest: dict[str, Any]) -> dict[str, FloatArray]
             raise ValueError(f"it unpacks to {unpacked >> 20} MiB")
         with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
             arrays = {name: _real(name, stored[name]) for name in _ARRAYS}
-            arrays[MOTION_LIMITS] = (
-                _real(MOTION_LIMITS, stored[MOTION_LIMITS])
-                if MOTION_LIMITS in stored
-                else np.zeros(0)
-            )
+            arrays |= {
+                name: _real(name, stored[name]) if name in stored else array
+                for name, array in _WITHOUT.items()
+            }
     except Exception as error:
         # The zip and npy readers raise a dozen types, MemoryError and TokenError included.
         raise UsageError(f"{folder / ARRAYS} is not readable ({error}): train again") from None
@@ -111,6 +118,7 @@ def pack_arrays(model: KoopmanModel) -> bytes:
         "held_covariance": model.held_input_covariance,
         "usual_change": model.mean_square_change,
         MOTION_LIMITS: model.motion_limits,
+        FALLBACK_WEIGHTS: model.fallback.weights,
     }
     arrays |= {name: getattr(model.observer_gains, name) for name in ObserverGains.names()}
     buffer = io.BytesIO()
@@ -171,6 +179,7 @@ def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine:
         raise UsageError(
             f"{folder / ARRAYS}: {MOTION_LIMITS} is not {N_LIMITS} positive numbers: train again"
         )
+    _check_fallback(folder, arrays)
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise UsageError(f"{folder / ARRAYS}: {name} contains values that are not finite")
@@ -180,3 +189,19 @@ def _check_arrays(folder: Path, arrays: dict[str, FloatArray], n_z: int, affine:
             raise UsageError(f"{folder / ARRAYS}: {name} contains {np.abs(array).max():.3g}")
         if name.endswith("_scale") and not (array > 1.0 / _MAX_MAGNITUDE).all():
             raise UsageError(f"{folder / ARRAYS}: {name} contains {array.min():.3g}")
+
+
+def _check_fallback(folder: Path, arrays: dict[str, FloatArray]) -> None:
+    weights = arrays[FALLBACK_WEIGHTS]
+    steps = len(arrays["horizon_covariance"])
+    shapes = {(len(COMMANDS), len(NAIVE_PREDICTORS), n, 3) for n in (0, steps)}
+    # Comparisons with NaN are false.
+    if (
+        weights.shape not in shapes
+        or not (weights >= 0.0).all()
+        or not (weights.sum(axis=1) <= 1.0 + _ROUNDING).all()
+    ):
+        raise UsageError(
+            f"{folder / ARRAYS}: {FALLBACK_WEIGHTS} is not {len(COMMANDS)} x "
+            f"{len(NAIVE_PREDICTORS)} x {steps} x 3 weights from 0 to 1: train again"
+        )

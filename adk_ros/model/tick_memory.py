@@ -19,10 +19,17 @@ from adk_ros.model.initial_errors import one_step_errors
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder import input_size
 from adk_ros.model.lifting.encoder_kernels import Float32Array
+from adk_ros.model.uncertainty.fallback import (
+    FallbackArrays,
+    fallback_arrays,
+    take_over,
+    take_over_published,
+)
 from adk_ros.numerics.array_table import (
     ArrayTable,
     floats_1,
     floats_2,
+    floats_4,
     integers_1,
     singles_1,
 )
@@ -46,7 +53,8 @@ class MemoryArrays(NamedTuple):
     What kernels see of a `TickMemory`.
 
     `features` (m,): of the present tick; `covariance` (3, 3): of the innovation, SI; `form`:
-    the values of `ModelForm`; `filtered` (3,): state of the observer, SI.
+    the values of `ModelForm`; `filtered` (3,): state of the observer, SI; `fallback`: naive
+    predictors.
     """
 
     scaling: ScalingArrays
@@ -56,6 +64,7 @@ class MemoryArrays(NamedTuple):
     covariance: FloatArray
     form: NDArray[np.int64]
     filtered: FloatArray
+    fallback: FallbackArrays
 
 
 class TickMemory:
@@ -65,8 +74,8 @@ class TickMemory:
     `tick`: past samples, scaled; `phi` (n_phi,): regressor of the latest tick; `y` (n_z,): target
     that belongs to it; `disturbance` (3, 3): slow, fast and running mean of the residual;
     `gains` (5, 3): `ObserverGains.table`; `covariance` (3, 3): of the innovation, SI; `filtered`
-    (3,): state of the observer, SI, NaN before the first. `rows`: all of it as a table for
-    kernels.
+    (3,): state of the observer, SI, NaN before the first. `fallback`: naive predictors and what
+    they start from. `rows`: all of it as a table for kernels.
     """
 
     def __init__(self, model: KoopmanModel) -> None:
@@ -88,6 +97,7 @@ class TickMemory:
         self.features = np.zeros(model.n_z - 3, dtype=np.float32)
         self.covariance = np.zeros((3, 3))
         self.filtered = np.full(3, np.nan)
+        self.fallback = fallback_arrays(model.fallback)
         form = ModelForm(model.residual, model.affine, 3 * (history + 1))
         arrays = MemoryArrays(
             ScalingArrays(
@@ -114,8 +124,11 @@ class TickMemory:
             self.covariance,
             np.array(form, dtype=np.int64),
             self.filtered,
+            self.fallback,
         )
-        self._table = ArrayTable(*arrays.scaling, *arrays.tick, *arrays.pair, *arrays[3:])
+        self._table = ArrayTable(
+            *arrays.scaling, *arrays.tick, *arrays.pair, *arrays[3:-1], *arrays.fallback
+        )
         self.rows = self._table.rows
         self.reset()
 
@@ -124,6 +137,7 @@ class TickMemory:
         self.disturbance[:] = 0.0
         self.tick.autocorrelation[:] = 0.0
         self.covariance[:] = self._errors
+        self.fallback.start[:] = np.nan
 
 
 @strict_kernel
@@ -152,6 +166,7 @@ def memory_arrays(rows: IntArray) -> MemoryArrays:
         floats_2(rows, 18),
         integers_1(rows, 19),
         floats_1(rows, 20),
+        FallbackArrays(floats_4(rows, 21), floats_2(rows, 22), floats_1(rows, 23)),
     )
 
 
@@ -183,3 +198,15 @@ def complete_pair(theta: FloatArray, innovation: FloatArray, rows: IntArray) -> 
     if valid:
         ewma_covariance(memory.covariance, innovation, _COVARIANCE_GAIN)
     return valid
+
+
+@strict_kernel
+def replace_by_naive(horizon: FloatArray, commands: int, rows: IntArray) -> None:
+    """Run `take_over` on the memory `rows`."""
+    take_over(horizon, commands, memory_arrays(rows).fallback)
+
+
+@strict_kernel
+def replace_published_by_naive(horizon: FloatArray, rows: IntArray) -> None:
+    """Run `take_over_published` on the memory `rows`."""
+    take_over_published(horizon, memory_arrays(rows).fallback)

@@ -19,8 +19,15 @@ from adk_ros.model.drivable import is_drivable
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder_kernels import pack_regressor, perceptron
 from adk_ros.model.model_rollout import ModelRollout
-from adk_ros.model.tick_memory import TickMemory, complete_pair, memory_arrays, observe
+from adk_ros.model.tick_memory import (
+    TickMemory,
+    complete_pair,
+    memory_arrays,
+    observe,
+    replace_published_by_naive,
+)
 from adk_ros.model.uncertainty.compiled_rollout import roll_out, to_si
+from adk_ros.model.uncertainty.fallback import take_over_published
 from adk_ros.model.uncertainty.published_horizons import (
     PublishedHorizonErrors,
     compare_horizons,
@@ -31,6 +38,7 @@ from adk_ros.model.uncertainty.rollout_monitor import (
     RolloutMonitor,
     monitor_arrays,
     start_rollout,
+    store_naive,
     update_rollouts,
 )
 from adk_ros.numerics.arrays import FloatArray, IntArray
@@ -113,6 +121,8 @@ class StepwiseTick:
         if rows is None:
             return NOT_FINITE
         horizon[:] = rows
+        if model.fallback.is_active:
+            replace_published_by_naive(horizon, memory.rows)
         if flags & WITHHOLDS and not is_drivable(given.state, horizon):
             return NOT_DRIVABLE
         update_published_errors(
@@ -259,6 +269,7 @@ def predict_and_compare(
     pack_regressor(tick.x_past, memory.features, tick.u, affine, memory.pair.phi)
     if monitor_slot >= 0:
         start_rollout(monitor_slot, tick.x_past, tick.u_past, theta, affine, disturbance, monitor)
+        store_naive(monitor_slot, memory.fallback, memory.scaling, monitor.slots)
     roll_out(
         tick.x_past,
         tick.u_past,
@@ -284,6 +295,7 @@ def predict_and_compare(
     )
     if not finite:
         return NOT_FINITE
+    take_over_published(horizon, memory.fallback)
     if flags & WITHHOLDS and not is_drivable(state, horizon):
         return NOT_DRIVABLE
     compare_horizons(

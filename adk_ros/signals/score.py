@@ -28,6 +28,8 @@ REPORT_SCALE = np.array([3.6, 3.6, 180.0 / math.pi])
 """Factors from m/s, m/s, rad/s to the km/h, km/h, deg/s of reports."""
 DISPLAY_NAMES = {"straight line": "linear extrapolation"}
 """Names in printed tables of the predictors whose name in JSON files differs."""
+NAIVE_PREDICTORS = ("persistence", "straight line", "IMU integration")
+"""Names of the naive predictors; the last one needs an IMU."""
 MAD_TO_SIGMA = 0.6745
 """Median of the absolute value of a standard normal variable."""
 
@@ -112,12 +114,14 @@ def imu_integration(record: Record, rows: IntArray, ahead: int) -> FloatArray:
 
 def naive_predictions(record: Record, rows: IntArray, ahead: int) -> dict[str, FloatArray]:
     """Return the predictions of each naive predictor that the record allows, by name."""
+    without_imu, with_imu = NAIVE_PREDICTORS[:2], NAIVE_PREDICTORS[2]
+    functions = persistence, linear_extrapolation
     result = {
-        "persistence": persistence(record, rows, ahead),
-        "straight line": linear_extrapolation(record, rows, ahead),
+        name: function(record, rows, ahead)
+        for name, function in zip(without_imu, functions, strict=True)
     }
     if np.isfinite(record.a[rows]).all():
-        result["IMU integration"] = imu_integration(record, rows, ahead)
+        result[with_imu] = imu_integration(record, rows, ahead)
     return result
 
 

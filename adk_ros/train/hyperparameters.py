@@ -3,6 +3,8 @@
 """
 Select hyperparameters on validation data: ridge, observer gains, disturbance gains and decays.
 
+At the end naive predictors take over where the model is not better, see `fallback_weights`.
+
 Each candidate is run by the predictor and scored relative to the best naive predictor at each
 horizon and channel. Candidates are scored on the validation data and on the same data with
 perturbed commands (input gains torque 0.8, steering 0.85), which to the model is a different car,
@@ -24,6 +26,7 @@ from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.signals.channels import Record
 from adk_ros.signals.score import naive_predictions, reference_noise, score
 from adk_ros.train.dataset import TRAIN, VALIDATION, Split
+from adk_ros.train.fallback_weights import find_fallback
 
 _AHEAD = 80
 """Horizon steps that are scored: 2 s."""
@@ -70,7 +73,7 @@ def select_hyperparameters(
 
     In this order: theta0 (the model's or one of `refitted`) and the ridge, by the mean cost of all
     channels; then, per channel, the slow disturbance, the observer, the fast disturbance, and once
-    more the slow disturbance and the observer.
+    more the slow disturbance and the observer. At last the fallback.
     """
     cases = _cases(split)
     done, total = 0, _CANDIDATES + (1 + len(refitted) if refitted else 0)
@@ -118,7 +121,22 @@ def select_hyperparameters(
     now = choose(slow, _TIE_MARGIN_SLOW)
     now = choose([replace(now, observer_gain=g * each) for g in _OBSERVERS])
     model = replace(model, observer_gains=now)
-    known, held_input = horizon_covariances(model, split)
+    return with_fallback(model, split, note)
+
+
+def with_fallback(model: KoopmanModel, split: Split, note: Note | None = None) -> KoopmanModel:
+    """Return the model with naive predictors where they take over, and with its covariances."""
+
+    def finding(done: int, total: int) -> None:
+        if note:
+            note("comparing with naive predictors", done, total)
+
+    validated = _validation_rollouts(model, split)
+    fallback = find_fallback(model, split, validated, finding)
+    if fallback.is_active:
+        model = replace(model, fallback=fallback)
+        validated = _validation_rollouts(model, split)
+    known, held_input = _error_covariances(model, validated, _AHEAD)
     return replace(model, horizon_covariance=known, held_input_covariance=held_input)
 
 
@@ -220,13 +238,25 @@ def horizon_covariances(
     model: KoopmanModel, split: Split, ahead: int = _AHEAD
 ) -> tuple[FloatArray, FloatArray]:
     """Return the error covariances commands known and held constant, SI."""
+    return _error_covariances(model, _validation_rollouts(model, split, ahead), ahead)
+
+
+def _validation_rollouts(model: KoopmanModel, split: Split, ahead: int = _AHEAD) -> list[Rollouts]:
+    return [
+        rollout_record(model, record, None, parts == VALIDATION, ahead, stride=8)
+        for record, parts in zip(split.records, split.parts, strict=True)
+    ]
+
+
+def _error_covariances(
+    model: KoopmanModel, rollouts: Sequence[Rollouts], ahead: int
+) -> tuple[FloatArray, FloatArray]:
     known, held_input = [], []
-    for record, parts in zip(split.records, split.parts, strict=True):
-        rolled = rollout_record(model, record, None, parts == VALIDATION, ahead, stride=8)
+    for rolled in rollouts:
         if rolled.rows.size:
             future = rolled.rows[:, None] + np.arange(1, ahead + 1)
-            known.append(rolled.predicted - record.x_ref[future])
-            held_input.append(rolled.held_input_predictions - record.x_ref[future])
+            known.append(rolled.predicted - rolled.record.x_ref[future])
+            held_input.append(rolled.held_input_predictions - rolled.record.x_ref[future])
     if not known:
         increment = np.square(model.scaling.x_scale * model.scaling.step_scale)
         table: FloatArray = np.asarray(np.diag(increment) * np.arange(1, ahead + 1)[:, None, None])

@@ -93,6 +93,7 @@ def write_report(run: TrainingResult, out: Path, *, provenance: Provenance | Non
         rows=_rows(run.test) if run.test else [],
         predictors=[predictor_label(name) for name in run.test.scores] if run.test else [],
         not_better=run.test.lost if run.test else {},
+        takeovers=[takeover.text for takeover in run.model.fallback.takeovers()],
         figures=figures,
     )
     path = out / "report.html"

@@ -124,6 +124,7 @@ def run_training(
         "split": {"kind": split_kind}
         | {name: round(split.seconds(part), 3) for part, name in enumerate(PARTS)},
         "range": domain.as_json(),
+        "fallback": [item.as_json() for item in model.fallback.takeovers()],
         "held_out": test.as_json() if test else None,
     }
     if trained is not None:

@@ -8,8 +8,10 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.train import bag, lines, refused, small, small_without_imu
 
@@ -21,6 +23,7 @@ from adk_ros.model import artefact
 from adk_ros.model.manifest import MANIFEST
 from adk_ros.model.pipeline import PipelineSettings
 from adk_ros.model.stored_model import ARRAYS, ENCODER
+from adk_ros.model.uncertainty.fallback import Fallback
 from adk_ros.offline.replay import TWIST_TOPIC, TWIST_TYPE, ReplayOutput, replay
 
 
@@ -105,6 +108,26 @@ def test_a_model_as_text(capsys) -> None:
     assert "yaw rate    gyro" in text
     assert f"RMSE {test.as_json()['geometric_mean_ratio']:.3f} of the best naive" in text
     assert "odometry (trained without an IMU)" in printed(capsys, small_without_imu())
+
+
+def test_a_model_says_which_naive_predictors_take_over(capsys, tmp_path: Path) -> None:
+    loaded = artefact.load(small().path)
+    weights = np.zeros((2, 3, 80, 3))
+    weights[0, 2, :20, 0] = 0.75
+    program = (small().path / ENCODER).read_bytes()
+    for given in (weights, 0.0 * weights):
+        model = replace(loaded.model, fallback=Fallback(given))
+        artefact.save(tmp_path / "m", program, model, {})
+        found = [
+            line for line in lines(printed(capsys, tmp_path / "m")) if line.startswith("  naive ")
+        ]
+        if given.any():
+            assert found == [
+                "  naive       v_x, commands known: IMU integration, weight 0.75 at 0.025 s, 0.75 "
+                "at 0.25 s, 0.75 at 0.5 s"
+            ]
+        else:
+            assert found == []
 
 
 def test_a_model_as_json(capsys) -> None:

@@ -35,6 +35,7 @@ from adk_ros.model.lifting.encoder import Lifting, input_size
 from adk_ros.model.manifest import MANIFEST, read_manifest
 from adk_ros.model.predictor import Predictor
 from adk_ros.model.stored_model import ARRAYS, ENCODER
+from adk_ros.model.uncertainty.fallback import Fallback
 
 FACTS = {"data": [{"name": "town", "seconds": 60.0}], "seed": 3}
 Change = Callable[[Path], object]
@@ -62,6 +63,11 @@ def paper() -> tuple[bytes, KoopmanModel]:
     return program(history=0), paper_model()
 
 
+def with_naive() -> tuple[bytes, KoopmanModel]:
+    weights = np.random.default_rng(0).uniform(0.0, 1.0 / 3.0, (2, 3, 80, 3))
+    return program(), make_model(fallback=Fallback(weights))
+
+
 def not_compiled() -> tuple[bytes, KoopmanModel]:
     content = plain_program(input_size(2))
     return content, make_model(lifting=Lifting(content, input_size(2), 4))
@@ -69,9 +75,9 @@ def not_compiled() -> tuple[bytes, KoopmanModel]:
 
 @pytest.mark.parametrize(
     "made",
-    [lambda: (program(), make_model()), paper, not_compiled,
+    [lambda: (program(), make_model()), paper, with_naive, not_compiled,
      lambda: (program(history=0), make_model(history=0, residual=False))],
-    ids=["default", "paper", "not compiled", "not residual"],
+    ids=["default", "paper", "naive predictors", "not compiled", "not residual"],
 )  # fmt: skip
 def test_loaded_model_predicts_as_the_saved_one(
     made: Callable[[], tuple[bytes, KoopmanModel]], tmp_path: Path
@@ -85,6 +91,7 @@ def test_loaded_model_predicts_as_the_saved_one(
     assert loaded.manifest["training"] == FACTS
     assert loaded.manifest == read_manifest(tmp_path / "model")
     assert loaded.model.online == model.online
+    np.testing.assert_array_equal(loaded.model.fallback.weights, model.fallback.weights)
     for name in ("history", "residual", "affine", "relift", "uses_imu", "n_z"):
         assert getattr(loaded.model, name) == getattr(model, name)
 
@@ -157,6 +164,7 @@ def test_model_of_the_last_release_loads(folder: Path) -> None:
         np.testing.assert_array_equal(fields[name], array, err_msg=name)
     assert asdict(model.online) == online
     assert model.motion_limits.shape == (0,), "a model of that release has no limits"
+    assert not model.fallback.is_active, "nor does a naive predictor take over in it"
     assert len(predictions(model)) > 100
 
 
@@ -284,6 +292,7 @@ def manifest_is(content: bytes) -> Change:
 
 HASH = "does not match its hash in manifest.json: it is truncated, altered"
 JSON, ONLINE, RANGE = "is not readable as JSON", "of 'online' is not of type", "is out of range"
+WEIGHTS = "fallback_weights is not 2 x 3 x 80 x 3 weights from 0 to 1: train again"
 READABLE, FINITE = "arrays.npz is not readable", "contains values that are not finite"
 
 
@@ -380,6 +389,13 @@ READABLE, FINITE = "arrays.npz is not readable", "contains values that are not f
         (with_arrays(motion_limits=np.ones(3)), "motion_limits is not 4 positive numbers"),
         (with_arrays(motion_limits=np.zeros(4)), "motion_limits is not 4 positive numbers"),
         (with_arrays(motion_limits=np.full(4, np.nan)), "motion_limits is not 4 positive numbers"),
+        (with_arrays(fallback_weights=np.zeros((2, 3, 79, 3))), WEIGHTS),
+        (with_arrays(fallback_weights=np.zeros((2, 2, 80, 3))), WEIGHTS),
+        (with_arrays(fallback_weights=np.zeros(())), WEIGHTS),
+        (with_arrays(fallback_weights=np.full((2, 3, 80, 3), np.nan)), WEIGHTS),
+        (with_arrays(fallback_weights=np.full((2, 3, 80, 3), -0.1)), WEIGHTS),
+        (with_arrays(fallback_weights=np.full((2, 3, 80, 3), 0.34)), WEIGHTS),
+        (with_arrays(fallback_weights=np.full((2, 3, 80, 3), "1")), READABLE),
         (with_arrays(theta0=np.full((7, 10), np.nan)), f"theta0 {FINITE}"),
         (with_arrays(x_scale=np.array([1.0, np.inf, 1.0])), f"x_scale {FINITE}"),
         (with_arrays(x_scale=np.array([1.0, 0.0, 1.0])), "a scale that is not positive"),

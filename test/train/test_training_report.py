@@ -21,6 +21,7 @@ from helpers.pages import (
 )
 from helpers.train import SMALL, record, small
 
+from adk_ros.model.uncertainty.fallback import Fallback
 from adk_ros.signals.channels import STATE_NAMES, Flag
 from adk_ros.train.dataset import TEST, split_records
 from adk_ros.train.held_out import TIE
@@ -105,6 +106,16 @@ def test_only_wins_are_bold_and_only_losses_shaded(page: Page) -> None:
             assert known == ("better" if test.ratio[i, c] < TIE else "worse")
             assert held == ("better" if test.ratio_held[i, c] < TIE else "worse")
     assert "td.better, td.bold { font-weight: 700; } td.worse { background" in page.source
+
+
+def test_the_page_lists_what_takes_over(tmp_path: Path) -> None:
+    weights = np.zeros((2, 3, 80, 3))
+    weights[1, 0, 79, 2] = 0.5
+    for given in (weights, 0.0 * weights):
+        run = replace(small().run, model=replace(small().run.model, fallback=Fallback(given)))
+        page = Page(write_report(run, tmp_path).read_text())
+        said = "yaw_rate, commands held: persistence, weight 0.50 at 2 s"
+        assert (said in page.text) == ("Naive predictors take over" in page.text) == given.any()
 
 
 def test_texts_state_the_scores(page: Page) -> None:

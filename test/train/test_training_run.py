@@ -63,6 +63,7 @@ def test_the_artefact_is_whole_and_tells_how_it_came_about(tmp_path: Path) -> No
     assert {what for what, _, _ in told} == {
         "preparing: fitting the observer",
         "selecting hyperparameters",
+        "comparing with naive predictors",
         "scoring held-out data",
     }
     assert all(0 <= done <= total for _, done, total in told)

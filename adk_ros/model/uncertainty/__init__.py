@@ -1,3 +1,3 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rollouts, their online validation, and the calibrated error covariance of the horizon."""
+"""Rollouts, their online validation, their calibrated covariance, and the naive predictors."""

@@ -17,6 +17,9 @@ James and Stein shrink a mean. The error predicted from one-step residuals (see
 `error_regression`) is added to m beforehand. The remaining errors, y - k m, give the covariance
 of the horizon. It is scaled to 90 % coverage (see `conformal`) and starts from the covariance
 found in validation, with the weight of `prior` rollouts.
+
+Where a naive predictor takes over (see `fallback`), the error is that of the prediction which
+contains it; the statistics of the model remain those of the model alone.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from adk_ros.model.estimation.observer import ScalingArrays
 from adk_ros.model.lifting.encoder_kernels import EncoderArrays, Float32Array, pack_encoder_input
 from adk_ros.model.uncertainty.compiled_rollout import (
     FoldedLayer,
@@ -47,6 +51,7 @@ from adk_ros.model.uncertainty.error_regression import (
     predicted_error,
     solve_shrunk_regression,
 )
+from adk_ros.model.uncertainty.fallback import KNOWN, FallbackArrays, weighted_naive
 from adk_ros.numerics.array_table import (
     ArrayTable,
     floats_1,
@@ -82,7 +87,8 @@ class RolloutSlots(NamedTuple):
     `w_hidden` (slots, 3, h + q), `w_skip` (slots, 3, n), `w_input_bias` (slots, 3, 3). `age`
     (slots,): next horizon step, -1 if the slot is empty. From the start: scaled state `base`
     (slots, 3), `initial_disturbance` (slots, 3, 3), and `issued` (slots, steps, 3, 3): shrinkage,
-    variance and predicted error.
+    variance and predicted error. `naive` (slots, 2, steps, 3), without a slot if the model has no
+    fallback: weight of the naive predictors, and the change that they predict, weighted.
     """
 
     row: Float32Array
@@ -95,6 +101,7 @@ class RolloutSlots(NamedTuple):
     base: FloatArray
     initial_disturbance: FloatArray
     issued: FloatArray
+    naive: FloatArray
 
 
 class RolloutStatistics(NamedTuple):
@@ -131,11 +138,16 @@ class RolloutMonitor:
     `shrinkage` (h, 3) and the calibrated `covariance` (h, 3, 3), scaled, are the results.
 
     :param form: the model's step. :param errors: covariance (h, 3, 3) of the scaled prediction
-        errors on validation data.
+        errors on validation data. :param has_fallback: whether naive predictors take over.
     """
 
     def __init__(
-        self, encoder: EncoderArrays, form: StepForm, errors: FloatArray, prior: float
+        self,
+        encoder: EncoderArrays,
+        form: StepForm,
+        errors: FloatArray,
+        prior: float,
+        has_fallback: bool = False,
     ) -> None:
         n, n_hidden = encoder.w1.shape[0], encoder.w3.shape[0]
         steps = errors.shape[0]
@@ -153,6 +165,7 @@ class RolloutMonitor:
             base=np.zeros((n_slots, 3)),
             initial_disturbance=np.zeros((n_slots, 3, 3)),
             issued=np.zeros((n_slots, steps, 3, 3)),
+            naive=np.zeros((n_slots if has_fallback else 0, 2, steps, 3)),
         )
         self.statistics = RolloutStatistics(
             sums=np.zeros((4, steps, 3)),
@@ -235,17 +248,18 @@ def monitor_arrays(rows: IntArray) -> MonitorArrays:
             floats_2(rows, 17),
             floats_3(rows, 18),
             floats_4(rows, 19),
+            floats_4(rows, 20),
         ),
         RolloutStatistics(
-            floats_3(rows, 20), floats_2(rows, 21), floats_4(rows, 22), floats_3(rows, 23)
+            floats_3(rows, 21), floats_2(rows, 22), floats_4(rows, 23), floats_3(rows, 24)
         ),
         ConformalArrays(
-            floats_1(rows, 24), floats_3(rows, 25), floats_2(rows, 26), floats_3(rows, 27)
+            floats_1(rows, 25), floats_3(rows, 26), floats_2(rows, 27), floats_3(rows, 28)
         ),
-        floats_1(rows, 28),
-        floats_2(rows, 29),
+        floats_1(rows, 29),
         floats_2(rows, 30),
-        singles_2(rows, 31),
+        floats_2(rows, 31),
+        singles_2(rows, 32),
     )
 
 
@@ -284,6 +298,24 @@ def start_rollout(
 
 
 @fused_kernel
+def store_naive(
+    slot: int, fallback: FallbackArrays, scaling: ScalingArrays, slots: RolloutSlots
+) -> None:
+    """Store the naive predictions of the rollout that has started in `slot`, if there are any."""
+    if slots.naive.shape[0] == 0:
+        return
+    steps = slots.naive.shape[2]
+    naive = np.empty((steps, 2, 3))
+    weighted_naive(fallback, KNOWN, naive)
+    for h in range(steps):
+        for c in range(3):
+            weight = naive[h, 0, c]
+            base = slots.base[slot, c] * scaling.x_scale[c] + scaling.x_mean[c]
+            slots.naive[slot, 0, h, c] = weight
+            slots.naive[slot, 1, h, c] = (naive[h, 1, c] - weight * base) / scaling.x_scale[c]
+
+
+@fused_kernel
 def update_rollouts(
     measured: FloatArray,
     u: FloatArray,
@@ -296,7 +328,7 @@ def update_rollouts(
     slots, scale = monitor.slots, monitor.scale
     sums, shrinkage, moments, weights = monitor.statistics
     form = StepForm(n_x, residual, monitor.step_scale, monitor.gains, monitor.bounds)
-    steps = shrinkage.shape[0]
+    steps, has_fallback = shrinkage.shape[0], slots.naive.shape[0] > 0
     error, issued_error = np.empty(3), np.empty(3)
     factors = np.empty((N_REGRESSORS, N_REGRESSORS))
     for slot in range(slots.age.shape[0]):
@@ -338,4 +370,8 @@ def update_rollouts(
             error[c] = y - shrinkage[h, c] * m
             issued_change = plain + slots.issued[slot, h, 2, c]
             issued_error[c] = y - slots.issued[slot, h, 0, c] * issued_change
+            if has_fallback:
+                weight, change = slots.naive[slot, 0, h, c], slots.naive[slot, 1, h, c]
+                error[c] += weight * (y - error[c]) - change
+                issued_error[c] += weight * (y - issued_error[c]) - change
         update_conformal_scale(h, error, issued_error, slots.issued[slot, h, 1], scale)
