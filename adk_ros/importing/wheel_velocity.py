@@ -61,7 +61,7 @@ def axle_speed(given: Mapping[str, SourceChannel], wheels: str, notes: list[str]
 def direction(
     given: Mapping[str, SourceChannel], stream: MessageStream, speed: FloatArray
 ) -> FloatArray:
-    """Return -1 (n,) where the gear is reverse and the speed has no sign of its own, else 1."""
+    """Return -1 (n,) where the gear is reverse and the speed is unsigned, else 1."""
     if "gear" not in given or bool((speed < 0.0).any()):
         return np.ones_like(speed)
     gear = given["gear"]

@@ -3,9 +3,9 @@
 """
 Dynamic similarity: thresholds of a full-size car, for a scale model of it.
 
-Two vehicles of different size on tyres of equal friction move alike where their Froude numbers
-v^2 / (g L) are equal: gravity, and so every acceleration, is the same for both. A length L of the
-scale model is `length_scale` times that of the full-size car, and then
+Two vehicles of different size on tyres of equal friction have similar motions where their Froude
+numbers v^2 / (g L) are equal: gravity, and so every acceleration, is the same for both. A length L
+of the scale model is `length_scale` times that of the full-size car, and then
 
     speed, time     sqrt(length scale)          angle, friction, acceleration    1
     area            length scale^2              mass (equal density)             length scale^3

@@ -5,10 +5,14 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from adk_ros.importing.map_file import checked_map
+from adk_ros.importing.recording_import import ImportedRecording, read_channels
 from adk_ros.plant.scenario.scenario_file import load_scenario
 from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
 from adk_ros.plant.scenario.simulate import simulate
@@ -86,3 +90,10 @@ def bus_map(*without: str, **computed: dict) -> dict:
     }
     time = {"column": "t", "unit": "s"}
     return {"time": time, "channels": channels, "computed": computed}
+
+
+def read_frame(folder: Path, frame: pd.DataFrame, content: dict[str, Any]) -> ImportedRecording:
+    """Read a table, written as CSV into a folder, by a map."""
+    path = folder / "a.csv"
+    frame.to_csv(path, index=False)
+    return read_channels([path], checked_map("m", content), "m", [])

@@ -13,14 +13,24 @@ import pandas as pd
 import pytest
 import yaml
 from helpers.train import refused
-from helpers.wheels import FULL_BRAKE, FULL_DRIVE, GRIP_FREE, bus, bus_map, driven, pedals
+from helpers.wheels import (
+    FULL_BRAKE,
+    FULL_DRIVE,
+    GRIP_FREE,
+    bus,
+    bus_map,
+    driven,
+    pedals,
+    read_frame,
+)
 
 from adk_ros.api.check import check_recording
 from adk_ros.api.exporting import export
 from adk_ros.api.importing import import_recording, propose_map
+from adk_ros.calibration.finding import Finding
 from adk_ros.errors import UsageError
 from adk_ros.importing.map_file import checked_map
-from adk_ros.importing.recording_import import ImportedRecording, read_channels
+from adk_ros.importing.recording_import import ImportedRecording
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 
 RADIUS = 0.325
@@ -54,35 +64,37 @@ LINEAR = {
 }
 
 
-def imported(folder: Path, frame: pd.DataFrame, content: dict[str, Any]) -> ImportedRecording:
-    path = folder / "a.csv"
-    frame.to_csv(path, index=False)
-    return read_channels([path], checked_map("m", content), "m", [])
-
-
 def torque_of(recording: ImportedRecording) -> np.ndarray:
     (torque,) = [channel for channel in recording.channels if channel.name == "torque_estimated"]
     return torque.values
 
 
-def test_the_proposed_map_gives_the_torque(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    table().to_csv(path, index=False)
+def without_torque(folder: Path) -> dict[str, Any]:
+    """Import pedals alone into the bag `first` of a folder; return the map."""
     content = pedal_map()
     del content["computed"]
-    import_recording(path, content, tmp_path / "first")
-    (finding,) = [
-        x
-        for x in check_recording(tmp_path / "first", "imdv").result.findings
-        if x.name == "pedal_map"
-    ]
+    table().to_csv(folder / "a.csv", index=False)
+    import_recording(folder / "a.csv", content, folder / "first")
+    return content
+
+
+def proposed(folder: Path, vehicle: str | None = None) -> Finding:
+    """Return what a check of that bag says of the pedals."""
+    findings = check_recording(folder / "first", vehicle).result.findings
+    (finding,) = [x for x in findings if x.name == "pedal_map"]
+    return finding
+
+
+def test_the_proposed_map_gives_the_torque(tmp_path: Path) -> None:
+    content = without_torque(tmp_path)
+    finding = proposed(tmp_path, "imdv")
     assert finding.verdict.value == "finding"
     assert finding.low is not None
     assert finding.high is not None
     assert "an error of the mass scales it" in finding.text
-    proposed = finding.remedy.split("computed: ")[1].split("; use it")[0]
-    content["computed"] = yaml.safe_load(proposed)
-    import_recording(path, content, tmp_path / "second")
+    computed = finding.remedy.split("computed: ")[1].split("; use it")[0]
+    content["computed"] = yaml.safe_load(computed)
+    import_recording(tmp_path / "a.csv", content, tmp_path / "second")
     log = read_sensor_log(tmp_path / "second")
     truth = driven(GRIP_FREE, 180.0, 0.5).u[:, 0]
     error = log.command[:, 0] - truth[: log.command.shape[0]]
@@ -119,19 +131,13 @@ def test_a_measured_torque_is_evidence(tmp_path: Path) -> None:
 
 
 def test_without_a_mass_no_map_is_proposed(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    table().to_csv(path, index=False)
-    content = pedal_map()
-    del content["computed"]
-    import_recording(path, content, tmp_path / "bag")
-    (finding,) = [
-        x for x in check_recording(tmp_path / "bag").result.findings if x.name == "pedal_map"
-    ]
+    without_torque(tmp_path)
+    finding = proposed(tmp_path)
     assert finding.text.endswith("the mass is unknown, which a force needs: give --vehicle")
 
 
 def test_tables_are_applied_at_the_pedals_stamps(tmp_path: Path) -> None:
-    recording = imported(tmp_path, table(), pedal_map(**LINEAR))
+    recording = read_frame(tmp_path, table(), pedal_map(**LINEAR))
     throttle, brake = table()["throttle"] / 100.0, table()["brake"] / 100.0
     expected = FULL_DRIVE * np.minimum(throttle, 1.0) - FULL_BRAKE * brake
     assert torque_of(recording) == pytest.approx(expected.to_numpy(), rel=1e-9)
@@ -145,7 +151,7 @@ def test_reverse_and_standstill(tmp_path: Path) -> None:
     frame["gear"] = np.where(frame["v_x"] < 0.0, -1.0, 1.0)
     content = pedal_map(**LINEAR)
     content["channels"]["gear"] = {"column": "gear", "unit": "1"}
-    torque = torque_of(imported(tmp_path, frame, content))
+    torque = torque_of(read_frame(tmp_path, frame, content))
     drive, brake = 0.5 * FULL_DRIVE, 0.1 * FULL_BRAKE
     at = [third // 2, 3 * third // 2, 5 * third // 2]
     assert torque[at] == pytest.approx([brake - drive, drive, drive - brake])

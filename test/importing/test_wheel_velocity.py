@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 from helpers.train import refused
-from helpers.wheels import GPS_DELAY_S, UNITS, bus_map, table, town
+from helpers.wheels import GPS_DELAY_S, UNITS, bus_map, read_frame, table, town
 
 from adk_ros.api.importing import import_recording
 from adk_ros.bags.recording import read_recording
@@ -32,10 +32,7 @@ def true_speed() -> np.ndarray:
 def imported(
     folder: Path, frame: pd.DataFrame, without: tuple[str, ...] = (), **velocity: object
 ) -> ImportedRecording:
-    path = folder / "a.csv"
-    frame.to_csv(path, index=False)
-    content = bus_map(*without, v_x={"from": "wheel_speeds"} | velocity)
-    return read_channels([path], checked_map("m", content), "m", [])
+    return read_frame(folder, frame, bus_map(*without, v_x={"from": "wheel_speeds"} | velocity))
 
 
 def error(recording: ImportedRecording) -> np.ndarray:
@@ -76,9 +73,7 @@ def test_the_radius_is_identified_by_positions(tmp_path: Path) -> None:
     content = bus_map("gps_speed", v_x={"from": "wheel_speeds", "wheels": "rear"})
     units = {"x": "m", "y": "m", "heading": "rad"}
     content["channels"] |= {n: {"column": n, "unit": unit} for n, unit in units.items()}
-    path = tmp_path / "a.csv"
-    frame.to_csv(path, index=False)
-    recording = read_channels([path], checked_map("m", content), "m", [])
+    recording = read_frame(tmp_path, frame, content)
     line = note(recording, "v_x from wheel_speed_rear_left")
     assert "against the positions" in line
     assert float(line.split("wheel radius ")[1].split()[0]) == pytest.approx(RADIUS, rel=2e-3)
@@ -99,9 +94,7 @@ def test_the_radius_is_identified_by_satellite_positions(tmp_path: Path) -> None
     content = bus_map("gps_speed", v_x={"from": "wheel_speeds", "wheels": "rear"})
     for name in ("latitude", "longitude"):
         content["channels"][name] = {"column": name, "unit": "deg"}
-    path = tmp_path / "a.csv"
-    frame.to_csv(path, index=False)
-    recording = read_channels([path], checked_map("m", content), "m", [])
+    recording = read_frame(tmp_path, frame, content)
     line = note(recording, "v_x from wheel_speed_rear_left")
     assert "against GPS positions" in line
     assert float(line.split("wheel radius ")[1].split()[0]) == pytest.approx(RADIUS, rel=5e-3)
@@ -128,9 +121,7 @@ def test_wheel_speeds_in_kmh_keep_the_speed_that_they_state(tmp_path: Path) -> N
         if name.startswith("wheel_speed_"):
             frame[name] *= 3.6 * RADIUS
             content["channels"][name] = {"column": name, "unit": "km/h", "wheel_radius": 0.5}
-    path = tmp_path / "a.csv"
-    frame.to_csv(path, index=False)
-    recording = read_channels([path], checked_map("m", content), "m", [])
+    recording = read_frame(tmp_path, frame, content)
     assert np.sqrt(np.mean(error(recording) ** 2)) < 0.04
 
 
@@ -155,9 +146,7 @@ def test_reverse_gear_turns_the_sign(tmp_path: Path) -> None:
         v_x={"from": "wheel_speeds", "wheels": "rear", "wheel_radius": RADIUS},
     )
     content["channels"]["gear"] = {"column": "gear", "unit": "1"}
-    path = tmp_path / "a.csv"
-    frame.to_csv(path, index=False)
-    recording = read_channels([path], checked_map("m", content), "m", [])
+    recording = read_frame(tmp_path, frame, content)
     (v,) = [channel for channel in recording.channels if channel.name == "v_x"]
     assert (np.sign(v.values) == np.where(frame["t"] < 10.0, -1.0, 1.0)).all()
 

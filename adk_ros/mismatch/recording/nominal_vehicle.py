@@ -62,13 +62,14 @@ def load_nominal_vehicle(path: str | Path) -> NominalVehicle:
     whole = Vehicle.model_fields.keys() - NominalVehicle.model_fields.keys()
     if not whole.isdisjoint(content):
         # A complete vehicle file of `adk simulate`: tyres, or further keys such as drag.
-        return nominal_vehicle_of(validate(name, completed_vehicle(name, content), Vehicle))
+        filled = completed_vehicle(name, content, Vehicle)
+        return nominal_vehicle_of(validate(name, filled, Vehicle))
     return _completed(name, content)
 
 
 def _completed(name: str, content: dict[str, Any]) -> NominalVehicle:
     """Return a vehicle with the values that its file leaves out."""
-    filled = completed_dimensions(name, content)
+    filled = completed_dimensions(name, content, NominalVehicle)
     vehicle = validate(name, filled, NominalVehicle)
     vehicle._assumed = frozenset(filled) - frozenset(content)
     return vehicle

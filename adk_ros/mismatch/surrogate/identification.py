@@ -200,8 +200,8 @@ class SurrogateModel:
         if self.envelope is None:
             return np.zeros(problem.bins, dtype=bool)
         out = problem.run(self.parameters, self.fixed_terms(problem))
-        alike = np.ones(problem.bins)
-        return self.envelope.bins_beyond(problem, out, alike if friction is None else friction)
+        unchanged = np.ones(problem.bins)
+        return self.envelope.bins_beyond(problem, out, unchanged if friction is None else friction)
 
     def systematic_error(self, problem: ResidualProblem) -> FloatArray:
         """Return the known error (6, bins) along a recording: measured minus simulated."""

@@ -16,90 +16,99 @@ from __future__ import annotations
 from typing import Any
 
 from adk_ros.errors import UsageError
+from adk_ros.files.yaml_file import FileModel
 from adk_ros.numerics.similarity import (
     REFERENCE_MASS,
     REFERENCE_WHEELBASE,
     length_scale,
 )
+from adk_ros.plant.vehicle.chassis import Chassis
+
+_Scales = dict[str, tuple[float, int]]
+"""Key -> exponents of the scales of lengths and of masses by which its default scales."""
 
 WHEELBASE = "wheelbase"
 """Key that may stand for the two distances of the axles from the centre of gravity."""
 DISTANCES = ("cg_to_front_axle", "cg_to_rear_axle")
-REQUIRED = ("mass", "yaw_inertia", *DISTANCES, "track_width")
-"""Keys without a default."""
 _WHEELBASE_RANGE = (0.05, 20.0)
 """m, from a 1:50 model to a road train's tractor."""
 _FRONT_SHARE = 1.3 / REFERENCE_WHEELBASE
-_SHARES_OF_WHEELBASE = {
-    "track_width": 1.6 / REFERENCE_WHEELBASE,
-    "cg_height": 0.53 / REFERENCE_WHEELBASE,
-    "wheel_radius": 0.325 / REFERENCE_WHEELBASE,
+_TRACK_WIDTH = 1.6
+"""m, of a car with `REFERENCE_WHEELBASE`."""
+_IN_SHARES = ("cg_height", "wheel_radius")
+"""Keys whose defaults are those of a car with `REFERENCE_WHEELBASE`."""
+_BODY: _Scales = {
+    "side_force_area": (2.0, 0),
+    "yaw_moment_volume": (3.0, 0),
+    "wheel_inertia": (2.0, 1),
 }
-_SCALED_BODY = {
-    "side_force_area": (3.2, 2.0, 0),
-    "yaw_moment_volume": (1.1, 3.0, 0),
-    "wheel_inertia": (1.3, 2.0, 1),
+_VEHICLE: _Scales = {
+    "load_lag": (0.5, 0),
+    "cda": (2.0, 0),
+    "max_drive_torque": (1.0, 1),
+    "max_brake_torque": (1.0, 1),
+    "torque_lag": (0.5, 0),
+    "steer_lag": (0.5, 0),
 }
-_SCALED_VEHICLE = {
-    "load_lag": (0.05, 0.5, 0),
-    "cda": (0.7, 2.0, 0),
-    "max_drive_torque": (3000.0, 1.0, 1),
-    "max_brake_torque": (9000.0, 1.0, 1),
-    "torque_lag": (0.03, 0.5, 0),
-    "steer_lag": (0.03, 0.5, 0),
+_TYRE: _Scales = {
+    "nominal_load": (0.0, 1),
+    "relaxation_length": (1.0, 0),
+    "relaxation_length_x": (1.0, 0),
 }
-_SCALED_TYRE = {
-    "nominal_load": (5000.0, 0.0, 1),
-    "relaxation_length": (0.35, 1.0, 0),
-    "relaxation_length_x": (0.15, 1.0, 0),
+_CHASSIS: _Scales = {
+    "roll_centre_front": (1.0, 0),
+    "roll_centre_rear": (1.0, 0),
+    "travel": (1.0, 0),
+    "lift_area_front": (2.0, 0),
+    "lift_area_rear": (2.0, 0),
+    "brake_lag": (0.5, 0),
 }
-_SCALED_CHASSIS = {
-    "roll_centre_front": (0.05, 1.0, 0),
-    "roll_centre_rear": (0.08, 1.0, 0),
-    "travel": (0.09, 1.0, 0),
-    "lift_area_front": (0.1, 2.0, 0),
-    "lift_area_rear": (0.1, 2.0, 0),
-    "brake_lag": (0.06, 0.5, 0),
-}
-"""Default of the full-size car, exponents of the scales of lengths and of masses."""
-_TYRES = {"front_tyre": {"b_y": 9.5}, "rear_tyre": {"b_y": 11.5}}
-"""Defaults that differ between the axles."""
 
 
-def completed_vehicle(name: str, content: dict[str, Any]) -> dict[str, Any]:
+def completed_vehicle(
+    name: str, content: dict[str, Any], model: type[FileModel]
+) -> dict[str, Any]:
     """
     Return the content of a complete vehicle file with what it leaves out.
+
+    `model`: the vehicle's, which has the defaults of the full-size car.
 
     :raises UsageError: the wheelbase is there without the mass, or contradicts the axles.
     """
     known = "mass" in content and content.keys() >= set(DISTANCES)
-    if WHEELBASE not in content and (content.keys() >= set(REQUIRED) or not known):
+    required = {key for key, field in model.model_fields.items() if field.is_required()}
+    if WHEELBASE not in content and (content.keys() >= required or not known):
         # Complete, or so incomplete that the keys say what is missing.
         filled = dict(content)
     else:
-        filled = completed_dimensions(name, content)
+        filled = completed_dimensions(name, content, model)
     size = _size(filled)
     if size == 1.0:
         return filled
-    for key, share in _SHARES_OF_WHEELBASE.items():
-        filled.setdefault(key, float(share * (filled[DISTANCES[0]] + filled[DISTANCES[1]])))
+    defaults = _defaults(model)
+    _fill_shares(filled, defaults)
     heavy = float(filled["mass"]) / REFERENCE_MASS
-    _fill(filled, _SCALED_BODY | _SCALED_VEHICLE, size, heavy)
-    for axle, different in _TYRES.items():
+    _fill(filled, defaults, _BODY | _VEHICLE, size, heavy)
+    for axle in ("front_tyre", "rear_tyre"):
         tyre = filled.get(axle, {})
         if isinstance(tyre, dict):
-            filled[axle] = {**different, **tyre}
-            _fill(filled[axle], _SCALED_TYRE, size, heavy)
+            whole = defaults[axle]
+            filled[axle] = {**whole.model_dump(include=whole.model_fields_set), **tyre}
+            _fill(filled[axle], whole.model_dump(), _TYRE, size, heavy)
     chassis = {} if filled.get("chassis") is None else filled["chassis"]
     if isinstance(chassis, dict):
         filled["chassis"] = dict(chassis)
-        _fill(filled["chassis"], _SCALED_CHASSIS, size, heavy)
+        _fill(filled["chassis"], _defaults(Chassis), _CHASSIS, size, heavy)
     return filled
 
 
-def completed_dimensions(name: str, content: dict[str, Any]) -> dict[str, Any]:
+def completed_dimensions(
+    name: str, content: dict[str, Any], model: type[FileModel]
+) -> dict[str, Any]:
     """
     Return masses and dimensions of a vehicle file with what it leaves out.
+
+    `model` has the defaults of the full-size car.
 
     :raises UsageError: it has no mass or no wheelbase, or they contradict each other.
     """
@@ -122,21 +131,31 @@ def completed_dimensions(name: str, content: dict[str, Any]) -> dict[str, Any]:
     size = _size(filled)
     if "track_width" not in given or "yaw_inertia" not in given or size != 1.0:
         # A full-size file with all required keys keeps the defaults of the others.
-        for key, share in _SHARES_OF_WHEELBASE.items():
-            filled.setdefault(key, float(share * (front + rear)))
+        _fill_shares(filled, _defaults(model))
     if size != 1.0:
-        _fill(filled, _SCALED_BODY, size, float(filled["mass"]) / REFERENCE_MASS)
+        heavy = float(filled["mass"]) / REFERENCE_MASS
+        _fill(filled, _defaults(model), _BODY, size, heavy)
     return filled
 
 
+def _defaults(model: type[FileModel]) -> dict[str, Any]:
+    return {key: field.default for key, field in model.model_fields.items()}
+
+
+def _fill_shares(content: dict[str, Any], defaults: dict[str, Any]) -> None:
+    """Add lengths that a vehicle has in the shares of its wheelbase."""
+    wheelbase = float(content[DISTANCES[0]]) + float(content[DISTANCES[1]])
+    lengths = {"track_width": _TRACK_WIDTH} | {key: defaults[key] for key in _IN_SHARES}
+    for key, length in lengths.items():
+        content.setdefault(key, float(length / REFERENCE_WHEELBASE * wheelbase))
+
+
 def _fill(
-    content: dict[str, Any],
-    defaults: dict[str, tuple[float, float, int]],
-    size: float,
-    mass: float,
+    content: dict[str, Any], defaults: dict[str, Any], scales: _Scales, size: float, mass: float
 ) -> None:
-    for key, (value, of_length, of_mass) in defaults.items():
-        content.setdefault(key, float(value * size**of_length * mass**of_mass))
+    """Add scaled defaults."""
+    for key, (of_length, of_mass) in scales.items():
+        content.setdefault(key, float(defaults[key] * size**of_length * mass**of_mass))
 
 
 def _size(content: dict[str, Any]) -> float:

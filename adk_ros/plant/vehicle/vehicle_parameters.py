@@ -254,4 +254,4 @@ def load_vehicle(source: str | Path) -> Vehicle:
     :raises UsageError: the content is invalid; one line that names the file and the key.
     """
     name, content = read(source, "vehicle")
-    return validate(name, completed_vehicle(name, content), Vehicle)
+    return validate(name, completed_vehicle(name, content, Vehicle), Vehicle)
