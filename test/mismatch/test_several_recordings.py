@@ -12,7 +12,7 @@ from helpers.mismatch import moved
 
 from adk_ros.bench.mismatch.case_generator import GeneratedCase, InjectedMismatch, make_case
 from adk_ros.mismatch.analysis import identify_mismatch
-from adk_ros.mismatch.inference import forward_selection, identifiability
+from adk_ros.mismatch.inference import identifiability, likelihood
 from adk_ros.mismatch.inference.result import EXPLAINED, UNKNOWN, MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -33,7 +33,7 @@ SECONDS = (60.0, 60.0, 60.0)
 def few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     """A part of the catalogue, for speed."""
     few = {name: EFFECTS[name] for name in EXAMINED}
-    monkeypatch.setattr(forward_selection, "EFFECTS", few)
+    monkeypatch.setattr(likelihood, "effects_of", lambda _: few)
     monkeypatch.setattr(identifiability, "EFFECTS", few)
 
 
