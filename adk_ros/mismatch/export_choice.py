@@ -5,8 +5,8 @@ Which part of what was fitted is exported as the corrected model.
 
 The parts are tried on the held-out data from all that was fitted to the effects alone. The first
 that raises no error at any horizon and lowers the errors on the whole is exported; failing that,
-of the parts that lower an error above the expected one and raise none beyond chance, that with the
-smallest rise.
+of the parts that lower an error above the expected one and raise none at the reported horizon, nor
+beyond chance at another, that with the smallest rise.
 """
 
 from __future__ import annotations

@@ -90,10 +90,12 @@ class CaseResult:
     claims: list[ScoredClaim] = field(default_factory=list)
     """Named effects with confidence."""
     raised: float = math.nan
-    """Largest relative increase of a state's error by the correction, over the errors that the
-    report states; negative if it falls in every state, NaN without errors."""
+    """Largest relative increase of a state's error by the correction, at the horizon that the
+    report states first; negative if it falls in every state, NaN without errors."""
+    raised_elsewhere: float = math.nan
+    """The same over all horizons of the report."""
     raised_held_out: float = math.nan
-    """The same on the held-out recording of the case."""
+    """Like `raised`, on the held-out recording of the case."""
     proven: list[str] = field(default_factory=list)
     """Reported alternatives that the recording provably cannot separate from the effect."""
     detectable: bool | None = None
@@ -190,10 +192,10 @@ def scored_claims(label: dict[str, Any], answer: dict[str, Any]) -> list[ScoredC
     return claims
 
 
-def raised_error(answer: dict[str, Any]) -> float:
+def raised_error(answer: dict[str, Any], *, all_horizons: bool = False) -> float:
     """Return the largest relative increase of a state's error that an answer states, or NaN."""
     fit = answer.get("fit", {})
-    pairs = [fit, *fit.get("horizons", {}).values()]
+    pairs = [fit, *(fit.get("horizons", {}).values() if all_horizons else ())]
     increases = [
         pair["after"][state] / before - 1.0
         for pair in pairs
@@ -281,6 +283,7 @@ def score_case(
         ),
         claims=scored_claims(label, answer),
         raised=raised_error(answer),
+        raised_elsewhere=raised_error(answer, all_horizons=True),
         proven=list(proven),
     )
     end_s = max((t[1] for e in wanted for t in e["time_intervals_s"]), default=0.0)

@@ -39,8 +39,11 @@ HORIZONS_S = (0.25, 1.0, 2.0)
 """Horizons at which errors are compared, s."""
 REPORTED_HORIZON = 1
 """Index of the horizon whose errors are reported first: 1 s."""
-START_STRIDE_S = 0.5
-"""Interval between the starts of predictions, s."""
+START_STRIDE_S = 0.25
+"""
+Interval between the starts of predictions, s: the shortest horizon, so that every measurement is
+predicted, and none twice at that horizon.
+"""
 _TICK_S = TICK_NS * 1e-9
 
 

@@ -13,6 +13,7 @@ from scipy.stats import t as student
 from adk_ros.mismatch.deployment.held_out import REPORTED_HORIZON, START_STRIDE_S, rmse
 from adk_ros.mismatch.inference.block_scores import BLOCK_S
 from adk_ros.mismatch.library.criteria import (
+    MAX_EXPLAINED_RATIO,
     MAX_IMPROVED_RATIO,
     MAX_RAISED_RATIO,
     MIN_RAISED_BLOCKS,
@@ -54,17 +55,19 @@ def improves(
     """
     Whether a correction lowers an error above the expected one, and raises none beyond chance.
 
-    `before` and `after`: errors (n, horizons, 3). A rise at the reported horizon is chance where
-    noise and the surrogate's own error explain the error, and the paired difference of the squares
-    is not significant.
+    `before` and `after`: errors (n, horizons, 3). At the reported horizon no error may rise by
+    more than `MAX_RAISED_RATIO`. At another one, a rise is chance where it is not significant, or
+    where noise and the surrogate's own error still explain the error.
     """
     judged = [i for i, name in enumerate(STATE_NAMES) if name not in not_judged]
-    first, then = (rmse(x)[REPORTED_HORIZON, judged] for x in (before, after))
-    noise = expected[REPORTED_HORIZON, judged]
+    first, then = (rmse(x)[:, judged] for x in (before, after))
+    noise = expected[:, judged]
     lower = (first > noise) & (then <= MAX_IMPROVED_RATIO * first)
-    rises = significant_rise(*(x[:, REPORTED_HORIZON, judged] for x in (before, after)))
-    higher = ~(then <= MAX_RAISED_RATIO * first) & (~(then <= noise) | rises) & np.isfinite(first)
-    return bool(lower.any() and not higher.any())
+    higher = ~(then <= MAX_RAISED_RATIO * first) & np.isfinite(first)
+    rises = significant_rise(before[:, :, judged], after[:, :, judged])
+    beyond_chance = rises & ~(then <= MAX_EXPLAINED_RATIO * noise)
+    beyond_chance[REPORTED_HORIZON] = True
+    return bool(lower[REPORTED_HORIZON].any() and not (higher & beyond_chance).any())
 
 
 def significant_rise(before: FloatArray, after: FloatArray) -> BoolArray:

@@ -173,8 +173,8 @@ def test_a_prediction_does_not_touch_what_is_skipped() -> None:
     item = Evidence(case().recording, skipped_s=np.array([[20.0, 21.0]]))
     errors, all_errors = persistence_errors([item]), persistence_errors([Evidence(item.log)])
     hidden = np.isnan(errors[:, :, 0]) & np.isfinite(all_errors[:, :, 0])
-    # Starts every 0.5 s; a prediction over h touches it from 20 - h to 21 s.
-    assert list(hidden.sum(axis=0)) == [3, 5, 7]
+    # Starts every 0.25 s; a prediction over h touches it from 20 - h to 21 s.
+    assert list(hidden.sum(axis=0)) == [6, 9, 13]
 
 
 def test_a_file_keeps_the_envelope() -> None:
