@@ -20,6 +20,7 @@ from adk_ros.importing.source_channels import SourceChannel
 from adk_ros.signals.channels import Source
 from adk_ros.signals.commands import is_torque_estimated
 from adk_ros.signals.decode import MAX_VARIANCE
+from adk_ros.signals.frames import pose_of
 
 _OF_SOURCE = {
     Source.IMU: (IMU, ("a_x", "a_y", "yaw_rate")),
@@ -120,9 +121,8 @@ def _without_unmeasured(values: dict[str, float], msg: Any) -> dict[str, float]:
 
 def _pose(msg: Any) -> dict[str, float]:
     """Return the position and heading that an odometry message reports."""
-    position, q = msg.pose.pose.position, msg.pose.pose.orientation
-    heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
-    values = {"x": (position.x, 0), "y": (position.y, 7), "z": (position.z, 14)}
+    x, y, heading = pose_of(msg)
+    values = {"x": (x, 0), "y": (y, 7), "z": (msg.pose.pose.position.z, 14)}
     values["heading"] = (heading, 35)
     covariance = msg.pose.covariance
     found = {name: float(x) for name, (x, i) in values.items() if covariance[i] < MAX_VARIANCE}

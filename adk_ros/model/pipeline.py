@@ -9,6 +9,7 @@ what the live node published.
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -19,10 +20,12 @@ import numpy as np
 from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.initial_errors import one_step_errors, tick_change
 from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.planned_horizon import PlannedHorizon
 from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.align import Aligner
 from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample, Source
+from adk_ros.signals.command_plan import PlanDecoder
 from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
 from adk_ros.signals.gate import GateSettings, ReadingGate
 from adk_ros.signals.plausibility import Plausibility
@@ -40,7 +43,7 @@ class PipelineSettings:
     `online`: settings of the online method; None: the model's own. `horizon_steps`: of 25 ms.
     Times in seconds: an odometry gap longer than `odometry_timeout_s` is coasted for up to
     `max_coast_s`; a repeated reading counts as frozen after `frozen_after_s`; a stream is waited
-    for up to `max_wait_s`.
+    for up to `max_wait_s`; a plan of commands is followed up to the age `plan_timeout_s`.
     """
 
     sensors: SensorConfig = field(default_factory=SensorConfig)
@@ -50,6 +53,7 @@ class PipelineSettings:
     frozen_after_s: float = 1.0
     max_wait_s: float = 0.05
     max_coast_s: float = 1.0
+    plan_timeout_s: float = 0.5
     gate: GateSettings = field(default_factory=GateSettings)
 
 
@@ -80,6 +84,8 @@ class Pipeline:
             max_coast_steps=round(settings.max_coast_s / _TICK_S),
             withhold_implausible=True,
         )
+        self.planned = PlannedHorizon(model, settings.horizon_steps, settings.plan_timeout_s)
+        self.plan_decoder = PlanDecoder(settings.sensors)
         self.plausibility = Plausibility(settings.sensors.reference_point)
         # A list: an enum as dictionary key is hashed in Python, eight times per tick.
         self._received = [0] * len(Source)
@@ -99,6 +105,8 @@ class Pipeline:
         self.settings = replace(self.settings, sensors=sensors)
         self.decoder = Decoder(sensors)
         self.decoder.refused = refused
+        plans, self.plan_decoder = self.plan_decoder, PlanDecoder(sensors)
+        self.plan_decoder.refused, self.plan_decoder.received = plans.refused, plans.received
         self.reset()
 
     def take(self, source: Source, msg: Any) -> list[Prediction]:
@@ -117,6 +125,11 @@ class Pipeline:
         samples = self.aligner.take(reading)
         return self._predict(samples) if samples else []
 
+    def take_plan(self, msg: Any) -> None:
+        """Follow the planned commands of a message; a refused one leaves the plan before it."""
+        with contextlib.suppress(RefusedMessage):
+            self.planned.take(self.plan_decoder.decode(msg, self.aligner.newest_ns))
+
     def advance(self, now_ns: int) -> list[Prediction]:
         """Complete the ticks that are due at `now_ns`; see `Aligner.advance`."""
         return self._predict(self.aligner.advance(now_ns))
@@ -127,6 +140,7 @@ class Pipeline:
         self.aligner.reset()
         self.gate.reset()
         self.predictor.reset()
+        self.planned.reset()
         self.plausibility.reset()
 
     def _predict(self, samples: Iterable[Sample]) -> list[Prediction]:
@@ -136,12 +150,14 @@ class Pipeline:
             if sample.flags & _RESTART:
                 self.restarts += 1
                 self.decoder.reset()
+                self.planned.reset()
             self.last_sample = sample
             self.plausibility.add(sample)
             prediction = self.predictor.step(sample)
             if prediction is None:
                 if self.predictor.status is not Status.IMPLAUSIBLE:
                     self.gate.forget()
+                self.planned.interrupt()
                 continue
             self.gate.expect(
                 sample.stamp_ns,
@@ -149,6 +165,7 @@ class Pipeline:
                 prediction.x,
                 self.predictor.uncertainty_growth,
             )
+            prediction = self.planned.apply(self.predictor, prediction, sample)
             self.last_prediction = prediction
             predictions.append(prediction)
         return predictions

@@ -27,7 +27,8 @@ class Prediction(NamedTuple):
 
     `x` (3,), `covariance` (3, 3), `horizon` (steps, 3) and its `horizon_covariance` (steps, 3,
     3), all SI. `innovation` (3,): measured minus predicted state of the present sample, NaN if
-    there was no prediction for it.
+    there was no prediction for it. `planned_steps`: over how many steps of the horizon torque and
+    delta follow a plan; over the others they are held.
     """
 
     origin_ns: int
@@ -38,6 +39,7 @@ class Prediction(NamedTuple):
     horizon_covariance: FloatArray
     innovation: FloatArray
     status: Status
+    planned_steps: tuple[int, int] = (0, 0)
 
     def is_finite(self) -> bool:
         """Return whether all that is published of it is finite."""

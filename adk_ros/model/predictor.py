@@ -307,6 +307,11 @@ class Predictor:
             self._predicted_by_model = None
 
     @property
+    def uncertain_ticks(self) -> int:
+        """Number of ticks since the last measurement that was trusted."""
+        return self._uncertain_ticks
+
+    @property
     def uncertainty_growth(self) -> FloatArray:
         """Variance (3,), SI, that ticks without a trusted measurement add to a prediction."""
         # A copy: for a read-only view numba would compile the gate again.

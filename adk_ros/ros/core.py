@@ -15,11 +15,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.ros.counters import Counters
 from adk_ros.signals.channels import TICK_NS, Reading, Source
+from adk_ros.signals.command_plan import CommandPlan
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.signals.extrinsics import frame_of
 from adk_ros.signals.message_checks import message_warnings
@@ -95,6 +98,12 @@ class Core:
                 if source <= Source.ODOMETRY:
                     self.frames[source] = frame_of(msg)
                     self.on_frames()
+
+    def on_plan(self, msg: Any) -> None:
+        """Take planned commands, which the horizons after it follow."""
+        if self.enabled:
+            with self.guarded():
+                self.pipeline.take_plan(msg)
 
     @property
     def sensors(self) -> SensorConfig:
@@ -199,6 +208,11 @@ def _ignore() -> None:
     """Do nothing."""
 
 
+def _straight_plan(stamp_ns: int) -> CommandPlan:
+    times_ns = stamp_ns + TICK_NS * np.arange(80, dtype=np.int64)
+    return CommandPlan(stamp_ns, times_ns, np.zeros((80, 2)))
+
+
 def warm_up(model: KoopmanModel, settings: PipelineSettings) -> None:
     """
     Run a temporary pipeline on 2 s of synthetic readings, so that all kernels are compiled.
@@ -218,6 +232,8 @@ def warm_up(model: KoopmanModel, settings: PipelineSettings) -> None:
             readings.append(Reading(Source.COMMAND, stamp_ns, (100.0 * sway, 0.1 * sway)))
         for reading in readings:
             predictions += pipeline.take_reading(reading)
+        if step == 200:
+            pipeline.planned.take(_straight_plan(stamp_ns))
     for prediction in predictions[-1:]:
         prediction.is_finite()
     pipeline.predictor.online.condition_number()

@@ -35,6 +35,8 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | WARN | a channel is not measured | `odometry's v_y is 0 throughout: ...` |
 | WARN | wrong frames | `odometry's child_frame_id is 'odom': ...`, `predictions are of the ...` |
 | WARN | unusable covariances | `odometry's variance of v_y is negative or not finite: ignored` |
+| WARN | plans are refused | `2 planned_command messages refused: the times of the plan ...` |
+| WARN | a plan is not followed | `delta held: the commands in force contradict the plan` |
 | WARN | a sample was processed 25 ms late or more | `n deadlines missed` |
 | WARN | the online estimator was reset | `online estimator reset n times` |
 | WARN | stamps do not match the others' | `command stamps are 0.1 s ahead of the other ...` |
@@ -65,6 +67,7 @@ from adk_ros.ros.core import Core
 from adk_ros.ros.counters import snapshot
 from adk_ros.ros.diagnostic_values import Clocks, diagnostic_values
 from adk_ros.ros.outage import REQUIRED, Situation, outage_reasons, stream_reason
+from adk_ros.ros.plan_report import PlanReport
 from adk_ros.ros.stamp_report import stamp_report
 from adk_ros.signals.channels import Flag, Source
 
@@ -121,6 +124,7 @@ class Diagnostics:
         self._facts = dict(facts or {})
         self._use_imu = use_imu
         self._start_s = start_s
+        self._plans = PlanReport(core.pipeline)
         self._in_outage = False
         self._rates: dict[Source, float] = {}
         self._findings: list[tuple[Level, str]] = []
@@ -166,7 +170,11 @@ class Diagnostics:
         predicts = self._core.enabled and self._now.published > self._before.published
         if level is Level.OK and predicts:
             texts.insert(0, "predicting")
-        further = {"prediction_age_s": self._outage_s(clocks.now_s), **self._stamps.values()}
+        further = {
+            "prediction_age_s": self._outage_s(clocks.now_s),
+            **self._stamps.values(),
+            **self._plans.values(),
+        }
         values = diagnostic_values(
             self._pipeline, self._counters, self._before, self._now, clocks, further
         )
@@ -333,6 +341,8 @@ class Diagnostics:
         if coasting and self._now.published > self._before.published:
             self._add(Level.WARN, f"coasting for {coasting} samples: no recent odometry")
         for text in self._pipeline.plausibility.warnings() + self._core.message_warnings():
+            self._add(Level.WARN, text)
+        for text in self._plans.warnings():
             self._add(Level.WARN, text)
 
     def _check_node(self) -> None:

@@ -167,12 +167,14 @@ class StampedCovarianceBytes:
 
     Stamp, frame and points are those of `HorizonBytes`. The `positions` of each point are the nine
     elements of its covariance, row-major, SI units; `joint_names` names them, such as "v_x v_y".
+
+    :param names: of the rows and columns.
     """
 
-    def __init__(self, frame_id: str, steps: int) -> None:
+    def __init__(self, frame_id: str, steps: int, names: tuple[str, ...] = STATE_NAMES) -> None:
         message = JointTrajectory()
         message.header.frame_id = frame_id
-        message.joint_names = [f"{row} {column}" for row in STATE_NAMES for column in STATE_NAMES]
+        message.joint_names = [f"{row} {column}" for row in names for column in names]
         for step in range(1, steps + 1):
             sec, nanosec = split_stamp(step * TICK_NS)
             message.points.append(

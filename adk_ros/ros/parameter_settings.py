@@ -75,6 +75,7 @@ def pipeline_settings(values: Values, model_settings: OnlineSettings) -> Pipelin
         frozen_after_s=values["frozen_after_s"],
         max_wait_s=values["max_wait_s"],
         max_coast_s=values["max_coast_s"],
+        plan_timeout_s=values["plan_timeout_s"],
         gate=GateSettings(values["gate_false_rejection"], values["gate_confirmations"]),
     )
 

@@ -161,6 +161,13 @@ TABLE: tuple[ParameterSpec, ...] = (
         60.0,
     ),
     ParameterSpec(
+        "plan_timeout_s",
+        0.5,
+        "Age beyond which planned commands are no longer followed, s.",
+        0.0,
+        60.0,
+    ),
+    ParameterSpec(
         "gate_false_rejection",
         1e-6,
         "Share of good IMU and odometry readings that may be rejected as contradicting the "

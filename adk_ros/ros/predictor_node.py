@@ -7,6 +7,7 @@ from __future__ import annotations
 import gc
 import time
 import traceback
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,7 @@ from adk_ros.ros.parameter_settings import (
     public_keys_path,
 )
 from adk_ros.ros.parameters import declare_parameters, unknown_parameters
+from adk_ros.ros.plan_topics import PlanTopics
 from adk_ros.ros.session import message_class
 from adk_ros.ros.starting import reporting_start
 from adk_ros.ros.static_transforms import ImuExtrinsics
@@ -61,6 +63,7 @@ INPUT_DEPTH = 200
 """Queue depth of the subscriptions, messages: 0.2 s of an IMU at 1000 Hz."""
 _WAIT_S = 5.0
 """s without a message after which the log says what is published instead; discovery takes 3 s."""
+_ODOMETRY = Source.ODOMETRY
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 """What rmw calls a node that it has not discovered."""
 OUTPUT_DEPTH = 10
@@ -121,7 +124,10 @@ class PredictorNode:
         self.node.add_on_set_parameters_callback(self._on_set)
         self._create_outputs()
         self._debug = DebugTopics(self.node, frame_id, OUTPUT_DEPTH)
+        self._plans: PlanTopics | None = None
         self._inputs = self._create_inputs(classes)
+        if settings.horizon_steps:
+            self._plans = PlanTopics(self.node, self.core, frame_id, OUTPUT_DEPTH, _input_qos())
         extrinsics = ImuExtrinsics(
             self.node, self.core, self._logger.info, self._warn_of_differences
         )
@@ -168,21 +174,23 @@ class PredictorNode:
         node.create_timer(period_s, self._on_diagnostics, clock=steady)
 
     def _create_inputs(self, classes: dict[Source, Any]) -> dict[Source, Any]:
-        profile: Any = QoSProfile
-        qos = profile(
-            history=HistoryPolicy.KEEP_LAST,
-            depth=INPUT_DEPTH,
-            reliability=ReliabilityPolicy.BEST_EFFORT,
-        )
         kinds = {Source.IMU: Imu, Source.ODOMETRY: Odometry} | classes
         if self.values["use_imu"] == "never":
             del kinds[Source.IMU]
         return {
             source: self.node.create_subscription(
-                kind, source.name.lower(), partial(self.core.on_message, source), qos
+                kind, source.name.lower(), self._callback(source), _input_qos()
             )
             for source, kind in kinds.items()
         }
+
+    def _callback(self, source: Source) -> Callable[[Any], None]:
+        return self._on_odometry if source is _ODOMETRY else partial(self.core.on_message, source)
+
+    def _on_odometry(self, msg: Any) -> None:
+        if self._plans is not None:
+            self._plans.odometry = msg
+        self.core.on_message(_ODOMETRY, msg)
 
     def _configuration(self, loaded: artefact.Artefact) -> dict[str, str]:
         """Return the constant pairs of the diagnostics: model, method, topics."""
@@ -200,6 +208,8 @@ class PredictorNode:
         self._twist_out.send(self._twist.fill(prediction))
         if self._publish_horizon:
             self._publish_read_horizon(prediction)
+            if self._plans is not None:
+                self._plans.publish(prediction)
         predictor, tick_us = self.core.pipeline.predictor, self.core.counters.tick_us
         self._debug.publish(prediction, predictor, tick_us)
 
@@ -326,6 +336,15 @@ class PredictorNode:
         elif level < self._logged_level and level is Level.OK:
             self._logger.info(text)
         self._logged_level = level
+
+
+def _input_qos() -> Any:
+    profile: Any = QoSProfile
+    return profile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=INPUT_DEPTH,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+    )
 
 
 def _full_name(namespace: str, name: str) -> str:

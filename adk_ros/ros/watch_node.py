@@ -35,7 +35,6 @@ from std_msgs.msg import String
 from adk_ros.bags import IMU_TYPE, ODOMETRY_TYPE
 from adk_ros.errors import AdkError, UsageError
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
-from adk_ros.mismatch.recording.from_bag import pose_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.watch.change import FINAL, Change
 from adk_ros.mismatch.watch.watch import Watch
@@ -51,6 +50,7 @@ from adk_ros.signals.channels import Source
 from adk_ros.signals.commands import COMMAND_TYPES
 from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
 from adk_ros.signals.extrinsics import frame_of
+from adk_ros.signals.frames import pose_of
 
 NODE_NAME = "watch"
 DIAGNOSTIC_NAME = ": watch"

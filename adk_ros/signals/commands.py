@@ -77,7 +77,12 @@ class CommandType:
     steering_msgtype: str | None = None
 
 
-def _checked(torque: float, delta: float) -> tuple[float, float]:
+def checked_command(torque: float, delta: float) -> tuple[float, float]:
+    """
+    Return a net wheel torque (N·m) and a road-wheel angle (rad).
+
+    :raises RefusedMessage: one is not finite, or larger than `MAX_DRIVE` or `MAX_DELTA`.
+    """
     if not abs(torque) <= MAX_DRIVE:
         raise RefusedMessage(f"drive torque is not finite or above {MAX_DRIVE:g} N·m")
     if not abs(delta) <= MAX_DELTA:
@@ -104,18 +109,18 @@ def _joint_state(msg: Any, config: CommandConfig) -> tuple[float, float]:
     index = names.index(joint)
     if index >= len(positions):
         raise RefusedMessage(f"joint '{joint}' has no position")
-    return _checked(torque, float(positions[index]) / config.steering_ratio)
+    return checked_command(torque, float(positions[index]) / config.steering_ratio)
 
 
 def _ackermann(msg: Any, config: CommandConfig) -> tuple[float, float]:
     drive = msg.drive
     torque = float(drive.acceleration) * config.mass * config.wheel_radius
-    return _checked(torque, float(drive.steering_angle))
+    return checked_command(torque, float(drive.steering_angle))
 
 
 def _autoware_control(msg: Any, config: CommandConfig) -> tuple[float, float]:
     torque = float(msg.longitudinal.acceleration) * config.mass * config.wheel_radius
-    return _checked(torque, float(msg.lateral.steering_tire_angle))
+    return checked_command(torque, float(msg.lateral.steering_tire_angle))
 
 
 def steering_report(msg: Any) -> float:
@@ -124,7 +129,7 @@ def steering_report(msg: Any) -> float:
 
     :raises RefusedMessage: it is not finite or beyond `MAX_DELTA`.
     """
-    return _checked(0.0, float(msg.steering_tire_angle))[1]
+    return checked_command(0.0, float(msg.steering_tire_angle))[1]
 
 
 COMMAND_TYPES: dict[str, CommandType] = {

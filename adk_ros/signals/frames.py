@@ -10,6 +10,7 @@ point P at r from O: v_P = v_O + w x r and a_P = a_O + dw/dt x r - w^2 r.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,13 @@ def rotation(roll: float, pitch: float, yaw: float) -> FloatArray:
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+def pose_of(msg: Any) -> tuple[float, float, float]:
+    """Return x, y (m) and heading (rad) of an odometry message."""
+    position, q = msg.pose.pose.position, msg.pose.pose.orientation
+    heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
+    return float(position.x), float(position.y), heading
 
 
 def shift_velocity(

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STANDARD_SOURCES, Source
 from adk_ros.signals.commands import COMMAND_TYPES, is_torque_estimated
+from adk_ros.signals.frames import pose_of
 
 _MIN_MESSAGES = 10
 """Usable messages that each required stream must have: enough to estimate its rate and noise."""
@@ -95,13 +95,6 @@ def read_sensor_log(
         warnings=warnings,
         extrinsics=reader.extrinsics,
     )
-
-
-def pose_of(msg: Any) -> tuple[float, float, float]:
-    """Return x, y (m) and heading (rad) of an odometry message."""
-    position, q = msg.pose.pose.position, msg.pose.pose.orientation
-    heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
-    return float(position.x), float(position.y), heading
 
 
 def _by_time(stamps: list[int], rows: list[Any], start_ns: int) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,224 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The horizon under a plan: what is followed, what is held, and why."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from helpers.model import make_model, sample, slalom
+
+from adk_ros.model import planned_horizon
+from adk_ros.model.planned_horizon import PlannedHorizon, PlanStatus
+from adk_ros.model.prediction import Prediction
+from adk_ros.model.predictor import Predictor
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import TICK_NS, Flag, Sample
+from adk_ros.signals.command_plan import CommandPlan
+
+STEPS = 40
+
+
+class Car:
+    """A predictor and its planned horizon on a drive of 300 samples."""
+
+    def __init__(self, timeout_s: float = 0.5) -> None:
+        model = make_model()
+        self.predictor = Predictor(model, horizon_steps=STEPS)
+        self.planned = PlannedHorizon(model, STEPS, timeout_s)
+        self.samples = list(slalom(300))
+
+    def plan(self, k: int, commands: FloatArray, *, first: int = 0) -> None:
+        """Plan `commands` (n, 2) of ticks `first` and on after tick k."""
+        stamp = self.samples[k].stamp_ns
+        times = stamp + TICK_NS * (first + np.arange(len(commands), dtype=np.int64))
+        self.planned.take(CommandPlan(stamp, times, commands))
+
+    def true(self, k: int, n: int = STEPS) -> FloatArray:
+        """The commands (n, 2) of ticks k and on."""
+        return np.array([s.u for s in self.samples[k : k + n]])
+
+    def step(self, k: int, given: Sample | None = None) -> tuple[Prediction, Prediction]:
+        """Take sample k; return the prediction under held commands, and under the plan."""
+        taken = given or self.samples[k]
+        held = self.predictor.step(taken)
+        assert held is not None
+        return held, self.planned.apply(self.predictor, held, taken)
+
+    def drive(self, until: int) -> None:
+        for taken in self.samples[:until]:
+            self.predictor.step(taken)
+
+    def status(self) -> Sequence[PlanStatus]:
+        return self.planned.status
+
+
+def test_the_horizon_is_that_of_known_commands() -> None:
+    car = Car()
+    car.drive(100)
+    car.plan(100, car.true(100, 60))
+    held, planned = car.step(100)
+    np.testing.assert_array_equal(planned.horizon, car.predictor.rollout(car.true(100)))
+    assert np.abs(planned.horizon[1:] - held.horizon[1:]).max() > 1e-3
+    np.testing.assert_array_equal(planned.x, held.x)
+    assert planned.planned_steps == (STEPS, STEPS)
+    assert held.planned_steps == (0, 0)
+    assert planned.horizon_covariance.shape == (STEPS, 3, 3)
+    assert car.status() == [PlanStatus.FOLLOWED] * 2
+
+
+def test_after_its_last_point_a_plan_is_held() -> None:
+    car = Car()
+    car.drive(100)
+    car.plan(100, car.true(100, 11))
+    _, planned = car.step(100)
+    commands = np.vstack([car.true(100, 11), np.repeat(car.true(110, 1), STEPS - 11, axis=0)])
+    np.testing.assert_array_equal(planned.horizon, car.predictor.rollout(commands))
+    assert planned.planned_steps == (11, 11)
+
+
+def test_before_its_first_point_the_present_command_is_held() -> None:
+    car = Car()
+    car.drive(100)
+    car.plan(100, car.true(105, 60), first=5)
+    _, planned = car.step(100)
+    commands = car.true(100)
+    commands[:5] = commands[0]
+    np.testing.assert_array_equal(planned.horizon, car.predictor.rollout(commands))
+
+
+def test_a_plan_of_one_command_holds_the_other() -> None:
+    car = Car()
+    car.drive(100)
+    commands = car.true(100, 60)
+    commands[:, 0] = math.nan
+    car.plan(100, commands)
+    _, planned = car.step(100)
+    followed = car.true(100)
+    followed[:, 0] = followed[0, 0]
+    np.testing.assert_array_equal(planned.horizon, car.predictor.rollout(followed))
+    assert planned.planned_steps == (0, STEPS)
+    assert car.status() == [PlanStatus.NOT_PLANNED, PlanStatus.FOLLOWED]
+
+
+def test_no_plan_changes_nothing() -> None:
+    car = Car()
+    car.drive(100)
+    held, planned = car.step(100)
+    assert planned is held
+    assert car.status() == [PlanStatus.NONE] * 2
+
+
+@pytest.mark.parametrize(
+    ("commands", "first", "reason"),
+    [(20, -60, PlanStatus.STALE), (60, 100, PlanStatus.OUT_OF_REACH)],
+)
+def test_a_plan_that_says_nothing_of_the_horizon(
+    commands: int, first: int, reason: PlanStatus
+) -> None:
+    car = Car()
+    car.drive(130)
+    if reason is PlanStatus.STALE:
+        car.plan(100, car.true(100, commands + 60))
+    else:
+        car.plan(130, car.true(130, commands), first=first)
+    held, planned = car.step(130)
+    assert planned is held
+    assert car.status() == [reason] * 2
+
+
+def test_a_plan_that_is_not_carried_out_is_not_followed() -> None:
+    car = Car(timeout_s=10.0)
+    car.drive(100)
+    other = car.true(100, 200)
+    other[:, 1] += 0.3 * np.sin(0.2 * np.arange(200))
+    car.plan(100, other)
+    seen = []
+    for k in range(100, 160):
+        _, planned = car.step(k)
+        seen.append(planned.planned_steps)
+    assert seen[0] == (STEPS, STEPS)
+    assert car.status() == [PlanStatus.FOLLOWED, PlanStatus.CONTRADICTED]
+    assert seen[-1] == (STEPS, 0)
+    # It is again, once the plan is what happens.
+    car.plan(160, car.true(160, 140))
+    for k in range(160, 250):
+        car.step(k)
+    assert car.status() == [PlanStatus.FOLLOWED] * 2
+
+
+def test_a_constant_offset_of_the_actuator_contradicts_no_plan() -> None:
+    car = Car(timeout_s=10.0)
+    car.drive(100)
+    offset = 0.05 * car.predictor.model.scaling.u_scale
+    car.plan(100, car.true(100, 200) + offset)
+    for k in range(100, 160):
+        car.step(k)
+    assert car.status() == [PlanStatus.FOLLOWED] * 2
+
+
+def test_a_plan_that_leads_to_no_drivable_state_is_not_followed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    car = Car()
+    car.drive(100)
+    commands = car.true(100, 60)
+    commands[:, 0] = math.nan
+    car.plan(100, commands)
+    monkeypatch.setattr(planned_horizon, "is_drivable", lambda *_: False)
+    held, planned = car.step(100)
+    assert planned is held
+    assert car.status() == [PlanStatus.NOT_PLANNED, PlanStatus.NOT_DRIVABLE]
+
+
+def test_an_absurd_plan_leads_to_a_finite_horizon() -> None:
+    car = Car()
+    car.drive(100)
+    car.plan(100, np.repeat([[1e6, 1.5]], 60, axis=0))
+    _, planned = car.step(100)
+    assert np.isfinite(planned.horizon).all()
+
+
+def test_covariances_of_planned_and_held_horizons_differ() -> None:
+    car = Car(timeout_s=10.0)
+    car.drive(60)
+    car.plan(60, car.true(60, 240))
+    for k in range(60, 240):
+        held, planned = car.step(k)
+    assert (planned.horizon_covariance != held.horizon_covariance).any()
+    assert (np.linalg.eigvalsh(planned.horizon_covariance) > 0.0).all()
+
+
+def test_errors_of_plans_widen_their_covariance() -> None:
+    exact, wrong = Car(timeout_s=10.0), Car(timeout_s=10.0)
+    wide = []
+    for car, offset in ((exact, 0.0), (wrong, 0.09)):
+        car.drive(60)
+        car.plan(60, car.true(60, 240) + offset * car.predictor.model.scaling.u_scale)
+        for k in range(60, 260):
+            _, planned = car.step(k)
+        assert planned.planned_steps == (STEPS, STEPS)
+        wide.append(planned.horizon_covariance[-1, 2, 2])
+    assert wide[1] > wide[0]
+
+
+def test_reset_forgets_the_plan() -> None:
+    car = Car()
+    car.drive(100)
+    car.plan(100, car.true(100, 60))
+    car.planned.reset()
+    held, planned = car.step(100)
+    assert planned is held
+
+
+def test_a_coasted_sample_follows_the_plan() -> None:
+    car = Car()
+    car.drive(100)
+    car.plan(100, car.true(100, 60))
+    taken = sample(100, [math.nan] * 3, car.samples[100].u, int(Flag.COASTING))
+    _, planned = car.step(100, taken)
+    assert planned.planned_steps == (STEPS, STEPS)
+    assert np.isfinite(planned.horizon).all()
+    car.planned.interrupt()
+    assert car.status() == [PlanStatus.FOLLOWED] * 2
