@@ -111,6 +111,40 @@ def soak(
     _show(result, as_json)
 
 
+@app.command()
+def plan(
+    model: ModelChoice = None,
+    duration: Annotated[float, typer.Option(help="seconds to drive, 30 to 3600")] = 180.0,
+    seed: Annotated[int, typer.Option(help="seed of the simulated drive")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """
+    Horizons and their 90 % intervals on a simulated drive: commands held, and planned.
+
+    Example: adk bench plan --model model
+    """
+    from adk_ros.bench.runtime.plan_bench import KINDS, bench_plans, check_duration
+
+    check_duration(duration)
+    with _model_to_measure(model) as path, console.progress("driving with plans") as bar:
+        result = bench_plans(path, duration, seed, bar)
+    if as_json:
+        console.print_json(result)
+        return
+    console.output.print(f"{result['starts']} starts; by horizon: RMSE / best naive, coverage")
+    for kind in KINDS:
+        console.output.print(f"{kind} (followed {100.0 * result[kind]['followed']:.0f} %)")
+        for c, state in enumerate(result["states"]):
+            cells = [
+                f"{horizon:g} s {ratio[c]:.3f} {100.0 * coverage[c]:.0f} %"
+                for horizon, ratio, coverage in zip(
+                    result["horizons_s"], result[kind]["ratio"], result[kind]["coverage"],
+                    strict=True,
+                )
+            ]  # fmt: skip
+            console.output.print(f"  {state:<9}" + "   ".join(cells))
+
+
 @contextmanager
 def _model_to_measure(model: Path | None) -> Iterator[Path]:
     """Yield the given model folder, or that of a temporary model, which is removed at the end."""

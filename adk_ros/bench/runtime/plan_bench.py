@@ -1,0 +1,197 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+How right the published horizons are, and their covariances: commands held, and planned.
+
+A planner is played that publishes the commands of the recording every 0.1 s, exactly, with an
+error that lasts from plan to plan, or those of another part of the drive (a plan that nobody
+carries out). The samples are those of `adk replay`; errors are predicted minus measured states.
+
+The interval score of a central 90 % interval [l, u] is (Gneiting and Raftery, "Strictly proper
+scoring rules, prediction, and estimation", J. Am. Stat. Assoc. 102 (2007) 359)
+
+    u - l + 2 / 0.1 (l - x) [x < l] + 2 / 0.1 (x - u) [x > u],
+
+smaller for narrow intervals that hold.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from adk_ros.bags.recording import read_recording
+from adk_ros.bench.runtime.synthetic_feed import bench_model
+from adk_ros.errors import DataError, UsageError
+from adk_ros.model.evaluation import sample_at
+from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.planned_horizon import PlannedHorizon
+from adk_ros.model.prediction import Prediction
+from adk_ros.model.predictor import Predictor
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.offline.export import write_bag
+from adk_ros.plant.scenario.scenario_file import load_scenario
+from adk_ros.plant.scenario.simulate import simulate
+from adk_ros.signals.channels import STATE_NAMES, TICK_NS, Record
+from adk_ros.signals.command_plan import CommandPlan
+from adk_ros.signals.score import (
+    HORIZON_STEPS,
+    best_naive,
+    naive_predictions,
+    scorable_rows,
+    score,
+)
+
+HELD, EXACT, INEXACT, OTHER = "held", "planned", "inexact plan", "another drive's plan"
+KINDS = (HELD, EXACT, INEXACT, OTHER)
+_STEPS = max(HORIZON_STEPS)
+_PLAN_TICKS = 4
+"""Ticks between plans: 10 Hz, a usual rate of planners."""
+_PLAN_LENGTH = _STEPS + _PLAN_TICKS + 1
+_TIMEOUT_S = 0.5
+"""The node's default."""
+_OFFSET = 0.05
+"""Standard deviation of an inexact plan's offset, in units of the command's spread in training."""
+_NORMAL_90 = 1.645
+_SETTLED = 400
+"""Samples, 10 s, before the first that counts: the covariances are those of validation until the
+monitored horizons have ended."""
+
+
+@dataclass(frozen=True)
+class HorizonQuality:
+    """
+    Quality by scored horizon and state (5, 3).
+
+    `ratio`: RMSE over that of the best naive predictor; `coverage` of the 90 % intervals; `width`
+    of them and `interval_score`, SI.
+    """
+
+    ratio: list[list[float]]
+    coverage: list[list[float]]
+    width: list[list[float]]
+    interval_score: list[list[float]]
+
+
+def check_duration(seconds: float) -> None:
+    """Raise `UsageError` for a drive of which too little would be scored, or too long a one."""
+    if not 30.0 <= seconds <= 3600.0:
+        raise UsageError(f"--duration {seconds:g} is out of range: choose 30 to 3600 s")
+
+
+def bench_plans(
+    model_path: Path | None,
+    seconds: float = 180.0,
+    seed: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """
+    Run it on a simulated drive that no training has seen.
+
+    :raises DataError: the drive is too short to score.
+    """
+    model = bench_model(model_path)
+    drive = simulate(load_scenario("town"), seed=seed, duration_s=seconds)
+    with tempfile.TemporaryDirectory() as folder:
+        write_bag(drive, Path(folder) / "bag")
+        record = read_recording(Path(folder) / "bag").record
+    return measure_plans(model, record, progress)
+
+
+def measure_plans(
+    model: KoopmanModel, record: Record, progress: Callable[[int, int], None] | None = None
+) -> dict[str, Any]:
+    """
+    Return, by kind of plan, the `HorizonQuality`, and the share of starts that follow it.
+
+    :raises DataError: no start can be scored.
+    """
+    rows = scorable_rows(record, model.history + 1, _STEPS)
+    rows = rows[rows >= _SETTLED]
+    if not rows.size:
+        raise DataError("the drive is too short: a start needs 10 s before it and 2 s after it")
+    naive = best_naive(
+        {
+            name: score(record, rows, x)
+            for name, x in naive_predictions(record, rows, _STEPS).items()
+        }
+    )
+    result: dict[str, Any] = {
+        "horizons_s": [n * TICK_NS * 1e-9 for n in HORIZON_STEPS],
+        "states": list(STATE_NAMES),
+        "starts": int(rows.size),
+    }
+    for number, kind in enumerate(KINDS):
+        if progress is not None:
+            progress(number, len(KINDS))
+        horizons, deviations, followed = _horizons(model, record, rows, kind)
+        quality = _quality(record, rows, horizons, deviations, naive)
+        result[kind] = asdict(quality) | {"followed": followed}
+    return result
+
+
+def _horizons(
+    model: KoopmanModel, record: Record, rows: IntArray, kind: str
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return horizons and standard deviations (n, steps, 3), and the share that is planned."""
+    predictor = Predictor(model, horizon_steps=_STEPS, withhold_implausible=True)
+    planned = PlannedHorizon(model, _STEPS, _TIMEOUT_S)
+    index = {int(row): i for i, row in enumerate(rows)}
+    horizons = np.full((rows.size, _STEPS, 3), np.nan)
+    deviations = np.full((rows.size, _STEPS, 3), np.nan)
+    follows, rng = 0, np.random.default_rng(0)
+    for row in range(int(rows[-1]) + 1):
+        sample = sample_at(record, row)
+        prediction = predictor.step(sample)
+        if prediction is None:
+            planned.interrupt()
+            continue
+        if kind != HELD and row % _PLAN_TICKS == 0:
+            planned.take(_plan(model, record, row, kind, rng))
+        prediction = planned.apply(predictor, prediction, sample)
+        i = index.get(row)
+        if i is not None:
+            horizons[i], deviations[i] = prediction.horizon, _deviations(prediction)
+            follows += max(prediction.planned_steps) == _STEPS
+    return horizons, deviations, follows / rows.size
+
+
+def _plan(
+    model: KoopmanModel, record: Record, row: int, kind: str, rng: np.random.Generator
+) -> CommandPlan:
+    first = (row + len(record) // 2) % (len(record) - _PLAN_LENGTH) if kind == OTHER else row
+    commands = record.u[first : first + _PLAN_LENGTH]
+    if kind == INEXACT:
+        commands = commands + _OFFSET * rng.normal(size=2) * model.scaling.u_scale
+    stamp_ns = int(record.stamp_ns[row])
+    times_ns = stamp_ns + TICK_NS * np.arange(len(commands), dtype=np.int64)
+    return CommandPlan(stamp_ns, times_ns, commands)
+
+
+def _deviations(prediction: Prediction) -> FloatArray:
+    return np.asarray(np.sqrt(np.einsum("hcc->hc", prediction.horizon_covariance)))
+
+
+def _quality(
+    record: Record,
+    rows: IntArray,
+    horizons: FloatArray,
+    deviations: FloatArray,
+    naive: FloatArray,
+) -> HorizonQuality:
+    index = np.array(HORIZON_STEPS)
+    ratio = score(record, rows, horizons).rmse / naive
+    error = np.abs(horizons[:, index - 1] - record.x_ref[rows[:, None] + index[None, :]])
+    half = _NORMAL_90 * deviations[:, index - 1]
+    outside = np.maximum(error - half, 0.0)
+    return HorizonQuality(
+        ratio.tolist(),
+        np.nanmean(outside == 0.0, axis=0).tolist(),
+        np.nanmean(2.0 * half, axis=0).tolist(),
+        np.nanmean(2.0 * half + 20.0 * outside, axis=0).tolist(),
+    )
