@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -69,3 +70,13 @@ def test_every_example_is_tested_and_listed() -> None:
     listed = (EXAMPLES / "README.md").read_text(encoding="utf-8")
     assert len(scripts) >= 3
     assert all(f'"{name}"' in tested and f"({name})" in listed for name in scripts)
+
+
+@pytest.mark.slow(seconds=120)
+def test_predict_under_a_plan(tmp_path: Path) -> None:
+    printed = run("04_predict_under_a_plan.py", tmp_path / "out", "--model", small().path)
+    held, planned = (
+        float(re.search(rf"{name}: v_x ([0-9.]+) m/s", printed)[1])  # type: ignore[index]
+        for name in ("commands held", "under the plan")
+    )
+    assert planned < 0.5 * held
