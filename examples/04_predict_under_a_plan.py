@@ -34,7 +34,7 @@ AHEAD = 40
 
 def nanoseconds(stamp) -> int:
     """Return a time stamp as an integer."""
-    return stamp.sec * 1_000_000_000 + stamp.nanosec
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 class Planner(Node):
@@ -44,7 +44,9 @@ class Planner(Node):
         super().__init__("planner")
         self.record = recording.record
         self.plans = self.create_publisher(JointTrajectory, "planned_command", 1)
-        self.states, self.predicted, self.followed = {}, {}, {}
+        self.states: dict[int, tuple[float, float, float]] = {}
+        self.predicted: dict[int, tuple[float, float, float]] = {}
+        self.followed: dict[int, bool] = {}
         self.create_subscription(Odometry, "odometry", self.on_odometry, qos_profile_sensor_data)
         self.create_subscription(
             MultiDOFJointTrajectory, "/predictor/predicted_horizon", self.on_horizon, 10
@@ -100,7 +102,7 @@ class Planner(Node):
             if self.followed.get(t, False) is planned and times[0] + 5e9 < t < times[-1]
         ]  # fmt: skip
         known = np.column_stack([np.interp(chosen, times, column) for column in measured.T])
-        return np.array([self.predicted[t] for t in chosen]) - known
+        return np.asarray(np.array([self.predicted[t] for t in chosen]) - known)
 
 
 def main() -> None:
