@@ -197,9 +197,10 @@ def replay(
         replayed.figure(horizon_s=1.0)
     """
     from adk_ros.model.pipeline import PipelineSettings
+    from adk_ros.model.training_range import TrainingRange
     from adk_ros.offline.replay import ReplayOutput
     from adk_ros.offline.replay import replay as run
-    from adk_ros.train.held_out import TrainingDomain, score_held_out
+    from adk_ros.train.held_out import score_held_out
 
     model = as_model(model)
     if not 0.0 <= horizon_s <= _MAX_HORIZON_S:
@@ -229,7 +230,7 @@ def replay(
     held_out = score_held_out(
         koopman,
         [(recording.record, None)],
-        TrainingDomain.from_json(model.facts.get("range")),
+        TrainingRange.from_json(model.facts.get("range")),
         online,
         progress=in_stage(progress, "scoring"),
     )

@@ -40,6 +40,7 @@ def info(
 
 def _show_model(path: Path, public_keys: Path | None, as_json: bool) -> None:
     from adk_ros.model.stored_model import FALLBACK_WEIGHTS, inspect_model, read_arrays
+    from adk_ros.model.training_range import TrainingRange
     from adk_ros.model.uncertainty.fallback import Fallback
 
     manifest = inspect_model(path, public_keys)
@@ -61,6 +62,9 @@ def _show_model(path: Path, public_keys: Path | None, as_json: bool) -> None:
         f"{manifest['lifted_size']}",
         "online": ", ".join(f"{key} {value}" for key, value in manifest["online"].items()),
     }
+    known = TrainingRange.from_json(facts.get("range"))
+    if known is not None:
+        rows["range"] = f"central 99 % of the training data: {known.text}"
     held_out = facts.get("held_out")
     if held_out:
         rows["held out"] = (

@@ -16,6 +16,7 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | OK | a message rate changed by half or more | `imu rate changed from 200 Hz to 100 Hz` |
 | OK | the reset service was called | `reset on request` |
 | OK | disabled by the service ~/enable | `disabled` |
+| OK | the car is driven unlike in training | `extrapolating: v_x 44.1 m/s (trained on ...)` |
 | WARN | topics missing, for less than a second | `waiting for odometry, command` |
 | WARN | no IMU, but the model was trained with one | `no IMU: ...; the model ...` |
 | WARN | no message of the IMU can be used | `IMU is unused: yaw rate from odometry (...)` |
@@ -63,6 +64,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from adk_ros.model.prediction import Status
+from adk_ros.model.training_range import TrainingRange
 from adk_ros.ros.core import Core
 from adk_ros.ros.counters import snapshot
 from adk_ros.ros.diagnostic_values import Clocks, diagnostic_values
@@ -109,6 +111,7 @@ class Diagnostics:
     :param facts: constant pairs that each report starts with: model, hash, method, topics.
     :param use_imu: the parameter of that name: auto, required or never.
     :param start_s: monotonic time, s, at which counting starts.
+    :param trained: range of the data that the model was trained on, if it is known.
     """
 
     def __init__(
@@ -117,6 +120,7 @@ class Diagnostics:
         facts: Mapping[str, str] | None = None,
         use_imu: str = "auto",
         start_s: float = 0.0,
+        trained: TrainingRange | None = None,
     ) -> None:
         self._core = core
         self._pipeline = core.pipeline
@@ -124,6 +128,7 @@ class Diagnostics:
         self._facts = dict(facts or {})
         self._use_imu = use_imu
         self._start_s = start_s
+        self._trained = trained
         self._plans = PlanReport(core.pipeline)
         self._in_outage = False
         self._rates: dict[Source, float] = {}
@@ -174,6 +179,7 @@ class Diagnostics:
             "prediction_age_s": self._outage_s(clocks.now_s),
             **self._stamps.values(),
             **self._plans.values(),
+            "extrapolating": ", ".join(self._beyond_training()) or "no",
         }
         values = diagnostic_values(
             self._pipeline, self._counters, self._before, self._now, clocks, further
@@ -342,8 +348,18 @@ class Diagnostics:
             self._add(Level.WARN, f"coasting for {coasting} samples: no recent odometry")
         for text in self._pipeline.plausibility.warnings() + self._core.message_warnings():
             self._add(Level.WARN, text)
+        if beyond := self._beyond_training():
+            self._add(Level.OK, "extrapolating: " + ", ".join(beyond))
         for text in self._plans.warnings():
             self._add(Level.WARN, text)
+
+    def _beyond_training(self) -> list[str]:
+        """Return what of the present sample lies outside the training data, while predicting."""
+        sample = self._pipeline.last_sample
+        predicts = self._now.published > self._before.published
+        if self._trained is None or sample is None or not predicts:
+            return []
+        return self._trained.beyond(sample)
 
     def _check_node(self) -> None:
         now, before = self._now, self._before

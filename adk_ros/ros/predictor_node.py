@@ -29,6 +29,7 @@ from adk_ros.model import artefact
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.stored_model import ARRAYS
+from adk_ros.model.training_range import TrainingRange
 from adk_ros.ros.core import Core, warm_up
 from adk_ros.ros.debug_topics import DebugTopics
 from adk_ros.ros.diagnostic_values import Clocks
@@ -136,7 +137,11 @@ class PredictorNode:
         self._warn_of_differences(settings.sensors, ignore_pose=self._pose_pending)
         self._facts = self._configuration(loaded)
         self.diagnostics = Diagnostics(
-            self.core, self._facts, self.values["use_imu"], time.monotonic()
+            self.core,
+            self._facts,
+            self.values["use_imu"],
+            time.monotonic(),
+            TrainingRange.from_json(self._training.get("range")),
         )
         self._types = {Source.ODOMETRY: "nav_msgs/msg/Odometry", Source.COMMAND: kind.msgtype}
         self._begin_s, self._waited = time.monotonic(), False

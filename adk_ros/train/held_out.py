@@ -15,8 +15,9 @@ import numpy as np
 from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.evaluation import Rollouts, rollout_record
 from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.training_range import TrainingRange
 from adk_ros.numerics.arrays import BoolArray, FloatArray
-from adk_ros.signals.channels import INPUT_NAMES, STATE_NAMES, TICK_NS, Record
+from adk_ros.signals.channels import STATE_NAMES, TICK_NS, Record
 from adk_ros.signals.score import (
     HORIZON_STEPS,
     REPORT_SCALE,
@@ -107,48 +108,10 @@ def _values(column: FloatArray) -> list[float | None]:
     return [float(v) if np.isfinite(v) else None for v in column]
 
 
-@dataclass(frozen=True)
-class TrainingDomain:
-    """Range of the training data: the central 99 % of each channel; `low`, `high` (5,), SI."""
-
-    low: FloatArray
-    high: FloatArray
-
-    @staticmethod
-    def of(records: list[Record]) -> TrainingDomain:
-        """Return the range of the learnable rows of `records`."""
-        rows = np.concatenate([np.hstack([r.x, r.u])[r.learnable] for r in records])
-        low, high = np.nanpercentile(rows, [0.5, 99.5], axis=0)
-        return TrainingDomain(low, high)
-
-    def out_of_domain_fraction(self, result: HeldOutScores) -> dict[str, float]:
-        """Return the share of starts outside the range by a tenth of it, for shares over 5 %."""
-        rows = np.concatenate(
-            [np.hstack([r.record.x, r.record.u])[r.rows] for r in result.rollouts]
-        )
-        margin = 0.1 * (self.high - self.low)
-        share = ((rows < self.low - margin) | (rows > self.high + margin)).mean(axis=0)
-        names = (*STATE_NAMES, *INPUT_NAMES)
-        return {n: float(s) for n, s in zip(names, share, strict=True) if s > 0.05}
-
-    def as_json(self) -> dict[str, list[float]]:
-        """Return [low, high] by channel."""
-        pairs = zip(self.low.tolist(), self.high.tolist(), strict=True)
-        return dict(zip((*STATE_NAMES, *INPUT_NAMES), map(list, pairs), strict=True))
-
-    @staticmethod
-    def from_json(stored: dict[str, list[float]] | None) -> TrainingDomain | None:
-        """Return the range that `as_json` stored; None without one."""
-        if not stored:
-            return None
-        table = np.array([stored[name] for name in (*STATE_NAMES, *INPUT_NAMES)])
-        return TrainingDomain(table[:, 0], table[:, 1])
-
-
 def score_held_out(
     model: KoopmanModel,
     parts: list[tuple[Record, BoolArray | None]],
-    known: TrainingDomain | None = None,
+    known: TrainingRange | None = None,
     online: OnlineSettings | None = None,
     stride: int = 4,
     progress: Callable[[int, int], None] | None = None,
@@ -188,7 +151,7 @@ def score_held_out(
     return result
 
 
-def _why(result: HeldOutScores, step: int, channel: int, known: TrainingDomain | None) -> str:
+def _why(result: HeldOutScores, step: int, channel: int, known: TrainingRange | None) -> str:
     naive, ratio = float(result.naive[step, channel]), float(result.ratio[step, channel])
     text = f"{ratio:.2f} times the best naive predictor's RMSE"
     floors = [reference_noise(rolled.record)[channel] for rolled in result.rollouts]
@@ -197,7 +160,7 @@ def _why(result: HeldOutScores, step: int, channel: int, known: TrainingDomain |
         shown = f"{floor * REPORT_SCALE[channel]:.2g} {_UNIT[channel]}"
         return f"{text}; both are within twice the measurement's noise ({shown})"
     if known is not None:
-        beyond = known.out_of_domain_fraction(result)
+        beyond = known.share_beyond([(r.record, r.rows) for r in result.rollouts])
         if beyond:
             name, share = max(beyond.items(), key=lambda item: item[1])
             beyond_text = f"in {100 * share:.0f} % of the rollouts {name} was beyond"

@@ -12,13 +12,14 @@ from typing import Any
 from adk_ros.errors import DataError
 from adk_ros.model import artefact
 from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.training_range import TrainingRange
 from adk_ros.model.uncertainty.motion_limits import motion_limits
 from adk_ros.signals.channels import Record
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.train.assemble import assemble
 from adk_ros.train.dataset import PARTS, TEST, TRAIN, VALIDATION, Split, sequences, split_records
 from adk_ros.train.denoising import observer_filtered
-from adk_ros.train.held_out import HeldOutScores, TrainingDomain, score_held_out
+from adk_ros.train.held_out import HeldOutScores, score_held_out
 from adk_ros.train.hyperparameters import horizon_covariances, select_hyperparameters
 from adk_ros.train.network_fit import FittedNetwork, Step, fit
 from adk_ros.train.paper_training import fit_paper
@@ -110,7 +111,7 @@ def run_training(
         if note is not None:
             note("scoring held-out data", done, total)
 
-    domain = TrainingDomain.of(split.of(TRAIN))
+    domain = TrainingRange.of(split.of(TRAIN))
     tests = [(r, p == TEST) for r, p in zip(split.records, split.parts, strict=True)]
     test = score_held_out(model, tests, domain, progress=scoring)
     facts: dict[str, Any] = {

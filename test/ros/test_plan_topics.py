@@ -18,7 +18,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJ
 
 from adk_ros.model import artefact
 from adk_ros.model.pipeline import PipelineSettings
-from adk_ros.ros.diagnostics import Level
+from adk_ros.model.training_range import TrainingRange
+from adk_ros.ros.diagnostics import Diagnostics, Level
 from adk_ros.ros.echo import watch_diagnostics
 from adk_ros.ros.messages import join_stamp, split_stamp
 from adk_ros.ros.session import Session
@@ -77,6 +78,18 @@ def test_the_diagnostics_tell_of_plans(model: Path) -> None:
     assert "refused" not in rig.report().message
     assert rig.core.counters.internal_errors == 0
     assert rig.all_finite()
+
+
+def test_the_diagnostics_tell_of_extrapolation(model: Path) -> None:
+    rig = Rig(artefact.load(model).model)
+    slow = TrainingRange(np.full(6, -1.0), np.array([5.0, 1.0, 1.0, 1e4, 1.0, 20.0]))
+    rig.diagnostics = Diagnostics(rig.core, start_s=rig.mono_ns * 1e-9, trained=slow)
+    waiting = rig.report()
+    assert dict(waiting.values)["extrapolating"] == "no"
+    report = rig.drive(3.0)[-1]
+    assert report.level is Level.OK
+    assert "predicting; extrapolating: v_x " in report.message
+    assert "(trained on -1 to 5)" in dict(report.values)["extrapolating"]
 
 
 def test_a_running_node_follows_plans_and_draws_the_path(model: Path) -> None:

@@ -18,6 +18,7 @@ from adk_ros.model.estimation.observer_gains import ObserverGains
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder import Lifting, input_size
 from adk_ros.model.lifting.scaling import Scaling
+from adk_ros.model.training_range import TrainingRange
 from adk_ros.signals.channels import STATE_NAMES, Flag, Record
 from adk_ros.signals.score import HORIZON_STEPS
 from adk_ros.train.dataset import TEST, TRAIN, split_records
@@ -26,7 +27,6 @@ from adk_ros.train.held_out import (
     MODEL,
     TIE,
     HeldOutScores,
-    TrainingDomain,
     score_held_out,
 )
 from adk_ros.train.network import Encoder, Lift, to_torchscript
@@ -74,7 +74,7 @@ def rms(of: Record, rows: np.ndarray, step: int, predicted: np.ndarray) -> np.nd
 
 
 def scored(
-    model: KoopmanModel, *records: Record, known: TrainingDomain | None = None
+    model: KoopmanModel, *records: Record, known: TrainingRange | None = None
 ) -> HeldOutScores:
     result = score_held_out(model, [(item, None) for item in records], known)
     assert result is not None
@@ -181,7 +181,7 @@ def test_a_cell_lost_to_noise() -> None:
 
 
 def test_a_cell_lost_beyond_the_training() -> None:
-    trained_on = TrainingDomain.of([made_record(wandering())])
+    trained_on = TrainingRange.of([made_record(wandering())])
     fast = wandering()
     fast[:, 0] += 20.0
     result = scored(STILL, made_record(fast), known=trained_on)
@@ -251,15 +251,6 @@ def test_only_the_test_part_is_scored() -> None:
         window = rolled.rows[:, None] + np.arange(HORIZON_STEPS[-1] + 1)
         assert (parts[window] == TEST).all()
     assert (parts == TRAIN).any()
-
-
-def test_the_range_comes_back_from_json() -> None:
-    known = TrainingDomain.of([record()])
-    again = TrainingDomain.from_json(json.loads(json.dumps(known.as_json())))
-    assert again is not None
-    np.testing.assert_array_equal(again.low, known.low)
-    np.testing.assert_array_equal(again.high, known.high)
-    assert TrainingDomain.from_json(None) is None
 
 
 def test_a_velocity_that_is_not_measured_has_no_score(tmp_path: Path) -> None:
