@@ -9,7 +9,7 @@ command in force at the sample, whatever was planned for it.
 
 A plan is worth following only while the vehicle does what it says. Each planned command is
 compared with the command in force when its time has come, and so is the command that was held: a
-channel whose plan has been further off than holding is held.
+channel whose plan was not half as far off as holding is held.
 """
 
 from __future__ import annotations
@@ -40,6 +40,11 @@ _NEGLIGIBLE = 0.1
 """
 Deviation, as a share of the command's spread in training, that contradicts no plan. By choice: a
 steering actuator's offset is of that size, while the command it follows changes by the spread.
+"""
+_LEAST_GAIN = 0.25
+"""
+Mean squared deviation of a plan over that of holding, above which the plan is not carried out: half
+the deviation. By choice; two unrelated drives reach one at times.
 """
 _UNLEARNABLE = int(UNLEARNABLE)
 
@@ -153,7 +158,7 @@ class PlannedHorizon:
         if not known:
             return PlanStatus.OUT_OF_REACH
         planned, held = self._deviations[:, c]
-        if planned > max(held, _NEGLIGIBLE**2):
+        if planned > max(_LEAST_GAIN * held, _NEGLIGIBLE**2):
             return PlanStatus.CONTRADICTED
         return PlanStatus.FOLLOWED
 
