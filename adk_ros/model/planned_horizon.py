@@ -175,7 +175,8 @@ class PlannedHorizon:
         said = self._due.pop(sample.stamp_ns, None)
         if said is None or sample.flags & _UNLEARNABLE:
             return
-        squared = np.square((said - np.array(sample.u)) / self._u_scale)
+        # Beyond the spread in training, more says no more, and would be remembered for longer.
+        squared = np.minimum(np.square((said - np.array(sample.u)) / self._u_scale), 1.0)
         known = np.isfinite(squared).all(axis=0)
         self._deviations[:, known] += _GAIN * (squared - self._deviations)[:, known]
 
