@@ -43,8 +43,8 @@ steering actuator's offset is of that size, while the command it follows changes
 """
 _LEAST_GAIN = 0.25
 """
-Mean squared deviation of a plan over that of holding, above which the plan is not carried out: half
-the deviation. By choice; two unrelated drives reach one at times.
+Mean squared deviation of a plan over that of holding, above which the plan is not carried out:
+half the deviation. By choice; two unrelated drives reach one at times.
 """
 _UNLEARNABLE = int(UNLEARNABLE)
 
