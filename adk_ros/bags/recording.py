@@ -13,7 +13,7 @@ all of them use the same topics and refuse the same messages.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from typing import Any
 from adk_ros.bags import Bag, Topics, find_topics
 from adk_ros.errors import DataError
 from adk_ros.signals.channels import Reading, Record, Source
+from adk_ros.signals.command_plan import plan_types
 from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
 from adk_ros.signals.extrinsics import (
     MSGTYPE,
@@ -109,11 +110,26 @@ def selected_messages(
 ) -> Iterator[tuple[Source, int, Any]]:
     """Yield (source, log time in ns, message) of the chosen topics, in log order."""
     source_of = source_by_topic(topics)
-    total = sum(info.count for info in bag.topics if info.name in source_of)
-    for done, (topic, log_ns, msg) in enumerate(bag.messages(source_of), start=1):
+    for topic, log_ns, msg in messages_of(bag, source_of, progress):
+        yield source_of[topic], log_ns, msg
+
+
+def messages_of(
+    bag: Bag, names: Collection[str], progress: Progress | None = None
+) -> Iterator[tuple[str, int, Any]]:
+    """Yield (topic, log time in ns, message) of the named topics, in log order."""
+    total = sum(info.count for info in bag.topics if info.name in names)
+    for done, item in enumerate(bag.messages(names), start=1):
         if progress is not None and (done % _PROGRESS_INTERVAL == 0 or done == total):
             progress(done, total)
-        yield source_of[topic], log_ns, msg
+        yield item
+
+
+def plan_topic(bag: Bag, command_type: str) -> str | None:
+    """Return the topic of planned commands: named `planned_command`, of a type of plans."""
+    kinds = plan_types(command_type)
+    named = [x for x in bag.topics if x.name.rsplit("/", 1)[-1] == "planned_command"]
+    return next((x.name for x in named if x.msgtype in kinds), None)
 
 
 class RecordingReader:

@@ -12,7 +12,13 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bags import Bag, BagWriter, message
-from adk_ros.bags.recording import RecordingOptions, choose_topics, selected_messages
+from adk_ros.bags.recording import (
+    RecordingOptions,
+    choose_topics,
+    messages_of,
+    plan_topic,
+    source_by_topic,
+)
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
@@ -47,9 +53,19 @@ def predictions(
     options: RecordingOptions,
     progress: Progress | None = None,
 ) -> Iterator[tuple[int, Prediction]]:
-    """Yield (log time in ns of the message that completed the sample, prediction), in order."""
-    for source, log_ns, msg in selected_messages(bag, choose_topics(bag, options), progress):
-        for prediction in pipeline.take(source, msg):
+    """
+    Yield (log time in ns of the message that completed the sample, prediction), in order.
+
+    Horizons follow the planned commands of the bag, if it has any.
+    """
+    source_of = source_by_topic(choose_topics(bag, options))
+    plan = plan_topic(bag, options.sensors.command_type)
+    names = [*source_of, *([plan] if plan else [])]
+    for topic, log_ns, msg in messages_of(bag, names, progress):
+        if topic == plan:
+            pipeline.take_plan(msg)
+            continue
+        for prediction in pipeline.take(source_of[topic], msg):
             yield log_ns, prediction
 
 

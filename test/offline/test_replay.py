@@ -87,6 +87,37 @@ def test_replay_equals_the_pipeline(model: KoopmanModel) -> None:
             np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
 
 
+def test_horizons_follow_the_plans_of_a_bag(model: KoopmanModel, tmp_path: Path) -> None:
+    """Now and then a plan holds the steering that is in force, for three seconds."""
+    kinds = {"/imu/data": "sensor_msgs/msg/Imu", "/odometry": "nav_msgs/msg/Odometry",
+             "/vehicle/command": "sensor_msgs/msg/JointState"}  # fmt: skip
+    plan_type, planned = "trajectory_msgs/msg/JointTrajectory", "/planner/planned_command"
+    with Bag(bag()) as opened, BagWriter(tmp_path / "b") as writer:
+        for topic, kind in {**kinds, planned: plan_type}.items():
+            writer.add_topic(topic, kind)
+        for number, (topic, log_ns, msg) in enumerate(opened.messages()):
+            writer.write(topic, msg, log_ns)
+            if topic == "/vehicle/command" and number % 50 == 0:
+                points = [
+                    message(
+                        "trajectory_msgs/msg/JointTrajectoryPoint",
+                        positions=[float(msg.position[1])], velocities=[], accelerations=[],
+                        effort=[], time_from_start={"sec": sec, "nanosec": 0},
+                    )
+                    for sec in (0, 3)
+                ]  # fmt: skip
+                plan = message(
+                    plan_type, header={"stamp": stamp(msg)}, joint_names=["steer"], points=points
+                )
+                writer.write(planned, plan, log_ns + 1)
+    predicted, pipeline, _ = replay(tmp_path / "b", model, PipelineSettings(), RecordingOptions())
+    assert pipeline.plan_decoder.received > 20
+    assert not pipeline.plan_decoder.refused
+    follows = [p.planned_steps for p in predicted]
+    assert (0, 80) in follows
+    assert all(torque == 0 for torque, _ in follows)
+
+
 def test_predictions_of_another_point_are_labelled_so(model: KoopmanModel, tmp_path: Path) -> None:
     out = tmp_path / "p"
     settings = PipelineSettings(sensors=SensorConfig(reference_point=(1.2, 0.0)))
