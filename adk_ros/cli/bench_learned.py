@@ -39,7 +39,7 @@ def learned(
         typer.Option(
             help="run only this model (repeatable): 'Deep Dynamics', 'Deep Pacejka', FTHD, or "
             "'Deep Pacejka, future v_x given'",
-            show_default="all whose code is there",
+            show_default="all but the last",
         ),
     ] = None,
     seeds: Annotated[int, typer.Option(help="number of trainings, each with another seed")] = 3,

@@ -52,7 +52,7 @@ Progress = Callable[[float, float, str], None]
 
 @dataclass(frozen=True)
 class LearnedPlan:
-    """What to run; `epochs`: those that are not the published; no `models`: all that are there."""
+    """What to run; `epochs`: those that are not the published; no `models`: see `chosen`."""
 
     recordings: tuple[Path, ...]
     code: Path

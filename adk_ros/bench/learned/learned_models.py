@@ -151,7 +151,7 @@ class LearnedModels:
 
 def chosen(names: Sequence[str], code: dict[str, Path]) -> list[str]:
     """
-    Return the models to run: `names`, or all whose code is there.
+    Return the models to run: `names`, or all whose code is there and that know no future speed.
 
     :raises UsageError: one is unknown, or its code is missing.
     """
@@ -160,4 +160,5 @@ def chosen(names: Sequence[str], code: dict[str, Path]) -> list[str]:
             raise UsageError(f"--model '{name}' is unknown: choose from {', '.join(PACKAGES)}")
         if name not in code:
             raise UsageError(f"--model '{name}': no checkout has the folder {PACKAGES[name]}")
-    return [name for name in PACKAGES if name in (names or code)]
+    wanted = names or [name for name in code if name != DEEP_PACEJKA_GIVEN]
+    return [name for name in PACKAGES if name in wanted]

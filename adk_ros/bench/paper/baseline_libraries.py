@@ -159,8 +159,7 @@ class Worker:
         if not status or reason.startswith(("ImportError", "ModuleNotFoundError")):
             self.close()
             raise UsageError(
-                f"the environment of {self._names.code} is broken ({reason}):"
-                f" {self._names.remedy}"
+                f"the environment of {self._names.code} is broken ({reason}): {self._names.remedy}"
             )
         raise DataError(f"{self._names.code} failed: {reason}")
 

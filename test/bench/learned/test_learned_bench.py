@@ -4,13 +4,17 @@
 
 from __future__ import annotations
 
+import json
+import re
 import textwrap
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.calibration import driven, write_streams
+from helpers.model import make_model
 
 from adk_ros.bench.learned import learned_bench, scores
 from adk_ros.bench.learned.learned_bench import HORIZONS_S, RecordingResult, at_horizons
@@ -30,7 +34,8 @@ from adk_ros.bench.learned.sampled_drive import (
     starts,
     write_csv,
 )
-from adk_ros.bench.paper.predictors import ADK_ROS
+from adk_ros.bench.paper.predictors import ADK_ROS, KoopmanPredictor
+from adk_ros.calibration.streams import Stream, Streams
 from adk_ros.cli.main import main
 from adk_ros.errors import DataError, UsageError
 
@@ -195,6 +200,13 @@ def code(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def worker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LearnedModels]:
+    """Return the process that trains; it takes seconds to start."""
+    with LearnedModels(tmp_path_factory.mktemp("worker")) as process:
+        yield process
+
+
 def drive(n: int = 600) -> SampledDrive:
     """Return a drive whose accelerations are linear in the commands."""
     random = np.random.default_rng(0)
@@ -209,13 +221,31 @@ def drive(n: int = 600) -> SampledDrive:
     return SampledDrive("drive", np.arange(n) * SAMPLE_NS, x, u)
 
 
+def _streams() -> Streams:
+    """Return a simulated drive with a pedal, sampled every 40 ms 22 ms after a tick."""
+    made = driven("handling", 1, 120.0)
+    assert made.odometry is not None
+    assert made.command is not None
+    at_s = np.arange(25, 2950) * 0.04 + 0.022
+
+    def sampled(stream: Stream) -> Stream:
+        columns = {
+            name: np.interp(at_s, stream.at_s, values) for name, values in stream.columns.items()
+        }
+        return replace(stream, at_s=at_s, columns=columns)
+
+    command = sampled(made.command)
+    pedal = command["torque"] / np.abs(command["torque"]).max()
+    command = command.having(torque=pedal)
+    return replace(made, imu=None, odometry=sampled(made.odometry), command=command)
+
+
 @pytest.mark.parametrize("model", [DEEP_DYNAMICS, DEEP_PACEJKA, DEEP_PACEJKA_GIVEN, FTHD])
-def test_a_model_is_trained_and_rolled_out(tmp_path: Path, code: Path, model: str) -> None:
+def test_a_model_is_trained_and_rolled_out(worker: LearnedModels, code: Path, model: str) -> None:
     whole, folder = drive(), find_code(code)[model]
     rows = np.array([200, 201, 300])
-    with LearnedModels(tmp_path) as worker:
-        training = worker.train(model, folder, whole, 30, 0)
-        held, refreshed = (worker.predict(model, whole, rows, 10, on) for on in (False, True))
+    training = worker.train(model, folder, whole, 30, 0)
+    held, refreshed = (worker.predict(model, whole, rows, 10, on) for on in (False, True))
     assert len(training.losses) == 30
     assert training.losses[-1] < training.losses[0]
     assert "3 past samples, batch 64" in training.settings
@@ -229,18 +259,17 @@ def test_a_model_is_trained_and_rolled_out(tmp_path: Path, code: Path, model: st
     assert held.rollout_s > 0.0
 
 
-def test_deep_pacejka_is_not_given_future_speeds(tmp_path: Path, code: Path) -> None:
+def test_deep_pacejka_is_not_given_future_speeds(worker: LearnedModels, code: Path) -> None:
     whole, rows = drive(), np.array([300])
     later = whole.x.copy()
     later[301:] += 5.0
     changed = replace(whole, x=later)
-    with LearnedModels(tmp_path) as worker:
-        for model, is_given in ((DEEP_PACEJKA, False), (DEEP_PACEJKA_GIVEN, True)):
-            worker.train(model, find_code(code)[model], whole, 5, 0)
-            both = [
-                worker.predict(model, x, rows, 5, not is_given).predicted for x in (whole, changed)
-            ]
-            assert np.array_equal(*both) is not is_given
+    for model, is_given in ((DEEP_PACEJKA, False), (DEEP_PACEJKA_GIVEN, True)):
+        worker.train(model, find_code(code)[model], whole, 5, 0)
+        first, second = (
+            worker.predict(model, x, rows, 5, not is_given).predicted for x in (whole, changed)
+        )
+        assert np.array_equal(first, second) is not is_given
 
 
 def test_features_unlike_those_of_the_parser_are_refused(tmp_path: Path, code: Path) -> None:
@@ -251,8 +280,9 @@ def test_features_unlike_those_of_the_parser_are_refused(tmp_path: Path, code: P
             _write(folder / "x" / source.relative_to(code / "one"), source.read_text())
     parser = folder / "x" / "deep_dynamics" / "tools" / "csv_parser.py"
     parser.write_text(text.replace("np.diff(u, axis=0),", "np.diff(u, axis=0)[::-1],"))
-    with LearnedModels(tmp_path) as worker, pytest.raises(DataError, match="features differ"):
-        worker.train(DEEP_DYNAMICS, find_code(folder)[DEEP_DYNAMICS], drive(), 1, 0)
+    # In another process: this one has imported the other code.
+    with LearnedModels(tmp_path) as fresh, pytest.raises(DataError, match="features differ"):
+        fresh.train(DEEP_DYNAMICS, find_code(folder)[DEEP_DYNAMICS], drive(), 1, 0)
 
 
 def test_starts_follow_the_sample_at_once_and_stay_fast() -> None:
@@ -291,6 +321,30 @@ def test_predictions_are_interpolated_at_the_horizons() -> None:
     np.testing.assert_allclose(found[0, :, 0], np.array(HORIZONS_S) - 0.003, atol=1e-12)
 
 
+def test_the_command_trains_and_compares_all(
+    tmp_path: Path, code: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Its own training takes a minute.
+    untrained = KoopmanPredictor(ADK_ROS, make_model())
+    monkeypatch.setattr(learned_bench, "train_default", lambda *_: untrained)
+    write_streams(_streams(), tmp_path / "recordings" / "drive")
+    arguments = ["--recordings", str(tmp_path / "recordings"), "--code", str(code), "--seeds", "1"]
+    arguments += ["--epochs", "2", "--epochs", "FTHD=1", "--steps", "20"]
+    out = tmp_path / "results.json"
+    assert main(["bench", "learned", *arguments, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"drive, \d+ starts", printed)
+    assert "ahead of the best of them" in printed
+    assert "2 epochs" in printed
+    (found,) = json.loads(out.read_text())["recordings"]
+    with_both = {DEEP_DYNAMICS, DEEP_PACEJKA, FTHD}
+    names = {"persistence", "straight line", ADK_ROS, *with_both}
+    names |= {name + learned_bench.REFRESHED for name in with_both}
+    assert set(found["rmse_si"]) == names
+    assert np.shape(found["rmse_si"][ADK_ROS]) == (1, 5, 3)
+    assert all(item["train_s"] > 0.0 for items in found["effort"].values() for item in items)
+
+
 def test_the_better_rollout_of_a_model_counts() -> None:
     result = RecordingResult("drive", 3)
     zero = np.zeros((3, 5, 3))
@@ -313,7 +367,8 @@ def test_unusable_options_and_recordings_are_refused(tmp_path: Path, code: Path)
     with pytest.raises(UsageError, match="no checkout"):
         find_code(tmp_path)
     found = find_code(code)
-    assert chosen((), {FTHD: found[FTHD]}) == [FTHD]
+    assert chosen((), found) == [DEEP_DYNAMICS, DEEP_PACEJKA, FTHD]
+    assert chosen((DEEP_PACEJKA_GIVEN,), found) == [DEEP_PACEJKA_GIVEN]
     with pytest.raises(UsageError, match="unknown"):
         chosen(("Deep Thought",), found)
     with pytest.raises(UsageError, match="no checkout has the folder"):
