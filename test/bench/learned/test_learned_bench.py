@@ -226,7 +226,7 @@ def _streams() -> Streams:
     made = driven("handling", 1, 120.0)
     assert made.odometry is not None
     assert made.command is not None
-    at_s = np.arange(25, 2950) * 0.04 + 0.022
+    at_s = np.asarray(np.arange(25, 2950) * 0.04 + 0.022, dtype=np.float64)
 
     def sampled(stream: Stream) -> Stream:
         columns = {
