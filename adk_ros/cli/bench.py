@@ -12,7 +12,14 @@ from typing import Annotated, Any
 
 import typer
 
-from adk_ros.cli import bench_mismatch, bench_paper, bench_real, bench_watch, console
+from adk_ros.cli import (
+    bench_learned,
+    bench_mismatch,
+    bench_paper,
+    bench_real,
+    bench_watch,
+    console,
+)
 from adk_ros.cli.options import JsonOption
 
 app = typer.Typer(
@@ -22,6 +29,7 @@ app.command("paper")(bench_paper.paper)
 app.command("concealed")(bench_mismatch.concealed)
 app.command("watch")(bench_watch.watch)
 app.command("real")(bench_real.real)
+app.command("learned")(bench_learned.learned)
 ModelChoice = Annotated[
     Path | None, typer.Option(help="model folder", show_default="train a temporary one, 40 s")
 ]

@@ -31,7 +31,7 @@ ORDER: dict[str, tuple[str, ...]] = {
         "library", "recording", "surrogate", "inference", "deployment", "report", "watch",
         "",
     ),
-    "bench": ("runtime", "paper", "mismatch", "real", ""),
+    "bench": ("runtime", "paper", "mismatch", "real", "learned", ""),
 }  # fmt: skip
 CORE = {"errors", "numerics", "signals", "model", "plant", "train", "road", "calibration"}
 CORE |= {"mismatch"}
@@ -41,6 +41,8 @@ BENCH_VERBS = "cli/bench"
 ROS_MODULES = {"rclpy", "rosgraph_msgs", "builtin_interfaces", "rcl_interfaces", "std_srvs"}
 ROS_MODULES |= {"ament_index_python", "rosidl_runtime_py", "launch", "launch_ros"}
 TORCH_FILES = {"model/lifting/encoder.py", "model/artefact.py"}
+# Runs the networks of others, in their environment.
+TORCH_FILES |= {"bench/learned/learned_model_worker.py"}
 TERMINAL = {"typer", "rich", "click"}
 TABLES = {"pandas"}
 TABLE_LAYERS = {"importing", "exporting", "api", "cli"}

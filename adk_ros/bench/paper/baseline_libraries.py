@@ -101,13 +101,27 @@ _POLL_S = 1.0
 event comes from a pipe that is closed."""
 
 
+@dataclass(frozen=True)
+class WorkerNames:
+    """What messages call the code that a worker runs, and how its environment is made."""
+
+    code: str = "the baseline libraries"
+    remedy: str = "run `make peers`"
+
+
 class Worker:
     """Process in the other environment that exchanges requests and answers as files."""
 
     def __init__(
-        self, python: Path, script: Path, timeout_s: float, scratch: Path | None = None
+        self,
+        python: Path,
+        script: Path,
+        timeout_s: float,
+        scratch: Path | None = None,
+        names: WorkerNames = WorkerNames(),
     ) -> None:
         self._timeout_s = timeout_s
+        self._names = names
         self._folder = tempfile.TemporaryDirectory(prefix="adk_peers_", dir=scratch)
         self._log = Path(self._folder.name, "log")
         with self._log.open("wb") as log:
@@ -133,7 +147,7 @@ class Worker:
         :raises DataError: the worker failed, or took too long.
         """
         if not self._end.alive:
-            raise UsageError("the baseline libraries were closed: fit them again")
+            raise UsageError(f"{self._names.code} were closed: fit them again")
         source, target = (Path(self._folder.name, name) for name in ("job.npz", "answer.npz"))
         np.savez(source, **job)
         target.unlink(missing_ok=True)
@@ -145,9 +159,9 @@ class Worker:
         if not status or reason.startswith(("ImportError", "ModuleNotFoundError")):
             self.close()
             raise UsageError(
-                f"the environment of the baseline libraries is broken ({reason}): run `make peers`"
+                f"the environment of {self._names.code} is broken ({reason}): {self._names.remedy}"
             )
-        raise DataError(f"the baseline libraries failed: {reason}")
+        raise DataError(f"{self._names.code} failed: {reason}")
 
     def _exchange(self, line: str) -> str:
         """Return the worker's reply to a line; "" if it has ended."""
@@ -169,8 +183,7 @@ class Worker:
                 if time.monotonic() >= end_s:
                     self.close()
                     raise DataError(
-                        f"the baseline libraries took more than {self._timeout_s:g} s and were"
-                        " stopped"
+                        f"{self._names.code} took more than {self._timeout_s:g} s and were stopped"
                     )
         return pipe_out.readline().decode(errors="replace").strip()
 

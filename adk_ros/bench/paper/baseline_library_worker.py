@@ -26,7 +26,7 @@ import signal
 import sys
 import types
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -358,23 +358,28 @@ def _end_with_parent() -> None:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
-def main() -> None:
-    """Serve jobs until standard input ends."""
+def serve(answer_of: Callable[[Any], dict[str, Any]]) -> None:
+    """Answer jobs until standard input ends; what a library prints goes to standard error."""
     _end_with_parent()
     answers, sys.stdout = sys.stdout, sys.stderr
     warnings.simplefilter("ignore")
     np.seterr(all="ignore")
-    peers: dict[str, Any] = {}
     for line in sys.stdin:
         source, target = line.rstrip("\n").split("\t")
         try:
             with np.load(source) as job:
-                answer = fit(job, peers) if "peers" in job else predict(job, peers)
+                answer = answer_of(job)
             np.savez(target, **answer)
             status = "done"
         except Exception as error:
             status = " ".join(f"failed {type(error).__name__}: {error}".split())
         print(status, file=answers, flush=True)
+
+
+def main() -> None:
+    """Fit the libraries and predict with them."""
+    peers: dict[str, Any] = {}
+    serve(lambda job: fit(job, peers) if "peers" in job else predict(job, peers))
 
 
 if __name__ == "__main__":
