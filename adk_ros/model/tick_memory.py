@@ -18,7 +18,6 @@ from adk_ros.model.estimation.observer import ScalingArrays, TickArrays, observe
 from adk_ros.model.initial_errors import one_step_errors
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder import input_size
-from adk_ros.model.lifting.encoder_kernels import Float32Array
 from adk_ros.model.uncertainty.fallback import (
     FallbackArrays,
     fallback_arrays,
@@ -33,7 +32,7 @@ from adk_ros.numerics.array_table import (
     integers_1,
     singles_1,
 )
-from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.numerics.arrays import Float32Array, FloatArray, IntArray
 from adk_ros.numerics.numba_cache import strict_kernel
 
 _COVARIANCE_GAIN = 0.01
