@@ -30,6 +30,7 @@ from adk_ros.model.initial_errors import (
 )
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.model_rollout import ModelRollout
+from adk_ros.model.planned_commands import checked_commands, unpredictable
 from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.tick_memory import TickMemory, replace_by_naive
 from adk_ros.model.tick_steps import (
@@ -105,9 +106,7 @@ class Predictor:
         self._published = PublishedHorizonErrors(
             held_input_errors(model, horizon_steps), PRIOR_ROLLOUTS
         )
-        self._model_rollout = ModelRollout(
-            model, self._tick, self._memory.phi, self._memory.disturbance, self._gains
-        )
+        self._model_rollout = ModelRollout(model, self._memory)
         self._has_fallback = model.fallback.is_active
         parts = TickParts(
             model,
@@ -222,6 +221,33 @@ class Predictor:
         if self._has_fallback:
             replace_by_naive(result, KNOWN, self._memory.rows)
         return result
+
+    def roll_out_many(self, commands: FloatArray) -> FloatArray:
+        """
+        Predict states (k, h, 3) under each of k candidate `commands` (k, h, 2), SI.
+
+        As `rollout`, from the last sample with the adapted model; bit-identical to it, but several
+        times as fast, as a sampling planner needs it. The first command of a candidate is the one
+        in force at the last sample, so the states are those after it. At standstill, and where the
+        limits of predicted motion act, the states are those of `rollout` as well.
+        :raises UsageError: the shape is wrong, a command or a predicted state is not finite, or
+            the last step made no prediction.
+        """
+        commands = checked_commands(commands, "(k, h, 2)")
+        self._check_state()
+        states, bad = self._model_rollout.run_many(
+            self.online.theta, commands, self.rollout_monitor
+        )
+        if bad >= 0:
+            raise unpredictable(commands[bad], f"candidate {bad}")
+        return states
+
+    def _check_state(self) -> None:
+        if self._predicted is None:
+            raise UsageError(
+                f"no state to predict from ({self.status.value}): give the predictor samples "
+                "until a step returns a prediction"
+            )
 
     def _lose_state(self) -> None:
         self.status = Status.NO_STATE

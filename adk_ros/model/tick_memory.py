@@ -74,7 +74,7 @@ class TickMemory:
     that belongs to it; `disturbance` (3, 3): slow, fast and running mean of the residual;
     `gains` (5, 3): `ObserverGains.table`; `covariance` (3, 3): of the innovation, SI; `filtered`
     (3,): state of the observer, SI, NaN before the first. `fallback`: naive predictors and what
-    they start from. `rows`: all of it as a table for kernels.
+    they start from. `scaling`: of states and commands. `rows`: all of it as a table for kernels.
     """
 
     def __init__(self, model: KoopmanModel) -> None:
@@ -97,19 +97,15 @@ class TickMemory:
         self.covariance = np.zeros((3, 3))
         self.filtered = np.full(3, np.nan)
         self.fallback = fallback_arrays(model.fallback)
+        self.scaling = ScalingArrays(
+            *(
+                np.ascontiguousarray(values, dtype=np.float64)
+                for values in (scaling.x_mean, scaling.x_scale, scaling.u_mean, scaling.u_scale)
+            )
+        )
         form = ModelForm(model.residual, model.affine, 3 * (history + 1))
         arrays = MemoryArrays(
-            ScalingArrays(
-                *(
-                    np.ascontiguousarray(values, dtype=np.float64)
-                    for values in (
-                        scaling.x_mean,
-                        scaling.x_scale,
-                        scaling.u_mean,
-                        scaling.u_scale,
-                    )
-                )
-            ),
+            self.scaling,
             self.tick,
             RegressionArrays(
                 measured=self.tick.measured,

@@ -243,6 +243,13 @@ def rollout_linear(z: FloatArray, theta: FloatArray, u_ahead: FloatArray, out: F
         out[step, :] = now[:3]
 
 
+@inlined_kernel
+def corrected_state(value: float, error: float, shrinkage: float, base: float) -> float:
+    """Return the scaled state `value` with its predicted `error`, shrunk towards `base`."""
+    corrected: float = min(max(value + error, -MAX_SCALED_STATE), MAX_SCALED_STATE)
+    return base + shrinkage * (corrected - base)
+
+
 @strict_kernel
 def to_si(
     states: FloatArray,
@@ -268,11 +275,10 @@ def to_si(
             value = states[i, c]
             if last >= 0:
                 h = min(i, last)
-                value += predicted_error(h, c, 0, weights, disturbance)
+                error = predicted_error(h, c, 0, weights, disturbance)
                 # Checked before clamping, which would turn NaN into a number.
-                finite = finite and np.isfinite(value)
-                value = min(max(value, -MAX_SCALED_STATE), MAX_SCALED_STATE)
-                value = base[c] + shrinkage[h, c] * (value - base[c])
+                finite = finite and np.isfinite(value + error)
+                value = corrected_state(value, error, shrinkage[h, c], base[c])
             states[i, c] = value * x_scale[c] + x_mean[c]
             finite = finite and np.isfinite(states[i, c])
     return finite
