@@ -13,6 +13,7 @@ import numpy as np
 
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder_kernels import pack_encoder_input, set_command, shift_in
+from adk_ros.model.linearization import LinearizedRollout, linearize
 from adk_ros.model.tick_memory import TickMemory, replace_by_naive
 from adk_ros.model.uncertainty.batch_rollout import (
     OutputArrays,
@@ -116,6 +117,12 @@ class ModelRollout:
             replace_by_naive(states, KNOWN, self._memory.rows)
             out[k] = states
         return out, -1
+
+    def linearized(
+        self, theta: FloatArray, commands: FloatArray, monitor: RolloutMonitor | None
+    ) -> LinearizedRollout:
+        """Return the local linear model along the rollout under `commands` (h, 2), SI."""
+        return linearize(self._model, self._start(theta), self._output(monitor), commands)
 
     def _start(self, theta: FloatArray) -> RolloutStart:
         memory = self._memory

@@ -29,6 +29,7 @@ from adk_ros.model.initial_errors import (
     make_rollout_monitor,
 )
 from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.linearization import LinearizedRollout
 from adk_ros.model.model_rollout import ModelRollout
 from adk_ros.model.planned_commands import checked_commands, unpredictable
 from adk_ros.model.prediction import Prediction, Status
@@ -241,6 +242,31 @@ class Predictor:
         if bad >= 0:
             raise unpredictable(commands[bad], f"candidate {bad}")
         return states
+
+    def linearized(self, commands: FloatArray) -> LinearizedRollout:
+        """
+        Return the local linear model along the rollout under `commands` (h, 2), SI.
+
+        Matrices A (h, n, n), B (h, n, 2) and c (h, n): s_(j+1) = A_j s_j + B_j u_j + c_j, see
+        `linearization`. Where a limit of predicted motion acts, they are those of the limit.
+        :raises UsageError: as `roll_out_many`; or the model's encoder has no known derivatives.
+        """
+        commands = checked_commands(commands, "(h, 2)")
+        self._check_state()
+        result = self._model_rollout.linearized(self.online.theta, commands, self.rollout_monitor)
+        if not all(np.isfinite(array).all() for array in result):
+            raise unpredictable(commands, "this candidate")
+        return result
+
+    def roll_out_gradient(self, commands: FloatArray, by_state: FloatArray) -> FloatArray:
+        """
+        Return the gradient dJ/du (h, 2) of a cost J of the states predicted under `commands`.
+
+        `by_state` (h, 3): dJ/dy at each predicted state, per m/s, m/s and rad/s. The result is per
+        N·m and rad; `linearized(commands).jacobian()` is dy/du (h, 3, h, 2).
+        :raises UsageError: as `linearized`; or `by_state` has a wrong shape or is not finite.
+        """
+        return self.linearized(commands).gradient(by_state)
 
     def _check_state(self) -> None:
         if self._predicted is None:

@@ -64,6 +64,19 @@ def rational_tanh(x: Any) -> Any:
     return numerator / (_P0 + s * (_Q1 + s * (_Q2 + s * (_Q3 + s * _Q4))))
 
 
+@ordered_kernel
+def rational_tanh_slope(x: float) -> float:
+    """Return the derivative of `rational_tanh`; zero where it is clipped."""
+    if not abs(x) < -_TANH_CLIP:
+        return 0.0
+    s = x * x
+    above = _P0 + s * (_P1 + s * (_P2 + s * (_P3 + s)))
+    below = _P0 + s * (_Q1 + s * (_Q2 + s * (_Q3 + s * _Q4)))
+    above_slope = _P1 + s * (2.0 * _P2 + s * (3.0 * _P3 + 4.0 * s))
+    below_slope = _Q1 + s * (2.0 * _Q2 + s * (3.0 * _Q3 + 4.0 * s * _Q4))
+    return float((above + 2.0 * s * (above_slope - above / below * below_slope)) / below)
+
+
 @inlined_kernel
 def hidden_layer(
     row: Float32Array, weights: Float32Array, bias: Float32Array, out: Float32Array

@@ -31,7 +31,7 @@ turns a car, whose radius of gyration is close to the distances of its axles, wi
 """
 _UNLIMITED = 1e9
 """A limit that no state reaches, m/s² or rad/s²; finite, as the kernels require."""
-_MIN_SPEED = 0.5
+MIN_LIMITED_SPEED = 0.5
 """m/s; below, the limit of the lateral acceleration is that of this speed."""
 
 
@@ -78,8 +78,8 @@ def limited_state(
     v_x = min(max(x[0], before[0] - bounds[0, 0]), before[0] + bounds[0, 0])
     v_y = min(max(x[1], before[1] - bounds[0, 1]), before[1] + bounds[0, 1])
     yaw_rate = min(max(x[2], before[2] - bounds[0, 2]), before[2] + bounds[0, 2])
-    speed = max(abs(v_x * bounds[2, 0] + bounds[1, 0]), _MIN_SPEED)
-    speed_before = max(abs(before[0] * bounds[2, 0] + bounds[1, 0]), _MIN_SPEED)
+    speed = max(abs(v_x * bounds[2, 0] + bounds[1, 0]), MIN_LIMITED_SPEED)
+    speed_before = max(abs(before[0] * bounds[2, 0] + bounds[1, 0]), MIN_LIMITED_SPEED)
     rate_before = abs(before[2] * bounds[2, 2] + bounds[1, 2])
     largest = max(bounds[3, 0], speed_before * rate_before) / speed
     rate = yaw_rate * bounds[2, 2] + bounds[1, 2]
