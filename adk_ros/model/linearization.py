@@ -19,6 +19,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from adk_ros.errors import UsageError
 from adk_ros.model.koopman import KoopmanModel
@@ -44,7 +45,7 @@ class LinearizedRollout(NamedTuple):
     output_gain: FloatArray
     predicted: FloatArray
 
-    def gradient(self, by_state: FloatArray) -> FloatArray:
+    def gradient(self, by_state: ArrayLike) -> FloatArray:
         """
         Return dJ/du (h, 2) of a cost J, given `by_state` (h, 3) = dJ/dy, by the adjoint method.
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from adk_ros.errors import UsageError
 from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
@@ -223,7 +224,7 @@ class Predictor:
             replace_by_naive(result, KNOWN, self._memory.rows)
         return result
 
-    def roll_out_many(self, commands: FloatArray) -> FloatArray:
+    def roll_out_many(self, commands: ArrayLike) -> FloatArray:
         """
         Predict states (k, h, 3) under each of k candidate `commands` (k, h, 2), SI.
 
@@ -234,16 +235,16 @@ class Predictor:
         :raises UsageError: the shape is wrong, a command or a predicted state is not finite, or
             the last step made no prediction.
         """
-        commands = checked_commands(commands, "(k, h, 2)")
+        checked = checked_commands(commands, "(k, h, 2)")
         self._check_state()
         states, bad = self._model_rollout.run_many(
-            self.online.theta, commands, self.rollout_monitor
+            self.online.theta, checked, self.rollout_monitor
         )
         if bad >= 0:
-            raise unpredictable(commands[bad], f"candidate {bad}")
+            raise unpredictable(checked[bad], f"candidate {bad}")
         return states
 
-    def linearized(self, commands: FloatArray) -> LinearizedRollout:
+    def linearized(self, commands: ArrayLike) -> LinearizedRollout:
         """
         Return the local linear model along the rollout under `commands` (h, 2), SI.
 
@@ -251,14 +252,14 @@ class Predictor:
         `linearization`. Where a limit of predicted motion acts, they are those of the limit.
         :raises UsageError: as `roll_out_many`; or the model's encoder has no known derivatives.
         """
-        commands = checked_commands(commands, "(h, 2)")
+        checked = checked_commands(commands, "(h, 2)")
         self._check_state()
-        result = self._model_rollout.linearized(self.online.theta, commands, self.rollout_monitor)
+        result = self._model_rollout.linearized(self.online.theta, checked, self.rollout_monitor)
         if not all(np.isfinite(array).all() for array in result):
-            raise unpredictable(commands, "this candidate")
+            raise unpredictable(checked, "this candidate")
         return result
 
-    def roll_out_gradient(self, commands: FloatArray, by_state: FloatArray) -> FloatArray:
+    def roll_out_gradient(self, commands: ArrayLike, by_state: ArrayLike) -> FloatArray:
         """
         Return the gradient dJ/du (h, 2) of a cost J of the states predicted under `commands`.
 

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from llvmlite import ir  # type: ignore[import-untyped, unused-ignore]
 from numba.core import cgutils as untyped_cgutils  # type: ignore[import-untyped, unused-ignore]
 from numba.core import types  # type: ignore[import-untyped, unused-ignore]
 from numba.extending import intrinsic  # type: ignore[import-untyped, unused-ignore]
@@ -31,6 +30,7 @@ from adk_ros.numerics.arrays import Float32Array
 from adk_ros.numerics.numba_cache import inlined_kernel
 
 cgutils: Any = untyped_cgutils
+ir: Any = cgutils.ir
 
 LANES = 16
 """Lanes are processed in blocks of this many: one vector of AVX-512, two of AVX2."""

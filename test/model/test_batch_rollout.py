@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rollouts of many candidates are those of each candidate alone."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers.model import fold, make_model, sample, slalom
@@ -75,10 +77,10 @@ def test_at_standstill_states_are_finite_and_equal(name: str) -> None:
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("compiled", [True, False])
-def test_unusable_commands_are_refused(commands: object, message: str, compiled: bool) -> None:
+def test_unusable_commands_are_refused(commands: Any, message: str, compiled: bool) -> None:
     predictor = adapted(make_model(compiled=compiled))
     with pytest.raises(UsageError, match=message) as caught:
-        predictor.roll_out_many(commands)  # type: ignore[arg-type]
+        predictor.roll_out_many(commands)
     assert "\n" not in str(caught.value)
 
 
