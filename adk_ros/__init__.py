@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from adk_ros.api.importing import propose_map as propose_map
     from adk_ros.api.model import TrainedModel as TrainedModel
     from adk_ros.api.model import load_model as load_model
+    from adk_ros.api.planning import adapted_predictor as adapted_predictor
     from adk_ros.api.progress import Progress as Progress
     from adk_ros.api.recording import BagRecording as BagRecording
     from adk_ros.api.recording import read_recording as read_recording
@@ -49,6 +50,8 @@ if TYPE_CHECKING:
     from adk_ros.errors import DataError as DataError
     from adk_ros.errors import UsageError as UsageError
     from adk_ros.importing.map_text import Proposal as Proposal
+    from adk_ros.model.linearization import LinearizedRollout as LinearizedRollout
+    from adk_ros.model.predictor import Predictor as Predictor
     from adk_ros.train.train_settings import PaperSettings as PaperSettings
     from adk_ros.train.train_settings import TrainSettings as TrainSettings
 
@@ -59,7 +62,9 @@ _MODULE_OF = {
     "ExportResult": "api.exporting",
     "ImportResult": "api.importing",
     "MismatchExplanation": "api.explain",
+    "LinearizedRollout": "model.linearization",
     "PaperSettings": "train.train_settings",
+    "Predictor": "model.predictor",
     "Progress": "api.progress",
     "Proposal": "importing.map_text",
     "RecordingOptions": "bags.recording",
@@ -69,6 +74,7 @@ _MODULE_OF = {
     "TrainSettings": "train.train_settings",
     "TrainedModel": "api.model",
     "UsageError": "errors",
+    "adapted_predictor": "api.planning",
     "explain": "api.explain",
     "export": "api.exporting",
     "import_recording": "api.importing",

@@ -38,7 +38,7 @@ def predict() -> None:
 
 
 def roll_out_model(model: KoopmanModel) -> None:
-    """Predict under known commands, as `adk rollout` and the evaluation of a model do."""
+    """Predict under known commands, as `adk rollout`, evaluations and planners do."""
     from adk_ros.model.predictor import Predictor
     from adk_ros.signals.channels import TICK_NS, Sample
 
@@ -46,6 +46,8 @@ def roll_out_model(model: KoopmanModel) -> None:
     for k in range(1, model.history + 3):
         predictor.step(Sample(k * TICK_NS, (10.0, 0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0))
     predictor.rollout(np.zeros((1, 2)))
+    predictor.roll_out_many(np.zeros((1, 1, 2)))
+    predictor.linearized(np.zeros((1, 2)))
 
 
 def simulate_vehicle() -> None:

@@ -44,6 +44,8 @@ def latency(
     """
     Time one tick, back to back and after pauses, compared with padasip's RLS for 15 outputs.
 
+    Also 1000 rollouts at once, as for a planner, compared with a loop over single rollouts.
+
     Example: adk bench latency
     """
     from adk_ros.bench.runtime.latency import bench_latency, check_latency
@@ -58,11 +60,22 @@ def latency(
     _print_comparison(
         f"after pauses of {result['after_pause']['pause_ms']:g} ms", result["after_pause"]
     )
+    _print_rollouts(result["rollouts"])
     console.output.print("stages, back to back:")
     for name, stage in result["stages"].items():
         console.output.print(
             f"  {name:<12}  p50 {stage['p50_us']:8.1f} us   p99 {stage['p99_us']:8.1f} us   "
             f"{100.0 * stage['share']:5.1f} % of the tick"
+        )
+
+
+def _print_rollouts(times: dict[str, Any]) -> None:
+    console.output.print(f"{times['candidates']} rollouts of {times['steps']} steps:")
+    for title, of in (("back to back", times), ("after pauses", times["after_pause"])):
+        console.output.print(
+            f"  {title:<14}at once p50 {of['many']['p50_ms']:6.2f} ms   "
+            f"in a loop p50 {of['loop']['p50_ms']:6.2f} ms   loop / at once {of['ratio']:5.2f}   "
+            f"gradient of one p50 {of['gradient']['p50_ms']:5.2f} ms"
         )
 
 

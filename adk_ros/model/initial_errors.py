@@ -7,8 +7,6 @@ from __future__ import annotations
 import numpy as np
 
 from adk_ros.model.koopman import KoopmanModel
-from adk_ros.model.uncertainty.compiled_rollout import StepForm
-from adk_ros.model.uncertainty.motion_limits import step_bounds
 from adk_ros.model.uncertainty.rollout_monitor import RolloutMonitor
 from adk_ros.numerics.arrays import FloatArray
 
@@ -56,13 +54,7 @@ def make_rollout_monitor(model: KoopmanModel) -> RolloutMonitor | None:
     errors = change[:, :, None] * np.eye(3)
     if len(model.horizon_covariance):
         errors = model.horizon_covariance / np.outer(scale, scale)
-    form = StepForm(
-        n_x=3 * (model.history + 1),
-        residual=model.residual,
-        step_scale=model.scaling.step_scale,
-        gains=model.observer_gains.table(),
-        bounds=step_bounds(model.motion_limits, model.scaling),
-    )
+    form = model.step_form()
     return RolloutMonitor(encoder, form, errors, PRIOR_ROLLOUTS, model.fallback.is_active)
 
 

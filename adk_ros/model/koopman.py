@@ -12,7 +12,9 @@ from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.estimation.observer_gains import ObserverGains
 from adk_ros.model.lifting.encoder import Lifting
 from adk_ros.model.lifting.scaling import Scaling
+from adk_ros.model.uncertainty.compiled_rollout import StepForm
 from adk_ros.model.uncertainty.fallback import Fallback
+from adk_ros.model.uncertainty.motion_limits import step_bounds
 from adk_ros.numerics.arrays import FloatArray
 
 
@@ -52,3 +54,13 @@ class KoopmanModel:
     def n_z(self) -> int:
         """Return the size of the lifted state."""
         return int(self.theta0.shape[0])
+
+    def step_form(self) -> StepForm:
+        """Return how a step of a rollout uses what the model predicts."""
+        return StepForm(
+            n_x=3 * (self.history + 1),
+            residual=self.residual,
+            step_scale=np.ascontiguousarray(self.scaling.step_scale, dtype=np.float64),
+            gains=self.observer_gains.table(),
+            bounds=step_bounds(self.motion_limits, self.scaling),
+        )

@@ -18,7 +18,6 @@ from adk_ros.model.estimation.observer import ScalingArrays, TickArrays, observe
 from adk_ros.model.initial_errors import one_step_errors
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder import input_size
-from adk_ros.model.lifting.encoder_kernels import Float32Array
 from adk_ros.model.uncertainty.fallback import (
     FallbackArrays,
     fallback_arrays,
@@ -33,7 +32,7 @@ from adk_ros.numerics.array_table import (
     integers_1,
     singles_1,
 )
-from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.numerics.arrays import Float32Array, FloatArray, IntArray
 from adk_ros.numerics.numba_cache import strict_kernel
 
 _COVARIANCE_GAIN = 0.01
@@ -75,7 +74,7 @@ class TickMemory:
     that belongs to it; `disturbance` (3, 3): slow, fast and running mean of the residual;
     `gains` (5, 3): `ObserverGains.table`; `covariance` (3, 3): of the innovation, SI; `filtered`
     (3,): state of the observer, SI, NaN before the first. `fallback`: naive predictors and what
-    they start from. `rows`: all of it as a table for kernels.
+    they start from. `scaling`: of states and commands. `rows`: all of it as a table for kernels.
     """
 
     def __init__(self, model: KoopmanModel) -> None:
@@ -98,19 +97,15 @@ class TickMemory:
         self.covariance = np.zeros((3, 3))
         self.filtered = np.full(3, np.nan)
         self.fallback = fallback_arrays(model.fallback)
+        self.scaling = ScalingArrays(
+            *(
+                np.ascontiguousarray(values, dtype=np.float64)
+                for values in (scaling.x_mean, scaling.x_scale, scaling.u_mean, scaling.u_scale)
+            )
+        )
         form = ModelForm(model.residual, model.affine, 3 * (history + 1))
         arrays = MemoryArrays(
-            ScalingArrays(
-                *(
-                    np.ascontiguousarray(values, dtype=np.float64)
-                    for values in (
-                        scaling.x_mean,
-                        scaling.x_scale,
-                        scaling.u_mean,
-                        scaling.u_scale,
-                    )
-                )
-            ),
+            self.scaling,
             self.tick,
             RegressionArrays(
                 measured=self.tick.measured,

@@ -134,6 +134,7 @@ def _keyed(base: Any) -> type:
 
 _strict = compiler(fastmath=False)
 _relaxed = compiler(fastmath={"contract", "reassoc", "arcp", "nsz"}, error_model="numpy")
+_ordered = compiler(fastmath=False, error_model="numpy")
 _fused = compiler(fastmath={"contract", "reassoc"}, error_model="numpy")
 _inlined = compiler(fastmath={"contract", "reassoc"}, error_model="numpy", inline="always")
 
@@ -148,11 +149,16 @@ def relaxed_kernel(function: F) -> F:
     return cast(F, _relaxed(function))
 
 
+def ordered_kernel(function: F) -> F:
+    """Compile as `strict_kernel`, except that a division by zero is no error: it vectorises."""
+    return cast(F, _ordered(function))
+
+
 def fused_kernel(function: F) -> F:
-    """Compile with reordered and fused sums: for the encoder network, which is float32."""
+    """Compile with reordered and fused sums: for statistics."""
     return cast(F, _fused(function))
 
 
 def inlined_kernel(function: F) -> F:
-    """Compile as `fused_kernel`, inlined: a call costs as much as a short loop."""
+    """Compile as the caller, inlined: a call costs as much as a short loop."""
     return cast(F, _inlined(function))

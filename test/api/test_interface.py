@@ -15,7 +15,8 @@ import pytest
 import adk_ros
 
 FUNCTIONS = (
-    "explain", "load_model", "read_recording", "replay", "rollout", "simulate", "train_model"
+    "adapted_predictor", "explain", "load_model", "read_recording", "replay", "rollout",
+    "simulate", "train_model",
 )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ The baseline, timed in alternation in the same run, is padasip's FilterRLS updat
 17 regressors: the cost of the adaptation alone with a common library.
 
 Both are timed back to back, and each after a pause of 25 ms. On a vehicle every tick follows a
-pause, in which code and data leave the caches.
+pause, in which code and data leave the caches. So are the rollouts that a planner asks for.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from adk_ros.bench.runtime.rollout_latency import rollout_times
 from adk_ros.bench.runtime.synthetic_feed import Message, bench_model, endless, simulated_messages
 from adk_ros.errors import UsageError
 from adk_ros.model.koopman import KoopmanModel
@@ -38,6 +39,8 @@ PAUSE_S = 25e-3
 """The period of ticks."""
 PAUSES = 400
 """Ticks timed after a pause, 20 s in all."""
+ROLLOUT_REPETITIONS = 50
+"""Calls of a planner, each timed back to back and after a pause."""
 
 Progress = Callable[[int, int], None]
 
@@ -63,10 +66,11 @@ def bench_latency(
     model_path: Path | None, ticks: int, progress: Progress | None = None
 ) -> dict[str, Any]:
     """
-    Return {"tick", "padasip_rls15", "ratio", "after_pause", "stages", "ticks"}; times in µs.
+    Return {"tick", "padasip_rls15", "ratio", "after_pause", "rollouts", "stages", "ticks"}.
 
-    `ratio`: p50 of the tick over that of the baseline. `after_pause` has the first three after
-    pauses. The times of the stages come from a shorter pass with a clock around each stage.
+    Times are in µs, those of `rollouts` as `rollout_times` returns them. `ratio`: p50 of the tick
+    over that of the baseline. `after_pause` has the first three after pauses. The times of the
+    stages come from a shorter pass with a clock around each stage.
     :raises UsageError: as `check_latency`.
     """
     check_latency(ticks)
@@ -93,11 +97,13 @@ def bench_latency(
         if progress is not None and i % 500 == 0:
             progress(i, ticks + _STAGE_TICKS)
     after_pause = _after_pauses(pipeline, feed, baseline)
+    rollouts = rollout_times(pipeline.predictor, ROLLOUT_REPETITIONS)
     stages = _stages(model, simulated_messages(), ticks, progress)
     gc.enable()
     return {
         **_compared(times, np.array(baseline_times)),
         "after_pause": after_pause,
+        "rollouts": rollouts,
         "stages": stages,
         "ticks": ticks,
         "horizon_steps": pipeline.settings.horizon_steps,

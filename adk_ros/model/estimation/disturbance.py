@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adk_ros.model.lifting.encoder_kernels import Float32Array
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import Float32Array, FloatArray
 from adk_ros.numerics.numba_cache import strict_kernel
 
 RESIDUAL_MEAN_GAIN = 0.1

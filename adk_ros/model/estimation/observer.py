@@ -14,13 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adk_ros.model.lifting.encoder_kernels import (
-    Float32Array,
-    pack_encoder_input,
-    set_command,
-    shift_in,
-)
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.model.lifting.encoder_kernels import pack_encoder_input, set_command, shift_in
+from adk_ros.numerics.arrays import Float32Array, FloatArray
 from adk_ros.numerics.numba_cache import strict_kernel
 
 _AUTOCORRELATION_GAIN, _AUTOCORRELATION_LOW, _AUTOCORRELATION_HIGH = 0.03, 0.3, 0.7

@@ -29,9 +29,10 @@ import torch
 from torch import nn
 
 from adk_ros.errors import UsageError
-from adk_ros.model.lifting.encoder_kernels import EncoderArrays, Float32Array, perceptron
+from adk_ros.model.lifting.encoder_kernels import EncoderArrays, perceptron
 from adk_ros.model.lifting.program_cost import check_cost
 from adk_ros.model.lifting.program_grammar import check_program
+from adk_ros.numerics.arrays import Float32Array
 
 _WARM_UP_CALLS = 30
 """Calls after which TorchScript's profiling executor has optimised the program."""

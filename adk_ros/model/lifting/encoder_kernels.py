@@ -3,7 +3,8 @@
 """
 Compiled lifting: the encoder's input row, the perceptron, and the regressor.
 
-Arrays are updated in place. The perceptron is float32, everything else float64.
+Arrays are updated in place. The perceptron is float32, everything else float64. Its
+arithmetic is in a defined order, see `numerics.float32_sums`.
 
 Numba unboxes a named tuple in about 0.3 us per array and a plain array in about 0.1 us. Kernels
 that Python calls every tick therefore take the fields of a structure as `*arrays` and rebuild it.
@@ -16,10 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from adk_ros.numerics.arrays import FloatArray
-from adk_ros.numerics.numba_cache import fused_kernel, inlined_kernel, strict_kernel
-
-Float32Array = NDArray[np.float32]
+from adk_ros.numerics.arrays import Float32Array, FloatArray
+from adk_ros.numerics.float32_sums import add_product
+from adk_ros.numerics.numba_cache import inlined_kernel, ordered_kernel, strict_kernel
 
 _single = np.float32
 _TANH_CLIP = _single(-6.3)
@@ -56,24 +56,25 @@ class EncoderArrays(NamedTuple):
 
 
 @inlined_kernel
-def add_product(out: Float32Array, matrix: Float32Array, vector: Float32Array) -> None:
-    """out (m,) += matrix' vector, matrix (n, m). Four rows at a time save loads of `out`."""
-    n, m = matrix.shape
-    i = 0
-    while i + 4 <= n:
-        v0, v1, v2, v3 = vector[i], vector[i + 1], vector[i + 2], vector[i + 3]
-        for j in range(m):
-            out[j] += (
-                matrix[i, j] * v0
-                + matrix[i + 1, j] * v1
-                + matrix[i + 2, j] * v2
-                + matrix[i + 3, j] * v3
-            )
-        i += 4
-    while i < n:
-        for j in range(m):
-            out[j] += matrix[i, j] * vector[i]
-        i += 1
+def rational_tanh(x: Any) -> Any:
+    """Return the Pade approximant of tanh, order 9/8, of a float32: error below 7e-6."""
+    x = min(max(x, _TANH_CLIP), -_TANH_CLIP)
+    s = x * x
+    numerator = x * (_P0 + s * (_P1 + s * (_P2 + s * (_P3 + s))))
+    return numerator / (_P0 + s * (_Q1 + s * (_Q2 + s * (_Q3 + s * _Q4))))
+
+
+@ordered_kernel
+def rational_tanh_slope(x: float) -> float:
+    """Return the derivative of `rational_tanh`; zero where it is clipped."""
+    if not abs(x) < -_TANH_CLIP:
+        return 0.0
+    s = x * x
+    above = _P0 + s * (_P1 + s * (_P2 + s * (_P3 + s)))
+    below = _P0 + s * (_Q1 + s * (_Q2 + s * (_Q3 + s * _Q4)))
+    above_slope = _P1 + s * (2.0 * _P2 + s * (3.0 * _P3 + 4.0 * s))
+    below_slope = _Q1 + s * (2.0 * _Q2 + s * (3.0 * _Q3 + 4.0 * s * _Q4))
+    return float((above + 2.0 * s * (above_slope - above / below * below_slope)) / below)
 
 
 @inlined_kernel
@@ -89,11 +90,7 @@ def hidden_layer(
         out[j] = bias[j]
     add_product(out, weights, row)
     for j in range(bias.shape[0]):
-        # Pade approximant of tanh, order 9/8: error below 7e-6, and the loop is vectorised.
-        x = min(max(out[j], _TANH_CLIP), -_TANH_CLIP)
-        s = x * x
-        numerator = x * (_P0 + s * (_P1 + s * (_P2 + s * (_P3 + s))))
-        out[j] = numerator / (_P0 + s * (_Q1 + s * (_Q2 + s * (_Q3 + s * _Q4))))
+        out[j] = rational_tanh(out[j])
 
 
 @inlined_kernel
@@ -121,7 +118,7 @@ def penultimate_activations(
         squares[j] = squares[j] * squares[j]
 
 
-@fused_kernel
+@ordered_kernel
 def perceptron(
     row: Float32Array, encoder: EncoderArrays, scratch: Float32Array, out: Float32Array
 ) -> None:

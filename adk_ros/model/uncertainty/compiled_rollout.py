@@ -24,15 +24,15 @@ import numpy as np
 
 from adk_ros.model.lifting.encoder_kernels import (
     EncoderArrays,
-    Float32Array,
     pack_encoder_input,
     penultimate_activations,
     set_command,
 )
 from adk_ros.model.uncertainty.error_regression import predicted_error
 from adk_ros.model.uncertainty.motion_limits import limit_step
-from adk_ros.numerics.arrays import FloatArray
-from adk_ros.numerics.numba_cache import fused_kernel, inlined_kernel, strict_kernel
+from adk_ros.numerics.arrays import Float32Array, FloatArray
+from adk_ros.numerics.float32_sums import dot
+from adk_ros.numerics.numba_cache import inlined_kernel, ordered_kernel, strict_kernel
 
 MAX_SCALED_STATE = 50.0
 """Scaled states are clamped to +-50 standard deviations: far outside any data, and finite."""
@@ -74,7 +74,7 @@ class StepForm(NamedTuple):
     bounds: FloatArray
 
 
-@fused_kernel
+@ordered_kernel
 def fold_output_layer(
     theta: FloatArray, affine: bool, encoder: EncoderArrays, folded: FoldedLayer
 ) -> None:
@@ -120,19 +120,12 @@ def rollout_step(
     """
     row, x, disturbance = state.row, state.x, state.disturbance
     w_hidden, w_skip, w_input_bias = folded.w_hidden, folded.w_skip, folded.w_input_bias
-    n, n_hidden, n_x = w_skip.shape[1], w_hidden.shape[1], form.n_x
+    n, n_x = w_skip.shape[1], form.n_x
     set_command(row, n_x, u0, u1)
     penultimate_activations(row, encoder, first, second)
-    # Three sums in one loop: one loop each would wait for its own additions.
-    s0 = s1 = s2 = np.float32(0.0)
-    for i in range(n_hidden):
-        s0 += w_hidden[0, i] * second[i]
-        s1 += w_hidden[1, i] * second[i]
-        s2 += w_hidden[2, i] * second[i]
-    for i in range(n):
-        s0 += w_skip[0, i] * row[i]
-        s1 += w_skip[1, i] * row[i]
-        s2 += w_skip[2, i] * row[i]
+    s0 = dot(w_hidden[0], second) + dot(w_skip[0], row)
+    s1 = dot(w_hidden[1], second) + dot(w_skip[1], row)
+    s2 = dot(w_hidden[2], second) + dot(w_skip[2], row)
     before = x[0], x[1], x[2]
     for c in range(3):
         lifted = s0 if c == 0 else s1 if c == 1 else s2
@@ -152,7 +145,7 @@ def rollout_step(
         row[c] = x[c]
 
 
-@fused_kernel
+@ordered_kernel
 def rollout_lifting(
     x_past: FloatArray,
     u_past: FloatArray,
@@ -185,7 +178,7 @@ def rollout_lifting(
     )
 
 
-@fused_kernel
+@ordered_kernel
 def roll_out(
     x_past: FloatArray,
     u_past: FloatArray,
@@ -250,6 +243,13 @@ def rollout_linear(z: FloatArray, theta: FloatArray, u_ahead: FloatArray, out: F
         out[step, :] = now[:3]
 
 
+@inlined_kernel
+def corrected_state(value: float, error: float, shrinkage: float, base: float) -> float:
+    """Return the scaled state `value` with its predicted `error`, shrunk towards `base`."""
+    corrected: float = min(max(value + error, -MAX_SCALED_STATE), MAX_SCALED_STATE)
+    return base + shrinkage * (corrected - base)
+
+
 @strict_kernel
 def to_si(
     states: FloatArray,
@@ -275,11 +275,10 @@ def to_si(
             value = states[i, c]
             if last >= 0:
                 h = min(i, last)
-                value += predicted_error(h, c, 0, weights, disturbance)
+                error = predicted_error(h, c, 0, weights, disturbance)
                 # Checked before clamping, which would turn NaN into a number.
-                finite = finite and np.isfinite(value)
-                value = min(max(value, -MAX_SCALED_STATE), MAX_SCALED_STATE)
-                value = base[c] + shrinkage[h, c] * (value - base[c])
+                finite = finite and np.isfinite(value + error)
+                value = corrected_state(value, error, shrinkage[h, c], base[c])
             states[i, c] = value * x_scale[c] + x_mean[c]
             finite = finite and np.isfinite(states[i, c])
     return finite

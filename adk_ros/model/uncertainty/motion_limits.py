@@ -31,7 +31,7 @@ turns a car, whose radius of gyration is close to the distances of its axles, wi
 """
 _UNLIMITED = 1e9
 """A limit that no state reaches, m/s² or rad/s²; finite, as the kernels require."""
-_MIN_SPEED = 0.5
+MIN_LIMITED_SPEED = 0.5
 """m/s; below, the limit of the lateral acceleration is that of this speed."""
 
 
@@ -67,18 +67,27 @@ def step_bounds(limits: FloatArray, scaling: Scaling) -> FloatArray:
 
 
 @inlined_kernel
-def limit_step(before: tuple[float, float, float], x: FloatArray, bounds: FloatArray) -> None:
+def limited_state(
+    before: tuple[float, float, float], x: tuple[float, float, float], bounds: FloatArray
+) -> tuple[float, float, float]:
     """
-    Limit the scaled state `x` (3,) that follows `before` by `bounds` of `step_bounds`.
+    Return the scaled state `x` that follows `before`, limited by `bounds` of `step_bounds`.
 
     A lateral acceleration that is above its limit already is not raised. NaN stays NaN.
     """
-    for c in range(3):
-        x[c] = min(max(x[c], before[c] - bounds[0, c]), before[c] + bounds[0, c])
-    speed = max(abs(x[0] * bounds[2, 0] + bounds[1, 0]), _MIN_SPEED)
-    speed_before = max(abs(before[0] * bounds[2, 0] + bounds[1, 0]), _MIN_SPEED)
+    v_x = min(max(x[0], before[0] - bounds[0, 0]), before[0] + bounds[0, 0])
+    v_y = min(max(x[1], before[1] - bounds[0, 1]), before[1] + bounds[0, 1])
+    yaw_rate = min(max(x[2], before[2] - bounds[0, 2]), before[2] + bounds[0, 2])
+    speed = max(abs(v_x * bounds[2, 0] + bounds[1, 0]), MIN_LIMITED_SPEED)
+    speed_before = max(abs(before[0] * bounds[2, 0] + bounds[1, 0]), MIN_LIMITED_SPEED)
     rate_before = abs(before[2] * bounds[2, 2] + bounds[1, 2])
     largest = max(bounds[3, 0], speed_before * rate_before) / speed
-    rate = x[2] * bounds[2, 2] + bounds[1, 2]
-    if abs(rate) > largest:
-        x[2] = ((largest if rate > 0.0 else -largest) - bounds[1, 2]) / bounds[2, 2]
+    rate = yaw_rate * bounds[2, 2] + bounds[1, 2]
+    limit = ((largest if rate > 0.0 else -largest) - bounds[1, 2]) / bounds[2, 2]
+    return v_x, v_y, limit if abs(rate) > largest else yaw_rate
+
+
+@inlined_kernel
+def limit_step(before: tuple[float, float, float], x: FloatArray, bounds: FloatArray) -> None:
+    """Run `limited_state` on `x` (3,) in place."""
+    x[0], x[1], x[2] = limited_state(before, (x[0], x[1], x[2]), bounds)

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adk_ros.model.estimation.observer import ScalingArrays
-from adk_ros.model.lifting.encoder_kernels import EncoderArrays, Float32Array, pack_encoder_input
+from adk_ros.model.lifting.encoder_kernels import EncoderArrays, pack_encoder_input
 from adk_ros.model.uncertainty.compiled_rollout import (
     FoldedLayer,
     RolloutState,
@@ -63,8 +63,8 @@ from adk_ros.numerics.array_table import (
     singles_2,
     singles_3,
 )
-from adk_ros.numerics.arrays import FloatArray, IntArray
-from adk_ros.numerics.numba_cache import fused_kernel
+from adk_ros.numerics.arrays import Float32Array, FloatArray, IntArray
+from adk_ros.numerics.numba_cache import fused_kernel, ordered_kernel
 
 _SHRINKAGE_PRIOR_COUNT = 3.0
 """
@@ -315,7 +315,7 @@ def store_naive(
             slots.naive[slot, 1, h, c] = (naive[h, 1, c] - weight * base) / scaling.x_scale[c]
 
 
-@fused_kernel
+@ordered_kernel
 def update_rollouts(
     measured: FloatArray,
     u: FloatArray,

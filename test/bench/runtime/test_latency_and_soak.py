@@ -44,6 +44,7 @@ def quick() -> Iterator[None]:
         patch.setattr(latency, "_STAGE_TICKS", 500)
         patch.setattr(latency, "_WARM_UP_TICKS", 100)
         patch.setattr(latency, "PAUSES", 20)
+        patch.setattr(latency, "ROLLOUT_REPETITIONS", 3)
         yield
 
 
@@ -81,6 +82,16 @@ def test_ticks_and_updates_are_also_timed_after_pauses(timed: dict[str, Any]) ->
     assert paused["ratio"] == paused["tick"]["p50_us"] / paused["padasip_rls15"]["p50_us"]
     # Caches are cold; on a busy machine both suffer.
     assert paused["tick"]["p50_us"] > 0.8 * timed["tick"]["p50_us"]
+
+
+def test_rollouts_at_once_are_faster_than_in_a_loop(timed: dict[str, Any]) -> None:
+    rollouts = timed["rollouts"]
+    assert (rollouts["candidates"], rollouts["steps"]) == (1000, 80)
+    for times in (rollouts, rollouts["after_pause"]):
+        for name in ("many", "loop", "gradient"):
+            assert 0.0 < times[name]["min_ms"] <= times[name]["p50_ms"] <= times[name]["p99_ms"]
+        assert times["ratio"] == times["loop"]["p50_ms"] / times["many"]["p50_ms"]
+    assert rollouts["loop"]["min_ms"] > 1.5 * rollouts["many"]["min_ms"]
 
 
 def test_stage_times_add_up_to_the_tick(timed: dict[str, Any]) -> None:
@@ -247,6 +258,7 @@ def test_the_command_line(capsys, monkeypatch: pytest.MonkeyPatch, timed: dict[s
     assert main(["bench", "latency", "--model", "any"]) == 0
     out = capsys.readouterr().out
     words = ("back to back, 1000 ticks", "after pauses of 25 ms, 20 ticks", "whole tick")
+    words += ("1000 rollouts of 80 steps", "loop / at once")
     for word in (*words, "padasip RLS", "tick / padasip", "% of the tick", *STAGES):
         assert word in out
     monkeypatch.setattr(soak, "bench_soak", lambda *_: soaked)
