@@ -258,8 +258,8 @@ def test_the_command_line(capsys, monkeypatch: pytest.MonkeyPatch, timed: dict[s
     assert main(["bench", "latency", "--model", "any"]) == 0
     out = capsys.readouterr().out
     words = ("back to back, 1000 ticks", "after pauses of 25 ms, 20 ticks", "whole tick")
-    words += ("1000 rollouts of 80 steps", "loop / at once")
-    for word in (*words, "padasip RLS", "tick / padasip", "% of the tick", *STAGES):
+    rollouts = ("1000 rollouts of 80 steps", "loop / at once")
+    for word in (*words, *rollouts, "padasip RLS", "tick / padasip", "% of the tick", *STAGES):
         assert word in out
     monkeypatch.setattr(soak, "bench_soak", lambda *_: soaked)
     assert main(["bench", "soak", "--model", "any"]) == 0
