@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from adk_ros.errors import UsageError
 from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
+from adk_ros.model.candidate_commands import checked_commands, unpredictable
 from adk_ros.model.drivable import is_drivable
 from adk_ros.model.initial_errors import (
     PRIOR_ROLLOUTS,
@@ -32,7 +33,6 @@ from adk_ros.model.initial_errors import (
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.linearization import LinearizedRollout
 from adk_ros.model.model_rollout import ModelRollout
-from adk_ros.model.planned_commands import checked_commands, unpredictable
 from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.tick_memory import TickMemory, replace_by_naive
 from adk_ros.model.tick_steps import (
