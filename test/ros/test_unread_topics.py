@@ -38,6 +38,7 @@ def test_only_what_is_read_is_filled(
     horizon_readers: int, covariance_readers: int, stamped_readers: int, wanted: bool
 ) -> None:
     debugged: list[bool] = []
+    planned: list[bool] = []
     node: Any = SimpleNamespace(
         _twist=Content(), _horizon=Content(), _covariance=Content(), _twist_out=Topic(0),
         _horizon_out=Topic(horizon_readers), _covariance_out=Topic(covariance_readers),
@@ -46,6 +47,7 @@ def test_only_what_is_read_is_filled(
             pipeline=SimpleNamespace(predictor=None), counters=SimpleNamespace(tick_us=[])
         ),
         _debug=SimpleNamespace(publish=lambda *_: debugged.append(True)),
+        _plans=SimpleNamespace(publish=lambda *_: planned.append(True)),
     )  # fmt: skip
     node._publish_read_horizon = partial(PredictorNode._publish_read_horizon, node)
     made = Prediction(
@@ -61,3 +63,4 @@ def test_only_what_is_read_is_filled(
     expected = int(wanted and stamped_readers > 0)
     assert (node._stamped.filled, node._stamped_out.sent) == (expected, expected)
     assert debugged
+    assert bool(planned) is wanted
