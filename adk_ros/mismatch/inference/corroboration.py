@@ -85,7 +85,8 @@ def corroborating_channels(
         return []
     sums = gains[:, : blocks * size].reshape(len(CHANNELS), blocks, size).sum(axis=2)
     least = student.ppf(1.0 - RAISED_FALSE_ALARM, blocks - 1) / np.sqrt(blocks)
-    shown = sums.mean(axis=1) > np.maximum(least * sums.std(axis=1, ddof=1), 1e-9)
+    spread = least * sums.std(axis=1, ddof=1)
+    shown: BoolArray = np.asarray(sums.mean(axis=1) > np.maximum(spread, 1e-9))
     rate, a_y = _copies(whole.problem.log)
     shown[_GYRO] &= not (rate and shown[_YAW_RATE])
     shown[_A_Y] &= not (a_y and (shown[_GYRO] or shown[_YAW_RATE]))
