@@ -326,7 +326,7 @@ def _read_inputs(
     ]
     if isinstance(simulator, Vehicle):
         driven = simulate_matched_drive(simulator, recorded[0], simulation.name)
-        return driven, recorded, nominal_vehicle_of(simulator)
+        return driven, recorded, nominal_vehicle_of(simulator, is_simulated=True)
     if simulator is not None:
         return simulator, recorded, nominal
     report = in_stage(progress, f"reading {simulation.name}")

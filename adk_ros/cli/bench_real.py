@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""adk bench real: faults of sensors injected into real recordings, and which are named."""
+"""adk bench real: what is said of real recordings of which something is known."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from adk_ros.bench.real.real_bench import RealBench
-    from adk_ros.bench.real.scores import Score
+    from adk_ros.bench.real.scores import Score, TermScore
 
 
 def real(
@@ -31,29 +31,50 @@ def real(
             "--development", help="sizes with which the method was developed, not the others"
         ),
     ] = False,
+    part: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="faults, terms or slopes (repeatable): run this part only",
+            show_default="all of them",
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="file for the results, one JSON object a line")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """
-    Inject faults of sensors and steering into real recordings; score `adk check --reference`.
+    Score what is said of real recordings with a fault, a missing term or a withheld attitude.
 
-    The reference is untouched: the first half of the same recording, or another one of the same
-    vehicle. Untouched halves and pairs count false claims. Takes about 15 s a minute of driving.
+    faults: injected into sensors and steering; `adk check --reference` must name them. The
+    reference is untouched: the first half of the same recording, or another one of the same
+    vehicle. Takes about 15 s a minute of driving.
+
+    terms: removed from a model of the car that is calibrated on the first 60 % of a recording;
+    `adk mismatch` must name them on the rest. Needs a vehicle.yaml (mass, wheelbase) in the
+    vehicle's folder. Takes 1 to 5 min a recording.
+
+    slopes: the attitude of a navigation system is withheld; `adk check` must find the grade.
 
     Example: adk bench real --recordings recordings --out faults.jsonl
     """
     from adk_ros.bench.real import fault_cases, scores
-    from adk_ros.bench.real.real_bench import bench_real
+    from adk_ros.bench.real.real_bench import PARTS, bench_real
 
     if out is not None and not out.absolute().parent.is_dir():
         raise UsageError(f"--out {out}: the folder does not exist")
+    selected = part or PARTS
+    for name in selected:
+        if name not in PARTS:
+            raise UsageError(f"--part {name}: choose {', '.join(PARTS)}")
     sizes = fault_cases.DEVELOPMENT if development else fault_cases.CONFIRMATION
-    with console.progress("injecting faults") as bar:
-        result = bench_real(recordings, sizes, bar)
+    with console.progress("comparing recordings") as bar:
+        result = bench_real(recordings, sizes, bar, selected)
     if out is not None:
-        lines = [json.dumps(x.as_dict()) for x in result.outcomes]
+        rows = [x.as_dict() for x in result.outcomes]
+        rows += [x.as_dict() for x in result.terms]
+        rows += [x.as_dict() for x in result.slopes]
+        lines = [json.dumps(row) for row in rows]
         out.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     if as_json:
         console.print_json(scores.as_dict(result))
@@ -68,9 +89,17 @@ def _print(result: RealBench) -> None:
         ("fault", lambda x: x.fault),
         ("vehicle", lambda x: f"{x.vehicle}, {x.kind}"),
     ):
-        _print_scores(title, scores.scores_by(result, key))
+        if result.outcomes:
+            _print_scores(title, scores.scores_by(result, key))
+    if result.terms:
+        _print_terms(scores.term_scores_by(result, lambda x: x.term or "nothing"))
+    for slope in result.slopes:
+        text = f"{slope.vehicle}, {slope.recording}: {slope.slope} without attitude correlates "
+        text += f"{slope.correlation:.3f} with it, scale {slope.scale:.2f}, RMS {slope.spread:.1%}"
+        console.output.print(text, markup=False)
     clean = scores.untouched(result)
-    console.output.print(f"untouched comparisons: {len(clean)}", markup=False)
+    if clean:
+        console.output.print(f"untouched comparisons: {len(clean)}", markup=False)
     for outcome in clean:
         said = ", ".join(outcome.false_claims) or "nothing changed"
         console.output.print(f"  {outcome.vehicle}, {outcome.recording}: {said}", markup=False)
@@ -81,8 +110,7 @@ def _print(result: RealBench) -> None:
             text = f"not in the channels of {place}: {', '.join(faults)}"
             console.output.print(text, markup=False)
     for criterion in scores.criteria(result):
-        verdict = "PASS" if criterion.is_met else "FAIL"
-        text = f"{verdict}  {criterion.name}: {criterion.figure:.3g}, {criterion.limit}"
+        text = f"{criterion.verdict}  {criterion.name}: {criterion.figure:.3g}, {criterion.limit}"
         console.output.print(text, markup=False)
     console.flush()
 
@@ -108,5 +136,30 @@ def _print_scores(title: str, rows: Sequence[Score]) -> None:
             "" if row.inside is None else f"{row.inside:.0%}",
             str(row.false_claims),
             f"{row.open:.0%}",
+        )
+    console.print_table(table)
+
+
+def _print_terms(rows: Sequence[TermScore]) -> None:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    table.add_column("removed term", no_wrap=True)
+    for heading in (
+        "cases", "named", "only candidate", "median error", "in 90 % interval", "other claims",
+        "unknown",
+    ):  # fmt: skip
+        table.add_column(heading, justify="right")
+    for row in rows:
+        table.add_row(
+            row.group,
+            str(row.cases),
+            f"{row.named:.0%}",
+            f"{row.alone:.0%}",
+            "" if row.median_error is None else f"{row.median_error:.1%}",
+            "" if row.inside is None else f"{row.inside:.0%}",
+            str(row.false_claims),
+            f"{row.unexplained:.0%}",
         )
     console.print_table(table)

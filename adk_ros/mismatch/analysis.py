@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 
 from adk_ros.mismatch.deployment.held_out import Evidence
 from adk_ros.mismatch.inference.confirmation import confirmed
-from adk_ros.mismatch.inference.decision import decide
+from adk_ros.mismatch.inference.corroboration import is_corroborated
+from adk_ros.mismatch.inference.decision import Decision, decide
 from adk_ros.mismatch.inference.downweighted import downweighted_residuals, with_episodes
 from adk_ros.mismatch.inference.final_estimate import refitted, with_confidence
 from adk_ros.mismatch.inference.forward_selection import select_effects
@@ -20,12 +21,24 @@ from adk_ros.mismatch.outcome import Outcome
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
-from adk_ros.mismatch.validation import coherent, validate_on_held_out
+from adk_ros.mismatch.validation import (
+    Validation,
+    coherent,
+    described_by_errors,
+    is_refuted,
+    nothing_named,
+    validate_on_held_out,
+    withdrawn,
+)
 
 Progress = Callable[[float, float, str], None]
 _TOTAL = 10.0
 _IDENTIFIED, _SELECTED, _DECIDED = 2.0, 7.0, 9.0
 """Progress, of `_TOTAL`, after the stages of an analysis."""
+_NOT_CORROBORATED = "no effect and no formula describes it in two measured channels"
+_UNDESCRIBED = "no effect and no formula describes it"
+_REFUTED = "no effect and no formula removes half of that error on held-out data"
+"""Why nothing is claimed of a difference of unknown cause."""
 
 
 def identify_mismatch(
@@ -86,14 +99,29 @@ def _decided(
         decision = confirmed(decision, training, whole)
     evidence = [Evidence(inputs.completed(log)) for log in held_out]
     evidence = evidence or data.held_out(decision.hypothesis)
-    validation = validate_on_held_out(
-        surrogate, decision.hypothesis, lap, evidence, data.not_predicted()
-    )
+
+    def validated(decision: Decision) -> Validation:
+        return validate_on_held_out(
+            surrogate, decision.hypothesis, lap, evidence, data.not_predicted()
+        )
+
+    null, reason = path.levels[0][0], ""
+    if not is_corroborated(decision.hypothesis, training, whole, path.expected_loss):
+        decision, reason = withdrawn(decision, null), _NOT_CORROBORATED
+    validation = validated(decision)
     decision = coherent(decision, validation)
+    if is_refuted(decision, validation):
+        decision, reason = withdrawn(decision, null), _REFUTED
+        validation = validated(decision)
     about = Questioned(training, path, decision, lap, surrogate.parameters)
     asked = [answer(name, about) for name in ask]
     decision = with_confidence(refitted(decision, whole), validation.error_ratio)
     known = data.observable.adapted(surrogate)
     hidden = downweighted_residuals(whole, decision.hypothesis, known, data.single_lap)
-    decision = with_episodes(decision, hidden)
+    if hidden is not None and hidden.is_rule and nothing_named(decision):
+        reason = reason or _UNDESCRIBED
+    if reason:
+        decision = described_by_errors(decision, validation, reason)
+    else:
+        decision = with_episodes(decision, hidden)
     return Outcome(path, decision, training, whole, validation, evidence, hidden, asked)

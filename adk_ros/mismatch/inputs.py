@@ -122,7 +122,7 @@ def _check_simulation(
     check_recording(simulation, is_simulation=True)
     for log in logs:
         check_same_vehicle(simulation, log)
-    if nominal is not None:
+    if nominal is not None and not nominal.is_simulated:
         check_vehicle(nominal, simulation)
     vehicle = nominal or default_vehicle(simulation)
     for log in logs:

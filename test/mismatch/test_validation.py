@@ -62,7 +62,11 @@ from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.validation import (
     Validation,
     coherent,
+    described_by_errors,
+    is_refuted,
+    nothing_named,
     validate_on_held_out,
+    withdrawn,
 )
 from adk_ros.numerics.arrays import FloatArray
 
@@ -166,6 +170,33 @@ def test_no_verdict_hides_an_error(verdict: str) -> None:
     assert "with an error of 0.7 m/s" in changed.unexplained.text
     assert "explain 0.02 m/s" in changed.unexplained.text
     assert changed.unexplained.share == pytest.approx(1.0)
+
+
+def test_what_leaves_most_of_the_error_is_refuted() -> None:
+    drag = hypothesis(effect("aero_drag", 1.0))
+    unknown = Decision(UNKNOWN, [], None, drag, None)
+    assert is_refuted(unknown, Validation(errors(0.7, 0.6), FULL, ""))
+    assert not is_refuted(unknown, Validation(errors(0.7, 0.3), FULL, ""))
+    assert not is_refuted(unknown, Validation(errors(0.02, 0.02), FULL, ""))
+    explained = replace(unknown, verdict=EXPLAINED)
+    assert not is_refuted(explained, Validation(errors(0.7, 0.6), FULL, ""))
+    of_sensor = replace(unknown, hypothesis=hypothesis(effect("gyro_scale", 1.1)))
+    assert not is_refuted(of_sensor, Validation(errors(0.7, 0.6), FULL, ""))
+
+
+def test_a_withdrawn_claim_is_described_by_the_errors() -> None:
+    none = hypothesis()
+    claimed = Decision(UNKNOWN, [], None, hypothesis(effect("aero_drag", 1.0)), None)
+    decision = withdrawn(claimed, none)
+    assert nothing_named(decision)
+    assert decision.hypothesis is none
+    said = described_by_errors(decision, Validation(errors(0.7, 0.7), FULL, ""), "no effect")
+    assert said.unexplained is not None
+    assert said.unexplained.text.startswith("v_x is predicted with an error of 0.7 m/s")
+    assert said.unexplained.text.endswith("; no effect")
+    fine = described_by_errors(decision, Validation(errors(0.02, 0.02), FULL, ""), "no effect")
+    assert fine.unexplained is not None
+    assert fine.unexplained.text == "no effect"
 
 
 def test_a_correction_that_raises_an_error_is_not_exported() -> None:

@@ -27,22 +27,31 @@ from adk_ros.mismatch.inference.observability import (
     observable_effects,
     with_pseudo_imu,
 )
-from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW, SIZE
+from adk_ros.mismatch.library.surrogate_parameters import (
+    HIGH,
+    INDEX,
+    LOW,
+    SIZE,
+    SURROGATE_PARAMETERS,
+)
 from adk_ros.mismatch.recording.checks import check_recording
+from adk_ros.mismatch.recording.inferred_torque import with_inferred_torque
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.report.result_files import as_dict
 from adk_ros.mismatch.surrogate.identification import (
-    FITTED_PARAMETERS,
     RESIDUAL_SUBSAMPLING,
     SETTLING_BINS,
     SurrogateModel,
     fit_with_annealed_observer,
+    fitted_parameters,
 )
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
+from adk_ros.mismatch.surrogate.substeps import scale_of
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.differentiation import savitzky_golay
 from adk_ros.numerics.levenberg_marquardt import BoundedParameters
+from adk_ros.numerics.similarity import scaled_by_unit, time_scale
 
 ABLATION_FILE = "real"
 
@@ -135,17 +144,23 @@ def with_torque(e: SensorLog, mass: float, radius: float) -> tuple[SensorLog, st
     return replace(e, command=command), text
 
 
-def calibrate_surrogate(recording: SensorLog, nominal: NominalVehicle) -> CalibratedSurrogate:
+def calibrate_surrogate(
+    recording: SensorLog, nominal: NominalVehicle, *, infer_torque: bool = False
+) -> CalibratedSurrogate:
     """
     Calibrate a surrogate model on a real recording.
 
+    `infer_torque`: where there is none, take the one that the motion needs, which is no evidence
+    about longitudinal forces, instead of converting a pedal.
     :raises DataError: the recording is not usable.
     """
     has_imu = recording.imu_s.size > 0
-    part = longest_moving_segment(recording)
+    part = recording if has_imu else longest_moving_segment(recording)
     notes = []
     scope = observable_effects(part, nominal.mass, nominal.wheel_radius, has_imu)
-    if not scope.torque:
+    if not scope.torque and infer_torque:
+        part = with_inferred_torque(part, nominal.parameters())
+    elif not scope.torque:
         part, text = with_torque(part, nominal.mass, nominal.wheel_radius)
         notes.append(text)
     check_recording(with_pseudo_imu(part))
@@ -153,22 +168,30 @@ def calibrate_surrogate(recording: SensorLog, nominal: NominalVehicle) -> Calibr
     start = scope.adapted(SurrogateModel(
         nominal.parameters(), np.zeros(6), np.zeros((6, 1)), np.empty((0, SIZE))
     )).parameters  # fmt: skip
-    stand_in = _calibrate(prepare_residual_problem(with_pseudo_imu(part)), start, has_imu)
+    problem = prepare_residual_problem(with_pseudo_imu(part))
+    stand_in = _calibrate(problem, start, scope.lost_channels())
     return CalibratedSurrogate(stand_in, part, tuple(notes))
 
 
-def _calibrate(course: ResidualProblem, start: FloatArray, has_imu: bool) -> SurrogateModel:
+def _calibrate(
+    course: ResidualProblem, start: FloatArray, lost_channels: Sequence[int]
+) -> SurrogateModel:
     """Fit all uncertain parameters of a real vehicle to the recording."""
-    fitted = FITTED_PARAMETERS | _CALIBRATED
+    size = scale_of(start)
+    fitted: dict[str, tuple[float, float]] = dict(fitted_parameters((), start))
+    for name, pair in _CALIBRATED.items():
+        unit = SURROGATE_PARAMETERS[name].unit
+        fitted[name] = (scaled_by_unit(pair[0], unit, size), scaled_by_unit(pair[1], unit, size))
     names = list(fitted)
     where = np.array([INDEX[name] for name in names])
     spread = np.array([fitted[name][0] for name in names])
     step = np.array([fitted[name][1] for name in names])
     counted = course.weights() > 0.0
-    slow = np.interp(course.bin_s, course.middle_s, course.smoothed_odometry[:, 0]) < _MIN_SPEED
+    slow = np.interp(
+        course.bin_s, course.middle_s, course.smoothed_odometry[:, 0]
+    ) < _MIN_SPEED * time_scale(size)
     counted[:, slow | (course.bin_s < course.start_s + 1.0)] = False
-    if not has_imu:
-        counted[:3] = False
+    counted[list(lost_channels)] = False
     mean = start[where].copy()
     low = np.maximum(mean - _MAX_SIGMAS * spread, LOW[where])
     high = np.minimum(mean + _MAX_SIGMAS * spread, HIGH[where])
@@ -178,11 +201,20 @@ def _calibrate(course: ResidualProblem, start: FloatArray, has_imu: bool) -> Sur
         p,
         where,
         BoundedParameters(mean, low, high, step, mean, spread),
-        RESIDUAL_SUBSAMPLING * counted / _ERROR[:, None],
+        RESIDUAL_SUBSAMPLING * counted / _error_at(size)[:, None],
     ).x
-    left = course.residuals(p) * counted
-    error = np.sqrt(np.mean(left[:, SETTLING_BINS:] ** 2, axis=1))
-    return SurrogateModel(p, error, left[:, SETTLING_BINS:], np.empty((0, SIZE)))
+    # Bins without data are no errors of zero.
+    used = counted.any(axis=0)
+    used[:SETTLING_BINS] = False
+    left = (course.residuals(p) * counted)[:, used]
+    error = np.sqrt((left**2).sum(axis=1) / np.maximum(counted[:, used].sum(axis=1), 1))
+    return SurrogateModel(p, error, left, np.empty((0, SIZE)))
+
+
+def _error_at(size: float) -> FloatArray:
+    """Return the assumed residual (6,) at a scale of lengths: accelerations stay equal."""
+    time = time_scale(size)
+    return _ERROR * np.array([1.0, 1.0, 1.0 / time, time, time, 1.0 / time])
 
 
 @dataclass(frozen=True)

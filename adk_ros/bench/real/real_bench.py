@@ -1,25 +1,42 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Run `adk bench real`: inject faults into real recordings, and score what is said of them."""
+"""
+Run `adk bench real`: what is said of real recordings of which something is known.
+
+Faults are injected into the readings, terms are removed from a model of the car, and the attitude
+is withheld.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.bench.real.fault_cases import Pairing, pairings, recordings_by_vehicle
 from adk_ros.bench.real.injected_faults import INJECTIONS
+from adk_ros.bench.real.removed_terms import TermOutcome, removed_term_outcomes
+from adk_ros.bench.real.withheld_attitude import SlopeOutcome, slope_outcomes
 from adk_ros.calibration.finding import Verdict
+from adk_ros.calibration.from_bag import read_streams
 from adk_ros.calibration.reference_check import (
     Prepared,
     ReferenceCheck,
     check_against,
     prepared,
 )
+from adk_ros.errors import DataError
+from adk_ros.mismatch.recording.from_bag import read_sensor_log
+from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
+from adk_ros.mismatch.report.summary import sentence
 
 OTHER_COURSE = "pair, other course"
 """Kind of a comparison with a recording of another course, whose slope, bank and speeds differ."""
+FAULTS, TERMS, SLOPES = PARTS = ("faults", "terms", "slopes")
+"""What the benchmark consists of."""
+VEHICLE_FILE = "vehicle.yaml"
+"""Mass and wheelbase of a vehicle, in the folder of its recordings."""
 Progress = Callable[[int, int], None]
 
 
@@ -58,28 +75,88 @@ class Outcome:
 @dataclass(frozen=True)
 class RealBench:
     """
-    Outcomes of all comparisons.
+    Outcomes of all comparisons; `terms`: of removed terms, `slopes`: of withheld attitudes.
 
-    `left_out`: faults that a comparison cannot show, by "vehicle, comparison". `refused`: a line
-    for each recording or comparison that could not be used.
+    `left_out`: faults that a comparison, and terms that a recording cannot show, by "vehicle,
+    comparison". `refused`: a line for each recording or comparison that could not be used.
     """
 
     outcomes: list[Outcome]
     left_out: dict[str, list[str]]
     refused: list[str]
+    terms: list[TermOutcome] = field(default_factory=list)
+    slopes: list[SlopeOutcome] = field(default_factory=list)
 
 
 def bench_real(
-    folder: Path, sizes: Mapping[str, tuple[float, ...]], progress: Progress | None = None
+    folder: Path,
+    sizes: Mapping[str, tuple[float, ...]],
+    progress: Progress | None = None,
+    selected: Sequence[str] = PARTS,
 ) -> RealBench:
     """
     Return the outcomes for all recordings of a folder, in a folder for each vehicle.
 
     :param sizes: to inject, by the label of the fault.
+    :param selected: what to run, of `PARTS`.
     :raises UsageError: there is no recording.
     """
+    bags = recordings_by_vehicle(folder)
+    report = progress or (lambda done, total: None)
+    out = RealBench([], {}, [])
+    if FAULTS in selected:
+        out = _with_faults(bags, sizes, report)
+    if TERMS in selected:
+        out = _with_terms(out, bags, report)
+    if SLOPES in selected:
+        out = _with_slopes(out, bags)
+    return out
+
+
+def _with_terms(result: RealBench, bags: dict[str, list[Path]], report: Progress) -> RealBench:
+    """Return the result with what is said after terms are removed from a model of the car."""
+    terms, left_out, refused = [], dict(result.left_out), list(result.refused)
+    count = sum(map(len, bags.values()))
+    done = 0
+    for vehicle, paths in bags.items():
+        file = paths[0].parent / VEHICLE_FILE
+        if not file.is_file():
+            refused.append(f"{vehicle}: no {VEHICLE_FILE} in its folder: no term is removed")
+            done += len(paths)
+            continue
+        nominal = load_nominal_vehicle(file)
+        for path in paths:
+            hidden: list[str] = []
+            try:
+                log = read_sensor_log(path, needs_imu=False)
+                terms += list(removed_term_outcomes(vehicle, log, nominal, sentence, hidden))
+            except DataError as error:
+                refused.append(f"{vehicle}, removed terms: {error}")
+            left_out[f"{vehicle}, {path.name}, removed terms"] = hidden
+            done += 1
+            report(done, count)
+    return replace(result, terms=terms, left_out=left_out, refused=refused)
+
+
+def _with_slopes(result: RealBench, bags: dict[str, list[Path]]) -> RealBench:
+    """Return the result with the slopes of recordings whose attitude is withheld."""
+    slopes, refused = [], list(result.refused)
+    for vehicle, paths in bags.items():
+        for path in paths:
+            try:
+                content = read_streams(path, RecordingOptions())
+            except DataError:
+                continue  # Refused with the faults.
+            slopes += slope_outcomes(vehicle, path.name, content)
+    return replace(result, slopes=slopes, refused=refused)
+
+
+def _with_faults(
+    bags: dict[str, list[Path]], sizes: Mapping[str, tuple[float, ...]], report: Progress
+) -> RealBench:
+    """Return what is said of recordings with injected faults."""
     refused: list[str] = []
-    all_pairings = list(pairings(recordings_by_vehicle(folder), refused))
+    all_pairings = list(pairings(bags, refused))
     outcomes: list[Outcome] = []
     left_out: dict[str, list[str]] = {}
     for done, given in enumerate(all_pairings, start=1):
@@ -96,8 +173,7 @@ def bench_real(
         missing = {fault.label for fault in untouched.comparison.missing}
         left_out[f"{pairing.vehicle}, {pairing.name}"] = [x for x in sizes if x in missing]
         outcomes += _injected(pairing, reference, [x for x in sizes if x not in missing], sizes)
-        if progress is not None:
-            progress(done, len(all_pairings))
+        report(done, len(all_pairings))
     return RealBench(outcomes, left_out, refused)
 
 

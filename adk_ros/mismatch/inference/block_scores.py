@@ -34,13 +34,21 @@ from adk_ros.numerics.levenberg_marquardt import (
     huber_root,
     huber_values,
 )
+from adk_ros.numerics.similarity import time_scale
 
 BLOCK_S = 5.0
 """s. Four times the memory of the whitening filters (1.2 s), about the duration of a bend."""
+_MIN_BLOCK_S = 2.4
+"""s. Twice that memory: least block of a scale model, whose bends are shorter."""
 _DAMPING = 1e-6
 """Relative damping of that move: a variable that only block b informs about has no other value."""
 _MIN_INFORMATION_SHARE = 0.01
 """A block with less than this share of the largest block's information on a parameter is idle."""
+
+
+def block_duration(length_scale: float) -> float:
+    """Return the duration of a block, s, of a vehicle at a scale of lengths."""
+    return max(BLOCK_S * time_scale(length_scale), min(_MIN_BLOCK_S, BLOCK_S))
 
 
 def block_of_rows(likelihood: Likelihood, count: int) -> IntArray:
@@ -48,7 +56,8 @@ def block_of_rows(likelihood: Likelihood, count: int) -> IntArray:
     problem = likelihood.problem
     channels = np.tile(problem.bin_s - problem.start_s, 6)
     distances = DISTANCE_INTERVAL_S * np.arange(count - channels.shape[0])
-    return np.asarray(np.concatenate([channels, distances]) // BLOCK_S, dtype=np.int64)
+    duration_s = block_duration(problem.log.length_scale)
+    return np.asarray(np.concatenate([channels, distances]) // duration_s, dtype=np.int64)
 
 
 @dataclass(frozen=True)

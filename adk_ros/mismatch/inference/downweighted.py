@@ -63,6 +63,7 @@ def downweighted_residuals(
         len(problem.parts) if isinstance(problem := likelihood.problem, JoinedProblem) else 1,
         float(cut.sum() / (e**2).sum()),
         tuple(name for name in order if by_equation[name] > least),
+        counted_s,
     )
 
 
@@ -145,6 +146,12 @@ def note_on(hidden: Downweighted | None) -> list[str]:
     """Return a note on downweighted residuals, if there are any."""
     if hidden is None:
         return []
+    if hidden.is_rule:
+        return [
+            f"residuals beyond {HUBER_THRESHOLD:g} standard deviations are downweighted in "
+            f"{100.0 * hidden.share_of_time:.0f} % of the seconds: the simulation is far from the "
+            "recording, and what is fitted follows the smaller residuals"
+        ]
     largest = max(hidden.episodes, key=lambda x: x.sigmas)
     place = "" if largest.lap_m is None else f", {largest.lap_m:.0f} m along the lap"
     return [

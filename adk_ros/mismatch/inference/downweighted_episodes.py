@@ -20,6 +20,8 @@ from scipy.stats import nbinom, poisson
 
 from adk_ros.mismatch.library.criteria import ACCIDENTAL_SECONDS, DOWNWEIGHTED_FALSE_ALARM
 
+_MAX_EPISODES_SHARE = 0.5
+"""Share of a recording above which downweighted residuals are no episodes. By choice: half."""
 _JEFFREYS = 0.5
 """Shape of Jeffreys' prior on the rate of a Poisson distribution."""
 
@@ -60,6 +62,18 @@ class Downweighted:
     recordings: int
     share: float
     equations: tuple[str, ...]
+    counted_s: float = np.inf
+    """Seconds of the recordings that count."""
+
+    @property
+    def share_of_time(self) -> float:
+        """Share of the seconds that count with such a residual."""
+        return min(self.seconds / max(self.counted_s, 1.0), 1.0)
+
+    @property
+    def is_rule(self) -> bool:
+        """Whether more than half of the recording is downweighted: no episodes, but the rule."""
+        return self.share_of_time > _MAX_EPISODES_SHARE
 
     @property
     def expected(self) -> float:
@@ -82,6 +96,8 @@ class Downweighted:
 
     def text(self) -> str:
         """Return number, duration and largest episode in words."""
+        if self.is_rule:
+            return f"{100.0 * self.share_of_time:.0f} % of the seconds"
         largest = max(self.episodes, key=lambda x: x.sigmas)
         durations = [x.end_s - x.begin_s for x in self.episodes]
         lasting = f"{min(durations):.2g} to {max(durations):.2g} s"

@@ -156,6 +156,11 @@ class ObservableEffects:
         )
         return Decision(UNKNOWN, [], features.unexplained(), features.hypothesis, features)
 
+    def lost_channels(self) -> list[int]:
+        """Return the indices of the residuals' channels that do not count."""
+        lost = {name for role in self._lost for name in role.residuals}
+        return [CHANNELS.index(name) for name in sorted(lost)]
+
     def adapted(self, surrogate: SurrogateModel) -> SurrogateModel:
         """
         Return the surrogate with the recording's yaw-rate filter.
@@ -175,8 +180,7 @@ class ObservableEffects:
         if self.is_complete:
             return likelihood
         weights = likelihood.weights.copy()
-        lost = {name for role in self._lost for name in role.residuals}
-        weights[[CHANNELS.index(name) for name in sorted(lost)]] = 0.0
+        weights[self.lost_channels()] = 0.0
         return replace(likelihood, weights=weights, unobservable=self.unobservable)
 
 

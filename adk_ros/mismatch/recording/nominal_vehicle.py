@@ -29,11 +29,17 @@ class NominalVehicle(Dimensions):
     wheel_inertia: float = Field(default=1.3, ge=0.0, le=100.0)
     """Spin inertia of one wheel, kg m^2."""
     _assumed: frozenset[str] = PrivateAttr(default=frozenset())
+    _is_simulated: bool = PrivateAttr(default=False)
 
     @property
     def assumed(self) -> frozenset[str]:
         """Names of the values that the file does not give."""
         return self._assumed
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether the simulation was made from this vehicle, so that its mass is right."""
+        return self._is_simulated
 
     def parameters(self) -> FloatArray:
         """Return the surrogate's parameters (SIZE,) of this vehicle with typical tyres."""
@@ -45,9 +51,15 @@ class NominalVehicle(Dimensions):
         return p
 
 
-def nominal_vehicle_of(vehicle: Vehicle) -> NominalVehicle:
-    """Return the masses and dimensions of a vehicle."""
-    return NominalVehicle(**{key: getattr(vehicle, key) for key in NominalVehicle.model_fields})
+def nominal_vehicle_of(vehicle: Vehicle, *, is_simulated: bool = False) -> NominalVehicle:
+    """
+    Return the masses and dimensions of a vehicle.
+
+    `is_simulated`: whether the simulation was made from it.
+    """
+    out = NominalVehicle(**{key: getattr(vehicle, key) for key in NominalVehicle.model_fields})
+    out._is_simulated = is_simulated
+    return out
 
 
 def load_nominal_vehicle(path: str | Path) -> NominalVehicle:

@@ -234,16 +234,16 @@ def candidate_rows(result: MismatchResult) -> Rows:
 
 def unexplained_rows(before: FloatArray, after: FloatArray, noise: FloatArray) -> Rows:
     """Return channel, RMS residual (6,) before and after, noise, residual after over noise."""
-    return [
-        [
-            f"{CHANNEL_TITLES[name]} ({unit_text(UNITS[i])})",
-            f"{before[i]:.3g}",
-            f"{after[i]:.3g}",
-            f"{noise[i]:.3g}",
-            f"{after[i] / max(noise[i], 1e-12):.2f}",
-        ]
-        for i, name in enumerate(CHANNELS)
-    ]
+    rows = []
+    for i, name in enumerate(CHANNELS):
+        channel = f"{CHANNEL_TITLES[name]} ({unit_text(UNITS[i])})"
+        if before[i] == after[i] == 0.0:
+            # A channel without weight: what it needs is missing from the recording.
+            rows.append([channel, "not evaluated", "", f"{noise[i]:.3g}", ""])
+            continue
+        ratio = f"{after[i] / max(noise[i], 1e-12):.2f}"
+        rows.append([channel, f"{before[i]:.3g}", f"{after[i]:.3g}", f"{noise[i]:.3g}", ratio])
+    return rows
 
 
 def surrogate_rows(result: MismatchResult) -> Rows:

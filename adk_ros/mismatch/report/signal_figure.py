@@ -31,6 +31,10 @@ TITLES = {
 }
 
 
+_MAX_STEPS = 2.5
+"""Steps between two predictions above which a line would cross missing data. By choice."""
+
+
 def shown_until(signals: PredictedSignals) -> float:
     """Return the end of the time range of the figure, s."""
     return float(min(signals.time_s[-1], signals.time_s[0] + SHOWN_S))
@@ -51,17 +55,19 @@ def signals_figure(signals: PredictedSignals, labels: tuple[str, str], path: Pat
     )
     shown = signals.time_s <= shown_until(signals)
     at_s = signals.time_s[shown]
+    # No line crosses a gap, a standstill or what is left out.
+    apart = np.diff(at_s, prepend=at_s[0]) > _MAX_STEPS * float(np.median(np.diff(at_s)))
     for i, name in enumerate(names):
         k = SIGNALS.index(name)
         upper, lower = axes[2 * i, 0], axes[2 * i + 1, 0]
-        measured = signals.measured[k][shown]
+        measured = np.where(apart, np.nan, signals.measured[k][shown])
         unit = unit_text(SIGNAL_UNITS[k])
         upper.plot(at_s, measured, color=BLACK, linewidth=1.8, label="measured")
         for values, colour, line, label in (
             (signals.simulation, BEFORE, "--", labels[0]),
             (signals.corrected, AFTER, "-", labels[1]),
         ):
-            predicted = values[k][shown]
+            predicted = np.where(apart, np.nan, values[k][shown])
             upper.plot(at_s, predicted, color=colour, linestyle=line, linewidth=1.1, label=label)
             lower.plot(at_s, measured - predicted, color=colour, linestyle=line, linewidth=0.9)
         lower.axhline(0.0, color="black", linewidth=0.6)

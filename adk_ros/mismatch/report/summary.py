@@ -181,6 +181,8 @@ def improvement_text(result: MismatchResult) -> str:
         first, second = pair_text(before, after)
         return f"With the corrected vehicle model, {error} falls from {first} to {second} {unit}."
     terms = () if result.unexplained is None else result.unexplained.terms
+    if held_out is not None and held_out.export == NOT_EXPORTED and not (terms or result.effects):
+        return f"Nothing is corrected; {error} is {before:.2g} {unit}."
     if terms and not any(is_transferable(term.feature) for term in terms):
         return (
             "Its phase is that of this recording, so no corrected vehicle model contains it, and "

@@ -88,7 +88,8 @@ def find_lap(problem: ResidualProblem) -> Lap | None:
     """
     Return the lap that a recording repeats, or None if no place is passed twice.
 
-    None for a scale model: the lengths of this module are those of full-size roads.
+    None for a scale model: the lengths of this module are those of full-size roads. None where the
+    pose does not change: a recording without positions, which would return everywhere.
 
     The lap ends where the vehicle first returns to within `MAX_CLOSURE_DISTANCE_M` of the start of
     the lap with the same heading. If it never returns to its first position, later ones are tried.
@@ -96,6 +97,8 @@ def find_lap(problem: ResidualProblem) -> Lap | None:
     if problem.log.length_scale < 1.0:
         return None
     pose, speed = problem.pose, problem.smoothed_odometry[:, 0]
+    if np.ptp(pose[:, 0]) == 0.0 and np.ptp(pose[:, 1]) == 0.0:
+        return None
     travelled = np.concatenate([[0.0], np.cumsum(speed[:-1] * STEP_S)])
     n = pose.shape[0]
     for begin in range(0, n // 2, max(n // 8, 1)):

@@ -1,0 +1,107 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Corroboration: whether measured channels show what is claimed, in data that it was not fitted to.
+
+A simulation of the right car leaves noise once the missing physics is named. Where much is left,
+as with a generic simulation of a real car, effects and formulas fit what they do not explain. Then
+each claim must lower the loss on held-out data in two measured channels: a force shows in an
+acceleration and in a velocity, a moment in the gyro and in odometry, and a fault of the model in
+one alone. A copy of a channel is no second measurement.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import t as student
+
+from adk_ros.mismatch.inference.block_scores import block_duration
+from adk_ros.mismatch.inference.feature_effect import FeatureEffect
+from adk_ros.mismatch.inference.fit_budget import ABLATION
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.library.criteria import (
+    MAX_NORMALISED_LOSS,
+    MIN_CORROBORATING_CHANNELS,
+    MIN_RAISED_BLOCKS,
+    RAISED_FALSE_ALARM,
+)
+from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
+from adk_ros.mismatch.surrogate.residuals import BIN_S
+from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.numerics.levenberg_marquardt import huber_values
+
+_A_Y, _GYRO, _YAW_RATE = (CHANNELS.index(x) for x in ("imu_a_y", "imu_yaw_rate", "yaw_rate"))
+_COPY_TOLERANCE = 0.01
+"""RMS difference over RMS below which two channels are one measurement: an interpolation of the
+other. Sensors differ by more, with their noise. By choice."""
+
+
+def is_corroborated(
+    h: Hypothesis, training: Likelihood, whole: Likelihood, expected: float
+) -> bool:
+    """
+    Whether at least two measured channels show each effect and formula of a hypothesis.
+
+    True where the loss after them is less than `MAX_NORMALISED_LOSS` times that of a perfect
+    model, `expected`, and no channel is missing: that is evidence in itself. `training`:
+    likelihood of the part before the held-out one, `whole`: of all data.
+    """
+    if not whole.unobservable and h.loss < MAX_NORMALISED_LOSS * max(expected, 1.0):
+        return True
+    causes = dict.fromkeys(_cause(active) for active in h.effects)
+    for cause in causes:
+        others = [active for active in h.effects if _cause(active) != cause]
+        without = training.fit(others, nuisances=h.nuisances, budget=ABLATION)
+        shown = corroborating_channels(training, whole, h, without)
+        if len(shown) < MIN_CORROBORATING_CHANNELS:
+            return False
+    return True
+
+
+def _cause(active: ActiveEffect) -> str:
+    """Return what an effect stands for: a feature in two equations is one cause."""
+    effect = active.effect
+    return effect.feature if isinstance(effect, FeatureEffect) else effect.name
+
+
+def corroborating_channels(
+    training: Likelihood, whole: Likelihood, h: Hypothesis, without: Hypothesis
+) -> list[str]:
+    """
+    Return the channels in which `h` has less loss than `without` on held-out data.
+
+    Student's t over blocks of driving that counts; over all data where less than
+    `MIN_RAISED_BLOCKS` of them are held out.
+    """
+    size = round(block_duration(whole.problem.log.length_scale) / BIN_S)
+    counted = (whole.weights > 0.0).any(axis=0)
+    bins = training.held_out_bins() & counted
+    if np.count_nonzero(bins) < MIN_RAISED_BLOCKS * size:
+        bins = counted
+    gains = _losses(whole, without, bins) - _losses(whole, h, bins)
+    blocks = gains.shape[1] // size
+    if blocks < 2:
+        return []
+    sums = gains[:, : blocks * size].reshape(len(CHANNELS), blocks, size).sum(axis=2)
+    least = student.ppf(1.0 - RAISED_FALSE_ALARM, blocks - 1) / np.sqrt(blocks)
+    spread = least * sums.std(axis=1, ddof=1)
+    shown: BoolArray = np.asarray(sums.mean(axis=1) > np.maximum(spread, 1e-9))
+    rate, a_y = _copies(whole.problem.log)
+    shown[_GYRO] &= not (rate and shown[_YAW_RATE])
+    shown[_A_Y] &= not (a_y and (shown[_GYRO] or shown[_YAW_RATE]))
+    return [name for name, yes in zip(CHANNELS, shown, strict=True) if yes]
+
+
+def _losses(likelihood: Likelihood, h: Hypothesis, bins: BoolArray) -> FloatArray:
+    """Return the loss (6, b) of a hypothesis in some bins."""
+    p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
+    return huber_values(likelihood.whiten(likelihood.channel_residuals(p, terms)))[:, bins]
+
+
+def _copies(log: SensorLog) -> tuple[bool, bool]:
+    """Return whether the gyro is odometry's yaw rate, and a_y speed times yaw rate."""
+    a_y, gyro = (np.interp(log.odometry_s, log.imu_s, log.imu[:, i]) for i in (1, 2))
+    pairs = ((gyro, log.odometry[:, 2]), (a_y, log.odometry[:, 0] * log.odometry[:, 2]))
+    copied = [np.std(x - y) < _COPY_TOLERANCE * np.std(y) for x, y in pairs]
+    return bool(copied[0]), bool(copied[1])

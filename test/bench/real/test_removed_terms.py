@@ -1,0 +1,126 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk bench real: terms removed from a model of the car, and their scores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.calibration import driven, write_streams
+from helpers.mismatch import CAR, car, case
+from helpers.mismatch_report import identified, result_of
+
+import adk_ros.bench.real.removed_terms as removed_terms
+from adk_ros.bench.real.real_bench import TERMS as TERMS_PART
+from adk_ros.bench.real.real_bench import RealBench, bench_real
+from adk_ros.bench.real.removed_terms import TERMS, Term, TermOutcome, parts
+from adk_ros.bench.real.scores import as_dict, criteria, term_score
+from adk_ros.bench.real.withheld_attitude import SlopeOutcome
+from adk_ros.mismatch.inference.result import MismatchResult
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+
+
+def model(**changes: float) -> SurrogateModel:
+    p = car(**changes)
+    return SurrogateModel(p, np.zeros(6), np.zeros((6, 1)), np.empty((0, p.size)))
+
+
+def sentence(result: MismatchResult) -> str:
+    return result.verdict
+
+
+def outcome(**changes: object) -> TermOutcome:
+    default = TermOutcome(
+        "car", "drive", "steering_ratio", 1.2, True, True, 1.22, 1.1, 1.3, 0.1, True, (),
+        "explained", "",
+    )  # fmt: skip
+    return replace(default, **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("term", TERMS, ids=lambda x: x.effect)
+def test_the_effect_of_the_expected_size_restores_the_term(term: Term) -> None:
+    whole = model(steer_gain=1.1, drag_area=0.8, steer_delay=0.02, stiffness_f=20.0)
+    less = term.out_of(whole).parameters
+    (parameter,) = EFFECTS[term.effect].parameters
+    assert parameter.name == term.parameter
+    assert parameter.neutral == term.neutral
+    theta = parameter.theta(term.expected(whole))
+    restored = less.copy()
+    for i, amount in parameter.amounts(theta, less):
+        restored[i] += amount
+    assert restored[INDEX[term.entry]] == pytest.approx(whole.parameters[INDEX[term.entry]])
+    assert np.flatnonzero(less != whole.parameters).tolist() == [INDEX[term.entry]]
+
+
+def test_the_rest_begins_at_zero() -> None:
+    log = case().recording
+    first, rest = parts(log)
+    assert rest.odometry_s[0] < 0.1
+    assert rest.duration_s == pytest.approx(0.4 * (log.odometry_s[-1] - log.odometry_s[0]))
+    assert rest.duration_s > rest.odometry_s[-1]
+    assert first.odometry_s.size + rest.odometry_s.size == pytest.approx(
+        log.odometry_s.size, abs=2
+    )
+
+
+def outcomes_of(result: MismatchResult, monkeypatch: pytest.MonkeyPatch) -> list[TermOutcome]:
+    """Return the outcomes on a short drive, where every analysis has the same result."""
+    monkeypatch.setattr(removed_terms, "identify_mismatch", lambda *arguments: result)
+    monkeypatch.setattr(removed_terms, "open_loop_error", lambda *arguments: np.zeros((3, 3)))
+    monkeypatch.setattr(removed_terms, "calibrate_surrogate", _Calibrated)
+    found: Iterator[TermOutcome] = removed_terms.removed_term_outcomes(
+        "car", case().recording, CAR, sentence, []
+    )
+    return list(found)
+
+
+class _Calibrated:
+    def __init__(self, *arguments: object, **options: object) -> None:
+        self.stand_in = model(drag_area=0.5)
+        self.drive = case().recording
+
+
+def test_what_is_said_is_scored(monkeypatch: pytest.MonkeyPatch) -> None:
+    drag = identified("aero_drag", 0.5, 0.4, 0.6)
+    nothing, ratio, delay, stiffness, aero = outcomes_of(result_of("", (drag,)), monkeypatch)
+    assert nothing.term == ""
+    assert nothing.false_claims == ("aero_drag",)
+    assert not ratio.is_named
+    assert [x.false_claims for x in (ratio, delay, stiffness)] == [("aero_drag",)] * 3
+    assert aero.is_named
+    assert aero.is_inside
+    assert aero.error == pytest.approx(0.0)
+    assert aero.false_claims == ()
+
+
+def test_scores_and_criteria_of_terms_and_slopes() -> None:
+    missed = outcome(is_named=False, is_alone=False, error=None, is_inside=False)
+    total = term_score("all", [outcome(error=0.04), missed])
+    assert (total.named, total.median_error, total.inside) == (0.5, 0.04, 1.0)
+    nothing = replace(missed, term="", verdict="none")
+    grade = SlopeOutcome("car", "drive", "grade", 0.97, 1.0, 0.02, True)
+    flat = replace(grade, correlation=0.2, is_counted=False)
+
+    def verdicts(*terms: TermOutcome, slope: SlopeOutcome = grade) -> list[str]:
+        result = RealBench([], {}, [], list(terms), [slope, flat])
+        assert as_dict(result)["removed_terms"] == [x.as_dict() for x in terms]
+        return [x.verdict for x in criteria(result)]
+
+    assert verdicts(outcome(), nothing) == ["NONE"] * 3 + ["PASS"] * 4
+    assert verdicts(missed, nothing)[3:5] == ["FAIL", "FAIL"]
+    claimed = replace(nothing, false_claims=("formula",))
+    assert verdicts(outcome(), claimed)[5] == "FAIL"
+    assert verdicts(nothing, slope=replace(grade, correlation=0.9))[6] == "FAIL"
+
+
+def test_a_vehicle_without_file_is_listed(tmp_path: Path) -> None:
+    write_streams(replace(driven("handling", 1, 40.0), imu=None), tmp_path / "car" / "drive")
+    result = bench_real(tmp_path, {}, None, (TERMS_PART,))
+    assert result.refused == ["car: no vehicle.yaml in its folder: no term is removed"]
+    assert not result.outcomes
