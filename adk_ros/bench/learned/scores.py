@@ -44,7 +44,7 @@ def criteria(results: Sequence[RecordingResult]) -> list[Criterion]:
 
 def _criterion(name: str, ahead: np.ndarray) -> Criterion:
     share = float(ahead.mean())
-    return Criterion(name, share, f"at least {MIN_AHEAD:g}", share >= MIN_AHEAD)
+    return Criterion(name, share, f"at least {MIN_AHEAD:g}", share >= MIN_AHEAD, ahead.size)
 
 
 def ratio_rows(result: RecordingResult, channel: int) -> list[tuple[str, list[float]]]:

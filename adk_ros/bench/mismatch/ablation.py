@@ -204,7 +204,7 @@ def _calibrate(
         RESIDUAL_SUBSAMPLING * counted / _error_at(size)[:, None],
     ).x
     # Bins without data are no errors of zero.
-    used = counted.any(axis=0)
+    used = np.array(counted.any(axis=0))
     used[:SETTLING_BINS] = False
     left = (course.residuals(p) * counted)[:, used]
     error = np.sqrt((left**2).sum(axis=1) / np.maximum(counted[:, used].sum(axis=1), 1))
@@ -214,7 +214,7 @@ def _calibrate(
 def _error_at(size: float) -> FloatArray:
     """Return the assumed residual (6,) at a scale of lengths: accelerations stay equal."""
     time = time_scale(size)
-    return _ERROR * np.array([1.0, 1.0, 1.0 / time, time, time, 1.0 / time])
+    return np.asarray(_ERROR * np.array([1.0, 1.0, 1.0 / time, time, time, 1.0 / time]))
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def corroborating_channels(
     `MIN_RAISED_BLOCKS` of them are held out.
     """
     size = round(block_duration(whole.problem.log.length_scale) / BIN_S)
-    counted = (whole.weights > 0.0).any(axis=0)
+    counted: BoolArray = np.asarray((whole.weights > 0.0).any(axis=0))
     bins = training.held_out_bins() & counted
     if np.count_nonzero(bins) < MIN_RAISED_BLOCKS * size:
         bins = counted
