@@ -43,20 +43,28 @@ def is_corroborated(
     """
     Whether at least two measured channels show each effect and formula of a hypothesis.
 
+    One where no IMU counts: nothing else measures a force or a moment a second time.
     True where the loss after them is less than `MAX_NORMALISED_LOSS` times that of a perfect
     model, `expected`, and no channel is missing: that is evidence in itself. `training`:
     likelihood of the part before the held-out one, `whole`: of all data.
     """
     if not whole.unobservable and h.loss < MAX_NORMALISED_LOSS * max(expected, 1.0):
         return True
+    least = MIN_CORROBORATING_CHANNELS if _has_imu(whole) else 1
     causes = dict.fromkeys(_cause(active) for active in h.effects)
     for cause in causes:
         others = [active for active in h.effects if _cause(active) != cause]
         without = training.fit(others, nuisances=h.nuisances, budget=ABLATION)
         shown = corroborating_channels(training, whole, h, without)
-        if len(shown) < MIN_CORROBORATING_CHANNELS:
+        if len(shown) < least:
             return False
     return True
+
+
+def _has_imu(likelihood: Likelihood) -> bool:
+    """Whether any channel of an IMU has weight."""
+    counts: BoolArray = np.asarray((likelihood.weights > 0.0).any(axis=1))
+    return any(x for name, x in zip(CHANNELS, counts, strict=True) if name.startswith("imu_"))
 
 
 def _cause(active: ActiveEffect) -> str:
