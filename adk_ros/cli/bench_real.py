@@ -17,8 +17,8 @@ from adk_ros.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from adk_ros.bench.real.outcome import Score
     from adk_ros.bench.real.real_bench import RealBench
-    from adk_ros.bench.real.scores import Score, TermScore
 
 
 def real(
@@ -84,15 +84,16 @@ def real(
 
 def _print(result: RealBench) -> None:
     from adk_ros.bench.real import scores
+    from adk_ros.bench.real.outcome import scores_by
 
-    for title, key in (
-        ("fault", lambda x: x.fault),
-        ("vehicle", lambda x: f"{x.vehicle}, {x.kind}"),
-    ):
-        if result.outcomes:
-            _print_scores(title, scores.scores_by(result, key))
+    injected = scores.faults(result)
+    if injected:
+        _print_scores("fault", "not decidable", scores_by(injected, lambda x: x.fault))
+        by_vehicle = scores_by(injected, lambda x: f"{x.vehicle}, {x.kind}")
+        _print_scores("vehicle", "not decidable", by_vehicle)
     if result.terms:
-        _print_terms(scores.term_scores_by(result, lambda x: x.term or "nothing"))
+        rows = scores_by(result.terms, lambda x: x.term or "nothing")
+        _print_scores("removed term", "unknown", rows)
     for slope in result.slopes:
         text = f"{slope.vehicle}, {slope.recording}: {slope.slope} without attitude correlates "
         text += f"{slope.correlation:.3f} with it, scale {slope.scale:.2f}, RMS {slope.spread:.1%}"
@@ -115,7 +116,7 @@ def _print(result: RealBench) -> None:
     console.flush()
 
 
-def _print_scores(title: str, rows: Sequence[Score]) -> None:
+def _print_scores(title: str, left_open: str, rows: Sequence[Score]) -> None:
     from rich import box
     from rich.table import Table
 
@@ -123,7 +124,7 @@ def _print_scores(title: str, rows: Sequence[Score]) -> None:
     table.add_column(title, no_wrap=True)
     for heading in (
         "cases", "named", "only candidate", "median error", "in 90 % interval", "other claims",
-        "not decidable",
+        left_open,
     ):  # fmt: skip
         table.add_column(heading, justify="right")
     for row in rows:
@@ -135,31 +136,6 @@ def _print_scores(title: str, rows: Sequence[Score]) -> None:
             "" if row.median_error is None else f"{row.median_error:.1%}",
             "" if row.inside is None else f"{row.inside:.0%}",
             str(row.false_claims),
-            f"{row.open:.0%}",
-        )
-    console.print_table(table)
-
-
-def _print_terms(rows: Sequence[TermScore]) -> None:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
-    table.add_column("removed term", no_wrap=True)
-    for heading in (
-        "cases", "named", "only candidate", "median error", "in 90 % interval", "other claims",
-        "unknown",
-    ):  # fmt: skip
-        table.add_column(heading, justify="right")
-    for row in rows:
-        table.add_row(
-            row.group,
-            str(row.cases),
-            f"{row.named:.0%}",
-            f"{row.alone:.0%}",
-            "" if row.median_error is None else f"{row.median_error:.1%}",
-            "" if row.inside is None else f"{row.inside:.0%}",
-            str(row.false_claims),
-            f"{row.unexplained:.0%}",
+            f"{row.left_open:.0%}",
         )
     console.print_table(table)

@@ -10,12 +10,13 @@ is withheld.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.bench.real.fault_cases import Pairing, pairings, recordings_by_vehicle
 from adk_ros.bench.real.injected_faults import INJECTIONS
+from adk_ros.bench.real.outcome import Outcome
 from adk_ros.bench.real.removed_terms import TermOutcome, removed_term_outcomes
 from adk_ros.bench.real.withheld_attitude import SlopeOutcome, slope_outcomes
 from adk_ros.calibration.finding import Verdict
@@ -40,36 +41,24 @@ VEHICLE_FILE = "vehicle.yaml"
 Progress = Callable[[int, int], None]
 
 
-@dataclass(frozen=True)
-class Outcome:
+@dataclass(frozen=True, kw_only=True)
+class FaultOutcome(Outcome):
     """
     What was said of one comparison.
 
-    `fault`: the injected one, "" of an untouched recording; `size`: in its unit. `is_named`: it is
-    the change or one of its candidates; `is_alone`: the only one. `estimate`, `low`, `high`: its
-    size with the 90 % interval, None unless named; `error`: relative to the injected size.
-    `is_inside`: the injected size is inside the interval. `false_claims`: changes that do not
-    have it among their candidates. `said`: verdict of the check on the injected fault.
+    `fault`: the injected one, "" of an untouched recording; `size`: in its unit. `said`: verdict
+    of the check on the injected fault.
     """
 
-    vehicle: str
-    recording: str
     kind: str
     fault: str
     size: float
-    is_named: bool
-    is_alone: bool
-    estimate: float | None
-    low: float | None
-    high: float | None
-    error: float | None
-    is_inside: bool
-    false_claims: tuple[str, ...]
     said: str
 
-    def as_dict(self) -> dict[str, object]:
-        """Return the outcome for JSON."""
-        return asdict(self)
+    @property
+    def is_left_open(self) -> bool:
+        """Whether the check says of the fault that it is not decidable."""
+        return not self.is_named and self.said == Verdict.NOT_DECIDABLE.value
 
 
 @dataclass(frozen=True)
@@ -81,7 +70,7 @@ class RealBench:
     comparison". `refused`: a line for each recording or comparison that could not be used.
     """
 
-    outcomes: list[Outcome]
+    outcomes: list[FaultOutcome]
     left_out: dict[str, list[str]]
     refused: list[str]
     terms: list[TermOutcome] = field(default_factory=list)
@@ -157,7 +146,7 @@ def _with_faults(
     """Return what is said of recordings with injected faults."""
     refused: list[str] = []
     all_pairings = list(pairings(bags, refused))
-    outcomes: list[Outcome] = []
+    outcomes: list[FaultOutcome] = []
     left_out: dict[str, list[str]] = {}
     for done, given in enumerate(all_pairings, start=1):
         pairing = given
@@ -182,7 +171,7 @@ def _injected(
     reference: Prepared,
     labels: Iterable[str],
     sizes: Mapping[str, tuple[float, ...]],
-) -> list[Outcome]:
+) -> list[FaultOutcome]:
     out = []
     for label in labels:
         for size in sizes[label]:
@@ -194,7 +183,7 @@ def _injected(
     return out
 
 
-def _scored(pairing: Pairing, label: str, size: float, checked: ReferenceCheck) -> Outcome:
+def _scored(pairing: Pairing, label: str, size: float, checked: ReferenceCheck) -> FaultOutcome:
     changes = [] if checked.comparison is None else list(checked.comparison.changes)
     claims = [change for change in changes if not change.is_of_road]
     named = [
@@ -210,15 +199,26 @@ def _scored(pairing: Pairing, label: str, size: float, checked: ReferenceCheck) 
         if label not in {x.fault.label for x in (change.fit, *change.candidates)}
     ]
     said = next((x.verdict.value for x in checked.findings if x.name == label), "")
+    outcome = FaultOutcome(
+        vehicle=pairing.vehicle,
+        recording=pairing.name,
+        kind=pairing.kind,
+        fault=label,
+        size=size,
+        is_named=bool(named),
+        is_alone=bool(named) and not named[0][1].candidates,
+        false_claims=tuple(false_claims),
+        said=said,
+    )
     if not named:
-        return Outcome(
-            pairing.vehicle, pairing.name, pairing.kind, label, size, False, False,
-            None, None, None, None, False, tuple(false_claims), said,
-        )  # fmt: skip
-    fit, change = named[0]
+        return outcome
+    fit = named[0][0]
     low, high = fit.size - fit.half_width, fit.size + fit.half_width
-    error = abs(fit.size - size) / abs(size - fit.fault.nominal)
-    return Outcome(
-        pairing.vehicle, pairing.name, pairing.kind, label, size, True, not change.candidates,
-        fit.size, low, high, error, low <= size <= high, tuple(false_claims), said,
-    )  # fmt: skip
+    return replace(
+        outcome,
+        estimate=fit.size,
+        low=low,
+        high=high,
+        error=abs(fit.size - size) / abs(size - fit.fault.nominal),
+        is_inside=low <= size <= high,
+    )

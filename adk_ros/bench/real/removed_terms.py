@@ -11,15 +11,21 @@ must be named with its size. With nothing removed, nothing may be named.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from adk_ros.bench.mismatch.ablation import calibrate_surrogate
+from adk_ros.bench.real.outcome import Outcome
 from adk_ros.errors import DataError
 from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.inference.observability import longest_moving_segment, observable_effects
-from adk_ros.mismatch.inference.result import IdentifiedEffect, Interval, MismatchResult
+from adk_ros.mismatch.inference.result import (
+    UNKNOWN,
+    IdentifiedEffect,
+    Interval,
+    MismatchResult,
+)
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.dead_channels import without_dead_channels
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
@@ -75,35 +81,24 @@ TERMS = (
 have 0.8 of the simulation's stiffness), and the whole drag."""
 
 
-@dataclass(frozen=True)
-class TermOutcome:
+@dataclass(frozen=True, kw_only=True)
+class TermOutcome(Outcome):
     """
     What was said after the removal of a term, `term` "" for none.
 
-    `expected`: size of the effect. `is_named`: it is an identified effect or an alternative of
-    one; `is_alone`: without alternatives. `estimate`, `low`, `high`: its size with the 90 %
-    interval, None unless named; `error`: relative to what was removed. `false_claims`: other
-    effects, and "formula". `sentence`: the result in words.
+    `expected`: size of the effect. `false_claims`: other effects, and "formula". `sentence`: the
+    result in words.
     """
 
-    vehicle: str
-    recording: str
     term: str
     expected: float
-    is_named: bool
-    is_alone: bool
-    estimate: float | None
-    low: float | None
-    high: float | None
-    error: float | None
-    is_inside: bool
-    false_claims: tuple[str, ...]
     verdict: str
     sentence: str
 
-    def as_dict(self) -> dict[str, object]:
-        """Return the outcome for JSON."""
-        return asdict(self)
+    @property
+    def is_left_open(self) -> bool:
+        """Whether the result says that something unknown is missing."""
+        return self.verdict == UNKNOWN
 
 
 Sentence = Callable[[MismatchResult], str]
@@ -182,24 +177,27 @@ def _outcome(
     false_claims = [x.effect.name for x in found.effects if x not in of_it]
     if found.unexplained is not None and found.unexplained.expression:
         false_claims.append("formula")
+    outcome = TermOutcome(
+        vehicle=vehicle,
+        recording=recording,
+        term=effect,
+        expected=expected,
+        is_named=bool(of_it),
+        is_alone=bool(of_it) and not of_it[0].alternatives,
+        false_claims=tuple(false_claims),
+        verdict=found.verdict,
+        sentence=sentence(found),
+    )
     size = None if term is None or not of_it else _size(of_it[0], term)
-    estimate = None if size is None else size.value
-    neutral = 0.0 if term is None else term.neutral
-    return TermOutcome(
-        vehicle,
-        recording,
-        effect,
-        expected,
-        bool(of_it),
-        bool(of_it) and not of_it[0].alternatives,
-        estimate,
-        None if size is None else size.low,
-        None if size is None else size.high,
-        None if estimate is None else abs(estimate - expected) / abs(expected - neutral),
-        size is not None and size.low <= expected <= size.high,
-        tuple(false_claims),
-        found.verdict,
-        sentence(found),
+    if term is None or size is None:
+        return outcome
+    return replace(
+        outcome,
+        estimate=size.value,
+        low=size.low,
+        high=size.high,
+        error=abs(size.value - expected) / abs(expected - term.neutral),
+        is_inside=size.low <= expected <= size.high,
     )
 
 

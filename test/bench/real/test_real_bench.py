@@ -20,8 +20,9 @@ from adk_ros.bench.real.fault_cases import (
     recordings_by_vehicle,
 )
 from adk_ros.bench.real.injected_faults import INJECTIONS
-from adk_ros.bench.real.real_bench import OTHER_COURSE, Outcome, RealBench, bench_real
-from adk_ros.bench.real.scores import criteria, score, scores_by
+from adk_ros.bench.real.outcome import score, scores_by
+from adk_ros.bench.real.real_bench import OTHER_COURSE, FaultOutcome, RealBench, bench_real
+from adk_ros.bench.real.scores import criteria
 from adk_ros.calibration.faults import FAULTS
 from adk_ros.calibration.streams import Streams
 from adk_ros.cli.main import main
@@ -113,9 +114,21 @@ def test_a_fault_is_injected_and_scored(recordings: Path) -> None:
     assert steps == [(1, 1)]
 
 
-def outcome(**changes: object) -> Outcome:
-    default = Outcome(
-        "car", "drive", "halves", "gyro_scale", 1.1, True, True, 1.11, 1.0, 1.2, 0.1, True, (), ""
+def outcome(**changes: object) -> FaultOutcome:
+    default = FaultOutcome(
+        vehicle="car",
+        recording="drive",
+        kind="halves",
+        fault="gyro_scale",
+        size=1.1,
+        is_named=True,
+        is_alone=True,
+        estimate=1.11,
+        low=1.0,
+        high=1.2,
+        error=0.1,
+        is_inside=True,
+        said="",
     )
     return replace(default, **changes)  # type: ignore[arg-type]
 
@@ -126,10 +139,13 @@ def test_scores_and_criteria() -> None:
     elsewhere = replace(missed, kind=OTHER_COURSE)
     nine = [outcome(error=0.02 * k) for k in range(9)]
     total = score("all", [*nine, missed])
-    assert (total.named, total.median_error, total.open) == pytest.approx((0.9, 0.08, 0.1))
+    assert (total.named, total.median_error, total.left_open) == pytest.approx((0.9, 0.08, 0.1))
     result = RealBench([*nine, missed, elsewhere, clean], {}, [])
     assert [x.verdict for x in criteria(result)] == ["PASS"] * 3 + ["NONE"] * 4
-    assert [x.group for x in scores_by(result, lambda x: x.kind)] == ["halves", OTHER_COURSE]
+    assert [x.group for x in scores_by(result.outcomes, lambda x: x.kind)] == [
+        "halves",
+        OTHER_COURSE,
+    ]
     claimed = RealBench([replace(clean, false_claims=("imu_delay",))], {}, [])
     assert not any(x.is_met for x in criteria(claimed))
 

@@ -15,10 +15,11 @@ from helpers.mismatch import CAR, car, case
 from helpers.mismatch_report import identified, result_of
 
 import adk_ros.bench.real.removed_terms as removed_terms
+from adk_ros.bench.real.outcome import score
 from adk_ros.bench.real.real_bench import TERMS as TERMS_PART
 from adk_ros.bench.real.real_bench import RealBench, bench_real
 from adk_ros.bench.real.removed_terms import TERMS, Term, TermOutcome, parts
-from adk_ros.bench.real.scores import as_dict, criteria, term_score
+from adk_ros.bench.real.scores import as_dict, criteria
 from adk_ros.bench.real.withheld_attitude import SlopeOutcome
 from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
@@ -37,9 +38,20 @@ def sentence(result: MismatchResult) -> str:
 
 def outcome(**changes: object) -> TermOutcome:
     default = TermOutcome(
-        "car", "drive", "steering_ratio", 1.2, True, True, 1.22, 1.1, 1.3, 0.1, True, (),
-        "explained", "",
-    )  # fmt: skip
+        vehicle="car",
+        recording="drive",
+        term="steering_ratio",
+        expected=1.2,
+        is_named=True,
+        is_alone=True,
+        estimate=1.22,
+        low=1.1,
+        high=1.3,
+        error=0.1,
+        is_inside=True,
+        verdict="explained",
+        sentence="",
+    )
     return replace(default, **changes)  # type: ignore[arg-type]
 
 
@@ -101,7 +113,7 @@ def test_what_is_said_is_scored(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_scores_and_criteria_of_terms_and_slopes() -> None:
     missed = outcome(is_named=False, is_alone=False, error=None, is_inside=False)
-    total = term_score("all", [outcome(error=0.04), missed])
+    total = score("all", [outcome(error=0.04), missed])
     assert (total.named, total.median_error, total.inside) == (0.5, 0.04, 1.0)
     nothing = replace(missed, term="", verdict="none")
     grade = SlopeOutcome("car", "drive", "grade", 0.97, 1.0, 0.02, True)
