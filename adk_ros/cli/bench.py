@@ -112,6 +112,34 @@ def live(
 
 
 @app.command()
+def rollouts(
+    model: ModelChoice = None,
+    requests: Annotated[int, typer.Option(help="requests of each size, 5 to 10000")] = 100,
+    as_json: JsonOption = False,
+) -> None:
+    """
+    Time rollouts of candidate commands through the topics of a live node, and in-process.
+
+    Example: adk bench rollouts --model model
+    """
+    from adk_ros.bench.runtime.rollout_transport import bench_rollout_transport, check_requests
+
+    check_requests(requests)
+    with _model_to_measure(model) as path, console.progress("asking for rollouts") as bar:
+        result = bench_rollout_transport(path, requests, bar)
+    if as_json:
+        console.print_json(result)
+        return
+    for row in result["rows"]:
+        by_topic, local = row["by_topic"], row["in_process"]
+        console.output.print(
+            f"{row['candidates']:>5} x {result['steps']} steps, {1e-6 * row['bytes']:5.2f} MB: "
+            f"by topic p50 {by_topic['p50_ms']:6.2f} ms, p99 {by_topic['p99_ms']:6.2f} ms   "
+            f"in-process p50 {local['p50_ms']:6.2f} ms, p99 {local['p99_ms']:6.2f} ms"
+        )
+
+
+@app.command()
 def soak(
     model: ModelChoice = None,
     ticks: Annotated[int, typer.Option(help="ticks to replay")] = 1_000_000,

@@ -67,6 +67,22 @@ class LinearizedRollout(NamedTuple):
             adjoint = self.A[j].T @ adjoint
         return result
 
+    def blocks(self) -> FloatArray:
+        """
+        Return the model as one array (h + 1, n + 3, n + 3), for transport.
+
+        Block 0 has the start s_0 in the first n rows of its last column and zeros elsewhere.
+        Block j + 1 is [[A_j, B_j, c_j], [C_j, 0, e_j]] with y_j = C_j s_(j+1) + e_j, SI.
+        """
+        steps, n = self.c.shape
+        out = np.zeros((steps + 1, n + 3, n + 3))
+        out[0, :n, -1] = self.states[0]
+        out[1:, :n, :n], out[1:, :n, n:-1], out[1:, :n, -1] = self.A, self.B, self.c
+        channel = np.arange(3)
+        out[1:, n + channel, channel] = self.output_gain
+        out[1:, n:, -1] = self.predicted - self.output_gain * self.states[1:, :3]
+        return out
+
     def jacobian(self) -> FloatArray:
         """Return dy_i/du_j (h, 3, h, 2): axes are step and channel, then step and command."""
         steps, n = self.c.shape

@@ -63,7 +63,10 @@ class PlanStatus(Enum):
 
 class PlannedHorizon:
     """
-    Follows plans for one predictor; `status` of each channel, `planned_s` how far it follows.
+    Follows plans for one predictor.
+
+    `status` of each channel; `commands` (steps, 2) of the latest horizon, SI, None if it holds the
+    present ones.
 
     :param timeout_s: age of a plan, s, from which it is not followed.
     """
@@ -82,6 +85,7 @@ class PlannedHorizon:
         self._plan: CommandPlan | None = None
         self._due: dict[int, FloatArray] = {}
         self._deviations = np.zeros((2, 2))
+        self.commands: FloatArray | None = None
         self.reset()
 
     def take(self, plan: CommandPlan) -> None:
@@ -90,7 +94,7 @@ class PlannedHorizon:
 
     def reset(self) -> None:
         """Forget the plan, and what earlier ones were worth."""
-        self._plan = None
+        self._plan = self.commands = None
         self._errors.reset()
         self._forget_deviations()
         self.status = [PlanStatus.NONE, PlanStatus.NONE]
@@ -106,6 +110,7 @@ class PlannedHorizon:
 
         `prediction` is the predictor's latest, made from `sample`.
         """
+        self.commands = None
         if self._plan is None or not len(prediction.horizon):
             return prediction
         self._compare(sample)
@@ -123,6 +128,7 @@ class PlannedHorizon:
         coasted = predictor.uncertain_ticks
         slot = self._errors.slot(len(horizon), coasted)
         self._learn(sample, horizon, slot)
+        self.commands = commands
         return prediction._replace(
             horizon=horizon,
             horizon_covariance=self._errors.issue(len(horizon), coasted),

@@ -12,14 +12,16 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
 
+from adk_ros.errors import UsageError
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
+from adk_ros.model.rollout_requests import RefusedRequest, RolloutRequests
 from adk_ros.ros.counters import Counters
 from adk_ros.signals.channels import TICK_NS, Reading, Source
 from adk_ros.signals.command_plan import CommandPlan
@@ -61,6 +63,7 @@ class Core:
         frame_id: str = "",
     ) -> None:
         self.pipeline = pipeline
+        self.rollouts = RolloutRequests(pipeline)
         self.counters = Counters()
         self.stamps = StampMonitor()
         self._publish = publish
@@ -236,4 +239,9 @@ def warm_up(model: KoopmanModel, settings: PipelineSettings) -> None:
             pipeline.planned.take(_straight_plan(stamp_ns))
     for prediction in predictions[-1:]:
         prediction.is_finite()
+        # An encoder without compiled form has no derivatives.
+        with suppress(UsageError):
+            pipeline.predictor.linearized(np.zeros((1, 2)))
+        with suppress(RefusedRequest):
+            RolloutRequests(pipeline).answer((1, 1, 2), np.zeros(2))
     pipeline.predictor.online.condition_number()

@@ -37,6 +37,7 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | WARN | wrong frames | `odometry's child_frame_id is 'odom': ...`, `predictions are of the ...` |
 | WARN | unusable covariances | `odometry's variance of v_y is negative or not finite: ignored` |
 | WARN | plans are refused | `2 planned_command messages refused: the times of the plan ...` |
+| WARN | rollouts are refused | `1 roll_out requests refused: too many steps` |
 | WARN | a plan is not followed | `delta held: the commands in force contradict the plan` |
 | WARN | a sample was processed 25 ms late or more | `n deadlines missed` |
 | WARN | the online estimator was reset | `online estimator reset n times` |
@@ -129,7 +130,7 @@ class Diagnostics:
         self._use_imu = use_imu
         self._start_s = start_s
         self._trained = trained
-        self._plans = PlanReport(core.pipeline)
+        self._plans = PlanReport(core)
         self._in_outage = False
         self._rates: dict[Source, float] = {}
         self._findings: list[tuple[Level, str]] = []

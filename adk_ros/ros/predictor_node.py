@@ -50,6 +50,7 @@ from adk_ros.ros.parameter_settings import (
 )
 from adk_ros.ros.parameters import declare_parameters, unknown_parameters
 from adk_ros.ros.plan_topics import PlanTopics
+from adk_ros.ros.rollout_topics import RolloutTopics
 from adk_ros.ros.session import message_class
 from adk_ros.ros.starting import reporting_start
 from adk_ros.ros.static_transforms import ImuExtrinsics
@@ -127,6 +128,7 @@ class PredictorNode:
         self._debug = DebugTopics(self.node, frame_id, OUTPUT_DEPTH)
         self._plans: PlanTopics | None = None
         self._inputs = self._create_inputs(classes)
+        self._rollouts = RolloutTopics(self.node, self.core, OUTPUT_DEPTH)
         if settings.horizon_steps:
             self._plans = PlanTopics(self.node, self.core, frame_id, OUTPUT_DEPTH, _input_qos())
         extrinsics = ImuExtrinsics(
@@ -215,6 +217,7 @@ class PredictorNode:
             self._publish_read_horizon(prediction)
             if self._plans is not None:
                 self._plans.publish(prediction)
+            self._rollouts.publish(prediction)
         predictor, tick_us = self.core.pipeline.predictor, self.core.counters.tick_us
         self._debug.publish(prediction, predictor, tick_us)
 

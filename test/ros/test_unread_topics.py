@@ -39,6 +39,7 @@ def test_only_what_is_read_is_filled(
 ) -> None:
     debugged: list[bool] = []
     planned: list[bool] = []
+    linearized: list[bool] = []
     node: Any = SimpleNamespace(
         _twist=Content(), _horizon=Content(), _covariance=Content(), _twist_out=Topic(0),
         _horizon_out=Topic(horizon_readers), _covariance_out=Topic(covariance_readers),
@@ -48,6 +49,7 @@ def test_only_what_is_read_is_filled(
         ),
         _debug=SimpleNamespace(publish=lambda *_: debugged.append(True)),
         _plans=SimpleNamespace(publish=lambda *_: planned.append(True)),
+        _rollouts=SimpleNamespace(publish=lambda *_: linearized.append(True)),
     )  # fmt: skip
     node._publish_read_horizon = partial(PredictorNode._publish_read_horizon, node)
     made = Prediction(
@@ -64,3 +66,4 @@ def test_only_what_is_read_is_filled(
     assert (node._stamped.filled, node._stamped_out.sent) == (expected, expected)
     assert debugged
     assert bool(planned) is wanted
+    assert bool(linearized) is wanted

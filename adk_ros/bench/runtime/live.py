@@ -49,7 +49,8 @@ MIN_IMU_HZ, MAX_IMU_HZ = 1.0, 2000.0
 _WARM_UP_S = 3.0
 """Time before the measurement in which kernels compile and caches fill, s."""
 _TIMEOUT_S = 60.0
-_MODULE = "adk_ros.bench.runtime.live"
+MODULE = "adk_ros.bench.runtime.live"
+"""Runs the parts of the measurement: `drive`, `listen`, `relay`."""
 
 
 def check_live(duration_s: float, imu_hz: float) -> None:
@@ -104,10 +105,11 @@ def bench_live(
         if method:
             arguments += ["-p", f"method:={method}"]
         node = start_process(stack, folder, "adk_ros.ros.node", *arguments)
-        listener = start_process(stack, folder, _MODULE, "listen", str(folder / "received.npz"))
-        relay = start_process(stack, folder, _MODULE, "relay")
-        traffic = start_process(stack, folder, _MODULE, "drive", str(folder / "sent.npz"), *rates)
-        _await_line(traffic, "started", node, folder)
+        listener = start_process(stack, folder, MODULE, "listen", str(folder / "received.npz"))
+        relay = start_process(stack, folder, MODULE, "relay")
+        sent_path = str(folder / "sent.npz")
+        traffic = start_process(stack, folder, MODULE, "drive", sent_path, "2", *rates)
+        await_line(traffic, "started", node, folder)
         cpu_percent, relay_percent, grown_mb = _watch(node, relay, duration_s, progress)
         if traffic.wait(_TIMEOUT_S) or node.poll() is not None or relay.poll() is not None:
             raise DataError(f"the measurement failed: {last_error(folder)}")
@@ -115,7 +117,7 @@ def bench_live(
         listener.terminate()
         if listener.wait(_TIMEOUT_S):
             raise DataError(f"the listener failed: {last_error(folder)}")
-        sent, received = np.load(folder / "sent.npz"), np.load(folder / "received.npz")
+        sent, received = np.load(sent_path), np.load(folder / "received.npz")
         result = _evaluate(sent, received, round(_WARM_UP_S * 1e9))
     tick_ms = 1e-3 * float(result["node"].get("tick_p50_us", "nan"))
     result["tick_p50_ms"] = round(tick_ms, 3)
@@ -135,9 +137,14 @@ def bench_live(
     return result
 
 
-def _await_line(
+def await_line(
     process: subprocess.Popen[str], wanted: str, node: subprocess.Popen[str], folder: Path
 ) -> None:
+    """
+    Wait until a process writes a line; `node`: the process of the node.
+
+    :raises DataError: one of the two has ended.
+    """
     assert process.stdout is not None
     while node.poll() is None:
         if select.select([process.stdout], [], [], 0.2)[0]:
@@ -231,15 +238,14 @@ def latencies(
     return np.array(found), missed
 
 
-def _drive(path: str, *rates: str) -> None:
+def _drive(path: str, subscribers: str, *rates: str) -> None:
     from adk_ros.ros.traffic import Rates, publish_synthetic_sensors
 
     duration_s, *hz = (float(rate) for rate in rates)
     sent = publish_synthetic_sensors(
         duration_s,
         Rates(*hz),
-        # The node and the relay.
-        subscribers=2,
+        subscribers=int(subscribers),
         on_start=lambda: print("started", flush=True),
     )
     values = np.full((len(sent), 3), np.nan)

@@ -10,6 +10,7 @@ import pytest
 from helpers.node import readings, write_model
 
 from adk_ros.bench.runtime.live import bench_live, latencies
+from adk_ros.cli.main import main
 from adk_ros.errors import DataError
 from adk_ros.signals.align import Aligner
 from adk_ros.signals.channels import TICK_NS
@@ -64,6 +65,27 @@ def test_a_short_measurement(tmp_path: Path) -> None:
     assert result["cpu_ratio"] == pytest.approx(ratio, abs=0.01)
     assert calls == sorted(calls)
     assert len(calls) > 10
+
+
+@pytest.mark.slow
+def test_rollouts_through_topics_are_timed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = write_model(tmp_path / "model")
+    arguments = ["bench", "rollouts", "--model", str(model), "--requests", "5"]
+    assert main([*arguments, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert [row["candidates"] for row in result["rows"]] == [1, 100, 1000]
+    for row in result["rows"]:
+        assert 0.0 < row["in_process"]["p50_ms"] <= row["in_process"]["p99_ms"]
+        # To the node and back takes longer than the computation alone.
+        assert row["by_topic"]["p50_ms"] > row["in_process"]["p50_ms"]
+        assert row["bytes"] == row["candidates"] * 80 * 6 * 8
+
+
+def test_a_useless_number_of_requests_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "rollouts", "--requests", "2"]) == 2
+    assert "--requests 2 is out of range: choose 5 to 10000" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -1,0 +1,89 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Requests of other processes for predictions under many candidate commands."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from adk_ros.errors import UsageError
+from adk_ros.model.drivable import is_drivable
+from adk_ros.model.pipeline import Pipeline
+from adk_ros.model.prediction import Status
+from adk_ros.numerics.arrays import FloatArray
+
+MAX_STEPS = 160_000
+"""
+Most candidates times steps of a request.
+
+`adk bench latency` rolls out 80,000 in 6 to 7 ms. The node predicts nothing meanwhile, and twice
+as many leave it half of the 25 ms between two samples.
+"""
+COLUMNS = ("v_x", "v_y", "yaw_rate", "drivable")
+"""Of an answer: the state, SI, and 1 where the candidate's motion is drivable, else 0."""
+_READY = (Status.PREDICTED, Status.COASTING)
+
+
+class RefusedRequest(Exception):
+    """A request that cannot be answered; its text says why."""
+
+
+class RolloutRequests:
+    """Answers requests to the predictor of a pipeline; `refused` counts refusals by reason."""
+
+    def __init__(self, pipeline: Pipeline) -> None:
+        self._pipeline = pipeline
+        self.received = 0
+        self.refused: Counter[str] = Counter()
+
+    def answer(self, shape: Sequence[int], values: ArrayLike) -> tuple[int, FloatArray]:
+        """
+        Return the stamp of the sample that the answer starts from, ns, and the answer (k, h, 4).
+
+        :param shape: (k, h, 2) of k candidates of h steps of 25 ms: net wheel torque in N·m and
+            road-wheel angle in rad, the first one in force at the latest sample.
+        :param values: the commands, row-major.
+        :raises RefusedRequest: it has no answer; also counted.
+        """
+        self.received += 1
+        commands = self._commands(tuple(shape), values)
+        prediction = self._pipeline.last_prediction
+        predictor = self._pipeline.predictor
+        sample = self._pipeline.last_sample
+        if prediction is None or sample is None or predictor.status not in _READY:
+            raise self._refusal("no state to predict from", predictor.status.value)
+        if prediction.origin_ns != sample.stamp_ns:
+            raise self._refusal("no state to predict from", "the latest sample has no prediction")
+        try:
+            states = predictor.roll_out_many(commands)
+        except UsageError as error:
+            raise self._refusal("not predictable", str(error)) from None
+        present = predictor.filtered_state
+        drivable = [is_drivable(present, candidate) for candidate in states]
+        flags = np.repeat(np.array(drivable, dtype=np.float64), states.shape[1])
+        answer = np.concatenate([states, flags.reshape(*states.shape[:2], 1)], axis=2)
+        return prediction.origin_ns, answer
+
+    def _commands(self, shape: tuple[int, ...], values: ArrayLike) -> FloatArray:
+        if len(shape) != 3 or shape[-1] != 2 or min(shape) < 1:
+            detail = f"{list(shape)}: give [candidates, steps, 2]"
+            raise self._refusal("the layout has other dimensions", detail)
+        if shape[0] * shape[1] > MAX_STEPS:
+            detail = f"{shape[0]} x {shape[1]}: give at most {MAX_STEPS} candidates times steps"
+            raise self._refusal("too many steps", detail)
+        data = np.asarray(values, dtype=np.float64).ravel()
+        if data.size != shape[0] * shape[1] * 2:
+            detail = f"{data.size} for {shape[0]} x {shape[1]} x 2"
+            raise self._refusal("another number of values than the layout says", detail)
+        if not np.isfinite(data).all():
+            first = int(np.argmin(np.isfinite(data)))
+            raise self._refusal("a command is not finite", f"number {first}, from 0")
+        return data.reshape(shape)
+
+    def _refusal(self, reason: str, detail: str) -> RefusedRequest:
+        self.refused[reason] += 1
+        return RefusedRequest(f"{reason} ({detail})")
