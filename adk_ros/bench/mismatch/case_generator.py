@@ -16,13 +16,6 @@ import numpy as np
 
 from adk_ros.bench.mismatch.injected_changes import InjectedChanges
 from adk_ros.bench.mismatch.injectors import plant_changes
-from adk_ros.bench.mismatch.random_routes import (
-    ROAD_STYLES,
-    plan_route,
-    random_route,
-    slower_routes,
-    spins,
-)
 from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS, with_dropouts
 from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
 from adk_ros.bench.mismatch.vehicle_family import Drive, family_of
@@ -30,6 +23,13 @@ from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.environment.road import RoadPatch
+from adk_ros.plant.scenario.random_routes import (
+    ROAD_STYLES,
+    plan_route,
+    random_route,
+    slower_routes,
+    spins,
+)
 
 SIMULATED_S, RECORDED_S, HELD_OUT_S = 150.0, 220.0, 100.0
 """Durations of the simulation, the recording and the held-out recording, s."""

@@ -11,12 +11,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from adk_ros.bench.mismatch.case_matrix import CasePlan
 from adk_ros.errors import UsageError
+from adk_ros.files.code_digest import code_digest
 
 LABEL = "label.json"
 
@@ -77,16 +78,6 @@ def plan_jobs(plans: Sequence[CasePlan]) -> list[CaseJob]:
         )
         for plan in plans
     ]
-
-
-@cache
-def code_digest() -> str:
-    """Return a hash of the package's sources: results of other code are not resumed."""
-    root = Path(__file__).parents[2]
-    digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
-    return digest.hexdigest()
 
 
 def _digest(content: bytes) -> str:

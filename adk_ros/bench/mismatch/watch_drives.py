@@ -17,13 +17,6 @@ import numpy as np
 
 from adk_ros.bench.mismatch.injected_changes import InjectedChanges
 from adk_ros.bench.mismatch.injectors import FULL, plant_changes, scale_strength
-from adk_ros.bench.mismatch.random_routes import (
-    ROAD_STYLES,
-    plan_route,
-    random_route,
-    slower_routes,
-    spins,
-)
 from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
 from adk_ros.bench.mismatch.vehicle_family import Drive, family_of
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -31,6 +24,13 @@ from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
+from adk_ros.plant.scenario.random_routes import (
+    ROAD_STYLES,
+    plan_route,
+    random_route,
+    slower_routes,
+    spins,
+)
 from adk_ros.signals.channels import Reading, Source
 
 SIMULATED_S = 150.0

@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Drives of the benchmark: one for training, ten tests, each in a clean and a noisy variant.
+Drives of a benchmark: one for training, tests, each in a clean and a noisy variant.
 
 Training and the nominal test are the first 70 % and the rest of one drive, as in the paper; each
 other test is a separate drive with its own seed. In the noisy variant x and a carry white noise,
@@ -11,14 +11,15 @@ training uses only the measurement, as for a real recording.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from adk_ros.errors import DataError
 from adk_ros.numerics.arrays import FloatArray, IntArray
-from adk_ros.plant.scenario.scenario_file import load_scenario
+from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
 from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
 from adk_ros.plant.scenario.simulate import Progress, simulate
 from adk_ros.signals.channels import Flag, Record
@@ -54,6 +55,35 @@ _NOISE_SEED = 2026
 
 
 @dataclass(frozen=True)
+class DriveSet:
+    """
+    The drives of a benchmark.
+
+    `training`: scenario, by name or file, of training and nominal test. `tests`: names, of which
+    `NOMINAL` is one. `files`: scenario files by test; the others are packaged scenarios of the
+    test's name. `noise_scale`: factor on the noise of the noisy variant. `noise_seed`: of it.
+    """
+
+    training: str = TRAINING
+    tests: tuple[str, ...] = TESTS
+    files: Mapping[str, str] = field(default_factory=dict)
+    noise_scale: float = 1.0
+    noise_seed: int = _NOISE_SEED
+
+    def scenario(self, test: str) -> Scenario:
+        """
+        Return the scenario of a test.
+
+        :raises UsageError: there is none of that name.
+        """
+        return load_scenario(self.training if test == NOMINAL else self.files.get(test, test))
+
+
+PAPER_DRIVES = DriveSet()
+"""Ten tests, chosen and looked at while the method was developed."""
+
+
+@dataclass(frozen=True)
 class Durations:
     """Durations, s; None: those of the scenarios. `train` includes the nominal test."""
 
@@ -62,7 +92,10 @@ class Durations:
 
 
 def simulate_test(
-    test: str, durations: Durations, progress: Progress | None = None
+    test: str,
+    durations: Durations,
+    progress: Progress | None = None,
+    drives: DriveSet = PAPER_DRIVES,
 ) -> tuple[SimulatedDrive, int]:
     """
     Simulate the drive of a test; return it without readings, and the row where the test begins.
@@ -70,7 +103,7 @@ def simulate_test(
     :raises UsageError: there is no scenario of that name.
     """
     nominal = test == NOMINAL
-    scenario = load_scenario(TRAINING if nominal else test)
+    scenario = drives.scenario(test)
     seconds = durations.train if nominal else durations.test
     driven = simulate(scenario, duration_s=seconds, progress=progress)
     # The sensor readings, half a million, are not needed here.
@@ -94,34 +127,36 @@ def _read_truth(folder: Path, test: str) -> Record:
     return Record(stamp_ns, x, u, a, zeros, x.copy(), zeros.copy(), test)
 
 
-def test_record(folder: Path, test: str, variant: str) -> Record:
+def record_of_test(
+    folder: Path, test: str, variant: str, drives: DriveSet = PAPER_DRIVES
+) -> Record:
     """Return the record of a test: measurement `x`, truth `x_ref`."""
     record = _read_truth(folder, test)
     if test == NOMINAL:
         record = record.rows(slice(_cut(len(record)), None))
-    return record if variant == CLEAN else noisy(record, 1 + TESTS.index(test))
+    return record if variant == CLEAN else noisy(record, 1 + drives.tests.index(test), drives)
 
 
-test_record.__test__ = False  # type: ignore[attr-defined]
-
-
-def training_record(folder: Path, variant: str) -> Record:
+def training_record(folder: Path, variant: str, drives: DriveSet = PAPER_DRIVES) -> Record:
     """Return the training record; if noisy, `x_ref` is the measurement, NaN at dropouts."""
     record = _read_truth(folder, NOMINAL)
-    record = replace(record.rows(slice(0, _cut(len(record)))), name=TRAINING)
-    return record if variant == CLEAN else noisy(record, 0, training=True)
+    record = replace(record.rows(slice(0, _cut(len(record)))), name=Path(drives.training).name)
+    return record if variant == CLEAN else noisy(record, 0, drives, training=True)
 
 
-def noisy(record: Record, seed: int, training: bool = False) -> Record:
+def noisy(
+    record: Record, seed: int, drives: DriveSet = PAPER_DRIVES, training: bool = False
+) -> Record:
     """
     Add white noise to x and a, and dropouts that repeat the tick before.
 
     Dropouts are flagged as stale, so they are not learned from. `training`: `x_ref` becomes the
     measurement as well.
     """
-    random = np.random.default_rng((_NOISE_SEED, seed))
-    x = record.x + NOISE * random.standard_normal(record.x.shape)
-    a = record.a + FORCE_NOISE * random.standard_normal(record.a.shape)
+    random = np.random.default_rng((drives.noise_seed, seed))
+    scale = drives.noise_scale
+    x = record.x + scale * NOISE * random.standard_normal(record.x.shape)
+    a = record.a + scale * FORCE_NOISE * random.standard_normal(record.a.shape)
     lost = random.random(len(record)) < DROPPED
     # The first samples have no earlier one to repeat.
     lost[: HISTORY + 1] = False

@@ -17,7 +17,7 @@ from typing import Any
 from adk_ros.bench.paper import training_jobs
 from adk_ros.bench.paper.av21 import RecordingScores, recording_job
 from adk_ros.bench.paper.baseline_libraries import find_python
-from adk_ros.bench.paper.cases import NOMINAL, TESTS, VARIANTS
+from adk_ros.bench.paper.cases import NOMINAL, VARIANTS
 from adk_ros.bench.paper.predictors import PYKOOP, PYKOOPMAN
 from adk_ros.bench.paper.scores import ScoreTable
 from adk_ros.bench.paper.training_jobs import BenchPlan, NoteProgress, Outcome, TrainingJob
@@ -65,9 +65,10 @@ def check(plan: BenchPlan) -> None:
     :raises UsageError: an unknown test, seeds out of range, the nominal drive is not among the
         tests, or a recording is missing or named like another.
     """
-    unknown = [test for test in plan.tests if test not in TESTS]
+    known = plan.drives.tests
+    unknown = [test for test in plan.tests if test not in known]
     if unknown:
-        raise UsageError(f"test '{unknown[0]}' is unknown: choose from {', '.join(TESTS)}")
+        raise UsageError(f"test '{unknown[0]}' is unknown: choose from {', '.join(known)}")
     if NOMINAL not in plan.tests:
         raise UsageError(f"the test '{NOMINAL}' is part of every run: its drive is trained on")
     if not 1 <= plan.seeds <= 100:
@@ -140,7 +141,7 @@ def planned(plan: BenchPlan, peers: bool) -> list[TrainingJob]:
     """Return all jobs but the simulations, longest first."""
     result = []
     for kind in KINDS:
-        if kind == "simulate" or (kind == "peers" and not peers):
+        if kind == "simulate" or kind in plan.left_out or (kind == "peers" and not peers):
             continue
         if kind == "recording":
             for path in plan.recordings:

@@ -23,6 +23,7 @@ from adk_ros.signals.score import HORIZON_STEPS, imu_integration, linear_extrapo
 
 DK, ALDK, RLS, FFRLS, SWLS = "DK", "ALDK", "ALDK-RLS", "ALDK-FFRLS", "ALDK-SWLS"
 MF, MF_TUNED = "7 DoF-MF", "7 DoF-MF tuned"
+MF_PLAIN, MF_CHOSEN = "7 DoF-MF, no resistances", "7 DoF-MF, chosen"
 ADK_ROS, ORACLE = "adk_ros", "oracle (the plant)"
 LINEAR, LINEAR_ADAPTED = "least squares", "least squares, adapted"
 PYKOOP, PYKOOPMAN = "pykoop", "pykoopman"
@@ -30,7 +31,8 @@ NAIVE = ("persistence", "straight line", "IMU integration")
 PAPERS = (DK, MF, ALDK, RLS, FFRLS, SWLS)
 """Predictors of the paper, in its order."""
 ORDER = (
-    *PAPERS, MF_TUNED, *NAIVE, LINEAR, LINEAR_ADAPTED, PYKOOP, PYKOOPMAN, ADK_ROS, ORACLE,
+    *PAPERS, MF_PLAIN, MF_TUNED, MF_CHOSEN, *NAIVE, LINEAR, LINEAR_ADAPTED, PYKOOP, PYKOOPMAN,
+    ADK_ROS, ORACLE,
 )  # fmt: skip
 """Order of the predictors in the tables."""
 METHODS = {ALDK: "constant", RLS: "rls", FFRLS: "ffrls", SWLS: "swls"}
@@ -46,11 +48,15 @@ class PredictionsOnTest:
 
     `one` (n, 3): one step ahead of each row; `ahead` (m, 80, 3): rollouts from the starts;
     `variance` (m, 5, 3): predicted error variance by horizon, None if the predictor has none.
+    `held` (m, 80, 3) and `held_variance` (m, 5, 3): the same with the commands held, as the node
+    publishes it.
     """
 
     one: FloatArray
     ahead: FloatArray
     variance: FloatArray | None = None
+    held: FloatArray | None = None
+    held_variance: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -104,10 +110,11 @@ class KoopmanPredictor:
         last = int(max(rows[-1] if rows.size else -1, starts[-1] if starts.size else -1))
         ahead = np.full((starts.size, AHEAD, 3), np.nan)
         variance = np.full((starts.size, len(HORIZON_STEPS), 3), np.nan)
+        held, held_variance = np.full_like(ahead, np.nan), np.full_like(variance, np.nan)
         start_of_row = np.full(len(record), -1)
         start_of_row[starts] = np.arange(starts.size)
         index = np.array(HORIZON_STEPS) - 1
-        predictor = Predictor(self.model, self.online, horizon_steps=0)
+        predictor = Predictor(self.model, self.online, horizon_steps=AHEAD)
         for row in range(last + 1):
             prediction = predictor.step(sample_at(record, row))
             if tell is not None and row % _PROGRESS_STRIDE == 0:
@@ -116,12 +123,20 @@ class KoopmanPredictor:
                 continue
             one[row] = prediction.x
             if start_of_row[row] >= 0:
-                ahead[start_of_row[row]] = predictor.rollout(record.u[row : row + AHEAD])
+                start = start_of_row[row]
+                held[start] = prediction.horizon
+                published = prediction.horizon_covariance[index]
+                held_variance[start] = np.diagonal(published, axis1=1, axis2=2)
+                ahead[start] = predictor.rollout(record.u[row : row + AHEAD])
                 table = predictor.horizon_covariance
                 if len(table) >= AHEAD:
-                    variance[start_of_row[row]] = np.diagonal(table[index], axis1=1, axis2=2)
+                    variance[start] = np.diagonal(table[index], axis1=1, axis2=2)
         return PredictionsOnTest(
-            one[rows], ahead, variance if np.isfinite(variance).any() else None
+            one[rows],
+            ahead,
+            variance if np.isfinite(variance).any() else None,
+            held,
+            held_variance if np.isfinite(held_variance).any() else None,
         )
 
 

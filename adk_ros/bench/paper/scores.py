@@ -6,16 +6,20 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from adk_ros.bench.paper.cases import NOISY, VARIANTS, measured
+from adk_ros.bench.paper.interval_scores import (
+    IntervalScore,
+    score_intervals,
+    with_own_error,
+)
 from adk_ros.bench.paper.predictors import ADK_ROS, NAIVE, ORDER, PredictionsOnTest
 from adk_ros.numerics.arrays import FloatArray, IntArray
-from adk_ros.numerics.constants import QUANTILE_90
 from adk_ros.signals.channels import STATE_NAMES, Record
 from adk_ros.signals.score import DIVERGED, HORIZON_STEPS, REPORT_SCALE, TICK_S, score
 
@@ -39,7 +43,9 @@ class CaseScore:
 
     `count` and `diverged` (5,): predictions, and how many of them diverged (see `signals.score`).
     `covered` of `claimed` (5, 3): measurements within the predicted 90 % interval, of all with
-    such an interval. `seconds`: duration of the pass over the test.
+    such an interval. `seconds`: duration of the pass over the test. `intervals`: their scores, for
+    predictors without intervals with their own RMSE; `held`: those of the published horizons,
+    which hold the commands.
     """
 
     rmse: FloatArray
@@ -49,6 +55,8 @@ class CaseScore:
     covered: IntArray
     claimed: IntArray
     seconds: float = 0.0
+    intervals: IntervalScore | None = None
+    held: IntervalScore | None = None
 
 
 def score_case(
@@ -61,24 +69,27 @@ def score_case(
     """Score a pass over a test: one step ahead at all `rows`, longer horizons at `starts`."""
     parts = [score(record, rows, passed.one[:, None], (1,))]
     parts += [score(record, starts, passed.ahead, (step,)) for step in HORIZON_STEPS[1:]]
-    covered = np.zeros((len(HORIZON_STEPS), 3), dtype=np.int64)
-    claimed = covered.copy()
+    index = np.array(HORIZON_STEPS)
+    ahead = passed.ahead[:, index - 1]
+    then = measured(record)[starts[:, None] + index]
+    none = np.zeros((len(HORIZON_STEPS), 3), dtype=np.int64)
     if passed.variance is not None:
-        index = np.array(HORIZON_STEPS)
-        error = passed.ahead[:, index - 1] - measured(record)[starts[:, None] + index]
-        known = ~np.isnan(error) & np.isfinite(passed.variance)
-        # A diverged prediction counts as outside of its interval.
-        known |= np.isfinite(passed.variance) & ~np.isfinite(passed.ahead[:, index - 1])
-        within = np.abs(error) <= QUANTILE_90 * np.sqrt(passed.variance)
-        claimed, covered = known.sum(axis=0), (known & within).sum(axis=0)
+        known = score_intervals(ahead, passed.variance, then)
+    else:
+        known = replace(with_own_error(ahead, then), covered=none, claimed=none)
+    held = None
+    if passed.held is not None and passed.held_variance is not None:
+        held = score_intervals(passed.held[:, index - 1], passed.held_variance, then)
     return CaseScore(
         rmse=np.concatenate([part.rmse for part in parts]),
         worst=np.concatenate([part.worst for part in parts]),
         count=np.array([part.count for part in parts]),
         diverged=np.array([part.diverged for part in parts]),
-        covered=covered,
-        claimed=claimed,
+        covered=known.covered,
+        claimed=known.claimed,
         seconds=seconds,
+        intervals=known,
+        held=held,
     )
 
 

@@ -16,6 +16,8 @@ from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
 from adk_ros.signals.channels import Record
 
 _BATCH = 4096
+_HISTORY, _STRIDE = 8, 20
+"""Rows before the first one compared, and from one to the next, as on the tests."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,32 @@ class SevenDof:
         :raises DataError: too few rollouts fit into the records.
         """
         return SevenDof(identify_vehicle(vehicle, records, mu=mu).vehicle, mu, name)
+
+    def without_resistances(self, name: str = "7 DoF-MF, no resistances") -> SevenDof:
+        """
+        Return the model without rolling and air resistance, as the paper's (section 4.2.2).
+
+        The paper gives no longitudinal tyre model; that of the vehicle stays.
+        """
+        changes = {"crr": 0.0, "cda": 0.0, "side_force_area": 0.0, "yaw_moment_volume": 0.0}
+        return SevenDof(self.vehicle.model_copy(update=changes), self.mu, name)
+
+    def better_of(self, other: SevenDof, record: Record, ahead: int) -> SevenDof:
+        """
+        Return the one of two models with the smaller errors on `record`.
+
+        Compared is the geometric mean of the RMSE ratios over channels and steps 1 and `ahead`.
+        """
+        rows = np.arange(_HISTORY, len(record) - ahead - 1)
+        rows = rows[record.episode[rows - _HISTORY] == record.episode[rows + ahead]][::_STRIDE]
+        logs = 0.0
+        steps = (1, ahead)
+        for sign, model in ((1.0, self), (-1.0, other)):
+            predicted = model.predict(record, rows, ahead)
+            for step in steps:
+                error = predicted[:, step - 1] - record.x_ref[rows + step]
+                logs += sign * float(np.log(np.nanmean(error**2, axis=0)).sum())
+        return self if logs < 0.0 else other
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
         """As `BenchPredictor.predict`."""

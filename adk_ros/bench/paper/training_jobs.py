@@ -28,6 +28,8 @@ from adk_ros.bench.paper.predictors import (
     LINEAR_ADAPTED,
     METHODS,
     MF,
+    MF_CHOSEN,
+    MF_PLAIN,
     MF_TUNED,
     NAIVE,
     KoopmanPredictor,
@@ -41,8 +43,7 @@ from adk_ros.errors import AdkError
 from adk_ros.model import artefact
 from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.plant.scenario.scenario_file import load_scenario
-from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
+from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle
 from adk_ros.signals.channels import Record
 from adk_ros.train.network_fit import Step
 from adk_ros.train.paper_training import fit_paper
@@ -51,6 +52,8 @@ from adk_ros.train.training_run import run_training
 
 ADAPTED = OnlineSettings("windowed", window=2000, ridge=300.0)
 """Online method of the least squares without lifting: the window of the default predictor."""
+VALIDATED_FROM = 0.8
+"""Share of the training drive before the part on which parameters are chosen; by choice."""
 TRAINED_SHARE = 0.8
 """Share of a job's progress bar for the training; cosmetic."""
 
@@ -59,11 +62,13 @@ NoteProgress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class BenchPlan:
-    """Tests to run and training effort."""
+    """Tests to run, of which drives, and training effort; `left_out`: kinds of jobs."""
 
     quick: bool = False
     seeds: int = 3
     tests: tuple[str, ...] = cases.TESTS
+    drives: cases.DriveSet = cases.PAPER_DRIVES
+    left_out: tuple[str, ...] = ()
     train: TrainSettings = field(default_factory=TrainSettings)
     paper_epochs: int = 200
     paper_batch: int = 20
@@ -124,7 +129,7 @@ def simulate_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProg
     outcome = Outcome(job)
     with outcome.clocked("simulating"):
         driven, _ = cases.simulate_test(
-            job.about, plan.durations, lambda done, total: tell(done / total)
+            job.about, plan.durations, lambda done, total: tell(done / total), plan.drives
         )
         cases.write_truth(folder, job.about, driven)
     return outcome
@@ -133,41 +138,54 @@ def simulate_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProg
 def naive_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """Run the predictors with little or no training: naive, least squares, nominal physics."""
     outcome = Outcome(job)
-    train = cases.training_record(folder, job.variant)
+    train = cases.training_record(folder, job.variant, plan.drives)
     with outcome.clocked("fitting"):
         linear = LeastSquares.fit([train], name=LINEAR)
         adapted = LeastSquares.fit([train], ADAPTED, LINEAR_ADAPTED)
-    nominal = SevenDof(load_vehicle(_scenario_vehicle()), _friction(), MF)
+    nominal = SevenDof(*_given(plan), MF)
+    plain = nominal.without_resistances(MF_PLAIN)
     everybody: list[BenchPredictor] = [NaivePredictor(name) for name in NAIVE]
-    _evaluate_on_all_tests(outcome, [*everybody, linear, adapted, nominal], plan, folder, tell)
+    _evaluate_on_all_tests(
+        outcome, [*everybody, linear, adapted, nominal, plain], plan, folder, tell
+    )
     return outcome
 
 
-def _friction() -> float:
-    """Return the friction of the training road, which the physics model is given."""
-    return load_scenario(cases.TRAINING).mu
-
-
-def _scenario_vehicle() -> str:
-    return load_scenario(cases.TRAINING).vehicle
+def _given(plan: BenchPlan) -> tuple[Vehicle, float]:
+    """Return the car and the friction of the training drive, which physics models are given."""
+    training = plan.drives.scenario(cases.NOMINAL)
+    return load_vehicle(training.vehicle), training.mu
 
 
 def tuned_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
-    """Run the seven-degree-of-freedom model with parameters identified on the training drive."""
+    """
+    Run the seven-degree-of-freedom model with parameters identified on the training drive.
+
+    On a hilly drive they may be worse than the given ones, since the model's road is flat. The
+    better ones are chosen on the last fifth, with parameters identified on the rest.
+    """
     outcome = Outcome(job)
-    train = cases.training_record(folder, job.variant)
+    train = cases.training_record(folder, job.variant, plan.drives)
     with outcome.clocked("fitting"):
-        vehicle = load_vehicle(_scenario_vehicle())
-        tuned = SevenDof.tuned(vehicle, [train], _friction(), MF_TUNED)
+        vehicle, friction = _given(plan)
+        tuned = SevenDof.tuned(vehicle, [train], friction, MF_TUNED)
+        cut = int(VALIDATED_FROM * len(train))
+        early = SevenDof.tuned(vehicle, [train.rows(slice(0, cut))], friction)
+        given = SevenDof(vehicle, friction)
+        best = early.better_of(given, train.rows(slice(cut, None)), cases.AHEAD)
+        chosen = replace(given if best is given else tuned, name=MF_CHOSEN)
+        outcome.notes[MF_CHOSEN] = "given parameters" if best is given else "identified ones"
     tell(0.5)
-    _evaluate_on_all_tests(outcome, [tuned], plan, folder, lambda share: tell(0.5 + 0.5 * share))
+    _evaluate_on_all_tests(
+        outcome, [tuned, chosen], plan, folder, lambda share: tell(0.5 + 0.5 * share)
+    )
     return outcome
 
 
 def paper_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """Train and run DK, or ALDK with its three online methods."""
     outcome = Outcome(job)
-    train = cases.training_record(folder, job.variant)
+    train = cases.training_record(folder, job.variant, plan.drives)
     settings = PaperSettings(
         acceleration=job.kind == "aldk", epochs=plan.paper_epochs, batch=plan.paper_batch
     )
@@ -193,7 +211,7 @@ def paper_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgres
 def default_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """Train and run the adk_ros model with one seed; a tenth of the drive is for validation."""
     outcome = Outcome(job)
-    train = cases.training_record(folder, job.variant)
+    train = cases.training_record(folder, job.variant, plan.drives)
     model = train_default(outcome, [train], plan, folder, tell)
     _evaluate_on_all_tests(outcome, [model], plan, folder, _evaluation_rest(tell))
     return outcome
@@ -223,7 +241,7 @@ def train_default(
 def peers_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """Fit and run the baseline libraries in their separate environment."""
     outcome = Outcome(job)
-    train = cases.training_record(folder, job.variant)
+    train = cases.training_record(folder, job.variant, plan.drives)
     try:
         with outcome.clocked("fitting"):
             peers = Peers([train], scratch=folder)
@@ -245,7 +263,7 @@ def floor_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgres
     outcome = Outcome(job)
     for number, test in enumerate(plan.tests):
         with outcome.clocked("simulating"):
-            driven, begin = cases.simulate_test(test, plan.durations)
+            driven, begin = cases.simulate_test(test, plan.durations, drives=plan.drives)
         one = replace(plan, tests=(test,))
         _evaluate_on_all_tests(outcome, [OraclePredictor(driven, begin)], one, folder, _nothing)
         tell((number + 1) / len(plan.tests))
@@ -264,7 +282,7 @@ def _evaluate_on_all_tests(
     total = len(plan.tests) * len(everybody)
     done = 0
     for test in plan.tests:
-        record = cases.test_record(folder, test, job.variant)
+        record = cases.record_of_test(folder, test, job.variant, plan.drives)
         rows, starts = cases.rows_of(record, plan.stride)
         for predictor in everybody:
 
@@ -296,7 +314,7 @@ def read_series(folder: Path, plan: BenchPlan, test: str, name: str) -> tuple[Fl
     path = series_path(folder, cases.CLEAN, test, name)
     if not path.is_file():
         raise KeyError(name)
-    record = cases.test_record(folder, test, cases.CLEAN)
+    record = cases.record_of_test(folder, test, cases.CLEAN, plan.drives)
     rows, _ = cases.rows_of(record, plan.stride)
     time_s = (record.stamp_ns[rows + 1] - record.stamp_ns[0]) * 1e-9
     return time_s, record.x_ref[rows + 1], np.load(path)

@@ -17,10 +17,10 @@ from adk_ros.bench.mismatch.injectors import FULL, plant_changes
 from adk_ros.bench.mismatch.multibody import MULTI_BODY, base_vehicle
 from adk_ros.bench.mismatch.multibody_changes import EFFECTS, SIZES, changed_multibody
 from adk_ros.bench.mismatch.multibody_drive import simulate_multibody_drive
-from adk_ros.bench.mismatch.random_routes import ROAD_STYLES, plan_route, random_route
 from adk_ros.bench.mismatch.vehicle_family import TOLERANCE, MultibodyFamily
 from adk_ros.errors import UsageError
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.plant.scenario.random_routes import ROAD_STYLES, plan_route, random_route
 
 A_X, A_Y, RATE, V_X, V_Y = range(5)
 

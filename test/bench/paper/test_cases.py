@@ -45,7 +45,7 @@ def test_every_test_has_its_own_scenario_and_seed() -> None:
 
 def test_the_nominal_test_is_held_out(folder: Path) -> None:
     train = cases.training_record(folder, cases.CLEAN)
-    test = cases.test_record(folder, cases.NOMINAL, cases.CLEAN)
+    test = cases.record_of_test(folder, cases.NOMINAL, cases.CLEAN)
     driven, begin = cases.simulate_test(cases.NOMINAL, SHORT)
     assert len(train) == begin == int(0.7 * len(driven.x))
     np.testing.assert_array_equal(np.concatenate([train.x, test.x]), driven.x)
@@ -53,7 +53,7 @@ def test_the_nominal_test_is_held_out(folder: Path) -> None:
     np.testing.assert_array_equal(test.x, test.x_ref)
     other, begin = cases.simulate_test("slalom", SHORT)
     assert begin == 0
-    np.testing.assert_array_equal(cases.test_record(folder, "slalom", cases.CLEAN).u, other.u)
+    np.testing.assert_array_equal(cases.record_of_test(folder, "slalom", cases.CLEAN).u, other.u)
 
 
 def test_noise_and_dropout_statistics() -> None:

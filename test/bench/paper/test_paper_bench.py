@@ -113,7 +113,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[runs.Result, Path, P
     (out / "tables").mkdir()
     (out / "tables" / "table_9_clean.md").write_text("of an earlier report")
 
-    def tuned(vehicle: object, records: object, mu: float, name: str) -> SevenDof:
+    def tuned(vehicle: object, records: object, mu: float, name: str = "") -> SevenDof:
         from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
 
         return SevenDof(load_vehicle("imdv"), mu, name)

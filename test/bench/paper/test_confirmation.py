@@ -1,0 +1,239 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk bench confirm: the drives come from the seed alone, and the criteria say what they must."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.paper import board_of, case_score
+from helpers.train import made_record
+
+from adk_ros.bench.paper import cases, confirmation_drives, paper_bench
+from adk_ros.bench.paper.cases import CLEAN, NOISY
+from adk_ros.bench.paper.confirmation_criteria import confirmation_criteria
+from adk_ros.bench.paper.confirmation_drives import CHANGES, write_confirmation_drives
+from adk_ros.bench.paper.interval_scores import IntervalScore, score_intervals, with_own_error
+from adk_ros.bench.paper.predictors import ADK_ROS, MF, MF_CHOSEN, NAIVE, PYKOOP, SWLS
+from adk_ros.bench.paper.seven_dof_predictor import SevenDof
+from adk_ros.bench.paper.training_jobs import BenchPlan, Outcome, TrainingJob
+from adk_ros.cli.main import main
+from adk_ros.files.code_digest import code_digest
+from adk_ros.numerics.constants import QUANTILE_90
+from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
+from adk_ros.plant.scenario.simulate import simulate
+from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
+
+
+@pytest.fixture(autouse=True)
+def nothing_spins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Save the simulation of each drive."""
+    monkeypatch.setattr(confirmation_drives, "drive_spins", lambda scenario: False)
+
+
+def test_the_drives_come_from_the_seed_alone(tmp_path: Path) -> None:
+    first = write_confirmation_drives(tmp_path / "a", "seed", 3)
+    again = write_confirmation_drives(tmp_path / "b", "seed", 3)
+    other = write_confirmation_drives(tmp_path / "c", "another", 3)
+    assert first.tests == again.tests
+    assert len(first.tests) == 4
+    for test in first.tests:
+        mine, same = (Path(d.files.get(test, d.training)) for d in (first, again))
+        assert mine.read_text() == same.read_text()
+    assert (first.noise_scale, first.noise_seed) == (again.noise_scale, again.noise_seed)
+    assert first.noise_seed != other.noise_seed
+    assert load_scenario(first.training).route != load_scenario(other.training).route
+    # More tests leave the earlier ones as they are.
+    more = write_confirmation_drives(tmp_path / "d", "seed", 4)
+    assert more.tests[:4] == first.tests
+
+
+@pytest.mark.slow
+def test_each_test_has_a_change_that_training_lacks(tmp_path: Path) -> None:
+    drives = write_confirmation_drives(tmp_path / "a", "changes", 30)
+    training = drives.scenario(cases.NOMINAL)
+    nominal = load_vehicle(training.vehicle)
+    assert training.car() == nominal
+    seen = set()
+    for test in drives.tests[1:]:
+        scenario = drives.scenario(test)
+        changed = {name for name in CHANGES if name in test}
+        seen |= changed
+        assert changed or "slalom" in test
+        is_other_car = scenario.car() != nominal
+        assert is_other_car == bool(changed - {"friction", "wind"})
+        assert scenario.route != training.route
+        # Driven hard, but on the road.
+        limit = 9.81 * scenario.mu * min(scenario.car().front_tyre.mu, scenario.car().rear_tyre.mu)
+        assert scenario.speed.lateral_accel < 0.7 * limit or "slalom" in test
+    assert seen == set(CHANGES)
+
+
+def test_a_car_that_spins_drives_more_slowly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = write_confirmation_drives(tmp_path / "a", "spin", 3)
+    limit = drawn.scenario(drawn.tests[3]).speed.top * 0.85
+
+    def too_fast(scenario: Scenario) -> bool:
+        return "slalom" not in scenario.name and scenario.speed.top > limit
+
+    monkeypatch.setattr(confirmation_drives, "drive_spins", too_fast)
+    slower = write_confirmation_drives(tmp_path / "b", "spin", 3)
+    before, after = (d.scenario(drawn.tests[3]).speed for d in (drawn, slower))
+    assert after.top == pytest.approx(0.81 * before.top)
+    assert after.lateral_accel == pytest.approx(0.81**2 * before.lateral_accel)
+    assert drawn.scenario(drawn.tests[1]) == slower.scenario(drawn.tests[1])
+
+
+@pytest.mark.slow
+def test_no_car_spins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    drives = write_confirmation_drives(tmp_path / "a", "spin", 7)
+    # Rear tyres of less stiffness than the front ones: it spins at the speed that is drawn.
+    driven = simulate(drives.scenario(drives.tests[7]))
+    assert np.abs(driven.x[:, 1]).max() < 3.0
+
+
+def test_noise_belongs_to_the_set(tmp_path: Path) -> None:
+    drives = write_confirmation_drives(tmp_path / "a", "noise", 3)
+    record = made_record(np.zeros((4000, 3)))
+    heard = cases.noisy(record, 2, drives)
+    assert heard.x[:, 0].std() == pytest.approx(drives.noise_scale * cases.NOISE[0], rel=0.1)
+    assert (heard.x != cases.noisy(record, 2, replace(drives, noise_seed=1)).x).any()
+
+
+def test_intervals_of_the_right_width_score_best() -> None:
+    rng = np.random.default_rng(0)
+    measured = rng.normal(0.0, 2.0, (20_000, 5, 3))
+    predicted = np.zeros_like(measured)
+    scores = {
+        factor: score_intervals(predicted, np.full_like(measured, (factor * 2.0) ** 2), measured)
+        for factor in (0.5, 0.8, 1.0, 1.25, 2.0)
+    }
+    assert min(scores, key=lambda factor: float(scores[factor].score[2, 1])) == 1.0
+    right = scores[1.0]
+    np.testing.assert_allclose(right.covered / right.claimed, 0.9, atol=0.01)
+    np.testing.assert_allclose(right.width, 4.0 * QUANTILE_90)
+    # E = 2 z + 20 E[(|x| - z)+] = 4.13 standard deviations for a normal error.
+    np.testing.assert_allclose(right.score, 2.0 * 4.126, rtol=0.02)
+    own = with_own_error(predicted, measured)
+    np.testing.assert_allclose(own.score, right.score, rtol=0.01)
+
+
+def test_what_is_not_measured_or_diverged_is_counted_rightly() -> None:
+    predicted = np.zeros((4, 5, 3))
+    predicted[1, 0, 0] = np.inf
+    measured = np.zeros((4, 5, 3))
+    measured[2, 0, 0] = np.nan
+    variance = np.ones((4, 5, 3))
+    variance[3, 0, 0] = np.nan
+    score = score_intervals(predicted, variance, measured)
+    # One is exact, one diverged; one is not measured, one has no interval.
+    assert (score.claimed[0, 0], score.covered[0, 0]) == (2, 1)
+    assert score.score[0, 0] == pytest.approx(2.0 * QUANTILE_90)
+    nothing = score_intervals(predicted, np.full_like(variance, np.nan), measured)
+    assert not nothing.claimed.any()
+    assert np.isnan(nothing.score).all()
+
+
+def intervals(score: float, covered: int = 900) -> IntervalScore:
+    return IntervalScore(
+        np.full((5, 3), covered), np.full((5, 3), 1000), np.full((5, 3), 1.0),
+        np.full((5, 3), score),
+    )  # fmt: skip
+
+
+def verdicts(change: Callable[[str, str, str], dict[str, object]]) -> dict[str, str]:
+    """Return the verdicts on a good board whose scores are replaced by `change`."""
+    tests = ["nominal", "01_slalom"]
+    board = board_of(dict.fromkeys(NAIVE, 1.0) | {MF: 0.5, MF_CHOSEN: 0.3, SWLS: 0.4}, tests)
+    for variant in (CLEAN, NOISY):
+        for test in tests:
+            for seed in range(3):
+                item = case_score(0.03 + 0.001 * seed)
+                item = replace(item, intervals=intervals(0.2), held=intervals(0.5))
+                board.add(variant, test, ADK_ROS, item)
+            board.add(variant, test, PYKOOP, case_score(0.6))
+    for (variant, test, name), items in board.scores.items():
+        for i, item in enumerate(items):
+            filled = item if item.intervals else replace(item, intervals=intervals(1.0))
+            items[i] = replace(filled, **change(variant, test, name))
+    return {c.name: c.verdict for c in confirmation_criteria(board)}
+
+
+def test_criteria() -> None:
+    good = verdicts(lambda variant, test, name: {})
+    assert set(good.values()) == {"PASS"}
+    assert len(good) == 11
+
+    def failed(change: Callable[[str, str, str], dict[str, object]]) -> set[str]:
+        return {name for name, verdict in verdicts(change).items() if verdict == "FAIL"}
+
+    table = np.full((5, 3), 0.03)
+    table[4, 0] = 1.1
+    above = failed(
+        lambda v, t, n: {"rmse": table} if (v, t, n) == (CLEAN, "nominal", ADK_ROS) else {}
+    )
+    assert "none-above-naive" in above
+    assert "geometric-mean" not in above
+    # The best member of a family counts.
+    assert failed(lambda v, t, n: {"rmse": np.full((5, 3), 0.02)} if n == MF_CHOSEN else {}) == {
+        "ahead-of-7dof"
+    }
+    assert failed(lambda v, t, n: {"rmse": np.full((5, 3), 0.045)} if n == ADK_ROS else {}) == {
+        "two-seconds-noisy"
+    }
+    assert failed(lambda v, t, n: {"held": intervals(0.5, 700)} if n == ADK_ROS else {}) == {
+        "coverage-held-commands"
+    }
+    assert failed(lambda v, t, n: {"intervals": intervals(1.5)} if n == ADK_ROS else {}) == {
+        "interval-score-known-commands"
+    }
+
+
+def test_the_better_parameters_are_chosen_on_data_they_do_not_know() -> None:
+    vehicle = load_vehicle("imdv")
+    record = simulate(load_scenario("town"), duration_s=30.0).truth()
+    given = SevenDof(vehicle, 0.85)
+    worse = SevenDof(vehicle.model_copy(update={"mass": 2.0 * vehicle.mass}), 0.85)
+    assert worse.better_of(given, record, 20) is given
+    assert given.better_of(worse, record, 20) is given
+    plain = given.without_resistances()
+    assert (plain.vehicle.cda, plain.vehicle.crr) == (0.0, 0.0)
+    assert given.vehicle.crr > 0.0
+
+
+def test_the_command_writes_the_drives_and_names_the_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plans: list[BenchPlan] = []
+
+    def short(plan: BenchPlan, folder: Path, *arguments: object) -> paper_bench.Result:
+        plans.append(plan)
+        board = board_of(dict.fromkeys((*NAIVE, MF), 1.0) | {ADK_ROS: 0.03}, plan.tests)
+        return paper_bench.Result(board, None, [Outcome(TrainingJob("naive"))], "not now")
+
+    monkeypatch.setattr(paper_bench, "run_paper", short)
+    out = tmp_path / "out"
+    assert main(["bench", "confirm", "--tests", "3", "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["code"] == told["seed"] == code_digest()
+    assert plans[0].seeds == 3
+    assert len(plans[0].tests) == 4
+    page = (out / "confirmation.md").read_text()
+    assert code_digest()[:16] in page
+    assert "| PASS | geometric-mean |" in page
+    files = sorted(path.name for path in (out / "scenarios").iterdir())
+    assert len(files) == 4
+    assert load_scenario(out / "scenarios" / files[0]).plant == "fourteen_dof"
+    assert (out / "scores.csv").read_text().count("adk_ros") == 2 * 4 * 15
+    assert main(["bench", "confirm", "--out", str(out)]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main(["bench", "confirm", "--tests", "2"]) == 2
+    assert "--tests is 2: choose 3 to 200" in capsys.readouterr().err
