@@ -17,6 +17,7 @@ from adk_ros.cli import (
     bench_learned,
     bench_mismatch,
     bench_paper,
+    bench_range,
     bench_real,
     bench_watch,
     console,
@@ -30,6 +31,7 @@ app.command("paper")(bench_paper.paper)
 app.command("concealed")(bench_mismatch.concealed)
 app.command("watch")(bench_watch.watch)
 app.command("confirm")(bench_confirm.confirm)
+app.command("range")(bench_range.bench_range)
 app.command("real")(bench_real.real)
 app.command("learned")(bench_learned.learned)
 ModelChoice = Annotated[

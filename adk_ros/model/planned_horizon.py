@@ -26,7 +26,7 @@ from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
 from adk_ros.model.uncertainty.published_horizons import (
     PublishedHorizonErrors,
-    update_published_errors,
+    compare_and_publish,
 )
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Sample
@@ -81,7 +81,10 @@ class PlannedHorizon:
             errors = errors[np.minimum(np.arange(horizon_steps), len(errors) - 1)]
         else:
             errors = held_input_errors(model, horizon_steps)
-        self._errors = PublishedHorizonErrors(np.ascontiguousarray(errors), PRIOR_ROLLOUTS)
+        # Under a plan that is carried out, what the model predicts need not be shrunk.
+        self._errors = PublishedHorizonErrors(
+            np.ascontiguousarray(errors), PRIOR_ROLLOUTS, shrinks=False
+        )
         self._plan: CommandPlan | None = None
         self._due: dict[int, FloatArray] = {}
         self._deviations = np.zeros((2, 2))
@@ -190,7 +193,8 @@ class PlannedHorizon:
         """Compare the state with earlier horizons, and store a new one in `slot`."""
         usable = not sample.flags & _UNLEARNABLE
         rows = np.zeros((self._steps, 3)) if horizon is None else horizon
-        update_published_errors(np.array(sample.x), usable, rows, slot, self._errors.rows)
+        state = np.array(sample.x)
+        compare_and_publish(state, usable, state, rows, len(rows), slot, self._errors.rows)
 
     def _forget_deviations(self) -> None:
         self._due.clear()

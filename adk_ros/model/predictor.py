@@ -180,7 +180,8 @@ class Predictor:
         Take the sample of one tick and return the prediction, or None; `status` says why.
 
         Samples come in time order. A gap in the grid or a RESTART flag resets the predictor.
-        Without `with_horizon` the prediction is one step long, which saves most of the time.
+        Without `with_horizon` the prediction is one step long, which saves most of the time; the
+        tenth one, which is compared with what follows, is complete nevertheless.
         """
         gap = self._last_ns is not None and sample.stamp_ns != self._last_ns + TICK_NS
         if gap or sample.flags & _RESTART:
@@ -317,9 +318,12 @@ class Predictor:
         flags |= (LEARNS if learns else 0) | (IS_WARMING_UP if warming_up else 0)
         gains = self._prediction_only_gains if stale else self._gains
         given = TickInput(state, predicted, innovation, *sample.u, gains, flags)
-        horizon = np.empty((max(horizon_steps, 1), 3))
-        slot = self._published.slot(horizon_steps, self._uncertain_ticks)
-        outcome = self._steps.advance(given, horizon, horizon_steps, slot)
+        # A horizon to compare with what follows is complete, whatever is asked for.
+        due = self._published.is_due(self._uncertain_ticks)
+        computed_steps = self.horizon_steps if due else horizon_steps
+        horizon = np.empty((max(computed_steps, 1), 3))
+        slot = self._published.slot(computed_steps, self._uncertain_ticks)
+        outcome = self._steps.advance(given, horizon, computed_steps, slot)
         if outcome == WARMING_UP:
             self.status = Status.WARMING_UP
             return None

@@ -18,6 +18,7 @@ from adk_ros.model.estimation.observer import ScalingArrays, TickArrays, observe
 from adk_ros.model.initial_errors import one_step_errors
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder import input_size
+from adk_ros.model.uncertainty.compiled_rollout import MAX_SCALED_STATE
 from adk_ros.model.uncertainty.fallback import (
     FallbackArrays,
     fallback_arrays,
@@ -179,6 +180,17 @@ def observe(
     observer_update(state, predicted, command, gains, scaling, tick)
     for c in range(3):
         memory.filtered[c] = tick.x_past[0, c] * scaling.x_scale[c] + scaling.x_mean[c]
+
+
+@strict_kernel
+def start_of_horizon(rows: IntArray) -> FloatArray:
+    """Return the present state (3,), SI, limited as predicted states are."""
+    memory = memory_arrays(rows)
+    scaling, base = memory.scaling, np.empty(3)
+    for c in range(3):
+        x = min(max(memory.tick.x_past[0, c], -MAX_SCALED_STATE), MAX_SCALED_STATE)
+        base[c] = x * scaling.x_scale[c] + scaling.x_mean[c]
+    return base
 
 
 @strict_kernel

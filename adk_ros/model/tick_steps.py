@@ -25,14 +25,17 @@ from adk_ros.model.tick_memory import (
     memory_arrays,
     observe,
     replace_published_by_naive,
+    start_of_horizon,
 )
 from adk_ros.model.uncertainty.compiled_rollout import roll_out, to_si
 from adk_ros.model.uncertainty.fallback import take_over_published
 from adk_ros.model.uncertainty.published_horizons import (
     PublishedHorizonErrors,
+    compare_and_publish,
     compare_horizons,
+    forget_horizon,
+    publish_horizon,
     published_arrays,
-    update_published_errors,
 )
 from adk_ros.model.uncertainty.rollout_monitor import (
     RolloutMonitor,
@@ -81,8 +84,8 @@ class TickSteps(Protocol):
         """
         Take a sample; lift, learn, and write the `horizon` (h, 3), SI, under a constant command.
 
-        Return the outcome. If it is PREDICTED, compare the state with earlier horizons, and store
-        the first `ahead` rows in `slot`.
+        Return the outcome. Compare the state with earlier horizons; shrink this one by what they
+        were worth, and if it is PREDICTED, store its first `ahead` rows in `slot`.
         """
 
 
@@ -123,11 +126,11 @@ class StepwiseTick:
         horizon[:] = rows
         if model.fallback.is_active:
             replace_published_by_naive(horizon, memory.rows)
+        usable, base = bool(flags & IS_USABLE), start_of_horizon(memory.rows)
+        compare_and_publish(given.state, usable, base, horizon, ahead, slot, published.rows)
         if flags & WITHHOLDS and not is_drivable(given.state, horizon):
+            forget_horizon(slot, published_arrays(published.rows))
             return NOT_DRIVABLE
-        update_published_errors(
-            given.state, bool(flags & IS_USABLE), horizon[:ahead], slot, published.rows
-        )
         return PREDICTED
 
 
@@ -296,11 +299,12 @@ def predict_and_compare(
     if not finite:
         return NOT_FINITE
     take_over_published(horizon, memory.fallback)
+    published = published_arrays(published_rows)
+    compare_horizons(state, flags & IS_USABLE != 0, published)
+    publish_horizon(start_of_horizon(memory_rows), horizon, ahead, slot, published)
     if flags & WITHHOLDS and not is_drivable(state, horizon):
+        forget_horizon(slot, published)
         return NOT_DRIVABLE
-    compare_horizons(
-        state, flags & IS_USABLE != 0, horizon[:ahead], slot, published_arrays(published_rows)
-    )
     return PREDICTED
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from adk_ros.bench.paper.cases import CLEAN, NOISY
 from adk_ros.bench.paper.criteria import COVERAGE, FAIL, INFO, PASS, PaperCriterion
-from adk_ros.bench.paper.interval_scores import IntervalScore
 from adk_ros.bench.paper.predictors import (
     ADK_ROS,
     MF,
@@ -34,6 +33,7 @@ from adk_ros.bench.paper.scores import (
     combinations_text,
 )
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.interval_scores import IntervalScore
 
 MEAN_MOST = 0.25
 """Largest geometric mean of the ratios to the best naive predictor, as in `adk bench paper`."""

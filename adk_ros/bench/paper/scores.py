@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.bench.paper.cases import NOISY, VARIANTS, measured
-from adk_ros.bench.paper.interval_scores import (
+from adk_ros.bench.paper.predictors import ADK_ROS, NAIVE, ORDER, PredictionsOnTest
+from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.signals.channels import STATE_NAMES, Record
+from adk_ros.signals.interval_scores import (
     IntervalScore,
     score_intervals,
     with_own_error,
 )
-from adk_ros.bench.paper.predictors import ADK_ROS, NAIVE, ORDER, PredictionsOnTest
-from adk_ros.numerics.arrays import FloatArray, IntArray
-from adk_ros.signals.channels import STATE_NAMES, Record
 from adk_ros.signals.score import DIVERGED, HORIZON_STEPS, REPORT_SCALE, TICK_S, score
 
 HORIZONS = ("1 step", "0.25 s", "0.5 s", "1 s", "2 s")

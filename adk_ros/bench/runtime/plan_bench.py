@@ -6,13 +6,6 @@ How right the published horizons are, and their covariances: commands held, and 
 A planner is played that publishes the commands of the recording every 0.1 s, exactly, with an
 error that lasts from plan to plan, or those of another part of the drive (a plan that nobody
 carries out). The samples are those of `adk replay`; errors are predicted minus measured states.
-
-The interval score of a central 90 % interval [l, u] is (Gneiting and Raftery, "Strictly proper
-scoring rules, prediction, and estimation", J. Am. Stat. Assoc. 102 (2007) 359)
-
-    u - l + 2 / 0.1 (l - x) [x < l] + 2 / 0.1 (x - u) [x > u],
-
-smaller for narrow intervals that hold.
 """
 
 from __future__ import annotations
@@ -39,6 +32,7 @@ from adk_ros.plant.scenario.scenario_file import load_scenario
 from adk_ros.plant.scenario.simulate import simulate
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS, Record
 from adk_ros.signals.command_plan import CommandPlan
+from adk_ros.signals.interval_scores import score_intervals
 from adk_ros.signals.score import (
     HORIZON_STEPS,
     best_naive,
@@ -57,7 +51,6 @@ _TIMEOUT_S = 0.5
 """The node's default."""
 _OFFSET = 0.05
 """Standard deviation of an inexact plan's offset, in units of the command's spread in training."""
-_NORMAL_90 = 1.645
 _SETTLED = 400
 """Samples, 10 s, before the first that counts: the covariances are those of validation until the
 monitored horizons have ended."""
@@ -69,7 +62,7 @@ class HorizonQuality:
     Quality by scored horizon and state (5, 3).
 
     `ratio`: RMSE over that of the best naive predictor; `coverage` of the 90 % intervals; `width`
-    of them and `interval_score`, SI.
+    of them and `interval_score` (see `signals.interval_scores`), SI.
     """
 
     ratio: list[list[float]]
@@ -186,12 +179,9 @@ def _quality(
 ) -> HorizonQuality:
     index = np.array(HORIZON_STEPS)
     ratio = score(record, rows, horizons).rmse / naive
-    error = np.abs(horizons[:, index - 1] - record.x_ref[rows[:, None] + index[None, :]])
-    half = _NORMAL_90 * deviations[:, index - 1]
-    outside = np.maximum(error - half, 0.0)
+    then = record.x_ref[rows[:, None] + index[None, :]]
+    found = score_intervals(horizons[:, index - 1], deviations[:, index - 1] ** 2, then)
+    coverage = found.covered / np.maximum(found.claimed, 1)
     return HorizonQuality(
-        ratio.tolist(),
-        np.nanmean(outside == 0.0, axis=0).tolist(),
-        np.nanmean(2.0 * half, axis=0).tolist(),
-        np.nanmean(2.0 * half + 20.0 * outside, axis=0).tolist(),
+        ratio.tolist(), coverage.tolist(), found.width.tolist(), found.score.tolist()
     )

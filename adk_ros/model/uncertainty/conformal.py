@@ -44,7 +44,7 @@ _SCALE_UP, _SCALE_DOWN = math.exp(0.9 * GAIN), math.exp(-0.1 * GAIN)
 """
 Factors on s after an error outside and inside the interval, for a nominal share of 0.1 outside.
 """
-_MAX_ERROR = 1e6
+MAX_ERROR = 1e6
 """Errors are clamped to this, in the channel's unit, so that their squares stay finite."""
 
 
@@ -113,7 +113,7 @@ def update_conformal_scale(
     scale.n_effective[h] = FORGETTING * scale.n_effective[h] + 1.0
     share = 1.0 / scale.n_effective[h]
     for c in range(3):
-        error[c] = min(max(error[c], -_MAX_ERROR), _MAX_ERROR)
+        error[c] = min(max(error[c], -MAX_ERROR), MAX_ERROR)
         missed = issued_error[c] * issued_error[c] > QUANTILE_90 * QUANTILE_90 * variance[c]
         moved = scale.factor[h, c] * (_SCALE_UP if missed else _SCALE_DOWN)
         scale.factor[h, c] = min(max(moved, SCALE_MIN), SCALE_MAX)

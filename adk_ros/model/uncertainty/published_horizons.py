@@ -1,11 +1,15 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Empirical error covariance of the published horizons, by horizon step.
+Published horizons compared with what happened: what later ones are worth, and their errors.
 
 Published horizons assume constant commands, so their errors include what the driver did. Every
 tenth horizon is stored with the variances published with it, and each of its steps is compared
 with the measurement at that time. Nothing is predicted again.
+
+The comparison gives the shrinkage of later horizons (see `shrinkage`): a driver who holds the
+speed undoes what a held torque would do, and "no change" is then the better prediction. The first
+step is not shrunk, since its command is known. The errors that remain give the covariance.
 """
 
 from __future__ import annotations
@@ -16,11 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adk_ros.model.uncertainty.conformal import (
+    MAX_ERROR,
     ROLLOUT_STRIDE,
     ConformalArrays,
     ConformalScale,
     update_conformal_scale,
 )
+from adk_ros.model.uncertainty.shrinkage import update_shrinkage
 from adk_ros.numerics.array_table import (
     ArrayTable,
     floats_1,
@@ -37,12 +43,18 @@ class StoredHorizons(NamedTuple):
     """
     Published horizons under comparison.
 
-    `values` (slots, steps, 2, 3): states and the variances published with them; `age` (slots,):
-    the next step to compare, -1 if the slot is empty.
+    `values` (slots, steps, 3, 3): states, the variances published with them, and the states before
+    shrinkage; `base` (slots, 3): the state at the start; `age` (slots,): the next step to compare,
+    -1 if the slot is empty. `sums`, `shrinkage` as in `shrinkage`; `shrinks` (1,): 0 if horizons
+    are not shrunk.
     """
 
     values: FloatArray
+    base: FloatArray
     age: NDArray[np.int64]
+    sums: FloatArray
+    shrinkage: FloatArray
+    shrinks: NDArray[np.int64]
 
 
 class PublishedHorizonErrors:
@@ -50,19 +62,30 @@ class PublishedHorizonErrors:
     Covariance of measured minus published state by horizon step, SI, scaled as in `conformal`.
 
     :param errors: initial covariance (steps, 3, 3), SI, with the weight of `prior` horizons.
+    :param shrinks: whether horizons are shrunk before they are published.
     """
 
-    def __init__(self, errors: FloatArray, prior: float) -> None:
+    def __init__(self, errors: FloatArray, prior: float, shrinks: bool = True) -> None:
         self._steps = steps = errors.shape[0]
         self._scale = ConformalScale(errors, prior)
         self._slots = -(-steps // ROLLOUT_STRIDE)
         self._stored = StoredHorizons(
-            values=np.zeros((self._slots, steps, 2, 3)), age=np.full(self._slots, -1)
+            values=np.zeros((self._slots, steps, 3, 3)),
+            base=np.zeros((self._slots, 3)),
+            age=np.full(self._slots, -1),
+            sums=np.zeros((4, steps, 3)),
+            shrinkage=np.ones((steps, 3)),
+            shrinks=np.array([int(shrinks)]),
         )
         self._table = ArrayTable(*self._stored, *self._scale.arrays)
         self.rows = self._table.rows
         """Arrays of the comparison, as a table for kernels."""
         self._number = 0
+
+    @property
+    def shrinkage(self) -> FloatArray:
+        """Shrinkage k (steps, 3) of later horizons; a copy."""
+        return np.array(self._stored.shrinkage)
 
     @property
     def covariance(self) -> FloatArray:
@@ -73,6 +96,8 @@ class PublishedHorizonErrors:
         """Forget all horizons."""
         self.stop()
         self._number = 0
+        self._stored.sums[:] = 0.0
+        self._stored.shrinkage[:] = 1.0
         self._scale.reset()
 
     def stop(self) -> None:
@@ -85,11 +110,13 @@ class PublishedHorizonErrors:
 
         A horizon made while coasting, `coasted` ticks after the last measurement, is not stored.
         """
-        number = self._number + 1
-        # Only complete horizons count; a validation run shortens some of them to save time.
-        if coasted or not 0 < self._steps == steps or number % ROLLOUT_STRIDE:
+        if not (steps == self._steps and self.is_due(coasted)):
             return -1
-        return int((number // ROLLOUT_STRIDE) % self._slots)
+        return int(((self._number + 1) // ROLLOUT_STRIDE) % self._slots)
+
+    def is_due(self, coasted: int) -> bool:
+        """Return whether the next horizon is one to store, so that it must be complete."""
+        return self._steps > 0 and not coasted and (self._number + 1) % ROLLOUT_STRIDE == 0
 
     def issue(self, steps: int, coasted: int) -> FloatArray:
         """
@@ -102,8 +129,7 @@ class PublishedHorizonErrors:
         if coasted:
             rows = np.minimum(np.arange(steps) + coasted, self._steps - 1)
             return np.asarray(table[rows])
-        if 0 < self._steps == steps:
-            self._number += 1
+        self._number += 1
         return np.array(table[:steps])
 
 
@@ -118,37 +144,39 @@ class PublishedArrays(NamedTuple):
 def published_arrays(rows: IntArray) -> PublishedArrays:
     """Return the structure that `PublishedHorizonErrors` passes to kernels as a table."""
     return PublishedArrays(
-        StoredHorizons(floats_4(rows, 0), integers_1(rows, 1)),
-        ConformalArrays(
-            floats_1(rows, 2), floats_3(rows, 3), floats_2(rows, 4), floats_3(rows, 5)
+        StoredHorizons(
+            floats_4(rows, 0), floats_2(rows, 1), integers_1(rows, 2), floats_3(rows, 3),
+            floats_2(rows, 4), integers_1(rows, 5),
         ),
-    )
+        ConformalArrays(
+            floats_1(rows, 6), floats_3(rows, 7), floats_2(rows, 8), floats_3(rows, 9)
+        ),
+    )  # fmt: skip
 
 
 @fused_kernel
-def update_published_errors(
-    state: FloatArray, usable: bool, horizon: FloatArray, new_slot: int, rows: IntArray
-) -> None:
-    """Run `compare_horizons` on the arrays of a table."""
-    compare_horizons(state, usable, horizon, new_slot, published_arrays(rows))
-
-
-@fused_kernel
-def compare_horizons(
+def compare_and_publish(
     state: FloatArray,
     usable: bool,
+    base: FloatArray,
     horizon: FloatArray,
+    ahead: int,
     new_slot: int,
-    published: PublishedArrays,
+    rows: IntArray,
 ) -> None:
-    """
-    Compare `state` (3,) with all stored horizons if `usable`, and store `horizon` in `new_slot`.
+    """Run `compare_horizons` and `publish_horizon` on the arrays of a table."""
+    published = published_arrays(rows)
+    compare_horizons(state, usable, published)
+    publish_horizon(base, horizon, ahead, new_slot, published)
 
-    SI units. A `new_slot` of -1 stores nothing.
-    """
+
+@fused_kernel
+def compare_horizons(state: FloatArray, usable: bool, published: PublishedArrays) -> None:
+    """Compare `state` (3,), SI, with all stored horizons if `usable`."""
     stored, scale = published
+    shrinks = stored.shrinks[0] != 0
     slots, steps = stored.values.shape[0], stored.values.shape[1]
-    error, variance = np.empty(3), np.empty(3)
+    error, issued_error, variance = np.empty(3), np.empty(3), np.empty(3)
     for slot in range(slots):
         h = stored.age[slot]
         if h < 0:
@@ -157,12 +185,51 @@ def compare_horizons(
         if not usable:
             continue
         for c in range(3):
-            error[c] = state[c] - stored.values[slot, h, 0, c]
+            error[c] = issued_error[c] = state[c] - stored.values[slot, h, 0, c]
             variance[c] = stored.values[slot, h, 1, c]
-        update_conformal_scale(h, error, error, variance, scale)
-    if new_slot >= 0:
+            if shrinks and h > 0:
+                y = state[c] - stored.base[slot, c]
+                y = min(max(y, -MAX_ERROR), MAX_ERROR)
+                m = stored.values[slot, h, 2, c] - stored.base[slot, c]
+                update_shrinkage(h, c, m, y, stored.sums, stored.shrinkage)
+                error[c] = y - stored.shrinkage[h, c] * m
+        update_conformal_scale(h, error, issued_error, variance, scale)
+
+
+@fused_kernel
+def publish_horizon(
+    base: FloatArray,
+    horizon: FloatArray,
+    ahead: int,
+    new_slot: int,
+    published: PublishedArrays,
+) -> None:
+    """
+    Shrink `horizon` (h, 3), SI, towards its start `base` (3,).
+
+    Store its first `ahead` rows in `new_slot`, unless it is -1.
+    """
+    stored, scale = published
+    steps = min(horizon.shape[0], stored.shrinkage.shape[0])
+    stores, shrinks = new_slot >= 0, stored.shrinks[0] != 0
+    if stores:
         stored.age[new_slot] = 0
+    for c in range(3):
+        if stores:
+            stored.base[new_slot, c] = base[c]
         for h in range(steps):
-            for c in range(3):
+            predicted = horizon[h, c]
+            k = stored.shrinkage[h, c]
+            if shrinks and k < 1.0:
+                horizon[h, c] = base[c] + k * (predicted - base[c])
+            if stores and h < ahead:
                 stored.values[new_slot, h, 0, c] = horizon[h, c]
                 stored.values[new_slot, h, 1, c] = scale.calibrated[h, c, c]
+                stored.values[new_slot, h, 2, c] = predicted
+
+
+@fused_kernel
+def forget_horizon(slot: int, published: PublishedArrays) -> None:
+    """Discard the horizon in a slot, if it is not -1."""
+    if slot >= 0:
+        published.stored.age[slot] = -1

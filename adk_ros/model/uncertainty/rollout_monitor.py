@@ -4,19 +4,11 @@
 Online validation: monitor open-loop rollouts and shrink predictions by what they reveal.
 
 Every ten ticks a rollout starts at the present state with the present model. It advances one step
-per tick under the commands actually given, and is compared with each measurement. For each
-horizon step h and channel, over the n rollouts of about the last 17 s,
-
-    q_h = sum m y / sum m^2                       m: predicted change since the start, y: measured
-    k_h = 1 - (1 - q_h) max(0, 1 - v_h) n / (n + 3),         clamped to 0 .. 1
-
-q is the least-squares slope of measured over predicted change: 1 for a correct model, 0 for one
-without skill. The shrinkage k multiplies later predicted changes, so that a model without skill
-predicts "no change". v = var(q) / (1 - q)^2 is the part of 1 - q explained by chance, removed as
-James and Stein shrink a mean. The error predicted from one-step residuals (see
-`error_regression`) is added to m beforehand. The remaining errors, y - k m, give the covariance
-of the horizon. It is scaled to 90 % coverage (see `conformal`) and starts from the covariance
-found in validation, with the weight of `prior` rollouts.
+per tick under the commands actually given, and is compared with each measurement, which gives the
+shrinkage k of the predicted changes m (see `shrinkage`). The error predicted from one-step
+residuals (see `error_regression`) is added to m beforehand. The remaining errors, y - k m, give
+the covariance of the horizon. It is scaled to 90 % coverage (see `conformal`) and starts from the
+covariance found in validation, with the weight of `prior` rollouts.
 
 Where a naive predictor takes over (see `fallback`), the error is that of the prediction which
 contains it; the statistics of the model remain those of the model alone.
@@ -52,6 +44,7 @@ from adk_ros.model.uncertainty.error_regression import (
     solve_shrunk_regression,
 )
 from adk_ros.model.uncertainty.fallback import KNOWN, FallbackArrays, weighted_naive
+from adk_ros.model.uncertainty.shrinkage import update_shrinkage
 from adk_ros.numerics.array_table import (
     ArrayTable,
     floats_1,
@@ -66,17 +59,8 @@ from adk_ros.numerics.array_table import (
 from adk_ros.numerics.arrays import Float32Array, FloatArray, IntArray
 from adk_ros.numerics.numba_cache import fused_kernel, ordered_kernel
 
-_SHRINKAGE_PRIOR_COUNT = 3.0
-"""
-Prior weight of k = 1, in rollouts: a few rollouts in one situation say little of the next.
-Empirical.
-"""
 _REGRESSION_STRIDE = 2
 """Every so many rollouts the error regression, whose memory is 500 rollouts, is solved again."""
-_SHRINKAGE_FORGETTING = 0.985
-"""
-Weight of a rollout per later one: mean memory of 67 rollouts, 17 s. Empirical, not calibrated.
-"""
 
 
 class RolloutSlots(NamedTuple):
@@ -355,18 +339,7 @@ def update_rollouts(
             accumulate_moments(h, c, y - plain, slot, slots.initial_disturbance, moments)
             if slot % _REGRESSION_STRIDE == 0:
                 solve_shrunk_regression(h, c, moments, factors, weights)
-            sums[0, h, c] = _SHRINKAGE_FORGETTING * sums[0, h, c] + m * y
-            sums[1, h, c] = _SHRINKAGE_FORGETTING * sums[1, h, c] + m * m
-            sums[2, h, c] = _SHRINKAGE_FORGETTING * sums[2, h, c] + 1.0
-            sums[3, h, c] = _SHRINKAGE_FORGETTING * sums[3, h, c] + y * y
-            slope = sums[0, h, c] / max(sums[1, h, c], 1e-12)
-            slope_deficit = 1.0 - slope
-            residual_variance = max(sums[3, h, c] - slope * sums[0, h, c], 0.0) / sums[2, h, c]
-            chance = residual_variance / max(slope_deficit * slope_deficit * sums[1, h, c], 1e-12)
-            confidence = (
-                sums[2, h, c] / (sums[2, h, c] + _SHRINKAGE_PRIOR_COUNT) * max(1.0 - chance, 0.0)
-            )
-            shrinkage[h, c] = min(max(1.0 - confidence * slope_deficit, 0.0), 1.0)
+            update_shrinkage(h, c, m, y, sums, shrinkage)
             error[c] = y - shrinkage[h, c] * m
             issued_change = plain + slots.issued[slot, h, 2, c]
             issued_error[c] = y - slots.issued[slot, h, 0, c] * issued_change

@@ -18,7 +18,6 @@ from adk_ros.bench.paper import cases, confirmation_drives, paper_bench
 from adk_ros.bench.paper.cases import CLEAN, NOISY
 from adk_ros.bench.paper.confirmation_criteria import confirmation_criteria
 from adk_ros.bench.paper.confirmation_drives import CHANGES, write_confirmation_drives
-from adk_ros.bench.paper.interval_scores import IntervalScore, score_intervals, with_own_error
 from adk_ros.bench.paper.predictors import ADK_ROS, MF, MF_CHOSEN, NAIVE, PYKOOP, SWLS
 from adk_ros.bench.paper.seven_dof_predictor import SevenDof
 from adk_ros.bench.paper.training_jobs import BenchPlan, Outcome, TrainingJob
@@ -28,6 +27,7 @@ from adk_ros.numerics.constants import QUANTILE_90
 from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
 from adk_ros.plant.scenario.simulate import simulate
 from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
+from adk_ros.signals.interval_scores import IntervalScore, score_intervals, with_own_error
 
 
 @pytest.fixture(autouse=True)

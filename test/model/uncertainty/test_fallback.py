@@ -60,7 +60,7 @@ def along(of: KoopmanModel, record: Record) -> tuple[Predictor, list[Prediction 
 @pytest.mark.parametrize("predictor", range(3))
 @pytest.mark.parametrize("compiled", [True, False])
 def test_with_weight_one_the_naive_predictor_is_alone(
-    record: Record, predictor: int, compiled: bool
+    record: Record, predictor: int, compiled: bool, unshrunk: None
 ) -> None:
     rolled = rollout_record(model(only(predictor), compiled=compiled), record, stride=50)
     wanted = naive_predictions(record, rolled.rows, 80)[NAIVE_PREDICTORS[predictor]]
@@ -69,7 +69,9 @@ def test_with_weight_one_the_naive_predictor_is_alone(
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_predictions_are_mixed_by_the_weights(record: Record, compiled: bool) -> None:
+def test_predictions_are_mixed_by_the_weights(
+    record: Record, compiled: bool, unshrunk: None
+) -> None:
     plain = rollout_record(model(compiled=compiled), record, stride=50)
     mixed = rollout_record(model(weights(), compiled=compiled), record, stride=50)
     naive = naive_predictions(record, plain.rows, 80)

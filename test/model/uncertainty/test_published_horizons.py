@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.model import Array, inputs, make_model, paper_model, sample
 
+from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
@@ -65,6 +66,7 @@ def recomputed(made: list[Prediction | None], flags: dict[int, int], steps: int)
 
 
 @pytest.mark.parametrize("steps", [1, 40, 80, 123, 400])
+@pytest.mark.usefixtures("unshrunk")
 def test_statistics_equal_those_of_the_published_horizons(steps: int) -> None:
     flags = dict.fromkeys(range(300, 310), UNLEARNABLE)
     flags |= dict.fromkeys(range(500, 520), int(Flag.COASTING))
@@ -121,6 +123,59 @@ def test_coasting_shifts_the_horizon_covariance() -> None:
     assert last is not None
     rows = np.minimum(np.arange(80) + 3, 79)
     np.testing.assert_array_equal(last.horizon_covariance, first.horizon_covariance[rows])
+
+
+def test_horizons_are_shrunk_by_the_slope_of_what_happened_on_what_was_said() -> None:
+    """In plain numpy, from horizons that are not shrunk."""
+    samples = [sample(k, x, u) for k, (x, u) in enumerate(zip(states(700), inputs(700), strict=True))]
+    shrunk = Predictor(model())
+    raw = Predictor(model())
+    raw._published._stored.shrinks[0] = 0
+    sums, k_of = np.zeros((4, 80, 3)), np.ones((80, 3))
+    kept: list[tuple[int, Array, Array]] = []
+    number = 0
+    for k, item in enumerate(samples):
+        made, said = shrunk.step(item), raw.step(item)
+        if made is None or said is None:
+            continue
+        for first, base, horizon in kept:
+            h = k - first - 1
+            if not 0 < h < 80:
+                continue
+            m, y = horizon[h] - base, np.array(item.x) - base
+            sums[:, h] = 0.985 * sums[:, h] + [m * y, m * m, np.ones(3), y * y]
+            my, mm, n, yy = sums[:, h]
+            slope = my / mm
+            residual = np.maximum(yy - slope * my, 0.0) / n
+            certain = np.maximum(1.0 - residual / ((1.0 - slope) ** 2 * mm), 0.0)
+            k_of[h] = np.clip(1.0 - n / (n + 3.0) * certain * (1.0 - slope), 0.0, 1.0)
+        base = shrunk.filtered_state
+        wanted = base + k_of * (said.horizon - base)
+        np.testing.assert_allclose(made.horizon, wanted, rtol=1e-9, atol=1e-9)
+        # The command of the first step is known.
+        np.testing.assert_array_equal(made.x, said.x)
+        number += 1
+        if number % ROLLOUT_STRIDE == 0:
+            kept.append((k, base, said.horizon))
+    assert k_of.min() < 0.5
+    np.testing.assert_allclose(shrunk._published.shrinkage, k_of, atol=1e-9)
+    shrunk.reset()
+    assert (shrunk._published.shrinkage == 1.0).all()
+
+
+def test_a_driver_who_holds_the_speed_makes_no_change_the_prediction() -> None:
+    """The model says that a torque accelerates; against wind, the speed stays as it is."""
+    n = 1500
+    x = np.tile([15.0, 0.0, 0.0], (n, 1)) + np.random.default_rng(0).normal(0, 0.005, (n, 3))
+    u = np.column_stack([400.0 + 300.0 * np.sin(0.05 * np.arange(n)), np.zeros(n)])
+    errors = {}
+    for shrinks in (0, 1):
+        car = Predictor(model(online=OnlineSettings("constant")))
+        car._published._stored.shrinks[0] = shrinks
+        made = [car.step(sample(k, x[k], u[k])) for k in range(n)]
+        last = [m.horizon[79] - x[k] for k, m in enumerate(made) if m is not None and k > 900]
+        errors[shrinks] = np.sqrt(np.mean(np.square(last), axis=0))
+    assert errors[1][0] < 0.3 * errors[0][0]
 
 
 def test_losing_the_state_ends_comparisons_and_reset_forgets() -> None:
