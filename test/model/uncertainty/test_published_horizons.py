@@ -127,7 +127,8 @@ def test_coasting_shifts_the_horizon_covariance() -> None:
 
 def test_horizons_are_shrunk_by_the_slope_of_what_happened_on_what_was_said() -> None:
     """In plain numpy, from horizons that are not shrunk."""
-    samples = [sample(k, x, u) for k, (x, u) in enumerate(zip(states(700), inputs(700), strict=True))]
+    x, u = states(700), inputs(700)
+    samples = [sample(k, x[k], u[k]) for k in range(700)]
     shrunk = Predictor(model())
     raw = Predictor(model())
     raw._published._stored.shrinks[0] = 0
