@@ -184,7 +184,9 @@ def plan(
     if as_json:
         console.print_json(result)
         return
-    console.output.print(f"{result['starts']} starts; by horizon: RMSE / best naive, coverage")
+    console.output.print(
+        f"{result['starts']} starts; by horizon: RMSE / best naive, coverage (path: RMSE)"
+    )
     for kind in KINDS:
         console.output.print(f"{kind} (followed {100.0 * result[kind]['followed']:.0f} %)")
         for c, state in enumerate(result["states"]):
@@ -196,6 +198,15 @@ def plan(
                 )
             ]  # fmt: skip
             console.output.print(f"  {state:<9}" + "   ".join(cells))
+        for c, (name, unit) in enumerate((("x", "m"), ("y", "m"), ("heading", "rad"))):
+            cells = [
+                f"{horizon:g} s {rmse[c]:.3g} {unit} {100.0 * coverage[c]:.0f} %"
+                for horizon, rmse, coverage in zip(
+                    result["horizons_s"], result[kind]["path_rmse"],
+                    result[kind]["path_coverage"], strict=True,
+                )
+            ]  # fmt: skip
+            console.output.print(f"  {name:<9}" + "   ".join(cells))
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from adk_ros.errors import DataError, UsageError
 from adk_ros.model.evaluation import sample_at
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.planned_horizon import PlannedHorizon
-from adk_ros.model.prediction import Prediction
+from adk_ros.model.pose_horizon import pose_covariance, pose_horizon
 from adk_ros.model.predictor import Predictor
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.offline.export import write_bag
@@ -62,13 +62,30 @@ class HorizonQuality:
     Quality by scored horizon and state (5, 3).
 
     `ratio`: RMSE over that of the best naive predictor; `coverage` of the 90 % intervals; `width`
-    of them and `interval_score` (see `signals.interval_scores`), SI.
+    of them and `interval_score` (see `signals.interval_scores`), SI. `path_coverage` and
+    `path_rmse` of x, y (m) and heading (rad), from the exact pose, in the axes of the start.
     """
 
     ratio: list[list[float]]
     coverage: list[list[float]]
     width: list[list[float]]
     interval_score: list[list[float]]
+    path_coverage: list[list[float]]
+    path_rmse: list[list[float]]
+
+
+class _Made(NamedTuple):
+    """
+    Horizons and their variances (n, 80, 3), paths and theirs at the scored steps (n, 5, 3).
+
+    `followed`: share of the starts whose horizon follows the plan throughout.
+    """
+
+    horizons: FloatArray
+    variances: FloatArray
+    paths: FloatArray
+    path_variances: FloatArray
+    followed: float
 
 
 def check_duration(seconds: float) -> None:
@@ -122,21 +139,18 @@ def measure_plans(
     for number, kind in enumerate(KINDS):
         if progress is not None:
             progress(number, len(KINDS))
-        horizons, deviations, followed = _horizons(model, record, rows, kind)
-        quality = _quality(record, rows, horizons, deviations, naive)
-        result[kind] = asdict(quality) | {"followed": followed}
+        made = _horizons(model, record, rows, kind)
+        result[kind] = asdict(_quality(record, rows, made, naive)) | {"followed": made.followed}
     return result
 
 
-def _horizons(
-    model: KoopmanModel, record: Record, rows: IntArray, kind: str
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return horizons and standard deviations (n, steps, 3), and the share that is planned."""
+def _horizons(model: KoopmanModel, record: Record, rows: IntArray, kind: str) -> _Made:
     predictor = Predictor(model, horizon_steps=_STEPS, withhold_implausible=True)
     planned = PlannedHorizon(model, _STEPS, _TIMEOUT_S)
     index = {int(row): i for i, row in enumerate(rows)}
-    horizons = np.full((rows.size, _STEPS, 3), np.nan)
-    deviations = np.full((rows.size, _STEPS, 3), np.nan)
+    horizons, variances = np.full((2, rows.size, _STEPS, 3), np.nan)
+    paths, path_variances = np.full((2, rows.size, len(HORIZON_STEPS), 3), np.nan)
+    scored = np.array(HORIZON_STEPS) - 1
     follows, rng = 0, np.random.default_rng(0)
     for row in range(int(rows[-1]) + 1):
         sample = sample_at(record, row)
@@ -149,9 +163,13 @@ def _horizons(
         prediction = planned.apply(predictor, prediction, sample)
         i = index.get(row)
         if i is not None:
-            horizons[i], deviations[i] = prediction.horizon, _deviations(prediction)
+            horizon, covariance = prediction.horizon, prediction.horizon_covariance
+            horizons[i], variances[i] = horizon, np.einsum("hcc->hc", covariance)
+            path = pose_horizon(np.zeros(3), predictor.filtered_state, horizon)
+            spread = pose_covariance(path, horizon, covariance)
+            paths[i], path_variances[i] = path[scored], np.einsum("hcc->hc", spread)[scored]
             follows += max(prediction.planned_steps) == _STEPS
-    return horizons, deviations, follows / rows.size
+    return _Made(horizons, variances, paths, path_variances, follows / rows.size)
 
 
 def _plan(
@@ -166,22 +184,24 @@ def _plan(
     return CommandPlan(stamp_ns, times_ns, commands)
 
 
-def _deviations(prediction: Prediction) -> FloatArray:
-    return np.asarray(np.sqrt(np.einsum("hcc->hc", prediction.horizon_covariance)))
-
-
-def _quality(
-    record: Record,
-    rows: IntArray,
-    horizons: FloatArray,
-    deviations: FloatArray,
-    naive: FloatArray,
-) -> HorizonQuality:
+def _quality(record: Record, rows: IntArray, made: _Made, naive: FloatArray) -> HorizonQuality:
     index = np.array(HORIZON_STEPS)
-    ratio = score(record, rows, horizons).rmse / naive
+    ratio = score(record, rows, made.horizons).rmse / naive
     then = record.x_ref[rows[:, None] + index[None, :]]
-    found = score_intervals(horizons[:, index - 1], deviations[:, index - 1] ** 2, then)
-    coverage = found.covered / np.maximum(found.claimed, 1)
+    found = score_intervals(made.horizons[:, index - 1], made.variances[:, index - 1], then)
+    driven = np.array([_driven(record, int(row))[index - 1] for row in rows])
+    path = score_intervals(made.paths, made.path_variances, driven)
     return HorizonQuality(
-        ratio.tolist(), coverage.tolist(), found.width.tolist(), found.score.tolist()
+        ratio.tolist(),
+        (found.covered / np.maximum(found.claimed, 1)).tolist(),
+        found.width.tolist(),
+        found.score.tolist(),
+        (path.covered / np.maximum(path.claimed, 1)).tolist(),
+        np.sqrt(np.nanmean((made.paths - driven) ** 2, axis=0)).tolist(),
     )
+
+
+def _driven(record: Record, row: int) -> FloatArray:
+    """Return the poses (steps, 3) that the measured velocities lead to, from a row on."""
+    x = record.x_ref[row : row + _STEPS + 1]
+    return pose_horizon(np.zeros(3), x[0], x[1:])

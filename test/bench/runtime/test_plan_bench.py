@@ -41,6 +41,9 @@ def test_measures_by_kind_of_plan() -> None:
         inside = table(kind, "coverage")
         assert ((inside >= 0.0) & (inside <= 1.0)).all()
         assert (table(kind, "interval_score") >= table(kind, "width")).all()
+        assert (np.diff(table(kind, "path_rmse"), axis=0) > 0.0).all()
+        inside = table(kind, "path_coverage")
+        assert ((inside >= 0.0) & (inside <= 1.0)).all()
     # The next sample knows no plan.
     np.testing.assert_array_equal(table(HELD, "ratio")[0], table(EXACT, "ratio")[0])
 
