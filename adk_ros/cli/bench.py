@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from adk_ros.cli import (
+    bench_control,
     bench_learned,
     bench_mismatch,
     bench_paper,
@@ -27,6 +28,7 @@ app = typer.Typer(
 )
 app.command("paper")(bench_paper.paper)
 app.command("concealed")(bench_mismatch.concealed)
+app.command("control")(bench_control.control)
 app.command("watch")(bench_watch.watch)
 app.command("real")(bench_real.real)
 app.command("learned")(bench_learned.learned)
