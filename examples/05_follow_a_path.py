@@ -67,7 +67,7 @@ def cost(states: np.ndarray, commands: np.ndarray, pose: np.ndarray, speed: floa
 
 
 class Controller:
-    """Samples candidates about its plan and averages them, weighted by exp(-cost / temperature)."""
+    """Samples candidates about its plan and averages them by exp(-cost / temperature)."""
 
     def __init__(self, speed: float, in_force: np.ndarray) -> None:
         self.speed, self.plan = speed, np.repeat(in_force[None], STEPS, axis=0)

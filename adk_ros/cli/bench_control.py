@@ -53,9 +53,7 @@ def control(
             "--quick", help="the first 60 m, a short training, and no plant as a model: minutes"
         ),
     ] = False,
-    jobs: Annotated[
-        int, typer.Option(help="runs in parallel; for times per cycle choose 1")
-    ] = 1,
+    jobs: Annotated[int, typer.Option(help="runs in parallel; for times per cycle choose 1")] = 1,
     tune: Annotated[
         bool,
         typer.Option(
@@ -76,7 +74,12 @@ def control(
     Example: adk bench control --quick
     """
     from adk_ros.bench.control.cars import CARS
-    from adk_ros.bench.control.control_bench import ControlPlan, as_dict, run_control
+    from adk_ros.bench.control.control_bench import (
+        ControlPlan,
+        as_dict,
+        run_control,
+        write_results,
+    )
     from adk_ros.bench.control.linear_mpc import INSTALL, has_osqp
     from adk_ros.bench.control.reference_path import MANOEUVRES
     from adk_ros.bench.control.scores import MODELS, PLANT
@@ -96,6 +99,11 @@ def control(
         )
     if not has_osqp():
         console.note(INSTALL)
+
+    def keep(so_far: list[ScoredRun]) -> None:
+        if out is not None:
+            write_results(so_far, plan, out)
+
     try:
         with graceful_shutdown(), _model_folder(model, quick) as folder:
             plan = replace(plan, model=folder)
@@ -103,12 +111,12 @@ def control(
                 _tune(plan)
                 return
             with console.progress("driving") as bar:
-                runs = run_control(plan, jobs, bar)
+                runs = run_control(plan, jobs, bar, keep)
     except Terminated:
         console.note("adk: terminated")
         raise typer.Exit(TERMINATED) from None
     if out is not None:
-        _write(runs, plan, out)
+        _draw(runs, plan, out)
     if as_json:
         console.print_json(as_dict(runs, plan))
         return
@@ -160,12 +168,10 @@ def _tune(plan: ControlPlan) -> None:
         console.output.print(text, markup=False)
 
 
-def _write(runs: Sequence[ScoredRun], plan: ControlPlan, out: Path) -> None:
-    from adk_ros.bench.control.control_bench import path_of, write_results
+def _draw(runs: Sequence[ScoredRun], plan: ControlPlan, out: Path) -> None:
+    from adk_ros.bench.control.control_bench import path_of
     from adk_ros.bench.control.control_figure import write_figure
 
-    out.mkdir()
-    write_results(runs, plan, out)
     for name in plan.manoeuvres:
         path = path_of(name, plan.length_m)
         write_figure(runs, path, out / f"{name.replace(' ', '_')}.png")
@@ -183,16 +189,16 @@ def _print(runs: Sequence[ScoredRun]) -> None:
         groups.setdefault(key, []).append(run)
     for manoeuvre in dict.fromkeys(key[0] for key in groups):
         table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
-        for name in ("car", "controller", "model"):
-            table.add_column(name, no_wrap=True)
-        for name in ("error m", "max m", "speed m/s", "violations", "completed", "p50 ms", "p99"):
+        table.add_column("car", no_wrap=True)
+        table.add_column("controller: model", no_wrap=True)
+        for name in ("error m", "max m", "v m/s", "gates", "ended", "p50", "p99 ms"):
             table.add_column(name, justify="right", no_wrap=True)
-        for (name, *labels), here in groups.items():
+        for (name, car, controller, model), here in groups.items():
             if name == manoeuvre:
-                table.add_row(*labels, *_cells(here))
+                table.add_row(car, f"{controller}: {model}", *_cells(here))
         console.output.print(
-            f"{manoeuvre}: RMS and largest lateral error, RMS speed error; violations: share of "
-            "the gates' length",
+            f"{manoeuvre}: RMS and largest lateral error, RMS speed error; gates: share of their "
+            "length violated;\nended: runs that got to the end; p50 and largest p99 of a cycle",
             markup=False,
         )
         console.print_table(table)
@@ -217,7 +223,7 @@ def _cells(runs: Sequence[ScoredRun]) -> list[str]:
         f"{max(score.lateral_max for score in scores):.2f}",
         f"{mean('speed_rms'):.2f}",
         f"{mean('violations'):.1%}",
-        f"{sum(score.completed for score in scores)} of {len(scores)}",
+        f"{sum(score.completed for score in scores)}/{len(scores)}",
         f"{mean('p50_ms'):.1f}",
         f"{max(score.p99_ms for score in scores):.1f}",
     ]

@@ -98,12 +98,12 @@ class SimulatedCar:
     @property
     def velocity(self) -> FloatArray:
         """Return the true (v_x, v_y, yaw rate), m/s and rad/s."""
-        return self.state[V_X : YAW_RATE + 1].copy()
+        return np.array(self.state[V_X : YAW_RATE + 1])
 
     @property
     def pose(self) -> FloatArray:
         """Return the true (x, y, heading), m and rad."""
-        return self.state[X : HEADING + 1].copy()
+        return np.array(self.state[X : HEADING + 1])
 
     def step(self, command: FloatArray) -> None:
         """Advance by 25 ms under `command` (torque in N·m, road-wheel angle in rad)."""

@@ -45,8 +45,8 @@ class ClosedLoopRun:
     The scored part of a run, one row per cycle, SI.
 
     `s` (n,): arc length; `lateral`, `speed_error` (n,): true errors against the path; `pose` (n,
-    3); `commands` (n, 2); `cycle_s` (n,): time of update and decision. Not `completed`: the car left
-    the road or took twice the planned time, and the rows end there.
+    3); `commands` (n, 2); `cycle_s` (n,): time of update and decision. Not `completed`: the car
+    left the road or took twice the planned time, and the rows end there.
     """
 
     s: FloatArray
@@ -68,7 +68,9 @@ class Sensors:
         self._pose = np.array([odometry.position_noise] * 2 + [odometry.heading_noise])
         self._accel = imu.accel_noise
 
-    def read(self, car: SimulatedCar, cycle: int, in_force: FloatArray) -> tuple[Sample, FloatArray]:
+    def read(
+        self, car: SimulatedCar, cycle: int, in_force: FloatArray
+    ) -> tuple[Sample, FloatArray]:
         """Return the sample of a cycle and the measured pose (3,)."""
         noise = self._rng.standard_normal(8)
         x = car.velocity + self._velocity * noise[:3]

@@ -132,11 +132,15 @@ def _load(folder: Path) -> KoopmanModel:
 
 
 def run_control(
-    plan: ControlPlan, jobs: int = 1, progress: Progress | None = None
+    plan: ControlPlan,
+    jobs: int = 1,
+    progress: Progress | None = None,
+    keep: Callable[[list[ScoredRun]], None] | None = None,
 ) -> list[ScoredRun]:
     """
     Run all of a plan, in `jobs` processes; times per cycle are those with that load.
 
+    :param keep: called with the results so far after each run.
     :raises UsageError: the model cannot be read.
     """
     choices = list(plan.runs())
@@ -151,6 +155,8 @@ def run_control(
         for done, choice in enumerate(choices):
             tell(done, ", ".join(choice[:4]))
             results.append(run_one(plan, choice))
+            if keep is not None:
+                keep(results)
         tell(len(choices), "")
         return results
     by_choice: dict[RunChoice, ScoredRun] = {}
@@ -159,6 +165,8 @@ def run_control(
         running = {pool.submit(run_one, plan, choice): choice for choice in choices}
         for future in as_completed(running):
             by_choice[running[future]] = future.result()
+            if keep is not None:
+                keep([by_choice[choice] for choice in choices if choice in by_choice])
             tell(len(by_choice), ", ".join(running[future][:4]))
     return [by_choice[choice] for choice in choices]
 
@@ -180,7 +188,8 @@ def as_dict(runs: Sequence[ScoredRun], plan: ControlPlan) -> dict[str, Any]:
 
 
 def write_results(runs: Sequence[ScoredRun], plan: ControlPlan, folder: Path) -> None:
-    """Write `control.json` and `control.csv` to a folder."""
+    """Write `control.json` and `control.csv` to a folder, which is made if it does not exist."""
+    folder.mkdir(exist_ok=True)
     content = finite(as_dict(runs, plan))
     (folder / "control.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
     with (folder / "control.csv").open("w", newline="", encoding="utf-8") as file:

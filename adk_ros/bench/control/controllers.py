@@ -78,4 +78,4 @@ class Plan:
         """Keep a plan, clipped to the limits; return its command for the next cycle."""
         limits = np.array(self.settings.limits)
         self._commands = np.clip(commands, -limits, limits)
-        return self._commands[1].copy()
+        return np.array(self._commands[1])

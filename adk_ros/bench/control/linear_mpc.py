@@ -28,7 +28,9 @@ from adk_ros.model.pose_horizon import pose_horizon
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.environment.road import ROAD_CURVATURE, ROAD_SPEED, Route, locate, lookup
 
-INSTALL = "the linear MPC needs OSQP: pip install osqp -c requirements/constraints.txt"
+INSTALL = (
+    "left out: linear MPC, which needs OSQP: pip install osqp -c requirements/constraints.txt"
+)
 _SCALE = np.array([1000.0, 0.1])
 """Unit of the decision variables, N·m and rad: OSQP converges faster with variables of order 1."""
 

@@ -76,5 +76,7 @@ def difference_quotients(model: PredictionModel, commands: FloatArray) -> Linear
         for i in range(2):
             candidates[1 + 2 * j + i, j, i] += COMMAND_STEP[i]
     states = model.roll_out_many(candidates)
-    change = (states[1:] - states[0]).reshape(steps, 2, steps, 3) / COMMAND_STEP[None, :, None, None]
+    change = (states[1:] - states[0]).reshape(steps, 2, steps, 3) / COMMAND_STEP[
+        None, :, None, None
+    ]
     return Linearization(states[0], np.ascontiguousarray(change.transpose(2, 3, 0, 1)))

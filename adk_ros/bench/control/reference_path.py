@@ -71,8 +71,9 @@ class ReferencePath:
     A path as a route with its planned speed, and where it is scored.
 
     `start`, `handover`, `begin`, `end`: arc lengths of the start of the approach, of the handover
-    from the driver to the controller, and of the begin and the end of the scored part, m. `tolerance` (rows,): largest lateral error at the rows of the route, m,
-    infinite where there is no gate.
+    from the driver to the controller, and of the begin and the end of the scored part, m.
+    `tolerance` (rows,): largest lateral error at the rows of the route, m, infinite where there is
+    no gate.
     """
 
     name: str
@@ -86,7 +87,8 @@ class ReferencePath:
     def tolerance_at(self, s: FloatArray) -> FloatArray:
         """Return the tolerance at arc lengths `s` (n,), m."""
         rows = len(self.tolerance) - 1
-        return np.asarray(self.tolerance[np.rint(s / self.route.spacing).astype(int) % rows])
+        nearest = np.rint(s / self.route.spacing).astype(int) % rows
+        return np.asarray(self.tolerance[nearest])
 
     def planned_s(self, begin: float, end: float) -> float:
         """Return the planned duration between two arc lengths, s."""
@@ -112,7 +114,7 @@ def _double_lane_change(grip: float) -> ReferencePath:
 
     The peak curvature of a quintic over a length l is 10 / sqrt(3) times offset / l².
     """
-    first, change, lane, back, last = _SECTIONS
+    _, change, _, back, _ = _SECTIONS
     sharpest = 10.0 / math.sqrt(3.0) * _OFFSET / (min(change, back) + 2.0 * _REACH) ** 2
     speed = math.sqrt(GRIP_SHARE * grip / sharpest)
     waves = math.ceil(APPROACH_S * speed / _SLALOM_WAVELENGTH)
@@ -138,9 +140,7 @@ def _double_lane_change(grip: float) -> ReferencePath:
         table[:, column] = np.interp(at, s, values)
     table[:, ROAD_SPEED], table[:, ROAD_MU] = speed, 1.0
     tolerance = np.full(rows + 1, np.inf)
-    for (begin, end), (factor, added) in zip(
-        ((0, 1), (2, 3), (4, 5)), _GATE_WIDTHS, strict=True
-    ):
+    for (begin, end), (factor, added) in zip(((0, 1), (2, 3), (4, 5)), _GATE_WIDTHS, strict=True):
         inside = (table[:, ROAD_X] >= edges[begin]) & (table[:, ROAD_X] <= edges[end])
         tolerance[inside] = 0.5 * ((factor - 1.0) * WIDTH + added)
     handover, begin_s, end_s = np.interp([gate - _SETTLE, gate, edges[-1]], x, s).tolist()

@@ -69,7 +69,11 @@ def tracking_costs(
         s, cost = start.s, 0.0
         for j in range(steps):
             new_x, new_y, new_rate = states[k, j, 0], states[k, j, 1], states[k, j, 2]
-            mean_x, mean_y, turn = 0.5 * (v_x + new_x), 0.5 * (v_y + new_y), 0.5 * (rate + new_rate)
+            mean_x, mean_y, turn = (
+                0.5 * (v_x + new_x),
+                0.5 * (v_y + new_y),
+                0.5 * (rate + new_rate),
+            )
             middle = heading + 0.5 * turn * TICK_S
             cos, sin = math.cos(middle), math.sin(middle)
             x += TICK_S * (mean_x * cos - mean_y * sin)

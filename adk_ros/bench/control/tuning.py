@@ -23,6 +23,8 @@ from adk_ros.bench.control.linear_mpc import has_osqp
 from adk_ros.bench.control.scores import ADAPTED, DYNAMIC, FROZEN
 
 DEVELOPMENT_SEED = 98
+_LENGTH_M = 200.0
+"""Of the scored part, at most: all of the lane change, and the first bends of the lap."""
 _MODELS = (DYNAMIC, FROZEN, ADAPTED)
 
 
@@ -63,7 +65,7 @@ def tune(
             progress(done, len(grid), f"{controller}, {text}")
         one = replace(
             plan, settings=settings, cars=(NOMINAL,), controllers=(controller,), models=_MODELS,
-            seeds=(DEVELOPMENT_SEED,),
+            seeds=(DEVELOPMENT_SEED,), length_m=min(plan.length_m, _LENGTH_M),
         )  # fmt: skip
         errors: dict[str, list[float]] = {}
         for choice in one.runs():

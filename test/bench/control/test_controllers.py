@@ -77,7 +77,9 @@ def test_interpolation_between_nodes() -> None:
     hat = ControlSettings(steps=10, block_steps=4).interpolation()
     assert hat.shape == (10, 3)
     np.testing.assert_array_equal(hat[0], 0.0)
-    np.testing.assert_array_equal(hat[[1, 3, 5, 9]], [[1, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0, 1]])
+    np.testing.assert_array_equal(
+        hat[[1, 3, 5, 9]], [[1, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0, 1]]
+    )
     np.testing.assert_allclose(hat[1:].sum(axis=1), 1.0)
 
 
@@ -95,7 +97,7 @@ def test_errors_are_linear_in_the_commands() -> None:
     """The derivatives of the path errors agree with differences, on a curved path."""
     path = path_of(LANE_CHANGE, 200.0)
     pose, speed = path.pose_at(path.begin + 25.0)
-    begin = TrackingStart(pose + [0.1, 0.1, 0.02], np.array([speed, 0.1, 0.2]), path.begin + 25.0)
+    begin = TrackingStart(pose + 0.1, np.array([speed, 0.1, 0.2]), path.begin + 25.0)
     model = LinearCar()
     model.velocity = begin.velocity
     rng = np.random.default_rng(0)
@@ -104,7 +106,9 @@ def test_errors_are_linear_in_the_commands() -> None:
     change = rng.normal(size=(20, 2)) * [5.0, 2e-4]
     after, _ = path_errors(model.linearized(commands + change), begin, path.route)
     np.testing.assert_allclose(
-        after - errors, np.einsum("hcji,ji->hc", by, change), atol=2e-2 * np.abs(after - errors).max()
+        after - errors,
+        np.einsum("hcji,ji->hc", by, change),
+        atol=2e-2 * np.abs(after - errors).max(),
     )
 
 
@@ -132,7 +136,9 @@ def test_mpc_equals_the_unconstrained_optimum() -> None:
 def test_mpc_respects_the_limits() -> None:
     settings = ControlSettings(limits=(100.0, 0.001))
     controller = LinearMpc(settings, straight())
-    command = controller.next_command(LinearCar(), start(1.0, 15.0), np.zeros(2))
+    model, begin = LinearCar(), start(1.0, 15.0)
+    model.velocity = begin.velocity
+    command = controller.next_command(model, begin, np.zeros(2))
     np.testing.assert_allclose(command, [100.0, -0.001], rtol=0.02)
 
 
@@ -164,7 +170,7 @@ def test_mppi_finds_the_optimum() -> None:
 
 
 def test_plant_model_predicts_the_plant() -> None:
-    """Its step of 5 ms agrees with the simulation's of 1 ms."""
+    """Its step agrees with the simulation's shorter one, its derivatives with differences."""
     path: ReferencePath = path_of(LANE_CHANGE, 100.0)
     pose, speed = path.pose_at(0.0)
     car = SimulatedCar(make_car(NOMINAL), speed, pose)
@@ -173,6 +179,9 @@ def test_plant_model_predicts_the_plant() -> None:
     model.update(sample)
     commands = np.column_stack([np.full(40, 800.0), 0.05 * np.sin(np.arange(40) / 6.0)])
     predicted = model.roll_out_many(commands[None])[0]
+    local, quotients = model.linearized(commands), difference_quotients(model, commands)
+    np.testing.assert_allclose(local.predicted, predicted, atol=1e-12)
+    np.testing.assert_allclose(local.jacobian, quotients.jacobian, atol=1e-9)
     for command, expected in zip(commands, predicted, strict=True):
         car.step(command)
         np.testing.assert_allclose(car.velocity, expected, atol=2e-3)

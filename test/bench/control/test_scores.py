@@ -56,9 +56,7 @@ def test_where_a_run_did_not_get_to_it_counts_as_lost() -> None:
 def scored(car: str, model: str, error: float) -> ScoredRun:
     path = path_of(LANE_CHANGE, 50.0)
     run = run_along(path.begin, path.end, error)
-    return ScoredRun(
-        LANE_CHANGE, car, "MPPI", model, 1, score_run(run, path), run.s, run.lateral
-    )
+    return ScoredRun(LANE_CHANGE, car, "MPPI", model, 1, score_run(run, path), run.s, run.lateral)
 
 
 def test_criteria() -> None:
