@@ -38,6 +38,12 @@ LOST_M = 5.0
 _LONGEST = 2.0
 """Duration over the planned one after which a run ends: the car has stopped."""
 
+_PACE, _STEER = 0.85, 0.002
+"""The driver's speed over the planned one, and excitation of its steering, rad: it does not know
+the car and loses one with worn rear tyres at the planned speed."""
+_RISE_M = (60.0, 10.0)
+"""Distances before the handover between which the driver speeds up to the planned speed, m."""
+
 
 @dataclass(frozen=True)
 class ClosedLoopRun:
@@ -93,18 +99,21 @@ class ApproachDriver:
         rng = np.random.default_rng([seed, 2])
         cycles = round(_LONGEST * path.planned_s(path.start, path.handover) / TICK_S) + 1
         self._added = excitation_signals(
-            rng, cycles, TICK_S, Excitation(), SpeedPlan(variation=0.04)
+            rng, cycles, TICK_S, Excitation(steer=_STEER), SpeedPlan(variation=0.04)
         )
+        self._handover = path.handover
         self._integral = 0.0
 
     def command(self, cycle: int, pose: FloatArray, sample: Sample, s: float) -> FloatArray:
         """Return the command (2,) for the next cycle."""
         table, spacing = self._route.table, self._route.spacing
-        cycle = min(cycle, len(self._added) - 1)
+        added = self._added[min(cycle, len(self._added) - 1)].copy()
+        left = self._handover - s
+        added[2] *= float(np.interp(-left, (-_RISE_M[0], -_RISE_M[1]), (_PACE, 1.0)))
         position = locate(table, spacing, s, pose[0], pose[1])
         torque, delta, self._integral = driver_command(
             self._nominal, table, spacing, position, (sample.x[0], sample.x[1]), float(pose[2]),
-            self._added[cycle], self._integral, TICK_S,
+            added, self._integral, TICK_S,
         )  # fmt: skip
         return np.array([torque, delta])
 
@@ -117,7 +126,7 @@ def run_closed_loop(
     driver: ApproachDriver,
     sensors: Sensors,
 ) -> ClosedLoopRun:
-    """Drive `path` once with a car that stands at its start with the planned speed."""
+    """Drive `path` once with a car that is at its start, with the planned speed."""
     table, spacing = path.route.table, path.route.spacing
     s = path.start
     in_force = np.zeros(2)

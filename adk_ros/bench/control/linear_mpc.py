@@ -6,7 +6,7 @@ Linear time-varying MPC: a quadratic program along the plan of the last cycle, s
 The states are linear in the changes d of the commands at the nodes of the horizon, y = y_0 + G d,
 from the local model along the plan; so are the poses integrated from them, and the errors against
 the path at the points next to the plan's. One linearization per cycle (real-time iteration). The
-commands are bounded. References: P. Falcone et al., "Predictive active steering control for
+commands and their changes are bounded. References: P. Falcone et al., "Predictive active steering control for
 autonomous vehicle systems", IEEE Trans. Control Syst. Technol. 15 (2007) 566; M. Diehl et al.,
 J. Process Control 12 (2002) 577; B. Stellato et al., "OSQP", Math. Program. Comput. 12 (2020) 637.
 """
@@ -33,6 +33,10 @@ INSTALL = (
 )
 _SCALE = np.array([1000.0, 0.1])
 """Unit of the decision variables, N·m and rad: OSQP converges faster with variables of order 1."""
+
+_TRUST = np.array([1000.0, 0.03])
+"""Largest change of the plan in a cycle, N·m and rad: about the range in which tyre forces are
+linear, so that the quadratic program does not leave it."""
 
 
 def has_osqp() -> bool:
@@ -158,7 +162,10 @@ class LinearMpc:
         at_nodes = np.minimum(1 + settings.block_steps * np.arange(n // 2), steps - 1)
         present = (plan[at_nodes] / _SCALE).T.ravel()
         limits = np.repeat(np.array(settings.limits) / _SCALE, n // 2)
-        found = solve_bounded(hessian, gradient, np.eye(n), -limits - present, limits - present)
+        trust = np.repeat(_TRUST / _SCALE, n // 2)
+        low = np.minimum(np.maximum(-limits - present, -trust), trust)
+        high = np.maximum(np.minimum(limits - present, trust), -trust)
+        found = solve_bounded(hessian, gradient, np.eye(n), low, high)
         if found is None:
             return self._plan.keep(plan)
         return self._plan.keep(plan + self._change @ found)
