@@ -87,7 +87,7 @@ class Controller:
         costs = cost(predictor.roll_out_many(candidates), candidates, pose, self.speed)
         weights = np.exp(-(costs - costs.min()) / TEMPERATURE)
         self.plan = np.einsum("k,khc->hc", weights / weights.sum(), candidates)
-        return self.plan[1]
+        return np.array(self.plan[1])
 
 
 def main() -> None:

@@ -6,9 +6,10 @@ Linear time-varying MPC: a quadratic program along the plan of the last cycle, s
 The states are linear in the changes d of the commands at the nodes of the horizon, y = y_0 + G d,
 from the local model along the plan; so are the poses integrated from them, and the errors against
 the path at the points next to the plan's. One linearization per cycle (real-time iteration). The
-commands and their changes are bounded. References: P. Falcone et al., "Predictive active steering control for
-autonomous vehicle systems", IEEE Trans. Control Syst. Technol. 15 (2007) 566; M. Diehl et al.,
-J. Process Control 12 (2002) 577; B. Stellato et al., "OSQP", Math. Program. Comput. 12 (2020) 637.
+commands and their changes are bounded. References: P. Falcone et al., "Predictive active steering
+control for autonomous vehicle systems", IEEE Trans. Control Syst. Technol. 15 (2007) 566; M. Diehl
+et al., J. Process Control 12 (2002) 577; B. Stellato et al., "OSQP", Math. Program. Comput. 12
+(2020) 637.
 """
 
 from __future__ import annotations
