@@ -14,6 +14,7 @@ import typer
 
 from adk_ros.cli import (
     bench_confirm,
+    bench_control,
     bench_learned,
     bench_mismatch,
     bench_paper,
@@ -29,6 +30,7 @@ app = typer.Typer(
 )
 app.command("paper")(bench_paper.paper)
 app.command("concealed")(bench_mismatch.concealed)
+app.command("control")(bench_control.control)
 app.command("watch")(bench_watch.watch)
 app.command("confirm")(bench_confirm.confirm)
 app.command("range")(bench_range.bench_range)

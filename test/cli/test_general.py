@@ -20,7 +20,7 @@ from adk_ros.bags import recording
 from adk_ros.cli import console
 from adk_ros.cli.main import VERBS, main
 
-BENCHES = ("latency", "learned", "live", "paper", "soak")
+BENCHES = ("control", "latency", "learned", "live", "paper", "soak")
 ALL = [[verb] for verb in VERBS] + [["bench", name] for name in BENCHES]
 ADK = "import sys; sys.argv[0] = 'adk'; from adk_ros.cli.main import main; sys.exit(main())"
 

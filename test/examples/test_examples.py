@@ -80,3 +80,10 @@ def test_predict_under_a_plan(tmp_path: Path) -> None:
         for name in ("commands held", "under the plan")
     )
     assert planned < 0.5 * held
+
+
+def test_follow_a_path(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    printed = run("05_follow_a_path.py", out, "--model", small().path, "--duration", 6)
+    assert float(re.search(r"RMS ([0-9.]+) m", printed)[1]) < 1.0  # type: ignore[index]
+    assert {path.name for path in out.iterdir()} == {"followed_path.png"}

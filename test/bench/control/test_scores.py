@@ -1,0 +1,90 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scores of trajectories made by hand, and the criteria on them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from adk_ros.bench.control.cars import NOMINAL
+from adk_ros.bench.control.closed_loop import LOST_M, ClosedLoopRun
+from adk_ros.bench.control.control_bench import path_of
+from adk_ros.bench.control.reference_path import LANE_CHANGE, LAP, MANOEUVRES
+from adk_ros.bench.control.scores import (
+    ADAPTED,
+    FROZEN,
+    PLANT,
+    ScoredRun,
+    criteria,
+    score_run,
+)
+from adk_ros.plant.environment.road import ROAD_CURVATURE, ROAD_SPEED
+
+
+def run_along(begin: float, end: float, lateral: float, completed: bool = True) -> ClosedLoopRun:
+    s = np.arange(begin, end, 0.4)
+    zeros = np.zeros_like(s)
+    return ClosedLoopRun(
+        s=s, lateral=zeros + lateral, speed_error=zeros - 0.5, pose=np.zeros((len(s), 3)),
+        commands=np.zeros((len(s), 2)), cycle_s=zeros + 0.004, completed=completed,
+    )  # fmt: skip
+
+
+def test_a_constant_error() -> None:
+    path = path_of(LANE_CHANGE, 1e3)
+    score = score_run(run_along(path.begin, path.end, 0.25), path)
+    assert score.lateral_rms == pytest.approx(0.25)
+    assert score.lateral_max == pytest.approx(0.25)
+    assert score.speed_rms == pytest.approx(0.5)
+    assert score.p50_ms == pytest.approx(4.0)
+    # Of the gates of 15, 25 and 15 m, only the first is narrower: 0.22 m to either side.
+    assert score.violations == pytest.approx(15.0 / 55.0, abs=0.02)
+
+
+def test_where_a_run_did_not_get_to_it_counts_as_lost() -> None:
+    path = path_of(LAP, 100.0)
+    score = score_run(run_along(path.begin, path.begin + 75.0, 0.0, completed=False), path)
+    assert score.violations == pytest.approx(0.25, abs=0.02)
+    assert score.lateral_rms == pytest.approx(LOST_M * 0.5, rel=0.03)
+    nowhere = score_run(run_along(0.0, 0.0, 0.0, completed=False), path)
+    assert nowhere.lateral_rms == pytest.approx(LOST_M)
+
+
+def scored(car: str, model: str, error: float) -> ScoredRun:
+    path = path_of(LANE_CHANGE, 50.0)
+    run = run_along(path.begin, path.end, error)
+    return ScoredRun(LANE_CHANGE, car, "MPPI", model, 1, score_run(run, path), run.s, run.lateral)
+
+
+def test_criteria() -> None:
+    runs = [
+        scored(car, model, error)
+        for car, errors in ((NOMINAL, (0.1, 0.103, 0.05)), ("+160 kg", (0.2, 0.12, 0.1)))
+        for model, error in zip((FROZEN, ADAPTED, PLANT), errors, strict=True)
+    ]
+    nominal, changed, times = criteria(runs)
+    assert nominal.is_met
+    assert "+3 %" in nominal.text or "+3%" in nominal.text
+    assert changed.is_met
+    assert "80%" in changed.text
+    assert times.is_met
+    no_gap = criteria([*runs[:3], scored("+160 kg", FROZEN, 0.09), *runs[4:]])[1]
+    assert no_gap.is_met is None
+    slow = replace(runs[1].score, p99_ms=30.0)
+    assert criteria([replace(runs[1], score=slow)])[-1].is_met is False
+
+
+@pytest.mark.parametrize("name", MANOEUVRES)
+def test_paths_need_their_share_of_the_grip(name: str) -> None:
+    from adk_ros.bench.control.cars import make_car
+
+    path, grip = path_of(name, 1e4), make_car(NOMINAL).grip()
+    table, spacing = path.route.table, path.route.spacing
+    rows = np.arange(round(path.begin / spacing), round(path.end / spacing)) % (len(table) - 1)
+    lateral = np.abs(table[rows, ROAD_CURVATURE]) * table[rows, ROAD_SPEED] ** 2
+    assert lateral.max() == pytest.approx(0.8 * grip, rel=0.02)
+    assert path.planned_s(path.start, path.begin) == pytest.approx(22.0, abs=4.0)
+    assert np.abs(np.diff(table[rows, ROAD_CURVATURE])).max() < 0.01
