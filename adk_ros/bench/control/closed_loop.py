@@ -20,6 +20,7 @@ from adk_ros.bench.control.controllers import Controller
 from adk_ros.bench.control.prediction_models import PredictionModel
 from adk_ros.bench.control.reference_path import ReferencePath
 from adk_ros.bench.control.tracking_cost import TICK_S, TrackingStart
+from adk_ros.errors import UsageError
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.environment.road import locate
 from adk_ros.plant.scenario.driver import (
@@ -52,7 +53,7 @@ class ClosedLoopRun:
 
     `s` (n,): arc length; `lateral`, `speed_error` (n,): true errors against the path; `pose` (n,
     3); `commands` (n, 2); `cycle_s` (n,): time of update and decision. Not `completed`: the car
-    left the road or took twice the planned time, and the rows end there.
+    left the road, took twice the planned time or had no prediction, and the rows end there.
     """
 
     s: FloatArray
@@ -147,7 +148,10 @@ def run_closed_loop(
         else:
             measured_s = locate(table, spacing, s, pose[0], pose[1])[0]
             start = TrackingStart(pose, np.array(sample.x), measured_s)
-            command = controller.next_command(model, start, in_force)
+            try:
+                command = controller.next_command(model, start, in_force)
+            except UsageError:
+                break  # The model predicts nothing from here, so nobody drives.
             cycle_s = time.perf_counter() - began_s
             if s >= path.begin:
                 speed_error = car.velocity[0] - path.pose_at(s)[1]
