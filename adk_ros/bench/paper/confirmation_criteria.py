@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from adk_ros.bench.paper.cases import CLEAN, NOISY
-from adk_ros.bench.paper.criteria import COVERAGE, FAIL, INFO, PASS, PaperCriterion
+from adk_ros.bench.paper.criteria import COVERAGE, FAIL, INFO, PaperCriterion
 from adk_ros.bench.paper.predictors import (
     ADK_ROS,
     MF,
@@ -24,7 +24,7 @@ from adk_ros.bench.paper.predictors import (
     PYKOOPMAN,
     SWLS,
 )
-from adk_ros.bench.paper.ratios import geometric_means
+from adk_ros.bench.paper.ratios import geometric_mean, geometric_means
 from adk_ros.bench.paper.scores import (
     CHANNELS,
     HORIZONS,
@@ -63,22 +63,14 @@ def confirmation_criteria(board: ScoreTable, without: str = "") -> list[PaperCri
     ]
 
 
-def _criterion(passed: bool, name: str, figure: str) -> PaperCriterion:
-    return PaperCriterion(PASS if passed else FAIL, name, figure)
-
-
-def _geometric(values: list[float]) -> float:
-    return float(np.exp(np.mean(np.log(np.maximum(values, 1e-12)))))
-
-
 def _mean(board: ScoreTable) -> PaperCriterion:
     ratios = board.ratios(ADK_ROS)
-    mean = _geometric([float(r.mean()) for r in ratios.values()])
+    mean = geometric_mean([float(r.mean()) for r in ratios.values()])
     seeds = np.array([list(r) for r in ratios.values()])
-    by_seed = np.exp(np.log(np.maximum(seeds, 1e-12)).mean(axis=0))
+    by_seed = [geometric_mean(column) for column in seeds.T.tolist()]
     text = f"{mean:.3f} of the best naive predictor's RMSE over {len(ratios)} combinations, "
     text += f"at most {MEAN_MOST:g} (seeds {', '.join(f'{s:.3f}' for s in by_seed)})"
-    return _criterion(mean <= MEAN_MOST, "geometric-mean", text)
+    return PaperCriterion.judged(mean <= MEAN_MOST, "geometric-mean", text)
 
 
 def _last(board: ScoreTable, variant: str) -> PaperCriterion:
@@ -88,7 +80,7 @@ def _last(board: ScoreTable, variant: str) -> PaperCriterion:
     plant = geometric_means(board, ORACLE).get((variant, last))
     if plant is not None:
         text += f"; the plant itself, from the same measurements: {plant:.4f}"
-    return _criterion(mean <= LAST_MOST[variant], f"two-seconds-{variant}", text)
+    return PaperCriterion.judged(mean <= LAST_MOST[variant], f"two-seconds-{variant}", text)
 
 
 def _none_above(board: ScoreTable) -> PaperCriterion:
@@ -97,7 +89,7 @@ def _none_above(board: ScoreTable) -> PaperCriterion:
     figure = f"{len(above)} of {len(ratios)} combinations above {RATIO_MOST:g}"
     if above:
         figure += f": {_listed(above)}"
-    return _criterion(not above, "none-above-naive", figure)
+    return PaperCriterion.judged(not above, "none-above-naive", figure)
 
 
 def _listed(values: dict[Combination, float]) -> str:
@@ -118,7 +110,7 @@ def _ahead(board: ScoreTable, family: str, without: str) -> PaperCriterion:
     figure += f"{len(tables)}, at least {100.0 * least:.0f} %"
     if behind:
         figure += f"; behind: {_listed(behind)}"
-    return _criterion(share >= least, name, figure)
+    return PaperCriterion.judged(share >= least, name, figure)
 
 
 def _intervals(board: ScoreTable, kind: str, variant: str) -> list[IntervalScore]:
@@ -150,7 +142,7 @@ def _coverage(board: ScoreTable, name: str, kind: str) -> PaperCriterion:
     if outside:
         shown = {combo: f"{value:.1f} %" for combo, value in outside.items()}
         figure += f"; outside: {combinations_text(list(outside), shown)}"
-    return _criterion(not outside, name, figure)
+    return PaperCriterion.judged(not outside, name, figure)
 
 
 def _interval_score(board: ScoreTable, name: str, kind: str) -> PaperCriterion:
@@ -175,12 +167,12 @@ def _interval_score(board: ScoreTable, name: str, kind: str) -> PaperCriterion:
                     ratios[Combination(variant, test, i, c)] = float(ratio)
     if not ratios:
         return PaperCriterion(FAIL, name, "not measured")
-    mean = _geometric(list(ratios.values()))
+    mean = geometric_mean(list(ratios.values()))
     last = np.nanmean(widths, axis=0)[-1]
     figure = f"{mean:.3f} of that of the best naive predictor with intervals of its own RMSE "
     figure += "(geometric mean), below 1; mean width 2 s ahead "
     figure += ", ".join(f"{n} {w:.3g}" for n, w in zip(CHANNELS, last, strict=True)) + " (SI)"
-    return _criterion(mean < 1.0, name, figure)
+    return PaperCriterion.judged(mean < 1.0, name, figure)
 
 
 def by_horizon(board: ScoreTable) -> PaperCriterion:

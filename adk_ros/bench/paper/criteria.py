@@ -13,13 +13,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-import numpy as np
-
 from adk_ros.bench.paper import oracle_notes
 from adk_ros.bench.paper.av21 import JUDGED, RecordingScores
 from adk_ros.bench.paper.cases import CLEAN
 from adk_ros.bench.paper.paper_results import TABLES, effect
 from adk_ros.bench.paper.predictors import ADK_ROS, ALDK, MF_TUNED, PYKOOP, PYKOOPMAN, SWLS
+from adk_ros.bench.paper.ratios import geometric_mean
 from adk_ros.bench.paper.scores import (
     CHANNELS,
     HORIZONS,
@@ -47,6 +46,11 @@ class PaperCriterion:
     verdict: str
     name: str
     figure: str
+
+    @staticmethod
+    def judged(passed: bool, name: str, figure: str) -> PaperCriterion:
+        """Return a criterion that is met or missed."""
+        return PaperCriterion(PASS if passed else FAIL, name, figure)
 
     def __str__(self) -> str:
         return f"{self.verdict} {self.name} {self.figure}"
@@ -77,28 +81,19 @@ def brief(text: str) -> str:
     return head if re.search(r"\d", last) else complete
 
 
-def _criterion(passed: bool, name: str, figure: str) -> PaperCriterion:
-    return PaperCriterion(PASS if passed else FAIL, name, figure)
-
-
 def _mean(board: ScoreTable) -> PaperCriterion:
     ratios = board.ratios(ADK_ROS)
-    mean = _geometric(list(ratios.values()))
+    mean = geometric_mean([float(r.mean()) for r in ratios.values()])
     parts = {
-        v: _geometric([r for combo, r in ratios.items() if combo.variant == v])
+        v: geometric_mean([float(r.mean()) for c, r in ratios.items() if c.variant == v])
         for v in board.variants()
     }
     text = ", ".join(f"{variant} {value:.3f}" for variant, value in parts.items())
-    return _criterion(
+    return PaperCriterion.judged(
         mean <= MEAN_MOST, "geometric-mean",
         f"{mean:.3f} of the best naive predictor's RMSE over {len(ratios)} combinations, at most "
         f"{MEAN_MOST} ({text})",
     )  # fmt: skip
-
-
-def _geometric(ratios: list[FloatArray]) -> float:
-    means = np.array([ratio.mean() for ratio in ratios])
-    return float(np.exp(np.log(np.maximum(means, 1e-12)).mean()))
 
 
 def lost_combinations(board: ScoreTable) -> dict[Combination, FloatArray]:
@@ -125,7 +120,7 @@ def _none_above(board: ScoreTable) -> PaperCriterion:
         shown = {c: oracle_notes.marked(_spread(ratios[c]), c, at_oracle) for c in within}
         figure += "; above 1 in the mean but not for all seeds: "
         figure += combinations_text(within, shown)
-    return _criterion(not lost, "no-cell-above-1", figure)
+    return PaperCriterion.judged(not lost, "no-cell-above-1", figure)
 
 
 def _spread(ratio: FloatArray) -> str:
@@ -157,7 +152,7 @@ def _ahead(board: ScoreTable, baseline: str, name: str) -> PaperCriterion:
         shown = {c: oracle_notes.marked(f"{r:.2f}", c, at_oracle) for c, r in behind.items()}
         figure += f"; behind in {len(behind)}{oracle_notes.oracle_note(at_oracle)}: "
         figure += combinations_text(list(behind), shown)
-    return _criterion(share >= AHEAD_LEAST, name, figure)
+    return PaperCriterion.judged(share >= AHEAD_LEAST, name, figure)
 
 
 def pooled_coverage(board: ScoreTable) -> dict[Combination, float]:
@@ -197,7 +192,7 @@ def _coverage(board: ScoreTable) -> list[PaperCriterion]:
     if lost:
         detail += f"; outside: {_percent(lost)}"
     return [
-        _criterion(not outside, "coverage", figure),
+        PaperCriterion.judged(not outside, "coverage", figure),
         PaperCriterion(INFO, "coverage-by-cell", detail),
     ]
 
@@ -216,7 +211,7 @@ def _recordings(recorded: RecordingScores | None) -> list[PaperCriterion]:
     figure += f" of {len(same)} recordings (0.5, 1, 2 s)"
     if lost:
         figure += f"; not below: {', '.join(lost)}"
-    results.append(_criterion(not lost, "av21", figure))
+    results.append(PaperCriterion.judged(not lost, "av21", figure))
     if other:
         total, lost = _lost(other)
         figure = f"{total - len(lost)} of {total} combinations, trained on one recording and"
@@ -266,4 +261,4 @@ def _effect(board: ScoreTable) -> PaperCriterion:
     )
     if short:
         figure += f"; less: {', '.join(short)}"
-    return _criterion(not short, "papers-effect", figure)
+    return PaperCriterion.judged(not short, "papers-effect", figure)

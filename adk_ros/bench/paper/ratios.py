@@ -14,6 +14,11 @@ from adk_ros.bench.paper.predictors import ADK_ROS, ORACLE
 from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Combination, ScoreTable
 
 
+def geometric_mean(values: Sequence[float]) -> float:
+    """Return the geometric mean, a zero counting as 1e-12."""
+    return float(np.exp(np.mean(np.log(np.maximum(values, 1e-12)))))
+
+
 def geometric_means(board: ScoreTable, name: str) -> dict[tuple[str, int], float]:
     """
     Return geometric means by variant and horizon, over tests and channels; seeds averaged first.
@@ -25,10 +30,7 @@ def geometric_means(board: ScoreTable, name: str) -> dict[tuple[str, int], float
         if name == ORACLE and combo.variant == CLEAN:
             continue
         gathered.setdefault((combo.variant, combo.horizon), []).append(float(ratio.mean()))
-    return {
-        key: float(np.exp(np.mean(np.log(np.maximum(values, 1e-12)))))
-        for key, values in gathered.items()
-    }
+    return {key: geometric_mean(values) for key, values in gathered.items()}
 
 
 def lost_tests(board: ScoreTable, name: str) -> dict[tuple[str, int], int]:
