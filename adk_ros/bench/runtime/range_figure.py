@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator
 
 from adk_ros.bench.runtime.range_bench import MAX_RATIO, REVERSING, STOP_AND_GO, RangeCase
 from adk_ros.signals.score import HORIZON_STEPS, TICK_S
 
 _NAMES = ("v_x", "v_y", "yaw rate")
+_TICKS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
 def range_figure(cases: Sequence[RangeCase]) -> Figure:
@@ -35,6 +37,9 @@ def range_figure(cases: Sequence[RangeCase]) -> Figure:
         ax.set_title(variant, fontsize=9)
         ax.set_xlabel("top speed (km/h)")
         ax.set_yscale("log")
+        ax.yaxis.set_major_locator(FixedLocator(_TICKS))
+        ax.yaxis.set_major_formatter("{x:g}")
+        ax.yaxis.set_minor_locator(NullLocator())
     first, last = HORIZON_STEPS[0] * TICK_S, HORIZON_STEPS[-1] * TICK_S
     axes[0].set_ylabel("RMSE / best naive predictor's")
     axes[0].legend(fontsize=8, frameon=False, loc="lower right")
