@@ -47,6 +47,8 @@ Mean squared deviation of a plan over that of holding, above which the plan is n
 half the deviation. By choice; two unrelated drives reach one at times.
 """
 _UNLEARNABLE = int(UNLEARNABLE)
+_NO_START = np.full((3, 3), math.nan)
+"""Of IMU integration: under a plan it has no say."""
 
 
 class PlanStatus(Enum):
@@ -194,7 +196,9 @@ class PlannedHorizon:
         usable = not sample.flags & _UNLEARNABLE
         rows = np.zeros((self._steps, 3)) if horizon is None else horizon
         state = np.array(sample.x)
-        compare_and_publish(state, usable, state, rows, len(rows), slot, self._errors.rows)
+        compare_and_publish(
+            state, usable, state, _NO_START, rows, len(rows), slot, self._errors.rows
+        )
 
     def _forget_deviations(self) -> None:
         self._due.clear()

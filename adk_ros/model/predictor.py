@@ -308,7 +308,7 @@ class Predictor:
                 # Both lifts of the pair, with their past samples, must be of learnable samples.
                 enough = self._consecutive_valid_samples >= self.model.history + 2
                 learns = enough and not warming_up
-        if self._has_fallback:
+        if self.horizon_steps or self._has_fallback:
             continues = not sample.flags & _LEVEL_CHANGE
             take_sample(state, sample.a, continues, self._memory.fallback)
         # A repeated odometry reading says less than the prediction for this tick.

@@ -127,7 +127,9 @@ class StepwiseTick:
         if model.fallback.is_active:
             replace_published_by_naive(horizon, memory.rows)
         usable, base = bool(flags & IS_USABLE), start_of_horizon(memory.rows)
-        compare_and_publish(given.state, usable, base, horizon, ahead, slot, published.rows)
+        compare_and_publish(
+            given.state, usable, base, memory.fallback.start, horizon, ahead, slot, published.rows
+        )
         if flags & WITHHOLDS and not is_drivable(given.state, horizon):
             forget_horizon(slot, published_arrays(published.rows))
             return NOT_DRIVABLE
@@ -301,7 +303,9 @@ def predict_and_compare(
     take_over_published(horizon, memory.fallback)
     published = published_arrays(published_rows)
     compare_horizons(state, flags & IS_USABLE != 0, published)
-    publish_horizon(start_of_horizon(memory_rows), horizon, ahead, slot, published)
+    publish_horizon(
+        start_of_horizon(memory_rows), memory.fallback.start, horizon, ahead, slot, published
+    )
     if flags & WITHHOLDS and not is_drivable(state, horizon):
         forget_horizon(slot, published)
         return NOT_DRIVABLE

@@ -150,14 +150,12 @@ def take_sample(
 
 
 @strict_kernel
-def weighted_naive(fallback: FallbackArrays, commands: int, out: FloatArray) -> None:
+def integrate_imu(start: FloatArray, out: FloatArray) -> None:
     """
-    Write the weight of all naive predictors and the weighted sum of their states: out (h, 2, 3).
+    Write the states (h, 3), SI, from `start` (3, 3) on at the present specific force and yaw rate.
 
-    SI; by the equations of `adk_ros.signals.score`. A predictor counts only where it is known.
+    NaN where they are unknown; `start` as in `FallbackArrays`.
     """
-    weights, start = fallback.weights, fallback.start
-    last = weights.shape[2] - 1
     v_x, v_y, rate = start[0, 0], start[0, 1], start[0, 2]
     a_x, a_y = start[2, 0], start[2, 1]
     angle = rate * TICK_S
@@ -170,6 +168,21 @@ def weighted_naive(fallback: FallbackArrays, commands: int, out: FloatArray) -> 
             cos * v_x + sin * v_y + into * a_x + across * a_y,
             -sin * v_x + cos * v_y - across * a_x + into * a_y,
         )
+        out[i, 0], out[i, 1], out[i, 2] = v_x, v_y, rate
+
+
+@strict_kernel
+def weighted_naive(fallback: FallbackArrays, commands: int, out: FloatArray) -> None:
+    """
+    Write the weight of all naive predictors and the weighted sum of their states: out (h, 2, 3).
+
+    SI; by the equations of `adk_ros.signals.score`. A predictor counts only where it is known.
+    """
+    weights, start = fallback.weights, fallback.start
+    last = weights.shape[2] - 1
+    of_imu = np.empty((out.shape[0], 3))
+    integrate_imu(start, of_imu)
+    for i in range(out.shape[0]):
         for c in range(3):
             out[i, 0, c] = out[i, 1, c] = 0.0
             for p in range(weights.shape[1]):
@@ -179,8 +192,8 @@ def weighted_naive(fallback: FallbackArrays, commands: int, out: FloatArray) -> 
                 state = start[0, c]
                 if p == _LINEAR_EXTRAPOLATION:
                     state += (i + 1) * start[1, c]
-                elif p == _IMU_INTEGRATION and c < 2:
-                    state = v_x if c == 0 else v_y
+                elif p == _IMU_INTEGRATION:
+                    state = of_imu[i, c]
                 if np.isfinite(state):
                     out[i, 0, c] += weight
                     out[i, 1, c] += weight * state

@@ -8,8 +8,9 @@ tenth horizon is stored with the variances published with it, and each of its st
 with the measurement at that time. Nothing is predicted again.
 
 The comparison gives the shrinkage of later horizons (see `shrinkage`): a driver who holds the
-speed undoes what a held torque would do, and "no change" is then the better prediction. The first
-step is not shrunk, since its command is known. The errors that remain give the covariance.
+speed undoes what a held torque would do, and "no change" is then the better prediction. It also
+gives the weight of IMU integration, which is right where the car is unlike the model's. The first
+step is left as it is, since its command is known. The errors that remain give the covariance.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from adk_ros.model.uncertainty.conformal import (
     ConformalScale,
     update_conformal_scale,
 )
-from adk_ros.model.uncertainty.shrinkage import update_shrinkage
+from adk_ros.model.uncertainty.fallback import integrate_imu
+from adk_ros.model.uncertainty.shrinkage import update_shrinkage, update_weight
 from adk_ros.numerics.array_table import (
     ArrayTable,
     floats_1,
@@ -46,7 +48,8 @@ class StoredHorizons(NamedTuple):
     `values` (slots, steps, 3, 3): states, the variances published with them, and the states before
     shrinkage; `base` (slots, 3): the state at the start; `age` (slots,): the next step to compare,
     -1 if the slot is empty. `sums`, `shrinkage` as in `shrinkage`; `shrinks` (1,): 0 if horizons
-    are not shrunk.
+    are not shrunk. `naive` (slots, steps, 3): what IMU integration says; `naive_sums`, `weight`:
+    of it, as in `shrinkage`.
     """
 
     values: FloatArray
@@ -55,6 +58,9 @@ class StoredHorizons(NamedTuple):
     sums: FloatArray
     shrinkage: FloatArray
     shrinks: NDArray[np.int64]
+    naive: FloatArray
+    naive_sums: FloatArray
+    weight: FloatArray
 
 
 class PublishedHorizonErrors:
@@ -76,6 +82,9 @@ class PublishedHorizonErrors:
             sums=np.zeros((4, steps, 3)),
             shrinkage=np.ones((steps, 3)),
             shrinks=np.array([int(shrinks)]),
+            naive=np.full((self._slots, steps, 3), np.nan),
+            naive_sums=np.zeros((4, steps, 3)),
+            weight=np.zeros((steps, 3)),
         )
         self._table = ArrayTable(*self._stored, *self._scale.arrays)
         self.rows = self._table.rows
@@ -98,6 +107,8 @@ class PublishedHorizonErrors:
         self._number = 0
         self._stored.sums[:] = 0.0
         self._stored.shrinkage[:] = 1.0
+        self._stored.naive_sums[:] = 0.0
+        self._stored.weight[:] = 0.0
         self._scale.reset()
 
     def stop(self) -> None:
@@ -146,10 +157,11 @@ def published_arrays(rows: IntArray) -> PublishedArrays:
     return PublishedArrays(
         StoredHorizons(
             floats_4(rows, 0), floats_2(rows, 1), integers_1(rows, 2), floats_3(rows, 3),
-            floats_2(rows, 4), integers_1(rows, 5),
+            floats_2(rows, 4), integers_1(rows, 5), floats_3(rows, 6), floats_3(rows, 7),
+            floats_2(rows, 8),
         ),
         ConformalArrays(
-            floats_1(rows, 6), floats_3(rows, 7), floats_2(rows, 8), floats_3(rows, 9)
+            floats_1(rows, 9), floats_3(rows, 10), floats_2(rows, 11), floats_3(rows, 12)
         ),
     )  # fmt: skip
 
@@ -159,6 +171,7 @@ def compare_and_publish(
     state: FloatArray,
     usable: bool,
     base: FloatArray,
+    start: FloatArray,
     horizon: FloatArray,
     ahead: int,
     new_slot: int,
@@ -167,7 +180,7 @@ def compare_and_publish(
     """Run `compare_horizons` and `publish_horizon` on the arrays of a table."""
     published = published_arrays(rows)
     compare_horizons(state, usable, published)
-    publish_horizon(base, horizon, ahead, new_slot, published)
+    publish_horizon(base, start, horizon, ahead, new_slot, published)
 
 
 @fused_kernel
@@ -192,28 +205,37 @@ def compare_horizons(state: FloatArray, usable: bool, published: PublishedArrays
                 y = min(max(y, -MAX_ERROR), MAX_ERROR)
                 m = stored.values[slot, h, 2, c] - stored.base[slot, c]
                 update_shrinkage(h, c, m, y, stored.sums, stored.shrinkage)
-                error[c] = y - stored.shrinkage[h, c] * m
+                change = stored.shrinkage[h, c] * m
+                error[c] = y - change
+                d = stored.naive[slot, h, c] - stored.base[slot, c] - change
+                if np.isfinite(d):
+                    update_weight(h, c, d, error[c], stored.naive_sums, stored.weight)
+                    error[c] -= stored.weight[h, c] * d
         update_conformal_scale(h, error, issued_error, variance, scale)
 
 
 @fused_kernel
 def publish_horizon(
     base: FloatArray,
+    start: FloatArray,
     horizon: FloatArray,
     ahead: int,
     new_slot: int,
     published: PublishedArrays,
 ) -> None:
     """
-    Shrink `horizon` (h, 3), SI, towards its start `base` (3,).
+    Shrink `horizon` (h, 3), SI, towards its start `base` (3,), and weight IMU integration.
 
-    Store its first `ahead` rows in `new_slot`, unless it is -1.
+    `start` (3, 3): where the latter begins, see `FallbackArrays`. Store the first `ahead` rows in
+    `new_slot`, unless it is -1.
     """
     stored, scale = published
     steps = min(horizon.shape[0], stored.shrinkage.shape[0])
     stores, shrinks = new_slot >= 0, stored.shrinks[0] != 0
     if stores:
         stored.age[new_slot] = 0
+    naive = np.empty((steps, 3))
+    integrate_imu(start, naive)
     for c in range(3):
         if stores:
             stored.base[new_slot, c] = base[c]
@@ -222,10 +244,14 @@ def publish_horizon(
             k = stored.shrinkage[h, c]
             if shrinks and k < 1.0:
                 horizon[h, c] = base[c] + k * (predicted - base[c])
+            weight = stored.weight[h, c]
+            if shrinks and weight > 0.0 and np.isfinite(naive[h, c]):
+                horizon[h, c] += weight * (naive[h, c] - horizon[h, c])
             if stores and h < ahead:
                 stored.values[new_slot, h, 0, c] = horizon[h, c]
                 stored.values[new_slot, h, 1, c] = scale.calibrated[h, c, c]
                 stored.values[new_slot, h, 2, c] = predicted
+                stored.naive[new_slot, h, c] = naive[h, c]
 
 
 @fused_kernel

@@ -13,6 +13,7 @@ from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
 from adk_ros.model.uncertainty.conformal import FORGETTING, GAIN, ROLLOUT_STRIDE
+from adk_ros.model.uncertainty.fallback import integrate_imu
 from adk_ros.numerics.constants import QUANTILE_90
 from adk_ros.signals.channels import Flag
 
@@ -125,21 +126,27 @@ def test_coasting_shifts_the_horizon_covariance() -> None:
     np.testing.assert_array_equal(last.horizon_covariance, first.horizon_covariance[rows])
 
 
-def test_horizons_are_shrunk_by_the_slope_of_what_happened_on_what_was_said() -> None:
-    """In plain numpy, from horizons that are not shrunk."""
+def test_horizons_are_shrunk_and_weighted_by_what_happened() -> None:
+    """In plain numpy, from horizons as the model predicts them."""
     x, u = states(700), inputs(700)
-    samples = [sample(k, x[k], u[k]) for k in range(700)]
+    rate = np.gradient(x, 0.025, axis=0)
+    # Forces that explain half of the motion: IMU integration is worth something.
+    a = 0.5 * np.column_stack([rate[:, 0] - x[:, 2] * x[:, 1], rate[:, 1] + x[:, 2] * x[:, 0]])
+    samples = [
+        sample(k, x[k], u[k])._replace(a=(float(a[k, 0]), float(a[k, 1]))) for k in range(700)
+    ]
     shrunk = Predictor(model())
     raw = Predictor(model())
     raw._published._stored.shrinks[0] = 0
     sums, k_of = np.zeros((4, 80, 3)), np.ones((80, 3))
-    kept: list[tuple[int, Array, Array]] = []
+    of_imu, w_of = np.zeros((4, 80, 3)), np.zeros((80, 3))
+    kept: list[tuple[int, Array, Array, Array]] = []
     number = 0
     for k, item in enumerate(samples):
         made, said = shrunk.step(item), raw.step(item)
         if made is None or said is None:
             continue
-        for first, base, horizon in kept:
+        for first, base, horizon, naive in kept:
             h = k - first - 1
             if not 0 < h < 80:
                 continue
@@ -150,15 +157,28 @@ def test_horizons_are_shrunk_by_the_slope_of_what_happened_on_what_was_said() ->
             residual = np.maximum(yy - slope * my, 0.0) / n
             certain = np.maximum(1.0 - residual / ((1.0 - slope) ** 2 * mm), 0.0)
             k_of[h] = np.clip(1.0 - n / (n + 3.0) * certain * (1.0 - slope), 0.0, 1.0)
+            e = y - k_of[h] * m
+            d = naive[h] - base - k_of[h] * m
+            of_imu[:, h] = 0.985 * of_imu[:, h] + [d * e, d * d, np.ones(3), e * e]
+            de, dd, n, ee = of_imu[:, h]
+            slope = de / np.maximum(dd, 1e-12)
+            residual = np.maximum(ee - slope * de, 0.0) / n
+            certain = np.maximum(1.0 - residual / np.maximum(slope**2 * dd, 1e-12), 0.0)
+            w_of[h] = np.clip(n / (n + 3.0) * certain * slope, 0.0, 1.0)
         base = shrunk.filtered_state
         wanted = base + k_of * (said.horizon - base)
+        naive = np.empty((80, 3))
+        integrate_imu(np.array([item.x, np.zeros(3), [*item.a, np.nan]]), naive)
+        wanted += w_of * (naive - wanted)
+        wanted[0] = said.horizon[0]
         np.testing.assert_allclose(made.horizon, wanted, rtol=1e-9, atol=1e-9)
         # The command of the first step is known.
         np.testing.assert_array_equal(made.x, said.x)
         number += 1
         if number % ROLLOUT_STRIDE == 0:
-            kept.append((k, base, said.horizon))
+            kept.append((k, base, said.horizon, naive))
     assert k_of.min() < 0.5
+    assert w_of[:, :2].max() > 0.1
     np.testing.assert_allclose(shrunk._published.shrinkage, k_of, atol=1e-9)
     shrunk.reset()
     assert (shrunk._published.shrinkage == 1.0).all()
