@@ -44,10 +44,17 @@ def tick_change(model: KoopmanModel) -> FloatArray:
     return np.asarray(np.sqrt(_typical_increment_squared(model)))
 
 
+def monitored_steps(model: KoopmanModel) -> int:
+    """Return the steps of monitored rollouts, 0 if there are none: see `make_rollout_monitor`."""
+    if model.lifting.compiled is None or not model.relift or not len(model.mean_square_change):
+        return 0
+    return len(model.horizon_covariance) or len(model.mean_square_change)
+
+
 def make_rollout_monitor(model: KoopmanModel) -> RolloutMonitor | None:
     """Return a monitor, or None if the model is not lifted by a compiled encoder at each step."""
     encoder = model.lifting.compiled
-    if encoder is None or not model.relift or not len(model.mean_square_change):
+    if encoder is None or not monitored_steps(model):
         return None
     scale = model.scaling.x_scale
     change = model.mean_square_change / scale**2
@@ -55,7 +62,7 @@ def make_rollout_monitor(model: KoopmanModel) -> RolloutMonitor | None:
     if len(model.horizon_covariance):
         errors = model.horizon_covariance / np.outer(scale, scale)
     form = model.step_form()
-    return RolloutMonitor(encoder, form, errors, PRIOR_ROLLOUTS, model.fallback.is_active)
+    return RolloutMonitor(encoder, form, errors, PRIOR_ROLLOUTS)
 
 
 def _typical_increment_squared(model: KoopmanModel) -> FloatArray:

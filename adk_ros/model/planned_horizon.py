@@ -47,8 +47,8 @@ Mean squared deviation of a plan over that of holding, above which the plan is n
 half the deviation. By choice; two unrelated drives reach one at times.
 """
 _UNLEARNABLE = int(UNLEARNABLE)
-_NO_START = np.full((3, 3), math.nan)
-"""Of IMU integration: under a plan it has no say."""
+_NO_NAIVE = np.empty((0, 3))
+"""Under a plan, IMU integration has no say."""
 
 
 class PlanStatus(Enum):
@@ -197,7 +197,7 @@ class PlannedHorizon:
         rows = np.zeros((self._steps, 3)) if horizon is None else horizon
         state = np.array(sample.x)
         compare_and_publish(
-            state, usable, state, _NO_START, rows, len(rows), slot, self._errors.rows
+            state, usable, state, _NO_NAIVE, rows, len(rows), slot, self._errors.rows
         )
 
     def _forget_deviations(self) -> None:

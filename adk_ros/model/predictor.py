@@ -110,6 +110,7 @@ class Predictor:
         )
         self._model_rollout = ModelRollout(model, self._memory)
         self._has_fallback = model.fallback.is_active
+        self._takes_samples = bool(horizon_steps or self._memory.fallback.weights.shape[2])
         parts = TickParts(
             model,
             self._memory,
@@ -221,7 +222,7 @@ class Predictor:
         )
         if result is None:
             return np.full((u_ahead.shape[0], 3), math.nan)
-        if self._has_fallback:
+        if self._memory.fallback.weights.shape[2]:
             replace_by_naive(result, KNOWN, self._memory.rows)
         return result
 
@@ -308,7 +309,7 @@ class Predictor:
                 # Both lifts of the pair, with their past samples, must be of learnable samples.
                 enough = self._consecutive_valid_samples >= self.model.history + 2
                 learns = enough and not warming_up
-        if self.horizon_steps or self._has_fallback:
+        if self._takes_samples:
             continues = not sample.flags & _LEVEL_CHANGE
             take_sample(state, sample.a, continues, self._memory.fallback)
         # A repeated odometry reading says less than the prediction for this tick.

@@ -15,13 +15,14 @@ from adk_ros.model.estimation.disturbance import (
     regression_pair,
 )
 from adk_ros.model.estimation.observer import ScalingArrays, TickArrays, observer_update
-from adk_ros.model.initial_errors import one_step_errors
+from adk_ros.model.initial_errors import monitored_steps, one_step_errors
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder import input_size
 from adk_ros.model.uncertainty.compiled_rollout import MAX_SCALED_STATE
 from adk_ros.model.uncertainty.fallback import (
     FallbackArrays,
     fallback_arrays,
+    integrate_imu,
     take_over,
     take_over_published,
 )
@@ -97,7 +98,7 @@ class TickMemory:
         self.features = np.zeros(model.n_z - 3, dtype=np.float32)
         self.covariance = np.zeros((3, 3))
         self.filtered = np.full(3, np.nan)
-        self.fallback = fallback_arrays(model.fallback)
+        self.fallback = fallback_arrays(model.fallback, monitored_steps(model))
         self.scaling = ScalingArrays(
             *(
                 np.ascontiguousarray(values, dtype=np.float64)
@@ -134,6 +135,7 @@ class TickMemory:
         self.tick.autocorrelation[:] = 0.0
         self.covariance[:] = self._errors
         self.fallback.start[:] = np.nan
+        self.fallback.weights[:] = self.fallback.trained
 
 
 @strict_kernel
@@ -162,7 +164,9 @@ def memory_arrays(rows: IntArray) -> MemoryArrays:
         floats_2(rows, 18),
         integers_1(rows, 19),
         floats_1(rows, 20),
-        FallbackArrays(floats_4(rows, 21), floats_2(rows, 22), floats_1(rows, 23)),
+        FallbackArrays(
+            floats_4(rows, 21), floats_2(rows, 22), floats_1(rows, 23), floats_4(rows, 24)
+        ),
     )
 
 
@@ -191,6 +195,22 @@ def start_of_horizon(rows: IntArray) -> FloatArray:
         x = min(max(memory.tick.x_past[0, c], -MAX_SCALED_STATE), MAX_SCALED_STATE)
         base[c] = x * scaling.x_scale[c] + scaling.x_mean[c]
     return base
+
+
+@strict_kernel
+def imu_horizon(steps: int, rows: IntArray) -> FloatArray:
+    """Return the states (steps, 3), SI, of IMU integration, limited as predicted states are."""
+    memory = memory_arrays(rows)
+    scaling, out = memory.scaling, np.empty((steps, 3))
+    integrate_imu(memory.fallback.start, out)
+    for c in range(3):
+        reach = MAX_SCALED_STATE * scaling.x_scale[c]
+        for h in range(steps):
+            if np.isfinite(out[h, c]):
+                out[h, c] = min(
+                    max(out[h, c], scaling.x_mean[c] - reach), scaling.x_mean[c] + reach
+                )
+    return out
 
 
 @strict_kernel

@@ -22,6 +22,7 @@ from adk_ros.model.model_rollout import ModelRollout
 from adk_ros.model.tick_memory import (
     TickMemory,
     complete_pair,
+    imu_horizon,
     memory_arrays,
     observe,
     replace_published_by_naive,
@@ -127,9 +128,8 @@ class StepwiseTick:
         if model.fallback.is_active:
             replace_published_by_naive(horizon, memory.rows)
         usable, base = bool(flags & IS_USABLE), start_of_horizon(memory.rows)
-        compare_and_publish(
-            given.state, usable, base, memory.fallback.start, horizon, ahead, slot, published.rows
-        )
+        naive = imu_horizon(len(horizon), memory.rows)
+        compare_and_publish(given.state, usable, base, naive, horizon, ahead, slot, published.rows)
         if flags & WITHHOLDS and not is_drivable(given.state, horizon):
             forget_horizon(slot, published_arrays(published.rows))
             return NOT_DRIVABLE
@@ -245,7 +245,9 @@ def observe_and_lift(
     memory, monitor = memory_arrays(memory_rows), monitor_arrays(monitor_rows)
     observe(state, predicted, (torque, delta), gains, memory_rows)
     tick, form, usable = memory.tick, memory.form, flags & IS_USABLE != 0
-    update_rollouts(tick.measured, tick.u_previous, usable, form[2], form[0] != 0, monitor)
+    update_rollouts(
+        tick.measured, tick.u_previous, usable, form[2], form[0] != 0, monitor, memory.fallback
+    )
     perceptron(tick.row, monitor.encoder, monitor.scratch, memory.features)
     return flags & LEARNS != 0 and complete_pair(theta, innovation, memory_rows)
 
@@ -303,9 +305,8 @@ def predict_and_compare(
     take_over_published(horizon, memory.fallback)
     published = published_arrays(published_rows)
     compare_horizons(state, flags & IS_USABLE != 0, published)
-    publish_horizon(
-        start_of_horizon(memory_rows), memory.fallback.start, horizon, ahead, slot, published
-    )
+    base, naive = start_of_horizon(memory_rows), imu_horizon(horizon.shape[0], memory_rows)
+    publish_horizon(base, naive, horizon, ahead, slot, published)
     if flags & WITHHOLDS and not is_drivable(state, horizon):
         forget_horizon(slot, published)
         return NOT_DRIVABLE

@@ -7,12 +7,17 @@ from functools import partial
 import pytest
 
 from adk_ros.model.uncertainty.published_horizons import PublishedHorizonErrors
+from adk_ros.model.uncertainty.rollout_monitor import RolloutMonitor
 
 
 @pytest.fixture
 def unshrunk(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Publish horizons as the model predicts them, whatever earlier ones were worth."""
+    """Predict as the model and the trained weights do, whatever earlier horizons were worth."""
     monkeypatch.setattr(
         "adk_ros.model.predictor.PublishedHorizonErrors",
         partial(PublishedHorizonErrors, shrinks=False),
+    )
+    monkeypatch.setattr(
+        "adk_ros.model.initial_errors.RolloutMonitor",
+        partial(RolloutMonitor, learns_weights=False),
     )

@@ -7,8 +7,11 @@ Naive predictors that take over where the model has not been shown to be better.
 
 m: prediction of the model, n_i: of naive predictor i, h: horizon step. Training finds the weights
 w for each channel, see `adk_ros.train.fallback_weights`. They change what is predicted, not the
-model: its observer and its adaptation work on m. Where all w are zero, y is m, without
-arithmetic.
+model: its observer and its adaptation work on m. Where all w are zero, y is m.
+
+With commands known, a weight W_h of IMU integration is also learned while driving, from monitored
+rollouts (see `rollout_monitor`), for cars and conditions unlike those of the training: the weights
+become (1 - W) w_i, and that of IMU integration W more.
 """
 
 from __future__ import annotations
@@ -114,7 +117,8 @@ class FallbackArrays(NamedTuple):
     """
     What kernels see of a fallback and of the samples that naive predictors start from, SI.
 
-    `weights` of `Fallback`, without a step if it is not active. `start` (3, 3): the state; its
+    `weights`: present ones, by kind of commands, predictor, step and channel; `trained`: those of
+    `Fallback`. Without a step if nothing is ever mixed. `start` (3, 3): the state; its
     change over the last tick; a_x and a_y. NaN where unknown. `of_model` (3,): the model's
     prediction for the next tick.
     """
@@ -122,15 +126,26 @@ class FallbackArrays(NamedTuple):
     weights: FloatArray
     start: FloatArray
     of_model: FloatArray
+    trained: FloatArray
 
 
-def fallback_arrays(fallback: Fallback) -> FallbackArrays:
-    """Return the arrays of a predictor that has seen no sample."""
-    used = fallback if fallback.is_active else Fallback.none()
+def fallback_arrays(fallback: Fallback, monitored_steps: int) -> FallbackArrays:
+    """
+    Return the arrays of a predictor that has seen no sample.
+
+    :param monitored_steps: of the rollouts that weights are learned from, 0 if they are not.
+    """
+    used = fallback.weights if fallback.is_active else Fallback.none().weights
+    known = used.shape[2]
+    if monitored_steps:
+        index = np.minimum(np.arange(max(monitored_steps, known)), max(known - 1, 0))
+        empty = np.zeros((len(COMMANDS), len(NAIVE_PREDICTORS), index.size, len(STATE_NAMES)))
+        used = used[:, :, index] if known else empty
     return FallbackArrays(
-        np.ascontiguousarray(used.weights, dtype=np.float64),
+        np.array(used, dtype=np.float64, order="C"),
         np.full((3, 3), np.nan),
         np.full(3, np.nan),
+        np.array(used, dtype=np.float64, order="C"),
     )
 
 
@@ -172,13 +187,20 @@ def integrate_imu(start: FloatArray, out: FloatArray) -> None:
 
 
 @strict_kernel
-def weighted_naive(fallback: FallbackArrays, commands: int, out: FloatArray) -> None:
+def learn_weight(h: int, c: int, weight: float, fallback: FallbackArrays) -> None:
+    """Give IMU integration a weight learned for a step and a channel, with commands known."""
+    for p in range(fallback.weights.shape[1]):
+        fallback.weights[KNOWN, p, h, c] = (1.0 - weight) * fallback.trained[KNOWN, p, h, c]
+    fallback.weights[KNOWN, _IMU_INTEGRATION, h, c] += weight
+
+
+@strict_kernel
+def weighted_naive(weights: FloatArray, start: FloatArray, commands: int, out: FloatArray) -> None:
     """
     Write the weight of all naive predictors and the weighted sum of their states: out (h, 2, 3).
 
     SI; by the equations of `adk_ros.signals.score`. A predictor counts only where it is known.
     """
-    weights, start = fallback.weights, fallback.start
     last = weights.shape[2] - 1
     of_imu = np.empty((out.shape[0], 3))
     integrate_imu(start, of_imu)
@@ -205,7 +227,7 @@ def take_over(horizon: FloatArray, commands: int, fallback: FallbackArrays) -> N
     if fallback.weights.shape[2] == 0:
         return
     naive = np.empty((horizon.shape[0], 2, 3))
-    weighted_naive(fallback, commands, naive)
+    weighted_naive(fallback.weights, fallback.start, commands, naive)
     for i in range(horizon.shape[0]):
         for c in range(3):
             if naive[i, 0, c] > 0.0:
@@ -215,6 +237,5 @@ def take_over(horizon: FloatArray, commands: int, fallback: FallbackArrays) -> N
 @strict_kernel
 def take_over_published(horizon: FloatArray, fallback: FallbackArrays) -> None:
     """Run `take_over` on a horizon to be published; keep the model's prediction of one tick."""
-    if fallback.weights.shape[2] > 0:
-        fallback.of_model[:] = horizon[0]
-        take_over(horizon, HELD, fallback)
+    fallback.of_model[:] = horizon[0]
+    take_over(horizon, HELD, fallback)

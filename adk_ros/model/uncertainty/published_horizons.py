@@ -27,7 +27,6 @@ from adk_ros.model.uncertainty.conformal import (
     ConformalScale,
     update_conformal_scale,
 )
-from adk_ros.model.uncertainty.fallback import integrate_imu
 from adk_ros.model.uncertainty.shrinkage import update_shrinkage, update_weight
 from adk_ros.numerics.array_table import (
     ArrayTable,
@@ -171,7 +170,7 @@ def compare_and_publish(
     state: FloatArray,
     usable: bool,
     base: FloatArray,
-    start: FloatArray,
+    naive: FloatArray,
     horizon: FloatArray,
     ahead: int,
     new_slot: int,
@@ -180,7 +179,7 @@ def compare_and_publish(
     """Run `compare_horizons` and `publish_horizon` on the arrays of a table."""
     published = published_arrays(rows)
     compare_horizons(state, usable, published)
-    publish_horizon(base, start, horizon, ahead, new_slot, published)
+    publish_horizon(base, naive, horizon, ahead, new_slot, published)
 
 
 @fused_kernel
@@ -217,7 +216,7 @@ def compare_horizons(state: FloatArray, usable: bool, published: PublishedArrays
 @fused_kernel
 def publish_horizon(
     base: FloatArray,
-    start: FloatArray,
+    naive: FloatArray,
     horizon: FloatArray,
     ahead: int,
     new_slot: int,
@@ -226,16 +225,15 @@ def publish_horizon(
     """
     Shrink `horizon` (h, 3), SI, towards its start `base` (3,), and weight IMU integration.
 
-    `start` (3, 3): where the latter begins, see `FallbackArrays`. Store the first `ahead` rows in
-    `new_slot`, unless it is -1.
+    `naive` (h, 3): states of the latter, without a row if there are none. Store the first `ahead`
+    rows in `new_slot`, unless it is -1.
     """
     stored, scale = published
     steps = min(horizon.shape[0], stored.shrinkage.shape[0])
     stores, shrinks = new_slot >= 0, stored.shrinks[0] != 0
     if stores:
         stored.age[new_slot] = 0
-    naive = np.empty((steps, 3))
-    integrate_imu(start, naive)
+    mixes = shrinks and naive.shape[0] >= steps
     for c in range(3):
         if stores:
             stored.base[new_slot, c] = base[c]
@@ -245,13 +243,13 @@ def publish_horizon(
             if shrinks and k < 1.0:
                 horizon[h, c] = base[c] + k * (predicted - base[c])
             weight = stored.weight[h, c]
-            if shrinks and weight > 0.0 and np.isfinite(naive[h, c]):
+            if mixes and weight > 0.0 and np.isfinite(naive[h, c]):
                 horizon[h, c] += weight * (naive[h, c] - horizon[h, c])
             if stores and h < ahead:
                 stored.values[new_slot, h, 0, c] = horizon[h, c]
                 stored.values[new_slot, h, 1, c] = scale.calibrated[h, c, c]
                 stored.values[new_slot, h, 2, c] = predicted
-                stored.naive[new_slot, h, c] = naive[h, c]
+                stored.naive[new_slot, h, c] = naive[h, c] if mixes else np.nan
 
 
 @fused_kernel

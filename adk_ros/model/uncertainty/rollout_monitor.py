@@ -11,7 +11,9 @@ the covariance of the horizon. It is scaled to 90 % coverage (see `conformal`) a
 covariance found in validation, with the weight of `prior` rollouts.
 
 Where a naive predictor takes over (see `fallback`), the error is that of the prediction which
-contains it; the statistics of the model remain those of the model alone.
+contains it; the statistics of the model remain those of the model alone. The same comparisons
+give the weight of IMU integration next to that prediction (see `shrinkage`), from the second step
+on: the first one's command is known in published horizons as well, and they leave it as it is.
 """
 
 from __future__ import annotations
@@ -43,8 +45,14 @@ from adk_ros.model.uncertainty.error_regression import (
     predicted_error,
     solve_shrunk_regression,
 )
-from adk_ros.model.uncertainty.fallback import KNOWN, FallbackArrays, weighted_naive
-from adk_ros.model.uncertainty.shrinkage import update_shrinkage
+from adk_ros.model.uncertainty.fallback import (
+    KNOWN,
+    FallbackArrays,
+    integrate_imu,
+    learn_weight,
+    weighted_naive,
+)
+from adk_ros.model.uncertainty.shrinkage import update_shrinkage, update_weight
 from adk_ros.numerics.array_table import (
     ArrayTable,
     floats_1,
@@ -71,8 +79,8 @@ class RolloutSlots(NamedTuple):
     `w_hidden` (slots, 3, h + q), `w_skip` (slots, 3, n), `w_input_bias` (slots, 3, 3). `age`
     (slots,): next horizon step, -1 if the slot is empty. From the start: scaled state `base`
     (slots, 3), `initial_disturbance` (slots, 3, 3), and `issued` (slots, steps, 3, 3): shrinkage,
-    variance and predicted error. `naive` (slots, 2, steps, 3), without a slot if the model has no
-    fallback: weight of the naive predictors, and the change that they predict, weighted.
+    variance and predicted error. `naive` (slots, 5, steps, 3): weight of the naive predictors and
+    the change that they predict, weighted; both as trained; and the change of IMU integration.
     """
 
     row: Float32Array
@@ -102,6 +110,18 @@ class RolloutStatistics(NamedTuple):
     weights: FloatArray
 
 
+class NaiveStatistics(NamedTuple):
+    """
+    Of IMU integration by horizon step, as in `shrinkage`: `sums` (4, steps, 3), `weight`.
+
+    `learns` (1,): 0 if it gets no weight but the trained one.
+    """
+
+    sums: FloatArray
+    weight: FloatArray
+    learns: NDArray[np.int64]
+
+
 class MonitorArrays(NamedTuple):
     """All arrays of a `RolloutMonitor`; `scratch` (2, h + q + n)."""
 
@@ -113,6 +133,7 @@ class MonitorArrays(NamedTuple):
     gains: FloatArray
     bounds: FloatArray
     scratch: Float32Array
+    naive: NaiveStatistics
 
 
 class RolloutMonitor:
@@ -122,7 +143,7 @@ class RolloutMonitor:
     `shrinkage` (h, 3) and the calibrated `covariance` (h, 3, 3), scaled, are the results.
 
     :param form: the model's step. :param errors: covariance (h, 3, 3) of the scaled prediction
-        errors on validation data. :param has_fallback: whether naive predictors take over.
+        errors on validation data. :param learns_weights: whether IMU integration gets a weight.
     """
 
     def __init__(
@@ -131,7 +152,7 @@ class RolloutMonitor:
         form: StepForm,
         errors: FloatArray,
         prior: float,
-        has_fallback: bool = False,
+        learns_weights: bool = True,
     ) -> None:
         n, n_hidden = encoder.w1.shape[0], encoder.w3.shape[0]
         steps = errors.shape[0]
@@ -149,13 +170,16 @@ class RolloutMonitor:
             base=np.zeros((n_slots, 3)),
             initial_disturbance=np.zeros((n_slots, 3, 3)),
             issued=np.zeros((n_slots, steps, 3, 3)),
-            naive=np.zeros((n_slots if has_fallback else 0, 2, steps, 3)),
+            naive=np.zeros((n_slots, 5, steps, 3)),
         )
         self.statistics = RolloutStatistics(
             sums=np.zeros((4, steps, 3)),
             shrinkage=np.ones((steps, 3)),
             moments=self.error_regression.moments,
             weights=self.error_regression.weights,
+        )
+        self.naive = NaiveStatistics(
+            np.zeros((4, steps, 3)), np.zeros((steps, 3)), np.array([int(learns_weights)])
         )
         self._table = ArrayTable(
             *encoder,
@@ -166,6 +190,7 @@ class RolloutMonitor:
             form.gains,
             form.bounds,
             np.zeros((2, n_hidden + n), np.float32),
+            *self.naive,
         )
         self.rows = self._table.rows
         """All arrays, as a table for kernels."""
@@ -192,6 +217,8 @@ class RolloutMonitor:
         self._scale.reset()
         self.error_regression.reset()
         self.shrinkage[:] = 1.0
+        self.naive.sums[:] = 0.0
+        self.naive.weight[:] = 0.0
 
     def stop(self) -> None:
         """Abort the rollouts under way, after a gap; keep the statistics."""
@@ -244,6 +271,7 @@ def monitor_arrays(rows: IntArray) -> MonitorArrays:
         floats_2(rows, 30),
         floats_2(rows, 31),
         singles_2(rows, 32),
+        NaiveStatistics(floats_3(rows, 33), floats_2(rows, 34), integers_1(rows, 35)),
     )
 
 
@@ -285,18 +313,21 @@ def start_rollout(
 def store_naive(
     slot: int, fallback: FallbackArrays, scaling: ScalingArrays, slots: RolloutSlots
 ) -> None:
-    """Store the naive predictions of the rollout that has started in `slot`, if there are any."""
-    if slots.naive.shape[0] == 0:
-        return
+    """Store the naive predictions of the rollout that has started in `slot`."""
     steps = slots.naive.shape[2]
-    naive = np.empty((steps, 2, 3))
-    weighted_naive(fallback, KNOWN, naive)
+    naive, trained, of_imu = np.empty((steps, 2, 3)), np.empty((steps, 2, 3)), np.empty((steps, 3))
+    weighted_naive(fallback.weights, fallback.start, KNOWN, naive)
+    weighted_naive(fallback.trained, fallback.start, KNOWN, trained)
+    integrate_imu(fallback.start, of_imu)
     for h in range(steps):
         for c in range(3):
-            weight = naive[h, 0, c]
             base = slots.base[slot, c] * scaling.x_scale[c] + scaling.x_mean[c]
-            slots.naive[slot, 0, h, c] = weight
-            slots.naive[slot, 1, h, c] = (naive[h, 1, c] - weight * base) / scaling.x_scale[c]
+            unit = scaling.x_scale[c]
+            slots.naive[slot, 0, h, c] = naive[h, 0, c]
+            slots.naive[slot, 1, h, c] = (naive[h, 1, c] - naive[h, 0, c] * base) / unit
+            slots.naive[slot, 2, h, c] = trained[h, 0, c]
+            slots.naive[slot, 3, h, c] = (trained[h, 1, c] - trained[h, 0, c] * base) / unit
+            slots.naive[slot, 4, h, c] = (of_imu[h, c] - base) / unit
 
 
 @ordered_kernel
@@ -307,12 +338,13 @@ def update_rollouts(
     n_x: int,
     residual: bool,
     monitor: MonitorArrays,
+    fallback: FallbackArrays,
 ) -> None:
     """Advance every rollout by one step and, if the measurement is `usable`, account for it."""
     slots, scale = monitor.slots, monitor.scale
     sums, shrinkage, moments, weights = monitor.statistics
     form = StepForm(n_x, residual, monitor.step_scale, monitor.gains, monitor.bounds)
-    steps, has_fallback = shrinkage.shape[0], slots.naive.shape[0] > 0
+    steps = shrinkage.shape[0]
     error, issued_error = np.empty(3), np.empty(3)
     factors = np.empty((N_REGRESSORS, N_REGRESSORS))
     for slot in range(slots.age.shape[0]):
@@ -343,8 +375,14 @@ def update_rollouts(
             error[c] = y - shrinkage[h, c] * m
             issued_change = plain + slots.issued[slot, h, 2, c]
             issued_error[c] = y - slots.issued[slot, h, 0, c] * issued_change
-            if has_fallback:
-                weight, change = slots.naive[slot, 0, h, c], slots.naive[slot, 1, h, c]
-                error[c] += weight * (y - error[c]) - change
-                issued_error[c] += weight * (y - issued_error[c]) - change
+            naive = slots.naive[slot, :, h, c]
+            issued_error[c] += naive[0] * (y - issued_error[c]) - naive[1]
+            error[c] += naive[2] * (y - error[c]) - naive[3]
+            if h > 0 and monitor.naive.learns[0] != 0:
+                d = naive[4] - (y - error[c])
+                if np.isfinite(d):
+                    update_weight(h, c, d, error[c], monitor.naive.sums, monitor.naive.weight)
+                    weight = monitor.naive.weight[h, c]
+                    learn_weight(h, c, weight, fallback)
+                    error[c] -= weight * d
         update_conformal_scale(h, error, issued_error, slots.issued[slot, h, 1], scale)

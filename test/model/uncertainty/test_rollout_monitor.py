@@ -62,7 +62,7 @@ def test_correct_model_is_not_shrunk() -> None:
     assert (spread < 0.6 * before).all()
 
 
-def test_wrong_model_is_shrunk() -> None:
+def test_wrong_model_is_shrunk(unshrunk: None) -> None:
     """It is told of commands that the car does not get, and the car stands still."""
     of, u = model(), commands(1200)
     car = Predictor(of)
