@@ -9,6 +9,7 @@ The children that tests start inherit all of it.
 import os
 import tempfile
 from collections import Counter
+from functools import partial
 
 import pytest
 from helpers import shared
@@ -39,6 +40,22 @@ SLOW_S = 10
 """s that a slow test takes if its mark says nothing else."""
 FIRST = "test/cli/test_info.py"
 """A short file whose tests train the model that other files use."""
+
+
+@pytest.fixture
+def unshrunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Predict as the model and the trained weights do, whatever earlier horizons were worth."""
+    from adk_ros.model.uncertainty.published_horizons import PublishedHorizonErrors
+    from adk_ros.model.uncertainty.rollout_monitor import RolloutMonitor
+
+    monkeypatch.setattr(
+        "adk_ros.model.predictor.PublishedHorizonErrors",
+        partial(PublishedHorizonErrors, shrinks=False),
+    )
+    monkeypatch.setattr(
+        "adk_ros.model.initial_errors.RolloutMonitor",
+        partial(RolloutMonitor, learns_weights=False),
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:

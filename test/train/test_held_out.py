@@ -97,7 +97,7 @@ def test_ratios_against_the_naive_predictors_computed_here() -> None:
     assert "IMU integration" not in result.scores
 
 
-def test_scores_under_known_and_held_commands() -> None:
+def test_scores_under_known_and_held_commands(unshrunk: None) -> None:
     """A car that does what its command says: known it is exact, held it is as good as a guess."""
     n = 1200
     rng = np.random.default_rng(3)

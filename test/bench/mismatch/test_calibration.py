@@ -14,7 +14,7 @@ import pytest
 
 from adk_ros.bench.mismatch.calibration import calibrate, systematic_share
 from adk_ros.bench.mismatch.calibration_cases import FIRST_SEED, calibration_plans
-from adk_ros.bench.mismatch.case_jobs import code_digest, plan_jobs
+from adk_ros.bench.mismatch.case_jobs import plan_jobs
 from adk_ros.bench.mismatch.case_matrix import case_plans
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.confidence_fit import (
@@ -26,6 +26,7 @@ from adk_ros.bench.mismatch.confidence_fit import (
 from adk_ros.bench.mismatch.injected_drive import PLANTS
 from adk_ros.bench.mismatch.multibody import MULTI_BODY
 from adk_ros.bench.mismatch.reliability import brier_score
+from adk_ros.files.code_digest import code_digest
 from adk_ros.mismatch.inference.confidence import ConfidenceModel, Evidence
 from adk_ros.mismatch.library.criteria import INEXACT_EQUATION_SHARE, MAX_EXPLAINED_RATIO
 

@@ -163,7 +163,7 @@ def verdicts(change: Callable[[str, str, str], dict[str, object]]) -> dict[str, 
     for (variant, test, name), items in board.scores.items():
         for i, item in enumerate(items):
             filled = item if item.intervals else replace(item, intervals=intervals(1.0))
-            items[i] = replace(filled, **change(variant, test, name))
+            items[i] = replace(filled, **change(variant, test, name))  # type: ignore[arg-type]
     return {c.name: c.verdict for c in confirmation_criteria(board)}
 
 
