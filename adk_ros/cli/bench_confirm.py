@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -89,9 +90,8 @@ def confirm(
                 left_out=("dk", "recording"), peers=peers, paper_epochs=_EPOCHS,
             )  # fmt: skip
             if quick:
-                plan = BenchPlan(
-                    quick=True, seeds=1, tests=drives.tests, drives=drives,
-                    left_out=("dk", "aldk", "tuned", "recording"), peers=peers,
+                plan = replace(
+                    plan, left_out=(*plan.left_out, "aldk", "tuned"),
                     train=TrainSettings(steps=_QUICK_STEPS), stride=_QUICK_STRIDE,
                     durations=cases.Durations(300.0, 40.0),
                 )  # fmt: skip

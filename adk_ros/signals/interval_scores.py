@@ -67,7 +67,7 @@ def score_intervals(
 
 def with_own_error(predicted: FloatArray, measured: FloatArray) -> IntervalScore:
     """
-    Score a predictor without intervals, (m, 5, 3) each: with those of its own RMSE on this test.
+    Score a predictor without intervals, (m, 5, 3) each: with those from its RMSE on this test.
 
     No such predictor knows its error beforehand, so this favours it.
     """

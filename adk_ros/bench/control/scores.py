@@ -48,7 +48,7 @@ class RunScore:
 
 @dataclass(frozen=True)
 class ScoredRun:
-    """A run with what it is of; `lateral` (m,): errors at arc lengths `s` (m,)."""
+    """A run and its settings; `lateral` (m,): errors at arc lengths `s` (m,)."""
 
     manoeuvre: str
     car: str

@@ -3,7 +3,7 @@
 """
 Choice of the controllers' parameters: a grid on a development set, the same for all models.
 
-The development set is the nominal car with a seed of its own. Parameters are scored by the lateral
+The development set is the nominal car with another seed. Parameters are scored by the lateral
 error averaged over the models that can complete it in time: the kinematic bicycle leaves the road
 with all of them, and the plant takes hours.
 """

@@ -169,7 +169,7 @@ def _interval_score(board: ScoreTable, name: str, kind: str) -> PaperCriterion:
         return PaperCriterion(FAIL, name, "not measured")
     mean = geometric_mean(list(ratios.values()))
     last = np.nanmean(widths, axis=0)[-1]
-    figure = f"{mean:.3f} of that of the best naive predictor with intervals of its own RMSE "
+    figure = f"{mean:.3f} of that of the best naive predictor with intervals from its RMSE "
     figure += "(geometric mean), below 1; mean width 2 s ahead "
     figure += ", ".join(f"{n} {w:.3g}" for n, w in zip(CHANNELS, last, strict=True)) + " (SI)"
     return PaperCriterion.judged(mean < 1.0, name, figure)

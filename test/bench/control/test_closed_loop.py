@@ -17,20 +17,12 @@ from adk_ros.bench.control import linear_mpc
 from adk_ros.bench.control.cars import CARS, NOMINAL, make_car
 from adk_ros.bench.control.control_bench import ControlPlan, RunChoice, run_control, run_one
 from adk_ros.bench.control.controllers import MPC_NAME, MPPI_NAME
-from adk_ros.bench.control.linear_mpc import has_osqp
 from adk_ros.bench.control.reference_path import LANE_CHANGE
 from adk_ros.bench.control.scores import ADAPTED, DYNAMIC, FROZEN, PLANT
 from adk_ros.cli.main import main
 
-CONTROLLERS = [
-    MPPI_NAME,
-    pytest.param(
-        MPC_NAME, marks=pytest.mark.skipif(not has_osqp(), reason="OSQP is not installed")
-    ),
-]
 
-
-@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("controller", [MPPI_NAME, MPC_NAME])
 def test_the_nominal_car_keeps_its_lane(controller: str) -> None:
     plan = ControlPlan(model=Path(), length_m=60.0)
     run = run_one(plan, RunChoice(LANE_CHANGE, NOMINAL, controller, DYNAMIC, 1))
@@ -96,7 +88,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     content = json.loads((out / "control.json").read_text())
     with (out / "control.csv").open() as file:
         assert len(list(csv.DictReader(file))) == len(content["runs"])
-    assert len(content["runs"]) == 2 * 4 * (2 if has_osqp() else 1)
+    assert len(content["runs"]) == 2 * 4 * 2
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from adk_ros.bench.control.control_bench import path_of
 from adk_ros.bench.control.controllers import ControlSettings
 from adk_ros.bench.control.linear_mpc import (
     LinearMpc,
-    has_osqp,
     path_errors,
     quadratic_cost,
     solve_bounded,
@@ -27,7 +26,6 @@ from adk_ros.plant.environment.road import ROAD_SIZE, ROAD_SPEED, ROAD_X, Route
 from adk_ros.signals.channels import Sample
 
 SPEED = 20.0
-needs_osqp = pytest.mark.skipif(not has_osqp(), reason="OSQP is not installed")
 
 
 def straight() -> Route:
@@ -83,7 +81,6 @@ def test_interpolation_between_nodes() -> None:
     np.testing.assert_allclose(hat[1:].sum(axis=1), 1.0)
 
 
-@needs_osqp
 def test_bounded_problem_with_known_solution() -> None:
     """(x - 3)² + (y + 1)² with x <= 2 has its minimum at (2, -1)."""
     found = solve_bounded(
@@ -112,7 +109,6 @@ def test_errors_are_linear_in_the_commands() -> None:
     )
 
 
-@needs_osqp
 def test_mpc_equals_the_unconstrained_optimum() -> None:
     """Without active limits the QP is least squares; on a straight path the model is linear."""
     settings = ControlSettings(steps=20)
@@ -132,7 +128,6 @@ def test_mpc_equals_the_unconstrained_optimum() -> None:
     assert command[1] < 0.0
 
 
-@needs_osqp
 def test_mpc_respects_the_limits() -> None:
     settings = ControlSettings(limits=(100.0, 0.001))
     controller = LinearMpc(settings, straight())
