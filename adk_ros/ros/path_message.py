@@ -17,8 +17,12 @@ from adk_ros.signals.channels import TICK_NS
 
 _SECOND_NS = 1_000_000_000
 _HEADER_STAMP_AT = 4
-_MARKER_SECONDS = 0x5A5A5A5A
-"""Marker: seconds that no stamp holds while the message is built."""
+_MARKER = struct.Struct("<iI")
+_MARKER_STAMP = (0x5A5A5A5A, 0x3A5A5A5A)
+"""Marker: a stamp that no field holds while the message is built, longer than any padding.
+
+CDR pads with up to 7 bytes of whatever the memory held, such as half a marker of an earlier
+message."""
 
 
 class PathBytes:
@@ -35,12 +39,12 @@ class PathBytes:
         for _ in range(steps):
             pose = PoseStamped()
             pose.header.frame_id = frame_id
-            pose.header.stamp.sec = _MARKER_SECONDS
+            pose.header.stamp.sec, pose.header.stamp.nanosec = _MARKER_STAMP
             message.poses.append(pose)
         self._buffer = bytearray(serialize_message(message))
-        marker = struct.pack("<i", _MARKER_SECONDS)
+        marker = _MARKER.pack(*_MARKER_STAMP)
         self._first_at = first = self._buffer.find(marker)
-        second = self._buffer.find(marker, first + 4) if steps > 1 else len(self._buffer)
+        second = self._buffer.find(marker, first + 8) if steps > 1 else len(self._buffer)
         # Seven numbers end a pose, the next one's stamp follows. Only before the first pose may
         # be another number of padding bytes.
         stride = (len(self._buffer) - second) // max(steps - 1, 1)
