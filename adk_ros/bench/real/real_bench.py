@@ -3,8 +3,8 @@
 """
 Run `adk bench real`: what is said of real recordings of which something is known.
 
-Faults are injected into the readings, terms are removed from a model of the car, and the attitude
-is withheld.
+Faults are injected into the readings, terms are removed from a model of the car, the attitude is
+withheld, and what comes next is predicted.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from adk_ros.bags.recording import RecordingOptions
+from adk_ros.bench.paper.training_jobs import BenchPlan
 from adk_ros.bench.real.fault_cases import Pairing, pairings, recordings_by_vehicle
 from adk_ros.bench.real.injected_faults import INJECTIONS
 from adk_ros.bench.real.outcome import Outcome
+from adk_ros.bench.real.real_predictions import RatioOutcome, prediction_outcomes
 from adk_ros.bench.real.removed_terms import TermOutcome, removed_term_outcomes
 from adk_ros.bench.real.withheld_attitude import SlopeOutcome, slope_outcomes
 from adk_ros.calibration.finding import Verdict
@@ -34,7 +36,7 @@ from adk_ros.mismatch.report.summary import sentence
 
 OTHER_COURSE = "pair, other course"
 """Kind of a comparison with a recording of another course, whose slope, bank and speeds differ."""
-FAULTS, TERMS, SLOPES = PARTS = ("faults", "terms", "slopes")
+FAULTS, TERMS, SLOPES, PREDICTIONS = PARTS = ("faults", "terms", "slopes", "predictions")
 """What the benchmark consists of."""
 VEHICLE_FILE = "vehicle.yaml"
 """Mass and wheelbase of a vehicle, in the folder of its recordings."""
@@ -64,7 +66,10 @@ class FaultOutcome(Outcome):
 @dataclass(frozen=True)
 class RealBench:
     """
-    Outcomes of all comparisons; `terms`: of removed terms, `slopes`: of withheld attitudes.
+    Outcomes of all comparisons.
+
+    `terms`: of removed terms, `slopes`: of withheld attitudes, `predictions`: ratios to the naive
+    predictors.
 
     `left_out`: faults that a comparison, and terms that a recording cannot show, by "vehicle,
     comparison". `refused`: a line for each recording or comparison that could not be used.
@@ -75,6 +80,7 @@ class RealBench:
     refused: list[str]
     terms: list[TermOutcome] = field(default_factory=list)
     slopes: list[SlopeOutcome] = field(default_factory=list)
+    predictions: list[RatioOutcome] = field(default_factory=list)
 
 
 def bench_real(
@@ -82,12 +88,14 @@ def bench_real(
     sizes: Mapping[str, tuple[float, ...]],
     progress: Progress | None = None,
     selected: Sequence[str] = PARTS,
+    plan: BenchPlan | None = None,
 ) -> RealBench:
     """
     Return the outcomes for all recordings of a folder, in a folder for each vehicle.
 
     :param sizes: to inject, by the label of the fault.
     :param selected: what to run, of `PARTS`.
+    :param plan: training settings and seeds of the predictions; one seed of the default training.
     :raises UsageError: there is no recording.
     """
     bags = recordings_by_vehicle(folder)
@@ -99,6 +107,10 @@ def bench_real(
         out = _with_terms(out, bags, report)
     if SLOPES in selected:
         out = _with_slopes(out, bags)
+    if PREDICTIONS in selected:
+        refused = list(out.refused)
+        predictions = prediction_outcomes(bags, plan or BenchPlan(seeds=1), refused, report)
+        out = replace(out, predictions=predictions, refused=refused)
     return out
 
 

@@ -8,6 +8,13 @@ from dataclasses import asdict, dataclass
 
 from adk_ros.bench.real.outcome import score, scores_by
 from adk_ros.bench.real.real_bench import OTHER_COURSE, FaultOutcome, RealBench
+from adk_ros.bench.real.real_predictions import (
+    HORIZONS_S,
+    MAX_GEOMETRIC_MEAN,
+    MAX_RATIO,
+    largest_ratio,
+    mean_ratio,
+)
 
 MIN_NAMED = 0.9
 """Share of the injected faults that must be named."""
@@ -53,35 +60,67 @@ def criteria(result: RealBench) -> list[Criterion]:
 
     Faults against a recording of another course do not count, claims on untouched ones do.
     """
+    return [
+        *_of_faults(result),
+        *_of_terms(result),
+        *_of_slopes(result),
+        *_of_predictions(result),
+    ]
+
+
+def _of_faults(result: RealBench) -> list[Criterion]:
     total = score("all", [x for x in faults(result) if x.kind != OTHER_COURSE])
     clean = untouched(result)
     claims = sum(len(x.false_claims) for x in clean)
     error = total.median_error
-    removed = [x for x in result.terms if x.term]
-    complete = [x for x in result.terms if not x.term]
-    terms = score("all", removed)
-    wrong = sum(len(x.false_claims) for x in result.terms)
-    grades = [x for x in result.slopes if x.slope == "grade" and x.is_counted]
-    least = min((x.correlation for x in grades), default=float("nan"))
     return [
         Criterion("faults named", total.named, f"at least {MIN_NAMED:g}",
                   bool(total.cases) and total.named >= MIN_NAMED, total.cases),
-        Criterion("median error of size", _or_nan(error),
-                  f"at most {MAX_MEDIAN_ERROR:g}",
+        Criterion("median error of size", _or_nan(error), f"at most {MAX_MEDIAN_ERROR:g}",
                   error is not None and error <= MAX_MEDIAN_ERROR, total.cases),
         Criterion("claims on untouched recordings", float(claims), "0",
                   bool(clean) and claims == 0, len(clean)),
+    ]  # fmt: skip
+
+
+def _of_terms(result: RealBench) -> list[Criterion]:
+    removed = [x for x in result.terms if x.term]
+    complete = [x for x in result.terms if not x.term]
+    terms = score("all", removed)
+    error = terms.median_error
+    wrong = sum(len(x.false_claims) for x in result.terms)
+    return [
         Criterion("removed terms named", terms.named, f"at least {MIN_NAMED:g}",
                   bool(removed) and terms.named >= MIN_NAMED, len(removed)),
-        Criterion("median error of removed terms", _or_nan(terms.median_error),
+        Criterion("median error of removed terms", _or_nan(error),
                   f"at most {MAX_MEDIAN_ERROR:g}",
-                  terms.median_error is not None and terms.median_error <= MAX_MEDIAN_ERROR,
-                  len(removed)),
+                  error is not None and error <= MAX_MEDIAN_ERROR, len(removed)),
         Criterion("other physics named, with and without a removed term", float(wrong), "0",
                   bool(complete) and wrong == 0, len(result.terms)),
+    ]  # fmt: skip
+
+
+def _of_slopes(result: RealBench) -> list[Criterion]:
+    grades = [x for x in result.slopes if x.slope == "grade" and x.is_counted]
+    least = min((x.correlation for x in grades), default=float("nan"))
+    return [
         Criterion("correlation of the grade without attitude", least,
                   f"at least {MIN_CORRELATION:g}", bool(grades) and least >= MIN_CORRELATION,
                   len(grades)),
+    ]  # fmt: skip
+
+
+def _of_predictions(result: RealBench) -> list[Criterion]:
+    found = result.predictions
+    largest, where = largest_ratio(found)
+    at = f" ({where})" if where else ""
+    count = len(found) * len(HORIZONS_S)
+    mean = mean_ratio(found)
+    return [
+        Criterion(f"largest ratio to the best naive predictor{at}", largest,
+                  f"at most {MAX_RATIO:g}", largest <= MAX_RATIO, count),
+        Criterion("geometric mean of the ratios 1 s ahead on the rest of the recordings", mean,
+                  f"at most {MAX_GEOMETRIC_MEAN:g}", mean <= MAX_GEOMETRIC_MEAN, count),
     ]  # fmt: skip
 
 
@@ -99,6 +138,7 @@ def as_dict(result: RealBench) -> dict[str, object]:
         "removed_terms": [x.as_dict() for x in result.terms],
         "by_term": [asdict(x) for x in scores_by(result.terms, lambda x: x.term)],
         "slopes": [x.as_dict() for x in result.slopes],
+        "predictions": [x.as_dict() for x in result.predictions],
         "untouched": [x.as_dict() for x in untouched(result)],
         "criteria": [asdict(x) | {"verdict": x.verdict} for x in criteria(result)],
         "left_out": result.left_out,

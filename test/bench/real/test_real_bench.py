@@ -21,9 +21,9 @@ from adk_ros.bench.real.fault_cases import (
 )
 from adk_ros.bench.real.injected_faults import INJECTIONS
 from adk_ros.bench.real.outcome import score, scores_by
-from adk_ros.bench.real.real_bench import OTHER_COURSE, FaultOutcome, RealBench, bench_real
+from adk_ros.bench.real.real_bench import FAULTS, OTHER_COURSE, FaultOutcome, RealBench, bench_real
 from adk_ros.bench.real.scores import criteria
-from adk_ros.calibration.faults import FAULTS
+from adk_ros.calibration.faults import FAULTS as KNOWN_FAULTS
 from adk_ros.calibration.streams import Streams
 from adk_ros.cli.main import main
 from adk_ros.errors import UsageError
@@ -44,12 +44,12 @@ def changed(label: str, size: float) -> tuple[Streams, Streams]:
 
 
 def test_every_fault_has_an_injection_and_sizes_of_both_kinds() -> None:
-    labels = {fault.label for fault in FAULTS} - {"steering_delay"}
+    labels = {fault.label for fault in KNOWN_FAULTS} - {"steering_delay"}
     assert labels == set(INJECTIONS) == set(DEVELOPMENT) == set(CONFIRMATION)
     for label in labels:
         assert not {*DEVELOPMENT[label]} & {*CONFIRMATION[label]}
-        material = next(x.material for x in FAULTS if x.label == label)
-        nominal = next(x.nominal for x in FAULTS if x.label == label)
+        material = next(x.material for x in KNOWN_FAULTS if x.label == label)
+        nominal = next(x.nominal for x in KNOWN_FAULTS if x.label == label)
         sizes = (*DEVELOPMENT[label], *CONFIRMATION[label])
         if "lever_arm" not in label:
             assert all(abs(size - nominal) > material for size in sizes)
@@ -102,7 +102,9 @@ def test_halves_and_pairs_of_each_vehicle(recordings: Path) -> None:
 def test_a_fault_is_injected_and_scored(recordings: Path) -> None:
     steps: list[tuple[int, int]] = []
     sizes = {"odometry_scale": (1.05,), "imu_delay": (0.1,)}
-    result = bench_real(recordings, sizes, lambda done, total: steps.append((done, total)))
+    result = bench_real(
+        recordings, sizes, lambda done, total: steps.append((done, total)), (FAULTS,)
+    )
     untouched, injected = result.outcomes
     assert untouched.fault == ""
     assert untouched.false_claims == ()
@@ -141,7 +143,7 @@ def test_scores_and_criteria() -> None:
     total = score("all", [*nine, missed])
     assert (total.named, total.median_error, total.left_open) == pytest.approx((0.9, 0.08, 0.1))
     result = RealBench([*nine, missed, elsewhere, clean], {}, [])
-    assert [x.verdict for x in criteria(result)] == ["PASS"] * 3 + ["NONE"] * 4
+    assert [x.verdict for x in criteria(result)] == ["PASS"] * 3 + ["NONE"] * 6
     assert [x.group for x in scores_by(result.outcomes, lambda x: x.kind)] == [
         "halves",
         OTHER_COURSE,
@@ -159,7 +161,7 @@ def test_the_table_and_the_files(
     sizes = {"odometry_scale": (1.05,)}
     monkeypatch.setattr("adk_ros.bench.real.fault_cases.CONFIRMATION", sizes)
     out = tmp_path / "out.jsonl"
-    arguments = ["bench", "real", "--recordings", str(recordings)]
+    arguments = ["bench", "real", "--recordings", str(recordings), "--part", "faults"]
     assert main([*arguments, "--out", str(out)]) == 0
     text = capsys.readouterr().out
     assert "odometry_scale" in text

@@ -124,7 +124,7 @@ def test_scores_and_criteria_of_terms_and_slopes() -> None:
         assert as_dict(result)["removed_terms"] == [x.as_dict() for x in terms]
         return [x.verdict for x in criteria(result)]
 
-    assert verdicts(outcome(), nothing) == ["NONE"] * 3 + ["PASS"] * 4
+    assert verdicts(outcome(), nothing) == ["NONE"] * 3 + ["PASS"] * 4 + ["NONE"] * 2
     assert verdicts(missed, nothing)[3:5] == ["FAIL", "FAIL"]
     claimed = replace(nothing, false_claims=("formula",))
     assert verdicts(outcome(), claimed)[5] == "FAIL"
