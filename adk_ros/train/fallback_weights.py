@@ -80,8 +80,8 @@ def find_fallback(
     """
     Return the fallback of a model, whose predictions on the validation part are `validated`.
 
-    Of the training part, the rows count that have as many samples before them as the first of the
-    validation part, so that the adaptation has had as much time.
+    Of the training part, the rows count before which the adaptation has had time: a full window,
+    or, in a recording that is too short for that, half the samples before its validation part.
     """
     trained = []
     for number, (record, parts) in enumerate(zip(split.records, split.parts, strict=True)):
@@ -90,7 +90,9 @@ def find_fallback(
             if progress is not None:
                 progress(number * total + done, len(split.records) * total)
 
-        first = min([WARM_UP_STEPS, *np.flatnonzero(parts == VALIDATION)[:1]])
+        # A later row would leave one block or none of a short recording, and with so little to go
+        # by, naive predictors would take over from a model that is three times as good.
+        first = min([WARM_UP_STEPS, *(np.flatnonzero(parts == VALIDATION)[:1] // 2)])
         scored = (parts == TRAIN) & (np.arange(len(record)) >= first)
         trained.append(
             rollout_record(model, record, None, scored, _AHEAD, _STRIDE, progress=report)

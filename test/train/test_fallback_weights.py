@@ -204,6 +204,17 @@ def test_only_training_and_validation_rows_are_used(without_torque: Split) -> No
     np.testing.assert_array_equal(one.weights, other.weights)
 
 
+def test_a_good_model_is_not_given_up_for_a_short_recording() -> None:
+    """In 40 s, the validation part is a single block of time, which decides nothing alone."""
+    of = record("handling", 40.0)
+    parts = np.full(len(of), TRAIN)
+    parts[-(len(of) // 10) :] = VALIDATION
+    model = replace(small().run.model, fallback=Fallback.none())
+    validated = [rollout_record(model, of, None, parts == VALIDATION, stride=8)]
+    weights = find_fallback(model, Split([of], [parts], "blocks"), validated).weights
+    assert weights[KNOWN].sum(axis=0)[AT].max() < 0.5
+
+
 def test_a_trained_model_says_what_takes_over() -> None:
     run = small().run
     stored = artefact.load(small().path)
