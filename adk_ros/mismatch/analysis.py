@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from adk_ros.mismatch.deployment.held_out import Evidence
+from adk_ros.mismatch.fitted_tolerances import with_fitted_tolerances
 from adk_ros.mismatch.inference.confirmation import confirmed
 from adk_ros.mismatch.inference.corroboration import is_corroborated
 from adk_ros.mismatch.inference.decision import Decision, decide
@@ -108,7 +109,9 @@ def _decided(
     null, reason = path.levels[0][0], ""
     if not is_corroborated(decision.hypothesis, training, whole, path.expected_loss):
         decision, reason = withdrawn(decision, null), _NOT_CORROBORATED
-    validation = validated(decision)
+    validation = with_fitted_tolerances(
+        validated(decision), decision, surrogate, training, lap, evidence
+    )
     decision = coherent(decision, validation)
     if is_refuted(decision, validation):
         decision, reason = withdrawn(decision, null), _REFUTED

@@ -157,6 +157,15 @@ def _without(item: Evidence, problem: ResidualProblem, bins: BoolArray) -> Evide
     )
 
 
+def model_errors(
+    surrogate: SurrogateModel, text: str, held_out: Sequence[Evidence]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the RMSE (horizons, 3) of a model file, and those that its noise would cause."""
+    within = [_within_simulation(surrogate, x) for x in held_out]
+    expected = expected_error(surrogate, [x.log for x in within])
+    return rmse(horizon_errors(_parsed(text), within)), expected
+
+
 def correction_errors(
     surrogate: SurrogateModel, h: Hypothesis, lap: Lap | None, evidence: Sequence[Evidence]
 ) -> tuple[dict[str, float], dict[str, float]]:
@@ -288,6 +297,7 @@ def held_out_result(validation: Validation, evidence: Sequence[Evidence]) -> Hel
         errors.is_explained,
         validation.export,
         validation.raised,
+        errors.tolerances_fitted,
     )
 
 

@@ -162,6 +162,8 @@ class HeldOutErrors:
 
     `expected`: what noise, build tolerances and the surrogate's own error cause. `corrected`: of
     the model with the effects, on sensor data from which identified sensor faults are removed.
+    `tolerances_fitted`: it is the simulation with the build tolerances of the training part, and
+    `expected` is without tolerances.
     """
 
     before: FloatArray
@@ -170,6 +172,7 @@ class HeldOutErrors:
     expected: FloatArray
     corrected: FloatArray
     starts: int
+    tolerances_fitted: bool = False
 
     def explained_ratio(self) -> FloatArray:
         """

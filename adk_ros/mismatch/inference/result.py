@@ -127,7 +127,8 @@ class HeldOutResult:
     what noise, build tolerances and the surrogate's own error explain (`expected`). `explained`:
     whether no error is larger than the model can explain; `ratio`: error over the largest that it
     can explain. `export`: which correction is exported; `raised`: states whose error a larger one
-    raised.
+    raised. `tolerances_fitted`: the ratios are those of the simulation with the build tolerances
+    that the training part shows, and `expected` is without tolerances.
     """
 
     source: str
@@ -141,6 +142,7 @@ class HeldOutResult:
     explained: bool
     export: str
     raised: tuple[str, ...] = ()
+    tolerances_fitted: bool = False
 
 
 @dataclass(frozen=True)

@@ -179,6 +179,7 @@ def _held_out(errors: HeldOutResult) -> dict[str, Any]:
         "explained": errors.explained,
         "exported": errors.export,
         "raised": list(errors.raised),
+        "tolerances_fitted": errors.tolerances_fitted,
     }
 
 

@@ -300,6 +300,11 @@ def _no_mismatch(result: MismatchResult) -> str:
         )
     if uncovered_comparisons(result):
         return f"Inconclusive: no effect of the catalogue reduces the residual enough ({error})."
+    if result.held_out is not None and result.held_out.tolerances_fitted:
+        return (
+            "No significant mismatch: build tolerances that the training part shows and sensor "
+            f"noise explain the held-out part ({error})."
+        )
     return (
         "No significant mismatch: the differences are within build tolerance and sensor noise "
         f"({error})."

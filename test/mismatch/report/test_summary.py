@@ -12,7 +12,12 @@ from helpers.mismatch_report import bank, drag, identified, late, odd, result_of
 
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
-from adk_ros.mismatch.inference.result import Interval, MissingChannel
+from adk_ros.mismatch.inference.result import (
+    NOT_EXPORTED,
+    HeldOutResult,
+    Interval,
+    MissingChannel,
+)
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect import PLACE
 from adk_ros.mismatch.report.effect_vocabulary import EFFECT_VOCABULARY
@@ -99,6 +104,21 @@ def test_no_mismatch_is_stated_with_the_error() -> None:
     assert said.startswith("No significant mismatch: ")
     assert "0.14 m/s" in said
     assert verdict_text(result_of()) == "No significant mismatch"
+
+
+def test_tolerances_that_explain_the_held_out_part_are_said() -> None:
+    none: dict[str, list[float]] = {}
+    held_out = HeldOutResult(
+        "the last quarter", (1.0,), none, none, none, none, none, 50, True, NOT_EXPORTED,
+        tolerances_fitted=True,
+    )  # fmt: skip
+    fitted = replace(result_of(), held_out=held_out)
+    said = sentence(fitted)
+    assert said.startswith(
+        "No significant mismatch: build tolerances that the training part shows and sensor noise "
+        "explain the held-out part (RMS speed error 0.1"
+    )
+    assert as_dict(fitted)["fit"]["tolerances_fitted"] is True
 
 
 def test_an_underfitting_surrogate_makes_the_result_inconclusive() -> None:
