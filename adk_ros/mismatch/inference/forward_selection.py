@@ -7,10 +7,11 @@ Single effects are screened and fitted; pairs and triples extend the best few. A
 its loss plus `PENALTY_PER_PARAMETER` for each fitted variable and `PENALTY_PER_LOCATION` for each
 onset or segment boundary. A further effect is accepted if it lowers that cost by at least
 
-- `MIN_GAIN`,
+- `MIN_GAIN`, the first one `MIN_FIRST_GAIN`,
 - `MIN_GAIN_PER_EXCESS` of the excess loss before it,
 - `MIN_GAIN_PER_NULL_EXCESS` of the excess loss before any effect,
-- `MIN_GAIN_PER_SURROGATE_ERROR` of the surrogate error.
+- `MIN_GAIN_PER_SURROGATE_ERROR` of the surrogate error, the first one
+  `MIN_FIRST_GAIN_PER_SURROGATE_ERROR`.
 
 `library.criteria` gives their reasons.
 """
@@ -34,6 +35,8 @@ from adk_ros.mismatch.inference.segments import (
     refine_segments,
 )
 from adk_ros.mismatch.library.criteria import (
+    MIN_FIRST_GAIN,
+    MIN_FIRST_GAIN_PER_SURROGATE_ERROR,
     MIN_FURTHER_GAIN_PER_SURROGATE_ERROR,
     MIN_GAIN,
     MIN_GAIN_PER_EXCESS,
@@ -58,6 +61,7 @@ from adk_ros.mismatch.library.search_limits import (
     MIN_SCREENED_GAIN_SEGMENT,
     MIN_SCREENED_GAIN_SINGLE,
     PRUNING_SHARE,
+    PRUNING_SHARE_SINGLE,
     REFIT_EXCESS_RATIO,
     REFIT_NOISE_SHARE,
     REFIT_NULL_SHARE,
@@ -132,11 +136,16 @@ def min_required_gain(before: Hypothesis, path: SelectionPath) -> float:
     gains there is rather the surrogate's error.
     """
     excess = max(before.loss - path.expected_loss, 0.0)
-    explained = bool(before.effects) and excess == 0.0
-    share = MIN_FURTHER_GAIN_PER_SURROGATE_ERROR if explained else MIN_GAIN_PER_SURROGATE_ERROR
-    least = max(MIN_GAIN, share * path.surrogate_error_dof)
+    least, share = MIN_FIRST_GAIN, MIN_FIRST_GAIN_PER_SURROGATE_ERROR
+    if before.effects:
+        least, share = MIN_GAIN, MIN_GAIN_PER_SURROGATE_ERROR
+        if excess == 0.0:
+            share = MIN_FURTHER_GAIN_PER_SURROGATE_ERROR
     return max(
-        least, MIN_GAIN_PER_EXCESS * excess, MIN_GAIN_PER_NULL_EXCESS * path.null_excess_loss
+        least,
+        share * path.surrogate_error_dof,
+        MIN_GAIN_PER_EXCESS * excess,
+        MIN_GAIN_PER_NULL_EXCESS * path.null_excess_loss,
     )
 
 
@@ -199,8 +208,11 @@ def _extend(
     screening = _screen(LinearisedProblem(likelihood, start, jacobian), lap, path)
     best_gain = screening.best_gain()
     # A linearised gain may be far off where much is unexplained; otherwise it is nearly exact.
-    least = MIN_GAIN if single else min_required_gain(start, path)
-    least *= PRUNING_SHARE
+    least = (
+        PRUNING_SHARE_SINGLE * MIN_FIRST_GAIN
+        if single
+        else PRUNING_SHARE * min_required_gain(start, path)
+    )
     share = MIN_SCREENED_GAIN_SINGLE if single else MIN_SCREENED_GAIN
     least = max(least, share * best_gain)
 

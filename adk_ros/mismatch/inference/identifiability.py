@@ -36,8 +36,14 @@ from adk_ros.numerics.arrays import FloatArray
 STRUCTURALLY_EQUIVALENT: dict[str, tuple[str, ...]] = {
     "drive_torque_gain": ("wheel_radius",),
     "wheel_radius": ("drive_torque_gain",),
+    "rolling_resistance": ("torque_offset",),
+    "torque_offset": ("rolling_resistance",),
 }
-"""Effects that no recording of the same channels can distinguish."""
+"""
+Effects that no recording of the same channels can distinguish: above walking pace, a rolling
+resistance and a constant torque are the same constant force, and what makes one of them fit better
+is the surrogate's own error.
+"""
 
 
 @dataclass(frozen=True)

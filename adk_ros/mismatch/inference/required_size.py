@@ -21,7 +21,7 @@ from adk_ros.mismatch.inference.block_scores import BlockScores, effect_variable
 from adk_ros.mismatch.inference.forward_selection import SelectionPath, min_required_gain
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.significance import critical_value
+from adk_ros.mismatch.inference.significance import least_significant
 
 MAX_MORE_DRIVING = 100.0
 """Largest factor on the duration of driving that is stated. Convention: nobody drives longer."""
@@ -52,7 +52,10 @@ class Reach:
         return cls(
             [float(x) for x in h.fit.deviation()[part]],
             [float(x) for x in scores.deviations()[part]],
-            [critical_value(scores.active_blocks(j), tests) for j in range(part.start, part.stop)],
+            [
+                least_significant(scores.active_blocks(j), scores.losses.size, tests)
+                for j in range(part.start, part.stop)
+            ],
         )
 
     def significance(self, active: ActiveEffect) -> float:

@@ -22,17 +22,18 @@ def significant_effects(
 
     Next to a large effect whose equation is inexact, a small one may reduce the loss without being
     present; its size is then uncertain from block to block, or its segments shrink to less than
-    their transitions. Significant is a Student's t over the blocks in which an effect acts that
-    chance exceeds nowhere among the `examined` effects, places and onsets.
+    their transitions. Significant is a size of more than `least_significant` deviations, among the
+    `examined` effects, places and onsets.
     """
     scores = BlockScores.of(likelihood, h)
-    sigma = scores.deviations()
+    sigma, blocks = scores.deviations(), scores.losses.size
 
     def is_significant(active: ActiveEffect, part: slice) -> bool:
         variables = range(part.start, part.stop)
         return any(
             abs(theta - parameter.theta_neutral)
-            > critical_value(scores.active_blocks(j), examined * len(variables)) * sigma[j]
+            > least_significant(scores.active_blocks(j), blocks, examined * len(variables))
+            * sigma[j]
             for parameter, theta, j in zip(
                 active.effect.parameters, active.theta, variables, strict=True
             )
@@ -44,6 +45,16 @@ def significant_effects(
         if isinstance(active.effect, FeatureEffect)
         or (active.is_material() and _is_extended(active) and is_significant(active, part))
     ]
+
+
+def least_significant(active: int, blocks: int, tests: int) -> float:
+    """
+    Return the deviations that a significant size exceeds: Student's t, two-sided.
+
+    Noise, which all `blocks` of the recording show, must exceed it in none of `tests`. An effect
+    that acts in few blocks must also be alike in those, in a single test over `active` blocks.
+    """
+    return max(critical_value(blocks, tests), critical_value(active, 1))
 
 
 def critical_value(blocks: int, tests: int) -> float:

@@ -66,12 +66,16 @@ Loss that each fitted parameter of an effect must gain. AIC asks 2, BIC ln(n), a
 """
 PENALTY_PER_LOCATION = 8.0
 """Loss that each onset or segment boundary must gain in addition, since it was searched for."""
+MIN_FIRST_GAIN = 26.0
+"""
+Least penalised gain in loss of a first effect. In white noise, chance exceeds a chi-square of 17
+anywhere among some 1300 effects, onsets and places in one of 20 recordings; what whitening leaves
+correlated about doubles it, and `PENALTY_PER_PARAMETER` is subtracted from a gain. In 375 clean
+cases (`adk bench concealed --own`, seeds 6 to 9), absent effects gain at most 3 where the
+surrogate error does not require more.
+"""
 MIN_GAIN = 40.0
-"""
-Least penalised gain in loss of an accepted effect, calibrated. In white noise, chance exceeds a
-chi-square of 17 anywhere among some 1300 effects, onsets and places in one of 20 recordings; what
-whitening leaves correlated about doubles it, and `PENALTY_PER_PARAMETER` comes on top.
-"""
+"""The same of a further effect, next to the inexact equations of others. Calibrated."""
 MIN_GAIN_PER_EXCESS = 0.25
 """
 Least gain, as a share of the excess loss before the effect: where much is unexplained, accidental
@@ -82,11 +86,14 @@ MIN_GAIN_PER_NULL_EXCESS = 5e-4
 Least gain, as a share of the excess loss before any effect: no effect's equation is exact.
 Calibrated.
 """
+MIN_FIRST_GAIN_PER_SURROGATE_ERROR = 0.08
+"""
+Least gain of a first effect, as a share of the surrogate error: that error repeats every lap,
+whitening takes it for new noise, and any effect may resemble part of it. Calibrated: in the 375
+clean cases, absent effects gain at most 0.051 of it once, and 0.031 otherwise.
+"""
 MIN_GAIN_PER_SURROGATE_ERROR = 0.12
-"""
-Least gain, as a share of the surrogate error: that error repeats every lap, whitening takes it for
-new noise, and any effect may resemble part of it. Calibrated.
-"""
+"""The same of a further effect, and of a formula. Calibrated."""
 MIN_FURTHER_GAIN_PER_SURROGATE_ERROR = 0.5
 """
 The same for a further effect where those before it explain the recording. By choice: of `adk bench

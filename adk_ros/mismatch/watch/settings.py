@@ -66,6 +66,6 @@ after a minute, when a new reference begins.
 """
 ALARM_THRESHOLD = MIN_GAIN
 """
-Statistic of an alarm: the gain that an effect needs offline. `adk bench watch --calibrate` gives
-the threshold of one false alarm in 10 h; this one must not be below.
+Statistic of an alarm: the gain that a further effect needs offline. `adk bench watch --calibrate`
+gives the threshold of one false alarm in 10 h; this one must not be below.
 """

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from adk_ros.mismatch.inference.block_scores import BlockScores
-from adk_ros.mismatch.inference.significance import critical_value
+from adk_ros.mismatch.inference.significance import critical_value, least_significant
 from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.numerics.levenberg_marquardt import BoundedParameters, FitOptions, FitResult, minimise
 
@@ -78,3 +78,10 @@ def test_critical_value_is_that_of_bonferroni_and_student() -> None:
     assert critical_value(10_000, 1) == pytest.approx(1.960, abs=1e-3)
     assert critical_value(17, 100) == pytest.approx(4.346, abs=1e-3)
     assert critical_value(5, 100) > critical_value(17, 100)
+
+
+def test_an_effect_in_few_blocks_must_only_be_alike_in_those() -> None:
+    """Chance among all tests is that of the noise, which the whole recording shows."""
+    assert least_significant(17, 17, 100) == critical_value(17, 100)
+    assert least_significant(5, 33, 2000) == critical_value(33, 2000)
+    assert least_significant(2, 33, 2000) == critical_value(2, 1) > critical_value(33, 2000)

@@ -12,6 +12,7 @@ from helpers.mismatch import car, steady, with_commands
 
 from adk_ros.mismatch.inference.forward_selection import SelectionPath, min_required_gain
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
+from adk_ros.mismatch.inference.identifiability import STRUCTURALLY_EQUIVALENT
 from adk_ros.mismatch.inference.likelihood import (
     N_FIXED_NUISANCES,
     TOLERANCE_PARAMETERS,
@@ -165,7 +166,20 @@ def test_accurate_surrogate_lowers_the_required_gain() -> None:
         SelectionPath(expected_loss=1000.0, surrogate_error_dof=2000.0),
     )
     assert min_required_gain(plain, good) < 50.0
-    assert min_required_gain(plain, poor) > 200.0
+    assert min_required_gain(plain, poor) > 150.0
+    # Next to another effect, whose equation is inexact, more is required.
+    next_to = replace(plain, effects=(ActiveEffect(EFFECTS["aero_drag"], (1.0,)),), loss=1001.0)
+    assert min_required_gain(next_to, good) > min_required_gain(plain, good)
+    assert min_required_gain(next_to, poor) > min_required_gain(plain, poor)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("rolling_resistance", "torque_offset"), ("drive_torque_gain", "wheel_radius")],
+)
+def test_equal_forces_are_alternatives_both_ways(one: str, other: str) -> None:
+    assert STRUCTURALLY_EQUIVALENT[one] == (other,)
+    assert STRUCTURALLY_EQUIVALENT[other] == (one,)
 
 
 def test_only_grade_and_bank_change_gradually() -> None:
