@@ -69,6 +69,13 @@ def train(
     quadratic: Annotated[
         bool, typer.Option(help="add quadratic features, fitted by least squares")
     ] = True,
+    speed_augmentation: Annotated[
+        bool,
+        typer.Option(
+            help="fit the quadratic features to data scaled to higher speeds as well, in the "
+            "equations that the data do not contradict"
+        ),
+    ] = True,
     seed: Annotated[int, typer.Option(help="the same seed and data give the same model")] = 0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda")] = "auto",
     paper: Annotated[
@@ -112,6 +119,7 @@ def train(
             hidden=hidden,
             learning_rate=learning_rate,
             quadratic=quadratic,
+            speed_augmentation=speed_augmentation,
             seed=seed,
             device=device,
             validate_every=validation_interval(steps),
@@ -196,6 +204,11 @@ def _print_result(model: TrainedModel) -> None:
     if takeovers:
         console.note(
             f"naive predictors take over where the model is not shown to be better: {takeovers}"
+        )
+    if run.trained is not None and run.trained.unaugmented:
+        console.note(
+            "the fastest data contradict the augmentation to higher speeds, left out of "
+            f"{run.trained.unaugmented_text}"
         )
     if run.trained is not None and run.trained.stopped_early:
         console.note(

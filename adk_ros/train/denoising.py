@@ -64,7 +64,7 @@ def observer_filtered(
 
     :raises DataError: as `fit`.
     """
-    gain = observer_gain(train, settings.history)
+    gain = observer_gain(train, settings.history, settings.speed_augmentation)
     if gain == 1.0:
         return list(train), list(validation)
     first = replace(settings, steps=max(_MIN_STEPS, int(_FIRST_TRAINING_SHARE * settings.steps)))
@@ -78,11 +78,12 @@ def observer_filtered(
     return [_filtered(model, r) for r in train], [_filtered(model, r) for r in validation]
 
 
-def observer_gain(train: Sequence[Record], history: int) -> float:
+def observer_gain(train: Sequence[Record], history: int, augment: bool = True) -> float:
     """Return the observer gain K for the yaw rate of `train`; 1 means no filtering."""
     part = sequences(train, history, 1, "training")
     scaling = scaling_of(part)
-    observer = _QuadraticObserver(quadratic_features_of(part, scaling), scaling, history)
+    quadratic = quadratic_features_of(part, scaling, augment)
+    observer = _QuadraticObserver(quadratic, scaling, history)
     innovations = {gain: observer.rms_innovation(train, gain) for gain in _GAINS}
     least = min(innovations.values())
     return min(gain for gain, size in innovations.items() if size <= _TIE_MARGIN * least)

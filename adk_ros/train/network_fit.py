@@ -76,13 +76,26 @@ class Step:
 
 @dataclass(frozen=True)
 class FittedNetwork:
-    """The network with the lowest validation loss; `curve` rows: step, loss, validation loss."""
+    """
+    The network with the lowest validation loss; `curve` rows: step, loss, validation loss.
+
+    `unaugmented`: equations that rows augmented to higher speeds are left out of, since the data
+    contradict them.
+    """
 
     network: Network
     scaling: Scaling
     curve: list[tuple[int, float, float]]
     best_step: int
     stopped_early: bool
+    unaugmented: tuple[str, ...] = ()
+
+    @property
+    def unaugmented_text(self) -> str:
+        """Return these equations for people."""
+        return ", ".join(
+            name.replace("_", " ") if name == "yaw_rate" else name for name in self.unaugmented
+        )
 
 
 def choose_device(name: str) -> torch.device:
@@ -183,12 +196,17 @@ def fit(
         network = Network(settings.history, hidden, features, scaling.step_scale, quadratic)
         return _Trainer(network.to(device), data, validation_data, settings, noise)
 
-    trainer = trainer_of(quadratic_features_of(part, scaling) if settings.quadratic else None)
-    if trainer.has_quadratic and not trainer.validate() < _QUADRATIC_ACCEPT_LOSS:
+    quadratic = None
+    if settings.quadratic:
+        quadratic = quadratic_features_of(part, scaling, settings.speed_augmentation)
+    trainer = trainer_of(quadratic)
+    if quadratic is not None and not trainer.validate() < _QUADRATIC_ACCEPT_LOSS:
+        quadratic = None
         trainer = trainer_of(None)
     key = checkpoint.fingerprint(settings, [*train, *validation])
     curve, best_step, early = trainer.run(key, checkpoint_path, on_step)
-    return FittedNetwork(trainer.network.to("cpu"), scaling, curve, best_step, early)
+    unaugmented = () if quadratic is None else quadratic.unaugmented
+    return FittedNetwork(trainer.network.to("cpu"), scaling, curve, best_step, early, unaugmented)
 
 
 def scaling_of(part: Sequences) -> Scaling:
@@ -198,15 +216,31 @@ def scaling_of(part: Sequences) -> Scaling:
     return Scaling.standard(part.x[part.rows], part.u[part.rows], change)
 
 
-def quadratic_features_of(part: Sequences, scaling: Scaling) -> QuadraticFeatures:
-    """Return the quadratic features that best predict the scaled increments of a part."""
+def quadratic_features_of(
+    part: Sequences, scaling: Scaling, augment: bool = True
+) -> QuadraticFeatures:
+    """
+    Return the quadratic features that best predict the scaled increments of a part.
+
+    `augment`: also those of the part at higher speeds.
+    """
     x, x_ref = scaling.scale_x(part.x), scaling.scale_x(part.x_ref)
     target = np.full_like(x, np.nan)
     target[:-1] = (x_ref[1:] - x[:-1]) / scaling.step_scale
+    rows = _faster_rows(part, scaling) if augment else None
+    return fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, part.history, rows)
+
+
+def _faster_rows(part: Sequences, scaling: Scaling) -> Rows:
+    """Return the rows of a part at higher speeds, scaled."""
     augmented = scale_to_higher_speeds(part, newest(part.history))
     change = augmented.change / (scaling.x_scale * scaling.step_scale)
-    rows = Rows(augmented.rows, [scaling.scale_x(state) for state in augmented.states], change)
-    return fit_quadratic(x, scaling.scale_u(part.u), target, part.rows, part.history, rows)
+    return Rows(
+        augmented.rows,
+        [scaling.scale_x(state) for state in augmented.states],
+        change,
+        np.abs(part.x[augmented.rows, 0]),
+    )
 
 
 class _Trainer:

@@ -16,6 +16,7 @@ c)^2: a layer of squares.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,8 @@ from numpy.typing import NDArray
 
 from adk_ros.model.lifting.encoder import input_size
 from adk_ros.numerics.arrays import FloatArray, IntArray
-from adk_ros.train.speed_augmentation import augmentation_weight
+from adk_ros.signals.channels import STATE_NAMES
+from adk_ros.train.augmented_regression import RegressionRows, solve, solve_augmented
 
 _MAX_SAMPLES = 3
 """Newest samples that the forms see. Empirical, not calibrated."""
@@ -49,7 +51,8 @@ class QuadraticFeatures:
     Three forms of an encoder's input row (n,), float32.
 
     The row is clamped to +-`reach` (n,); `directions` (n, q), `weights` (q, 3), `linear` (n, 3),
-    `level` (3,). Names as in the buffers of model folders.
+    `level` (3,). Names as in the buffers of model folders. `unaugmented`: equations that augmented
+    rows are left out of.
     """
 
     reach: NDArray[np.float32]
@@ -57,6 +60,7 @@ class QuadraticFeatures:
     weights: NDArray[np.float32]
     linear: NDArray[np.float32]
     level: NDArray[np.float32]
+    unaugmented: tuple[str, ...] = ()
 
     @staticmethod
     def none(n: int) -> QuadraticFeatures:
@@ -88,12 +92,14 @@ class Rows:
     Augmented rows, made from the measured `rows` (m,): see `speed_augmentation`.
 
     `states`: [x_k, x_(k-1), ...], each (m, 3), of as many samples as the forms see; `target` (m,
-    3); all scaled. The commands are the measured ones.
+    3); all scaled. `speed` (m,): |v_x| of the measured rows, m/s. The commands are the measured
+    ones.
     """
 
     rows: IntArray
     states: list[FloatArray]
     target: FloatArray
+    speed: FloatArray
 
 
 def fit_quadratic(
@@ -107,8 +113,8 @@ def fit_quadratic(
     """
     Fit the forms at `rows` of scaled `x` (n, 3), `u` (n, 2) to scaled increments `target` (n, 3).
 
-    Rows with an unknown target are left out. `augmented` rows have the weight that
-    `augmentation_weight` returns.
+    Rows with an unknown target are left out. `augmented` rows enter the equations that the data
+    do not contradict, with a weight by their accuracy (`augmented_regression`).
     """
     rows = rows[np.isfinite(target[rows]).all(axis=1)]
     columns = input_columns(history)
@@ -116,36 +122,28 @@ def fit_quadratic(
     past += [u[rows - j] for j in range(history + 1)] if history else []
     inputs = np.concatenate(past, axis=1)[:, columns]
     i, j = np.triu_indices(columns.size)
-    products = inputs[:, i] * inputs[:, j]
-    phi = np.hstack([products, inputs, np.ones((rows.size, 1))])
+    phi = _regressors(inputs)
     size = np.sqrt(np.mean(np.square(phi), axis=0)) + 1e-12
     phi /= size
-    gram, right = phi.T @ phi, phi.T @ target[rows]
-    ridges = [ridge * rows.size * np.eye(len(gram)) for ridge in _RIDGES]
-    solution = np.stack([np.linalg.solve(gram + ridges[c], right[:, c]) for c in range(3)], axis=1)
-    if augmented is not None:
+    unaugmented: tuple[str, ...] = ()
+    if augmented is None:
+        measured = RegressionRows(inputs, phi, target[rows], rows, np.empty(rows.size))
+        solution = solve(measured, _RIDGES)
+    else:
+        speed = np.zeros(len(x))
+        speed[augmented.rows] = augmented.speed
+        measured = RegressionRows(inputs, phi, target[rows], rows, speed[rows])
         commands = [u[augmented.rows - k] for k in range(newest(history))] if history else []
         values = np.concatenate([*augmented.states, *commands], axis=1)
-        augmented_phi = (
-            np.hstack([values[:, i] * values[:, j], values, np.ones((len(values), 1))]) / size
+        made = RegressionRows(
+            values,
+            _regressors(values) / size,
+            augmented.target,
+            augmented.rows,
+            augmented.speed,
         )
-        within_data = (np.abs(values) <= np.abs(inputs).max(axis=0)).all(axis=1)
-        weight = augmentation_weight(
-            phi @ solution - target[rows],
-            augmented_phi[within_data] @ solution - augmented.target[within_data],
-        )
-        augmented_gram = augmented_phi.T @ augmented_phi
-        augmented_right = augmented_phi.T @ (weight * augmented.target)
-        solution = np.stack(
-            [
-                np.linalg.solve(
-                    gram + weight[c] * augmented_gram + ridges[c],
-                    right[:, c] + augmented_right[:, c],
-                )
-                for c in range(3)
-            ],
-            axis=1,
-        )
+        solution, left_out = solve_augmented(measured, made, _RIDGES)
+        unaugmented = tuple(compress(STATE_NAMES, left_out))
     solution /= size[:, None]
     eigen_directions, weights = _quadratic_directions(solution[: i.size], i, j, columns.size)
     n = input_size(history)
@@ -170,7 +168,14 @@ def fit_quadratic(
         weights.astype(single),
         linear.astype(single),
         solution[-1].astype(single),
+        unaugmented,
     )
+
+
+def _regressors(inputs: FloatArray) -> FloatArray:
+    """Return products of all pairs, the inputs (n, k) and a constant."""
+    i, j = np.triu_indices(inputs.shape[1])
+    return np.hstack([inputs[:, i] * inputs[:, j], inputs, np.ones((len(inputs), 1))])
 
 
 def _quadratic_directions(

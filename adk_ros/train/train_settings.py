@@ -26,8 +26,10 @@ class TrainSettings:
     `short_share` of the training and `long_steps` after it. `noise`: standard deviation added to
     past states, in units of `Scaling.step_scale`. `quadratic`: add quadratic features fitted by
     least squares (`quadratic_features`) if they fit the data; the network is then trained at a
-    quarter of the learning rate, with noise matched to the data. `weight_decay`: of AdamW;
-    without it a recording of three laps is overfitted. `patience`: validations without
+    quarter of the learning rate, with noise matched to the data. `speed_augmentation`: fit them to
+    rows augmented to higher speeds as well, in the equations that the data do not contradict
+    (`augmented_regression`). `weight_decay`: of AdamW; without it a recording of three laps is
+    overfitted. `patience`: validations without
     improvement before early stopping, not in the first stage. `device`: auto, cpu or cuda.
 
     :raises UsageError: a value is out of range.
@@ -45,6 +47,7 @@ class TrainSettings:
     short_share: float = 0.6
     noise: float = 0.25
     quadratic: bool = True
+    speed_augmentation: bool = True
     patience: int = 6
     validate_every: int = 200
     seed: int = 0

@@ -48,6 +48,7 @@ _SETTINGS = {
     "short_share": "first stage as a share of the training steps",
     "noise": "noise added to past states, in standard deviations of the increment per tick",
     "quadratic": "quadratic features, if they fit; width and features are then 3/4 of the above",
+    "speed_augmentation": "quadratic features fitted to rows at higher speeds as well",
     "patience": "validations without improvement before early stopping",
     "validate_every": "training steps between validations",
     "seed": "random seed",
@@ -93,6 +94,7 @@ def write_report(run: TrainingResult, out: Path, *, provenance: Provenance | Non
         rows=_rows(run.test) if run.test else [],
         predictors=[predictor_label(name) for name in run.test.scores] if run.test else [],
         not_better=run.test.lost if run.test else {},
+        unaugmented=run.trained.unaugmented_text if run.trained else "",
         takeovers=[takeover.text for takeover in run.model.fallback.takeovers()],
         figures=figures,
     )

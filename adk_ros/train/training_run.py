@@ -129,7 +129,11 @@ def run_training(
         "held_out": test.as_json() if test else None,
     }
     if trained is not None:
-        facts |= {"best_step": trained.best_step, "stopped_early": trained.stopped_early}
+        facts |= {
+            "best_step": trained.best_step,
+            "stopped_early": trained.stopped_early,
+            "unaugmented": list(trained.unaugmented),
+        }
     artefact.save(out, built.program, model, facts)
     if trained is not None:
         for path in checkpoints_of(out):
