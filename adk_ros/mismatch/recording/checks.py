@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adk_ros.errors import DataError
+from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
 from adk_ros.mismatch.recording.implied_values import ImpliedMass, implied_mass, steering_unit
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -106,8 +107,22 @@ def check_recording(log: SensorLog, is_simulation: bool = False) -> None:
             f"{100 * (1 - _MIN_MOVING_SHARE):.0f} % is allowed: record more driving"
             f"{_on_size(log)}"
         )
-    _check_signs_and_units(log)
+    _check_signs_and_units(_live(log))
     _check_variation(log, is_simulation)
+
+
+def _live(log: SensorLog) -> SensorLog:
+    """
+    Return a recording without frozen readings, if half of it and more is left.
+
+    When a frozen pose goes on, it jumps: its rate of change there, a hundred times the speed,
+    would decide the comparison.
+    """
+    live = without_frozen_readings(log)[0]
+    is_most = (
+        2 * live.imu_s.size >= log.imu_s.size and 2 * live.odometry_s.size >= log.odometry_s.size
+    )
+    return live if is_most else log
 
 
 def _on_size(log: SensorLog) -> str:

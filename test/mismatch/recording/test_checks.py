@@ -44,6 +44,23 @@ def test_a_valid_recording_passes_all_checks() -> None:
     check_vehicle(case().nominal, case().simulation)
 
 
+def frozen(log: SensorLog) -> SensorLog:
+    """Odometry repeats a reading for a second, ten times."""
+    odometry, pose = log.odometry.copy(), log.pose.copy()
+    for begin in np.linspace(5.0, log.duration_s - 5.0, 10):
+        rows = (log.odometry_s >= begin) & (log.odometry_s < begin + 1.0)
+        odometry[rows], pose[rows] = odometry[rows][0], pose[rows][0]
+    return replace(log, odometry=odometry, pose=pose)
+
+
+def test_odometry_that_freezes_has_no_wrong_unit() -> None:
+    """When it goes on, the position jumps by a second's way."""
+    log = frozen(case().recording)
+    check_recording(log)
+    with pytest.raises(DataError, match=r"odometry's v_x is .* its unit is not SI"):
+        check_recording(scaled("odometry", 0, 3.6)(log))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
