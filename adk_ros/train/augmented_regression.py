@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import stdtrit
@@ -46,6 +47,11 @@ class RegressionRows:
     sample: IntArray
     speed: FloatArray
 
+    @cached_property
+    def gram(self) -> FloatArray:
+        """Return the products (m, m) of the regressors."""
+        return np.asarray(self.phi.T @ self.phi)
+
     def where(self, chosen: BoolArray) -> RegressionRows:
         """Return the `chosen` (n,) rows."""
         return RegressionRows(
@@ -72,14 +78,12 @@ def solve(
 
     `ridges` (3,): per measured row. `weight` (3,): of the augmented rows, by equation.
     """
-    phi = measured.phi
-    gram, right = phi.T @ phi, phi.T @ measured.target
-    grams = [gram] * 3
+    right = measured.phi.T @ measured.target
+    grams = [measured.gram] * 3
     if augmented is not None and weight is not None:
-        more = augmented.phi.T @ augmented.phi
         right = right + augmented.phi.T @ (weight * augmented.target)
-        grams = [gram + w * more for w in weight]
-    penalty = len(phi) * np.eye(len(gram))
+        grams = [measured.gram + w * augmented.gram for w in weight]
+    penalty = len(measured.phi) * np.eye(measured.phi.shape[1])
     return np.stack(
         [np.linalg.solve(grams[c] + ridges[c] * penalty, right[:, c]) for c in range(3)], axis=1
     )

@@ -93,9 +93,7 @@ class FittedNetwork:
     @property
     def unaugmented_text(self) -> str:
         """Return these equations for people."""
-        return ", ".join(
-            name.replace("_", " ") if name == "yaw_rate" else name for name in self.unaugmented
-        )
+        return ", ".join(name.replace("_rate", " rate") for name in self.unaugmented)
 
 
 def choose_device(name: str) -> torch.device:
@@ -239,7 +237,7 @@ def _faster_rows(part: Sequences, scaling: Scaling) -> Rows:
         augmented.rows,
         [scaling.scale_x(state) for state in augmented.states],
         change,
-        np.abs(part.x[augmented.rows, 0]),
+        np.abs(part.x[:, 0]),
     )
 
 

@@ -92,8 +92,8 @@ class Rows:
     Augmented rows, made from the measured `rows` (m,): see `speed_augmentation`.
 
     `states`: [x_k, x_(k-1), ...], each (m, 3), of as many samples as the forms see; `target` (m,
-    3); all scaled. `speed` (m,): |v_x| of the measured rows, m/s. The commands are the measured
-    ones.
+    3); all scaled. `speed` (n,): |v_x| of all samples as measured, m/s. The commands are the
+    measured ones.
     """
 
     rows: IntArray
@@ -125,14 +125,12 @@ def fit_quadratic(
     phi = _regressors(inputs)
     size = np.sqrt(np.mean(np.square(phi), axis=0)) + 1e-12
     phi /= size
+    speed = np.zeros(len(x)) if augmented is None else augmented.speed
+    measured = RegressionRows(inputs, phi, target[rows], rows, speed[rows])
     unaugmented: tuple[str, ...] = ()
     if augmented is None:
-        measured = RegressionRows(inputs, phi, target[rows], rows, np.empty(rows.size))
         solution = solve(measured, _RIDGES)
     else:
-        speed = np.zeros(len(x))
-        speed[augmented.rows] = augmented.speed
-        measured = RegressionRows(inputs, phi, target[rows], rows, speed[rows])
         commands = [u[augmented.rows - k] for k in range(newest(history))] if history else []
         values = np.concatenate([*augmented.states, *commands], axis=1)
         made = RegressionRows(
@@ -140,7 +138,7 @@ def fit_quadratic(
             _regressors(values) / size,
             augmented.target,
             augmented.rows,
-            augmented.speed,
+            speed[augmented.rows],
         )
         solution, left_out = solve_augmented(measured, made, _RIDGES)
         unaugmented = tuple(compress(STATE_NAMES, left_out))

@@ -88,8 +88,8 @@ def test_a_car_with_much_downforce_contradicts_the_lateral_rows() -> None:
 
 
 @pytest.mark.parametrize("car", [NOMINAL, DOWNFORCE, POWER_LIMIT])
-def test_a_faster_drive_is_predicted_as_well_as_without(car: Car) -> None:
-    """At up to 1.3 times the speed of the training; at the power limit, much better."""
+def test_what_the_rows_are_worth_on_a_faster_drive(car: Car) -> None:
+    """At up to 1.3 times the speed of the training: v_x and yaw rate gain, v_y loses some."""
     part, faster = driven(car, noise=0.3, speeds=(8.0, 20.0)), driven(car, speeds=(15.0, 26.0))
     scaling = scaling_of(part)
     with_rows, without = (
@@ -101,6 +101,7 @@ def test_a_faster_drive_is_predicted_as_well_as_without(car: Car) -> None:
         assert with_rows[1:] == pytest.approx(without[1:], rel=1e-6)
     else:
         assert with_rows[2] < 0.95 * without[2]
+        assert with_rows[1] < 1.3 * without[1]
 
 
 def rows_of(x: FloatArray, target: FloatArray, speed: FloatArray) -> RegressionRows:

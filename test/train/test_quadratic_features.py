@@ -125,12 +125,12 @@ def test_augmented_rows_are_weighted_by_their_accuracy() -> None:
         fit_quadratic(x, u, target + noise, rows, 4, made)
         for made in (
             None,
-            Rows(rows, states, right, np.ones(rows.size)),
+            Rows(rows, states, right, np.ones(len(x))),
             Rows(
                 rows,
                 states,
                 right + 30.0 * np.random.default_rng(2).normal(size=right.shape),
-                np.ones(rows.size),
+                np.ones(len(x)),
             ),
         )
     )
