@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from adk_ros.mismatch.deployment.held_out import Evidence
 from adk_ros.mismatch.fitted_tolerances import with_fitted_tolerances
@@ -18,6 +19,7 @@ from adk_ros.mismatch.inference.question import Questioned, answer
 from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.inputs import Inputs
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
+from adk_ros.mismatch.library.sensitivity import recorded_decisions
 from adk_ros.mismatch.outcome import Outcome
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -66,16 +68,17 @@ def identify_mismatch(
     Raises `DataError` for recordings that do not allow an analysis.
     """
     report = progress or (lambda done, total, text: None)
-    inputs = Inputs.of(
-        simulation,
-        [recording] if isinstance(recording, SensorLog) else list(recording),
-        nominal,
-        0.0 if held_out else HELD_OUT_SHARE,
-        lambda done, text: report(_IDENTIFIED * done, _TOTAL, text),
-    )
-    outcome = _decided(inputs, report, held_out, ask)
+    with recorded_decisions() as decisions:
+        inputs = Inputs.of(
+            simulation,
+            [recording] if isinstance(recording, SensorLog) else list(recording),
+            nominal,
+            0.0 if held_out else HELD_OUT_SHARE,
+            lambda done, text: report(_IDENTIFIED * done, _TOTAL, text),
+        )
+        outcome = _decided(inputs, report, held_out, ask)
     report(_TOTAL, _TOTAL, "done")
-    return outcome.described(inputs)
+    return replace(outcome.described(inputs), decisions=decisions)
 
 
 def _decided(

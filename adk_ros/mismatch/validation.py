@@ -46,6 +46,7 @@ from adk_ros.mismatch.inference.result import (
 )
 from adk_ros.mismatch.library.criteria import MAX_EXPLAINED_RATIO, MIN_REMOVED_SHARE
 from adk_ros.mismatch.library.parametric_features import is_transferable
+from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
@@ -252,7 +253,7 @@ def is_refuted(decision: Decision, validation: Validation) -> bool:
     if not removable.any():
         return False
     shares = (before - after)[removable] / (before - expected)[removable]
-    return bool(shares.max() < MIN_REMOVED_SHARE)
+    return decided(lambda least: bool(shares.max() < least), MIN_REMOVED_SHARE=MIN_REMOVED_SHARE)
 
 
 def withdrawn(decision: Decision, null: Hypothesis) -> Decision:

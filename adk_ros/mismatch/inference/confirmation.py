@@ -20,6 +20,7 @@ from adk_ros.mismatch.inference.fit_budget import ABLATION, FINAL
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.library.criteria import MIN_ACTIVE_S, MIN_CONFIRMED_SHARE
+from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.numerics.arrays import BoolArray
 from adk_ros.numerics.levenberg_marquardt import huber_loss
 
@@ -50,7 +51,7 @@ def _refuted(
     h: Hypothesis, training: Likelihood, whole: Likelihood, held_out: BoolArray
 ) -> int | None:
     """Return the index of the effect that held-out data confirm least, if not enough."""
-    worst, smallest = None, MIN_CONFIRMED_SHARE
+    shares: dict[int, float] = {}
     loss = _loss(whole, h, held_out)
     for i, active in enumerate(h.effects):
         ratio = _activity_ratio(active, whole, held_out)
@@ -59,10 +60,12 @@ def _refuted(
         others = [other for j, other in enumerate(h.effects) if j != i]
         without = training.fit(others, nuisances=h.nuisances, budget=ABLATION)
         expected = ratio * max(without.loss - h.loss, 1.0)
-        share = (_loss(whole, without, held_out) - loss) / expected
-        if share < smallest:
-            worst, smallest = i, share
-    return worst
+        shares[i] = (_loss(whole, without, held_out) - loss) / expected
+    if not shares:
+        return None
+    worst = min(shares, key=lambda i: shares[i])
+    refuted = decided(lambda least: shares[worst] < least, MIN_CONFIRMED_SHARE=MIN_CONFIRMED_SHARE)
+    return worst if refuted else None
 
 
 def _activity_ratio(active: ActiveEffect, whole: Likelihood, held_out: BoolArray) -> float | None:
@@ -73,7 +76,7 @@ def _activity_ratio(active: ActiveEffect, whole: Likelihood, held_out: BoolArray
     acting = np.interp(problem.bin_s, problem.middle_s, weight) * counted
     bin_s = float(problem.bin_s[1] - problem.bin_s[0])
     later, earlier = float(acting[held_out].sum()), float(acting[~held_out].sum())
-    if later * bin_s < MIN_ACTIVE_S or earlier * bin_s < MIN_ACTIVE_S:
+    if decided(lambda least_s: min(later, earlier) * bin_s < least_s, MIN_ACTIVE_S=MIN_ACTIVE_S):
         return None
     return later / earlier
 

@@ -26,6 +26,7 @@ from adk_ros.mismatch.library.criteria import (
     MIN_RAISED_BLOCKS,
     RAISED_FALSE_ALARM,
 )
+from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.surrogate.residuals import BIN_S
 from adk_ros.numerics.arrays import BoolArray, FloatArray
@@ -48,17 +49,28 @@ def is_corroborated(
     model, `expected`, and no channel is missing: that is evidence in itself. `training`:
     likelihood of the part before the held-out one, `whole`: of all data.
     """
-    if not whole.unobservable and h.loss < MAX_NORMALISED_LOSS * max(expected, 1.0):
+    fits = decided(
+        lambda ratio: h.loss < ratio * max(expected, 1.0), MAX_NORMALISED_LOSS=MAX_NORMALISED_LOSS
+    )
+    if not whole.unobservable and fits:
         return True
-    least = MIN_CORROBORATING_CHANNELS if _has_imu(whole) else 1
     causes = dict.fromkeys(_cause(active) for active in h.effects)
     for cause in causes:
         others = [active for active in h.effects if _cause(active) != cause]
         without = training.fit(others, nuisances=h.nuisances, budget=ABLATION)
         shown = corroborating_channels(training, whole, h, without)
-        if len(shown) < least:
+        if _too_few(len(shown), _has_imu(whole)):
             return False
     return True
+
+
+def _too_few(shown: int, has_imu: bool) -> bool:
+    """Whether too few channels show a cause: without an IMU, one is enough."""
+    if not has_imu:
+        return shown < 1
+    return bool(
+        decided(lambda least: shown < least, MIN_CORROBORATING_CHANNELS=MIN_CORROBORATING_CHANNELS)
+    )
 
 
 def _has_imu(likelihood: Likelihood) -> bool:

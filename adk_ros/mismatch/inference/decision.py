@@ -49,6 +49,7 @@ from adk_ros.mismatch.library.criteria import (
 )
 from adk_ros.mismatch.library.effect import EffectParameter
 from adk_ros.mismatch.library.search_limits import MAX_REPLACEMENTS
+from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.numerics.constants import GRAVITY, QUANTILE_90
 
 
@@ -147,12 +148,17 @@ def _resolve_competitors(
             if competitor.fitted.is_material()
         ]
         difference, which, best = min(ranked, default=(0.0, 0, 0))
-        if difference > -REPLACEMENT_LOSS:
+        if not _replaces(difference):
             break
         effects = list(h.effects)
         effects[which] = identifiability[which].competitors[best].fitted
         h = likelihood.fit(effects, nuisances=h.nuisances, budget=REPLACEMENT, fit_activation=True)
     return h, identifiability
+
+
+def _replaces(difference: float) -> bool:
+    """Whether a competing effect with this difference in loss takes an effect's place."""
+    return bool(decided(lambda least: difference <= -least, REPLACEMENT_LOSS=REPLACEMENT_LOSS))
 
 
 def _unmodelled_dynamics(
@@ -164,9 +170,12 @@ def _unmodelled_dynamics(
     Candidates are an expression alone, and an expression in addition to the effects of `best`.
     """
     excess = best.loss - path.expected_loss
-    small = (
-        excess < MAX_EXCESS_PER_NOISE * path.expected_loss
-        or excess < MAX_EXCESS_PER_NULL_EXCESS * path.null_excess_loss
+    small = decided(
+        lambda per_noise, per_null: (
+            excess < per_noise * path.expected_loss or excess < per_null * path.null_excess_loss
+        ),
+        MAX_EXCESS_PER_NOISE=MAX_EXCESS_PER_NOISE,
+        MAX_EXCESS_PER_NULL_EXCESS=MAX_EXCESS_PER_NULL_EXCESS,
     )
     if small and not best.effects:
         return None, None
@@ -182,7 +191,10 @@ def _unmodelled_dynamics(
     )
     if not best.effects:
         # An excess that no effect and no feature reduces is the surrogate's error on this route.
-        structured = alone.terms or excess > MIN_UNSTRUCTURED_EXCESS * path.expected_loss
+        structured = alone.terms or decided(
+            lambda share: excess > share * path.expected_loss,
+            MIN_UNSTRUCTURED_EXCESS=MIN_UNSTRUCTURED_EXCESS,
+        )
         return (alone if structured else None), alone
     if prefers_feature_model(alone, best, path):
         return alone, alone
@@ -190,7 +202,10 @@ def _unmodelled_dynamics(
         return None, alone
     if at_bound:
         return (alone if alone.terms else None), alone
-    explains_most = excess < MAX_UNSTRUCTURED_EXCESS * path.null_excess_loss
+    explains_most = decided(
+        lambda share: excess < share * path.null_excess_loss,
+        MAX_UNSTRUCTURED_EXCESS=MAX_UNSTRUCTURED_EXCESS,
+    )
     # What an inexact equation leaves, a searched parameter can always reduce a little.
     combined = fit_feature_expansion(
         likelihood,
@@ -203,9 +218,12 @@ def _unmodelled_dynamics(
     excess_combined = combined.hypothesis.loss - path.expected_loss
     # Effects that a short expression does without only mimic it; one with searched parameters must
     # also fit better than they do.
-    if excess_alone < FEATURE_PREFERENCE_RATIO * max(
-        excess_combined, MAX_EXCESS_PER_NOISE * path.expected_loss
-    ) and (not alone.is_searched or alone.penalised_loss() < penalised_loss(best)):
+    least = max(excess_combined, MAX_EXCESS_PER_NOISE * path.expected_loss)
+    as_good = decided(
+        lambda ratio: excess_alone < ratio * least,
+        FEATURE_PREFERENCE_RATIO=FEATURE_PREFERENCE_RATIO,
+    )
+    if as_good and (not alone.is_searched or alone.penalised_loss() < penalised_loss(best)):
         return alone, alone
     # Effects explain most, and the residual depends on no feature: their equations are inexact.
     if not combined.terms and explains_most:

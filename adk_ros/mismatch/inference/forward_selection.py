@@ -66,6 +66,7 @@ from adk_ros.mismatch.library.search_limits import (
     REFIT_NOISE_SHARE,
     REFIT_NULL_SHARE,
 )
+from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.surrogate.lap import Lap
 
 Progress = Callable[[float, float, str], None]
@@ -125,7 +126,8 @@ def is_improvement(h: Hypothesis, before: Hypothesis, path: SelectionPath) -> bo
     """Whether `h` gains enough over `before`, which has fewer effects."""
     gain = penalised_loss(before) - penalised_loss(h)
     n_more = max(len(h.effects) - len(before.effects), 1)
-    return gain > n_more * min_required_gain(before, path)
+    required, constants = _required_gain(before, path)
+    return decided(lambda *values: gain > n_more * required(*values), **constants)
 
 
 def min_required_gain(before: Hypothesis, path: SelectionPath) -> float:
@@ -135,18 +137,45 @@ def min_required_gain(before: Hypothesis, path: SelectionPath) -> float:
     Effects whose loss is within the expected one leave nothing to explain: what a further effect
     gains there is rather the surrogate's error.
     """
+    required, constants = _required_gain(before, path)
+    return required(*constants.values())
+
+
+def _required_gain(
+    before: Hypothesis, path: SelectionPath
+) -> tuple[Callable[..., float], dict[str, float]]:
+    """Return the least gain as a function of the constants that apply, and these by name."""
     excess = max(before.loss - path.expected_loss, 0.0)
-    least, share = MIN_FIRST_GAIN, MIN_FIRST_GAIN_PER_SURROGATE_ERROR
-    if before.effects:
-        least, share = MIN_GAIN, MIN_GAIN_PER_SURROGATE_ERROR
-        if excess == 0.0:
-            share = MIN_FURTHER_GAIN_PER_SURROGATE_ERROR
-    return max(
-        least,
-        share * path.surrogate_error_dof,
-        MIN_GAIN_PER_EXCESS * excess,
-        MIN_GAIN_PER_NULL_EXCESS * path.null_excess_loss,
-    )
+
+    def required(least: float, share: float, per_excess: float, per_null: float) -> float:
+        return max(
+            least,
+            share * path.surrogate_error_dof,
+            per_excess * excess,
+            per_null * path.null_excess_loss,
+        )
+
+    first: dict[str, float]
+    if not before.effects:
+        first = {
+            "MIN_FIRST_GAIN": MIN_FIRST_GAIN,
+            "MIN_FIRST_GAIN_PER_SURROGATE_ERROR": MIN_FIRST_GAIN_PER_SURROGATE_ERROR,
+        }
+    elif excess == 0.0:
+        first = {
+            "MIN_GAIN": MIN_GAIN,
+            "MIN_FURTHER_GAIN_PER_SURROGATE_ERROR": MIN_FURTHER_GAIN_PER_SURROGATE_ERROR,
+        }
+    else:
+        first = {
+            "MIN_GAIN": MIN_GAIN,
+            "MIN_GAIN_PER_SURROGATE_ERROR": MIN_GAIN_PER_SURROGATE_ERROR,
+        }
+    shares = {
+        "MIN_GAIN_PER_EXCESS": MIN_GAIN_PER_EXCESS,
+        "MIN_GAIN_PER_NULL_EXCESS": MIN_GAIN_PER_NULL_EXCESS,
+    }
+    return required, first | shares
 
 
 def select_effects(
@@ -254,13 +283,22 @@ def _screen(linearised: LinearisedProblem, lap: Lap | None, path: SelectionPath)
                 if TIME in effect.activations
                 else None
             )
-            if onset is not None and onset.gain > ONSET_MIN_GAIN_RATIO * screened[0].gain:
+            if onset is not None and _acts_from_onset(onset.gain, screened[0].gain):
                 out.onset.append(onset)
         if lap is not None and PLACE in effect.activations:
             candidate, profile = fit_segments(linearised, effect, lap)
             path.profiles.append(profile)
             out.segments += [candidate] if candidate is not None else []
     return out
+
+
+def _acts_from_onset(gain: float, gain_throughout: float) -> bool:
+    """Whether an effect from an onset on gains far more than throughout."""
+    return bool(
+        decided(
+            lambda ratio: gain > ratio * gain_throughout, ONSET_MIN_GAIN_RATIO=ONSET_MIN_GAIN_RATIO
+        )
+    )
 
 
 def examined_count(likelihood: Likelihood, lap: Lap | None) -> int:

@@ -37,6 +37,7 @@ from adk_ros.mismatch.library.criteria import (
     MIN_TORQUE_TO_INERTIA_RATIO,
     MIN_YAW_FILTER_S,
 )
+from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
@@ -149,7 +150,9 @@ class ObservableEffects:
         With all channels the excess loss is evidence in itself; with few, effects fit it.
         """
         normalised_loss = decision.hypothesis.loss / max(path.expected_loss, 1.0)
-        if self.is_complete or normalised_loss < MAX_NORMALISED_LOSS:
+        if self.is_complete or decided(
+            lambda ratio: normalised_loss < ratio, MAX_NORMALISED_LOSS=MAX_NORMALISED_LOSS
+        ):
             return decision
         features = fit_feature_expansion(
             likelihood, path.levels[0][0], path.expected_loss, path.null_excess_loss
@@ -255,7 +258,12 @@ def is_torque(log: SensorLog, mass: float, wheel_radius: float) -> bool:
         float(np.percentile(acceleration[moving], _EXTREME_PERCENTILE)) if moving.any() else 0.0
     )
     torque = float(np.percentile(np.abs(log.command[:, 0]), _EXTREME_PERCENTILE))
-    return torque / (wheel_radius * mass) > MIN_TORQUE_TO_INERTIA_RATIO * measured
+    return bool(
+        decided(
+            lambda ratio: torque / (wheel_radius * mass) > ratio * measured,
+            MIN_TORQUE_TO_INERTIA_RATIO=MIN_TORQUE_TO_INERTIA_RATIO,
+        )
+    )
 
 
 def yaw_filter(log: SensorLog) -> float:
@@ -284,6 +292,9 @@ def yaw_filter(log: SensorLog) -> float:
     ]
     best = int(np.argmin(misfits))
     tau = float(YAW_FILTER_GRID_S[best])
-    if tau < MIN_YAW_FILTER_S or misfits[best] > MAX_FILTER_MISFIT * misfits[0]:
-        return 0.0
-    return tau
+    absent = decided(
+        lambda least_s, share: tau < least_s or misfits[best] > share * misfits[0],
+        MIN_YAW_FILTER_S=MIN_YAW_FILTER_S,
+        MAX_FILTER_MISFIT=MAX_FILTER_MISFIT,
+    )
+    return 0.0 if absent else tau

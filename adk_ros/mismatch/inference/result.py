@@ -18,6 +18,7 @@ from adk_ros.mismatch.inference.segments import SpatialProfile
 from adk_ros.mismatch.inference.signal_fit import PredictedSignals
 from adk_ros.mismatch.inference.steady_state import SteadyState
 from adk_ros.mismatch.library.effect import Effect
+from adk_ros.mismatch.library.sensitivity import Decisions
 from adk_ros.mismatch.recording.direct_comparison import DirectComparison
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.numerics.arrays import FloatArray
@@ -273,3 +274,5 @@ class MismatchResult:
     """The comparison of several recordings; None for one."""
     scope: list[Scope] = field(default_factory=list)
     """What the channels allow to predict, judge and calibrate, and why not more."""
+    decisions: dict[str, Decisions] = field(default_factory=dict)
+    """By criterion, the decisions that half or double of its value would change."""

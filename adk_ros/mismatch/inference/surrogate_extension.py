@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from adk_ros.mismatch.library.criteria import (
 )
 from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.search_limits import DOMINANT_EFFECT_MISFIT, MAX_EXTENSION_PASSES
+from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, NAMES, SIZE
 from adk_ros.mismatch.surrogate.identification import (
     OBSERVER_GAIN_FACTORS,
@@ -58,7 +60,10 @@ _SENSOR_BIASES = {"bias_a_x": (0.02, 0.005), "bias_a_y": (0.02, 0.005), "bias_gy
 
 def is_underfit(problem: ResidualProblem, surrogate: SurrogateModel) -> bool:
     """Whether a surrogate does not fit the simulation that it was identified on."""
-    return bool(np.any(surrogate.error > EXTENSION_ERROR_TO_NOISE * problem.bin_noise))
+    return decided(
+        lambda ratio: bool(np.any(surrogate.error > ratio * problem.bin_noise)),
+        EXTENSION_ERROR_TO_NOISE=EXTENSION_ERROR_TO_NOISE,
+    )
 
 
 def misfit(problem: ResidualProblem, surrogate: SurrogateModel) -> float:
@@ -89,7 +94,7 @@ def augment_surrogate(
     )
     current = surrogate
     for done in range(MAX_EXTENSION_PASSES):
-        best, limit, dominant = current, MAX_EXTENSION_MISFIT * misfit(problem, current), False
+        best, dominant = current, False
         for i, stage in enumerate(stages):
             if not is_underfit(problem, best):
                 return best
@@ -100,8 +105,12 @@ def augment_surrogate(
             if progress is not None:
                 progress(i + done * len(stages), MAX_EXTENSION_PASSES * len(stages))
             trial = stage(current)
-            if misfit(problem, trial) < limit:
-                best, limit = trial, MAX_EXTENSION_MISFIT * misfit(problem, trial)
+            if decided(
+                partial(_leaves_less, misfit(problem, trial), misfit(problem, best)),
+                MAX_EXTENSION_MISFIT=MAX_EXTENSION_MISFIT,
+            ):
+                best = trial
+                limit = MAX_EXTENSION_MISFIT * misfit(problem, trial)
                 dominant = (
                     stage == extension.with_effect
                     and limit < DOMINANT_EFFECT_MISFIT * misfit(problem, current)
@@ -110,6 +119,14 @@ def augment_surrogate(
             break
         current = best
     return current
+
+
+def _leaves_less(after: float, before: float, share: float) -> bool:
+    return after < share * before
+
+
+def _leaves_more(after: float, before: float, share: float) -> bool:
+    return after > share * before
 
 
 @dataclass(frozen=True)
@@ -142,7 +159,10 @@ class _Extension:
                 terms = road.terms(problem).merged_with(other_terms)
                 residuals = problem.residuals(p, terms)[:, SETTLING_BINS:]
                 first_misfit = misfit(problem, replace(current, residuals=residuals))
-                if first_misfit > MAX_ROAD_MISFIT * misfit(problem, current):
+                before = misfit(problem, current)
+                if decided(
+                    partial(_leaves_more, first_misfit, before), MAX_ROAD_MISFIT=MAX_ROAD_MISFIT
+                ):
                     return current
             refitted = self._refit(replace(current, parameters=p, road=road))
             p = refitted.parameters

@@ -11,7 +11,9 @@ fitted jointly. The result is a short expression, which also corrects the model.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from adk_ros.mismatch.inference.feature_effect import (
     EQUATION_TEXTS,
@@ -50,6 +52,7 @@ from adk_ros.mismatch.library.search_limits import (
     MAX_FEATURES_FITTED,
     MIN_SCREENED_GAIN_FEATURE,
 )
+from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.surrogate.feature_terms import (
     FeatureTerm,
@@ -79,7 +82,10 @@ class UnmodelledDynamics:
             gains[term.equation] = gains.get(term.equation, 0.0) + term.gain
         top = max(gains.values(), default=0.0)
         order = sorted(gains, key=lambda name: -gains[name])
-        return [name for name in order if gains[name] > EQUATION_GAIN_SHARE * top]
+        return decided(
+            lambda share: [name for name in order if gains[name] > share * top],
+            EQUATION_GAIN_SHARE=EQUATION_GAIN_SHARE,
+        )
 
     def text(self) -> str:
         """Return which acceleration depends on which feature, in words."""
@@ -155,10 +161,10 @@ def fit_feature_expansion(
     gains: list[float] = []
     for _ in range(MAX_FEATURES):
         linearised = LinearisedProblem(likelihood, current, jacobian)
-        left = FEATURE_MAJORITY_SHARE * (current.loss - expected_loss)
-        least = max(least_sibling, min(FEATURE_MIN_GAIN_PER_EXCESS * excess, left))
+        required = _RequiredGain(surrogate_error, excess, current.loss - expected_loss)
+        least = required.least()
         extensions = _best_extensions(
-            linearised, screening.candidates(linearised), jacobian, least
+            linearised, screening.candidates(linearised), jacobian, required
         )
         if not extensions:
             break
@@ -177,10 +183,11 @@ def fit_feature_expansion(
         # The new terms also take over the gain of those that they replace.
         gains += [(start.loss - sum(gains) - _cost(kept)) / n_more] * n_more
         current = kept
-        if (
-            current.loss - expected_loss < FEATURE_RESIDUAL_SHARE * excess
-            or len(feature_terms(current.effects)) >= MAX_FEATURES
-        ):
+        little_left = decided(
+            partial(_is_below_share, current.loss - expected_loss, excess),
+            FEATURE_RESIDUAL_SHARE=FEATURE_RESIDUAL_SHARE,
+        )
+        if little_left or len(feature_terms(current.effects)) >= MAX_FEATURES:
             break
     terms = tuple(
         replace(term, gain=gain)
@@ -190,6 +197,40 @@ def fit_feature_expansion(
     names = ("mass", "yaw_inertia", "wheel_radius")
     body = Body(*(float(likelihood.parameters[INDEX[name]]) for name in names))
     return UnmodelledDynamics(share, terms, current, body)
+
+
+def _is_below_share(value: float, of: float, share: float) -> bool:
+    return value < share * of
+
+
+@dataclass(frozen=True)
+class _RequiredGain:
+    """
+    What a further feature must gain, from the excess loss before all features and that left.
+
+    `surrogate_error`: the share of the surrogate error that counts.
+    """
+
+    surrogate_error: float
+    excess: float
+    left: float
+
+    def least(self) -> float:
+        """Return the least gain."""
+        return self._least(FEATURE_MIN_GAIN, FEATURE_MIN_GAIN_PER_EXCESS, FEATURE_MAJORITY_SHARE)
+
+    def exceeded_by(self, gains: Sequence[float]) -> list[bool]:
+        """Return which gains are sufficient."""
+        return decided(
+            lambda *constants: [gain >= self._least(*constants) for gain in gains],
+            FEATURE_MIN_GAIN=FEATURE_MIN_GAIN,
+            FEATURE_MIN_GAIN_PER_EXCESS=FEATURE_MIN_GAIN_PER_EXCESS,
+            FEATURE_MAJORITY_SHARE=FEATURE_MAJORITY_SHARE,
+        )
+
+    def _least(self, minimum: float, per_excess: float, majority: float) -> float:
+        shared = min(per_excess * self.excess, majority * self.left)
+        return max(minimum + self.surrogate_error, shared)
 
 
 def _cost(h: Hypothesis) -> float:
@@ -218,10 +259,10 @@ def _best_extensions(
     linearised: LinearisedProblem,
     candidates: list[Candidate],
     jacobian: FloatArray,
-    least: float,
+    required: _RequiredGain,
 ) -> list[Hypothesis]:
     """
-    Return the hypotheses with the best further feature, none where no feature gains `least`.
+    Return the hypotheses with the best further feature, none where no feature gains enough.
 
     A linearised gain is inaccurate where much is unexplained: the best few are fitted, and the
     leaders once more with updated nuisance derivatives. A feature without searched parameters is
@@ -234,6 +275,7 @@ def _best_extensions(
     leading = candidates[:MAX_FEATURES_FITTED]
     if all(_is_searched(x.active) for x in leading):
         leading += [x for x in candidates if not _is_searched(x.active)][:1]
+    enough = required.exceeded_by([x.gain for x in leading])
     fitted = [
         likelihood.fit(
             [*current.effects, candidate.active],
@@ -241,25 +283,29 @@ def _best_extensions(
             budget=FEATURE,
             jacobian=jacobian,
         )
-        for candidate in leading
-        if candidate.gain > max(least, MIN_SCREENED_GAIN_FEATURE * candidates[0].gain)
+        for candidate, sufficient in zip(leading, enough, strict=True)
+        if sufficient and candidate.gain > MIN_SCREENED_GAIN_FEATURE * candidates[0].gain
     ]
     top = max((current.loss - _cost(h) for h in fitted), default=0.0)
-    if top < least:
+    if not required.exceeded_by([top])[0]:
         return []
     leaders = sorted(
         (h for h in fitted if current.loss - _cost(h) > FEATURE_REFIT_GAIN_SHARE * top),
         key=_cost,
     )
-    margin = FEATURE_TIE_LOSS
-    margin += FEATURE_TIE_LOSS_PER_SURROGATE_ERROR * likelihood.surrogate_error_dof()
+    surrogate_error = likelihood.surrogate_error_dof()
 
     def best(hypotheses: list[Hypothesis]) -> Hypothesis:
         refitted = [
             likelihood.fit(h.effects, nuisances=h.nuisances, budget=FEATURE_REFIT)
             for h in hypotheses[:MAX_FEATURE_REFITS]
         ]
-        return most_parsimonious(refitted, margin)
+        chosen = decided(
+            lambda loss, share: most_parsimonious(refitted, loss + share * surrogate_error),
+            FEATURE_TIE_LOSS=FEATURE_TIE_LOSS,
+            FEATURE_TIE_LOSS_PER_SURROGATE_ERROR=FEATURE_TIE_LOSS_PER_SURROGATE_ERROR,
+        )
+        return refitted[chosen]
 
     # Among hundreds of thresholds and frequencies one nearly always beats a plain feature.
     plain = [h for h in leaders if not _is_searched(h.effects[-1])]
@@ -275,11 +321,11 @@ def first_unless_far_behind(fitted: list[Hypothesis], least: float) -> Hypothesi
     return best if _cost(best) + least < _cost(fitted[0]) else fitted[0]
 
 
-def most_parsimonious(fitted: list[Hypothesis], margin: float) -> Hypothesis:
-    """Return the hypothesis with the shortest last feature within `margin` of the best."""
+def most_parsimonious(fitted: list[Hypothesis], margin: float) -> int:
+    """Return the index of that with the shortest last feature within `margin` of the best."""
     best = min(_cost(h) for h in fitted)
-    tied = [h for h in fitted if _cost(h) < best + margin]
-    return min(tied, key=lambda h: (_complexity(h.effects[-1]), h.loss))
+    tied = [i for i, h in enumerate(fitted) if _cost(h) < best + margin]
+    return min(tied, key=lambda i: (_complexity(fitted[i].effects[-1]), fitted[i].loss))
 
 
 def _is_searched(active: ActiveEffect) -> bool:

@@ -94,6 +94,14 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
             for step in result.steps
         ],
     }
+    answer["selection"]["criteria"] = {
+        name: {
+            "decisions": x.total,
+            "changed_by_half": x.changed_by_half,
+            "changed_by_double": x.changed_by_double,
+        }
+        for name, x in sorted(result.decisions.items())
+    }
     if result.held_out is not None:
         answer["fit"] |= _held_out(result.held_out)
     if result.candidates:

@@ -44,9 +44,9 @@ def test_shortest_of_tied_features_is_selected() -> None:
     power, torque, cubic = (
         fitted(*x) for x in (("torque_speed", 100.0), ("torque", 104.0), ("delta_cubed", 90.0))
     )
-    assert most_parsimonious([power, torque], 20.0) is torque
-    assert most_parsimonious([power, torque], 2.0) is power
-    assert most_parsimonious([power, torque, cubic], 5.0) is cubic
+    assert most_parsimonious([power, torque], 20.0) == 1
+    assert most_parsimonious([power, torque], 2.0) == 0
+    assert most_parsimonious([power, torque, cubic], 5.0) == 2
 
 
 def test_searched_feature_needs_the_lead_of_a_further_feature() -> None:
