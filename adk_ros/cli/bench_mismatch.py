@@ -34,6 +34,14 @@ def concealed(
             "--calibrate", help="calibrate the held-out criteria on other generated cases"
         ),
     ] = False,
+    vary: Annotated[
+        bool,
+        typer.Option(
+            "--vary",
+            help="with --calibrate: halve and double each criterion, and analyse the cases again "
+            "in which that changes a decision",
+        ),
+    ] = False,
     real: Annotated[
         Path | None,
         typer.Option(help="folder of real recordings: remove a known term and recover it"),
@@ -85,9 +93,11 @@ def concealed(
     from adk_ros.bench.mismatch.acceptance import evaluate_criteria
     from adk_ros.bench.mismatch.baselines import Baselines
     from adk_ros.bench.mismatch.calibration import calibrate as calibrated
+    from adk_ros.bench.mismatch.calibration import changed_decisions
     from adk_ros.bench.mismatch.calibration_cases import calibration_plans
     from adk_ros.bench.mismatch.case_jobs import jobs_of, plan_jobs
     from adk_ros.bench.mismatch.case_matrix import LISTS, select_plans
+    from adk_ros.bench.mismatch.criteria_sensitivity import vary as vary_criteria
     from adk_ros.bench.mismatch.mismatch_bench import SCORED, MismatchBench
     from adk_ros.bench.mismatch.multibody import MULTI_BODY, base_parameters
     from adk_ros.bench.mismatch.reliability import reliability_markdown
@@ -111,6 +121,8 @@ def concealed(
         raise UsageError("--seed selects generated cases: use it with --own")
     if not 0 <= seed < LISTS:
         raise UsageError(f"--seed is {seed}: choose 0 to {LISTS - 1}")
+    if vary and not calibrate:
+        raise UsageError("--vary changes the criteria of a calibration: use it with --calibrate")
     if limit < 0:
         raise UsageError(f"--limit is {limit}: choose 0 (all cases) or more")
     if real is not None:
@@ -141,7 +153,12 @@ def concealed(
             baselines = Baselines() if peers else None
             results = MismatchBench(out or Path(folder), jobs, resume, baselines).run(todo, bar)
             if calibrate:
-                for line in calibrated(results, out or Path(folder)):
+                reports = out or Path(folder)
+                varied = None
+                if vary:
+                    found = changed_decisions(results, reports)
+                    varied = vary_criteria(found, todo, jobs, bar)
+                for line in calibrated(results, reports, varied):
                     console.output.print(str(line), markup=False)
                 return
             criteria = evaluate_criteria(results)

@@ -10,6 +10,7 @@ Calibration of the criteria on generated cases that no benchmark contains.
 - The conditions of a further effect lie between absent and present ones (`selection_calibration`).
 - `SYSTEMATIC_ERROR_SHARE` is the least share with which 90 % of the intervals hold.
 - The constants of the confidence have the largest likelihood (`confidence_fit`).
+- Every criterion of a decision is halved and doubled (`criteria_sensitivity`).
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from scipy.stats import binomtest
 
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.confidence_fit import Claim, claims_of, fit_confidence, stated
+from adk_ros.bench.mismatch.criteria_sensitivity import Change, changes, sensitivity_lines
 from adk_ros.bench.mismatch.mismatch_bench import SCORED
 from adk_ros.bench.mismatch.reliability import brier_score
 from adk_ros.bench.mismatch.selection_calibration import SelectionCalibration
@@ -49,8 +51,19 @@ _MIN_CLAIMS = 10
 """With fewer claims, the confidence is not calibrated."""
 
 
-def calibrate(results: Sequence[CaseResult], out: Path) -> list[str]:
-    """Return a line per calibrated criterion; the reports of the results are in `out`."""
+def changed_decisions(results: Sequence[CaseResult], out: Path) -> list[Change]:
+    """Return the criteria that change a decision when halved or doubled, and in which cases."""
+    return changes({x.case: _read(out / x.case / RESULT_FILE) for x in results if not x.failure})
+
+
+def calibrate(
+    results: Sequence[CaseResult], out: Path, varied: dict[Change, CaseResult] | None = None
+) -> list[str]:
+    """
+    Return a line per calibrated criterion; the reports of the results are in `out`.
+
+    `varied`: results of the cases in which another value of a criterion changes a decision.
+    """
     ratios: list[float] = []
     shares: list[float] = []
     gains: list[float] = []
@@ -75,6 +88,7 @@ def calibrate(results: Sequence[CaseResult], out: Path) -> list[str]:
         elif answer["verdict"] == EXPLAINED:
             shares.append(share)
         errors += interval_errors(label, answer)
+    answers = {x.case: _read(out / x.case / RESULT_FILE) for x in results if not x.failure}
     return [
         _quantile_line("MAX_EXPLAINED_RATIO", MAX_EXPLAINED_RATIO, ratios),
         _quantile_line("INEXACT_EQUATION_SHARE", INEXACT_EQUATION_SHARE, shares),
@@ -82,6 +96,7 @@ def calibrate(results: Sequence[CaseResult], out: Path) -> list[str]:
         *selection.lines(),
         _interval_line(errors),
         *_confidence_lines(claims),
+        *sensitivity_lines(results, answers, varied),
     ]
 
 

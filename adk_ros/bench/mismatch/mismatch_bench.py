@@ -16,7 +16,7 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -160,9 +160,12 @@ def run_case(
     out: Path,
     processes: Subprocesses | None = None,
     write_noise_free: Callable[[Path], Path] | None = None,
+    factors: Mapping[str, float] | None = None,
 ) -> CaseResult:
     """
     Run the tool on one case and score its answer; the report is written to `out`.
+
+    `factors`: a criterion to multiply, and by how much.
 
     `write_noise_free(folder)` writes the case without sensor noise and returns its path: reported
     ties are then examined.
@@ -172,7 +175,7 @@ def run_case(
         "--recording", str(case / "recording"), "--vehicle", str(case / "vehicle.yaml"),
         "--out", str(out),
     ]  # fmt: skip
-    process = (processes or Subprocesses()).adk(arguments)
+    process = (processes or Subprocesses()).adk(arguments, factors)
     label = json.loads((case / LABEL).read_text(encoding="utf-8"))
     result = _scored(case, label, out, process, write_noise_free)
     if result.kind == "single" and result.strength <= WEAKEST and not result.failure:

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "NUMBA", "MKL")}
@@ -38,13 +38,19 @@ class Subprocesses:
         self._lock = threading.Lock()
         self._ended = False
 
-    def adk(self, arguments: Sequence[str]) -> ProcessResult:
+    def adk(
+        self, arguments: Sequence[str], factors: Mapping[str, float] | None = None
+    ) -> ProcessResult:
         """
-        Run the command and wait for it.
+        Run the command and wait for it; `factors`: a criterion to multiply, and by how much.
 
         :raises SubprocessEnded: `end` was called before it finished.
         """
-        command = [sys.executable, "-m", "adk_ros.cli.main", *arguments]
+        module = ["adk_ros.cli.main"]
+        if factors:
+            ((name, factor),) = factors.items()
+            module = ["adk_ros.cli.varied_command", f"{name}={factor:g}"]
+        command = [sys.executable, "-m", *module, *arguments]
         with self._lock:
             if self._ended:
                 raise SubprocessEnded

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -288,7 +288,9 @@ def test_weak_effects_are_compared_with_their_detectable_size(tmp_path: Path) ->
     class Tool(Subprocesses):
         """Answer both commands: nothing named, and a table of sizes."""
 
-        def adk(self, arguments: Sequence[str]) -> ProcessResult:
+        def adk(
+            self, arguments: Sequence[str], factors: Mapping[str, float] | None = None
+        ) -> ProcessResult:
             out = Path(arguments[arguments.index("--out") + 1])
             if arguments[0] == "mismatch":
                 out.mkdir()

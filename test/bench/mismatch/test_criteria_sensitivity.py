@@ -1,0 +1,78 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sensitivity of the answers to the criteria: changed decisions, and the scores they cost."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from adk_ros.bench.mismatch.case_score import CaseResult
+from adk_ros.bench.mismatch.criteria_sensitivity import (
+    DOUBLE,
+    HALF,
+    Change,
+    changes,
+    sensitivity_lines,
+)
+
+
+def answer(**criteria: tuple[int, int, int]) -> dict[str, Any]:
+    return {
+        "selection": {
+            "criteria": {
+                name: {"decisions": x[0], "changed_by_half": x[1], "changed_by_double": x[2]}
+                for name, x in criteria.items()
+            }
+        }
+    }
+
+
+ANSWERS = {
+    "clean": answer(MIN_GAIN=(4, 1, 0), MIN_ACTIVE_S=(1, 0, 0)),
+    "drag": answer(MIN_GAIN=(6, 2, 1)),
+}
+
+
+def result(case: str, right: float) -> CaseResult:
+    return CaseResult(case, "single", right, right, "", "")
+
+
+def test_cases_are_listed_once_for_each_criterion_and_factor() -> None:
+    assert changes(ANSWERS) == [
+        Change("MIN_GAIN", HALF, "clean"),
+        Change("MIN_GAIN", HALF, "drag"),
+        Change("MIN_GAIN", DOUBLE, "drag"),
+    ]
+
+
+def test_lines_state_what_another_value_costs() -> None:
+    results = [result("clean", 1.0), result("drag", 0.5)]
+    varied = {
+        Change("MIN_GAIN", HALF, "clean"): result("clean", 0.0),
+        Change("MIN_GAIN", HALF, "drag"): result("drag", 0.5),
+        Change("MIN_GAIN", DOUBLE, "drag"): result("drag", 0.75),
+    }
+    assert sensitivity_lines(results, ANSWERS, varied) == [
+        "MIN_ACTIVE_S decides in 1 of 2 cases; halved: a decision changes in 0; doubled: a "
+        "decision changes in 0",
+        "MIN_GAIN decides in 2 of 2 cases; halved: a decision changes in 2, -1.00 right; "
+        "doubled: a decision changes in 1, +0.25 right",
+    ]
+
+
+def test_command_takes_a_criterion_and_a_factor(tmp_path: Path) -> None:
+    """Usage errors of the command itself pass through."""
+    done = subprocess.run(
+        [
+            sys.executable, "-m", "adk_ros.cli.varied_command", "MIN_GAIN=0.5",
+            "mismatch", "--simulation", str(tmp_path / "absent"), "--recording", str(tmp_path),
+            "--out", str(tmp_path / "out"),
+        ],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "not a rosbag2 folder" in done.stderr
+    assert "Traceback" not in done.stderr
