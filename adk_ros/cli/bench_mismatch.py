@@ -35,13 +35,12 @@ def concealed(
         ),
     ] = False,
     vary: Annotated[
-        bool,
+        str,
         typer.Option(
-            "--vary",
-            help="with --calibrate: halve and double each criterion, and analyse the cases again "
-            "in which that changes a decision",
+            help="with --calibrate: halve and double criteria of these names or patterns, such as "
+            "'FEATURE_*', and analyse the cases again in which that changes a decision"
         ),
-    ] = False,
+    ] = "",
     real: Annotated[
         Path | None,
         typer.Option(help="folder of real recordings: remove a known term and recover it"),
@@ -97,6 +96,7 @@ def concealed(
     from adk_ros.bench.mismatch.calibration_cases import calibration_plans
     from adk_ros.bench.mismatch.case_jobs import jobs_of, plan_jobs
     from adk_ros.bench.mismatch.case_matrix import LISTS, select_plans
+    from adk_ros.bench.mismatch.criteria_sensitivity import VARIED
     from adk_ros.bench.mismatch.criteria_sensitivity import vary as vary_criteria
     from adk_ros.bench.mismatch.mismatch_bench import SCORED, MismatchBench
     from adk_ros.bench.mismatch.multibody import MULTI_BODY, base_parameters
@@ -156,8 +156,8 @@ def concealed(
                 reports = out or Path(folder)
                 varied = None
                 if vary:
-                    found = changed_decisions(results, reports)
-                    varied = vary_criteria(found, todo, jobs, bar)
+                    found = changed_decisions(results, reports, vary)
+                    varied = vary_criteria(found, todo, jobs, reports / VARIED, bar)
                 for line in calibrated(results, reports, varied):
                     console.output.print(str(line), markup=False)
                 return

@@ -51,18 +51,21 @@ _MIN_CLAIMS = 10
 """With fewer claims, the confidence is not calibrated."""
 
 
-def changed_decisions(results: Sequence[CaseResult], out: Path) -> list[Change]:
+def changed_decisions(
+    results: Sequence[CaseResult], out: Path, pattern: str = "*"
+) -> list[Change]:
     """Return the criteria that change a decision when halved or doubled, and in which cases."""
-    return changes({x.case: _read(out / x.case / RESULT_FILE) for x in results if not x.failure})
+    answers = {x.case: _read(out / x.case / RESULT_FILE) for x in results if not x.failure}
+    return changes(answers, pattern)
 
 
 def calibrate(
-    results: Sequence[CaseResult], out: Path, varied: dict[Change, CaseResult] | None = None
+    results: Sequence[CaseResult], out: Path, varied: dict[Change, float] | None = None
 ) -> list[str]:
     """
     Return a line per calibrated criterion; the reports of the results are in `out`.
 
-    `varied`: results of the cases in which another value of a criterion changes a decision.
+    `varied`: scores of cases in which another value of a criterion changes a decision.
     """
     ratios: list[float] = []
     shares: list[float] = []
@@ -96,7 +99,7 @@ def calibrate(
         *selection.lines(),
         _interval_line(errors),
         *_confidence_lines(claims),
-        *sensitivity_lines(results, answers, varied),
+        *sensitivity_lines(results, answers, varied or {}),
     ]
 
 

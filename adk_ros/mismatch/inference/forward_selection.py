@@ -42,7 +42,7 @@ from adk_ros.mismatch.library.criteria import (
     MIN_GAIN_PER_EXCESS,
     MIN_GAIN_PER_NULL_EXCESS,
     MIN_GAIN_PER_SURROGATE_ERROR,
-    ONSET_MIN_GAIN_RATIO,
+    ONSET_MIN_FURTHER_GAIN,
     PENALTY_PER_LOCATION,
     PENALTY_PER_PARAMETER,
 )
@@ -296,7 +296,8 @@ def _acts_from_onset(gain: float, gain_throughout: float) -> bool:
     """Whether an effect from an onset on gains far more than throughout."""
     return bool(
         decided(
-            lambda ratio: gain > ratio * gain_throughout, ONSET_MIN_GAIN_RATIO=ONSET_MIN_GAIN_RATIO
+            lambda further: gain > (1.0 + further) * gain_throughout,
+            ONSET_MIN_FURTHER_GAIN=ONSET_MIN_FURTHER_GAIN,
         )
     )
 

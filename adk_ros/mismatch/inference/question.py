@@ -34,7 +34,7 @@ from adk_ros.mismatch.inference.required_size import Reach, more_driving, suffic
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.inference.segments import fit_segments, refine_segments
 from adk_ros.mismatch.inference.significance import significant_effects
-from adk_ros.mismatch.library.criteria import ONSET_MIN_GAIN_RATIO
+from adk_ros.mismatch.library.criteria import ONSET_MIN_FURTHER_GAIN
 from adk_ros.mismatch.library.effect import ALWAYS, PLACE, TIME, Effect
 from adk_ros.mismatch.surrogate.lap import Lap
 from adk_ros.numerics.arrays import FloatArray
@@ -150,7 +150,7 @@ def _simplest_sufficient(
     required = min_required_gain(before, path)
     for way in ways[1:]:
         gain, least = (penalised_loss(before) - penalised_loss(h) for h in (way, best))
-        if gain > max(required, ONSET_MIN_GAIN_RATIO * least):
+        if gain > max(required, (1.0 + ONSET_MIN_FURTHER_GAIN) * least):
             best = way
     return best
 

@@ -11,7 +11,8 @@ and not noise, accounts for.
 
 Sources: "calibrated" marks a value that `adk bench concealed --calibrate` compares with what it
 has to separate, on generated cases that no benchmark contains; "convention" a usual level; "by
-choice" a value that neither data nor a derivation decides. None is calibrated on real vehicles.
+choice" a value that neither data nor a derivation decides: `--calibrate --vary "*"` states what half
+and double of it change (doc/mismatch.md, "Calibration"). None is calibrated on real vehicles.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ Hard bound along a direction that the simulation determines poorly, in its own s
 SURROGATE_ERROR_CLIP = 5.0
 """
 The surrogate's residuals on the simulation are clipped at this many noise standard deviations
-before their spectrum is estimated: a few outliers must not blind a channel. By choice.
+before their spectrum is estimated: a few outliers must not blind a channel. Gaussian noise exceeds
+it with a probability of 6e-7, in less than one of the 6e4 residuals of four minutes.
 """
 
 # --- Data that count ---------------------------------------------------------------------------
@@ -61,8 +63,9 @@ SETTLING_S = 1.0
 
 PENALTY_PER_PARAMETER = 8.0
 """
-Loss that each fitted parameter of an effect must gain. AIC asks 2, BIC ln(n), about 11 for the
-6e4 residuals of four minutes; the value, by choice, lies between.
+Loss that each fitted parameter of an effect must gain. In white noise chance exceeds it with a
+probability of 0.5 % (chi-square of one degree of freedom). AIC asks 2, BIC ln(n), about 11 for the
+6e4 residuals of four minutes.
 """
 PENALTY_PER_LOCATION = 8.0
 """Loss that each onset or segment boundary must gain in addition, since it was searched for."""
@@ -100,14 +103,19 @@ The same for a further effect where those before it explain the recording. By ch
 concealed --own --seed 4`, absent second effects gain up to 0.2, present ones more than 1.
 """
 
-ONSET_MIN_GAIN_RATIO = 1.1
-"""An effect from an onset on must gain this many times what it gains throughout. By choice."""
+ONSET_MIN_FURTHER_GAIN = 0.1
+"""
+An effect from an onset on must gain this share more than throughout. By choice.
+"""
 
 # --- Where and when an effect acts -------------------------------------------------------------
 
 MIN_DISTANCE_TO_END_S = 15.0
-"""s. Onsets closer than this to either end of the recording are not considered. By choice: of
-fewer than two blocks (`inference.block_scores`), the later part shows no effect."""
+"""
+s. Onsets closer than this to either end of the recording are not considered: three blocks
+(`inference.block_scores.BLOCK_S`), since an onset within the first of them leaves the two without
+which no spread is known.
+"""
 PENALTY_PER_SEGMENT = 16.0
 """Loss that each segment must gain: two boundaries of `PENALTY_PER_LOCATION`."""
 MIN_SEGMENT_TRANSITIONS = 2.0
@@ -263,7 +271,10 @@ MAX_EXTENSION_MISFIT = 0.67
 MAX_ROAD_MISFIT = 0.85
 """A road profile is dropped if its first fit leaves more than this share. By choice."""
 EFFECT_PRIOR_SHARE = 0.5
-"""Prior standard deviation of a surrogate's own effect as a share of its first fit. By choice."""
+"""
+Prior standard deviation of a surrogate's own effect as a share of its first fit: no effect and one
+of twice the size are both two standard deviations away.
+"""
 SURROGATE_ERROR_AS_NOISE = 0.5
 """
 Share of the error of a surrogate that was calibrated on a real recording, taken for noise: much of
@@ -330,7 +341,10 @@ remove where the cause is not known in full. By choice: half; right ones of `adk
 DISCRIMINATION_LOSS = 10.0 * INDISTINGUISHABLE_LOSS
 """
 Least loss by which a manoeuvre must separate two effects to be suggested: ten times the margin of
-indistinguishable effects. By choice.
+indistinguishable effects. By choice; decides what is advised, not what is claimed.
 """
 COMPETITOR_SIZE_SIGMA = 0.03
-"""Standard deviation of a competing effect's size in that comparison, relative. By choice."""
+"""
+Standard deviation of a competing effect's size in that comparison, relative. By choice; decides
+what is advised, not what is claimed.
+"""

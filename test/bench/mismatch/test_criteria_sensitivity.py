@@ -9,6 +9,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from adk_ros.bench.mismatch.case_jobs import CaseJob
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.criteria_sensitivity import (
     DOUBLE,
@@ -16,6 +19,7 @@ from adk_ros.bench.mismatch.criteria_sensitivity import (
     Change,
     changes,
     sensitivity_lines,
+    vary,
 )
 
 
@@ -48,18 +52,36 @@ def test_cases_are_listed_once_for_each_criterion_and_factor() -> None:
     ]
 
 
+def test_a_pattern_selects_criteria() -> None:
+    assert not changes(ANSWERS, "MAX_*, MIN_ACTIVE_S")
+    assert len(changes(ANSWERS, "MIN_G*")) == 3
+
+
+def test_stored_scores_of_the_same_case_and_code_are_reused(tmp_path: Path) -> None:
+    def write(folder: Path) -> Path:
+        raise AssertionError("the case is analysed again")
+
+    job = CaseJob("drag", "key", write)
+    change = Change("MIN_GAIN", DOUBLE, "drag")
+    store = tmp_path / "varied.jsonl"
+    store.write_text('["MIN_GAIN", 2.0, "key", 0.75]\n["MIN_GAIN", 2.0, "oth')
+    assert vary([change], [job], 1, store, lambda *_: None) == {change: 0.75}
+    with pytest.raises(AssertionError, match="analysed again"):
+        vary([change], [job._replace(key="new")], 1, store, lambda *_: None)
+
+
 def test_lines_state_what_another_value_costs() -> None:
     results = [result("clean", 1.0), result("drag", 0.5)]
     varied = {
-        Change("MIN_GAIN", HALF, "clean"): result("clean", 0.0),
-        Change("MIN_GAIN", HALF, "drag"): result("drag", 0.5),
-        Change("MIN_GAIN", DOUBLE, "drag"): result("drag", 0.75),
+        Change("MIN_GAIN", HALF, "clean"): 0.0,
+        Change("MIN_GAIN", HALF, "drag"): 0.5,
+        Change("MIN_GAIN", DOUBLE, "drag"): 0.75,
     }
     assert sensitivity_lines(results, ANSWERS, varied) == [
         "MIN_ACTIVE_S decides in 1 of 2 cases; halved: a decision changes in 0; doubled: a "
         "decision changes in 0",
-        "MIN_GAIN decides in 2 of 2 cases; halved: a decision changes in 2, -1.00 right; "
-        "doubled: a decision changes in 1, +0.25 right",
+        "MIN_GAIN decides in 2 of 2 cases; halved: a decision changes in 2, -1.00 right in 2 of "
+        "them; doubled: a decision changes in 1, +0.25 right in 1 of them",
     ]
 
 
