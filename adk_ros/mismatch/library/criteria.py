@@ -11,8 +11,8 @@ and not noise, accounts for.
 
 Sources: "calibrated" marks a value that `adk bench concealed --calibrate` compares with what it
 has to separate, on generated cases that no benchmark contains; "convention" a usual level; "by
-choice" a value that neither data nor a derivation decides: `--calibrate --vary "*"` states what half
-and double of it change (doc/mismatch.md, "Calibration"). None is calibrated on real vehicles.
+choice" a value that neither data nor a derivation decides: `--calibrate --vary "*"` states what
+half and double of it change (doc/mismatch.md, "Calibration"). None is calibrated on real vehicles.
 """
 
 from __future__ import annotations
