@@ -91,13 +91,12 @@ def concealed(
     """
     from adk_ros.bench.mismatch.acceptance import evaluate_criteria
     from adk_ros.bench.mismatch.baselines import Baselines
+    from adk_ros.bench.mismatch.calibration import answers_of
     from adk_ros.bench.mismatch.calibration import calibrate as calibrated
-    from adk_ros.bench.mismatch.calibration import changed_decisions
     from adk_ros.bench.mismatch.calibration_cases import calibration_plans
     from adk_ros.bench.mismatch.case_jobs import jobs_of, plan_jobs
     from adk_ros.bench.mismatch.case_matrix import LISTS, select_plans
-    from adk_ros.bench.mismatch.criteria_sensitivity import VARIED
-    from adk_ros.bench.mismatch.criteria_sensitivity import vary as vary_criteria
+    from adk_ros.bench.mismatch.criteria_sensitivity import VARIED, changes, varied_job
     from adk_ros.bench.mismatch.mismatch_bench import SCORED, MismatchBench
     from adk_ros.bench.mismatch.multibody import MULTI_BODY, base_parameters
     from adk_ros.bench.mismatch.reliability import reliability_markdown
@@ -156,8 +155,12 @@ def concealed(
                 reports = out or Path(folder)
                 varied = None
                 if vary:
-                    found = changed_decisions(results, reports, vary)
-                    varied = vary_criteria(found, todo, jobs, reports / VARIED, bar)
+                    found = changes(answers_of(results, reports), vary)
+                    by_name = {job.name: job for job in todo}
+                    again = MismatchBench(reports / VARIED, jobs, resume).run(
+                        [varied_job(change, by_name[change.case]) for change in found], bar
+                    )
+                    varied = {x: y.right for x, y in zip(found, again, strict=True)}
                 for line in calibrated(results, reports, varied):
                     console.output.print(str(line), markup=False)
                 return

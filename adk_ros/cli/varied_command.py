@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The `adk` command with one criterion of `adk mismatch` multiplied by a factor.
+The `adk` command with one criterion of `adk mismatch` multiplied by a factor, wherever it is used.
 
 `python -m adk_ros.cli.varied_command NAME=FACTOR mismatch ...`
 """
@@ -10,10 +10,21 @@ from __future__ import annotations
 
 import sys
 
-from adk_ros.cli.main import main
-from adk_ros.mismatch.library.sensitivity import varied_constants
+from adk_ros.mismatch.library import criteria
+
+
+def multiply(name: str, factor: float) -> None:
+    """
+    Multiply a criterion; modules that import it afterwards have the new value.
+
+    :raises AttributeError: there is no such criterion.
+    """
+    setattr(criteria, name, factor * getattr(criteria, name))
+
 
 if __name__ == "__main__":
-    name, _, factor = sys.argv.pop(1).partition("=")
-    with varied_constants({name: float(factor)}):
-        sys.exit(main())
+    criterion, _, given = sys.argv.pop(1).partition("=")
+    multiply(criterion, float(given))
+    from adk_ros.cli.main import main
+
+    sys.exit(main())

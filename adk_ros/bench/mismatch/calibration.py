@@ -25,7 +25,7 @@ from scipy.stats import binomtest
 
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.confidence_fit import Claim, claims_of, fit_confidence, stated
-from adk_ros.bench.mismatch.criteria_sensitivity import Change, changes, sensitivity_lines
+from adk_ros.bench.mismatch.criteria_sensitivity import Change, sensitivity_lines
 from adk_ros.bench.mismatch.mismatch_bench import SCORED
 from adk_ros.bench.mismatch.reliability import brier_score
 from adk_ros.bench.mismatch.selection_calibration import SelectionCalibration
@@ -51,12 +51,9 @@ _MIN_CLAIMS = 10
 """With fewer claims, the confidence is not calibrated."""
 
 
-def changed_decisions(
-    results: Sequence[CaseResult], out: Path, pattern: str = "*"
-) -> list[Change]:
-    """Return the criteria that change a decision when halved or doubled, and in which cases."""
-    answers = {x.case: _read(out / x.case / RESULT_FILE) for x in results if not x.failure}
-    return changes(answers, pattern)
+def answers_of(results: Sequence[CaseResult], out: Path) -> dict[str, dict[str, Any]]:
+    """Return the content of mismatch.json by case; the reports of the results are in `out`."""
+    return {x.case: _read(out / x.case / RESULT_FILE) for x in results if not x.failure}
 
 
 def calibrate(
@@ -73,10 +70,11 @@ def calibrate(
     errors: list[tuple[float, float, float]] = []
     claims: list[Claim] = []
     selection = SelectionCalibration()
+    answers = answers_of(results, out)
     for result in results:
         if result.failure:
             continue
-        answer = _read(out / result.case / RESULT_FILE)
+        answer = answers[result.case]
         label = _read(out / result.case / SCORED)["label"]
         claims += claims_of(label, answer)
         selection.add([effect["name"] for effect in label["effects"]], answer)
@@ -91,7 +89,6 @@ def calibrate(
         elif answer["verdict"] == EXPLAINED:
             shares.append(share)
         errors += interval_errors(label, answer)
-    answers = {x.case: _read(out / x.case / RESULT_FILE) for x in results if not x.failure}
     return [
         _quantile_line("MAX_EXPLAINED_RATIO", MAX_EXPLAINED_RATIO, ratios),
         _quantile_line("INEXACT_EQUATION_SHARE", INEXACT_EQUATION_SHARE, shares),

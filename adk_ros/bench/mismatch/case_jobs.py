@@ -9,7 +9,7 @@ A case is a folder with `simulation`, `recording`, `heldout`, `vehicle.yaml` and
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -27,12 +27,14 @@ class CaseJob(NamedTuple):
     A case to run: `write(folder)` returns its path; `key` is a hash of its specification.
 
     `write_noise_free` does the same for the case without sensor noise, if it can be generated.
+    `factors`: a criterion to multiply in the analysis, and by how much.
     """
 
     name: str
     key: str
     write: Callable[[Path], Path]
     write_noise_free: Callable[[Path], Path] | None = None
+    factors: Mapping[str, float] | None = None
 
 
 def find_cases(folder: Path) -> list[Path]:

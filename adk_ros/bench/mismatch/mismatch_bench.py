@@ -132,7 +132,7 @@ class MismatchBench:
         report = folder / "report"
         result = self._earlier(job)
         if result is None:
-            result = run_case(case, report, processes, job.write_noise_free)
+            result = run_case(case, report, processes, job.write_noise_free, job.factors)
             result.case = job.name
         else:
             shutil.copytree(self.out / job.name, report)
@@ -165,10 +165,8 @@ def run_case(
     """
     Run the tool on one case and score its answer; the report is written to `out`.
 
-    `factors`: a criterion to multiply, and by how much.
-
     `write_noise_free(folder)` writes the case without sensor noise and returns its path: reported
-    ties are then examined.
+    ties are then examined. `factors`: a criterion to multiply, and by how much.
     """
     arguments = [
         "mismatch", "--simulation", str(case / "simulation"),

@@ -5,8 +5,9 @@ Sensitivity of an analysis to its criteria: the decisions that another constant 
 
 A decision is a rule of constants of `library.criteria` and of statistics of the data. While
 `recorded_decisions` is active, each rule is also evaluated with one constant halved and doubled
-at a time. An analysis in which no answer changes takes the same path with that constant, so that
-its result is the same.
+at a time. An analysis in which no answer changes takes the same path through these rules; where a
+constant is used elsewhere as well (to prune candidates, to shorten an expression), its result may
+still differ.
 """
 
 from __future__ import annotations
@@ -30,7 +31,6 @@ class Decisions:
 
 
 _RECORD: ContextVar[dict[str, Decisions] | None] = ContextVar("decisions", default=None)
-_FACTORS: ContextVar[Mapping[str, float] | None] = ContextVar("factors", default=None)
 
 
 @contextmanager
@@ -44,25 +44,13 @@ def recorded_decisions() -> Iterator[dict[str, Decisions]]:
         _RECORD.reset(token)
 
 
-@contextmanager
-def varied_constants(factors: Mapping[str, float]) -> Iterator[None]:
-    """Multiply constants by a factor in all decisions within the context."""
-    token = _FACTORS.set(factors)
-    try:
-        yield
-    finally:
-        _FACTORS.reset(token)
-
-
 def decided(rule: Callable[..., Answer], **constants: float) -> Answer:
     """
     Return what a rule answers with its constants, given by name and passed in their order.
 
     The rule must have no side effect, and its answer must be comparable.
     """
-    factors, record = _FACTORS.get(), _RECORD.get()
-    if factors is not None:
-        constants = {name: x * factors.get(name, 1.0) for name, x in constants.items()}
+    record = _RECORD.get()
     answer = rule(*constants.values())
     if record is not None:
         for name in constants:

@@ -9,8 +9,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from adk_ros.bench.mismatch.case_jobs import CaseJob
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.criteria_sensitivity import (
@@ -19,8 +17,9 @@ from adk_ros.bench.mismatch.criteria_sensitivity import (
     Change,
     changes,
     sensitivity_lines,
-    vary,
+    varied_job,
 )
+from adk_ros.mismatch.library.criteria import MIN_GAIN
 
 
 def answer(**criteria: tuple[int, int, int]) -> dict[str, Any]:
@@ -57,17 +56,21 @@ def test_a_pattern_selects_criteria() -> None:
     assert len(changes(ANSWERS, "MIN_G*")) == 3
 
 
-def test_stored_scores_of_the_same_case_and_code_are_reused(tmp_path: Path) -> None:
-    def write(folder: Path) -> Path:
-        raise AssertionError("the case is analysed again")
+def test_a_changed_case_is_analysed_under_its_own_name_and_key() -> None:
+    job = CaseJob("drag", "key", lambda folder: folder)
+    varied = [varied_job(Change("MIN_GAIN", factor, "drag"), job) for factor in (HALF, DOUBLE)]
+    assert [x.factors for x in varied] == [{"MIN_GAIN": 0.5}, {"MIN_GAIN": 2.0}]
+    assert len({x.key for x in [job, *varied]}) == len({x.name for x in [job, *varied]}) == 3
 
-    job = CaseJob("drag", "key", write)
-    change = Change("MIN_GAIN", DOUBLE, "drag")
-    store = tmp_path / "varied.jsonl"
-    store.write_text('["MIN_GAIN", 2.0, "key", 0.75]\n["MIN_GAIN", 2.0, "oth')
-    assert vary([change], [job], 1, store, lambda *_: None) == {change: 0.75}
-    with pytest.raises(AssertionError, match="analysed again"):
-        vary([change], [job._replace(key="new")], 1, store, lambda *_: None)
+
+def test_the_new_value_holds_wherever_the_criterion_is_used() -> None:
+    """The watch's alarm threshold is `MIN_GAIN` under another name."""
+    code = (
+        "from adk_ros.cli.varied_command import multiply; multiply('MIN_GAIN', 0.5); "
+        "from adk_ros.mismatch.watch.settings import ALARM_THRESHOLD; print(ALARM_THRESHOLD)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(done.stdout) == 0.5 * MIN_GAIN
 
 
 def test_lines_state_what_another_value_costs() -> None:
