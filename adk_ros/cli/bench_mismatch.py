@@ -55,6 +55,13 @@ def concealed(
             "by commas"
         ),
     ] = "",
+    factorial: Annotated[
+        str,
+        typer.Option(
+            help="with --own: instead of the list, effects of these names or patterns at every "
+            "strength, in every simulator, with every noise (27 cases per effect)"
+        ),
+    ] = "",
     seed: Annotated[
         int, typer.Option(help="with --own: other vehicles, drives and roads for each number")
     ] = 0,
@@ -97,6 +104,7 @@ def concealed(
     from adk_ros.bench.mismatch.case_jobs import jobs_of, plan_jobs
     from adk_ros.bench.mismatch.case_matrix import LISTS, select_plans
     from adk_ros.bench.mismatch.criteria_sensitivity import VARIED, changes, varied_job
+    from adk_ros.bench.mismatch.factorial import factorial_plans
     from adk_ros.bench.mismatch.mismatch_bench import SCORED, MismatchBench
     from adk_ros.bench.mismatch.multibody import MULTI_BODY, base_parameters
     from adk_ros.bench.mismatch.reliability import reliability_markdown
@@ -116,6 +124,10 @@ def concealed(
         raise UsageError(f"--jobs is {jobs}: choose 1 to 64")
     if only and not own:
         raise UsageError("--only selects from the list of generated cases: use it with --own")
+    if factorial and not own:
+        raise UsageError("--factorial generates cases: use it with --own")
+    if factorial and (only or limit):
+        raise UsageError("--factorial runs every combination: leave --only and --limit out")
     if seed and not own:
         raise UsageError("--seed selects generated cases: use it with --own")
     if not 0 <= seed < LISTS:
@@ -139,7 +151,7 @@ def concealed(
     elif calibrate:
         todo = plan_jobs(calibration_plans(limit or _CALIBRATION_CASES))
     else:
-        plans = select_plans(limit, only, seed)
+        plans = factorial_plans(factorial, seed) if factorial else select_plans(limit, only, seed)
         if any(plan.plant == MULTI_BODY for plan in plans):
             base_parameters()  # Refuses here, not after an hour.
         todo = plan_jobs(plans)

@@ -12,9 +12,9 @@ a set of times by intersection over union. The label `unknown` expects the verdi
 where the label gives them, the equation and the driving variable; an empty label expects `none`.
 
 Optional keys of a label: `strength` (fraction of full strength, default 1), `plant` (simulator),
-and for `unknown` its `equations` and `driven_by` (names in `FEATURES`, `time` or `distance`, any
-of which is right), or for a faulty sensor `accepts`: the verdicts that are right without a named
-effect.
+`noise` (multiple of the usual), and for `unknown` its `equations` and `driven_by` (names in
+`FEATURES`, `time` or `distance`, any of which is right), or for a faulty sensor `accepts`: the
+verdicts that are right without a named effect.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class CaseResult:
     relative, by parameter; `covered`: whether the 90 % interval contains the true value; `iou`: by
     effect; `removed`: share of the removable held-out error removed by the correction, by channel;
     `described`: whether equation and driving variable of an unlisted effect are right, None if
-    the label has none; `strength` and `plant`: as in the label.
+    the label has none; `strength`, `plant` and `noise`: as in the label.
     """
 
     case: str
@@ -82,6 +82,7 @@ class CaseResult:
     failure: str = ""
     strength: float = 1.0
     plant: str = ""
+    noise: float = math.nan
     described: bool | None = None
     baselines: list[dict[str, Any]] = field(default_factory=list)
     """`BaselineResult` of each method as a dict, `adk mismatch` first, if baselines were run."""
@@ -275,6 +276,7 @@ def score_case(
         " + ".join(effect["name"] for effect in label["effects"]) or "none",
         strength=float(label.get("strength", 1.0)),
         plant=str(label.get("plant", "")),
+        noise=float(label.get("noise", math.nan)),
         described=described(label, answer) if verdict == UNKNOWN == kind else None,
         correctable=any(
             not (EFFECTS[effect["name"]].sensor if effect["name"] in EFFECTS else False)

@@ -15,6 +15,7 @@ import numpy as np
 from adk_ros.bench.mismatch.acceptance import Criterion
 from adk_ros.bench.mismatch.baselines import ADK_MISMATCH, NAMING, STRONGEST
 from adk_ros.bench.mismatch.case_score import UNKNOWN, CaseResult
+from adk_ros.bench.mismatch.factorial import results_by_factor
 from adk_ros.bench.mismatch.reliability import (
     brier_score,
     reliability_table,
@@ -24,6 +25,7 @@ from adk_ros.bench.paper.paper_tables import markdown_line
 from adk_ros.numerics.finite import finite
 
 CRITERIA_FILE, TABLE, SCORES, BASELINES_FILE = "bars.txt", "cases.md", "cases.json", "beside.md"
+FACTORS_FILE = "factors.md"
 _HEADER = (
     "case",
     "correct",
@@ -158,12 +160,15 @@ def write_tables(scores: Sequence[CaseResult], criteria: Sequence[Criterion], ou
     """
     Write cases, criteria and reliability of the claims, and `beside.md` if baselines ran.
 
-    Cases: `cases.md`, `cases.json`; criteria: `bars.txt`; reliability: table and diagram.
+    Cases: `cases.md`, `cases.json`; criteria: `bars.txt`; results by simulator and noise:
+    `factors.md`; reliability: table and diagram.
     """
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(as_json(scores, criteria), indent=1) + "\n"
     (out / SCORES).write_text(text, encoding="utf-8")
     (out / TABLE).write_text(cases_markdown(scores), encoding="utf-8")
+    by_factor = markdown(*results_by_factor(scores))
+    (out / FACTORS_FILE).write_text(by_factor, encoding="utf-8")
     comparison = baselines_markdown(scores)
     if comparison:
         (out / BASELINES_FILE).write_text(comparison, encoding="utf-8")
