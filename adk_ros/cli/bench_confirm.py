@@ -87,7 +87,7 @@ def confirm(
                 drives = write_confirmation_drives(folder / "scenarios", chosen, tests, bar)
             plan = BenchPlan(
                 quick=quick, seeds=1 if quick else trainings, tests=drives.tests, drives=drives,
-                left_out=("dk", "recording"), peers=peers, paper_epochs=_EPOCHS,
+                left_out=("dk", "effect", "recording"), peers=peers, paper_epochs=_EPOCHS,
             )  # fmt: skip
             if quick:
                 plan = replace(

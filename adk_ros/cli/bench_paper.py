@@ -17,6 +17,7 @@ from adk_ros.cli.options import ForceOption, JsonOption
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
+    from adk_ros.bench.paper.online_effect import Reading
     from adk_ros.bench.paper.training_jobs import BenchPlan
 
 _QUICK_STEPS = 2000
@@ -66,6 +67,14 @@ def paper(
             show_default="all",
         ),
     ] = None,
+    only_effect: Annotated[
+        bool,
+        typer.Option(
+            "--only-effect",
+            help="only examine on what the printed effect of the paper's online method depends: "
+            "kind of error, window, cut of the pseudo-inverse, epochs",
+        ),
+    ] = False,
     jobs: Annotated[int, typer.Option(help="processes, one thread each")] = 2,
     force: ForceOption = False,
     as_json: JsonOption = False,
@@ -87,16 +96,21 @@ def paper(
 
     timer = RunTimer()
     plan = _plan(quick, seeds, steps, epochs, recordings, peers, tuple(test or ()))
+    if only_effect:
+        plan = plan.of_effect()
     check(plan)
     if not 1 <= jobs <= 64:
         raise UsageError(f"--jobs is {jobs}: choose 1 to 64")
-    refuse_existing(out, force, result_files=(PAGE,))
+    refuse_existing(out, force, result_files=(PAGE, "online_effect.md"))
     check_output_folder(out)
     out.mkdir(parents=True, exist_ok=True)
     try:
         with graceful_shutdown(), tempfile.TemporaryDirectory(prefix="adk_paper_") as folder:
             with console.progress("bench") as bar:
                 result = run_paper(plan, Path(folder), jobs, bar, console.note)
+            if only_effect:
+                _show_effect(result.readings, out, as_json)
+                return
             from adk_ros.bench.paper.paper_page import write_report
 
             sources = [("recording", path) for path in plan.recordings]
@@ -127,6 +141,21 @@ def paper(
     for row in [report.times.header, *report.times.rows]:
         console.note(f"  {row[0]:<34}" + "".join(f"{cell:>12}" for cell in row[1:]))
     console.note(f"done in {seconds:.0f} s: {report.page}")
+
+
+def _show_effect(readings: list[Reading], out: Path, as_json: bool) -> None:
+    """Print the readings of the paper's effect and write their table."""
+    from adk_ros.bench.paper.effect_text import effect_tables, effect_text
+
+    for table in effect_tables(readings):
+        table.write(out)
+    if as_json:
+        console.print_json({"readings": [reading.as_json() for reading in readings]})
+        return
+    for text in effect_text(readings):
+        console.output.print(text, markup=False)
+    console.flush()
+    console.note(f"{len(readings)} readings: {out / 'online_effect.md'}")
 
 
 def _plan(

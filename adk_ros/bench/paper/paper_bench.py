@@ -17,7 +17,9 @@ from typing import Any
 from adk_ros.bench.paper import training_jobs
 from adk_ros.bench.paper.av21 import RecordingScores, recording_job
 from adk_ros.bench.paper.baseline_libraries import find_python
-from adk_ros.bench.paper.cases import NOMINAL, VARIANTS
+from adk_ros.bench.paper.cases import CLEAN, NOMINAL, VARIANTS
+from adk_ros.bench.paper.effect_job import effect_job
+from adk_ros.bench.paper.online_effect import Reading
 from adk_ros.bench.paper.predictors import PYKOOP, PYKOOPMAN
 from adk_ros.bench.paper.scores import ScoreTable
 from adk_ros.bench.paper.training_jobs import BenchPlan, NoteProgress, Outcome, TrainingJob
@@ -30,6 +32,7 @@ Note = Callable[[str], None]
 KINDS: dict[str, Callable[[TrainingJob, BenchPlan, Path, NoteProgress], Outcome]] = {
     "simulate": training_jobs.simulate_job,
     "recording": recording_job,
+    "effect": effect_job,
     "default": training_jobs.default_job,
     "aldk": training_jobs.paper_job,
     "dk": training_jobs.paper_job,
@@ -56,6 +59,7 @@ class Result:
     without: str = ""
     seconds: float = 0.0
     settings: dict[str, str] = field(default_factory=dict)
+    readings: list[Reading] = field(default_factory=list)
 
 
 def check(plan: BenchPlan) -> None:
@@ -104,7 +108,7 @@ def run_paper(
             find_python()
         except UsageError as error:
             without = str(error)
-    if without and note:
+    if without and note and "peers" not in plan.left_out:
         note(f"without pykoop and pykoopman: {without}")
     drives = [TrainingJob("simulate", about=test) for test in plan.tests]
     after = planned(plan, not without)
@@ -134,7 +138,9 @@ def run_paper(
             note(f"without pykoop and pykoopman: {without}")
     on_recordings = [o for o in outcomes if o.job.kind == "recording"]
     recorded = RecordingScores.of(on_recordings) if on_recordings else None
-    return Result(board, recorded, outcomes, without, time.monotonic() - started, settings)
+    readings = [reading for outcome in outcomes for reading in outcome.readings]
+    seconds = time.monotonic() - started
+    return Result(board, recorded, outcomes, without, seconds, settings, readings)
 
 
 def planned(plan: BenchPlan, peers: bool) -> list[TrainingJob]:
@@ -149,8 +155,10 @@ def planned(plan: BenchPlan, peers: bool) -> list[TrainingJob]:
                 result += [TrainingJob(kind, "recorded", seed, path.name) for seed in range(seeds)]
             continue
         seeds = plan.seeds if kind == "default" else 1
+        # The paper has no noise.
+        variants = (CLEAN,) if kind == "effect" else VARIANTS
         result += [
-            TrainingJob(kind, variant, seed) for variant in VARIANTS for seed in range(seeds)
+            TrainingJob(kind, variant, seed) for variant in variants for seed in range(seeds)
         ]
     return result
 

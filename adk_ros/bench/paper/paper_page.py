@@ -13,6 +13,7 @@ from adk_ros.bench.paper.claims import RULE, Claim, counts
 from adk_ros.bench.paper.claims_list import check_claims as judge_claims
 from adk_ros.bench.paper.claims_list import compared_with
 from adk_ros.bench.paper.criteria import FAIL, PASS, PaperCriterion, brief, evaluate_paper_criteria
+from adk_ros.bench.paper.effect_text import effect_tables, effect_text
 from adk_ros.bench.paper.failure_analysis import explain_failures
 from adk_ros.bench.paper.headline import NOT_RUN, Headline, headline
 from adk_ros.bench.paper.paper_bench import Result
@@ -87,6 +88,8 @@ def _write(
     }
     if result.recorded is not None:
         groups["Recordings of a real car"] = recording_tables(result.recorded)
+    if result.readings:
+        groups["Readings of the paper's effect"] = effect_tables(result.readings)
     for tables in groups.values():
         for table in tables:
             table.write(folders["tables"])
@@ -97,11 +100,12 @@ def _write(
     claims = judge_claims(board, series)
     times = times_table(result)
     (out / "bars.txt").write_text("".join(f"{bar}\n" for bar in bars))
-    (out / "claims.md").write_text(_claims_text(claims))
+    (out / "claims.md").write_text(_claims_text(claims, effect_text(result.readings)))
     page = render_page(
         "adk_ros.bench.paper", "page.html.j2", provenance,
         lead=lead_text(top, bars), criteria=bars, claims=claims, rule=RULE, count=counts(claims),
-        naive_comparisons=compared_with(board), groups=groups, times=times,
+        naive_comparisons=compared_with(board), readings=effect_text(result.readings),
+        groups=groups, times=times,
         setting=setting_text(result, plan), notes=result.settings, headline=top,
         why=explain_failures(board, result.recorded, bars), brief=brief,
         figures={title: embed(path, title) for title, path in figures.items()},
@@ -198,9 +202,11 @@ def times_table(result: Result) -> Table:
     return Table("times", title, ["job", *parts], rows, (len(rows) - 1,))
 
 
-def _claims_text(claims: list[Claim]) -> str:
+def _claims_text(claims: list[Claim], readings: list[str]) -> str:
     lines = ["# The paper's claims", "", RULE, "", counts(claims), ""]
     for claim in claims:
         lines.append(f"- **{claim.verdict}** ({claim.section}): {claim.text}")
         lines += [f"  - {item.outcome}: {item.text}" for item in claim.comparisons]
+    if readings:
+        lines += ["", "## Readings of the paper's effect", "", *(f"- {x}" for x in readings)]
     return "\n".join(lines) + "\n"

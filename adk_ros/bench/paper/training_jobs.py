@@ -20,6 +20,7 @@ import numpy as np
 from adk_ros.bench.paper import cases
 from adk_ros.bench.paper.baseline_libraries import Peers
 from adk_ros.bench.paper.linear_models import LeastSquares
+from adk_ros.bench.paper.online_effect import VALIDATED_FROM, Reading
 from adk_ros.bench.paper.predictor_protocol import BenchPredictor
 from adk_ros.bench.paper.predictors import (
     ADK_ROS,
@@ -52,8 +53,6 @@ from adk_ros.train.training_run import run_training
 
 ADAPTED = OnlineSettings("windowed", window=2000, ridge=300.0)
 """Online method of the least squares without lifting: the window of the default predictor."""
-VALIDATED_FROM = 0.8
-"""Share of the training drive before the part on which parameters are chosen; by choice."""
 TRAINED_SHARE = 0.8
 """Share of a job's progress bar for the training; cosmetic."""
 
@@ -77,6 +76,11 @@ class BenchPlan:
     peers: bool = True
     recordings: tuple[Path, ...] = ()
 
+    def of_effect(self) -> BenchPlan:
+        """Return the plan with the nominal drive and the job "effect" alone."""
+        others = ("recording", "default", "aldk", "dk", "peers", "tuned", "floor", "naive")
+        return replace(self, tests=(cases.NOMINAL,), left_out=others, recordings=(), peers=False)
+
 
 @dataclass(frozen=True)
 class TrainingJob:
@@ -98,13 +102,14 @@ class TrainingJob:
 @dataclass
 class Outcome:
     """
-    Result of a job: (test, predictor, score), notes for the report, seconds by phase.
+    Result of a job: (test, predictor, score), readings of the paper, notes, seconds by phase.
 
     `failed`: the reason of a failure that does not end the run, or "".
     """
 
     job: TrainingJob
     scores: list[tuple[str, str, CaseScore]] = field(default_factory=list)
+    readings: list[Reading] = field(default_factory=list)
     notes: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     failed: str = ""

@@ -129,7 +129,7 @@ class RecursiveLeastSquares:
         return _condition(self._covariance)
 
 
-_RCOND = 1e-10
+RCOND = 1e-10
 """
 Eigenvalues below this share of the largest count as zero: a direction without excitation. Float64
 sums of squares are accurate to about 1e-14; smaller shares would let the update follow rounding
@@ -150,8 +150,9 @@ class PaperSWLS:
     singular, so its pseudo-inverse is taken, as in eq. (10).
     """
 
-    def __init__(self, theta0: FloatArray, settings: OnlineSettings) -> None:
+    def __init__(self, theta0: FloatArray, settings: OnlineSettings, rcond: float = RCOND) -> None:
         self._theta0 = theta0.copy()
+        self._rcond = rcond
         self.theta = theta0.copy()
         self._phis = np.zeros((settings.window, theta0.shape[1]))
         self._count = 0
@@ -164,7 +165,7 @@ class PaperSWLS:
         self._count += 1
         known = self._phis[: min(self._count, window)]
         try:
-            direction = np.linalg.pinv(known.T @ known, rcond=_RCOND, hermitian=True) @ phi
+            direction = np.linalg.pinv(known.T @ known, rcond=self._rcond, hermitian=True) @ phi
         except np.linalg.LinAlgError:
             direction = np.full(phi.shape[0], np.nan)
         theta = self.theta + np.outer(y - self.theta @ phi, direction)

@@ -20,6 +20,7 @@ from helpers.train import bag, drive, lines, record, refused
 from adk_ros.bench.paper import av21, cases, training_jobs
 from adk_ros.bench.paper import paper_bench as runs
 from adk_ros.bench.paper.cases import CLEAN, NOISY, Durations
+from adk_ros.bench.paper.online_effect import A_POSTERIORI, INNOVATION
 from adk_ros.bench.paper.paper_page import write_report
 from adk_ros.bench.paper.predictors import (
     ADK_ROS,
@@ -173,8 +174,28 @@ def test_the_report_is_self_contained(done: tuple[runs.Result, Path, Path]) -> N
     assert (out / "bars.txt").read_text().splitlines() == [str(bar) for bar in report.bars]
     verdicts = {claim.verdict for claim in report.claims}
     assert "not measured" in verdicts
+    assert {(x.epochs, x.kind, x.chosen) for x in result.readings} == {
+        (1, kind, chosen) for kind in (INNOVATION, A_POSTERIORI) for chosen in (False, True)
+    }
+    claims = (out / "claims.md").read_text()
+    assert "As innovations, " in claims
+    assert "As innovations, " in page
+    assert (out / "tables" / "online_effect.csv").is_file()
     assert verdicts <= {"holds", "holds in part", "does not hold", "not measured"}
     assert report.times.rows[-1][0] == "all, one after the other"
+
+
+def test_the_effect_is_examined_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("adk_ros.cli.bench_paper._plan", lambda *given: TINY)
+    out = tmp_path / "out"
+    assert main(["bench", "paper", "--only-effect", "--jobs", "1", "--out", str(out)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert [line.split(",")[0] for line in printed[1:]] == [
+        "As innovations", "As a-posteriori errors"
+    ]  # fmt: skip
+    assert sorted(path.name for path in out.iterdir()) == ["online_effect.csv", "online_effect.md"]
 
 
 def test_a_failing_baseline_library_does_not_end_the_run(
@@ -190,7 +211,7 @@ def test_a_failing_baseline_library_does_not_end_the_run(
 
     monkeypatch.setattr(training_jobs, "Peers", broken)
     monkeypatch.setattr(runs, "find_python", lambda: Path("python"))
-    for kind in ("default", "aldk", "dk", "tuned", "floor"):
+    for kind in ("default", "effect", "aldk", "dk", "tuned", "floor"):
         monkeypatch.setitem(runs.KINDS, kind, nothing)
     notes: list[str] = []
     plan = replace(TINY, peers=True, tests=("nominal",))
