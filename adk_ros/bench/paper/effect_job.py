@@ -21,10 +21,10 @@ def effect_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgre
     test = cases.record_of_test(folder, cases.NOMINAL, job.variant, plan.drives)
     settings = PaperSettings(epochs=plan.paper_epochs, batch=plan.paper_batch)
 
-    def fit(epochs: int) -> KoopmanModel:
+    def fit(epochs: int, tell: NoteProgress) -> KoopmanModel:
         with outcome.clocked("training"):
             given = PaperSettings(epochs=epochs, batch=plan.paper_batch)
-            return fit_paper([train], given).model
+            return fit_paper([train], given, lambda step: tell(step.step / step.steps)).model
 
     default = default_settings(settings.window)
     with outcome.clocked("predicting"):

@@ -38,7 +38,8 @@ VALIDATED_FROM = 0.8
 """Share of the training drive before the part on which parameters are chosen; by choice."""
 INNOVATION, A_POSTERIORI = "innovation", "a posteriori"
 
-Fit = Callable[[int], KoopmanModel]
+Tell = Callable[[float], None]
+Fit = Callable[[int, Tell], KoopmanModel]
 
 
 @dataclass(frozen=True)
@@ -104,13 +105,10 @@ def rmse(errors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.nanmean(np.square(errors), axis=0)) * REPORT_SCALE)
 
 
-def chosen_settings(pairs: LiftedPairs, tell: Callable[[float], None]) -> tuple[int, float]:
+def chosen_settings(pairs: LiftedPairs) -> tuple[int, float]:
     """Return window and cut with the smallest innovations (geometric mean over the channels)."""
     every = [(window, cut) for window in WINDOWS for cut in CUTS]
-    scores = []
-    for i, (window, cut) in enumerate(every):
-        scores.append(float(np.log(rmse(pairs.errors(window, cut).innovation)).mean()))
-        tell((i + 1) / len(every))
+    scores = [float(np.log(rmse(pairs.errors(*each).innovation)).mean()) for each in every]
     return every[int(np.argmin(scores))]
 
 
@@ -162,23 +160,26 @@ def study(
     train: Record,
     test: Record,
     default: tuple[int, float],
-    tell: Callable[[float], None],
+    tell: Tell,
 ) -> list[Reading]:
     """
     Return all readings for models trained with these numbers of epochs.
 
-    `fit` returns the model of a number of epochs; `default`: window and cut of `adk bench paper`.
+    `fit` returns the model of a number of epochs and reports its progress, a share;
+    `default`: window and cut of `adk bench paper`.
     """
     validation = train.rows(slice(int(VALIDATED_FROM * len(train)), None))
     rows = cases.rows_of(test, 1)[0]
     result = []
-    for i, number_of in enumerate(epochs):
-        model = fit(number_of)
+    done, total = 0, sum(epochs)
+    for number_of in epochs:
 
-        def within(share: float, i: int = i) -> None:
-            tell((i + share) / len(epochs))
+        def within(share: float, done: int = done, number_of: int = number_of) -> None:
+            tell((done + share * number_of) / total)
 
-        best = chosen_settings(LiftedPairs.of(model, validation), within)
+        model = fit(number_of, within)
+        done += number_of
+        best = chosen_settings(LiftedPairs.of(model, validation))
         pairs = LiftedPairs.of(model, test)
         for chosen, (window, cut) in ((False, default), (True, best)):
             errors = pairs.errors(window, cut)
