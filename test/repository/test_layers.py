@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ORDER: dict[str, tuple[str, ...]] = {
     "": (
         "errors", "numerics", "files", "shutdown", "signals", "plant", "model", "train", "bags",
-        "road", "calibration", "mismatch", "importing", "offline", "exporting", "ros", "api",
+        "road", "calibration", "mismatch", "importing", "offline", "exporting", "fleet", "ros", "api",
         "bench", "cli", "",
     ),
     "plant": ("environment", "vehicle", "identification", "scenario", ""),
