@@ -7,7 +7,7 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import logging
-import os
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -19,6 +19,8 @@ from adk_ros.fleet.stage_process import ATTEMPTS
 from adk_ros.fleet.store import OUTAGE_S
 
 _RETRY_S = 1.0
+_FIRST_WAIT_S = 15.0
+"""Time for a scheduler that is just being started."""
 _THREADS_KNOWN_S = 2.0
 """Time for which the number of workers is taken as unchanged."""
 WORKER_MIB = 150.0
@@ -84,28 +86,19 @@ def open_cluster(workers: int, address: str | None = None) -> Iterator[Cluster]:
     with dask.config.set(
         {
             "distributed.scheduler.allowed-failures": ATTEMPTS - 1,
+            # A worker has no task that it does not work on, which would end with it.
+            "distributed.scheduler.worker-saturation": 1.0,
         }
     ):
         if address is not None:
-            cluster = Cluster(_connected(address, _RETRY_S * 5), address)
+            cluster = Cluster(_connected(address, _FIRST_WAIT_S), address)
             try:
                 yield cluster
             finally:
                 with suppress(Exception):
                     cluster.client.close(timeout=2.0)
             return
-        local = distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            security=_security(distributed),
-            # The stage processes are limited, and the workers besides them are small.
-            memory_limit=0,
-            silence_logs=logging.CRITICAL,
-            local_directory=os.environ.get("TMPDIR", "/tmp"),
-        )
+        local = _local_cluster(distributed, workers)
         try:
             cluster = Cluster(distributed.Client(local), None, local)
             try:
@@ -116,6 +109,28 @@ def open_cluster(workers: int, address: str | None = None) -> Iterator[Cluster]:
         finally:
             with suppress(Exception):
                 local.close(timeout=10.0)
+
+
+def _local_cluster(distributed: Any, workers: int) -> Any:
+    """Start local workers, again if one is killed while it starts."""
+    for attempt in range(ATTEMPTS):
+        try:
+            return distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                security=_security(distributed),
+                # The stage processes are limited, and the workers besides them are small.
+                memory_limit=0,
+                silence_logs=logging.CRITICAL,
+                local_directory=tempfile.gettempdir(),
+            )
+        except RuntimeError as error:
+            if attempt + 1 == ATTEMPTS:
+                raise UsageError(f"no local worker can be started: {first_line(error)}") from None
+    raise AssertionError("unreachable")
 
 
 def _security(distributed: Any) -> Any:

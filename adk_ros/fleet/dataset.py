@@ -155,8 +155,8 @@ class FleetDataset:
         except OSError as error:
             scratch.unlink(missing_ok=True)
             raise UsageError(
-                f"{self._out} cannot be written: {error.strerror or error}: the results so far are "
-                "kept, run the same command again to continue"
+                f"{self._out} cannot be written: {error.strerror or error}: the results so far "
+                "are kept, run the same command again to continue"
             ) from None
 
     def table(self, columns: Mapping[str, str], rows: Sequence[Mapping[str, Any]]) -> Any:

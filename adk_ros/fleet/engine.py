@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from adk_ros.errors import first_line, one_line
 from adk_ros.files.code_digest import code_digest
@@ -24,6 +24,13 @@ from adk_ros.fleet.stage_process import ATTEMPTS, Failure, Reply, StageProcess
 
 _QUEUED_PER_WORKER = 16
 """Tasks per worker with the scheduler: enough for tasks of 1 ms at a round trip of 10 ms."""
+_LOSSES = 2
+"""
+Times that a task which Dask has given up is submitted again.
+
+Dask counts the end of a worker against all tasks that it had, also those that it had not started;
+the work is in a process of its own, so a worker rarely ends because of it.
+"""
 _WAKE_S = 0.5
 """Longest time without a look at the connection to the scheduler."""
 
@@ -56,12 +63,12 @@ def run_tasks(
     remaining = iter(tasks)
     ended: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
     numbers = itertools.count()
-    running: dict[int, tuple[Task, Any]] = {}
+    running: dict[int, _Running] = {}
 
-    def submit(task: Task) -> None:
+    def submit(task: Task, losses: int = 0) -> None:
         number = next(numbers)
         future = cluster.client.submit(perform, task, key=f"{task.name}-{number}", pure=False)
-        running[number] = task, future
+        running[number] = _Running(task, future, losses)
         future.add_done_callback(lambda future: ended.put((number, future)))
 
     while True:
@@ -77,33 +84,48 @@ def run_tasks(
         except queue.Empty:
             future = None
         if not cluster.is_connected:
-            lost = [task for task, _ in running.values()]
+            lost = list(running.values())
             running.clear()
             cluster.reconnect()
-            for task in lost:
-                submit(task)
+            for each in lost:
+                submit(each.task, each.losses)
             continue
         if future is None or number not in running:
             continue
-        task, _ = running.pop(number)
-        if future.status in {"cancelled", "lost"}:
-            submit(task)
-            continue
-        yield task, _reply(future)
+        each = running.pop(number)
+        reply = _reply(future)
+        if reply is None:
+            submit(each.task, each.losses)
+        elif reply.failure is Failure.KILLED and not reply.seconds and each.losses < _LOSSES:
+            submit(each.task, each.losses + 1)
+        else:
+            yield each.task, reply
 
 
-def _reply(future: Any) -> Reply:
-    error = future.exception()
-    if error is None:
+class _Running(NamedTuple):
+    """A task with the scheduler, and how often Dask has given it up because workers ended."""
+
+    task: Task
+    future: Any
+    losses: int
+
+
+def _reply(future: Any) -> Reply | None:
+    """Return the outcome of a task; None if it was lost on the way: it has to run again."""
+    if future.status in {"cancelled", "lost"}:
+        return None
+    is_fault = future.status == "error"
+    try:
         reply: Reply = future.result()
-        return reply
-    if type(error).__name__ == "KilledWorker":
-        return Reply(
-            failure=Failure.KILLED, reason=f"{ATTEMPTS} workers were killed while they worked on it"
-        )
-    return Reply(
-        failure=Failure.ERROR, reason=one_line(f"{type(error).__name__}: {first_line(error)}")
-    )
+    except Exception as error:  # of the connection, or of the task
+        if type(error).__name__ == "KilledWorker":
+            reason = "worker after worker was killed while it worked on it"
+            return Reply(failure=Failure.KILLED, reason=reason)
+        if not is_fault:
+            return None
+        reason = one_line(f"{type(error).__name__}: {first_line(error)}")
+        return Reply(failure=Failure.ERROR, reason=reason)
+    return reply
 
 
 _processes = threading.local()
@@ -129,5 +151,3 @@ def perform(task: Task) -> Reply:
         if attempt + 1 < ATTEMPTS:
             time.sleep(0.1)
     return replace(reply, reason=f"{reply.reason}, {ATTEMPTS} times")
-
-

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -43,8 +44,8 @@ def find_recordings(given: Sequence[str]) -> list[FleetRecording]:
     """
     Return the recordings in folders, globs and URLs, sorted by name, each once.
 
-    A recording is a folder with metadata.yaml; the files FOLDER_0, FOLDER_1, ... of a folder without
-    one; or any other .mcap, .db3 or .bag file.
+    A recording is a folder with metadata.yaml; the files FOLDER_0, FOLDER_1, ... of a folder
+    without one; or any other .mcap, .db3 or .bag file.
 
     :raises UsageError: nothing matches, or no recording is there.
     :raises StoreUnreachable: a store does not answer.
@@ -59,8 +60,8 @@ def find_recordings(given: Sequence[str]) -> list[FleetRecording]:
     for recording in found.values():
         if (other := by_name.get(recording.name)) is not None:
             raise UsageError(
-                f"{other.uri} and {recording.uri} are both named {recording.name}: give the folder "
-                "above them"
+                f"{other.uri} and {recording.uri} are both named {recording.name}: give the "
+                "folder above them"
             )
         by_name[recording.name] = recording
     return sorted(by_name.values(), key=lambda recording: recording.name)
@@ -143,8 +144,8 @@ def content_hash(recording: FleetRecording) -> str:
     """
     Return the hash of a recording's content (64 hexadecimal digits).
 
-    Of names, sizes and contents of the files; the name of the recording itself does not count, so a
-    copy or a moved recording has the same hash.
+    Of names, sizes and contents of the files; the name of the recording itself does not count, so
+    a copy or a moved recording has the same hash.
 
     :raises UsageError: a file cannot be read. :raises StoreUnreachable: a store does not answer.
     """
@@ -184,7 +185,7 @@ def local_recording(recording: FleetRecording) -> Iterator[Path]:
         target.mkdir(exist_ok=True)
         for name in recording.files:
             copy = target / PurePosixPath(name).name
-            with_retries(recording.uri, lambda name=name, copy=copy: system.get(name, str(copy)))
+            with_retries(recording.uri, partial(system.get, name, str(copy)))
         yield copy if is_file else target
     except FileNotFoundError:
         raise UsageError(f"{recording.uri}: a file has been removed from the store") from None

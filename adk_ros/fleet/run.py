@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,8 +81,8 @@ def run_stage(
 
     :param out: output folder, which one run at a time writes to.
     :param cluster: opens the cluster; called only if there is something to do.
-    :raises UsageError: the folder is in use or cannot be written, a store or the scheduler does not
-        answer: the results so far are kept. An interruption keeps them as well.
+    :raises UsageError: the folder is in use or cannot be written, a store or the scheduler does
+        not answer: the results so far are kept. An interruption keeps them as well.
     """
     limits = limits or Limits()
     with run_lock(out):
@@ -235,9 +235,7 @@ def _summary(
 ) -> RunSummary:
     reused = found.done + sum(len(same) for same in found.copied.values())
     computed = len(recordings) - reused - left
-    return RunSummary(
-        len(recordings), reused, computed, seconds, dict(failures), left, memory_mib
-    )
+    return RunSummary(len(recordings), reused, computed, seconds, dict(failures), left, memory_mib)
 
 
 class _Writer:
@@ -260,9 +258,7 @@ class _Writer:
 
     def flush_if_due(self) -> None:
         now = time.monotonic()
-        due_s = min(
-            max(_FLUSH_SHARE * (now - self._started), _SHORTEST_FLUSH_S), _LONGEST_FLUSH_S
-        )
+        due_s = min(max(_FLUSH_SHARE * (now - self._started), _SHORTEST_FLUSH_S), _LONGEST_FLUSH_S)
         if self._rows and now - self._written >= due_s:
             rows, self._rows = self._rows, []
             self._append(rows)

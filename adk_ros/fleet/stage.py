@@ -15,8 +15,8 @@ class Stage(Protocol):
     """
     The work on one recording. It is sent to other processes: a frozen dataclass of plain values.
 
-    `name`: of letters and underscores; the partition of the dataset. `inputs_hash`: hash of all that
-    the rows depend on besides the recording and the code, such as the model; hexadecimal.
+    `name`: of letters and underscores; the partition of the dataset. `inputs_hash`: hash of all
+    that the rows depend on besides the recording and the code, such as the model; hexadecimal.
     """
 
     @property

@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from adk_ros.errors import AdkError, first_line
+from adk_ros.errors import AdkError, UsageError, first_line
 from adk_ros.fleet.libraries import fleet_library
 
 T = TypeVar("T")
@@ -26,8 +27,7 @@ def file_system(uri: str) -> tuple[Any, str]:
     """
     Return the fsspec file system of a path or URL, and the path in it.
 
-    :raises UsageError: fsspec or the library of the store is not installed.
-    :raises StoreUnreachable: the protocol is unknown.
+    :raises UsageError: the protocol is unknown, or its library is not installed.
     """
     fsspec = fleet_library("fsspec")
     protocol = uri.partition("://")[0] if "://" in uri else "file"
@@ -36,7 +36,7 @@ def file_system(uri: str) -> tuple[Any, str]:
     try:
         system, path = fsspec.core.url_to_fs(uri)
     except (ValueError, ImportError) as error:
-        raise StoreUnreachable(f"{uri}: {first_line(error)}") from None
+        raise UsageError(f"{uri}: {first_line(error)}") from None
     return system, str(path)
 
 
@@ -75,6 +75,4 @@ def with_retries(uri: str, access: Callable[[], T], outage_s: float = OUTAGE_S) 
 
 
 def _is_local_fault(error: Exception) -> bool:
-    import errno
-
     return isinstance(error, OSError) and error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EROFS}

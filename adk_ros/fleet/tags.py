@@ -24,8 +24,8 @@ class Tags:
     """
     What `fleet.csv` says about a recording.
 
-    `vehicle`: name of the car, "" if unknown. `time_s`: when it was recorded, s since 1970 UTC, None
-    if unknown. `conditions`: the other columns by name, such as rain, tyres, software version.
+    `vehicle`: name of the car, "" if unknown. `time_s`: when it was recorded, s since 1970 UTC,
+    None if unknown. `conditions`: the other columns by name, such as rain, tyres, software.
     """
 
     vehicle: str = ""
@@ -56,15 +56,15 @@ def read_tags(path: Path, recordings: Sequence[FleetRecording]) -> dict[str, Tag
             _check_columns(path, names)
             for row in reader:
                 where = f"{path}:{reader.line_num}"
-                name = known.get((row["recording"] or "").strip().strip("/"))
-                if None in row or None in row.values():
+                if len(row) != len(names) or any(value is None for value in row.values()):
                     raise UsageError(f"{where}: {len(names)} columns expected")
-                if name is None:
+                listed = known.get(row["recording"].strip().strip("/"))
+                if listed is None:
                     unknown.append(f"{row['recording']} (line {reader.line_num})")
                     continue
-                if name in tags:
-                    raise UsageError(f"{where}: {name} is listed twice")
-                tags[name] = _tags(where, row, names)
+                if listed in tags:
+                    raise UsageError(f"{where}: {listed} is listed twice")
+                tags[listed] = _tags(where, row, names)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise UsageError(f"{path} cannot be read: {reason}") from None
@@ -86,7 +86,7 @@ def _check_columns(path: Path, names: Sequence[str]) -> None:
         )
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or "" in names:
-        raise UsageError(f"{path}: column {', '.join(twice) or 'without a name'} in the first line")
+        raise UsageError(f"{path}: column {', '.join(twice) or 'without a name'} in line 1")
 
 
 def _tags(where: str, row: Mapping[str, str], names: Sequence[str]) -> Tags:
@@ -123,13 +123,14 @@ def write_tags(path: Path, tags: Mapping[str, Tags]) -> None:
             writer = csv.writer(file)
             writer.writerow([*_COLUMNS, *names])
             for recording, each in sorted(tags.items()):
-                when = each.time_s
-                time = "" if when is None else datetime.fromtimestamp(when, timezone.utc)
+                time = "" if each.time_s is None else _iso(each.time_s)
                 conditions = [each.conditions.get(name, "") for name in names]
-                writer.writerow(
-                    [recording, each.vehicle, time and time.isoformat(), *conditions]
-                )
+                writer.writerow([recording, each.vehicle, time, *conditions])
         os.replace(scratch, path)
     except OSError as error:
         scratch.unlink(missing_ok=True)
         raise UsageError(f"{path} cannot be written: {error.strerror or error}") from None
+
+
+def _iso(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, timezone.utc).isoformat()

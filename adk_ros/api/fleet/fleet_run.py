@@ -46,9 +46,9 @@ class FleetEstimate:
     """
     What a run would do.
 
-    `total` recordings, of which `reused` have a result and `missing` do not; `unhashed` of these are
-    new. `seconds`: expected duration with `workers`, None without an earlier rate, which comes from
-    `measured` recordings of this stage in the dataset.
+    `total` recordings, of which `reused` have a result and `missing` do not; `unhashed` of these
+    are new. `seconds`: expected duration with `workers`, None without an earlier rate, which comes
+    from `measured` recordings of this stage in the dataset.
     """
 
     stage: str

@@ -46,7 +46,8 @@ class IndexStage:
                 "details": {"messages": about["messages"], "topics": about["topics"]},
             }
         ]
-        about["scope"], checks = [], []
+        about["scope"] = []
+        checks: list[dict[str, Any]] = []
         try:
             checked = check_recording(path, self.vehicle or None)
         except AdkError as error:
@@ -69,9 +70,7 @@ class IndexStage:
             ]
         verdict = bag_verdict(about)
         is_usable = not verdict.startswith("not")
-        rows.append(
-            {"kind": "usable", "finding": "yes" if is_usable else "no", "text": verdict}
-        )
+        rows.append({"kind": "usable", "finding": "yes" if is_usable else "no", "text": verdict})
         rows += [
             {
                 "kind": "scope",
@@ -83,8 +82,7 @@ class IndexStage:
         ]
         rows += checks
         rows += [
-            {"kind": "warning", "finding": "recording", "text": text}
-            for text in about["warnings"]
+            {"kind": "warning", "finding": "recording", "text": text} for text in about["warnings"]
         ]
         return rows
 

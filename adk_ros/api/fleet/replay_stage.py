@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,7 +73,7 @@ def error_rows(result: ReplayResult) -> list[dict[str, Any]]:
     speed_kmh = 3.6 * np.abs(start[:, 0])
     lateral = np.abs(start[:, 0] * start[:, 2])
     conditions: dict[str, BoolArray] = {"": np.ones(len(start), dtype=bool)}
-    for low, high in zip(_SPEEDS_KMH, _SPEEDS_KMH[1:], strict=False):
+    for low, high in pairwise(_SPEEDS_KMH):
         text = f"{low:.0f} to {high:.0f} km/h" if np.isfinite(high) else f"above {low:.0f} km/h"
         conditions[text] = (speed_kmh >= low) & (speed_kmh < high)
     conditions[f"lateral acceleration above {_HARD_M_S2:g} m/s²"] = lateral > _HARD_M_S2
