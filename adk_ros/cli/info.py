@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -78,9 +78,11 @@ def _show_model(path: Path, public_keys: Path | None, as_json: bool) -> None:
 
 
 def _show_bag(path: Path, as_json: bool) -> None:
-    about = _bag_content(path)
+    from adk_ros.api.info import bag_content, bag_verdict
+
+    about = bag_content(path)
     about["scope"] = _scope(path, is_refused=str(about["verdict"]).startswith("not"))
-    about["verdict"] = _verdict(about)
+    about["verdict"] = bag_verdict(about)
     if as_json:
         console.print_json(about)
         return
@@ -111,72 +113,13 @@ def _scope(path: Path, is_refused: bool) -> list[dict[str, str]]:
 
     The reason is a warning, unless the verdict `is_refused` and says it already.
     """
-    from adk_ros.bags.recording import RecordingOptions
-    from adk_ros.calibration.from_bag import read_streams
-    from adk_ros.calibration.scope import scope_of
+    from adk_ros.api.info import bag_scope
     from adk_ros.errors import AdkError
 
     try:
         with console.progress(f"reading {path.name}") as report:
-            content = read_streams(path, RecordingOptions(), report)
+            return bag_scope(path, report)
     except AdkError as error:
         if not is_refused:
             console.warn_all([f"what the recording allows is unknown: {error}"])
         return []
-    return [row.as_dict() for row in scope_of(content)]
-
-
-def _verdict(about: dict[str, Any]) -> str:
-    """Return the last line: the roles of the topics, and what the channels allow of prediction."""
-    verdict = str(about["verdict"])
-    rows = [row for row in about["scope"] if row["name"].startswith("predict")]
-    if verdict.startswith("not") or not rows:
-        return verdict
-    impossible = [row for row in rows if row["possible"] == "no"]
-    if len(impossible) == len(rows):
-        return f"not usable for training or replay: {impossible[0]['why']}"
-    if impossible:
-        names = " and ".join(row["name"].removeprefix("predict ") for row in impossible)
-        return f"{verdict}, not for {names}"
-    return verdict
-
-
-def _bag_content(path: Path) -> dict[str, Any]:
-    """Return what `adk info --json` prints for a bag."""
-    from adk_ros.bags import Bag, find_topics
-    from adk_ros.errors import AdkError
-
-    with Bag(path) as bag:
-        used_as: dict[str, str | None] = {}
-        try:
-            topics = find_topics(bag)
-            used_as = {
-                "imu": topics.imu,
-                "odometry": topics.odometry,
-                "command": topics.command,
-            }
-            verdict = "usable for training and replay"
-            if topics.imu is None:
-                verdict += " (no IMU: yaw rate from odometry)"
-        except AdkError as error:
-            verdict = f"not usable for training or replay: {error}"
-        return {
-            "kind": "bag",
-            "path": str(path),
-            "seconds": round(bag.duration_s, 3),
-            "messages": bag.message_count,
-            "topics": [
-                {
-                    "name": topic.name,
-                    "type": topic.msgtype,
-                    "count": topic.count,
-                    "rate_hz": (
-                        round(topic.count / bag.duration_s, 2) if bag.duration_s > 0 else None
-                    ),
-                }
-                for topic in bag.topics
-            ],
-            "used_as": used_as,
-            "verdict": verdict,
-            "warnings": bag.warnings,
-        }

@@ -26,6 +26,7 @@ from adk_ros.cli import (
     detectable,
     echo,
     export,
+    fleet,
     import_files,
     info,
     mismatch,
@@ -95,6 +96,9 @@ for _name, (_group, _verb) in VERBS.items():
     app.command(_name, cls=VerbCommand, rich_help_panel=_group)(_verb)
 for _command in bench.app.registered_commands:
     _command.cls = VerbCommand
+for _command in fleet.app.registered_commands:
+    _command.cls = VerbCommand
+app.add_typer(fleet.app, name="fleet", rich_help_panel=COMPARE)
 app.add_typer(bench.app, name="bench", rich_help_panel=MEASURE)
 
 

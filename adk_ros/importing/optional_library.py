@@ -16,11 +16,14 @@ from typing import Any
 from adk_ros.errors import UsageError
 
 
-def optional_library(name: str, purpose: str, distribution: str = "") -> Any:
+def optional_library(
+    name: str, purpose: str, distribution: str = "", extra: str = "import"
+) -> Any:
     """
     Return the imported module `name`.
 
     :param purpose: what it is for, in the message.
+    :param extra: the optional dependencies of this package that include it.
     :raises UsageError: it is not installed; the message says which, and how to install it.
     """
     try:
@@ -29,7 +32,7 @@ def optional_library(name: str, purpose: str, distribution: str = "") -> Any:
         missing = (error.name or name).split(".")[0]
         library = distribution if distribution and missing == name.split(".")[0] else missing
         raise UsageError(
-            f"{purpose} needs {library}, which is not installed: pip install 'adk_ros[import]'"
+            f"{purpose} needs {library}, which is not installed: pip install 'adk_ros[{extra}]'"
         ) from None
 
 

@@ -22,8 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 ORDER: dict[str, tuple[str, ...]] = {
     "": (
         "errors", "numerics", "files", "shutdown", "signals", "plant", "model", "train", "bags",
-        "road", "calibration", "mismatch", "importing", "offline", "exporting", "ros", "api",
-        "bench", "cli", "",
+        "road", "calibration", "mismatch", "importing", "offline", "exporting", "fleet", "ros",
+        "api", "bench", "cli", "",
     ),
     "plant": ("environment", "vehicle", "identification", "scenario", ""),
     "model": ("lifting", "estimation", "adaptation", "uncertainty", ""),

@@ -1,0 +1,150 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Run a stage of `adk fleet` on recordings as a caller names them, or say what a run would do."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from adk_ros.errors import UsageError
+from adk_ros.fleet.cluster import open_cluster
+from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.plan import plan
+from adk_ros.fleet.recordings import FleetRecording, find_recordings
+from adk_ros.fleet.run import Limits, Progress, RunSummary, run_stage
+from adk_ros.fleet.stage import Stage
+from adk_ros.fleet.tags import TAGS_FILE, Tags, read_tags, write_tags
+
+
+def available_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+@dataclass(frozen=True)
+class FleetOptions:
+    """
+    How a stage runs.
+
+    `workers`: local processes; `cluster`: address of a running scheduler instead. `tags`: the file
+    fleet.csv; default: that in the folder of the recordings, if there is one.
+    """
+
+    workers: int = field(default_factory=available_cores)
+    cluster: str | None = None
+    tags: Path | None = None
+    limits: Limits = field(default_factory=Limits)
+
+
+@dataclass(frozen=True)
+class FleetEstimate:
+    """
+    What a run would do.
+
+    `total` recordings, of which `reused` have a result and `missing` do not; `unhashed` of these
+    are new. `seconds`: expected duration with `workers`, None without an earlier rate, which comes
+    from `measured` recordings of this stage in the dataset.
+    """
+
+    stage: str
+    total: int
+    reused: int
+    missing: int
+    unhashed: int
+    bytes: int
+    workers: int
+    seconds: float | None
+    measured: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the estimate for JSON."""
+        return dict(vars(self))
+
+
+def run_fleet(
+    stage: Stage,
+    recordings: Sequence[str],
+    out: Path | str,
+    options: FleetOptions | None = None,
+    progress: Progress | None = None,
+) -> RunSummary:
+    """
+    Run a stage on all recordings that have no result yet; an interrupted run continues.
+
+    :param recordings: folders, globs and fsspec URLs.
+    :param out: folder of the dataset.
+    :raises UsageError: nothing is there, `out` is in use, or a service does not answer.
+    """
+    options = options or FleetOptions()
+    _check(options)
+    out = Path(out)
+    found, tags = _listed(recordings, options)
+    cluster = partial(open_cluster, options.workers, options.cluster)
+    summary = run_stage(stage, found, out, cluster, options.limits, progress)
+    if tags:
+        write_tags(out / TAGS_FILE, tags)
+    return summary
+
+
+def estimate_fleet(
+    stage: Stage, recordings: Sequence[str], out: Path | str, options: FleetOptions | None = None
+) -> FleetEstimate:
+    """
+    Return what `run_fleet` would do; writes nothing.
+
+    The time is the bytes to process at the mean rate of the results in the dataset.
+    """
+    options = options or FleetOptions()
+    _check(options)
+    found, _ = _listed(recordings, options)
+    dataset = FleetDataset(Path(out))
+    todo = plan(stage, found, dataset.content_hashes(), dataset, options.limits.retry_failed)
+    sizes = [work.size for work in todo.missing] + [each.size for each in todo.unhashed]
+    sizes = sizes[: options.limits.count]
+    seconds, rate_bytes, measured = dataset.rates(stage.name)
+    expected = None
+    if not sizes:
+        expected = 0.0
+    elif measured and rate_bytes:
+        expected = seconds * sum(sizes) / rate_bytes / options.workers
+    return FleetEstimate(
+        stage.name,
+        len(found),
+        todo.done + sum(len(same) for same in todo.copied.values()),
+        len(sizes),
+        len(todo.unhashed),
+        sum(sizes),
+        options.workers,
+        expected,
+        measured,
+    )
+
+
+def _check(options: FleetOptions) -> None:
+    if options.workers < 1:
+        raise UsageError(f"--workers {options.workers}: at least one")
+    if not options.limits.timeout_s > 0.0:
+        raise UsageError(f"--timeout {options.limits.timeout_s:g}: must be positive")
+    if not options.limits.memory_mib > 0.0:
+        raise UsageError(f"--memory {options.limits.memory_mib:g}: must be positive")
+
+
+def _listed(
+    recordings: Sequence[str], options: FleetOptions
+) -> tuple[list[FleetRecording], dict[str, Tags]]:
+    found = find_recordings(recordings)
+    path = options.tags
+    if path is None:
+        beside = [Path(given) / TAGS_FILE for given in recordings if "://" not in given]
+        present = [each for each in beside if each.is_file()]
+        if len(present) > 1:
+            raise UsageError(
+                f"{present[0]} and {present[1]}: name one file for all recordings with --tags"
+            )
+        path = present[0] if present else None
+    return found, {} if path is None else read_tags(path, found)

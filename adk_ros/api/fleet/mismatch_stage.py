@@ -1,0 +1,86 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Stage `mismatch`: which physics the simulation lacks, by each recording on its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from adk_ros.api.fleet.index_stage import file_hash
+from adk_ros.fleet.stage import hash_of
+
+
+@dataclass(frozen=True)
+class MismatchStage:
+    """
+    What `adk mismatch` finds.
+
+    Rows by `kind`: `verdict` (finding none, explained or unknown; text: the sentence), `effect` (a
+    row for each parameter, with its interval; channel is the parameter's name, condition where the
+    effect acts), `error` (RMSE of open-loop predictions of the simulation on held-out data).
+    `simulation`: bag or vehicle file of the simulator; `vehicle`: as in `explain`, "" for none.
+    """
+
+    simulation: str
+    vehicle: str = ""
+    without_imu: bool = False
+    name: str = "mismatch"
+
+    @property
+    def inputs_hash(self) -> str:
+        """Hash of the simulation and the vehicle file."""
+        return hash_of([file_hash(self.simulation), file_hash(self.vehicle), self.without_imu])
+
+    def run(self, path: Path) -> list[dict[str, Any]]:
+        """Return the rows of a recording."""
+        from adk_ros.api.explain import explain
+
+        explanation = explain(
+            self.simulation, path, self.vehicle or None, without_imu=self.without_imu
+        )
+        answer = explanation.as_dict()
+        rows: list[dict[str, Any]] = [
+            {
+                "kind": "verdict",
+                "finding": answer["verdict"],
+                "text": answer["sentence"],
+                "details": {"notes": answer["notes"], "unexplained": answer.get("unexplained")},
+            }
+        ]
+        for effect in answer["effects"]:
+            for parameter, interval in effect["parameters"].items():
+                rows.append(
+                    {
+                        "kind": "effect",
+                        "finding": effect["name"],
+                        "channel": parameter,
+                        "condition": effect["where"]["text"],
+                        "value": interval["value"],
+                        "low": interval["low"],
+                        "high": interval["high"],
+                        "unit": interval["unit"],
+                        "details": {
+                            "confidence": effect["confidence"],
+                            "alternatives": effect["alternatives"],
+                        },
+                    }
+                )
+        for channel, unit in explanation.errors["unit"].items():
+            for model in ("before", "after"):
+                rows.append(
+                    {
+                        "kind": "error",
+                        "finding": "simulation" if model == "before" else "corrected",
+                        "channel": str(channel),
+                        "horizon_s": answer["fit"]["horizon_s"],
+                        "value": answer["fit"][model][channel],
+                        "unit": unit,
+                    }
+                )
+        rows += [
+            {"kind": "warning", "finding": "mismatch", "text": text}
+            for text in explanation.warnings
+        ]
+        return rows

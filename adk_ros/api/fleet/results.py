@@ -1,0 +1,82 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The results of a fleet as data frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from adk_ros.errors import UsageError
+from adk_ros.fleet.dataset import RESULTS, FleetDataset
+from adk_ros.fleet.recordings import FleetRecording
+from adk_ros.fleet.tags import TAGS_FILE, read_tags
+
+
+def fleet_stages(out: Path | str) -> list[str]:
+    """
+    Return the stages with results in a folder.
+
+    :raises UsageError: there are none.
+    """
+    folders = sorted((Path(out) / RESULTS).glob("stage=*"))
+    if not folders:
+        raise UsageError(f"{out} has no results of 'adk fleet': run 'adk fleet index' first")
+    return [folder.name.partition("=")[2] for folder in folders]
+
+
+def fleet_frame(out: Path | str, stage: str) -> pd.DataFrame:
+    """
+    Return the results of a stage, one row per recording and finding: of each recording the newest.
+
+    Columns: those of `fleet.dataset.RESULT`, then vehicle, time_s and the tags of fleet.csv.
+    """
+    from adk_ros.fleet.dataset import RESULT
+
+    frame = pd.DataFrame(FleetDataset(Path(out)).rows(stage), columns=list(RESULT))
+    if frame.empty:
+        return frame
+    newest = frame.sort_values("written_s").groupby("recording")["key"].transform("last")
+    frame = frame[frame["key"] == newest.reindex(frame.index)].reset_index(drop=True)
+    path = Path(out) / TAGS_FILE
+    if not path.is_file():
+        return frame.assign(vehicle="", time_s=float("nan"))
+    names = [FleetRecording(str(name), "", (), 0, "") for name in frame["recording"].unique()]
+    tags = read_tags(path, names)
+    rows: list[dict[str, Any]] = [
+        {"recording": name, "vehicle": each.vehicle, "time_s": each.time_s} | dict(each.conditions)
+        for name, each in tags.items()
+    ]
+    return frame.merge(pd.DataFrame(rows), on="recording", how="left")
+
+
+def fleet_summary(out: Path | str) -> list[dict[str, Any]]:
+    """
+    Return for each stage: recordings, failures by kind, and how often each finding occurs.
+
+    `findings`: [kind, finding, number of recordings], the most frequent first; of checks, those
+    with the verdict "finding".
+    """
+    summary = []
+    for stage in fleet_stages(out):
+        frame = fleet_frame(out, stage)
+        once = frame.drop_duplicates("recording")
+        failed = once[once["status"] == "failed"]
+        shown = frame[frame["kind"].isin(["usable", "check", "verdict", "effect"])]
+        shown = shown[(shown["kind"] != "check") | (shown["condition"] == "finding")]
+        counts = shown.groupby(["kind", "finding"])["recording"].nunique()
+        summary.append(
+            {
+                "stage": stage,
+                "recordings": len(once),
+                "failed": failed["failure"].value_counts().to_dict(),
+                "reasons": dict(zip(failed["recording"], failed["reason"], strict=True)),
+                "findings": [
+                    [kind, finding, int(count)]
+                    for (kind, finding), count in counts.sort_values(ascending=False).items()
+                ],
+            }
+        )
+    return summary

@@ -1,0 +1,87 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`adk info`: what a bag contains, and what it allows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+
+def bag_content(path: Path) -> dict[str, Any]:
+    """
+    Return what `adk info --json` prints for a bag, without its scope.
+
+    :raises UsageError: the bag does not exist or cannot be read.
+    """
+    from adk_ros.bags import Bag, find_topics
+    from adk_ros.errors import AdkError
+
+    with Bag(path) as bag:
+        used_as: dict[str, str | None] = {}
+        try:
+            topics = find_topics(bag)
+            used_as = {
+                "imu": topics.imu,
+                "odometry": topics.odometry,
+                "command": topics.command,
+            }
+            verdict = "usable for training and replay"
+            if topics.imu is None:
+                verdict += " (no IMU: yaw rate from odometry)"
+        except AdkError as error:
+            verdict = f"not usable for training or replay: {error}"
+        return {
+            "kind": "bag",
+            "path": str(path),
+            "seconds": round(bag.duration_s, 3),
+            "messages": bag.message_count,
+            "topics": [
+                {
+                    "name": topic.name,
+                    "type": topic.msgtype,
+                    "count": topic.count,
+                    "rate_hz": (
+                        round(topic.count / bag.duration_s, 2) if bag.duration_s > 0 else None
+                    ),
+                }
+                for topic in bag.topics
+            ],
+            "used_as": used_as,
+            "verdict": verdict,
+            "warnings": bag.warnings,
+        }
+
+
+def bag_scope(path: Path, report: Callable[..., None] | None = None) -> list[dict[str, str]]:
+    """
+    Return what a recording allows: name, possible (yes, reduced, no), why and needs.
+
+    :raises AdkError: no stream can be read.
+    """
+    from adk_ros.bags.recording import RecordingOptions
+    from adk_ros.calibration.from_bag import read_streams
+    from adk_ros.calibration.scope import scope_of
+
+    content = read_streams(path, RecordingOptions(), report)
+    return [row.as_dict() for row in scope_of(content)]
+
+
+def bag_verdict(about: dict[str, Any]) -> str:
+    """
+    Return in a line whether a bag is usable, by its topics and by what its channels allow.
+
+    :param about: `bag_content` with the `bag_scope` as "scope".
+    """
+    verdict = str(about["verdict"])
+    rows = [row for row in about["scope"] if row["name"].startswith("predict")]
+    if verdict.startswith("not") or not rows:
+        return verdict
+    impossible = [row for row in rows if row["possible"] == "no"]
+    if len(impossible) == len(rows):
+        return f"not usable for training or replay: {impossible[0]['why']}"
+    if impossible:
+        names = " and ".join(row["name"].removeprefix("predict ") for row in impossible)
+        return f"{verdict}, not for {names}"
+    return verdict

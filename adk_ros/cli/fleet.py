@@ -1,0 +1,271 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk fleet: process all recordings of a test fleet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from adk_ros.cli import console
+from adk_ros.cli.options import JsonOption
+from adk_ros.errors import UsageError
+
+if TYPE_CHECKING:
+    from adk_ros.api.fleet.fleet_run import FleetOptions
+    from adk_ros.fleet.run import RunSummary
+    from adk_ros.fleet.stage import Stage
+
+app = typer.Typer(
+    help="Process all recordings of a test fleet: index, replay, mismatch.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+RecordingsArgument = Annotated[
+    list[str],
+    typer.Argument(help="folders, globs and URLs (s3://bucket/folder) with recordings"),
+]
+OutOption = Annotated[Path, typer.Option(help="folder of the results; a later run continues it")]
+TagsOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="table of recording, vehicle, time and conditions",
+        show_default="fleet.csv in the folder of the recordings, if there",
+    ),
+]
+WorkersOption = Annotated[
+    int | None, typer.Option(help="local worker processes", show_default="one per core")
+]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(help="address of a running Dask scheduler, instead of local workers"),
+]
+TimeoutOption = Annotated[float, typer.Option(help="seconds for one recording")]
+MemoryOption = Annotated[
+    float, typer.Option(help="MiB of memory for the work on one recording; a worker adds 150")
+]
+LimitOption = Annotated[
+    int | None, typer.Option(help="process at most so many recordings", show_default="all")
+]
+RetryOption = Annotated[
+    bool, typer.Option("--retry-failed", help="process failed recordings again")
+]
+DryRunOption = Annotated[
+    bool, typer.Option("--dry-run", help="say what would be done and how long it would take")
+]
+
+
+def _options(
+    tags: Path | None,
+    workers: int | None,
+    cluster: str | None,
+    timeout: float,
+    memory: float,
+    limit: int | None,
+    retry_failed: bool,
+) -> FleetOptions:
+    from adk_ros.api.fleet.fleet_run import FleetOptions, available_cores
+    from adk_ros.fleet.run import Limits
+
+    if workers is not None and cluster is not None:
+        raise UsageError("--workers starts local workers: leave it out with --cluster")
+    return FleetOptions(
+        available_cores() if workers is None else workers,
+        cluster,
+        tags,
+        Limits(timeout, memory, limit, retry_failed),
+    )
+
+
+def _run(
+    stage: Stage,
+    recordings: list[str],
+    out: Path,
+    options: FleetOptions,
+    dry_run: bool,
+    as_json: bool,
+) -> None:
+    from adk_ros.api.fleet.fleet_run import estimate_fleet, run_fleet
+    from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
+
+    if dry_run:
+        estimate = estimate_fleet(stage, recordings, out, options)
+        if as_json:
+            console.print_json(estimate.as_dict())
+        else:
+            console.output.print(_estimate_text(estimate.as_dict()), markup=False)
+        return
+    try:
+        with graceful_shutdown(), console.progress("fleet") as report:
+            summary = run_fleet(stage, recordings, out, options, report)
+    except (Terminated, KeyboardInterrupt) as stop:
+        console.note("results so far are kept: run the same command again to continue")
+        if isinstance(stop, KeyboardInterrupt):
+            raise
+        raise typer.Exit(TERMINATED) from None
+    if as_json:
+        console.print_json(vars(summary))
+        return
+    _print_summary(stage, summary, out)
+
+
+def _estimate_text(estimate: dict[str, Any]) -> str:
+    from adk_ros.fleet.run import duration_text
+
+    text = (
+        f"{estimate['stage']}: {estimate['total']} recordings, {estimate['reused']} done, "
+        f"{estimate['missing']} to process ({estimate['bytes'] / 1e6:.1f} MB)"
+    )
+    if estimate["unhashed"]:
+        text += f", {estimate['unhashed']} of them new"
+    if estimate["seconds"] is None:
+        return f"{text}; duration unknown before the first result: --limit 2 measures it"
+    return (
+        f"{text}; about {duration_text(estimate['seconds'])} with {estimate['workers']} workers, "
+        f"by the rate of {estimate['measured']} recordings"
+    )
+
+
+def _print_summary(stage: Stage, summary: RunSummary, out: Path) -> None:
+    from adk_ros.fleet.run import duration_text
+
+    text = f"{stage.name}: {summary.total} recordings, {summary.reused} done before"
+    if summary.computed:
+        text += f", {summary.computed} processed in {duration_text(summary.seconds)}"
+        text += f", at most {summary.memory_mib:.0f} MiB each"
+    if summary.left:
+        text += f", {summary.left} left"
+    if summary.failures:
+        failed = ", ".join(f"{count} {kind}" for kind, count in summary.failures.items())
+        text += f"; failed: {failed} ('adk fleet report {out}' says why)"
+    console.output.print(text, markup=False)
+    console.note(f"results in {out / 'results'}")
+
+
+@app.command()
+def index(
+    recordings: RecordingsArgument,
+    out: OutOption,
+    vehicle: Annotated[
+        Path | None, typer.Option(help="vehicle file (YAML or packaged name) for the checks")
+    ] = None,
+    tags: TagsOption = None,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    timeout: TimeoutOption = 1800.0,
+    memory: MemoryOption = 4096.0,
+    limit: LimitOption = None,
+    retry_failed: RetryOption = False,
+    dry_run: DryRunOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """
+    Say which recordings are there, which are usable for what, and what their checks find.
+
+    As 'adk info' and 'adk check', for each recording. A damaged recording is a row with a reason.
+
+    Example: adk fleet index drives --out fleet
+    """
+    from adk_ros.api.fleet.index_stage import IndexStage
+
+    options = _options(tags, workers, cluster, timeout, memory, limit, retry_failed)
+    stage = IndexStage("" if vehicle is None else str(vehicle))
+    _run(stage, recordings, out, options, dry_run, as_json)
+
+
+@app.command()
+def replay(
+    recordings: RecordingsArgument,
+    model: Annotated[Path, typer.Option(help="model folder written by 'adk train'")],
+    out: OutOption,
+    tags: TagsOption = None,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    timeout: TimeoutOption = 1800.0,
+    memory: MemoryOption = 4096.0,
+    limit: LimitOption = None,
+    retry_failed: RetryOption = False,
+    dry_run: DryRunOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """
+    Score a model on all recordings: errors by channel, horizon and condition, surprising minutes.
+
+    Example: adk fleet replay drives --model model --out fleet
+    """
+    from adk_ros.api.fleet.replay_stage import ReplayStage
+    from adk_ros.model.stored_model import inspect_model
+
+    inspect_model(model)
+    options = _options(tags, workers, cluster, timeout, memory, limit, retry_failed)
+    _run(ReplayStage(str(model.resolve())), recordings, out, options, dry_run, as_json)
+
+
+@app.command()
+def mismatch(
+    recordings: RecordingsArgument,
+    simulation: Annotated[
+        Path,
+        typer.Option(help="bag of the simulator, or its vehicle file, as for 'adk mismatch'"),
+    ],
+    out: OutOption,
+    vehicle: Annotated[
+        Path | None,
+        typer.Option(help="vehicle file of the simulated car: YAML or packaged name"),
+    ] = None,
+    without_imu: Annotated[
+        bool, typer.Option("--without-imu", help="accept recordings without an IMU")
+    ] = False,
+    tags: TagsOption = None,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    timeout: TimeoutOption = 1800.0,
+    memory: MemoryOption = 4096.0,
+    limit: LimitOption = None,
+    retry_failed: RetryOption = False,
+    dry_run: DryRunOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """
+    Find which physics the simulation lacks, for each recording on its own.
+
+    Example: adk fleet mismatch drives --simulation sim --vehicle vehicle.yaml --out fleet
+    """
+    from adk_ros.api.fleet.mismatch_stage import MismatchStage
+
+    if not simulation.exists():
+        raise UsageError(f"--simulation {simulation} does not exist")
+    options = _options(tags, workers, cluster, timeout, memory, limit, retry_failed)
+    named = "" if vehicle is None else str(vehicle.resolve() if vehicle.exists() else vehicle)
+    stage = MismatchStage(str(simulation.resolve()), named, without_imu)
+    _run(stage, recordings, out, options, dry_run, as_json)
+
+
+@app.command()
+def report(
+    out: Annotated[Path, typer.Argument(help="folder of the results")],
+    as_json: JsonOption = False,
+) -> None:
+    """
+    Summarise the results: recordings, failures with reasons, findings by number of recordings.
+
+    Example: adk fleet report fleet
+    """
+    from adk_ros.api.fleet.results import fleet_summary
+
+    summary = fleet_summary(out)
+    if as_json:
+        console.print_json(summary)
+        return
+    for stage in summary:
+        failed = sum(stage["failed"].values())
+        console.output.print(
+            f"{stage['stage']}: {stage['recordings']} recordings, {failed} failed", markup=False
+        )
+        for name, reason in stage["reasons"].items():
+            console.output.print(f"  failed: {name}: {reason}", markup=False)
+        for kind, finding, count in stage["findings"]:
+            console.output.print(f"  {kind}: {finding}: {count} recordings", markup=False)

@@ -1,0 +1,153 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Run tasks on the workers of a Dask cluster; every task ends in an outcome.
+
+Only a few tasks per worker are with the scheduler at a time, and outcomes are passed on as they
+arrive: the memory of the driver does not grow with their number.
+"""
+
+from __future__ import annotations
+
+import itertools
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+from adk_ros.errors import first_line, one_line
+from adk_ros.files.code_digest import code_digest
+from adk_ros.fleet.cluster import Cluster
+from adk_ros.fleet.stage_process import ATTEMPTS, Failure, Reply, StageProcess
+
+_QUEUED_PER_WORKER = 16
+"""Tasks per worker with the scheduler: enough for tasks of 1 ms at a round trip of 10 ms."""
+_LOSSES = 2
+"""
+Times that a task which Dask has given up is submitted again.
+
+Dask counts the end of a worker against all tasks that it had, also those that it had not started;
+the work is in a process of its own, so a worker rarely ends because of it.
+"""
+_WAKE_S = 0.5
+"""Longest time without a look at the connection to the scheduler."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """
+    A call of a function in a process with limits.
+
+    `name` identifies it; `code_version`: hash of the code that the worker must have.
+    """
+
+    name: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    timeout_s: float | None = None
+    memory_mib: float | None = None
+    code_version: str = field(default_factory=code_digest)
+
+
+def run_tasks(
+    cluster: Cluster, tasks: Iterable[Task], on_wake: Callable[[], None] | None = None
+) -> Iterator[tuple[Task, Reply]]:
+    """
+    Yield every task with its outcome, as they end.
+
+    :param on_wake: called at least every half second.
+    :raises UsageError: the scheduler cannot be reached any more.
+    """
+    remaining = iter(tasks)
+    ended: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
+    numbers = itertools.count()
+    running: dict[int, _Running] = {}
+
+    def submit(task: Task, losses: int = 0) -> None:
+        number = next(numbers)
+        future = cluster.client.submit(perform, task, key=f"{task.name}-{number}", pure=False)
+        running[number] = _Running(task, future, losses)
+        future.add_done_callback(lambda future: ended.put((number, future)))
+
+    while True:
+        room = max(1, cluster.threads) * _QUEUED_PER_WORKER - len(running)
+        for task in itertools.islice(remaining, max(0, room)):
+            submit(task)
+        if not running:
+            return
+        if on_wake is not None:
+            on_wake()
+        try:
+            number, future = ended.get(timeout=_WAKE_S)
+        except queue.Empty:
+            future = None
+        if not cluster.is_connected:
+            lost = list(running.values())
+            running.clear()
+            cluster.reconnect()
+            for each in lost:
+                submit(each.task, each.losses)
+            continue
+        if future is None or number not in running:
+            continue
+        each = running.pop(number)
+        reply = _reply(future)
+        if reply is None:
+            submit(each.task, each.losses)
+        elif reply.failure is Failure.KILLED and not reply.seconds and each.losses < _LOSSES:
+            submit(each.task, each.losses + 1)
+        else:
+            yield each.task, reply
+
+
+class _Running(NamedTuple):
+    """A task with the scheduler, and how often Dask has given it up because workers ended."""
+
+    task: Task
+    future: Any
+    losses: int
+
+
+def _reply(future: Any) -> Reply | None:
+    """Return the outcome of a task; None if it was lost on the way: it has to run again."""
+    if future.status in {"cancelled", "lost"}:
+        return None
+    is_fault = future.status == "error"
+    try:
+        reply: Reply = future.result()
+    except Exception as error:  # of the connection, or of the task
+        if type(error).__name__ == "KilledWorker":
+            reason = "worker after worker was killed while it worked on it"
+            return Reply(failure=Failure.KILLED, reason=reason)
+        if not is_fault:
+            return None
+        reason = one_line(f"{type(error).__name__}: {first_line(error)}")
+        return Reply(failure=Failure.ERROR, reason=reason)
+    return reply
+
+
+_processes = threading.local()
+
+
+def perform(task: Task) -> Reply:
+    """Run a task in the stage process of this thread: what a worker does."""
+    if code_digest() != task.code_version:
+        return Reply(
+            failure=Failure.OTHER_CODE,
+            reason="a worker runs another version of adk_ros: install the same on all machines",
+        )
+    process = getattr(_processes, "process", None)
+    if process is None or _processes.memory_mib != task.memory_mib:
+        if process is not None:
+            process.close()
+        process = StageProcess(task.memory_mib)
+        _processes.process, _processes.memory_mib = process, task.memory_mib
+    for attempt in range(ATTEMPTS):
+        reply: Reply = process.run(task.function, task.arguments, task.timeout_s)
+        if reply.failure is not Failure.KILLED:
+            return reply
+        if attempt + 1 < ATTEMPTS:
+            time.sleep(0.1)
+    return replace(reply, reason=f"{reply.reason}, {ATTEMPTS} times")

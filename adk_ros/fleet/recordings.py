@@ -1,0 +1,193 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Find recordings in folders, globs and URLs."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from adk_ros.errors import UsageError
+from adk_ros.fleet.store import file_system, is_local, with_retries
+
+_STORAGE = (".mcap", ".db3", ".bag", ".mcap.zstd", ".db3.zstd")
+_METADATA = "metadata.yaml"
+_BLOCK_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class FleetRecording:
+    """
+    A recording of the fleet.
+
+    `name`: path below the folder in which it was found; `uri`: where it is; `files`: its files, as
+    paths in their file system, sorted. `size` in bytes. `version`: changes if a file changes, from
+    sizes and times of change (or entity tags): as long as it is the same, the content hash is.
+    """
+
+    name: str
+    uri: str
+    files: tuple[str, ...]
+    size: int
+    version: str
+
+
+def find_recordings(given: Sequence[str]) -> list[FleetRecording]:
+    """
+    Return the recordings in folders, globs and URLs, sorted by name, each once.
+
+    A recording is a folder with metadata.yaml; the files FOLDER_0, FOLDER_1, ... of a folder
+    without one; or any other .mcap, .db3 or .bag file.
+
+    :raises UsageError: nothing matches, or no recording is there.
+    :raises StoreUnreachable: a store does not answer.
+    """
+    found: dict[str, FleetRecording] = {}
+    for uri in given:
+        listed = list(_below(uri))
+        found = {recording.uri: recording for recording in listed} | found
+        if not listed:
+            raise UsageError(f"{uri}: no recording (.mcap, .db3, .bag or rosbag2 folder) there")
+    by_name: dict[str, FleetRecording] = {}
+    for recording in found.values():
+        if (other := by_name.get(recording.name)) is not None:
+            raise UsageError(
+                f"{other.uri} and {recording.uri} are both named {recording.name}: give the "
+                "folder above them"
+            )
+        by_name[recording.name] = recording
+    return sorted(by_name.values(), key=lambda recording: recording.name)
+
+
+def _below(uri: str) -> Iterator[FleetRecording]:
+    system, path = file_system(uri)
+
+    def listed() -> list[tuple[str, dict[str, Any]]]:
+        system.invalidate_cache()
+        roots = [path]
+        if any(mark in path for mark in "*?["):
+            roots = sorted(system.glob(path))
+        result = []
+        for root in roots:
+            if not system.exists(root):
+                raise FileNotFoundError(root)
+            parent = root if roots == [path] and not _is_bag(system, root) else _parent(root)
+            result += [(parent, info) for info in system.find(root, detail=True).values()]
+        return result
+
+    try:
+        files = with_retries(uri, listed)
+    except OSError as error:
+        reason = "does not exist" if isinstance(error, FileNotFoundError) else error.strerror
+        raise UsageError(f"{uri} {reason}") from None
+    folders: dict[str, list[tuple[str, dict[str, Any]]]] = {}
+    for parent, info in files:
+        if "/." not in info["name"].removeprefix(parent):
+            folders.setdefault(_parent(info["name"]), []).append((parent, info))
+    prefix = "" if is_local(system) else f"{uri.partition('://')[0]}://"
+    for folder, content in folders.items():
+        yield from _in_folder(folder, content, prefix)
+
+
+def _in_folder(
+    folder: str, content: list[tuple[str, dict[str, Any]]], prefix: str
+) -> Iterator[FleetRecording]:
+    parent = content[0][0]
+    infos = {info["name"]: info for _, info in content}
+    stored = [name for name in infos if name.endswith(_STORAGE)]
+    if f"{folder}/{_METADATA}" in infos:
+        groups = {folder: [*stored, f"{folder}/{_METADATA}"]}
+    else:
+        part = re.compile(re.escape(PurePosixPath(folder).name) + r"_\d+\.")
+        parts = [name for name in stored if part.match(PurePosixPath(name).name)]
+        groups = {folder: parts} if parts and folder != parent else {}
+        rest = [name for name in stored if not groups or name not in parts]
+        groups |= {name: [name] for name in rest}
+    for path, names in groups.items():
+        name = path.removeprefix(parent).strip("/") or PurePosixPath(path).name
+        files = tuple(sorted(names))
+        versions = [(name, infos[name]["size"], _changed(infos[name])) for name in files]
+        yield FleetRecording(
+            name,
+            prefix + path,
+            files,
+            sum(infos[name]["size"] for name in files),
+            hashlib.sha256(repr(versions).encode()).hexdigest(),
+        )
+
+
+def _changed(info: dict[str, Any]) -> str:
+    """Return what changes with the content of a file: entity tag or time of change."""
+    for key in ("ETag", "etag", "mtime", "LastModified", "last_modified", "created"):
+        if info.get(key) is not None:
+            return str(info[key])
+    return ""
+
+
+def _is_bag(system: Any, path: str) -> bool:
+    return bool(system.isfile(path) or system.exists(f"{path}/{_METADATA}"))
+
+
+def _parent(path: str) -> str:
+    return path.rstrip("/").rpartition("/")[0]
+
+
+def content_hash(recording: FleetRecording) -> str:
+    """
+    Return the hash of a recording's content (64 hexadecimal digits).
+
+    Of names, sizes and contents of the files; the name of the recording itself does not count, so
+    a copy or a moved recording has the same hash.
+
+    :raises UsageError: a file cannot be read. :raises StoreUnreachable: a store does not answer.
+    """
+    system, _ = file_system(recording.uri)
+
+    def read() -> str:
+        digest = hashlib.sha256()
+        for path in recording.files:
+            name = "" if len(recording.files) == 1 else PurePosixPath(path).name
+            digest.update(f"{name}\0".encode())
+            with system.open(path, "rb") as file:
+                while block := file.read(_BLOCK_BYTES):
+                    digest.update(block)
+        return digest.hexdigest()
+
+    try:
+        return with_retries(recording.uri, read)
+    except OSError as error:
+        raise UsageError(f"{recording.uri} cannot be read: {error.strerror or error}") from None
+
+
+@contextmanager
+def local_recording(recording: FleetRecording) -> Iterator[Path]:
+    """
+    Yield the path of a recording on the disk; one of an object store is copied and removed again.
+
+    :raises UsageError: it cannot be read. :raises StoreUnreachable: the store does not answer.
+    """
+    system, path = file_system(recording.uri)
+    if is_local(system):
+        yield Path(path)
+        return
+    folder = Path(tempfile.mkdtemp(prefix="adk_fleet_"))
+    try:
+        is_file = recording.files == (path,)
+        target = folder if is_file else folder / PurePosixPath(path).name
+        target.mkdir(exist_ok=True)
+        for name in recording.files:
+            copy = target / PurePosixPath(name).name
+            with_retries(recording.uri, partial(system.get, name, str(copy)))
+        yield copy if is_file else target
+    except FileNotFoundError:
+        raise UsageError(f"{recording.uri}: a file has been removed from the store") from None
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,47 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a stage is: the work on one recording, with rows as its result."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+
+@runtime_checkable
+class Stage(Protocol):
+    """
+    The work on one recording. It is sent to other processes: a frozen dataclass of plain values.
+
+    `name`: of letters and underscores; the partition of the dataset. `inputs_hash`: hash of all
+    that the rows depend on besides the recording and the code, such as the model; hexadecimal.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of the stage."""
+
+    @property
+    def inputs_hash(self) -> str:
+        """Hash of the inputs besides the recording."""
+
+    def run(self, path: Path) -> list[dict[str, Any]]:
+        """
+        Return the findings of a recording, one row each, with columns of `dataset.FINDING`.
+
+        :param path: the recording on the local disk.
+        :raises AdkError: the recording is unusable; the text becomes the reason of its row.
+        """
+
+
+def result_key(content_hash: str, code_version: str, stage: Stage) -> str:
+    """Return the key of a result: equal exactly if all that the result depends on is equal."""
+    parts = (content_hash, code_version, stage.name, stage.inputs_hash)
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def hash_of(values: Iterable[object]) -> str:
+    """Return a hash (64 hexadecimal digits) of values, by their text."""
+    return hashlib.sha256("\n".join(map(repr, values)).encode()).hexdigest()

@@ -1,0 +1,218 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A process that runs one function at a time, with a limit on time and memory.
+
+A thread of a worker cannot be stopped, a process can. It ends with its parent, however that ends.
+Functions and values are pickled between the two, which are both ours.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from multiprocessing.connection import Connection, Pipe
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from adk_ros.errors import AdkError, first_line, one_line
+from adk_ros.fleet.store import StoreUnreachable
+
+ATTEMPTS = 3
+"""Times that a task is started whose process or worker is killed; then it has failed."""
+_MEMORY_CHECK_S = 0.1
+"""Time between two looks at the memory of the process."""
+_RETIRE_SHARE = 0.5
+"""Share of the memory limit that an idle process may hold before a new one replaces it."""
+
+
+class Failure(str, Enum):
+    """Why a recording has no result."""
+
+    UNUSABLE = "unusable"
+    ERROR = "error"
+    TIMEOUT = "timeout"
+    MEMORY = "memory"
+    KILLED = "killed"
+    UNREACHABLE = "unreachable"
+    DISK_FULL = "disk full"
+    OTHER_CODE = "other code"
+
+
+ENDS_RUN = frozenset({Failure.UNREACHABLE, Failure.DISK_FULL, Failure.OTHER_CODE})
+"""Failures that say nothing about a recording and would hit all others: the run stops."""
+
+
+@dataclass(frozen=True)
+class Reply:
+    """
+    The result of a function, or why there is none.
+
+    `seconds` that it took; `memory_mib`: peak memory of its process, MiB.
+    """
+
+    value: Any = None
+    failure: Failure | None = None
+    reason: str = ""
+    seconds: float = 0.0
+    memory_mib: float = 0.0
+
+
+class StageProcess:
+    """
+    A child process that runs functions, one at a time; a new one is started when it has ended.
+
+    :param memory_mib: resident memory at which it is killed, MiB; None: no limit.
+    """
+
+    def __init__(self, memory_mib: float | None = None) -> None:
+        self._memory_mib = memory_mib
+        self._process: subprocess.Popen[bytes] | None = None
+        self._connection: Any = None
+
+    def run(
+        self,
+        function: Callable[..., Any],
+        arguments: Sequence[Any],
+        timeout_s: float | None = None,
+    ) -> Reply:
+        """Return what the function returns; whatever happens to the process is a `Reply`."""
+        started = time.monotonic()
+        self._ensure_running()
+        assert self._process is not None
+        try:
+            self._connection.send((function, tuple(arguments)))
+            while not self._connection.poll(_MEMORY_CHECK_S):
+                if timeout_s is not None and time.monotonic() - started > timeout_s:
+                    self.close()
+                    return Reply(
+                        failure=Failure.TIMEOUT,
+                        reason=f"takes longer than {timeout_s:g} s (--timeout)",
+                        seconds=timeout_s,
+                    )
+                used = self._used_mib()
+                if self._memory_mib is not None and used > self._memory_mib:
+                    self.close()
+                    return Reply(
+                        failure=Failure.MEMORY,
+                        reason=f"needs more than {self._memory_mib:.0f} MiB of memory (--memory)",
+                        seconds=time.monotonic() - started,
+                        memory_mib=used,
+                    )
+            reply: Reply = self._connection.recv()
+        except (EOFError, ConnectionError):
+            code = self._process.wait()
+            self.close()
+            how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+            return Reply(
+                failure=Failure.KILLED,
+                reason=f"its process was ended by {how}",
+                seconds=time.monotonic() - started,
+            )
+        if self._memory_mib is not None and self._used_mib() > _RETIRE_SHARE * self._memory_mib:
+            self.close()
+        return reply
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+            self._connection.close()
+        self._process = self._connection = None
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process; None if none runs."""
+        return None if self._process is None else self._process.pid
+
+    def _used_mib(self) -> float:
+        assert self._process is not None
+        try:
+            return float(psutil.Process(self._process.pid).memory_info().rss / 2**20)
+        except psutil.Error:
+            return 0.0
+
+    def _ensure_running(self) -> None:
+        if self._process is not None and self._process.poll() is None:
+            return
+        self.close()
+        ours, theirs = Pipe()
+        code = f"from {__name__} import serve; serve({theirs.fileno()})"
+        paths = [path or str(Path.cwd()) for path in sys.path]
+        # Its standard input ends when this process does.
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            pass_fds=[theirs.fileno()],
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+        )
+        theirs.close()
+        self._connection = ours
+
+
+def serve(descriptor: int) -> None:
+    """Run the functions that arrive on a connection until it ends: the child's main function."""
+    # Ctrl-C reaches all processes of a terminal: the parent decides.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    connection: Any = Connection(descriptor)
+    while True:
+        try:
+            function, arguments = connection.recv()
+        except EOFError:
+            return
+        except Exception as error:  # a function that this process does not have
+            connection.send(Reply(failure=Failure.ERROR, reason=_described(error)))
+            continue
+        connection.send(call(function, arguments))
+
+
+def call(function: Callable[..., Any], arguments: Sequence[Any]) -> Reply:
+    """Return what a function returns, or what it raises, as a `Reply`."""
+    started = time.monotonic()
+    value, failure, reason = None, None, ""
+    try:
+        value = function(*arguments)
+    except StoreUnreachable as error:
+        failure, reason = Failure.UNREACHABLE, str(error)
+    except AdkError as error:
+        failure, reason = Failure.UNUSABLE, str(error)
+    except MemoryError:
+        failure, reason = Failure.MEMORY, "out of memory"
+    except OSError as error:
+        is_full = error.errno in {errno.ENOSPC, errno.EDQUOT}
+        failure = Failure.DISK_FULL if is_full else Failure.ERROR
+        reason = _described(error)
+    except Exception as error:
+        failure, reason = Failure.ERROR, _described(error)
+    peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return Reply(value, failure, reason, time.monotonic() - started, peak_mib)
+
+
+def _described(error: Exception) -> str:
+    """Return type, text and place of an unexpected error."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    return one_line(f"{type(error).__name__}: {first_line(error)}{place}")
+
+
+def _end_with_parent() -> None:
+    sys.stdin.buffer.read()
+    os._exit(1)

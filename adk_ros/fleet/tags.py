@@ -1,0 +1,136 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`fleet.csv`: vehicle, time and conditions of each recording."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+
+from adk_ros.errors import UsageError
+from adk_ros.fleet.recordings import FleetRecording
+
+TAGS_FILE = "fleet.csv"
+_COLUMNS = ("recording", "vehicle", "time")
+_MAX_NAMED = 3
+
+
+@dataclass(frozen=True)
+class Tags:
+    """
+    What `fleet.csv` says about a recording.
+
+    `vehicle`: name of the car, "" if unknown. `time_s`: when it was recorded, s since 1970 UTC,
+    None if unknown. `conditions`: the other columns by name, such as rain, tyres, software.
+    """
+
+    vehicle: str = ""
+    time_s: float | None = None
+    conditions: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_tags(path: Path, recordings: Sequence[FleetRecording]) -> dict[str, Tags]:
+    """
+    Return name of recording -> its tags; recordings that the file does not list have none.
+
+    Columns recording, vehicle and time (ISO 8601; without an offset UTC), then any others.
+    `recording` is the name of a recording, with or without the ending of its file.
+
+    :raises UsageError: the file cannot be read, a column or value is missing or wrong, a recording
+        is listed twice or does not exist; the message names line and column.
+    """
+    known = {recording.name: recording.name for recording in recordings}
+    for name in list(known):
+        known.setdefault(name.rpartition(".")[0], name)
+    tags: dict[str, Tags] = {}
+    unknown = []
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.DictReader(file, skipinitialspace=True)
+            names = [name.strip() for name in reader.fieldnames or ()]
+            reader.fieldnames = names
+            _check_columns(path, names)
+            for row in reader:
+                where = f"{path}:{reader.line_num}"
+                if len(row) != len(names) or any(value is None for value in row.values()):
+                    raise UsageError(f"{where}: {len(names)} columns expected")
+                listed = known.get(row["recording"].strip().strip("/"))
+                if listed is None:
+                    unknown.append(f"{row['recording']} (line {reader.line_num})")
+                    continue
+                if listed in tags:
+                    raise UsageError(f"{where}: {listed} is listed twice")
+                tags[listed] = _tags(where, row, names)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise UsageError(f"{path} cannot be read: {reason}") from None
+    if unknown and not tags:
+        shown = ", ".join(unknown[:_MAX_NAMED])
+        raise UsageError(
+            f"{path}: lists none of the recordings; it has {shown}, there are "
+            f"{', '.join(list(known)[:_MAX_NAMED])}"
+        )
+    return tags
+
+
+def _check_columns(path: Path, names: Sequence[str]) -> None:
+    missing = [name for name in _COLUMNS if name not in names]
+    if missing:
+        raise UsageError(
+            f"{path}: column {', '.join(missing)} missing: needed are {', '.join(_COLUMNS)}, then "
+            "any tags"
+        )
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice or "" in names:
+        raise UsageError(f"{path}: column {', '.join(twice) or 'without a name'} in line 1")
+
+
+def _tags(where: str, row: Mapping[str, str], names: Sequence[str]) -> Tags:
+    vehicle = row["vehicle"].strip()
+    if not vehicle:
+        raise UsageError(f"{where}: vehicle is empty: name the car of {row['recording']}")
+    conditions = {name: row[name].strip() for name in names if name not in _COLUMNS}
+    return Tags(vehicle, _seconds(where, row["time"].strip()), conditions)
+
+
+def _seconds(where: str, text: str) -> float | None:
+    if not text:
+        return None
+    try:
+        # Python 3.10 does not know the Z.
+        when = datetime.fromisoformat(text.replace("Z", "+00:00"))
+    except ValueError:
+        raise UsageError(
+            f"{where}: time {text!r} is not ISO 8601, such as 2026-03-31T14:05:00"
+        ) from None
+    return (when if when.tzinfo else when.replace(tzinfo=timezone.utc)).timestamp()
+
+
+def write_tags(path: Path, tags: Mapping[str, Tags]) -> None:
+    """
+    Write tags as `read_tags` reads them, whole or not at all.
+
+    :raises UsageError: the file cannot be written.
+    """
+    names = sorted({name for each in tags.values() for name in each.conditions})
+    scratch = path.with_name(f".{path.name}")
+    try:
+        with scratch.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([*_COLUMNS, *names])
+            for recording, each in sorted(tags.items()):
+                time = "" if each.time_s is None else _iso(each.time_s)
+                conditions = [each.conditions.get(name, "") for name in names]
+                writer.writerow([recording, each.vehicle, time, *conditions])
+        os.replace(scratch, path)
+    except OSError as error:
+        scratch.unlink(missing_ok=True)
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}") from None
+
+
+def _iso(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, timezone.utc).isoformat()

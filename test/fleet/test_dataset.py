@@ -1,0 +1,190 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The dataset: whole files, read by others; keys; the lock; plans."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import time
+from collections import Counter
+
+import duckdb
+import pandas as pd
+import polars as pl
+import pytest
+from helpers.fleet import text_fleet, text_stage
+
+from adk_ros.errors import UsageError
+from adk_ros.fleet.dataset import (
+    RESULT,
+    SCRATCH,
+    FleetDataset,
+    checked_row,
+    remove_unfinished,
+)
+from adk_ros.fleet.plan import Work, plan
+from adk_ros.fleet.recordings import content_hash
+from adk_ros.fleet.run import _Writer, duration_text, result_rows
+from adk_ros.fleet.run_lock import run_lock
+from adk_ros.fleet.stage import Stage, result_key
+from adk_ros.fleet.stage_process import Failure, Reply
+
+
+def filled(tmp_path):
+    """Return dataset, stage, recordings and hashes, with one result ok and one failed."""
+    recordings = text_fleet(tmp_path / "drives", {"a": "ok 1", "b": "damaged", "c": "ok 3"})
+    stage = text_stage(tmp_path / "log")
+    hashes = {(x.uri, x.version): content_hash(x) for x in recordings}
+    dataset = FleetDataset(tmp_path / "out")
+    work = plan(stage, recordings, hashes, dataset).missing
+    by_name = {each.recordings[0].name: each for each in work}
+    good = Reply([checked_row({"finding": "f", "value": 1})], seconds=2.0, memory_mib=10.0)
+    bad = Reply(failure=Failure.UNUSABLE, reason="is damaged")
+    dataset.append("text", result_rows(stage, by_name["a.mcap"], good))
+    dataset.append("text", result_rows(stage, by_name["b.mcap"], bad))
+    return dataset, stage, recordings, hashes
+
+
+def test_others_read_the_dataset(tmp_path) -> None:
+    filled(tmp_path)
+    folder = tmp_path / "out" / "results"
+    frame = pd.read_parquet(folder)
+    assert set(frame.columns) == {*RESULT, "stage"}
+    by_polars = pl.read_parquet(folder / "**" / "*.parquet", hive_partitioning=True)
+    by_duckdb = (
+        duckdb.connect()
+        .execute(f"select * from read_parquet('{folder}/**/*.parquet', hive_partitioning=true)")
+        .df()
+    )
+    for other in (by_polars.to_pandas(), by_duckdb):
+        assert list(other.sort_values("recording")["reason"].fillna("")) == ["", "is damaged"]
+        assert set(other["stage"]) == {"text"}
+        assert set(other.columns) == set(frame.columns)
+    assert list(frame["status"]).count("failed") == 1
+
+
+def test_plan(tmp_path) -> None:
+    dataset, stage, recordings, hashes = filled(tmp_path)
+    assert isinstance(stage, Stage)
+    found = plan(stage, recordings, hashes, dataset)
+    assert (found.done, found.failed) == (2, 1)
+    assert [each.recordings[0].name for each in found.missing] == ["c.mcap"]
+    retried = plan(stage, recordings, hashes, dataset, retry_failed=True)
+    assert [each.recordings[0].name for each in retried.missing] == ["b.mcap", "c.mcap"]
+    other = text_stage(tmp_path / "log", inputs_hash="other")
+    assert len(plan(other, recordings, hashes, dataset).missing) == 3
+    new = plan(stage, recordings, {}, dataset)
+    assert len(new.unhashed) == 3
+
+
+def test_the_key_depends_on_all_that_the_result_depends_on(tmp_path) -> None:
+    stage = text_stage(tmp_path / "log")
+    keys = {
+        result_key("content", "code", stage),
+        result_key("other", "code", stage),
+        result_key("content", "other", stage),
+        result_key("content", "code", text_stage(tmp_path / "log", inputs_hash="x")),
+        result_key("content", "code", text_stage(tmp_path / "log", name="x")),
+    }
+    assert len(keys) == 5
+
+
+def test_rates_and_dropped_rows(tmp_path) -> None:
+    dataset, *_ = filled(tmp_path)
+    assert dataset.rates("text") == (2.0, len("ok 1"), 1)
+    failed = {key for key, names in dataset.done("text").items() if any(names.values())}
+    dataset.drop("text", failed)
+    assert [row["recording"] for row in dataset.rows("text")] == ["a.mcap"]
+
+
+def test_a_full_disk_is_a_line_and_leaves_no_file(tmp_path, monkeypatch) -> None:
+    dataset, *_ = filled(tmp_path)
+    before = sorted(tmp_path.rglob("*.parquet"))
+
+    def full(number):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(UsageError, match=r"No space left on device.*run the same command again"):
+        dataset.append("text", [{"recording": "x", "key": "k"}])
+    assert sorted(tmp_path.rglob("*.parquet")) == before
+
+
+def test_what_a_killed_run_left_is_removed(tmp_path) -> None:
+    (tmp_path / SCRATCH).mkdir()
+    (tmp_path / SCRATCH / "part-1.parquet").write_bytes(b"half")
+    remove_unfinished(tmp_path)
+    assert list((tmp_path / SCRATCH).iterdir()) == []
+
+
+def test_a_file_of_others_is_named(tmp_path) -> None:
+    dataset, *_ = filled(tmp_path)
+    (dataset.folder("text") / "part-x.parquet").write_bytes(b"nothing")
+    with pytest.raises(UsageError, match=r"part-x.parquet is not a file of this dataset"):
+        dataset.done("text")
+
+
+def test_rows_of_a_stage_are_checked() -> None:
+    assert checked_row({"value": 1, "text": "a\nb", "low": None, "details": {"x": 1}}) == {
+        "value": 1.0, "text": "a b", "details": '{"x": 1}',
+    }  # fmt: skip
+    with pytest.raises(ValueError, match="column x is not among"):
+        checked_row({"x": 1})
+    with pytest.raises(ValueError, match="column finding is int"):
+        checked_row({"finding": 1})
+
+
+def test_a_copy_has_rows_of_its_own(tmp_path) -> None:
+    recordings = text_fleet(tmp_path / "drives", {"a": "ok 1", "b": "ok 1"})
+    work = Work("key", "content", tuple(recordings))
+    rows = result_rows(text_stage(tmp_path / "log"), work, Reply([{"finding": "f"}, {}]))
+    assert Counter(row["recording"] for row in rows) == {"a.mcap": 2, "b.mcap": 2}
+
+
+def test_two_runs_on_one_folder(tmp_path) -> None:
+    with run_lock(tmp_path / "out"):
+        with (tmp_path / "out" / ".lock").open() as file, pytest.raises(BlockingIOError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with (
+            pytest.raises(UsageError, match=f"is in use by process {os.getpid()} on"),
+            run_lock(tmp_path / "out"),
+        ):
+            pass
+    with run_lock(tmp_path / "out"):
+        pass
+    (tmp_path / "file").touch()
+    with pytest.raises(UsageError, match="cannot be written"), run_lock(tmp_path / "file"):
+        pass
+
+
+def test_results_are_written_in_few_files(monkeypatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    writes: list[list[dict]] = []
+    with _Writer(writes.append) as writer:
+        for second in range(36_000):
+            now[0] = float(second)
+            writer.add([{"second": second}])
+    assert sum(map(len, writes)) == 36_000
+    # 100 + 100 ln(6000 / 100) files in the first 6000 s, then one a minute.
+    assert 900 < len(writes) < 1100
+    assert max(map(len, writes)) == 60
+
+
+def test_an_interruption_writes_what_is_there() -> None:
+    writes: list[list[dict]] = []
+
+    def interrupted():
+        with _Writer(writes.append) as writer:
+            writer.add([{"a": 1}])
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert writes == [[{"a": 1}]]
+
+
+def test_durations() -> None:
+    assert [duration_text(x) for x in (5, 100, 8000)] == ["5 s", "2 min", "2.2 h"]

@@ -1,0 +1,181 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings in folders, globs and URLs, their content hashes, and the table of tags."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from adk_ros.errors import UsageError
+from adk_ros.fleet import store
+from adk_ros.fleet.recordings import content_hash, find_recordings, local_recording
+from adk_ros.fleet.tags import Tags, read_tags, write_tags
+
+
+def touch(path, text="x"):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture
+def drives(tmp_path):
+    folder = tmp_path / "drives"
+    touch(folder / "town" / "metadata.yaml")
+    touch(folder / "town" / "town_0.mcap")
+    touch(folder / "town" / "town_1.mcap")
+    touch(folder / "car" / "a.mcap", "a")
+    touch(folder / "car" / "b.db3", "b")
+    touch(folder / "cut" / "cut_0.mcap")
+    touch(folder / "cut" / "cut_1.mcap")
+    touch(folder / "old.bag")
+    touch(folder / ".hidden" / "c.mcap")
+    touch(folder / "notes.txt")
+    return folder
+
+
+def names(*given):
+    return [recording.name for recording in find_recordings([str(each) for each in given])]
+
+
+def test_folder(drives) -> None:
+    assert names(drives) == ["car/a.mcap", "car/b.db3", "cut", "old.bag", "town"]
+    by_name = {recording.name: recording for recording in find_recordings([str(drives)])}
+    assert len(by_name["cut"].files) == 2
+    assert len(by_name["town"].files) == 3
+
+
+def test_a_single_bag_a_file_and_a_glob(drives) -> None:
+    assert names(drives / "town") == ["town"]
+    assert names(drives / "car" / "a.mcap") == ["a.mcap"]
+    assert names(drives / "c*") == ["car/a.mcap", "car/b.db3", "cut"]
+    assert names(drives / "car" / "*.db3", drives / "town") == ["b.db3", "town"]
+
+
+def test_overlapping_arguments_give_a_recording_once(drives) -> None:
+    assert len(find_recordings([str(drives), str(drives / "town")])) == 5
+
+
+def test_what_is_refused(drives, tmp_path) -> None:
+    with pytest.raises(UsageError, match="no-such does not exist"):
+        find_recordings([str(tmp_path / "no-such")])
+    with pytest.raises(UsageError, match="no recording"):
+        find_recordings([str(touch(tmp_path / "empty" / "x.txt").parent)])
+    shutil.copytree(drives / "town", tmp_path / "other" / "town")
+    with pytest.raises(UsageError, match="both named town"):
+        find_recordings([str(drives), str(tmp_path / "other")])
+    with pytest.raises(UsageError, match="unheard"):
+        find_recordings(["unheard://bucket/x"])
+
+
+def test_the_hash_is_that_of_the_content(drives, tmp_path) -> None:
+    (town,) = find_recordings([str(drives / "town")])
+    before = content_hash(town)
+    shutil.move(drives / "town", tmp_path / "moved")
+    (moved,) = find_recordings([str(tmp_path / "moved")])
+    assert moved.name == "moved"
+    assert content_hash(moved) == before
+    touch(tmp_path / "moved" / "town_1.mcap", "longer")
+    (changed,) = find_recordings([str(tmp_path / "moved")])
+    assert changed.version != moved.version
+    assert content_hash(changed) != before
+
+
+def test_files_of_other_names_count_as_the_same_file(tmp_path) -> None:
+    for name, text in (("a", "same"), ("b", "same"), ("c", "other")):
+        touch(tmp_path / f"{name}.mcap", text)
+    a, b, c = map(content_hash, find_recordings([str(tmp_path)]))
+    assert a == b != c
+
+
+def test_a_removed_file_is_a_refusal(drives) -> None:
+    (recording,) = find_recordings([str(drives / "old.bag")])
+    (drives / "old.bag").unlink()
+    with pytest.raises(UsageError, match=r"old\.bag cannot be read"):
+        content_hash(recording)
+
+
+def test_a_store_in_memory_is_copied_and_removed_again() -> None:
+    system, _ = store.file_system("memory://fleet")
+    for name in ("town/metadata.yaml", "town/town_0.mcap", "a.mcap"):
+        with system.open(f"/fleet/{name}", "w") as file:
+            file.write(name)
+    a, town = find_recordings(["memory://fleet"])
+    assert (a.name, town.name) == ("a.mcap", "town")
+    assert a.uri == "memory:///fleet/a.mcap"
+    with local_recording(town) as path:
+        assert sorted(each.name for each in path.iterdir()) == ["metadata.yaml", "town_0.mcap"]
+    assert not path.parent.exists()
+    with local_recording(a) as path:
+        assert path.read_text() == "a.mcap"
+    assert not path.exists()
+    assert len(content_hash(town)) == 64
+
+
+def test_an_outage_is_survived_or_reported_in_a_line() -> None:
+    calls = []
+
+    def fails_twice():
+        calls.append(1)
+        if len(calls) < 3:
+            raise ConnectionError("refused")
+        return "there"
+
+    assert store.with_retries("s3://bucket", fails_twice, outage_s=10.0) == "there"
+
+    def fails():
+        raise ConnectionError("refused")
+
+    with pytest.raises(store.StoreUnreachable, match="does not answer for 0 s"):
+        store.with_retries("s3://bucket", fails, outage_s=0.0)
+    with pytest.raises(ConnectionError):
+        store.with_retries("/a/folder", fails)
+    with pytest.raises(FileNotFoundError):
+        store.with_retries("s3://bucket", Path("/no/such/file").read_text)
+
+
+TABLE = """recording,vehicle,time,rain,tyres
+town, car 1 ,2026-03-01T10:00:00,no,summer
+old,car 2,2026-03-02T10:00:00+01:00,yes,winter
+car/a.mcap,car 2,,no,
+"""
+
+
+def test_tags(drives, tmp_path) -> None:
+    found = find_recordings([str(drives)])
+    tags = read_tags(touch(tmp_path / "fleet.csv", TABLE), found)
+    assert tags["town"] == Tags("car 1", 1772359200.0, {"rain": "no", "tyres": "summer"})
+    assert tags["old.bag"].time_s == 1772442000.0
+    assert tags["car/a.mcap"].time_s is None
+    write_tags(tmp_path / "again.csv", tags)
+    assert read_tags(tmp_path / "again.csv", found) == tags
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("recording,car\nx,y\n", "column vehicle, time missing"),
+        ("", "column recording, vehicle, time missing"),
+        ("recording,vehicle,time,rain,rain\n", "column rain in line 1"),
+        ("recording,vehicle,time\ntown,A\n", "fleet.csv:2: 3 columns expected"),
+        ("recording,vehicle,time\ntown,A,,x\n", "fleet.csv:2: 3 columns expected"),
+        ("recording,vehicle,time\ntown,,\n", "fleet.csv:2: vehicle is empty"),
+        ("recording,vehicle,time\ntown,A,yesterday\n", "fleet.csv:2: time 'yesterday' is not"),
+        ("recording,vehicle,time\ntown,A,\ntown,B,\n", "fleet.csv:3: town is listed twice"),
+        ("recording,vehicle,time\nx,A,\n", "lists none of the recordings"),
+    ],
+)
+def test_tags_that_are_refused(drives, tmp_path, text, message) -> None:
+    with pytest.raises(UsageError, match=message):
+        read_tags(touch(tmp_path / "fleet.csv", text), find_recordings([str(drives)]))
+
+
+def test_a_table_that_cannot_be_read(drives, tmp_path) -> None:
+    with pytest.raises(UsageError, match="cannot be read"):
+        read_tags(tmp_path / "none.csv", [])
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(UsageError, match="cannot be read"):
+        read_tags(tmp_path / "binary.csv", [])

@@ -1,0 +1,321 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Runs of a stage with a real scheduler and workers, undisturbed and disturbed.
+
+Workers, scheduler and driver are processes of their own on the loopback interface.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from functools import partial
+from types import SimpleNamespace
+
+import psutil
+import pytest
+from helpers.fleet import compared, text_fleet, text_stage
+
+from adk_ros.errors import UsageError
+from adk_ros.fleet.cluster import open_cluster
+from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.recordings import content_hash, find_recordings
+from adk_ros.fleet.run import Limits, run_stage
+from adk_ros.fleet.stage_process import Failure, Reply
+
+SEED = 18
+FLEET = {f"r{i:02d}": f"ok {i}" for i in range(24)} | {
+    "copy": "ok 3",
+    "damaged": "damaged",
+    "raising": "raise",
+    "wrong": "wrong",
+}
+LIMITS = Limits(timeout_s=20.0, memory_mib=2000.0)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """Return the rows of an undisturbed run."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    return rows_of(folder, run(folder, folder / "log"))
+
+
+def run(folder, log, cluster=None, limits=LIMITS, nap_s=0.0, progress=None, fleet=None):
+    recordings = text_fleet(folder / "drives", FLEET if fleet is None else fleet)
+    stage = text_stage(log, nap_s=nap_s)
+    cluster = cluster or partial(open_cluster, 2)
+    return run_stage(stage, recordings, folder / "out", cluster, limits, progress)
+
+
+def rows_of(folder, summary=None):
+    return compared(FleetDataset(folder / "out").rows("text"))
+
+
+@pytest.mark.slow(seconds=12)
+def test_every_recording_is_a_row_and_nothing_is_computed_twice(tmp_path, undisturbed) -> None:
+    texts = []
+    summary = run(tmp_path, tmp_path / "log", progress=lambda *given: texts.append(given[2]))
+    assert (summary.total, summary.reused, summary.computed) == (28, 0, 28)
+    assert summary.failures == {"unusable": 1, "error": 2}
+    assert rows_of(tmp_path) == undisturbed
+    assert len(undisturbed) == 25 * 2 + 3
+    stage = text_stage(tmp_path / "log")
+    # The copy has the content of another recording.
+    assert sorted(stage.starts().values()) == [1] * 27
+    assert any("text 27/27" in text and "a minute" in text for text in texts)
+    again = run(tmp_path, tmp_path / "log", cluster=no_cluster)
+    assert (again.reused, again.computed) == (28, 0)
+    # A recording that is moved is not computed again; rows of a copy are copied.
+    (tmp_path / "drives" / "r01.mcap").rename(tmp_path / "drives" / "moved.mcap")
+    (tmp_path / "drives" / "new.mcap").write_text("ok 99")
+    names = {path.stem for path in (tmp_path / "drives").iterdir()}
+    moved = run_stage(
+        stage, find_recordings([str(tmp_path / "drives")]), tmp_path / "out",
+        partial(open_cluster, 1), LIMITS,
+    )  # fmt: skip
+    assert len(names) == 29
+    assert (moved.reused, moved.computed) == (28, 1)
+    assert sorted(stage.starts().values()) == [1] * 28
+    assert len([row for row in rows_of(tmp_path) if row["recording"] == "moved.mcap"]) == 2
+
+
+def no_cluster():
+    raise AssertionError("there is nothing to compute")
+
+
+@pytest.mark.slow(seconds=25)
+def test_limits_become_rows(tmp_path) -> None:
+    fleet = {"hang": "hang", "die": "die", "grow": "grow", "good": "ok 1"}
+    limits = Limits(timeout_s=4.0, memory_mib=300.0)
+    summary = run(tmp_path, tmp_path / "log", fleet=fleet, limits=limits)
+    assert summary.failures == {"timeout": 1, "killed": 1, "memory": 1}
+    reasons = {row["recording"]: row["reason"] for row in rows_of(tmp_path)}
+    assert reasons == {
+        "hang.mcap": "takes longer than 4 s (--timeout)",
+        "die.mcap": "its process was ended by signal SIGKILL, 3 times",
+        "grow.mcap": "needs more than 300 MiB of memory (--memory)",
+        "good.mcap": None,
+    }
+    limits = Limits(timeout_s=20.0, memory_mib=2000.0, retry_failed=True, count=2)
+    again = run(tmp_path, tmp_path / "log", fleet=fleet, limits=limits)
+    assert again.left == 1
+    assert again.computed == 2
+
+
+@pytest.mark.slow(seconds=30)
+def test_killed_workers_lose_nothing(tmp_path, undisturbed) -> None:
+    chance = random.Random(SEED)
+    stop = threading.Event()
+    killed: list[int] = []
+
+    def kill_workers():
+        while not list((tmp_path / "log").glob("*")) and not stop.wait(0.1):
+            pass
+        while not stop.wait(chance.uniform(0.5, 1.5)):
+            workers = [
+                child
+                for child in psutil.Process().children(recursive=True)
+                if "spawn_main" in " ".join(child.cmdline())
+            ]
+            if workers and len(killed) < 6:
+                victim = chance.choice(workers)
+                victim.kill()
+                killed.append(victim.pid)
+
+    thread = threading.Thread(target=kill_workers)
+    thread.start()
+    try:
+        run(tmp_path, tmp_path / "log", nap_s=0.4)
+    finally:
+        stop.set()
+        thread.join()
+    assert len(killed) >= 3
+    assert rows_of(tmp_path) == undisturbed
+
+
+DRIVER = """
+import sys
+from functools import partial
+from pathlib import Path
+from helpers.fleet import TextStage
+from adk_ros.fleet.cluster import open_cluster
+from adk_ros.fleet.recordings import content_hash, find_recordings
+from adk_ros.fleet.run import Limits, run_stage
+from adk_ros.shutdown import graceful_shutdown
+folder, nap_s = Path(sys.argv[1]), float(sys.argv[2])
+if __name__ == "__main__":
+    with graceful_shutdown():
+        run_stage(
+            TextStage(str(folder / "log"), nap_s), find_recordings([str(folder / "drives")]),
+            folder / "out", partial(open_cluster, 2, *sys.argv[3:]), Limits(20.0, 2000.0),
+            lambda done, total, text: print(done, flush=True),
+        )
+"""
+
+
+def driver(folder, *arguments):
+    """Start a driver in a process of its own."""
+    script = folder / "driver.py"
+    script.write_text(DRIVER)
+    return subprocess.Popen(
+        [sys.executable, str(script), str(folder), *map(str, arguments)],
+        env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def environment():
+    return os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
+
+
+@pytest.mark.slow(seconds=60)
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_driver_that_is_killed_continues(tmp_path, undisturbed, number) -> None:
+    chance = random.Random(SEED + number)
+    text_fleet(tmp_path / "drives", FLEET)
+    stage = text_stage(tmp_path / "log")
+    for _ in range(3):
+        process = driver(tmp_path, 0.4)
+        time.sleep(chance.uniform(4.0, 7.0))
+        process.send_signal(number)
+        process.communicate(timeout=30)
+        for path in (tmp_path / "out" / "results").rglob("*.parquet"):
+            assert path.stat().st_size > 0
+    finished = driver(tmp_path, 0.0)
+    assert finished.wait(timeout=60) == 0, finished.stderr.read()
+    assert rows_of(tmp_path) == undisturbed
+    # A killed driver loses what was running and what it had not written for a second.
+    lost = sum(stage.starts().values()) - 27
+    assert lost <= 3 * (2 + 2 * 3), lost
+    # An interrupted one loses what was running.
+    assert number == signal.SIGKILL or lost <= 3 * 2, lost
+
+
+@pytest.mark.slow(seconds=15)
+def test_a_second_driver_is_refused_in_a_line(tmp_path) -> None:
+    text_fleet(tmp_path / "drives", FLEET)
+    first = driver(tmp_path, 0.3)
+    while not (tmp_path / "out" / ".lock").exists() and first.poll() is None:
+        time.sleep(0.05)
+    time.sleep(0.2)
+    try:
+        with pytest.raises(UsageError, match=f"in use by process {first.pid} on"):
+            run(tmp_path, tmp_path / "log", cluster=no_cluster)
+    finally:
+        first.send_signal(signal.SIGINT)
+        first.communicate(timeout=30)
+
+
+class RunningCluster:
+    """A scheduler and two workers, each a process that is started again when it ends."""
+
+    def __init__(self, folder):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{port}"
+        self._folder, self._stopped = folder, threading.Event()
+        scheduler = ["scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+        worker = ["worker", self.address, "--nthreads", "1", "--no-dashboard", "--no-nanny"]
+        worker += ["--host", "127.0.0.1", "--local-directory", str(folder)]
+        self.processes = [self._start(command) for command in (scheduler, worker, worker)]
+        self._commands = [scheduler, worker, worker]
+        self._watch = threading.Thread(target=self._restart)
+        self._watch.start()
+
+    def _start(self, command):
+        log = (self._folder / f"{command[0]}.log").open("a")
+        return subprocess.Popen(
+            [sys.executable, "-m", "dask", *command], env=environment(), stdout=log, stderr=log
+        )
+
+    def _restart(self):
+        while not self._stopped.wait(0.2):
+            for i, process in enumerate(self.processes):
+                if process.poll() is not None:
+                    self.processes[i] = self._start(self._commands[i])
+
+    def stop(self):
+        self._stopped.set()
+        self._watch.join()
+        for process in self.processes:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def running_cluster(tmp_path):
+    cluster = RunningCluster(tmp_path)
+    yield cluster
+    cluster.stop()
+
+
+@pytest.mark.slow(seconds=60)
+def test_scheduler_and_workers_are_killed(tmp_path, undisturbed, running_cluster) -> None:
+    chance = random.Random(SEED)
+    done = threading.Event()
+    killed: list[int] = []
+
+    def kill():
+        while not list((tmp_path / "log").glob("*")) and not done.wait(0.1):
+            pass
+        while not done.wait(chance.uniform(3.0, 6.0)) and len(killed) < 5:
+            which = chance.choice([0, 0, 1, 2])
+            running_cluster.processes[which].kill()
+            killed.append(which)
+
+    thread = threading.Thread(target=kill)
+    opened = partial(open_cluster, 1, running_cluster.address)
+    thread.start()
+    try:
+        run(tmp_path, tmp_path / "log", cluster=opened, nap_s=0.5)
+    finally:
+        done.set()
+        thread.join()
+    assert 0 in killed
+    assert rows_of(tmp_path) == undisturbed
+
+
+@pytest.mark.slow(seconds=15)
+def test_no_scheduler_is_a_line(tmp_path) -> None:
+    with pytest.raises(UsageError, match=r"--cluster tcp://127.0.0.1:9: no Dask scheduler"):
+        run(tmp_path, tmp_path / "log", cluster=partial(open_cluster, 1, "tcp://127.0.0.1:9"))
+    with pytest.raises(UsageError, match="no Dask scheduler"):
+        run(tmp_path, tmp_path / "log", cluster=partial(open_cluster, 1, "nonsense://x"))
+
+
+@contextmanager
+def fake_cluster():
+    """Yield the cluster of a run whose tasks never reach a worker."""
+    yield SimpleNamespace(dashboard="")
+
+
+def test_a_store_that_does_not_answer_stops_the_run(tmp_path, monkeypatch) -> None:
+    """Recordings on a store that has gone are not failed: the run stops and continues later."""
+    recordings = text_fleet(tmp_path / "drives", {"a": "ok 1", "b": "ok 2"})
+    stage = text_stage(tmp_path / "log")
+    hashed = Reply("content")
+    gone = Reply(failure=Failure.UNREACHABLE, reason="s3://x does not answer")
+    monkeypatch.setattr(
+        "adk_ros.fleet.run.run_tasks",
+        lambda cluster, tasks, wake: (
+            (task, hashed if task.function is content_hash else gone) for task in tasks
+        ),
+    )
+    with pytest.raises(UsageError, match="does not answer"):
+        run_stage(stage, recordings, tmp_path / "out", fake_cluster)
+    assert FleetDataset(tmp_path / "out").rows("text") == []
+    full = Reply(failure=Failure.DISK_FULL, reason="OSError: No space left on device")
+    monkeypatch.setattr(
+        "adk_ros.fleet.run.run_tasks",
+        lambda cluster, tasks, wake: ((task, full) for task in tasks),
+    )
+    with pytest.raises(UsageError, match="disk of a worker is full"):
+        run_stage(stage, recordings, tmp_path / "out", fake_cluster)

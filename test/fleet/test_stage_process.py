@@ -1,0 +1,114 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The process in which a stage runs: limits, deaths, and what becomes of them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+
+import psutil
+import pytest
+from helpers.fleet import started_child, text_stage
+
+from adk_ros.errors import UsageError
+from adk_ros.fleet.stage_process import Failure, StageProcess, call
+from adk_ros.fleet.store import StoreUnreachable
+
+
+@pytest.fixture(scope="module")
+def process():
+    started = StageProcess(memory_mib=300.0)
+    yield started
+    started.close()
+
+
+def test_values_and_errors(process, tmp_path) -> None:
+    stage = text_stage(tmp_path / "log")
+    (tmp_path / "a").write_text("ok 2")
+    (tmp_path / "b").write_text("damaged")
+    (tmp_path / "c").write_text("raise")
+    reply = process.run(stage.run, [tmp_path / "a"])
+    assert reply.failure is None
+    assert [row["value"] for row in reply.value] == [2.0, 4.0]
+    pid = process.pid
+    damaged = process.run(stage.run, [tmp_path / "b"])
+    assert (damaged.failure, damaged.reason) == (Failure.UNUSABLE, "b is damaged")
+    fault = process.run(stage.run, [tmp_path / "c"])
+    assert fault.failure is Failure.ERROR
+    assert fault.reason.startswith("ZeroDivisionError: a fault of the stage (fleet.py:")
+    assert process.pid == pid, "errors do not end the process"
+
+
+def test_time_and_death(process) -> None:
+    reply = process.run(time.sleep, [60.0], timeout_s=0.2)
+    assert (reply.failure, reply.reason) == (
+        Failure.TIMEOUT, "takes longer than 0.2 s (--timeout)"
+    )  # fmt: skip
+    killed = process.run(os._exit, [3])
+    assert (killed.failure, killed.reason) == (
+        Failure.KILLED, "its process was ended by exit code 3"
+    )  # fmt: skip
+    process.run(os.getpid, [])
+    threading.Timer(0.2, lambda: os.kill(process.pid, signal.SIGKILL)).start()
+    assert process.run(time.sleep, [60.0]).reason == "its process was ended by signal SIGKILL"
+    assert process.run(abs, [-1]).value == 1
+
+
+def test_memory(process, tmp_path) -> None:
+    stage = text_stage(tmp_path / "log")
+    (tmp_path / "a").write_text("grow")
+    reply = process.run(stage.run, [tmp_path / "a"])
+    assert reply.failure is Failure.MEMORY
+    assert "needs more than 300 MiB" in reply.reason
+    assert reply.memory_mib > 300.0
+
+
+def test_a_process_that_keeps_much_memory_is_replaced() -> None:
+    process = StageProcess(memory_mib=20.0)
+    reply = process.run(os.getpid, [])
+    assert reply.failure in {None, Failure.MEMORY}
+    assert process.pid is None
+
+
+def test_the_process_ends_with_its_parent() -> None:
+    parent = StageProcess()
+    child = parent.run(started_child, []).value
+    assert psutil.pid_exists(child)
+    assert parent.pid is not None
+    os.kill(parent.pid, signal.SIGKILL)
+    deadline = time.monotonic() + 5.0
+    while psutil.pid_exists(child) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    ended = not psutil.pid_exists(child) or psutil.Process(child).status() == "zombie"
+    parent.close()
+    assert ended
+
+
+@pytest.mark.parametrize(
+    ("error", "failure"),
+    [
+        (UsageError("x"), Failure.UNUSABLE),
+        (StoreUnreachable("x"), Failure.UNREACHABLE),
+        (MemoryError(), Failure.MEMORY),
+        (OSError(28, "No space left on device"), Failure.DISK_FULL),
+        (OSError(5, "Input/output error"), Failure.ERROR),
+        (RuntimeError("x"), Failure.ERROR),
+    ],
+)
+def test_kinds_of_failure(error, failure) -> None:
+    def fails():
+        raise error
+
+    assert call(fails, []).failure is failure
+
+
+def test_a_function_that_the_process_does_not_have(process) -> None:
+    class Unknown:
+        pass
+
+    with pytest.raises((AttributeError, TypeError)):
+        process.run(Unknown, [])
+    assert process.run(abs, [-2]).value == 2
