@@ -21,9 +21,7 @@ from adk_ros.fleet.inference.operating_characteristics import characteristics
 
 _SHARED = Injection("aero_drag.cda", Level(SHARED), 3.3)
 _CAR = Injection("rolling_resistance.crr", Level(CAR, car="car02"), 8.0)
-_SOFTWARE = Injection(
-    "tyre_relaxation.length", Level(CONDITION, tag="software", value="2.1"), 5.0
-)
+_SOFTWARE = Injection("tyre_relaxation.length", Level(CONDITION, tag="software", value="2.1"), 5.0)
 PLANS = {
     "nothing": FleetPlan(),
     "nothing, cars differ": FleetPlan(kappa=0.5),
@@ -53,9 +51,7 @@ def main() -> None:
         c = characteristics(plan, seeds)
         found = f"{c.found} of {c.injected}" if c.injected else "-"
         covered = f"{c.covered} of {c.found}" if c.found else "-"
-        print(
-            f"| {name} | {c.with_false_alarm} of {c.fleets} | {found} | {covered} |", flush=True
-        )
+        print(f"| {name} | {c.with_false_alarm} of {c.fleets} | {found} | {covered} |", flush=True)
 
 
 if __name__ == "__main__":
