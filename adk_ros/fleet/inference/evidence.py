@@ -3,8 +3,8 @@
 """
 Evidence of one recording: a quadratic summary of its likelihood, as flat rows.
 
-With x the joint vector of nuisance parameters and effects (see `Columns`), e the whitened residuals
-of the recording at x = x0 and J their derivatives, the log-likelihood is
+With x the joint vector of nuisance parameters and effects (see `Columns`), e the whitened
+residuals of the recording at x = x0 and J their derivatives, the log-likelihood is
 
     l(x) = s^T (x - x0) - 1/2 (x - x0)^T H (x - x0),    s = -J^T W e,    H = J^T W J,
 
@@ -214,5 +214,7 @@ def unpacked(content: bytes, shape: Sequence[int]) -> FloatArray:
     """
     values = np.frombuffer(content, dtype=_BYTES)
     if values.size != int(np.prod(shape)):
-        raise DataError(f"evidence has {values.size} values where {int(np.prod(shape))} are needed")
+        raise DataError(
+            f"evidence has {values.size} values where {int(np.prod(shape))} are needed"
+        )
     return values.reshape(shape).astype(np.float64)

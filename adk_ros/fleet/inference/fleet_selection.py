@@ -17,7 +17,7 @@ Afterwards all components are fitted again, and terms that are no longer signifi
 Significant is what chance exceeds in `criteria.FAMILYWISE_ERROR_RATE` of fleets anywhere among the
 examined parameters and levels (Bonferroni), places included. Scatter between recordings or cars
 raises the variance of a size and lowers its degrees of freedom, so that it is no evidence for a
-mean. A car's deviation must also exceed the materiality threshold: below it, it is build tolerance.
+mean. A car's deviation must also exceed the materiality threshold: below, it is build tolerance.
 """
 
 from __future__ import annotations
@@ -265,9 +265,7 @@ class Selection:
             worst = max(bad, key=lambda one: one.p_value)
             dropped.append(worst.candidate)
             model = self.refitted(
-                replace(
-                    model, claimed=tuple(c for c in model.claimed if c is not worst.candidate)
-                )
+                replace(model, claimed=tuple(c for c in model.claimed if c is not worst.candidate))
             )
         return model, dropped
 

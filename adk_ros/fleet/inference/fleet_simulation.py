@@ -4,8 +4,8 @@
 The simulation of a fleet: its surrogate, identified once, and what its own error may feign.
 
 The surrogate's error repeats in every recording and would pool into an effect of all cars. The
-scores of the effects on the simulation itself, by blocks of time, show how large: their sum over the
-simulation has the covariance of the sum of independent blocks. The residuals are those that the
+scores of the effects on the simulation itself, by blocks of time, show how large: their sum over
+the simulation has the covariance of the sum of independent blocks. The residuals are those that the
 control variate leaves on stretches left out of its fit (`surrogate.systematic_error`), whitened as
 those of a recording of the fleet.
 """

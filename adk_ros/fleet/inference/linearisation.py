@@ -42,12 +42,11 @@ class Linearisation:
     def score(self) -> FloatArray:
         """The score (d,) in absolute coordinates: -J^T W e + H x0."""
         return np.asarray(
-            -self.jacobian.T @ self.residuals
-            + self.jacobian.T @ (self.jacobian @ self.point)
+            -self.jacobian.T @ self.residuals + self.jacobian.T @ (self.jacobian @ self.point)
         )
 
     def block_scores(self, at: FloatArray) -> FloatArray:
-        """Return the score (b, d) of each block that counts, at a point (d,) of the linear model."""
+        """Return the score (b, d) of each block with data, at a point (d,) of the linear model."""
         e = self.residuals + self.jacobian @ (at - self.point)
         used = self.residuals != 0.0
         return np.array(
@@ -90,7 +89,7 @@ def difference_step(column: Column, value: float) -> float:
     p = column.parameter
     if value == 0.0 and p.starts:
         return p.theta(p.starts[0]) - p.theta_neutral
-    low, high = p.bounds()
+    _, high = p.bounds()
     theta = p.theta_neutral + value
     return p.step if theta + p.step <= high else -p.step
 

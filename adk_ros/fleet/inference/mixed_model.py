@@ -8,8 +8,8 @@ Recording r of car c has the joint vector (tolerances, offsets, weak directions,
     t_c,   o_c + o_r,   w,   theta_r = sum_m z_mr beta_m + u_c + eta_r
 
 with build tolerances t_c ~ N(0, I) and sensor offsets o_c of the car, offsets o_r ~ N(0, I) of the
-recording (a sensor's bias changes between starts), weak directions w ~ N(0, I) of the simulation, all in
-units of their prior standard deviations; u_c ~ N(0, kappa^2) is the deviation of a car and
+recording (a sensor's bias changes between starts), weak directions w ~ N(0, I) of the simulation,
+all in units of their prior standard deviations; u_c ~ N(0, kappa^2) is the deviation of a car and
 eta_r ~ N(0, tau^2) that of a recording, each diagonal; beta are the sizes of the terms. The
 evidence of a recording is quadratic, so everything is eliminated exactly: (o_r, eta_r) per
 recording, (t_c, o_c, u_c) per car, then w. What is left is quadratic in beta; the constants give
@@ -59,7 +59,7 @@ class Estimate:
     Sizes of the terms (m,) at given variance components.
 
     `covariance` (m, m) without, `bias` (m, m) by the surrogate's error; `information` (m, m) and
-    `score` (m,) of the sizes with all else eliminated; `restricted` and `likelihood`: logarithms of
+    `score` (m,) of the sizes with all else eliminated; `restricted` and `likelihood`: logarithm of
     REML and of the maximum likelihood. `response` (m, d): sizes per score of the simulation.
     """
 
@@ -182,9 +182,7 @@ class MixedModel:
         """Return posterior mean and variance (c, a) of the cars' deviations."""
         k, w, a = per_car.size, self._weak, len(self.active)
         # The weak directions at the estimate, then each car's variables given all others.
-        weak = np.linalg.solve(
-            h_sum[:w, :w] + np.eye(w), g_sum[:w] - h_sum[:w, w:] @ sizes
-        )
+        weak = np.linalg.solve(h_sum[:w, :w] + np.eye(w), g_sum[:w] - h_sum[:w, w:] @ sizes)
         known = np.concatenate([weak, sizes])
         right = car_g[:, :k] - car_h[:, :k, k:] @ known
         inner = np.eye(k) + per_car[:, None] * car_h[:, :k, :k] * per_car
@@ -202,8 +200,8 @@ def _eliminated(
 
     `information` (b, n, n), `rights` (b, n, q); returns both with the part's influence, the same
     shapes, and the constants (b,) of the log-likelihood for the first right-hand side. A deviation
-    of zero is allowed. Rows of the part itself are meaningless afterwards, unless they describe the
-    mean of variables whose deviation was integrated.
+    of zero is allowed. Afterwards the rows of the part itself refer to the mean of its variables,
+    about which their deviation was integrated.
     """
     count = deviation.size
     if not count:

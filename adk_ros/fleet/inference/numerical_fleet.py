@@ -102,9 +102,7 @@ def draw_fleet(seed: int, plan: FleetPlan) -> FleetEvidence:
     )
 
 
-def _columns_of(
-    rng: np.random.Generator, d: int, first: int, deviation: float
-) -> FloatArray:
+def _columns_of(rng: np.random.Generator, d: int, first: int, deviation: float) -> FloatArray:
     """Return residual columns (rows, d) whose squares sum up to the information on each."""
     base = rng.standard_normal((_RANK_ROWS, d))
     for j in range(first + 1, d, 2):

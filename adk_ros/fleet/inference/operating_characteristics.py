@@ -26,9 +26,9 @@ class Characteristics:
     found: int = 0
     covered: int = 0
 
-    def plus(self, plan: FleetPlan, claims: Sequence[Assessment], keys: Sequence[str]) -> (
-        "Characteristics"
-    ):
+    def plus(
+        self, plan: FleetPlan, claims: Sequence[Assessment], keys: Sequence[str]
+    ) -> Characteristics:
         """Return the counts with one more fleet."""
         wanted = {(i.key, i.level): i.size for i in plan.injections}
         claimed = {(keys[c.candidate.effect], c.candidate.level): c for c in claims}

@@ -11,8 +11,8 @@ variance parameters in multilevel models", Psychometrika 78 (2013) 685). Where a
 determined, it changes nothing.
 
 The variance of a size is a sum of parts: noise and build tolerances, which are known, the
-deviations of recordings and of cars, and the surrogate's error, which are estimated. Its degrees of
-freedom follow from Satterthwaite's formula (F. E. Satterthwaite, "An approximate distribution of
+deviations of recordings and of cars, and the surrogate's error, which are estimated. Its degrees
+of freedom follow from Satterthwaite's formula (F. E. Satterthwaite, "An approximate distribution of
 estimates of variance components", Biometrics Bulletin 2 (1946) 110).
 """
 
@@ -59,9 +59,7 @@ def fitted_components(
     return found
 
 
-def _fitted_one(
-    model: MixedModel, terms: Sequence[Term], start: Components, i: int
-) -> Components:
+def _fitted_one(model: MixedModel, terms: Sequence[Term], start: Components, i: int) -> Components:
     has_cars = len(model.fleet.car_names) > 1
 
     def at(x: FloatArray) -> Components:
@@ -76,7 +74,7 @@ def _fitted_one(
         return -(estimate.restricted + penalty)
 
     x0 = np.log(np.clip([start.tau[i], start.kappa[i]], _LOWEST, _HIGHEST))
-    simplex = np.array([x0, x0 + [1.0, 0.0], x0 + [0.0, 1.0]])
+    simplex = x0 + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     found = minimize(
         cost,
         x0,
@@ -108,9 +106,7 @@ def degrees_of_freedom(
     without_cars[i] = 0.0
     estimate = model.estimate(terms, components, with_bias=True)
     full = float(estimate.covariance[m, m])
-    part = float(
-        model.estimate(terms, replace(components, kappa=without_cars)).covariance[m, m]
-    )
+    part = float(model.estimate(terms, replace(components, kappa=without_cars)).covariance[m, m])
     known = float(model.estimate(terms, Components(zero, without_cars)).covariance[m, m])
     cars, recordings = len(model.fleet.car_names), len(model.fleet.names)
     of_effect = sum(term.effect == terms[m].effect for term in terms)
