@@ -28,6 +28,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri, stdtr, stdtrit
 
+from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.levels import CAR, RAMP, STEP, Level, levels_of
 from adk_ros.fleet.inference.mixed_model import Components, Estimate, MixedModel, Term
@@ -46,7 +47,8 @@ _LEVELS_PER_PARAMETER = 4
 """Levels of a parameter that are fitted in full in one step, those of the largest gains."""
 _PER_STEP = 40
 """Candidates that are fitted in full in one step. By choice; they come in the order of gains."""
-_NOT_EXAMINED = -1.0
+_BOUND_DEVIATIONS = 2.0
+"""Standard deviations by which chance may move a size beyond the bounds of its parameter."""
 
 Progress = Callable[[float, str], None]
 
@@ -83,7 +85,8 @@ class Assessment:
     freedom: float
     response: FloatArray
     components: tuple[float, float]
-    model_variance: float
+    extremes: tuple[float, float]
+    """Least and largest sum of the parameter's terms in any recording, from neutral."""
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -239,7 +242,7 @@ class Selection:
         least = float(ndtri(0.5 * self.significance)) ** 2
         for gain, candidate in self.ranked(model)[:_PER_STEP]:
             # No candidate has more evidence than its gain: the rest is no better.
-            if gain < max(least, _NOT_EXAMINED if best is None else best.evidence):
+            if gain < max(least, 0.0 if best is None else best.evidence):
                 break
             if (candidate.effect, candidate.level) in refused:
                 continue
@@ -251,8 +254,20 @@ class Selection:
         return best
 
     def is_claimable(self, found: Assessment) -> bool:
-        """Whether a candidate is significant and material."""
-        return found.p_value < self.significance and found.is_material()
+        """Whether a candidate is significant, material, and possible."""
+        return (
+            found.p_value < self.significance
+            and found.is_material()
+            and self.is_possible(found)
+        )
+
+    def is_possible(self, found: Assessment) -> bool:
+        """Whether the parameter stays within its bounds in all recordings; a delay is positive."""
+        column = column_of(self.fleet.columns.effects[found.candidate.effect])
+        p = column.parameter
+        low, high = ((b - p.theta_neutral) / column.materiality for b in p.bounds())
+        slack = _BOUND_DEVIATIONS * found.deviation
+        return found.extremes[0] >= low - slack and found.extremes[1] <= high + slack
 
     def _without_insignificant(self, model: FleetModel) -> tuple[FleetModel, list[Candidate]]:
         dropped: list[Candidate] = []
@@ -282,6 +297,10 @@ def _assessment(
     deviation = float(np.sqrt(total_variance(estimate, m)))
     freedom = degrees_of_freedom(mixed, terms, components, m)
     i = mixed.active.index(candidate.effect)
+    sums = sum(
+        (estimate.sizes[k] * t.design for k, t in enumerate(terms) if t.effect == candidate.effect),
+        np.zeros(1),
+    )
     return Assessment(
         candidate,
         size,
@@ -291,7 +310,7 @@ def _assessment(
         freedom,
         estimate.response[m],
         (float(components.tau[i]), float(components.kappa[i])),
-        variance,
+        (float(sums.min()), float(sums.max())),
     )
 
 

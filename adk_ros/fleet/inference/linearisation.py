@@ -32,6 +32,8 @@ class Linearisation:
     point: FloatArray
     block: IntArray
     loss: float
+    unweighted: FloatArray
+    """(m,) the residuals without Huber's weights."""
 
     @property
     def information(self) -> FloatArray:
@@ -100,12 +102,18 @@ def effect_column(
     columns: Sequence[Column],
     column: Column,
     values: Mapping[str, float],
+    placed: Sequence[ActiveEffect] = (),
 ) -> FloatArray:
-    """Return the derivative (m,) of the whitened residuals by a column, in scaled units."""
+    """
+    Return the derivative (m,) of the whitened residuals by a column, in scaled units.
+
+    `base` (m,): the residuals at `values`, with the effects `placed` that act at places.
+    """
     step = difference_step(column, values.get(column.key, 0.0))
     moved = {**values, column.key: values.get(column.key, 0.0) + step}
     zero = np.zeros(likelihood.n_nuisances)
-    changed = likelihood.residuals(zero, effects_at(columns, moved))
+    every = columns if column in columns else [*columns, column]
+    changed = likelihood.residuals(zero, [*effects_at(every, moved), *placed])
     return np.asarray((changed - base) / step * column.materiality)
 
 
@@ -115,16 +123,18 @@ def linearised(
     columns: Sequence[Column],
     values: Mapping[str, float] | None = None,
     residuals: FloatArray | None = None,
+    placed: Sequence[ActiveEffect] = (),
 ) -> Linearisation:
     """
     Linearise a likelihood at the values of effects (key -> difference from neutral), nuisances 0.
 
-    `residuals` (m,) replace the likelihood's: whitened, of the same rows. Effects that the
-    recording's channels do not show have a derivative of zero.
+    `residuals` (m,) replace the likelihood's: whitened, of the same rows. `placed`: effects at
+    places that act as well. Effects that the recording's channels do not show have a derivative of
+    zero.
     """
     values = {k: v for k, v in (values or {}).items() if v != 0.0}
     zero = np.zeros(likelihood.n_nuisances)
-    effects = effects_at(columns, values)
+    effects = [*effects_at(columns, values), *placed]
     base = likelihood.residuals(zero, effects)
     hypothesis = Hypothesis(tuple(effects), zero, 0.0)
     scale = layout.scale
@@ -133,7 +143,9 @@ def linearised(
     jacobian[:, :first] = likelihood.nuisance_jacobian(hypothesis) * scale[:first]
     for i, column in enumerate(columns):
         if column.effect.name not in likelihood.unobservable:
-            jacobian[:, first + i] = effect_column(likelihood, base, columns, column, values)
+            jacobian[:, first + i] = effect_column(
+                likelihood, base, columns, column, values, placed
+            )
     e = base if residuals is None else residuals
     root = huber_root(e)
     point = np.zeros(layout.size)
@@ -147,4 +159,5 @@ def linearised(
         point,
         block_of_rows(likelihood, e.shape[0]),
         float(huber_values(e).sum()),
+        e,
     )

@@ -77,6 +77,59 @@ class Estimate:
     """(c, a) posterior variance of u_c at known sizes."""
 
 
+@dataclass(frozen=True)
+class Profile:
+    """
+    Logarithm of the restricted likelihood by the components of one active effect.
+
+    All else is eliminated or summed per car once: a deviation between recordings is an update of
+    rank one per recording. `informations` (c, n, n), `scores` (c, n); `rows` (r, n), `own` (r,) and
+    `score` (r,): the effect's row, diagonal and score in each recording, of car `car` (r,).
+    """
+
+    informations: FloatArray
+    scores: FloatArray
+    rows: FloatArray
+    own: FloatArray
+    score: FloatArray
+    car: IntArray
+    deviations: FloatArray
+    position: int
+    weak: int
+    constant: float
+
+    def restricted(self, tau: float, kappa: float) -> float:
+        """Return the logarithm of REML at deviations between recordings and between cars."""
+        factor = tau**2 / (1.0 + tau**2 * self.own)
+        total = self.constant + 0.5 * float(factor @ self.score**2)
+        total -= 0.5 * float(np.log1p(tau**2 * self.own).sum())
+        weighted = self.rows * factor[:, None]
+        h, g = self.informations.copy(), self.scores.copy()
+        for c in range(h.shape[0]):
+            of_car = self.car == c
+            h[c] -= weighted[of_car].T @ self.rows[of_car]
+            g[c] -= weighted[of_car].T @ self.score[of_car]
+        deviations = self.deviations.copy()
+        deviations[self.position] = kappa
+        k = deviations.size
+        h, right, constant = _eliminated(h, g[:, :, None], slice(0, k), deviations)
+        total += float(constant.sum())
+        h, right, constant = _eliminated(
+            h[:, k:, k:].sum(axis=0)[None],
+            right[:, k:].sum(axis=0)[None],
+            slice(0, self.weak),
+            np.ones(self.weak),
+        )
+        total += float(constant.sum())
+        count = h.shape[1] - self.weak
+        information = h[0, self.weak :, self.weak :] + _MIN_INFORMATION * np.eye(count)
+        root = np.linalg.cholesky(information)
+        solved = solve_triangular(root, right[0, self.weak :, 0], lower=True)
+        return float(
+            total + 0.5 * solved @ solved - np.log(np.diag(root)).sum()
+        )
+
+
 class MixedModel:
     """The model of a fleet with some active effects; `active` (a,): their columns of effects."""
 
@@ -117,19 +170,11 @@ class MixedModel:
 
         # Per car: its own variables, the weak directions, the sizes of the terms.
         members = self._member
-        position = {effect: self._tolerances + self._offsets + i for i, effect in
-                    enumerate(self.active)}  # fmt: skip
-        at = np.array([position[term.effect] for term in terms], dtype=np.int64)
-        z = np.array([term.design for term in terms]).reshape(len(terms), -1).T
+        at, z = self._positions(terms)
         m = len(terms)
         columns = h[:, :, at] * z[:, None, :]
-        between = columns[:, at, :] * z[:, :, None]
         size = n + m
-        car_h = np.empty((members.shape[0], size, size))
-        car_h[:, :n, :n] = np.tensordot(members, h, 1)
-        car_h[:, :n, n:] = np.tensordot(members, columns, 1)
-        car_h[:, n:, :n] = np.swapaxes(car_h[:, :n, n:], 1, 2)
-        car_h[:, n:, n:] = np.tensordot(members, between, 1)
+        car_h = self._summed(h, columns, columns[:, at, :] * z[:, :, None])
         car_g = np.empty((members.shape[0], size, rights.shape[2]))
         car_g[:, :n] = np.tensordot(members, g, 1)
         car_g[:, n:] = np.tensordot(members, g[:, at] * z[:, :, None], 1)
@@ -169,6 +214,51 @@ class MixedModel:
             deviations,
             variances,
         )
+
+    def profile(self, terms: Sequence[Term], components: Components, i: int) -> Profile:
+        """Return the likelihood as a function of the components of active effect `i` alone."""
+        tau = components.tau.copy()
+        tau[i] = 0.0
+        per_recording = np.concatenate([np.ones(self._offsets), tau])
+        first = slice(self._tolerances, self._tolerances + per_recording.size)
+        h, g, constant = _eliminated(
+            self._information, self._score[:, :, None], first, per_recording
+        )
+        at, z = self._positions(terms)
+        n, j = self.index.size, self._tolerances + self._offsets + i
+        columns = h[:, :, at] * z[:, None, :]
+        row = np.concatenate([h[:, j, :], h[:, j, at] * z], axis=1)
+        car_h = self._summed(h, columns, columns[:, at, :] * z[:, :, None])
+        right = np.concatenate([g[:, :, 0], g[:, at, 0] * z], axis=1)
+        per_car = np.concatenate([np.ones(self._tolerances + self._offsets), components.kappa])
+        return Profile(
+            car_h,
+            self._member @ right,
+            row,
+            h[:, j, j],
+            g[:, j, 0],
+            np.argmax(self._member, axis=0),
+            per_car,
+            j,
+            self._weak,
+            float(constant.sum()),
+        )
+
+    def _positions(self, terms: Sequence[Term]) -> tuple[IntArray, FloatArray]:
+        """Return the positions (m,) of the terms' effects, and their designs (r, m)."""
+        first = self._tolerances + self._offsets
+        at = np.array([first + self.active.index(t.effect) for t in terms], dtype=np.int64)
+        return at, np.array([t.design for t in terms]).reshape(len(terms), -1).T
+
+    def _summed(self, h: FloatArray, columns: FloatArray, between: FloatArray) -> FloatArray:
+        """Return the information (c, n + m, n + m) of each car, with the sizes of the terms."""
+        n, size = self.index.size, self.index.size + between.shape[1]
+        out = np.empty((self._member.shape[0], size, size))
+        out[:, :n, :n] = np.tensordot(self._member, h, 1)
+        out[:, :n, n:] = np.tensordot(self._member, columns, 1)
+        out[:, n:, :n] = np.swapaxes(out[:, :n, n:], 1, 2)
+        out[:, n:, n:] = np.tensordot(self._member, between, 1)
+        return out
 
     def _cars(
         self,

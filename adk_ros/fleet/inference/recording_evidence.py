@@ -4,15 +4,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adk_ros.fleet.inference.evidence import RECORDING, Columns, Evidence, Row, effect_columns
+from adk_ros.fleet.inference.evidence import RECORDING, Columns, Evidence, Row, column_of, effect_columns
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
-from adk_ros.fleet.inference.linearisation import Linearisation, linearised
-from adk_ros.fleet.inference.place_evidence import place_rows
+from adk_ros.fleet.inference.linearisation import Linearisation, effects_at, linearised
+from adk_ros.fleet.inference.place_evidence import Cell, in_cells, place_rows
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.observability import is_torque
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
@@ -21,6 +22,7 @@ from adk_ros.mismatch.recording.dead_channels import without_dead_channels
 from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
 from adk_ros.mismatch.recording.inferred_torque import with_inferred_torque
 from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.residuals import BIN_S
 from adk_ros.numerics.arrays import FloatArray
 
@@ -35,22 +37,25 @@ def evidence_rows(
     recording: SensorLog,
     simulation: FleetSimulation,
     values: Mapping[str, float] | None = None,
+    local: Sequence[PlacedValue] = (),
     *,
     name: str | None = None,
-    places: bool = True,
 ) -> list[Row]:
     """
     Return the evidence of a recording as flat rows: one of the recording, one per place.
 
     `values`: key effect.parameter -> difference of the fitted variable from neutral, at which to
-    linearise: the fleet's estimate for this recording in a second pass. `name`: identity of the
+    linearise: the fleet's estimate for this recording in a second pass; `local`: the same of effects at
+    places, which stay part of the model. `name`: identity of the
     recording in the rows (the log's name by default).
 
     :raises DataError: the recording does not allow an analysis.
     """
     likelihood = recording_likelihood(recording, simulation)
     columns = effect_columns(likelihood.effects)
-    linear = linearised(likelihood, simulation.columns, columns, values)
+    values = {k: v for k, v in (values or {}).items() if v != 0.0}
+    placed = [one.active(likelihood) for one in local]
+    linear = linearised(likelihood, simulation.columns, columns, values, placed=placed)
     name = recording.name if name is None else name
     counted = (likelihood.weights > 0.0).any(axis=0)
     expected = likelihood.expected_loss(linear.residuals)
@@ -67,9 +72,26 @@ def evidence_rows(
         blocks=int(np.unique(linear.block[linear.residuals != 0.0]).size),
     )
     rows = [evidence.to_row()]
-    if places and likelihood.problem.log.length_scale == 1.0:
-        rows += place_rows(name, likelihood, linear, values or {})
+    if likelihood.problem.log.length_scale == 1.0:
+        rows += place_rows(name, likelihood, linear, values, columns, placed)
     return rows
+
+
+@dataclass(frozen=True)
+class PlacedValue:
+    """An effect's parameter (key) in cells: difference of the fitted variable from neutral."""
+
+    key: str
+    cells: tuple[Cell, ...]
+    value: float
+
+    def active(self, likelihood: Likelihood) -> ActiveEffect:
+        """Return the effect along a recording."""
+        weight = in_cells(likelihood.problem, self.cells)
+        (active,) = effects_at(
+            [column_of(self.key)], {self.key: self.value}, Activation(weight=weight)
+        )
+        return active
 
 
 def recording_likelihood(recording: SensorLog, simulation: FleetSimulation) -> Likelihood:

@@ -37,6 +37,8 @@ _ROUNDS = 2
 """Passes over the active effects, whose components hardly depend on each other."""
 _TOLERANCE = 0.02
 """Of the log-likelihood and of log(deviation): far below what changes a decision."""
+_SIMPLEX = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+"""First simplex of log(deviation), from the start."""
 
 
 def start_components(count: int) -> Components:
@@ -59,29 +61,30 @@ def fitted_components(
     return found
 
 
-def _fitted_one(model: MixedModel, terms: Sequence[Term], start: Components, i: int) -> Components:
+def _fitted_one(
+    model: MixedModel, terms: Sequence[Term], start: Components, i: int
+) -> Components:
     has_cars = len(model.fleet.car_names) > 1
+    profile = model.profile(terms, start, i)
+    low, high = np.log(_LOWEST), np.log(_HIGHEST)
 
-    def at(x: FloatArray) -> Components:
-        tau, kappa = start.tau.copy(), start.kappa.copy()
-        tau[i] = np.exp(np.clip(x[0], np.log(_LOWEST), np.log(_HIGHEST)))
-        kappa[i] = np.exp(np.clip(x[1], np.log(_LOWEST), np.log(_HIGHEST))) if has_cars else 0.0
-        return Components(tau, kappa)
+    def deviations(x: FloatArray) -> tuple[float, float]:
+        tau, kappa = np.exp(np.clip(x, low, high))
+        return float(tau), float(kappa) if has_cars else 0.0
 
     def cost(x: FloatArray) -> float:
-        estimate = model.estimate(terms, at(x))
-        penalty = float(np.clip(x, np.log(_LOWEST), np.log(_HIGHEST)).sum())
-        return -(estimate.restricted + penalty)
+        return -(profile.restricted(*deviations(x)) + float(np.clip(x, low, high).sum()))
 
     x0 = np.log(np.clip([start.tau[i], start.kappa[i]], _LOWEST, _HIGHEST))
-    simplex = x0 + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     found = minimize(
         cost,
         x0,
         method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": _TOLERANCE, "fatol": _TOLERANCE},
+        options={"initial_simplex": x0 + _SIMPLEX, "xatol": _TOLERANCE, "fatol": _TOLERANCE},
     )
-    return at(found.x)
+    tau, kappa = start.tau.copy(), start.kappa.copy()
+    tau[i], kappa[i] = deviations(found.x)
+    return Components(tau, kappa)
 
 
 def total_variance(estimate: Estimate, m: int) -> float:
