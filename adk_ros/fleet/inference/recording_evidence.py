@@ -59,11 +59,16 @@ def evidence_rows(
     name = recording.name if name is None else name
     counted = (likelihood.weights > 0.0).any(axis=0)
     expected = likelihood.expected_loss(linear.residuals)
+    rows: list[Row] = []
+    added = np.zeros(simulation.columns.size)
+    if likelihood.problem.log.length_scale == 1.0:
+        known = [(one.key, one.cells, one.value) for one in local]
+        rows, added = place_rows(name, likelihood, linear, values, columns, known, placed)
     evidence = Evidence(
         name,
         RECORDING,
         simulation.columns,
-        linear.score,
+        linear.score + added,
         linear.information,
         BIN_S * float(counted.sum()),
         start_ns=recording.start_ns,
@@ -71,10 +76,7 @@ def evidence_rows(
         loss_ratio=linear.loss / max(expected, 1.0),
         blocks=int(np.unique(linear.block[linear.residuals != 0.0]).size),
     )
-    rows = [evidence.to_row()]
-    if likelihood.problem.log.length_scale == 1.0:
-        rows += place_rows(name, likelihood, linear, values, columns, placed)
-    return rows
+    return [evidence.to_row(), *rows]
 
 
 @dataclass(frozen=True)
