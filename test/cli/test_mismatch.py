@@ -16,13 +16,14 @@ import yaml
 from helpers.mismatch import case
 from helpers.mismatch_report import drag
 
-from adk_ros.bench.mismatch.case_files import write_case, write_evidence
+from adk_ros.bench.mismatch.case_files import write_case
 from adk_ros.cli.main import main
 from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
 from adk_ros.mismatch.inference.asked_effect import AskedEffect
 from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
+from adk_ros.offline.sensor_log_bag import write_sensor_log
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +119,7 @@ def test_a_bad_model_is_refused(
 def test_a_short_recording_is_refused_and_nothing_is_written(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_evidence(case().recording.between(0.0, 10.0), tmp_path / "short")
+    write_sensor_log(case().recording.between(0.0, 10.0), tmp_path / "short")
     line = refused(
         capsys,
         3,
@@ -248,7 +249,7 @@ def test_a_recording_without_an_imu_needs_an_option(
 ) -> None:
     recording = case().recording
     bag = tmp_path / "odometry"
-    write_evidence(replace(recording, imu_s=np.empty(0), imu=np.empty((0, 3))), bag)
+    write_sensor_log(replace(recording, imu_s=np.empty(0), imu=np.empty((0, 3))), bag)
     monkeypatch.setattr("adk_ros.mismatch.analysis.identify_mismatch", lambda *_: drag())
     arguments = ["mismatch", "--simulation", str(folder / "simulation"), "--recording", str(bag)]
     arguments += ["--out", str(tmp_path / "out")]

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from adk_ros.bench.mismatch.case_generator import GeneratedCase, InjectedMismatch, make_case
-from adk_ros.bench.mismatch.injectors import FULL, UNLISTED
 from adk_ros.bench.mismatch.multibody import MULTI_BODY
 from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN, MismatchResult
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.report.result_files import as_dict
 from adk_ros.mismatch.report.summary import sentence
+from adk_ros.plant.injection.injectors import FULL, UNLISTED
 
 pytestmark = pytest.mark.slow(seconds=45)
 SECONDS = (100.0, 150.0, 30.0)

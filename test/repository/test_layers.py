@@ -25,7 +25,9 @@ ORDER: dict[str, tuple[str, ...]] = {
         "road", "calibration", "mismatch", "importing", "offline", "exporting", "fleet", "ros",
         "api", "bench", "cli", "",
     ),
-    "plant": ("environment", "vehicle", "identification", "scenario", ""),
+    "plant": (
+        "environment", "vehicle", "identification", "scenario", "injection", "",
+    ),
     "model": ("lifting", "estimation", "adaptation", "uncertainty", ""),
     "mismatch": (
         "library", "recording", "surrogate", "inference", "deployment", "report", "watch",
@@ -220,7 +222,7 @@ def external_faults(module: Module) -> list[str]:
             or (
                 top in PAGES
                 and module.layer not in PAGE_LAYERS
-                and not module.path.startswith("mismatch/report/")
+                and not module.path.startswith(("mismatch/report/", "fleet/report/"))
             )
             or top in PICKLES
             or (

@@ -14,11 +14,11 @@ from adk_ros.bench.mismatch.case_matrix import (
     CasePlan,
     injected_mismatch,
 )
-from adk_ros.bench.mismatch.injected_drive import PLANTS
-from adk_ros.bench.mismatch.injectors import FULL, SPRUNG_CAR_ONLY, UNLISTED, scale_strength
 from adk_ros.bench.mismatch.multibody import MULTI_BODY
 from adk_ros.bench.mismatch.multibody_changes import EFFECTS as MULTIBODY_EFFECTS
 from adk_ros.bench.mismatch.multibody_changes import SIZES as MULTIBODY_SIZES
+from adk_ros.plant.injection.injected_drive import PLANTS
+from adk_ros.plant.injection.injectors import FULL, SPRUNG_CAR_ONLY, UNLISTED, scale_strength
 
 FIRST_SEED = 500_000
 """Seed of the first case: those of the benchmark begin at 1000."""

@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.bench.mismatch.injected_changes import InjectedChanges
-from adk_ros.bench.mismatch.injectors import plant_changes
 from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS, with_dropouts
-from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
 from adk_ros.bench.mismatch.vehicle_family import Drive, family_of
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.recording.simulated_sensors import simulate_faulty_sensors
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.environment.road import RoadPatch
+from adk_ros.plant.injection.injected_changes import InjectedChanges
+from adk_ros.plant.injection.injectors import plant_changes
 from adk_ros.plant.scenario.random_routes import (
     ROAD_STYLES,
     plan_route,

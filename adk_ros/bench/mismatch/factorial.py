@@ -25,9 +25,9 @@ from adk_ros.bench.mismatch.case_matrix import (
     injected_mismatch,
 )
 from adk_ros.bench.mismatch.case_score import CaseResult
-from adk_ros.bench.mismatch.injected_drive import PLANTS
-from adk_ros.bench.mismatch.injectors import FULL, SPRUNG_CAR_ONLY
 from adk_ros.errors import UsageError
+from adk_ros.plant.injection.injected_drive import PLANTS
+from adk_ros.plant.injection.injectors import FULL, SPRUNG_CAR_ONLY
 
 FIRST_FACTORIAL = 500
 """Seed of the first effect within a list, beyond the last case of that list."""

@@ -17,15 +17,7 @@ from typing import Any
 import numba  # type: ignore[import-untyped, unused-ignore]
 import numpy as np
 
-from adk_ros.bench.mismatch.injected_changes import (
-    STEPS_PER_COMMAND,
-    InjectedChanges,
-    act,
-    start_memory,
-)
-from adk_ros.bench.mismatch.injected_drive import TRUTH, excitation
 from adk_ros.bench.mismatch.multibody import MultibodyVehicle, model
-from adk_ros.bench.mismatch.unlisted_changes import MEMORY_SIZE, Motion
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import AIR_DENSITY, GRAVITY
 from adk_ros.plant.environment.road import (
@@ -37,6 +29,14 @@ from adk_ros.plant.environment.road import (
     locate,
     lookup,
 )
+from adk_ros.plant.injection.injected_changes import (
+    STEPS_PER_COMMAND,
+    InjectedChanges,
+    act,
+    start_memory,
+)
+from adk_ros.plant.injection.injected_drive import TRUTH, excitation
+from adk_ros.plant.injection.unlisted_changes import MEMORY_SIZE, Motion
 from adk_ros.plant.scenario.driver import driver_command
 from adk_ros.plant.vehicle.seven_dof import STEP
 

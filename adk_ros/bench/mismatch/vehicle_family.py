@@ -15,14 +15,14 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from adk_ros.bench.mismatch import multibody, multibody_changes
-from adk_ros.bench.mismatch.injected_changes import InjectedChanges
-from adk_ros.bench.mismatch.injected_drive import simulate_injected_drive
-from adk_ros.bench.mismatch.injectors import changed_vehicle
 from adk_ros.bench.mismatch.multibody import MULTI_BODY, MultibodyVehicle
 from adk_ros.bench.mismatch.multibody_drive import simulate_multibody_drive
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle, nominal_vehicle_of
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.environment.road import Route
+from adk_ros.plant.injection.injected_changes import InjectedChanges
+from adk_ros.plant.injection.injected_drive import simulate_injected_drive
+from adk_ros.plant.injection.injectors import changed_vehicle
 from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
 
 TOLERANCE = 0.004

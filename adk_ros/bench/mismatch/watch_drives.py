@@ -15,15 +15,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from adk_ros.bench.mismatch.injected_changes import InjectedChanges
-from adk_ros.bench.mismatch.injectors import FULL, plant_changes, scale_strength
-from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
 from adk_ros.bench.mismatch.vehicle_family import Drive, family_of
 from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.recording.simulated_sensors import simulate_faulty_sensors
 from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
+from adk_ros.plant.injection.injected_changes import InjectedChanges
+from adk_ros.plant.injection.injectors import FULL, plant_changes, scale_strength
 from adk_ros.plant.scenario.random_routes import (
     ROAD_STYLES,
     plan_route,

@@ -17,7 +17,6 @@ from adk_ros.bench.mismatch.acceptance import FAIL, NONE, PASS, Criterion, evalu
 from adk_ros.bench.mismatch.case_jobs import CaseJob, jobs_of
 from adk_ros.bench.mismatch.case_matrix import case_plans
 from adk_ros.bench.mismatch.case_score import CaseResult
-from adk_ros.bench.mismatch.injectors import UNLISTED
 from adk_ros.bench.mismatch.mismatch_bench import MismatchBench
 from adk_ros.bench.mismatch.reliability import ScoredClaim
 from adk_ros.bench.mismatch.result_tables import write_tables
@@ -26,6 +25,7 @@ from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, TIME, UNLISTED_IN
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS
+from adk_ros.plant.injection.injectors import UNLISTED
 
 
 def good(kind: str = "single", **changes: Any) -> CaseResult:

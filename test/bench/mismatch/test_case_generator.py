@@ -9,12 +9,12 @@ import pytest
 
 from adk_ros.bench.mismatch.calibration_cases import FIRST_SEED as FIRST_CALIBRATION_SEED
 from adk_ros.bench.mismatch.case_matrix import LISTS, NOISES, case_plans, select_plans
-from adk_ros.bench.mismatch.injected_changes import InjectedChanges
-from adk_ros.bench.mismatch.injected_drive import PLANTS, simulate_injected_drive
-from adk_ros.bench.mismatch.injectors import FULL, UNLISTED, plant_changes
 from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS
-from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
 from adk_ros.errors import UsageError
+from adk_ros.mismatch.recording.simulated_sensors import simulate_faulty_sensors
+from adk_ros.plant.injection.injected_changes import InjectedChanges
+from adk_ros.plant.injection.injected_drive import PLANTS, simulate_injected_drive
+from adk_ros.plant.injection.injectors import FULL, UNLISTED, plant_changes
 from adk_ros.plant.scenario.scenario_file import load_scenario
 from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
 

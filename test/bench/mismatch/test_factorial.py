@@ -10,8 +10,8 @@ import pytest
 from adk_ros.bench.mismatch.case_matrix import NOISES, case_plans
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.factorial import factorial_plans, results_by_factor
-from adk_ros.bench.mismatch.injected_drive import PLANTS
 from adk_ros.errors import UsageError
+from adk_ros.plant.injection.injected_drive import PLANTS
 
 
 def test_all_combinations_have_one_vehicle() -> None:

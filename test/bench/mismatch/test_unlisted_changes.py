@@ -10,14 +10,14 @@ import numba  # type: ignore[import-untyped, unused-ignore]
 import numpy as np
 import pytest
 
-from adk_ros.bench.mismatch.injected_changes import InjectedChanges, act, start_memory
-from adk_ros.bench.mismatch.injected_drive import simulate_injected_drive
-from adk_ros.bench.mismatch.injectors import UNLISTED, plant_changes
 from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS, with_dropouts
-from adk_ros.bench.mismatch.sensor_faults import simulate_faulty_sensors
-from adk_ros.bench.mismatch.unlisted_changes import MEMORY_SIZE, Motion, UnlistedChanges
 from adk_ros.bench.mismatch.unlisted_labels import UNLISTED_IN, describe_unlisted
+from adk_ros.mismatch.recording.simulated_sensors import simulate_faulty_sensors
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.plant.injection.injected_changes import InjectedChanges, act, start_memory
+from adk_ros.plant.injection.injected_drive import simulate_injected_drive
+from adk_ros.plant.injection.injectors import UNLISTED, plant_changes
+from adk_ros.plant.injection.unlisted_changes import MEMORY_SIZE, Motion, UnlistedChanges
 from adk_ros.plant.scenario.scenario_file import load_scenario
 from adk_ros.plant.vehicle.vehicle_parameters import Constants, load_vehicle
 

@@ -13,7 +13,6 @@ import yaml
 from helpers.mismatch import case
 from helpers.mismatch_report import drag
 
-from adk_ros.bench.mismatch.case_files import write_evidence
 from adk_ros.cli.main import main
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.analysis import identify_mismatch
@@ -27,6 +26,7 @@ from adk_ros.mismatch.inference.result import EXPLAINED
 from adk_ros.mismatch.library.surrogate_parameters import default_parameters
 from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle, nominal_vehicle_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.offline.sensor_log_bag import write_sensor_log
 from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle
 
 
@@ -102,7 +102,7 @@ def test_command_takes_a_surrogate(
 ) -> None:
     file, bag = tmp_path / "simulation.yaml", tmp_path / "recording"
     file.write_text(surrogate_yaml(default_parameters()))
-    write_evidence(case().recording, bag)
+    write_sensor_log(case().recording, bag)
     given = []
 
     def known(simulation: object, recording: object, *rest: object) -> object:

@@ -13,7 +13,6 @@ import yaml
 from helpers.mismatch import CAR, case, steady
 
 from adk_ros.bench.mismatch.case_generator import InjectedMismatch, make_case
-from adk_ros.bench.mismatch.injectors import UNLISTED
 from adk_ros.bench.mismatch.unlisted_labels import UNLISTED_IN
 from adk_ros.errors import UsageError
 from adk_ros.files.yaml_file import validate
@@ -45,6 +44,7 @@ from adk_ros.mismatch.surrogate.state_index import A_X, A_Y, V_Y, YAW_ACCELERATI
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.environment.elevation import Height, Undulation
 from adk_ros.plant.environment.road import ROAD_GRADE, ROAD_HEADING, ROAD_X, ROAD_Y, lookup
+from adk_ros.plant.injection.injectors import UNLISTED
 from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
 from adk_ros.plant.scenario.simulate import simulate
 from adk_ros.plant.vehicle.vehicle_parameters import Vehicle

@@ -9,13 +9,13 @@ from functools import cache
 import pytest
 
 from adk_ros.bench.mismatch.case_generator import GeneratedCase, InjectedMismatch, make_case
-from adk_ros.bench.mismatch.injectors import UNLISTED
 from adk_ros.mismatch.inference.fit_budget import NULL_HYPOTHESIS
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.unmodelled import fit_feature_expansion
 from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
+from adk_ros.plant.injection.injectors import UNLISTED
 
 
 def case_with(name: str) -> GeneratedCase:

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.bench.mismatch.injected_changes import STEPS_PER_COMMAND
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
+from adk_ros.plant.injection.injected_changes import STEPS_PER_COMMAND
 
 NOISE = np.array([0.06, 0.06, 0.003])
 """Standard deviation of the IMU: a_x, a_y in m/s², yaw rate in rad/s."""

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from adk_ros.bench.mismatch.injected_changes import InjectedChanges
-from adk_ros.bench.mismatch.unlisted_changes import UnlistedChanges
 from adk_ros.files.yaml_file import with_replacements
+from adk_ros.plant.injection.injected_changes import InjectedChanges
+from adk_ros.plant.injection.unlisted_changes import UnlistedChanges
 from adk_ros.plant.vehicle.vehicle_parameters import Vehicle
 
 FULL: dict[str, dict[str, float]] = {

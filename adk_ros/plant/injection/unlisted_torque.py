@@ -6,8 +6,10 @@ from __future__ import annotations
 
 import math
 
-from adk_ros.bench.mismatch import unlisted_changes as constants
-from adk_ros.bench.mismatch.unlisted_changes import (
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.numba_cache import strict_kernel
+from adk_ros.plant.injection import unlisted_changes as constants
+from adk_ros.plant.injection.unlisted_changes import (
     FRICTION,
     HEAT,
     LAST_TORQUE,
@@ -15,8 +17,6 @@ from adk_ros.bench.mismatch.unlisted_changes import (
     Motion,
     UnlistedChanges,
 )
-from adk_ros.numerics.arrays import FloatArray
-from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.plant.vehicle.seven_dof import STEP
 from adk_ros.plant.vehicle.vehicle_parameters import Constants
 

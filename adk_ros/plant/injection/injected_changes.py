@@ -11,7 +11,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from adk_ros.bench.mismatch.unlisted_changes import (
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.numba_cache import strict_kernel
+from adk_ros.plant.injection.unlisted_changes import (
     BACKLASH,
     DELTA,
     LAST_TORQUE,
@@ -19,10 +21,8 @@ from adk_ros.bench.mismatch.unlisted_changes import (
     Motion,
     UnlistedChanges,
 )
-from adk_ros.bench.mismatch.unlisted_motion import added_accelerations, road_wheel_angle
-from adk_ros.bench.mismatch.unlisted_torque import wheel_torque
-from adk_ros.numerics.arrays import FloatArray
-from adk_ros.numerics.numba_cache import strict_kernel
+from adk_ros.plant.injection.unlisted_motion import added_accelerations, road_wheel_angle
+from adk_ros.plant.injection.unlisted_torque import wheel_torque
 from adk_ros.plant.vehicle.seven_dof import STEP
 from adk_ros.plant.vehicle.vehicle_parameters import Constants
 

@@ -15,15 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adk_ros.bench.mismatch import sprung_car
-from adk_ros.bench.mismatch.injected_changes import (
-    STEPS_PER_COMMAND,
-    InjectedChanges,
-    act,
-    start_memory,
-)
-from adk_ros.bench.mismatch.sprung_car import step_sprung_car
-from adk_ros.bench.mismatch.unlisted_changes import MEMORY_SIZE, Motion
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.plant.environment.road import (
@@ -39,6 +30,15 @@ from adk_ros.plant.environment.road import (
     lookup,
 )
 from adk_ros.plant.environment.surface import tangent_plane
+from adk_ros.plant.injection import sprung_car
+from adk_ros.plant.injection.injected_changes import (
+    STEPS_PER_COMMAND,
+    InjectedChanges,
+    act,
+    start_memory,
+)
+from adk_ros.plant.injection.sprung_car import step_sprung_car
+from adk_ros.plant.injection.unlisted_changes import MEMORY_SIZE, Motion
 from adk_ros.plant.scenario.driver import Excitation, SpeedPlan, driver_command, excitation_signals
 from adk_ros.plant.scenario.route_step import step_on_route
 from adk_ros.plant.vehicle.fourteen_dof import rolling_state as rolling_on_plane

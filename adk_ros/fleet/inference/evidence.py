@@ -1,0 +1,220 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Evidence of one recording: a quadratic summary of its likelihood, as flat rows.
+
+With x the joint vector of nuisance parameters and effects (see `Columns`), e the whitened
+residuals of the recording at x = x0 and J their derivatives, the log-likelihood is
+
+    l(x) = s^T (x - x0) - 1/2 (x - x0)^T H (x - x0),    s = -J^T W e,    H = J^T W J,
+
+W being Huber's weights. It is nearly exact for effects of a small strength; for larger ones the
+recording is linearised again at the estimate of the fleet. Scores of different recordings add up.
+
+The rows hold numbers, texts and bytes (float64, little-endian, row by row), so that they go into
+any table format.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from adk_ros.errors import DataError
+from adk_ros.mismatch.inference.likelihood import TOLERANCE_PARAMETERS
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import SENSOR_OFFSET_PRIORS, TOLERANCE_SIGMA
+from adk_ros.mismatch.library.effect import PLACE, Effect, EffectParameter
+from adk_ros.numerics.arrays import FloatArray
+
+RECORDING, SIMULATION, PLACE_ROW = "recording", "simulation", "place"
+"""Kinds of rows: a recording, the simulation itself, and a recording at one place."""
+SCHEMA = 1
+"""Version of the rows; rows of another one are refused."""
+_BYTES = np.dtype("<f8")
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A parameter of an effect as a column of the joint vector; `key` is effect.parameter."""
+
+    effect: Effect
+    parameter: EffectParameter
+
+    @property
+    def key(self) -> str:
+        """Name in rows and tables."""
+        return f"{self.effect.name}.{self.parameter.name}"
+
+    @property
+    def materiality(self) -> float:
+        """Materiality threshold of the fitted variable: the unit of the combination."""
+        threshold = self.parameter.materiality_threshold
+        return 1.0 / threshold if self.parameter.inverse else threshold
+
+
+def effect_columns(effects: Mapping[str, Effect] | None = None) -> tuple[Column, ...]:
+    """Return the columns of all effects that may act always."""
+    chosen = (e for e in (effects or EFFECTS).values() if e.activations != (PLACE,))
+    return tuple(Column(effect, p) for effect in chosen for p in effect.parameters)
+
+
+def place_columns(effects: Mapping[str, Effect] | None = None) -> tuple[Column, ...]:
+    """Return the columns of all effects that may act at a place."""
+    chosen = (e for e in (effects or EFFECTS).values() if PLACE in e.activations)
+    return tuple(Column(effect, p) for effect in chosen for p in effect.parameters)
+
+
+def column_of(key: str) -> Column:
+    """Return the column with a key effect.parameter."""
+    name, _, parameter = key.partition(".")
+    for p in EFFECTS[name].parameters if name in EFFECTS else ():
+        if p.name == parameter:
+            return Column(EFFECTS[name], p)
+    raise DataError(f"'{key}' is no parameter of an effect in the catalogue")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """
+    Layout of the joint vector: tolerances, sensor offsets, weak directions, effects.
+
+    `scale` (d,): size of a unit of the combination, in the unit of the fitted variable: a prior
+    standard deviation of a nuisance parameter, the materiality threshold of an effect.
+    """
+
+    weak: int
+    effects: tuple[str, ...]
+
+    @property
+    def tolerances(self) -> slice:
+        """Build tolerances: relative, of a car, in all its recordings."""
+        return slice(0, len(TOLERANCE_PARAMETERS))
+
+    @property
+    def offsets(self) -> slice:
+        """Sensor offsets."""
+        first = len(TOLERANCE_PARAMETERS)
+        return slice(first, first + len(SENSOR_OFFSET_PRIORS))
+
+    @property
+    def weak_directions(self) -> slice:
+        """Directions that the simulation determines weakly: common to all recordings."""
+        return slice(self.offsets.stop, self.offsets.stop + self.weak)
+
+    @property
+    def first_effect(self) -> int:
+        """Index of the first effect."""
+        return self.offsets.stop + self.weak
+
+    @property
+    def size(self) -> int:
+        """Length d of the joint vector."""
+        return self.first_effect + len(self.effects)
+
+    @property
+    def scale(self) -> FloatArray:
+        """Size (d,) of a unit of the combination."""
+        return np.concatenate(
+            [
+                np.full(len(TOLERANCE_PARAMETERS), TOLERANCE_SIGMA),
+                [sigma for sigma, _ in SENSOR_OFFSET_PRIORS.values()],
+                np.ones(self.weak),
+                [column_of(key).materiality for key in self.effects],
+            ]
+        )
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """
+    Quadratic log-likelihood of a recording in absolute, scaled coordinates.
+
+    `score` (d,) and `information` (d, d) refer to x = 0: l(x) = score^T x - x^T information x / 2,
+    in units of `Columns.scale`. `scatter` (d, d): sum over blocks of the outer products of their
+    scores, for the simulation; `blocks`: their number; `counted_s`: duration of what counts.
+    """
+
+    name: str
+    kind: str
+    columns: Columns
+    score: FloatArray
+    information: FloatArray
+    counted_s: float
+    start_ns: int = 0
+    dispersion: float = 1.0
+    """Variance of the scores between blocks over that expected of white noise, at least one."""
+    loss_ratio: float = 1.0
+    """Loss without effects over that of a perfect model."""
+    scatter: FloatArray | None = None
+    blocks: int = 0
+
+    def to_row(self) -> Row:
+        """Return the evidence as a flat row."""
+        return {
+            "schema": SCHEMA,
+            "kind": self.kind,
+            "recording": self.name,
+            "start_ns": self.start_ns,
+            "counted_s": self.counted_s,
+            "weak": self.columns.weak,
+            "effects": ",".join(self.columns.effects),
+            "score": packed(self.score),
+            "information": packed(self.information),
+            "scatter": b"" if self.scatter is None else packed(self.scatter),
+            "blocks": self.blocks,
+            "dispersion": self.dispersion,
+            "loss_ratio": self.loss_ratio,
+        }
+
+    @classmethod
+    def from_row(cls, row: Row) -> Evidence:
+        """
+        Return the evidence of a row.
+
+        :raises DataError: the row has another schema, or its arrays do not fit.
+        """
+        if row.get("schema") != SCHEMA:
+            raise DataError(
+                f"evidence of {row.get('recording', '?')} has schema {row.get('schema')}, "
+                f"{SCHEMA} is needed: compute it again"
+            )
+        columns = Columns(int(row["weak"]), tuple(str(row["effects"]).split(",")))
+        d = columns.size
+        scatter = row["scatter"]
+        return cls(
+            name=str(row["recording"]),
+            kind=str(row["kind"]),
+            columns=columns,
+            score=unpacked(row["score"], (d,)),
+            information=unpacked(row["information"], (d, d)),
+            counted_s=float(row["counted_s"]),
+            start_ns=int(row["start_ns"]),
+            dispersion=float(row["dispersion"]),
+            loss_ratio=float(row["loss_ratio"]),
+            scatter=unpacked(scatter, (d, d)) if scatter else None,
+            blocks=int(row["blocks"]),
+        )
+
+
+def packed(values: FloatArray) -> bytes:
+    """Return an array as bytes."""
+    return np.ascontiguousarray(values, dtype=_BYTES).tobytes()
+
+
+def unpacked(content: bytes, shape: Sequence[int]) -> FloatArray:
+    """
+    Return the array of a shape from bytes.
+
+    :raises DataError: the number of bytes does not fit.
+    """
+    values = np.frombuffer(content, dtype=_BYTES)
+    if values.size != int(np.prod(shape)):
+        raise DataError(
+            f"evidence has {values.size} values where {int(np.prod(shape))} are needed"
+        )
+    return values.reshape(shape).astype(np.float64)

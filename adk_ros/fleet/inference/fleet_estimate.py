@@ -1,0 +1,128 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The estimate of a fleet: effects, levels and places, and the joint vector of each recording.
+
+Effects of all levels are selected first, then those at places given these; then once more, each
+without what the other explains: a place that all recordings of one route pass would otherwise look
+like an effect of its recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from adk_ros.fleet.inference.evidence import RECORDING, Row, column_of
+from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
+from adk_ros.fleet.inference.fleet_selection import Assessment, FleetModel, Selection
+from adk_ros.fleet.inference.mixed_model import MixedModel
+from adk_ros.fleet.inference.places import Place, PlaceData
+from adk_ros.fleet.inference.recording_evidence import PlacedValue
+from adk_ros.numerics.arrays import FloatArray
+
+_ROUNDS = 3
+"""Rounds of effects and places; the last two differ where a place is large. By choice."""
+_OFFSET_VARIANCE = 2.0
+"""Prior variance of a recording's sensor offsets: the car's and its own."""
+
+
+@dataclass(frozen=True)
+class FleetEstimate:
+    """Evidence without the effects at places, the selection on it, its claims, and the places."""
+
+    fleet: FleetEvidence
+    selection: Selection
+    model: FleetModel
+    claims: tuple[Assessment, ...]
+    places: tuple[Place, ...]
+    loss_ratios: Mapping[str, float]
+
+    def values_of(self, recording: str) -> dict[str, float]:
+        """
+        Return the effects in a recording: key -> difference of the fitted variable from neutral.
+
+        Within the bounds of the parameters; where to linearise the recording again.
+        """
+        i = self.fleet.names.index(recording)
+        totals: dict[str, float] = {}
+        for claim in self.claims:
+            key = self.fleet.columns.effects[claim.candidate.effect]
+            share = float(claim.candidate.design[i])
+            totals[key] = totals.get(key, 0.0) + share * claim.size
+        out = {}
+        for key, total in totals.items():
+            column = column_of(key)
+            p = column.parameter
+            low, high = (b - p.theta_neutral for b in p.bounds())
+            out[key] = float(np.clip(total * column.materiality, low, high))
+        return {key: value for key, value in out.items() if value != 0.0}
+
+    def local_values(self) -> list[PlacedValue]:
+        """Return the effects at places, within their bounds, for a further linearisation."""
+        out = []
+        for place in self.places:
+            column = column_of(place.key)
+            p = column.parameter
+            low, high = (b - p.theta_neutral for b in p.bounds())
+            value = float(np.clip(place.size * column.materiality, low, high))
+            out.append(PlacedValue(place.key, place.cells, value))
+        return out
+
+
+def estimate_fleet(
+    rows: Sequence[Row],
+    tags: Mapping[str, RecordingTags],
+    progress: Callable[[float, str], None] | None = None,
+) -> FleetEstimate:
+    """
+    Return the estimate of a fleet from its rows of evidence.
+
+    :raises DataError: there is no evidence, or it does not belong together.
+    """
+    fleet = FleetEvidence.of(rows, tags)
+    of_recordings = {row["recording"]: row for row in rows if row["kind"] == RECORDING}
+    dispersion = {name: float(row["dispersion"]) for name, row in of_recordings.items()}
+    ratios = {name: float(row["loss_ratio"]) for name, row in of_recordings.items()}
+    data = PlaceData(rows, fleet.names, dispersion)
+    places: list[Place] = []
+    corrected = fleet
+    for turn in range(_ROUNDS):
+        selection = Selection(corrected, data.tests, progress)
+        model = selection.select()
+        at = joint_vectors(corrected, selection, model)
+        found = data.select(at, selection.significance)
+        if {(p.key, p.cells) for p in found} == {(p.key, p.cells) for p in places}:
+            break
+        if turn + 1 < _ROUNDS:
+            places = found
+            removed = data.correction(places, len(fleet.names), fleet.columns.size)
+            corrected = replace(fleet, scores=fleet.scores - removed)
+    claims = tuple(selection.assessed(model))
+    return FleetEstimate(corrected, selection, model, claims, tuple(places), ratios)
+
+
+def joint_vectors(fleet: FleetEvidence, selection: Selection, model: FleetModel) -> FloatArray:
+    """Return the estimated joint vector (r, d) of each recording."""
+    c = fleet.columns
+    out = np.zeros((len(fleet.names), c.size))
+    active = model.active()
+    if active:
+        mixed = MixedModel(fleet, active)
+        estimate = mixed.estimate(
+            [x.term for x in model.claimed], model.components_of(active)
+        )
+        for size, candidate in zip(estimate.sizes, model.claimed, strict=True):
+            out[:, c.first_effect + candidate.effect] += size * candidate.design
+        of_car = np.array([fleet.car_names.index(car) for car in fleet.cars])
+        for i, effect in enumerate(active):
+            out[:, c.first_effect + effect] += estimate.car_deviations[of_car, i]
+    k = c.first_effect
+    prior = np.ones(k)
+    prior[c.offsets] = 1.0 / _OFFSET_VARIANCE
+    right = fleet.scores[:, :k] - np.einsum("rij,rj->ri", fleet.informations[:, :k, k:], out[:, k:])
+    left = fleet.informations[:, :k, :k] + np.diag(prior)
+    out[:, :k] = np.linalg.solve(left, right[:, :, None])[:, :, 0]
+    return out

@@ -1,0 +1,319 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Forward selection of effects and levels over a fleet.
+
+Each step examines every parameter of every effect at every level:
+
+1. The gain of each candidate without deviations of its own between recordings and cars bounds its
+   evidence from above; all levels of a parameter come from one linear problem.
+2. In the order of these gains, each candidate is fitted with its variance components. Its evidence
+   is t^2 with the variance of the model; its significance is Student's t with the total variance
+   (`variance_components.total_variance`) and its degrees of freedom.
+3. Of the significant candidates that of the largest evidence is added.
+
+Afterwards all components are fitted again, and terms that are no longer significant are dropped.
+
+Significant is what chance exceeds in `criteria.FAMILYWISE_ERROR_RATE` of fleets anywhere among the
+examined parameters and levels (Bonferroni), places included. Scatter between recordings or cars
+raises the variance of a size and lowers its degrees of freedom, so that it is no evidence for a
+mean. A car's deviation must also exceed the materiality threshold: below, it is build tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtri, stdtr, stdtrit
+
+from adk_ros.fleet.inference.evidence import column_of
+from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
+from adk_ros.fleet.inference.levels import CAR, RAMP, STEP, Level, levels_of
+from adk_ros.fleet.inference.mixed_model import Components, Estimate, MixedModel, Term
+from adk_ros.fleet.inference.variance_components import (
+    degrees_of_freedom,
+    fitted_components,
+    start_components,
+    total_variance,
+)
+from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE
+from adk_ros.numerics.arrays import FloatArray
+
+MAX_TERMS = 30
+"""Most terms of a selection: far more than a fleet lacks; bounds the time. By choice."""
+_LEVELS_PER_PARAMETER = 4
+"""Levels of a parameter that are fitted in full in one step, those of the largest gains."""
+_PER_STEP = 40
+"""Candidates that are fitted in full in one step. By choice; they come in the order of gains."""
+_BOUND_DEVIATIONS = 2.0
+"""Standard deviations by which chance may move a size beyond the bounds of its parameter."""
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A parameter of an effect (index of the columns' effects) at a level."""
+
+    effect: int
+    level: Level
+    design: FloatArray
+
+    @property
+    def term(self) -> Term:
+        """The candidate as a term of the model."""
+        return Term(self.effect, self.design)
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """
+    A candidate, fitted with its components next to the claimed terms.
+
+    `size` in materiality thresholds; `deviation` with all of its variance; `evidence`: t^2 with
+    the variance of the model alone; `p_value` of a single test; `response` (d,): size per score of
+    the simulation; `components`: tau and kappa of its parameter.
+    """
+
+    candidate: Candidate
+    size: float
+    deviation: float
+    evidence: float
+    p_value: float
+    freedom: float
+    response: FloatArray
+    components: tuple[float, float]
+    extremes: tuple[float, float]
+    """Least and largest sum of the parameter's terms in any recording, from neutral."""
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 90 % confidence interval of the size."""
+        half = float(-stdtrit(self.freedom, 0.05)) * self.deviation
+        return self.size - half, self.size + half
+
+    def is_material(self) -> bool:
+        """Whether the size matters at its level: a car's must exceed build tolerance."""
+        return self.candidate.level.kind != CAR or abs(self.size) >= 1.0
+
+
+@dataclass(frozen=True)
+class FleetModel:
+    """The claimed candidates with the components of their parameters, by index of the effect."""
+
+    claimed: tuple[Candidate, ...]
+    components: dict[int, tuple[float, float]]
+
+    def active(self, further: Sequence[int] = ()) -> list[int]:
+        """Return the columns of all effects with a term, and further ones."""
+        return sorted({c.effect for c in self.claimed} | set(further))
+
+    def components_of(self, active: Sequence[int]) -> Components:
+        """Return the components of active effects; those that were not fitted at their start."""
+        start = start_components(len(active))
+        for i, effect in enumerate(active):
+            if effect in self.components:
+                start.tau[i], start.kappa[i] = self.components[effect]
+        return start
+
+
+class Selection:
+    """
+    Selection over a fleet; `further_tests`: tests of others that share the error rate (places).
+
+    `levels` are those that the recordings tell apart.
+    """
+
+    def __init__(
+        self, fleet: FleetEvidence, further_tests: int = 0, progress: Progress | None = None
+    ) -> None:
+        self.fleet = fleet
+        self.levels = levels_of(fleet)
+        self.designs = np.array([level.design(fleet) for level in self.levels])
+        informative = np.einsum("rii->i", fleet.informations)[fleet.columns.first_effect :]
+        self.observable = [int(i) for i in np.flatnonzero(informative > 0.0)]
+        self.tests = max(len(self.observable) * len(self.levels) + further_tests, 1)
+        self._progress = progress or (lambda done, text: None)
+
+    @property
+    def significance(self) -> float:
+        """Largest p-value of a significant candidate."""
+        return FAMILYWISE_ERROR_RATE / self.tests
+
+    def select(self) -> FleetModel:
+        """Return the claimed terms of the fleet, fitted."""
+        model = FleetModel((), {})
+        refused: set[tuple[int, Level]] = set()
+        while len(model.claimed) < MAX_TERMS:
+            self._progress(len(model.claimed) / MAX_TERMS, "selecting effects and levels")
+            best = self._best(model, refused)
+            if best is None:
+                break
+            model = self.refitted(
+                replace(
+                    model,
+                    claimed=(*model.claimed, best.candidate),
+                    components={**model.components, best.candidate.effect: best.components},
+                )
+            )
+            model, dropped = self._without_insignificant(model)
+            # What was dropped once must not return for ever.
+            refused |= {(c.effect, c.level) for c in dropped}
+        return model
+
+    def refitted(self, model: FleetModel) -> FleetModel:
+        """Return the model with the components of all its effects fitted again."""
+        if not model.claimed:
+            return FleetModel((), {})
+        active = model.active()
+        mixed = MixedModel(self.fleet, active)
+        terms = [c.term for c in model.claimed]
+        found = fitted_components(mixed, terms, model.components_of(active))
+        return replace(
+            model,
+            components={
+                effect: (float(found.tau[i]), float(found.kappa[i]))
+                for i, effect in enumerate(active)
+            },
+        )
+
+    def assessed(self, model: FleetModel) -> list[Assessment]:
+        """Return the assessment of each claimed term."""
+        active = model.active()
+        if not active:
+            return []
+        mixed = MixedModel(self.fleet, active)
+        terms = [c.term for c in model.claimed]
+        components = model.components_of(active)
+        estimate = mixed.estimate(terms, components, with_bias=True)
+        return [
+            _assessment(candidate, m, estimate, mixed, terms, components)
+            for m, candidate in enumerate(model.claimed)
+        ]
+
+    def assess(self, model: FleetModel, candidate: Candidate) -> Assessment:
+        """Return the assessment of a further candidate, with its components fitted."""
+        active = model.active([candidate.effect])
+        mixed = MixedModel(self.fleet, active)
+        terms = [*(c.term for c in model.claimed), candidate.term]
+        found = fitted_components(
+            mixed, terms, model.components_of(active), [active.index(candidate.effect)]
+        )
+        estimate = mixed.estimate(terms, found, with_bias=True)
+        return _assessment(candidate, len(terms) - 1, estimate, mixed, terms, found)
+
+    def gains(self, model: FleetModel, effect: int) -> FloatArray:
+        """
+        Return the evidence (levels,) of a parameter at each level without components of its own.
+
+        Those of an effect that is claimed already stay. Claimed levels have none left.
+        """
+        active = model.active([effect])
+        mixed = MixedModel(self.fleet, active)
+        components = model.components_of(active)
+        if effect not in model.components:
+            components.tau[active.index(effect)] = 0.0
+            components.kappa[active.index(effect)] = 0.0
+        claimed = [c.term for c in model.claimed]
+        terms = [*claimed, *(Term(effect, z) for z in self.designs)]
+        estimate = mixed.estimate(terms, components)
+        k = len(claimed)
+        h, g = estimate.information, estimate.score
+        solved = np.linalg.solve(h[:k, :k], np.column_stack([h[:k, k:], g[:k]]))
+        left = np.diag(h)[k:] - (h[k:, :k] * solved[:, :-1].T).sum(axis=1)
+        right = g[k:] - h[k:, :k] @ solved[:, -1]
+        usable = left > 1e-6 * np.maximum(np.diag(h)[k:], 1e-12)
+        return np.asarray(np.where(usable, right**2 / np.where(usable, left, 1.0), 0.0))
+
+    def ranked(self, model: FleetModel) -> list[tuple[float, Candidate]]:
+        """Return the candidates of the largest gains of each parameter, largest first."""
+        out = []
+        for effect in self.observable:
+            gains = self.gains(model, effect)
+            for i in np.argsort(-gains)[:_LEVELS_PER_PARAMETER]:
+                candidate = Candidate(effect, self.levels[i], self.designs[i])
+                out.append((float(gains[i]), candidate))
+        return sorted(out, key=lambda pair: -pair[0])
+
+    def _best(self, model: FleetModel, refused: set[tuple[int, Level]]) -> Assessment | None:
+        best: Assessment | None = None
+        least = float(ndtri(0.5 * self.significance)) ** 2
+        for gain, candidate in self.ranked(model)[:_PER_STEP]:
+            # No candidate has more evidence than its gain: the rest is no better.
+            if gain < max(least, 0.0 if best is None else best.evidence):
+                break
+            if (candidate.effect, candidate.level) in refused:
+                continue
+            found = self.assess(model, candidate)
+            if not self.is_claimable(found):
+                continue
+            if best is None or found.evidence > best.evidence:
+                best = found
+        return best
+
+    def is_claimable(self, found: Assessment) -> bool:
+        """Whether a candidate is significant, material, and possible."""
+        return (
+            found.p_value < self.significance
+            and found.is_material()
+            and self.is_possible(found)
+        )
+
+    def is_possible(self, found: Assessment) -> bool:
+        """Whether the parameter stays within its bounds in all recordings; a delay is positive."""
+        column = column_of(self.fleet.columns.effects[found.candidate.effect])
+        p = column.parameter
+        low, high = ((b - p.theta_neutral) / column.materiality for b in p.bounds())
+        slack = _BOUND_DEVIATIONS * found.deviation
+        return found.extremes[0] >= low - slack and found.extremes[1] <= high + slack
+
+    def _without_insignificant(self, model: FleetModel) -> tuple[FleetModel, list[Candidate]]:
+        dropped: list[Candidate] = []
+        while model.claimed:
+            found = self.assessed(model)
+            worst = max(found, key=lambda one: one.p_value)
+            bad = [one for one in found if not self.is_claimable(one)]
+            if not bad:
+                break
+            worst = max(bad, key=lambda one: one.p_value)
+            dropped.append(worst.candidate)
+            model = self.refitted(
+                replace(model, claimed=tuple(c for c in model.claimed if c is not worst.candidate))
+            )
+        return model, dropped
+
+
+def _assessment(
+    candidate: Candidate,
+    m: int,
+    estimate: Estimate,
+    mixed: MixedModel,
+    terms: Sequence[Term],
+    components: Components,
+) -> Assessment:
+    size, variance = float(estimate.sizes[m]), float(estimate.covariance[m, m])
+    deviation = float(np.sqrt(total_variance(estimate, m)))
+    freedom = degrees_of_freedom(mixed, terms, components, m)
+    i = mixed.active.index(candidate.effect)
+    sums = sum(
+        (estimate.sizes[k] * t.design for k, t in enumerate(terms) if t.effect == candidate.effect),
+        np.zeros(1),
+    )
+    return Assessment(
+        candidate,
+        size,
+        deviation,
+        size**2 / variance,
+        2.0 * float(stdtr(freedom, -abs(size) / deviation)),
+        freedom,
+        estimate.response[m],
+        (float(components.tau[i]), float(components.kappa[i])),
+        (float(sums.min()), float(sums.max())),
+    )
+
+
+def is_trend(level: Level) -> bool:
+    """Whether a level is a change in time."""
+    return level.kind in {STEP, RAMP}

@@ -1,0 +1,136 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Evidence of a recording: prepared as for a single analysis, then linearised in all effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from adk_ros.fleet.inference.evidence import RECORDING, Columns, Evidence, Row, column_of, effect_columns
+from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
+from adk_ros.fleet.inference.linearisation import Linearisation, effects_at, linearised
+from adk_ros.fleet.inference.place_evidence import Cell, in_cells, place_rows
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
+from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.observability import is_torque
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.recorded_data import RecordedData, usable_recordings
+from adk_ros.mismatch.recording.dead_channels import without_dead_channels
+from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
+from adk_ros.mismatch.recording.inferred_torque import with_inferred_torque
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.surrogate.activation import Activation
+from adk_ros.mismatch.surrogate.residuals import BIN_S
+from adk_ros.numerics.arrays import FloatArray
+
+_PRIOR_UNITS = 100.0
+"""
+Prior standard deviation of an effect in a recording's own fit, in materiality thresholds: wide,
+since the fit only centres the scores of the blocks.
+"""
+
+
+def evidence_rows(
+    recording: SensorLog,
+    simulation: FleetSimulation,
+    values: Mapping[str, float] | None = None,
+    local: Sequence[PlacedValue] = (),
+    *,
+    name: str | None = None,
+) -> list[Row]:
+    """
+    Return the evidence of a recording as flat rows: one of the recording, one per place.
+
+    `values`: key effect.parameter -> difference of the fitted variable from neutral, at which to
+    linearise: the fleet's estimate for this recording in a second pass; `local`: the same of effects at
+    places, which stay part of the model. `name`: identity of the
+    recording in the rows (the log's name by default).
+
+    :raises DataError: the recording does not allow an analysis.
+    """
+    likelihood = recording_likelihood(recording, simulation)
+    columns = effect_columns(likelihood.effects)
+    values = {k: v for k, v in (values or {}).items() if v != 0.0}
+    placed = [one.active(likelihood) for one in local]
+    linear = linearised(likelihood, simulation.columns, columns, values, placed=placed)
+    name = recording.name if name is None else name
+    counted = (likelihood.weights > 0.0).any(axis=0)
+    expected = likelihood.expected_loss(linear.residuals)
+    rows: list[Row] = []
+    added = np.zeros(simulation.columns.size)
+    if likelihood.problem.log.length_scale == 1.0:
+        known = [(one.key, one.cells, one.value) for one in local]
+        rows, added = place_rows(name, likelihood, linear, values, columns, known, placed)
+    evidence = Evidence(
+        name,
+        RECORDING,
+        simulation.columns,
+        linear.score + added,
+        linear.information,
+        BIN_S * float(counted.sum()),
+        start_ns=recording.start_ns,
+        dispersion=dispersion(linear, simulation.columns),
+        loss_ratio=linear.loss / max(expected, 1.0),
+        blocks=int(np.unique(linear.block[linear.residuals != 0.0]).size),
+    )
+    return [evidence.to_row(), *rows]
+
+
+@dataclass(frozen=True)
+class PlacedValue:
+    """An effect's parameter (key) in cells: difference of the fitted variable from neutral."""
+
+    key: str
+    cells: tuple[Cell, ...]
+    value: float
+
+    def active(self, likelihood: Likelihood) -> ActiveEffect:
+        """Return the effect along a recording."""
+        weight = in_cells(likelihood.problem, self.cells)
+        (active,) = effects_at(
+            [column_of(self.key)], {self.key: self.value}, Activation(weight=weight)
+        )
+        return active
+
+
+def recording_likelihood(recording: SensorLog, simulation: FleetSimulation) -> Likelihood:
+    """
+    Return the likelihood of all data of a recording under the simulation's surrogate.
+
+    :raises DataError: the recording does not allow an analysis.
+    """
+    surrogate = simulation.surrogate
+    log = replace(recording, length_scale=simulation.length_scale)
+    log, _ = without_dead_channels(log)
+    has_imu = log.imu_s.size > 0
+    (log,) = usable_recordings([log])
+    log, _ = without_frozen_readings(log)
+    noise = log.noise()
+    p = surrogate.parameters
+    if not log.torque_is_inferred and not is_torque(
+        log, p[INDEX["mass"]], p[INDEX["wheel_radius"]]
+    ):
+        log = with_inferred_torque(log, p)
+    return RecordedData.of(surrogate, [log], [noise], has_imu, 0.0).whole()
+
+
+def dispersion(linear: Linearisation, columns: Columns) -> float:
+    """
+    Return the variance of the scores between blocks over that of white noise, at least one.
+
+    The scores are centred by the recording's own fit. The median over the joint vector's entries.
+    """
+    information = linear.information
+    prior = np.ones(columns.size)
+    prior[columns.first_effect :] = 1.0 / _PRIOR_UNITS**2
+    at = np.linalg.solve(information + np.diag(prior), linear.score)
+    scores = linear.block_scores(at)
+    expected: FloatArray = np.diag(information)
+    used = expected > 0.0
+    if scores.shape[0] < 2 or not used.any():
+        return 1.0
+    ratio = (scores[:, used] ** 2).sum(axis=0) / expected[used]
+    return float(max(np.median(ratio), 1.0))
