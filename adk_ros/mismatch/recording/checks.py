@@ -280,11 +280,13 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
     """
     Check mass and wheel radius of the vehicle file against the simulation's torque response.
 
-    :raises DataError: the implied mass differs by more than 8 %, both over the whole recording and
-        over its part of low power, which a power limit does not affect; where torque and speed do
-        not explain the acceleration well, by more than a factor of 2.5.
+    :raises DataError: the torque is in kN·m, or the implied mass differs by more than 8 %, both
+        over the whole recording and over its part of low power, which a power limit does not
+        affect; where torque and speed do not explain the acceleration well, by more than a factor
+        of 2.5.
     """
     radius, inertia = nominal.wheel_radius, 4.0 * nominal.wheel_inertia
+    check_torque_unit(simulation, nominal.mass, radius)
     overall = implied_mass(simulation, radius, inertia)
     low_power = implied_mass(simulation, radius, inertia, _LOW_POWER_SHARE)
     if overall is not None and all(

@@ -165,6 +165,9 @@ def test_a_torque_in_kilonewton_metres_is_named() -> None:
     with pytest.raises(DataError, match=r"it looks like kN·m, the topic must carry N·m"):
         check_torque_unit(wrong, c.nominal.mass, c.nominal.wheel_radius)
     check_torque_unit(c.recording, c.nominal.mass, c.nominal.wheel_radius)
+    # A simulation in kN·m has no other mass than its vehicle file.
+    with pytest.raises(DataError, match=r"it looks like kN·m, the topic must carry N·m"):
+        check_vehicle(c.nominal, scaled("command", 0, 1e-3)(c.simulation))
     pedal = scaled("command", 0, 1.0 / 5000.0)(c.recording)
     check_torque_unit(pedal, c.nominal.mass, c.nominal.wheel_radius)
 
