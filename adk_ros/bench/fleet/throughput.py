@@ -80,8 +80,8 @@ def bench_scaling(counts: list[int], stage: BusyStage, progress: Progress) -> li
     Measure fleets of growing size with 2 workers and a stage.
 
     `cost_ms`: ms of a worker for each recording; `driver_mib`: memory of this process afterwards;
-    `worker_mib`: the largest worker without its stage process; `listing_s`, `resume_s`: time to find
-    the recordings, and to find that all are done.
+    `worker_mib`: the largest worker without its stage process; `listing_s`, `resume_s`: time to
+    find the recordings, and to find that all are done.
     """
     rows = []
     for i, count in enumerate(counts):
