@@ -125,7 +125,7 @@ $(RUNTIME): $(RUNTIME_PINS) $(PACKAGE) | $(BIN)/pip
 	-@$(BIN)/adk compile
 	@touch $@
 
-$(TESTING): requirements/test.txt requirements/import.txt requirements/docs.txt $(RUNTIME)
+$(TESTING): requirements/test.txt requirements/import.txt requirements/fleet.txt requirements/docs.txt $(RUNTIME)
 	$(PIP_INSTALL) -r requirements/test.txt
 	@touch $@
 

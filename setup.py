@@ -86,6 +86,14 @@ setup(
             "pint>=0.24",
             "python-can>=4.4",
         ],
+        # Engine, storage and the page of the engine of `adk fleet`.
+        "fleet": [
+            "bokeh>=3.1",
+            "cryptography>=41",
+            "distributed>=2024.5",
+            "pyarrow>=15",
+            "s3fs>=2024.5",
+        ],
         "tensorboard": ["tensorboard>=2.12"],
         "signature": ["cryptography>=41"],
         "bench": ["padasip>=1.2"],

@@ -15,6 +15,7 @@ import typer
 from adk_ros.cli import (
     bench_confirm,
     bench_control,
+    bench_fleet,
     bench_learned,
     bench_mismatch,
     bench_paper,
@@ -36,6 +37,7 @@ app.command("confirm")(bench_confirm.confirm)
 app.command("range")(bench_range.bench_range)
 app.command("real")(bench_real.real)
 app.command("learned")(bench_learned.learned)
+app.command("fleet")(bench_fleet.fleet)
 ModelChoice = Annotated[
     Path | None, typer.Option(help="model folder", show_default="train a temporary one, 40 s")
 ]

@@ -145,7 +145,7 @@ def versions(files: list[str], python: str) -> dict[str, str]:
 
 
 RUNTIME = ["python.txt", "ros.txt", "runtime.txt"]
-ALL_PINS = [*RUNTIME, "import.txt", "test.txt", "docs.txt", "constraints.txt"]
+ALL_PINS = [*RUNTIME, "import.txt", "fleet.txt", "test.txt", "docs.txt", "constraints.txt"]
 
 
 def imported(folder: str) -> set[str]:
@@ -286,7 +286,7 @@ def test_pins_are_complete_and_installed() -> None:
     """Every installed package is pinned, at the installed version."""
     python = f"{sys.version_info[0]}.{sys.version_info[1]}"
     chosen = versions(ALL_PINS, python)
-    files = [*RUNTIME, "import.txt", "test.txt", "docs.txt"]
+    files = [*RUNTIME, "import.txt", "fleet.txt", "test.txt", "docs.txt"]
     direct = [pin for file in files for pin in pins(file)]
     roots = [pin for pin in direct if pin.marker is None or pin.marker.evaluate()]
     installed = dict(closure(roots))
