@@ -19,12 +19,13 @@ from adk_ros.fleet.inference.evidence import RECORDING, Row, column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
 from adk_ros.fleet.inference.fleet_selection import Assessment, FleetModel, Selection
 from adk_ros.fleet.inference.mixed_model import MixedModel
+from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place, PlaceData
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
 from adk_ros.numerics.arrays import FloatArray
 
-_ROUNDS = 3
-"""Rounds of effects and places; the last two differ where a place is large. By choice."""
+ROUNDS = 3
+"""Most rounds of effects and places; they end when the places stay. By choice."""
 _OFFSET_VARIANCE = 2.0
 """Prior variance of a recording's sensor offsets: the car's and its own."""
 
@@ -39,6 +40,9 @@ class FleetEstimate:
     claims: tuple[Assessment, ...]
     places: tuple[Place, ...]
     loss_ratios: Mapping[str, float]
+    """Loss of each recording where it was linearised, over that of a perfect model."""
+    visits: Mapping[Cell, int]
+    """Number of recordings that pass each cell of the map, of those that several pass."""
 
     def values_of(self, recording: str) -> dict[str, float]:
         """
@@ -76,10 +80,12 @@ def estimate_fleet(
     rows: Sequence[Row],
     tags: Mapping[str, RecordingTags],
     progress: Callable[[float, str], None] | None = None,
+    rounds: int = ROUNDS,
 ) -> FleetEstimate:
     """
     Return the estimate of a fleet from its rows of evidence.
 
+    `rounds` of effects and places; two where the recordings are linearised again afterwards.
     :raises DataError: there is no evidence, or it does not belong together.
     """
     fleet = FleetEvidence.of(rows, tags)
@@ -89,19 +95,20 @@ def estimate_fleet(
     data = PlaceData(rows, fleet.names, dispersion)
     places: list[Place] = []
     corrected = fleet
-    for turn in range(_ROUNDS):
+    for turn in range(rounds):
         selection = Selection(corrected, data.tests, progress)
         model = selection.select()
         at = joint_vectors(corrected, selection, model)
         found = data.select(at, selection.significance)
         if {(p.key, p.cells) for p in found} == {(p.key, p.cells) for p in places}:
             break
-        if turn + 1 < _ROUNDS:
+        if turn + 1 < rounds:
             places = found
             removed = data.correction(places, len(fleet.names), fleet.columns.size)
             corrected = replace(fleet, scores=fleet.scores - removed)
     claims = tuple(selection.assessed(model))
-    return FleetEstimate(corrected, selection, model, claims, tuple(places), ratios)
+    visits = {cell: len(v.recordings) for cell, v in data.cells.items()}
+    return FleetEstimate(corrected, selection, model, claims, tuple(places), ratios, visits)
 
 
 def joint_vectors(fleet: FleetEvidence, selection: Selection, model: FleetModel) -> FloatArray:

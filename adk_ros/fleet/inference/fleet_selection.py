@@ -43,9 +43,9 @@ from adk_ros.numerics.arrays import FloatArray
 
 MAX_TERMS = 30
 """Most terms of a selection: far more than a fleet lacks; bounds the time. By choice."""
-_LEVELS_PER_PARAMETER = 4
+_LEVELS_PER_PARAMETER = 3
 """Levels of a parameter that are fitted in full in one step, those of the largest gains."""
-_PER_STEP = 40
+_PER_STEP = 24
 """Candidates that are fitted in full in one step. By choice; they come in the order of gains."""
 _BOUND_DEVIATIONS = 2.0
 """Standard deviations by which chance may move a size beyond the bounds of its parameter."""

@@ -35,8 +35,8 @@ _LOWEST, _HIGHEST, _START = 1e-3, 1e3, 0.1
 """Range and start of a deviation in units of the materiality threshold."""
 _ROUNDS = 2
 """Passes over the active effects, whose components hardly depend on each other."""
-_TOLERANCE = 0.02
-"""Of the log-likelihood and of log(deviation): far below what changes a decision."""
+_TOLERANCE = 0.1
+"""Of the log-likelihood and of log(deviation): far below what a fleet determines of them."""
 _SIMPLEX = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 """First simplex of log(deviation), from the start."""
 
