@@ -109,7 +109,7 @@ class Columns:
     @property
     def first_effect(self) -> int:
         """Index of the first effect."""
-        return self.offsets.stop + self.weak
+        return len(TOLERANCE_PARAMETERS) + len(SENSOR_OFFSET_PRIORS) + self.weak
 
     @property
     def size(self) -> int:

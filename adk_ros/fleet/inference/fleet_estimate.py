@@ -22,6 +22,7 @@ from adk_ros.fleet.inference.mixed_model import MixedModel
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place, PlaceData
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
+from adk_ros.fleet.inference.simplification import simplified
 from adk_ros.numerics.arrays import FloatArray
 
 ROUNDS = 3
@@ -81,11 +82,13 @@ def estimate_fleet(
     tags: Mapping[str, RecordingTags],
     progress: Callable[[float, str], None] | None = None,
     rounds: int = ROUNDS,
+    known_places: Sequence[Place] = (),
 ) -> FleetEstimate:
     """
     Return the estimate of a fleet from its rows of evidence.
 
     `rounds` of effects and places; two where the recordings are linearised again afterwards.
+    `known_places`: those of the estimate at which the recordings were linearised.
     :raises DataError: there is no evidence, or it does not belong together.
     """
     fleet = FleetEvidence.of(rows, tags)
@@ -93,22 +96,30 @@ def estimate_fleet(
     dispersion = {name: float(row["dispersion"]) for name, row in of_recordings.items()}
     ratios = {name: float(row["loss_ratio"]) for name, row in of_recordings.items()}
     data = PlaceData(rows, fleet.names, dispersion)
-    places: list[Place] = []
+    places = list(known_places)
     corrected = fleet
     for turn in range(rounds):
         selection = Selection(corrected, data.tests, progress)
-        model = selection.select()
+        model = _selected(selection)
         at = joint_vectors(corrected, selection, model)
-        found = data.select(at, selection.significance)
+        found = data.select(at, selection.significance, known_places)
         if {(p.key, p.cells) for p in found} == {(p.key, p.cells) for p in places}:
+            places = found
             break
         if turn + 1 < rounds:
             places = found
-            removed = data.correction(places, len(fleet.names), fleet.columns.size)
+            removed = data.correction(places, known_places, fleet.scores.shape)
             corrected = replace(fleet, scores=fleet.scores - removed)
     claims = tuple(selection.assessed(model))
     visits = {cell: len(v.recordings) for cell, v in data.cells.items()}
     return FleetEstimate(corrected, selection, model, claims, tuple(places), ratios, visits)
+
+
+def _selected(selection: Selection) -> FleetModel:
+    """Return the claims of a selection, simplified, with what that leaves to select."""
+    model = selection.select()
+    shorter = simplified(selection, model)
+    return model if shorter is model else selection.select(shorter)
 
 
 def joint_vectors(fleet: FleetEvidence, selection: Selection, model: FleetModel) -> FloatArray:
@@ -118,9 +129,7 @@ def joint_vectors(fleet: FleetEvidence, selection: Selection, model: FleetModel)
     active = model.active()
     if active:
         mixed = MixedModel(fleet, active)
-        estimate = mixed.estimate(
-            [x.term for x in model.claimed], model.components_of(active)
-        )
+        estimate = mixed.estimate([x.term for x in model.claimed], model.components_of(active))
         for size, candidate in zip(estimate.sizes, model.claimed, strict=True):
             out[:, c.first_effect + candidate.effect] += size * candidate.design
         of_car = np.array([fleet.car_names.index(car) for car in fleet.cars])
@@ -129,7 +138,9 @@ def joint_vectors(fleet: FleetEvidence, selection: Selection, model: FleetModel)
     k = c.first_effect
     prior = np.ones(k)
     prior[c.offsets] = 1.0 / _OFFSET_VARIANCE
-    right = fleet.scores[:, :k] - np.einsum("rij,rj->ri", fleet.informations[:, :k, k:], out[:, k:])
+    right = fleet.scores[:, :k] - np.einsum(
+        "rij,rj->ri", fleet.informations[:, :k, k:], out[:, k:]
+    )
     left = fleet.informations[:, :k, :k] + np.diag(prior)
     out[:, :k] = np.linalg.solve(left, right[:, :, None])[:, :, 0]
     return out

@@ -346,5 +346,3 @@ def _trends(estimate: FleetEstimate, at: FloatArray) -> list[TrendPoint]:
                 )
             )
     return out
-
-

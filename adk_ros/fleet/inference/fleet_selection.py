@@ -30,7 +30,7 @@ from scipy.special import ndtri, stdtr, stdtrit
 
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
-from adk_ros.fleet.inference.levels import CAR, RAMP, STEP, Level, levels_of
+from adk_ros.fleet.inference.levels import RAMP, STEP, Level, levels_of
 from adk_ros.fleet.inference.mixed_model import Components, Estimate, MixedModel, Term
 from adk_ros.fleet.inference.variance_components import (
     degrees_of_freedom,
@@ -41,6 +41,8 @@ from adk_ros.fleet.inference.variance_components import (
 from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE
 from adk_ros.numerics.arrays import FloatArray
 
+_FITTED_ONSETS = 40
+"""Change points among which that of a claimed trend is chosen, over its recordings. By choice."""
 MAX_TERMS = 30
 """Most terms of a selection: far more than a fleet lacks; bounds the time. By choice."""
 _LEVELS_PER_PARAMETER = 3
@@ -96,7 +98,7 @@ class Assessment:
 
     def is_material(self) -> bool:
         """Whether the size matters at its level: a car's must exceed build tolerance."""
-        return self.candidate.level.kind != CAR or abs(self.size) >= 1.0
+        return not self.candidate.level.car or abs(self.size) >= 1.0
 
 
 @dataclass(frozen=True)
@@ -142,15 +144,16 @@ class Selection:
         """Largest p-value of a significant candidate."""
         return FAMILYWISE_ERROR_RATE / self.tests
 
-    def select(self) -> FleetModel:
-        """Return the claimed terms of the fleet, fitted."""
-        model = FleetModel((), {})
+    def select(self, start: FleetModel | None = None) -> FleetModel:
+        """Return the claimed terms of the fleet, fitted; `start`: those that are claimed already."""
+        model = start or FleetModel((), {})
         refused: set[tuple[int, Level]] = set()
         while len(model.claimed) < MAX_TERMS:
             self._progress(len(model.claimed) / MAX_TERMS, "selecting effects and levels")
             best = self._best(model, refused)
             if best is None:
                 break
+            best = self.with_fitted_onset(model, best)
             model = self.refitted(
                 replace(
                     model,
@@ -208,14 +211,14 @@ class Selection:
         """
         Return the evidence (levels,) of a parameter at each level without components of its own.
 
-        Those of an effect that is claimed already stay. Claimed levels have none left.
+        Without them also where it is claimed already: deviations between cars contain what all
+        cars share until that is claimed. Claimed levels have none left.
         """
         active = model.active([effect])
         mixed = MixedModel(self.fleet, active)
         components = model.components_of(active)
-        if effect not in model.components:
-            components.tau[active.index(effect)] = 0.0
-            components.kappa[active.index(effect)] = 0.0
+        components.tau[active.index(effect)] = 0.0
+        components.kappa[active.index(effect)] = 0.0
         claimed = [c.term for c in model.claimed]
         terms = [*claimed, *(Term(effect, z) for z in self.designs)]
         estimate = mixed.estimate(terms, components)
@@ -253,12 +256,36 @@ class Selection:
                 best = found
         return best
 
+    def with_fitted_onset(self, model: FleetModel, found: Assessment) -> Assessment:
+        """Return a trend with the change point of the largest likelihood; others as they are."""
+        level = found.candidate.level
+        if not is_trend(level):
+            return found
+        of_car = [not level.car or car == level.car for car in self.fleet.cars]
+        days = np.unique(self.fleet.days[of_car])
+        quantiles = np.arange(1, _FITTED_ONSETS) / _FITTED_ONSETS
+        effect = found.candidate.effect
+        active = model.active([effect])
+        mixed = MixedModel(self.fleet, active)
+        components = model.components_of(active)
+        i = active.index(effect)
+        components.tau[i], components.kappa[i] = found.components
+        claimed = [c.term for c in model.claimed]
+
+        def likelihood(candidate: Candidate) -> float:
+            return mixed.estimate([*claimed, candidate.term], components).likelihood
+
+        candidates = [found.candidate]
+        for day in (days[0], *np.quantile(days, quantiles)):
+            moved = replace(level, onset=float(day))
+            candidates.append(Candidate(effect, moved, moved.design(self.fleet)))
+        best = max(candidates, key=likelihood)
+        return found if best is found.candidate else self.assess(model, best)
+
     def is_claimable(self, found: Assessment) -> bool:
         """Whether a candidate is significant, material, and possible."""
         return (
-            found.p_value < self.significance
-            and found.is_material()
-            and self.is_possible(found)
+            found.p_value < self.significance and found.is_material() and self.is_possible(found)
         )
 
     def is_possible(self, found: Assessment) -> bool:
@@ -298,7 +325,11 @@ def _assessment(
     freedom = degrees_of_freedom(mixed, terms, components, m)
     i = mixed.active.index(candidate.effect)
     sums = sum(
-        (estimate.sizes[k] * t.design for k, t in enumerate(terms) if t.effect == candidate.effect),
+        (
+            estimate.sizes[k] * t.design
+            for k, t in enumerate(terms)
+            if t.effect == candidate.effect
+        ),
         np.zeros(1),
     )
     return Assessment(

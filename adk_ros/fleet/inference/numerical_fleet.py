@@ -110,7 +110,7 @@ def _columns_of(rng: np.random.Generator, d: int, first: int, deviation: float) 
     base /= np.sqrt((base**2).sum(axis=0))
     size = np.full(d, np.sqrt(_NUISANCE_INFORMATION))
     size[first:] = 1.0 / deviation
-    return base * size
+    return np.asarray(base * size)
 
 
 def _information(rng: np.random.Generator, base: FloatArray) -> FloatArray:

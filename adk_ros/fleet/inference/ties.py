@@ -6,9 +6,9 @@ Ties of a claim: other parameters and levels that explain a fleet as well, and u
 A candidate takes the place of a claim and is fitted with components of its own. With E the evidence
 (t^2 with the variance of the model), half its difference is a logarithm of odds. The surrogate's
 error, the same in all recordings, moves that difference: with V the variance and F the response of
-a size to a score b ~ N(0, B) of the simulation, by (size / V F - size' / V' F') b. The candidate is
-a tie if its odds are below `criteria.SIGNIFICANT_ODDS` plus what that error exceeds in one of
-twenty cases.
+a size to a score b ~ N(0, B) of the simulation, by (size / V F - size' / V' F') b. The
+candidate is a tie if its odds are below `criteria.SIGNIFICANT_ODDS` plus what that error exceeds
+in one of twenty cases.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_selection import Assessment, Candidate, FleetModel, Selection
 from adk_ros.fleet.inference.levels import CAR, same_recordings
 from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE, SIGNIFICANT_ODDS
+from adk_ros.numerics.arrays import FloatArray
 
 _EXAMINED = 6
 """Candidates that are fitted in place of a claim, those of the largest gains. By choice."""
@@ -51,7 +52,7 @@ def ties_of(selection: Selection, model: FleetModel, claim: Assessment) -> list[
     effects = {c.effect for c in rest.claimed}
     if candidate.effect not in effects:
         rest = replace(rest, components={k: v for k, v in rest.components.items() if k in effects})
-    found = []
+    found: list[tuple[float, Candidate]] = []
     least = _LEAST_SHARE * claim.evidence
     for gain, other in selection.ranked(rest):
         if gain < least or len(found) == _EXAMINED:
@@ -63,14 +64,14 @@ def ties_of(selection: Selection, model: FleetModel, claim: Assessment) -> list[
             continue
         difference = 0.5 * (claim.evidence - one.evidence)
         direction = _direction(claim) - _direction(one)
-        systematic = float(np.sqrt(max(direction @ fleet.bias @ direction, 0.0)))
-        margin = np.log(SIGNIFICANT_ODDS) - float(ndtri(FAMILYWISE_ERROR_RATE)) * systematic
+        systematic = float(np.sqrt(np.maximum(direction @ fleet.bias @ direction, 0.0)))
+        margin = float(np.log(SIGNIFICANT_ODDS)) - float(ndtri(FAMILYWISE_ERROR_RATE)) * systematic
         if difference < margin:
             found.append((difference, other))
     return [*same, *(other for _, other in sorted(found, key=lambda pair: pair[0]))]
 
 
-def _direction(one: Assessment) -> np.ndarray:  # type: ignore[type-arg]
+def _direction(one: Assessment) -> FloatArray:
     """Return how a score of the simulation changes half of the evidence, to first order."""
     return np.asarray(one.evidence / (one.size or 1.0) * one.response)
 

@@ -22,8 +22,8 @@ def compared_claims(before: Mapping[str, Any], after: Mapping[str, Any]) -> list
     """
     Return effect, level, size before, size after, and what became of it, for each claim.
 
-    Arguments are contents of `fleet.json`. A trend is the same whatever its change point. Sizes are
-    changed if their 90 % intervals do not overlap.
+    Arguments are contents of `fleet.json`. A trend is the same whatever its change point. Sizes
+    are changed if their 90 % intervals do not overlap.
     """
     old, new = _by_key(before), _by_key(after)
     rows = []
@@ -38,7 +38,15 @@ def compared_claims(before: Mapping[str, Any], after: Mapping[str, Any]) -> list
             status = CHANGED if apart else SAME
         one = b or a
         assert one is not None
-        rows.append([f"{title(one['effect'])}, {one['parameter']}", one["level"], _size(a), _size(b), status])
+        rows.append(
+            [
+                f"{title(one['effect'])}, {one['parameter']}",
+                one["level"],
+                _size(a),
+                _size(b),
+                status,
+            ]
+        )
     return rows
 
 

@@ -12,11 +12,13 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import Rectangle
 
 from adk_ros.files.pages.figure_style import BLUE, GREY, ORANGE, PURPLE, VERMILION
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_result import FleetResult, TrendPoint
 from adk_ros.mismatch.report.vocabulary import title, unit_text
+from adk_ros.numerics.arrays import FloatArray, IntArray
 
 _DPI = 110
 _LIMIT = 5.0
@@ -26,13 +28,10 @@ _LIMIT = 5.0
 def matrix_figure(result: FleetResult, path: Path) -> None:
     """Draw the vehicle x effect matrix in materiality thresholds; claimed entries are framed."""
     keys = list(dict.fromkeys((v.effect, v.parameter) for v in result.vehicles))
-    entries = {(v.car, v.effect, v.parameter): v for v in result.vehicles}
+    entries = {(v.car, (v.effect, v.parameter)): v for v in result.vehicles}
     values = np.array(
         [
-            [
-                entries[car, *key].size / column_of(".".join(key)).materiality
-                for key in keys
-            ]
+            [entries[car, key].size / column_of(".".join(key)).materiality for key in keys]
             for car in result.cars
         ]
     )
@@ -41,14 +40,14 @@ def matrix_figure(result: FleetResult, path: Path) -> None:
     image = axes.imshow(values, cmap="RdBu_r", vmin=-_LIMIT, vmax=_LIMIT, aspect="auto")
     for i, car in enumerate(result.cars):
         for j, key in enumerate(keys):
-            entry = entries[car, *key]
+            entry = entries[car, key]
             dark = abs(values[i, j]) > 0.6 * _LIMIT
             text = f"{entry.size:.2g}\n±{entry.half:.1g}"
             axes.text(
                 j, i, text, ha="center", va="center", fontsize=6.5, color="w" if dark else "k"
             )
             if entry.is_claimed:
-                box = plt.Rectangle((j - 0.47, i - 0.45), 0.94, 0.9, fill=False, lw=1.6)
+                box = Rectangle((j - 0.47, i - 0.45), 0.94, 0.9, fill=False, lw=1.6)
                 axes.add_patch(box)
     labels = [
         f"{title(effect)}\n{name} {unit_text(column_of(f'{effect}.{name}').parameter.unit)}"
@@ -130,7 +129,7 @@ _REGION_M = 1000.0
 """Distance between regions of the map that are drawn apart, m. By choice."""
 
 
-def _regions(centres: np.ndarray) -> list[np.ndarray]:  # type: ignore[type-arg]
+def _regions(centres: FloatArray) -> list[IntArray]:
     """Return the rows of each connected region of the map."""
     left = set(range(centres.shape[0]))
     out = []

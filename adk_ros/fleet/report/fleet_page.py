@@ -94,5 +94,7 @@ def _worst_rows(result: FleetResult, links: Mapping[str, str]) -> list[list[Any]
         if r.name in links:
             name = Markup('<a href="{}">{}</a>').format(links[r.name], escape(r.name))
         tags = ", ".join(f"{k} {v}" for k, v in r.tags.items())
-        rows.append([name, r.car, f"{r.day:.1f}", tags, f"{r.loss_before:.3g}", f"{r.loss_ratio:.3g}"])
+        rows.append(
+            [name, r.car, f"{r.day:.1f}", tags, f"{r.loss_before:.3g}", f"{r.loss_ratio:.3g}"]
+        )
     return rows

@@ -72,7 +72,9 @@ def summary_sentence(result: FleetResult) -> str:
         parts.append(f"the simulation lacks {listed(list(dict.fromkeys(shared)))}")
     cars = {c.car for c in result.claims if c.car}
     if cars:
-        parts.append(f"{listed(sorted(cars))} differ{'s' if len(cars) == 1 else ''} from the others")
+        parts.append(
+            f"{listed(sorted(cars))} differ{'s' if len(cars) == 1 else ''} from the others"
+        )
     conditions = {f"{c.tag} {c.value}" for c in result.claims if c.kind == CONDITION}
     if conditions:
         parts.append(f"{listed(sorted(conditions))} changes the behaviour")
@@ -81,6 +83,8 @@ def summary_sentence(result: FleetResult) -> str:
         parts.append(f"{listed(sorted(title(t) for t in trends))} changes over time")
     if result.places:
         names = sorted({title(p.effect) for p in result.places})
-        parts.append(f"{len(result.places)} place{'s' * (len(result.places) > 1)} "
-                     f"differ{'s' * (len(result.places) == 1)} ({listed(names)})")
+        parts.append(
+            f"{len(result.places)} place{'s' * (len(result.places) > 1)} "
+            f"differ{'s' * (len(result.places) == 1)} ({listed(names)})"
+        )
     return f"{of}, {'; '.join(parts)}."

@@ -19,9 +19,7 @@ def claims(plan: FleetPlan, seed: int = 1) -> dict[tuple[str, str], Assessment]:
     fleet = draw_fleet(seed, plan)
     selection = Selection(fleet)
     found = selection.assessed(selection.select())
-    return {
-        (fleet.columns.effects[c.candidate.effect], c.candidate.level.text): c for c in found
-    }
+    return {(fleet.columns.effects[c.candidate.effect], c.candidate.level.text): c for c in found}
 
 
 @pytest.mark.parametrize(("tau", "kappa"), [(0.0, 0.0), (1.0, 0.5)])
