@@ -14,7 +14,7 @@ import csv
 import json
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +76,7 @@ def start_ns(planned: PlannedDrive) -> int:
 
 def date_of(planned: PlannedDrive) -> str:
     """Return the start of a drive as an ISO 8601 text in UTC."""
-    return datetime.fromtimestamp(start_ns(planned) / 1e9, UTC).isoformat(timespec="seconds")
+    return datetime.fromtimestamp(start_ns(planned) / 1e9, timezone.utc).isoformat(timespec="seconds")
 
 
 def write_drive(drives: FleetDrives, planned: PlannedDrive, path: Path) -> None:

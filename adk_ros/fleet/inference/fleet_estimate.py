@@ -17,18 +17,15 @@ import numpy as np
 
 from adk_ros.fleet.inference.evidence import RECORDING, Row, column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
-from adk_ros.fleet.inference.fleet_selection import Assessment, FleetModel, Selection
-from adk_ros.fleet.inference.mixed_model import MixedModel
+from adk_ros.fleet.inference.fleet_model import FleetModel, joint_vectors
+from adk_ros.fleet.inference.fleet_selection import Assessment, Selection
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place, PlaceData
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
 from adk_ros.fleet.inference.simplification import simplified
-from adk_ros.numerics.arrays import FloatArray
 
 ROUNDS = 3
 """Most rounds of effects and places; they end when the places stay. By choice."""
-_OFFSET_VARIANCE = 2.0
-"""Prior variance of a recording's sensor offsets: the car's and its own."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +98,7 @@ def estimate_fleet(
     for turn in range(rounds):
         selection = Selection(corrected, data.tests, progress)
         model = _selected(selection)
-        at = joint_vectors(corrected, selection, model)
+        at = joint_vectors(corrected, model)
         found = data.select(at, selection.significance, known_places)
         if {(p.key, p.cells) for p in found} == {(p.key, p.cells) for p in places}:
             places = found
@@ -109,7 +106,8 @@ def estimate_fleet(
         if turn + 1 < rounds:
             places = found
             removed = data.correction(places, known_places, fleet.scores.shape)
-            corrected = replace(fleet, scores=fleet.scores - removed)
+            saved = data.saved_loss(places, known_places, len(fleet.names))
+            corrected = replace(fleet, scores=fleet.scores - removed, excess=fleet.excess - saved)
     claims = tuple(selection.assessed(model))
     visits = {cell: len(v.recordings) for cell, v in data.cells.items()}
     return FleetEstimate(corrected, selection, model, claims, tuple(places), ratios, visits)
@@ -120,27 +118,3 @@ def _selected(selection: Selection) -> FleetModel:
     model = selection.select()
     shorter = simplified(selection, model)
     return model if shorter is model else selection.select(shorter)
-
-
-def joint_vectors(fleet: FleetEvidence, selection: Selection, model: FleetModel) -> FloatArray:
-    """Return the estimated joint vector (r, d) of each recording."""
-    c = fleet.columns
-    out = np.zeros((len(fleet.names), c.size))
-    active = model.active()
-    if active:
-        mixed = MixedModel(fleet, active)
-        estimate = mixed.estimate([x.term for x in model.claimed], model.components_of(active))
-        for size, candidate in zip(estimate.sizes, model.claimed, strict=True):
-            out[:, c.first_effect + candidate.effect] += size * candidate.design
-        of_car = np.array([fleet.car_names.index(car) for car in fleet.cars])
-        for i, effect in enumerate(active):
-            out[:, c.first_effect + effect] += estimate.car_deviations[of_car, i]
-    k = c.first_effect
-    prior = np.ones(k)
-    prior[c.offsets] = 1.0 / _OFFSET_VARIANCE
-    right = fleet.scores[:, :k] - np.einsum(
-        "rij,rj->ri", fleet.informations[:, :k, k:], out[:, k:]
-    )
-    left = fleet.informations[:, :k, :k] + np.diag(prior)
-    out[:, :k] = np.linalg.solve(left, right[:, :, None])[:, :, 0]
-    return out

@@ -10,7 +10,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from adk_ros.fleet.inference.evidence import Column, column_of
-from adk_ros.fleet.inference.fleet_estimate import FleetEstimate, joint_vectors
+from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
+from adk_ros.fleet.inference.fleet_model import joint_vectors
 from adk_ros.fleet.inference.fleet_selection import Assessment, is_trend
 from adk_ros.fleet.inference.mixed_model import MixedModel, Term
 from adk_ros.fleet.inference.ties import ties_of, unclaimed
@@ -166,7 +167,7 @@ def fleet_result(
             for t in ties
         ]
         claims.append(_claim(estimate, one, tuple(dict.fromkeys(keys))))
-    at = joint_vectors(fleet, selection, model)
+    at = joint_vectors(fleet, model)
     return FleetResult(
         tuple(
             RecordingSummary(

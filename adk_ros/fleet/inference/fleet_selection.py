@@ -30,12 +30,12 @@ from scipy.special import ndtri, stdtr, stdtrit
 
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
 from adk_ros.fleet.inference.levels import RAMP, STEP, Level, levels_of
 from adk_ros.fleet.inference.mixed_model import Components, Estimate, MixedModel, Term
 from adk_ros.fleet.inference.variance_components import (
     degrees_of_freedom,
     fitted_components,
-    start_components,
     total_variance,
 )
 from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE
@@ -49,24 +49,16 @@ _LEVELS_PER_PARAMETER = 3
 """Levels of a parameter that are fitted in full in one step, those of the largest gains."""
 _PER_STEP = 24
 """Candidates that are fitted in full in one step. By choice; they come in the order of gains."""
+MIN_GAIN_PER_FLEET_EXCESS = 0.05
+"""
+Least evidence of a claim as a share of the loss that is unexplained in the recordings in which it
+acts: what a large effect's equation leaves of it, in a linearisation far from it, resembles others.
+A single analysis asks a quarter (`criteria.MIN_GAIN_PER_EXCESS`). By choice.
+"""
 _BOUND_DEVIATIONS = 2.0
 """Standard deviations by which chance may move a size beyond the bounds of its parameter."""
 
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A parameter of an effect (index of the columns' effects) at a level."""
-
-    effect: int
-    level: Level
-    design: FloatArray
-
-    @property
-    def term(self) -> Term:
-        """The candidate as a term of the model."""
-        return Term(self.effect, self.design)
 
 
 @dataclass(frozen=True)
@@ -99,26 +91,6 @@ class Assessment:
     def is_material(self) -> bool:
         """Whether the size matters at its level: a car's must exceed build tolerance."""
         return not self.candidate.level.car or abs(self.size) >= 1.0
-
-
-@dataclass(frozen=True)
-class FleetModel:
-    """The claimed candidates with the components of their parameters, by index of the effect."""
-
-    claimed: tuple[Candidate, ...]
-    components: dict[int, tuple[float, float]]
-
-    def active(self, further: Sequence[int] = ()) -> list[int]:
-        """Return the columns of all effects with a term, and further ones."""
-        return sorted({c.effect for c in self.claimed} | set(further))
-
-    def components_of(self, active: Sequence[int]) -> Components:
-        """Return the components of active effects; those that were not fitted at their start."""
-        start = start_components(len(active))
-        for i, effect in enumerate(active):
-            if effect in self.components:
-                start.tau[i], start.kappa[i] = self.components[effect]
-        return start
 
 
 class Selection:
@@ -243,6 +215,7 @@ class Selection:
     def _best(self, model: FleetModel, refused: set[tuple[int, Level]]) -> Assessment | None:
         best: Assessment | None = None
         least = float(ndtri(0.5 * self.significance)) ** 2
+        excess = remaining_excess(self.fleet, model)
         for gain, candidate in self.ranked(model)[:_PER_STEP]:
             # No candidate has more evidence than its gain: the rest is no better.
             if gain < max(least, 0.0 if best is None else best.evidence):
@@ -250,7 +223,7 @@ class Selection:
             if (candidate.effect, candidate.level) in refused:
                 continue
             found = self.assess(model, candidate)
-            if not self.is_claimable(found):
+            if not self.is_claimable(found, excess):
                 continue
             if best is None or found.evidence > best.evidence:
                 best = found
@@ -282,11 +255,23 @@ class Selection:
         best = max(candidates, key=likelihood)
         return found if best is found.candidate else self.assess(model, best)
 
-    def is_claimable(self, found: Assessment) -> bool:
-        """Whether a candidate is significant, material, and possible."""
+    def is_claimable(self, found: Assessment, excess: FloatArray | None = None) -> bool:
+        """
+        Whether a candidate is significant, material, possible, and no accident.
+
+        `excess` (r,): what the claims leave of the loss, to which its evidence is compared.
+        """
         return (
-            found.p_value < self.significance and found.is_material() and self.is_possible(found)
+            found.p_value < self.significance
+            and found.is_material()
+            and self.is_possible(found)
+            and (excess is None or found.evidence >= self.required_gain(found, excess))
         )
+
+    def required_gain(self, found: Assessment, excess: FloatArray) -> float:
+        """Return the least evidence next to what is unexplained where a candidate acts."""
+        acts = found.candidate.design > 0.0
+        return MIN_GAIN_PER_FLEET_EXCESS * float(excess[acts].sum())
 
     def is_possible(self, found: Assessment) -> bool:
         """Whether the parameter stays within its bounds in all recordings; a delay is positive."""
@@ -300,8 +285,8 @@ class Selection:
         dropped: list[Candidate] = []
         while model.claimed:
             found = self.assessed(model)
-            worst = max(found, key=lambda one: one.p_value)
-            bad = [one for one in found if not self.is_claimable(one)]
+            excess = remaining_excess(self.fleet, model)
+            bad = [one for one in found if not self.is_claimable(one, excess)]
             if not bad:
                 break
             worst = max(bad, key=lambda one: one.p_value)

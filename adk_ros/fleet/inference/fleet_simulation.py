@@ -98,7 +98,8 @@ class FleetSimulation:
             "counted_s": self.evidence.counted_s,
             "blocks": self.evidence.blocks,
             "name": self.evidence.name,
-            "loss_ratio": self.evidence.loss_ratio,
+            "loss": self.evidence.loss,
+            "expected_loss": self.evidence.expected_loss,
         }
         arrays: dict[str, Any] = {
             "parameters": s.parameters,
@@ -171,7 +172,8 @@ class FleetSimulation:
             arrays["score"],
             arrays["information"],
             text["counted_s"],
-            loss_ratio=text["loss_ratio"],
+            loss=text["loss"],
+            expected_loss=text["expected_loss"],
             scatter=arrays["scatter"],
             blocks=text["blocks"],
         )
@@ -203,7 +205,8 @@ def simulation_evidence(
         linear.score,
         linear.information,
         BIN_S * float(counted.sum()),
-        loss_ratio=linear.loss / max(expected, 1.0),
+        loss=linear.loss,
+        expected_loss=expected,
         scatter=scores.T @ scores,
         blocks=scores.shape[0],
     )

@@ -138,6 +138,23 @@ class PlaceData:
                     out[r] += visits.crosses[v, k] * size
         return out
 
+    def saved_loss(
+        self, places: Sequence[Place], known: Sequence[Place], recordings: int
+    ) -> FloatArray:
+        """Return the loss (r,) that the effects at places, beyond `known` ones, save."""
+        out = np.zeros(recordings)
+        before = {(p.key, p.cells): p.size for p in known}
+        for place in places:
+            k = self.keys.index(place.key)
+            size = place.size - before.get((place.key, place.cells), 0.0)
+            for cell in place.cells:
+                visits = self.cells.get(cell)
+                if visits is not None:
+                    h = visits.informations[:, k, k]
+                    gain = 2.0 * visits.scores[:, k] * size - h * size**2
+                    np.add.at(out, list(visits.recordings), gain)
+        return out
+
     def select(
         self, at: FloatArray, significance: float, known: Sequence[Place] = ()
     ) -> list[Place]:

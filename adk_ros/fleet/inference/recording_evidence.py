@@ -78,7 +78,9 @@ def evidence_rows(
         BIN_S * float(counted.sum()),
         start_ns=recording.start_ns,
         dispersion=dispersion(linear, simulation.columns),
-        loss_ratio=linear.loss / max(expected, 1.0),
+        loss=linear.loss,
+        expected_loss=expected,
+        point=linear.point,
         blocks=int(np.unique(linear.block[linear.residuals != 0.0]).size),
     )
     return [evidence.to_row(), *rows]

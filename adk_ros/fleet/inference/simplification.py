@@ -15,7 +15,8 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import combinations
 
-from adk_ros.fleet.inference.fleet_selection import Candidate, FleetModel, Selection
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
+from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.mixed_model import MixedModel
 from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 
@@ -48,7 +49,7 @@ def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None
         ]
         for candidate in near[:_EXAMINED]:
             one = selection.assess(rest, candidate)
-            if not selection.is_claimable(one):
+            if not selection.is_claimable(one, remaining_excess(selection.fleet, rest)):
                 continue
             one = selection.with_fitted_onset(rest, one)
             components = {**rest.components, one.candidate.effect: one.components}
