@@ -109,7 +109,7 @@ class Columns:
     @property
     def first_effect(self) -> int:
         """Index of the first effect."""
-        return self.offsets.stop + self.weak
+        return len(TOLERANCE_PARAMETERS) + len(SENSOR_OFFSET_PRIORS) + self.weak
 
     @property
     def size(self) -> int:
@@ -148,10 +148,29 @@ class Evidence:
     start_ns: int = 0
     dispersion: float = 1.0
     """Variance of the scores between blocks over that expected of white noise, at least one."""
-    loss_ratio: float = 1.0
-    """Loss without effects over that of a perfect model."""
+    loss: float = 0.0
+    expected_loss: float = 0.0
+    """Huber's loss where the recording was linearised, and that of a perfect model."""
+    point: FloatArray | None = None
+    """(d,) where it was linearised; zero if not given."""
     scatter: FloatArray | None = None
     blocks: int = 0
+
+    @property
+    def _point(self) -> FloatArray:
+        return np.zeros(self.columns.size) if self.point is None else self.point
+
+    @property
+    def loss_ratio(self) -> float:
+        """Loss over that of a perfect model."""
+        return self.loss / max(self.expected_loss, 1.0)
+
+    @property
+    def excess(self) -> float:
+        """Loss above that of a perfect model at x = 0, by the quadratic."""
+        x = self._point
+        gain = 2.0 * self.score @ x - x @ self.information @ x
+        return float(self.loss - self.expected_loss + gain)
 
     def to_row(self) -> Row:
         """Return the evidence as a flat row."""
@@ -168,7 +187,10 @@ class Evidence:
             "scatter": b"" if self.scatter is None else packed(self.scatter),
             "blocks": self.blocks,
             "dispersion": self.dispersion,
+            "loss": self.loss,
+            "expected_loss": self.expected_loss,
             "loss_ratio": self.loss_ratio,
+            "point": packed(self._point),
         }
 
     @classmethod
@@ -195,7 +217,9 @@ class Evidence:
             counted_s=float(row["counted_s"]),
             start_ns=int(row["start_ns"]),
             dispersion=float(row["dispersion"]),
-            loss_ratio=float(row["loss_ratio"]),
+            loss=float(row["loss"]),
+            expected_loss=float(row["expected_loss"]),
+            point=unpacked(row["point"], (d,)),
             scatter=unpacked(scatter, (d, d)) if scatter else None,
             blocks=int(row["blocks"]),
         )

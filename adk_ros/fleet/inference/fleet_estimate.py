@@ -17,16 +17,15 @@ import numpy as np
 
 from adk_ros.fleet.inference.evidence import RECORDING, Row, column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
-from adk_ros.fleet.inference.fleet_selection import Assessment, FleetModel, Selection
-from adk_ros.fleet.inference.mixed_model import MixedModel
+from adk_ros.fleet.inference.fleet_model import FleetModel, joint_vectors
+from adk_ros.fleet.inference.fleet_selection import Assessment, Selection
+from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place, PlaceData
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.fleet.inference.simplification import simplified
 
-_ROUNDS = 3
-"""Rounds of effects and places; the last two differ where a place is large. By choice."""
-_OFFSET_VARIANCE = 2.0
-"""Prior variance of a recording's sensor offsets: the car's and its own."""
+ROUNDS = 3
+"""Most rounds of effects and places; they end when the places stay. By choice."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,9 @@ class FleetEstimate:
     claims: tuple[Assessment, ...]
     places: tuple[Place, ...]
     loss_ratios: Mapping[str, float]
+    """Loss of each recording where it was linearised, over that of a perfect model."""
+    visits: Mapping[Cell, int]
+    """Number of recordings that pass each cell of the map, of those that several pass."""
 
     def values_of(self, recording: str) -> dict[str, float]:
         """
@@ -76,10 +78,14 @@ def estimate_fleet(
     rows: Sequence[Row],
     tags: Mapping[str, RecordingTags],
     progress: Callable[[float, str], None] | None = None,
+    rounds: int = ROUNDS,
+    known_places: Sequence[Place] = (),
 ) -> FleetEstimate:
     """
     Return the estimate of a fleet from its rows of evidence.
 
+    `rounds` of effects and places; two where the recordings are linearised again afterwards.
+    `known_places`: those of the estimate at which the recordings were linearised.
     :raises DataError: there is no evidence, or it does not belong together.
     """
     fleet = FleetEvidence.of(rows, tags)
@@ -87,42 +93,28 @@ def estimate_fleet(
     dispersion = {name: float(row["dispersion"]) for name, row in of_recordings.items()}
     ratios = {name: float(row["loss_ratio"]) for name, row in of_recordings.items()}
     data = PlaceData(rows, fleet.names, dispersion)
-    places: list[Place] = []
+    places = list(known_places)
     corrected = fleet
-    for turn in range(_ROUNDS):
+    for turn in range(rounds):
         selection = Selection(corrected, data.tests, progress)
-        model = selection.select()
-        at = joint_vectors(corrected, selection, model)
-        found = data.select(at, selection.significance)
+        model = _selected(selection)
+        at = joint_vectors(corrected, model)
+        found = data.select(at, selection.significance, known_places)
         if {(p.key, p.cells) for p in found} == {(p.key, p.cells) for p in places}:
-            break
-        if turn + 1 < _ROUNDS:
             places = found
-            removed = data.correction(places, len(fleet.names), fleet.columns.size)
-            corrected = replace(fleet, scores=fleet.scores - removed)
+            break
+        if turn + 1 < rounds:
+            places = found
+            removed = data.correction(places, known_places, fleet.scores.shape)
+            saved = data.saved_loss(places, known_places, len(fleet.names))
+            corrected = replace(fleet, scores=fleet.scores - removed, excess=fleet.excess - saved)
     claims = tuple(selection.assessed(model))
-    return FleetEstimate(corrected, selection, model, claims, tuple(places), ratios)
+    visits = {cell: len(v.recordings) for cell, v in data.cells.items()}
+    return FleetEstimate(corrected, selection, model, claims, tuple(places), ratios, visits)
 
 
-def joint_vectors(fleet: FleetEvidence, selection: Selection, model: FleetModel) -> FloatArray:
-    """Return the estimated joint vector (r, d) of each recording."""
-    c = fleet.columns
-    out = np.zeros((len(fleet.names), c.size))
-    active = model.active()
-    if active:
-        mixed = MixedModel(fleet, active)
-        estimate = mixed.estimate(
-            [x.term for x in model.claimed], model.components_of(active)
-        )
-        for size, candidate in zip(estimate.sizes, model.claimed, strict=True):
-            out[:, c.first_effect + candidate.effect] += size * candidate.design
-        of_car = np.array([fleet.car_names.index(car) for car in fleet.cars])
-        for i, effect in enumerate(active):
-            out[:, c.first_effect + effect] += estimate.car_deviations[of_car, i]
-    k = c.first_effect
-    prior = np.ones(k)
-    prior[c.offsets] = 1.0 / _OFFSET_VARIANCE
-    right = fleet.scores[:, :k] - np.einsum("rij,rj->ri", fleet.informations[:, :k, k:], out[:, k:])
-    left = fleet.informations[:, :k, :k] + np.diag(prior)
-    out[:, :k] = np.linalg.solve(left, right[:, :, None])[:, :, 0]
-    return out
+def _selected(selection: Selection) -> FleetModel:
+    """Return the claims of a selection, simplified, with what that leaves to select."""
+    model = selection.select()
+    shorter = simplified(selection, model)
+    return model if shorter is model else selection.select(shorter)

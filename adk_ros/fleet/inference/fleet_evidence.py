@@ -44,6 +44,8 @@ class FleetEvidence:
     shares: FloatArray
     bias: FloatArray
     bias_blocks: int
+    excess: FloatArray
+    """(r,) loss above that of a perfect model without any effect, by the quadratics."""
 
     @classmethod
     def of(cls, rows: Sequence[Row], tags: Mapping[str, RecordingTags]) -> FleetEvidence:
@@ -83,6 +85,7 @@ class FleetEvidence:
             shares / dispersion,
             bias,
             blocks,
+            np.array([one.excess for one in recordings]) / dispersion,
         )
 
     @property
@@ -102,4 +105,5 @@ class FleetEvidence:
             days=self.days[at],
             tags=tuple(self.tags[i] for i in at),
             shares=self.shares[at],
+            excess=self.excess[at],
         )

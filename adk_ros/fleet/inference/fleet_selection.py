@@ -30,41 +30,35 @@ from scipy.special import ndtri, stdtr, stdtrit
 
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
-from adk_ros.fleet.inference.levels import CAR, RAMP, STEP, Level, levels_of
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
+from adk_ros.fleet.inference.levels import RAMP, STEP, Level, levels_of
 from adk_ros.fleet.inference.mixed_model import Components, Estimate, MixedModel, Term
 from adk_ros.fleet.inference.variance_components import (
     degrees_of_freedom,
     fitted_components,
-    start_components,
     total_variance,
 )
 from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE
 from adk_ros.numerics.arrays import FloatArray
 
+_FITTED_ONSETS = 40
+"""Change points among which that of a claimed trend is chosen, over its recordings. By choice."""
 MAX_TERMS = 30
 """Most terms of a selection: far more than a fleet lacks; bounds the time. By choice."""
-_LEVELS_PER_PARAMETER = 4
+_LEVELS_PER_PARAMETER = 3
 """Levels of a parameter that are fitted in full in one step, those of the largest gains."""
-_PER_STEP = 40
+_PER_STEP = 24
 """Candidates that are fitted in full in one step. By choice; they come in the order of gains."""
+MIN_GAIN_PER_FLEET_EXCESS = 0.05
+"""
+Least evidence of a claim as a share of the loss that is unexplained in the recordings in which it
+acts: what a large effect's equation leaves of it, in a linearisation far from it, resembles others.
+A single analysis asks a quarter (`criteria.MIN_GAIN_PER_EXCESS`). By choice.
+"""
 _BOUND_DEVIATIONS = 2.0
 """Standard deviations by which chance may move a size beyond the bounds of its parameter."""
 
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A parameter of an effect (index of the columns' effects) at a level."""
-
-    effect: int
-    level: Level
-    design: FloatArray
-
-    @property
-    def term(self) -> Term:
-        """The candidate as a term of the model."""
-        return Term(self.effect, self.design)
 
 
 @dataclass(frozen=True)
@@ -96,27 +90,7 @@ class Assessment:
 
     def is_material(self) -> bool:
         """Whether the size matters at its level: a car's must exceed build tolerance."""
-        return self.candidate.level.kind != CAR or abs(self.size) >= 1.0
-
-
-@dataclass(frozen=True)
-class FleetModel:
-    """The claimed candidates with the components of their parameters, by index of the effect."""
-
-    claimed: tuple[Candidate, ...]
-    components: dict[int, tuple[float, float]]
-
-    def active(self, further: Sequence[int] = ()) -> list[int]:
-        """Return the columns of all effects with a term, and further ones."""
-        return sorted({c.effect for c in self.claimed} | set(further))
-
-    def components_of(self, active: Sequence[int]) -> Components:
-        """Return the components of active effects; those that were not fitted at their start."""
-        start = start_components(len(active))
-        for i, effect in enumerate(active):
-            if effect in self.components:
-                start.tau[i], start.kappa[i] = self.components[effect]
-        return start
+        return not self.candidate.level.car or abs(self.size) >= 1.0
 
 
 class Selection:
@@ -142,15 +116,16 @@ class Selection:
         """Largest p-value of a significant candidate."""
         return FAMILYWISE_ERROR_RATE / self.tests
 
-    def select(self) -> FleetModel:
-        """Return the claimed terms of the fleet, fitted."""
-        model = FleetModel((), {})
+    def select(self, start: FleetModel | None = None) -> FleetModel:
+        """Return the claimed terms of the fleet, fitted; `start`: those that are claimed already."""
+        model = start or FleetModel((), {})
         refused: set[tuple[int, Level]] = set()
         while len(model.claimed) < MAX_TERMS:
             self._progress(len(model.claimed) / MAX_TERMS, "selecting effects and levels")
             best = self._best(model, refused)
             if best is None:
                 break
+            best = self.with_fitted_onset(model, best)
             model = self.refitted(
                 replace(
                     model,
@@ -208,14 +183,14 @@ class Selection:
         """
         Return the evidence (levels,) of a parameter at each level without components of its own.
 
-        Those of an effect that is claimed already stay. Claimed levels have none left.
+        Without them also where it is claimed already: deviations between cars contain what all
+        cars share until that is claimed. Claimed levels have none left.
         """
         active = model.active([effect])
         mixed = MixedModel(self.fleet, active)
         components = model.components_of(active)
-        if effect not in model.components:
-            components.tau[active.index(effect)] = 0.0
-            components.kappa[active.index(effect)] = 0.0
+        components.tau[active.index(effect)] = 0.0
+        components.kappa[active.index(effect)] = 0.0
         claimed = [c.term for c in model.claimed]
         terms = [*claimed, *(Term(effect, z) for z in self.designs)]
         estimate = mixed.estimate(terms, components)
@@ -240,6 +215,7 @@ class Selection:
     def _best(self, model: FleetModel, refused: set[tuple[int, Level]]) -> Assessment | None:
         best: Assessment | None = None
         least = float(ndtri(0.5 * self.significance)) ** 2
+        excess = remaining_excess(self.fleet, model)
         for gain, candidate in self.ranked(model)[:_PER_STEP]:
             # No candidate has more evidence than its gain: the rest is no better.
             if gain < max(least, 0.0 if best is None else best.evidence):
@@ -247,19 +223,55 @@ class Selection:
             if (candidate.effect, candidate.level) in refused:
                 continue
             found = self.assess(model, candidate)
-            if not self.is_claimable(found):
+            if not self.is_claimable(found, excess):
                 continue
             if best is None or found.evidence > best.evidence:
                 best = found
         return best
 
-    def is_claimable(self, found: Assessment) -> bool:
-        """Whether a candidate is significant, material, and possible."""
+    def with_fitted_onset(self, model: FleetModel, found: Assessment) -> Assessment:
+        """Return a trend with the change point of the largest likelihood; others as they are."""
+        level = found.candidate.level
+        if not is_trend(level):
+            return found
+        of_car = [not level.car or car == level.car for car in self.fleet.cars]
+        days = np.unique(self.fleet.days[of_car])
+        quantiles = np.arange(1, _FITTED_ONSETS) / _FITTED_ONSETS
+        effect = found.candidate.effect
+        active = model.active([effect])
+        mixed = MixedModel(self.fleet, active)
+        components = model.components_of(active)
+        i = active.index(effect)
+        components.tau[i], components.kappa[i] = found.components
+        claimed = [c.term for c in model.claimed]
+
+        def likelihood(candidate: Candidate) -> float:
+            return mixed.estimate([*claimed, candidate.term], components).likelihood
+
+        candidates = [found.candidate]
+        for day in (days[0], *np.quantile(days, quantiles)):
+            moved = replace(level, onset=float(day))
+            candidates.append(Candidate(effect, moved, moved.design(self.fleet)))
+        best = max(candidates, key=likelihood)
+        return found if best is found.candidate else self.assess(model, best)
+
+    def is_claimable(self, found: Assessment, excess: FloatArray | None = None) -> bool:
+        """
+        Whether a candidate is significant, material, possible, and no accident.
+
+        `excess` (r,): what the claims leave of the loss, to which its evidence is compared.
+        """
         return (
             found.p_value < self.significance
             and found.is_material()
             and self.is_possible(found)
+            and (excess is None or found.evidence >= self.required_gain(found, excess))
         )
+
+    def required_gain(self, found: Assessment, excess: FloatArray) -> float:
+        """Return the least evidence next to what is unexplained where a candidate acts."""
+        acts = found.candidate.design > 0.0
+        return MIN_GAIN_PER_FLEET_EXCESS * float(excess[acts].sum())
 
     def is_possible(self, found: Assessment) -> bool:
         """Whether the parameter stays within its bounds in all recordings; a delay is positive."""
@@ -273,8 +285,8 @@ class Selection:
         dropped: list[Candidate] = []
         while model.claimed:
             found = self.assessed(model)
-            worst = max(found, key=lambda one: one.p_value)
-            bad = [one for one in found if not self.is_claimable(one)]
+            excess = remaining_excess(self.fleet, model)
+            bad = [one for one in found if not self.is_claimable(one, excess)]
             if not bad:
                 break
             worst = max(bad, key=lambda one: one.p_value)
@@ -298,7 +310,11 @@ def _assessment(
     freedom = degrees_of_freedom(mixed, terms, components, m)
     i = mixed.active.index(candidate.effect)
     sums = sum(
-        (estimate.sizes[k] * t.design for k, t in enumerate(terms) if t.effect == candidate.effect),
+        (
+            estimate.sizes[k] * t.design
+            for k, t in enumerate(terms)
+            if t.effect == candidate.effect
+        ),
         np.zeros(1),
     )
     return Assessment(

@@ -5,9 +5,9 @@ The simulation of a fleet: its surrogate, identified once, and what its own erro
 
 The surrogate's error repeats in every recording and would pool into an effect of all cars. The
 scores of the effects on the simulation itself, by blocks of time, show how large: their sum over
-the simulation has the covariance of the sum of independent blocks. The residuals are those that the
-control variate leaves on stretches left out of its fit (`surrogate.systematic_error`), whitened as
-those of a recording of the fleet.
+the simulation has the covariance of the sum of independent blocks. The residuals are those that
+the control variate leaves on stretches left out of its fit (`surrogate.systematic_error`),
+whitened as those of a recording of the fleet.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -97,9 +98,10 @@ class FleetSimulation:
             "counted_s": self.evidence.counted_s,
             "blocks": self.evidence.blocks,
             "name": self.evidence.name,
-            "loss_ratio": self.evidence.loss_ratio,
+            "loss": self.evidence.loss,
+            "expected_loss": self.evidence.expected_loss,
         }
-        arrays = {
+        arrays: dict[str, Any] = {
             "parameters": s.parameters,
             "error": s.error,
             "residuals": s.residuals,
@@ -138,7 +140,7 @@ class FleetSimulation:
             raise UsageError(f"{path} is no simulation of a fleet: {error}") from None
 
     @classmethod
-    def _of(cls, text: dict, arrays: dict[str, FloatArray]) -> FleetSimulation:  # type: ignore[type-arg]
+    def _of(cls, text: dict[str, Any], arrays: dict[str, FloatArray]) -> FleetSimulation:
         road = text["road"]
         systematic = {
             k.removeprefix("systematic_"): v
@@ -170,7 +172,8 @@ class FleetSimulation:
             arrays["score"],
             arrays["information"],
             text["counted_s"],
-            loss_ratio=text["loss_ratio"],
+            loss=text["loss"],
+            expected_loss=text["expected_loss"],
             scatter=arrays["scatter"],
             blocks=text["blocks"],
         )
@@ -202,7 +205,8 @@ def simulation_evidence(
         linear.score,
         linear.information,
         BIN_S * float(counted.sum()),
-        loss_ratio=linear.loss / max(expected, 1.0),
+        loss=linear.loss,
+        expected_loss=expected,
         scatter=scores.T @ scores,
         blocks=scores.shape[0],
     )

@@ -81,7 +81,7 @@ def effects_at(
     return list(found.values())
 
 
-def difference_step(column: Column, value: float) -> float:
+def difference_step(column: Column, value: float, is_local: bool = False) -> float:
     """
     Return the difference step of a column's derivative at a value (difference from neutral).
 
@@ -89,7 +89,7 @@ def difference_step(column: Column, value: float) -> float:
     are far from linear: their derivative is the secant to the first start value of a fit.
     """
     p = column.parameter
-    if value == 0.0 and p.starts:
+    if value == 0.0 and p.starts and not is_local:
         return p.theta(p.starts[0]) - p.theta_neutral
     _, high = p.bounds()
     theta = p.theta_neutral + value
@@ -103,13 +103,15 @@ def effect_column(
     column: Column,
     values: Mapping[str, float],
     placed: Sequence[ActiveEffect] = (),
+    is_local: bool = False,
 ) -> FloatArray:
     """
     Return the derivative (m,) of the whitened residuals by a column, in scaled units.
 
     `base` (m,): the residuals at `values`, with the effects `placed` that act at places.
+    `is_local`: with the small step also at neutral, for an effect that acts at places already.
     """
-    step = difference_step(column, values.get(column.key, 0.0))
+    step = difference_step(column, values.get(column.key, 0.0), is_local)
     moved = {**values, column.key: values.get(column.key, 0.0) + step}
     zero = np.zeros(likelihood.n_nuisances)
     every = columns if column in columns else [*columns, column]

@@ -125,9 +125,7 @@ class Profile:
         information = h[0, self.weak :, self.weak :] + _MIN_INFORMATION * np.eye(count)
         root = np.linalg.cholesky(information)
         solved = solve_triangular(root, right[0, self.weak :, 0], lower=True)
-        return float(
-            total + 0.5 * solved @ solved - np.log(np.diag(root)).sum()
-        )
+        return float(total + 0.5 * solved @ solved - np.log(np.diag(root)).sum())
 
 
 class MixedModel:
@@ -204,7 +202,7 @@ class MixedModel:
         )
         return Estimate(
             sizes[:, 0],
-            covariance,
+            np.asarray(covariance),
             response @ fleet.bias @ response.T,
             information,
             right[:, 0],

@@ -12,7 +12,7 @@ alarms, coverage and power of the combination follow from many such fleets in mi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -88,6 +88,7 @@ def draw_fleet(seed: int, plan: FleetPlan) -> FleetEvidence:
         shares,
         bias,
         30,
+        np.zeros(r),
     )
     x = _joint_vectors(rng, fleet, plan)
     root = np.linalg.cholesky(bias + 1e-12 * np.eye(d)) if plan.bias else np.zeros((d, d))
@@ -97,9 +98,10 @@ def draw_fleet(seed: int, plan: FleetPlan) -> FleetEvidence:
     for i, h in enumerate(informations):
         noise = np.linalg.cholesky(h + 1e-12 * np.eye(d)) @ rng.standard_normal(d)
         scores[i] = h @ x[i] + noise + shares[i] * persistent
-    return FleetEvidence(
-        columns, fleet.names, scores, informations, cars, days, tags, shares, bias, 30
-    )
+    # A perfect model is the truth: what its quadratic gains is what its absence costs.
+    quadratic = np.einsum("ri,rij,rj->r", x, informations, x)
+    excess = 2.0 * (scores * x).sum(axis=1) - quadratic
+    return replace(fleet, scores=scores, excess=excess)
 
 
 def _columns_of(rng: np.random.Generator, d: int, first: int, deviation: float) -> FloatArray:
@@ -110,7 +112,7 @@ def _columns_of(rng: np.random.Generator, d: int, first: int, deviation: float) 
     base /= np.sqrt((base**2).sum(axis=0))
     size = np.full(d, np.sqrt(_NUISANCE_INFORMATION))
     size[first:] = 1.0 / deviation
-    return base * size
+    return np.asarray(base * size)
 
 
 def _information(rng: np.random.Generator, base: FloatArray) -> FloatArray:

@@ -137,28 +137,31 @@ def place_rows(
     linear: Linearisation,
     values: Mapping[str, float],
     columns: Sequence[Column],
-    local_values: Sequence[tuple[str, tuple[Cell, ...], float]] = (),
     placed: Sequence[ActiveEffect] = (),
-) -> tuple[list[Row], FloatArray]:
+) -> list[Row]:
     """
-    Return one row per cell, and what to add to the score (d,) of the recording.
+    Return one row per cell; `values` and `placed`: where `linear` was linearised.
 
-    `values` and `local_values` (key, cells, value), of which `placed` are the effects: where
-    `linear` was linearised. The evidence is in absolute coordinates: without effects at places.
+    Sizes are relative to the effects `placed`, which act all the same.
     """
     problem, residuals = likelihood.problem, linear.unweighted
     local = [
         c for c in place_columns(likelihood.effects)
         if c.effect.name not in likelihood.unobservable
     ]  # fmt: skip
-    added = np.zeros(linear.point.size)
     if not local:
-        return [], added
+        return []
     keys = [c.key for c in local]
+    at_places = {active.effect.name for active in placed}
     root = huber_root(residuals)
     derivatives = np.column_stack(
-        [effect_column(likelihood, residuals, columns, c, values, placed) * root
-            for c in local]
+        [
+            effect_column(
+                likelihood, residuals, columns, c, values, placed, c.effect.name in at_places
+            )
+            * root
+            for c in local
+        ]
     )
     derivatives[residuals == 0.0] = 0.0
     bins = problem.bins
@@ -169,30 +172,22 @@ def place_rows(
     rows: list[Row] = []
     for cell in np.unique(at[counted], axis=0):
         inside = (at == cell).all(axis=1) & counted
-        key = Cell(*(int(v) for v in cell))
-        at_cell = np.zeros(len(local))
-        for name_of, cells, value in local_values:
-            if key in cells and name_of in keys:
-                k = keys.index(name_of)
-                at_cell[k] = value / local[k].materiality
-        if np.count_nonzero(inside) < _MIN_BINS and not at_cell.any():
+        if np.count_nonzero(inside) < _MIN_BINS:
             continue
         used = np.flatnonzero(np.tile(inside, 6))
         assert used.size == 0 or used[-1] < 6 * bins
         part = derivatives[used]
-        cross = part.T @ linear.jacobian[used]
-        added += cross.T @ at_cell
         rows.append(
             {
                 "schema": SCHEMA,
                 "kind": PLACE_ROW,
                 "recording": name,
-                "cell": key.text,
+                "cell": Cell(*(int(v) for v in cell)).text,
                 "counted_s": float(np.count_nonzero(inside) * 0.04),
                 "effects": ",".join(keys),
-                "score": packed(-part.T @ (corrected[used] - part @ at_cell)),
+                "score": packed(-part.T @ corrected[used]),
                 "information": packed(part.T @ part),
-                "cross": cross.astype("<f4").tobytes(),
+                "cross": (part.T @ linear.jacobian[used]).astype("<f4").tobytes(),
             }
         )
-    return rows, added
+    return rows

@@ -22,7 +22,7 @@ parameter; its effect is subtracted, and the search goes on.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import stdtr, stdtrit
@@ -122,22 +122,47 @@ class PlaceData:
         """Number of tests: parameters times cells."""
         return len(self.keys) * len(self.cells)
 
-    def correction(self, places: Sequence[Place], recordings: int, size: int) -> FloatArray:
-        """Return what the effects at places add to the scores (r, d) of the recordings."""
-        out = np.zeros((recordings, size))
+    def correction(
+        self, places: Sequence[Place], known: Sequence[Place], shape: tuple[int, ...]
+    ) -> FloatArray:
+        """Return what the effects at places, beyond `known` ones, add to the scores (r, d)."""
+        out = np.zeros(shape)
+        before = {(p.key, p.cells): p.size for p in known}
         for place in places:
             k = self.keys.index(place.key)
+            size = place.size - before.get((place.key, place.cells), 0.0)
             for cell in place.cells:
-                visits = self.cells[cell]
-                for v, r in enumerate(visits.recordings):
-                    out[r] += visits.crosses[v, k] * place.size
+                visits = self.cells.get(cell)
+                for v, r in enumerate(visits.recordings if visits is not None else ()):
+                    assert visits is not None
+                    out[r] += visits.crosses[v, k] * size
         return out
 
-    def select(self, at: FloatArray, significance: float) -> list[Place]:
+    def saved_loss(
+        self, places: Sequence[Place], known: Sequence[Place], recordings: int
+    ) -> FloatArray:
+        """Return the loss (r,) that the effects at places, beyond `known` ones, save."""
+        out = np.zeros(recordings)
+        before = {(p.key, p.cells): p.size for p in known}
+        for place in places:
+            k = self.keys.index(place.key)
+            size = place.size - before.get((place.key, place.cells), 0.0)
+            for cell in place.cells:
+                visits = self.cells.get(cell)
+                if visits is not None:
+                    h = visits.informations[:, k, k]
+                    gain = 2.0 * visits.scores[:, k] * size - h * size**2
+                    np.add.at(out, list(visits.recordings), gain)
+        return out
+
+    def select(
+        self, at: FloatArray, significance: float, known: Sequence[Place] = ()
+    ) -> list[Place]:
         """
         Return the effects at places, given the joint vector (r, d) of each recording.
 
-        `significance`: largest p-value of a single test.
+        `significance`: largest p-value of a single test; `known`: places at whose sizes the
+        recordings were linearised, to which what is left there is added.
         """
         scores = {
             cell: v.scores - np.einsum("vqd,vd->vq", v.crosses, at[list(v.recordings)])
@@ -145,6 +170,21 @@ class PlaceData:
         }
         places: list[Place] = []
         blocked: set[tuple[Cell, str]] = set()
+        for place in known:
+            k = self.keys.index(place.key)
+            cells = [cell for cell in place.cells if cell in scores]
+            of_place = [
+                _cell_test(scores[cell][:, k], self.cells[cell].informations[:, k, k])
+                for cell in cells
+            ]
+            weights = np.array([1.0 / t.variance if t.variance > 0.0 else 0.0 for t in of_place])
+            if weights.sum() > 0.0:
+                change = float(weights @ np.array([t.size for t in of_place]) / weights.sum())
+                places.append(replace(place, size=place.size + change))
+                for cell in cells:
+                    scores[cell] = scores[cell] - self.cells[cell].informations[:, :, k] * change
+            # What a linearisation leaves at a place is no second effect there.
+            blocked |= {(cell, key) for cell in place.cells for key in self.keys}
         while len(places) < _MAX_PLACES:
             found = self._best(scores, significance, blocked)
             if found is None:

@@ -9,7 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adk_ros.fleet.inference.evidence import RECORDING, Columns, Evidence, Row, column_of, effect_columns
+from adk_ros.fleet.inference.evidence import (
+    RECORDING,
+    Columns,
+    Evidence,
+    Row,
+    column_of,
+    effect_columns,
+)
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
 from adk_ros.fleet.inference.linearisation import Linearisation, effects_at, linearised
 from adk_ros.fleet.inference.place_evidence import Cell, in_cells, place_rows
@@ -60,20 +67,20 @@ def evidence_rows(
     counted = (likelihood.weights > 0.0).any(axis=0)
     expected = likelihood.expected_loss(linear.residuals)
     rows: list[Row] = []
-    added = np.zeros(simulation.columns.size)
     if likelihood.problem.log.length_scale == 1.0:
-        known = [(one.key, one.cells, one.value) for one in local]
-        rows, added = place_rows(name, likelihood, linear, values, columns, known, placed)
+        rows = place_rows(name, likelihood, linear, values, columns, placed)
     evidence = Evidence(
         name,
         RECORDING,
         simulation.columns,
-        linear.score + added,
+        linear.score,
         linear.information,
         BIN_S * float(counted.sum()),
         start_ns=recording.start_ns,
         dispersion=dispersion(linear, simulation.columns),
-        loss_ratio=linear.loss / max(expected, 1.0),
+        loss=linear.loss,
+        expected_loss=expected,
+        point=linear.point,
         blocks=int(np.unique(linear.block[linear.residuals != 0.0]).size),
     )
     return [evidence.to_row(), *rows]
@@ -127,7 +134,7 @@ def dispersion(linear: Linearisation, columns: Columns) -> float:
     prior = np.ones(columns.size)
     prior[columns.first_effect :] = 1.0 / _PRIOR_UNITS**2
     at = np.linalg.solve(information + np.diag(prior), linear.score)
-    scores = linear.block_scores(at)
+    scores = linear.block_scores(np.asarray(at))
     expected: FloatArray = np.diag(information)
     used = expected > 0.0
     if scores.shape[0] < 2 or not used.any():

@@ -12,8 +12,8 @@ determined, it changes nothing.
 
 The variance of a size is a sum of parts: noise and build tolerances, which are known, the
 deviations of recordings and of cars, and the surrogate's error, which are estimated. Its degrees
-of freedom follow from Satterthwaite's formula (F. E. Satterthwaite, "An approximate distribution of
-estimates of variance components", Biometrics Bulletin 2 (1946) 110).
+of freedom follow from Satterthwaite's formula (F. E. Satterthwaite, "An approximate distribution
+of estimates of variance components", Biometrics Bulletin 2 (1946) 110).
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ _LOWEST, _HIGHEST, _START = 1e-3, 1e3, 0.1
 """Range and start of a deviation in units of the materiality threshold."""
 _ROUNDS = 2
 """Passes over the active effects, whose components hardly depend on each other."""
-_TOLERANCE = 0.02
-"""Of the log-likelihood and of log(deviation): far below what changes a decision."""
+_TOLERANCE = 0.1
+"""Of the log-likelihood and of log(deviation): far below what a fleet determines of them."""
 _SIMPLEX = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 """First simplex of log(deviation), from the start."""
 
@@ -61,9 +61,7 @@ def fitted_components(
     return found
 
 
-def _fitted_one(
-    model: MixedModel, terms: Sequence[Term], start: Components, i: int
-) -> Components:
+def _fitted_one(model: MixedModel, terms: Sequence[Term], start: Components, i: int) -> Components:
     has_cars = len(model.fleet.car_names) > 1
     profile = model.profile(terms, start, i)
     low, high = np.log(_LOWEST), np.log(_HIGHEST)

@@ -1,0 +1,125 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Write a synthetic fleet as a folder.
+
+`simulation/` and `drives/*/` are bags; `vehicle.yaml` has masses and lengths of the simulated car;
+`fleet.csv` has a row per recording: recording, car, date, and the tags; `truth.json` is what was
+injected. Some bags are damaged on purpose.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml  # type: ignore[import-untyped, unused-ignore]
+
+from adk_ros.errors import UsageError
+from adk_ros.fleet.demo.fleet_drives import FleetDrives
+from adk_ros.fleet.demo.fleet_plan import FleetPlan, PlannedDrive
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.offline.sensor_log_bag import write_sensor_log
+from adk_ros.plant.scenario.sensor_simulation import START_NS
+
+_NS_PER_DAY = 86_400 * 10**9
+_SHORT_S = 3.0
+"""Duration of a recording that is too short, s."""
+_KEPT_BYTES = 2000
+"""Bytes that are left of a truncated file: the header and no chunk."""
+TAGS = ("software", "tyres")
+
+Progress = Callable[[int, int], None]
+
+
+def write_fleet(plan: FleetPlan, out: Path, progress: Progress | None = None) -> None:
+    """
+    Write the fleet of a plan into a new folder; `progress(done, total)` counts the recordings.
+
+    :raises UsageError: the folder exists.
+    """
+    if out.exists():
+        raise UsageError(f"{out} exists: give a new folder for the fleet")
+    drives = FleetDrives(plan)
+    (out / "drives").mkdir(parents=True)
+    write_sensor_log(drives.simulation(), out / "simulation")
+    (out / "vehicle.yaml").write_text(yaml.safe_dump(drives.nominal.model_dump()))
+    (out / "truth.json").write_text(json.dumps(truth(plan), indent=1))
+    with (out / "fleet.csv").open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["recording", "car", "date", *TAGS])
+        for planned in plan.drives:
+            table.writerow(
+                [
+                    planned.name,
+                    planned.car,
+                    date_of(planned),
+                    *(planned.tags[tag] for tag in TAGS),
+                ]
+            )
+    for done, planned in enumerate(plan.drives):
+        write_drive(drives, planned, out / "drives" / planned.name)
+        if progress is not None:
+            progress(done + 1, len(plan.drives))
+
+
+def start_ns(planned: PlannedDrive) -> int:
+    """Return the time at which a drive starts, ns."""
+    return START_NS + int(planned.day * _NS_PER_DAY)
+
+
+def date_of(planned: PlannedDrive) -> str:
+    """Return the start of a drive as an ISO 8601 text in UTC."""
+    return datetime.fromtimestamp(start_ns(planned) / 1e9, timezone.utc).isoformat(timespec="seconds")
+
+
+def write_drive(drives: FleetDrives, planned: PlannedDrive, path: Path) -> None:
+    """Write the bag of a drive, damaged if the plan says so."""
+    log = drives.drive(planned)
+    if planned.damage == "short":
+        log = log.between(0.0, _SHORT_S)
+    elif planned.damage == "without_commands":
+        log = _without_commands(log)
+    write_sensor_log(log, path, start_ns(planned))
+    if planned.damage in {"truncated", "random_bytes", "empty"}:
+        _spoil(path, planned)
+
+
+def _without_commands(log: SensorLog) -> SensorLog:
+    return replace(log, command_s=log.command_s[:0], command=log.command[:0])
+
+
+def _spoil(path: Path, planned: PlannedDrive) -> None:
+    """Spoil the data file of a bag; its metadata go, since a crash does not write them."""
+    files = [file for file in path.rglob("*") if file.is_file() and file.suffix != ".yaml"]
+    for file in path.rglob("*.yaml"):
+        file.unlink()
+    for file in files:
+        content = file.read_bytes()
+        if planned.damage == "truncated":
+            content = content[:_KEPT_BYTES]
+        elif planned.damage == "empty":
+            content = b""
+        else:
+            rng = np.random.default_rng(planned.seed)
+            content = rng.integers(0, 256, min(len(content), 1 << 20), dtype=np.uint8).tobytes()
+        file.write_bytes(content)
+
+
+def truth(plan: FleetPlan) -> dict[str, Any]:
+    """Return what is injected, as plain values."""
+    return {
+        "seed": plan.seed,
+        "effects": [
+            {"effect": t.effect, "parameters": t.parameters, "level": asdict(t.level)}
+            for t in plan.terms
+        ],
+        "place": asdict(plan.place),
+        "damaged": {d.name: d.damage for d in plan.drives if d.damage},
+    }

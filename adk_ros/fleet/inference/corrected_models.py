@@ -1,0 +1,79 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Corrected models of a fleet: the simulation's surrogate with the claimed effects of a level.
+
+For all cars those that all cars share; for a car also its own, with a trend at its last value; for
+a condition also those of the condition. Sensor faults are no part of a vehicle. Places are listed
+in the result and not exported: a term at a place needs the line of a lap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from adk_ros.fleet.inference.fleet_result import Claim, FleetResult
+from adk_ros.fleet.inference.levels import CONDITION, SHARED
+from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+
+
+def corrected_models(result: FleetResult, surrogate: SurrogateModel) -> dict[str, str]:
+    """Return file name -> text of the corrected models: all cars, each car, each condition."""
+    shared = [c for c in result.claims if _in_all(c)]
+    out = {"corrected_all.yaml": _text(shared, surrogate)}
+    for car in result.cars:
+        own = [c for c in result.claims if c.car == car]
+        if own:
+            out[f"corrected_{car}.yaml"] = _text([*shared, *own], surrogate)
+    conditions = {(c.tag, c.value) for c in result.claims if c.kind == CONDITION}
+    for tag, value in sorted(conditions):
+        own = [c for c in result.claims if (c.tag, c.value) == (tag, value)]
+        out[f"corrected_{tag}_{value}.yaml"] = _text([*shared, *own], surrogate)
+    return {_safe(name): text for name, text in out.items()}
+
+
+def _in_all(claim: Claim) -> bool:
+    """Whether a claim is about all cars and all conditions."""
+    return claim.kind == SHARED or (not claim.car and claim.kind != CONDITION)
+
+
+def _text(claims: list[Claim], surrogate: SurrogateModel) -> str:
+    sums: dict[str, dict[str, float]] = {}
+    for claim in claims:
+        effect = EFFECTS[claim.effect]
+        if effect.sensor:
+            continue
+        values = sums.setdefault(effect.name, {p.name: 0.0 for p in effect.parameters})
+        values[claim.parameter] += _theta(claim)
+    terms = [
+        {
+            "effect": name,
+            "parameters": _values(name, thetas),
+            "where": {"kind": "always"},
+        }
+        for name, thetas in sums.items()
+    ]
+    return surrogate_yaml(surrogate.parameters, terms=terms, surrogate=surrogate)
+
+
+def _theta(claim: Claim) -> float:
+    """Return the difference of the fitted variable from neutral."""
+    (p,) = (p for p in EFFECTS[claim.effect].parameters if p.name == claim.parameter)
+    return p.theta(claim.size) - p.theta_neutral if p.inverse else claim.size
+
+
+def _values(name: str, thetas: Mapping[str, float]) -> dict[str, float]:
+    """Return the parameters of an effect, within their bounds."""
+    out = {}
+    for p in EFFECTS[name].parameters:
+        low, high = p.bounds()
+        theta = min(max(p.theta_neutral + thetas[p.name], low), high)
+        out[p.name] = float(f"{p.value(theta):.8g}")
+    return out
+
+
+def _safe(name: str) -> str:
+    """Return a file name without separators."""
+    return "".join(c if c.isalnum() or c in "._-" else "_" for c in name)

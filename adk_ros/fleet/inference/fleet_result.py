@@ -1,0 +1,349 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The result of a fleet as plain values: claims, places, vehicles, trends, recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from adk_ros.fleet.inference.evidence import Column, column_of
+from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
+from adk_ros.fleet.inference.fleet_model import joint_vectors
+from adk_ros.fleet.inference.fleet_selection import Assessment, is_trend
+from adk_ros.fleet.inference.mixed_model import MixedModel, Term
+from adk_ros.fleet.inference.ties import ties_of, unclaimed
+from adk_ros.mismatch.library.effect import EffectParameter
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import QUANTILE_90
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Claim:
+    """
+    A claimed effect at a level; `size`: its parameter's difference from neutral, in its unit.
+
+    `evidence`: twice the logarithm of the likelihood ratio; `between_recordings` and
+    `between_cars`: standard deviations of the parameter beyond noise and tolerance. `ties`: other
+    effects and levels that explain the fleet as well.
+    """
+
+    effect: str
+    parameter: str
+    unit: str
+    kind: str
+    level: str
+    car: str
+    tag: str
+    value: str
+    onset_day: float | None
+    size: float
+    low: float
+    high: float
+    evidence: float
+    p_value: float
+    between_recordings: float
+    between_cars: float
+    ties: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PlaceClaim:
+    """A claimed effect at a place: cells with their centres (x, y), m, in the map frame."""
+
+    effect: str
+    parameter: str
+    unit: str
+    size: float
+    low: float
+    high: float
+    p_value: float
+    recordings: int
+    cells: tuple[str, ...]
+    centres: tuple[tuple[float, float], ...]
+    ties: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class NotClaimed:
+    """A candidate that is not claimed."""
+
+    effect: str
+    parameter: str
+    unit: str
+    level: str
+    size: float
+    low: float
+    high: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class VehicleEffect:
+    """A parameter in one car: all that is known of it, with the half width of the 90 % interval."""
+
+    car: str
+    effect: str
+    parameter: str
+    unit: str
+    size: float
+    half: float
+    is_claimed: bool
+
+
+@dataclass(frozen=True)
+class TrendPoint:
+    """The size of a parameter from one recording alone, given all other estimates."""
+
+    effect: str
+    parameter: str
+    recording: str
+    car: str
+    day: float
+    size: float
+    deviation: float
+    fitted: float
+
+
+@dataclass(frozen=True)
+class RecordingSummary:
+    """
+    A recording: its loss over that of a perfect model, with the claimed effects and without.
+
+    With them as far as it was linearised at the fleet's estimate.
+    """
+
+    name: str
+    car: str
+    day: float
+    tags: Mapping[str, str]
+    loss_ratio: float
+    loss_before: float
+
+
+@dataclass(frozen=True)
+class FleetResult:
+    """Everything that the page of a fleet shows."""
+
+    recordings: tuple[RecordingSummary, ...]
+    cars: tuple[str, ...]
+    claims: tuple[Claim, ...]
+    places: tuple[PlaceClaim, ...]
+    not_claimed: tuple[NotClaimed, ...]
+    vehicles: tuple[VehicleEffect, ...]
+    trends: tuple[TrendPoint, ...]
+    visited: tuple[tuple[float, float, int], ...]
+    """Centres x, y (m) of the map's cells, and how many recordings pass them."""
+    tests: int
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain values, for JSON."""
+        return {"schema": SCHEMA, **asdict(self)}
+
+
+def fleet_result(
+    estimate: FleetEstimate,
+    before: Mapping[str, float] | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> FleetResult:
+    """
+    Return the result of an estimate, with ties and candidates that are not claimed.
+
+    `before`: loss ratio of each recording without effects, from a first pass.
+    """
+    losses = estimate.loss_ratios if before is None else before
+    report = progress or (lambda done, text: None)
+    selection, model, fleet = estimate.selection, estimate.model, estimate.fleet
+    claims = []
+    for i, one in enumerate(estimate.claims):
+        report(i / max(len(estimate.claims), 1), "comparing competing effects")
+        ties = ties_of(selection, model, one)
+        keys = [
+            f"{column_of(fleet.columns.effects[t.effect]).effect.name} ({t.level.text})"
+            for t in ties
+        ]
+        claims.append(_claim(estimate, one, tuple(dict.fromkeys(keys))))
+    at = joint_vectors(fleet, model)
+    return FleetResult(
+        tuple(
+            RecordingSummary(
+                name,
+                car,
+                float(day),
+                dict(tags),
+                round(estimate.loss_ratios[name], 3),
+                round(losses.get(name, estimate.loss_ratios[name]), 3),
+            )
+            for name, car, day, tags in zip(
+                fleet.names, fleet.cars, fleet.days, fleet.tags, strict=True
+            )
+        ),
+        tuple(fleet.car_names),
+        tuple(claims),
+        tuple(_places(estimate)),
+        tuple(_not_claimed(estimate)),
+        tuple(_vehicles(estimate)),
+        tuple(_trends(estimate, at)),
+        tuple((*cell.centre, count) for cell, count in estimate.visits.items()),
+        selection.tests,
+    )
+
+
+def _in_unit(p: EffectParameter, theta: float) -> float:
+    """Return a difference of the fitted variable in the parameter's unit, or its value (inverse)."""
+    if p.inverse:
+        return p.value(max(p.theta_neutral + theta, 1e-30))
+    return theta
+
+
+def _interval(column: Column, low: float, high: float) -> tuple[float, float]:
+    values = [_in_unit(column.parameter, x * column.materiality) for x in (low, high)]
+    return min(values), max(values)
+
+
+def _claim(estimate: FleetEstimate, one: Assessment, ties: tuple[str, ...]) -> Claim:
+    column = column_of(estimate.fleet.columns.effects[one.candidate.effect])
+    m, level = column.materiality, one.candidate.level
+    low, high = _interval(column, *one.interval)
+    return Claim(
+        column.effect.name,
+        column.parameter.name,
+        column.parameter.unit,
+        level.kind,
+        level.text,
+        level.car,
+        level.tag,
+        level.value,
+        level.onset if is_trend(level) else None,
+        _in_unit(column.parameter, one.size * m),
+        low,
+        high,
+        one.evidence,
+        one.p_value,
+        one.components[0] * m,
+        one.components[1] * m,
+        ties,
+    )
+
+
+def _places(estimate: FleetEstimate) -> list[PlaceClaim]:
+    out = []
+    for place in estimate.places:
+        column = column_of(place.key)
+        low, high = _interval(column, *place.interval)
+        out.append(
+            PlaceClaim(
+                column.effect.name,
+                column.parameter.name,
+                column.parameter.unit,
+                _in_unit(column.parameter, place.size * column.materiality),
+                low,
+                high,
+                place.p_value,
+                place.recordings,
+                tuple(cell.text for cell in place.cells),
+                tuple(cell.centre for cell in place.cells),
+                tuple(column_of(key).effect.name for key in place.alternatives),
+            )
+        )
+    return out
+
+
+def _not_claimed(estimate: FleetEstimate) -> list[NotClaimed]:
+    out = []
+    for one in unclaimed(estimate.selection, estimate.model):
+        found = one.assessment
+        column = column_of(estimate.fleet.columns.effects[found.candidate.effect])
+        low, high = _interval(column, *found.interval)
+        out.append(
+            NotClaimed(
+                column.effect.name,
+                column.parameter.name,
+                column.parameter.unit,
+                found.candidate.level.text,
+                _in_unit(column.parameter, found.size * column.materiality),
+                low,
+                high,
+                one.reason,
+            )
+        )
+    return out
+
+
+def _vehicles(estimate: FleetEstimate) -> list[VehicleEffect]:
+    """Return the claimed parameters in each car, with the deviations of cars (partial pooling)."""
+    model, fleet = estimate.model, estimate.fleet
+    active = model.active()
+    if not active:
+        return []
+    mixed = MixedModel(fleet, active)
+    terms = [c.term for c in model.claimed]
+    found = mixed.estimate(terms, model.components_of(active), with_bias=True)
+    covariance = found.covariance + found.bias
+    out = []
+    for c, car in enumerate(fleet.car_names):
+        of_car = np.array([name == car for name in fleet.cars])
+        for i, effect in enumerate(active):
+            column = column_of(fleet.columns.effects[effect])
+            share = np.array(
+                [t.design[of_car].mean() if t.effect == effect else 0.0 for t in terms]
+            )
+            size = float(share @ found.sizes + found.car_deviations[c, i])
+            variance = float(share @ covariance @ share + found.car_variances[c, i])
+            claimed = any(
+                t.candidate.effect == effect and t.candidate.design[of_car].any()
+                for t in estimate.claims
+            )
+            out.append(
+                VehicleEffect(
+                    car,
+                    column.effect.name,
+                    column.parameter.name,
+                    column.parameter.unit,
+                    size * column.materiality,
+                    QUANTILE_90 * float(np.sqrt(variance)) * column.materiality,
+                    claimed,
+                )
+            )
+    return out
+
+
+def _trends(estimate: FleetEstimate, at: FloatArray) -> list[TrendPoint]:
+    """Return the sizes by recording of parameters with a trend, in the cars that it concerns."""
+    fleet, out = estimate.fleet, []
+    claimed = [c for c in estimate.claims if is_trend(c.candidate.level)]
+    for claim in claimed:
+        effect, level = claim.candidate.effect, claim.candidate.level
+        j = fleet.columns.first_effect + effect
+        column = column_of(fleet.columns.effects[effect])
+        terms: list[Term] = [c.candidate.term for c in estimate.claims]
+        sizes = [c.size for c in estimate.claims]
+        fitted = sum(
+            (s * t.design for s, t in zip(sizes, terms, strict=True) if t.effect == effect),
+            np.zeros(len(fleet.names)),
+        )
+        for r, name in enumerate(fleet.names):
+            information = float(fleet.informations[r, j, j])
+            if information <= 0.0 or (level.car and fleet.cars[r] != level.car):
+                continue
+            rest = at[r].copy()
+            rest[j] = 0.0
+            size = float(fleet.scores[r, j] - fleet.informations[r, j] @ rest) / information
+            m = column.materiality
+            out.append(
+                TrendPoint(
+                    column.effect.name,
+                    column.parameter.name,
+                    name,
+                    fleet.cars[r],
+                    float(fleet.days[r]),
+                    size * m,
+                    m / float(np.sqrt(information)),
+                    float(fitted[r]) * m,
+                )
+            )
+    return out

@@ -1,0 +1,72 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+One effect in place of two: what a forward selection cannot undo by itself.
+
+A forward selection may take the part of an effect that another one resembles, and then the rest: a
+brake that drags on one side as rolling resistance and a steering offset. Two claims at one level,
+or of one car, are therefore replaced by a single candidate if that is as likely: if the logarithm
+of the likelihood falls by less than the penalty of the parameter that is saved
+(`criteria.PENALTY_PER_PARAMETER`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
+from adk_ros.fleet.inference.fleet_selection import Selection
+from adk_ros.fleet.inference.mixed_model import MixedModel
+from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
+
+_EXAMINED = 4
+"""Single candidates that are fitted in place of a pair, those of the largest gains. By choice."""
+
+
+def simplified(selection: Selection, model: FleetModel) -> FleetModel:
+    """Return the model with pairs of claims replaced by single ones, as long as there are any."""
+    while True:
+        found = _with_one_less(selection, model)
+        if found is None:
+            return model
+        model = found
+
+
+def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None:
+    least = _likelihood(selection, model) - 0.5 * PENALTY_PER_PARAMETER
+    for a, b in combinations(model.claimed, 2):
+        if not _is_of_one_place(a, b):
+            continue
+        rest = selection.refitted(
+            replace(model, claimed=tuple(c for c in model.claimed if c is not a and c is not b))
+        )
+        levels = {a.level, b.level}
+        near = [
+            candidate
+            for _, candidate in selection.ranked(rest)
+            if candidate.level in levels or candidate.level.car == a.level.car
+        ]
+        for candidate in near[:_EXAMINED]:
+            one = selection.assess(rest, candidate)
+            if not selection.is_claimable(one, remaining_excess(selection.fleet, rest)):
+                continue
+            one = selection.with_fitted_onset(rest, one)
+            components = {**rest.components, one.candidate.effect: one.components}
+            changed = replace(rest, claimed=(*rest.claimed, one.candidate), components=components)
+            if _likelihood(selection, changed) > least:
+                return selection.refitted(changed)
+    return None
+
+
+def _is_of_one_place(a: Candidate, b: Candidate) -> bool:
+    """Whether two claims are about the same recordings: one level, or one car."""
+    same_car = bool(a.level.car) and a.level.car == b.level.car
+    return same_car or (a.level == b.level) or (not a.level.car and a.level.kind == b.level.kind)
+
+
+def _likelihood(selection: Selection, model: FleetModel) -> float:
+    active = model.active()
+    mixed = MixedModel(selection.fleet, active)
+    terms = [c.term for c in model.claimed]
+    return mixed.estimate(terms, model.components_of(active)).likelihood

@@ -1,0 +1,146 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of a fleet's page: vehicles and effects, trends, the map of places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.patches import Rectangle
+
+from adk_ros.files.pages.figure_style import BLUE, GREY, ORANGE, PURPLE, VERMILION
+from adk_ros.fleet.inference.evidence import column_of
+from adk_ros.fleet.inference.fleet_result import FleetResult, TrendPoint
+from adk_ros.mismatch.report.vocabulary import title, unit_text
+from adk_ros.numerics.arrays import FloatArray, IntArray
+
+_DPI = 110
+_LIMIT = 5.0
+"""Colours of the matrix saturate at this many materiality thresholds."""
+
+
+def matrix_figure(result: FleetResult, path: Path) -> None:
+    """Draw the vehicle x effect matrix in materiality thresholds; claimed entries are framed."""
+    keys = list(dict.fromkeys((v.effect, v.parameter) for v in result.vehicles))
+    entries = {(v.car, (v.effect, v.parameter)): v for v in result.vehicles}
+    values = np.array(
+        [
+            [entries[car, key].size / column_of(".".join(key)).materiality for key in keys]
+            for car in result.cars
+        ]
+    )
+    width, height = 2.4 + 0.95 * len(keys), 1.9 + 0.33 * len(result.cars)
+    figure, axes = plt.subplots(figsize=(max(width, 5.0), height), layout="constrained")
+    image = axes.imshow(values, cmap="RdBu_r", vmin=-_LIMIT, vmax=_LIMIT, aspect="auto")
+    for i, car in enumerate(result.cars):
+        for j, key in enumerate(keys):
+            entry = entries[car, key]
+            dark = abs(values[i, j]) > 0.6 * _LIMIT
+            text = f"{entry.size:.2g}\n±{entry.half:.1g}"
+            axes.text(
+                j, i, text, ha="center", va="center", fontsize=6.5, color="w" if dark else "k"
+            )
+            if entry.is_claimed:
+                box = Rectangle((j - 0.47, i - 0.45), 0.94, 0.9, fill=False, lw=1.6)
+                axes.add_patch(box)
+    labels = [
+        f"{title(effect)}\n{name} {unit_text(column_of(f'{effect}.{name}').parameter.unit)}"
+        for effect, name in keys
+    ]
+    axes.set_xticks(range(len(keys)), labels, rotation=35, ha="right", fontsize=7.5)
+    axes.set_yticks(range(len(result.cars)), result.cars, fontsize=8)
+    figure.colorbar(image, ax=axes, label="materiality thresholds")
+    figure.savefig(path, dpi=_DPI)
+    plt.close(figure)
+
+
+def trend_figure(points: Sequence[TrendPoint], unit: str, path: Path) -> None:
+    """Draw the sizes of one parameter by recording over time, with the claimed trend."""
+    figure, axes = plt.subplots(figsize=(7.5, 3.0), layout="constrained")
+    ordered = sorted(points, key=lambda p: p.day)
+    days = [p.day for p in ordered]
+    axes.errorbar(
+        days,
+        [p.size for p in ordered],
+        yerr=[1.645 * p.deviation for p in ordered],
+        fmt="o",
+        ms=4,
+        color=BLUE,
+        ecolor=GREY,
+        label="one recording (90 % interval of its noise)",
+    )
+    axes.plot(days, [p.fitted for p in ordered], color=VERMILION, label="fleet")
+    axes.set_xlabel("day")
+    axes.set_ylabel(f"{title(points[0].effect)}, {unit_text(unit)}")
+    axes.legend(fontsize=8)
+    figure.savefig(path, dpi=_DPI)
+    plt.close(figure)
+
+
+def map_figure(result: FleetResult, path: Path) -> None:
+    """
+    Draw the cells that several recordings pass, and the claimed places.
+
+    Regions of the map that are far apart are drawn side by side.
+    """
+    visited = np.array(result.visited, dtype=np.float64).reshape(-1, 3)
+    regions = _regions(visited[:, :2])
+    count = max(len(regions), 1)
+    figure, panels = plt.subplots(
+        1, count, figsize=(max(3.6 * count, 4.0), 3.8), layout="constrained", squeeze=False
+    )
+    colours = (VERMILION, ORANGE, PURPLE, BLUE)
+    for axes, rows in zip(panels[0], regions, strict=False):
+        part = visited[rows]
+        image = axes.scatter(
+            part[:, 0], part[:, 1], c=part[:, 2], s=12, marker="s", cmap="Greys", vmin=0
+        )
+        for i, place in enumerate(result.places):
+            centres = np.array(place.centres)
+            near = np.abs(centres[:, None] - part[None, :, :2]).max(axis=2).min(axis=1) < 1.0
+            if near.any():
+                axes.scatter(
+                    centres[near, 0],
+                    centres[near, 1],
+                    s=42,
+                    marker="s",
+                    color=colours[i % len(colours)],
+                    label=title(place.effect),
+                )
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(fontsize=8)
+        axes.set_aspect("equal", "datalim")
+        axes.set_xlabel("x, m")
+        axes.tick_params(labelsize=7)
+    panels[0, 0].set_ylabel("y, m")
+    if regions:
+        figure.colorbar(image, ax=panels[0, -1], label="recordings")
+    figure.savefig(path, dpi=_DPI)
+    plt.close(figure)
+
+
+_REGION_M = 1000.0
+"""Distance between regions of the map that are drawn apart, m. By choice."""
+
+
+def _regions(centres: FloatArray) -> list[IntArray]:
+    """Return the rows of each connected region of the map."""
+    left = set(range(centres.shape[0]))
+    out = []
+    while left:
+        front = [left.pop()]
+        found = list(front)
+        while front:
+            here = centres[front.pop()]
+            near = [i for i in left if np.abs(centres[i] - here).max() < _REGION_M]
+            left -= set(near)
+            found += near
+            front += near
+        out.append(np.array(sorted(found)))
+    return sorted(out, key=lambda rows: float(centres[rows, 0].mean()))

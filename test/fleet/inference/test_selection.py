@@ -1,0 +1,84 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Selection over numerical fleets: the right effects at the right level, and none else."""
+
+from __future__ import annotations
+
+import pytest
+
+from adk_ros.fleet.inference.fleet_selection import Assessment, Selection
+from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, STEP, Level, levels_of
+from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
+
+SHARED_DRAG = Injection("aero_drag.cda", Level(SHARED), 5.0)
+CAR_TYRE = Injection("front_tyre_stiffness.scale", Level(CAR, car="car02"), 8.0)
+NEW_SOFTWARE = Level(CONDITION, tag="software", value="2.1")
+
+
+def claims(plan: FleetPlan, seed: int = 1) -> dict[tuple[str, str], Assessment]:
+    fleet = draw_fleet(seed, plan)
+    selection = Selection(fleet)
+    found = selection.assessed(selection.select())
+    return {(fleet.columns.effects[c.candidate.effect], c.candidate.level.text): c for c in found}
+
+
+@pytest.mark.parametrize(("tau", "kappa"), [(0.0, 0.0), (1.0, 0.5)])
+def test_nothing_is_claimed_of_a_correct_simulation(tau: float, kappa: float) -> None:
+    assert claims(FleetPlan(effects=6, tau=tau, kappa=kappa)) == {}
+
+
+def test_each_level_is_named() -> None:
+    plan = FleetPlan(
+        cars=5,
+        effects=7,
+        recordings=40,
+        injections=(
+            SHARED_DRAG,
+            CAR_TYRE,
+            Injection("low_friction.mu_scale", NEW_SOFTWARE, -6.0),
+        ),
+    )
+    found = claims(plan)
+    assert set(found) == {
+        ("aero_drag.cda", "all cars"),
+        ("front_tyre_stiffness.scale", "car02"),
+        ("low_friction.mu_scale", "software = 2.1"),
+    }
+    drag = found["aero_drag.cda", "all cars"]
+    assert drag.interval[0] < 5.0 < drag.interval[1]
+
+
+def test_a_drift_of_one_car_is_a_trend() -> None:
+    drift = Injection("rolling_resistance.crr", Level(RAMP, car="car03", onset=25.0), 9.0)
+    fleet = draw_fleet(2, FleetPlan(cars=4, effects=6, recordings=48, injections=(drift,)))
+    selection = Selection(fleet)
+    model = selection.select()
+    levels = [c.level for c in model.claimed]
+    assert [(level.kind, level.car) for level in levels] == [(RAMP, "car03")]
+    assert 10.0 < levels[0].onset < 40.0
+
+
+def test_an_effect_beyond_its_range_is_not_claimed() -> None:
+    # A relaxation length cannot be negative.
+    plan = FleetPlan(
+        effects=9, injections=(Injection("tyre_relaxation.length", Level(SHARED), -6.0),)
+    )
+    assert ("tyre_relaxation.length", "all cars") not in claims(plan)
+
+
+def test_levels_need_recordings_on_both_sides() -> None:
+    fleet = draw_fleet(1, FleetPlan(cars=2, recordings=4))
+    assert {level.kind for level in levels_of(fleet)} == {SHARED}
+    fleet = draw_fleet(1, FleetPlan(cars=2, recordings=30))
+    assert {level.kind for level in levels_of(fleet)} == {SHARED, CAR, CONDITION, RAMP, STEP}
+
+
+@pytest.mark.slow(seconds=60)
+def test_false_alarms_power_and_coverage() -> None:
+    from adk_ros.fleet.inference.operating_characteristics import characteristics
+
+    plan = FleetPlan(effects=8, injections=(Injection("aero_drag.cda", Level(SHARED), 3.3),))
+    found = characteristics(plan, range(100, 130))
+    assert found.with_false_alarm <= 4
+    assert found.found >= 24
+    assert found.covered >= 0.8 * found.found
