@@ -10,6 +10,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from adk_ros.cli import console
+from adk_ros.cli.fleet_mismatch import compare, demo, mismatch
+from adk_ros.cli.fleet_options import (
+    ClusterOption,
+    DryRunOption,
+    LimitOption,
+    MemoryOption,
+    OutOption,
+    RecordingsArgument,
+    RetryOption,
+    TagsOption,
+    TimeoutOption,
+    WorkersOption,
+    fleet_options,
+)
 from adk_ros.cli.options import JsonOption
 from adk_ros.errors import UsageError
 
@@ -19,65 +33,10 @@ if TYPE_CHECKING:
     from adk_ros.fleet.stage import Stage
 
 app = typer.Typer(
-    help="Process all recordings of a test fleet: index, replay, mismatch.",
+    help="Process all recordings of a test fleet.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-
-RecordingsArgument = Annotated[
-    list[str],
-    typer.Argument(help="folders, globs and URLs (s3://bucket/folder) with recordings"),
-]
-OutOption = Annotated[Path, typer.Option(help="folder of the results; a later run continues it")]
-TagsOption = Annotated[
-    Path | None,
-    typer.Option(
-        help="table of recording, vehicle, time and conditions",
-        show_default="fleet.csv in the folder of the recordings, if there",
-    ),
-]
-WorkersOption = Annotated[
-    int | None, typer.Option(help="local worker processes", show_default="one per core")
-]
-ClusterOption = Annotated[
-    str | None,
-    typer.Option(help="address of a running Dask scheduler, instead of local workers"),
-]
-TimeoutOption = Annotated[float, typer.Option(help="seconds for one recording")]
-MemoryOption = Annotated[
-    float, typer.Option(help="MiB of memory for the work on one recording; a worker adds 150")
-]
-LimitOption = Annotated[
-    int | None, typer.Option(help="process at most so many recordings", show_default="all")
-]
-RetryOption = Annotated[
-    bool, typer.Option("--retry-failed", help="process failed recordings again")
-]
-DryRunOption = Annotated[
-    bool, typer.Option("--dry-run", help="say what would be done and how long it would take")
-]
-
-
-def _options(
-    tags: Path | None,
-    workers: int | None,
-    cluster: str | None,
-    timeout: float,
-    memory: float,
-    limit: int | None,
-    retry_failed: bool,
-) -> FleetOptions:
-    from adk_ros.api.fleet.fleet_run import FleetOptions, available_cores
-    from adk_ros.fleet.run import Limits
-
-    if workers is not None and cluster is not None:
-        raise UsageError("--workers starts local workers: leave it out with --cluster")
-    return FleetOptions(
-        available_cores() if workers is None else workers,
-        cluster,
-        tags,
-        Limits(timeout, memory, limit, retry_failed),
-    )
 
 
 def _run(
@@ -171,7 +130,7 @@ def index(
     """
     from adk_ros.api.fleet.index_stage import IndexStage
 
-    options = _options(tags, workers, cluster, timeout, memory, limit, retry_failed)
+    options = fleet_options(tags, workers, cluster, timeout, memory, limit, retry_failed)
     stage = IndexStage("" if vehicle is None else str(vehicle))
     _run(stage, recordings, out, options, dry_run, as_json)
 
@@ -200,12 +159,12 @@ def replay(
     from adk_ros.model.stored_model import inspect_model
 
     inspect_model(model)
-    options = _options(tags, workers, cluster, timeout, memory, limit, retry_failed)
+    options = fleet_options(tags, workers, cluster, timeout, memory, limit, retry_failed)
     _run(ReplayStage(str(model.resolve())), recordings, out, options, dry_run, as_json)
 
 
 @app.command()
-def mismatch(
+def explain(
     recordings: RecordingsArgument,
     simulation: Annotated[
         Path,
@@ -230,15 +189,15 @@ def mismatch(
     as_json: JsonOption = False,
 ) -> None:
     """
-    Find which physics the simulation lacks, for each recording on its own.
+    Find which physics the simulation lacks by each recording on its own, as 'adk mismatch' does.
 
-    Example: adk fleet mismatch drives --simulation sim --vehicle vehicle.yaml --out fleet
+    Example: adk fleet explain drives --simulation sim --vehicle vehicle.yaml --out fleet
     """
     from adk_ros.api.fleet.mismatch_stage import MismatchStage
 
     if not simulation.exists():
         raise UsageError(f"--simulation {simulation} does not exist")
-    options = _options(tags, workers, cluster, timeout, memory, limit, retry_failed)
+    options = fleet_options(tags, workers, cluster, timeout, memory, limit, retry_failed)
     named = "" if vehicle is None else str(vehicle.resolve() if vehicle.exists() else vehicle)
     stage = MismatchStage(str(simulation.resolve()), named, without_imu)
     _run(stage, recordings, out, options, dry_run, as_json)
@@ -269,3 +228,8 @@ def report(
             console.output.print(f"  failed: {name}: {reason}", markup=False)
         for kind, finding, count in stage["findings"]:
             console.output.print(f"  {kind}: {finding}: {count} recordings", markup=False)
+
+
+app.command()(mismatch)
+app.command()(compare)
+app.command()(demo)

@@ -36,6 +36,14 @@ class Stage(Protocol):
         """
 
 
+@runtime_checkable
+class NamedStage(Stage, Protocol):
+    """A stage whose work depends on which recording of the fleet it is."""
+
+    def run_named(self, path: Path, recording: str) -> list[dict[str, Any]]:
+        """As `Stage.run`, for the recording of this name."""
+
+
 def result_key(content_hash: str, code_version: str, stage: Stage) -> str:
     """Return the key of a result: equal exactly if all that the result depends on is equal."""
     parts = (content_hash, code_version, stage.name, stage.inputs_hash)

@@ -83,7 +83,7 @@ def run_fleet(
     options = options or FleetOptions()
     _check(options)
     out = Path(out)
-    found, tags = _listed(recordings, options)
+    found, tags = listed_recordings(recordings, options)
     cluster = partial(open_cluster, options.workers, options.cluster)
     summary = run_stage(stage, found, out, cluster, options.limits, progress)
     if tags:
@@ -101,7 +101,7 @@ def estimate_fleet(
     """
     options = options or FleetOptions()
     _check(options)
-    found, _ = _listed(recordings, options)
+    found, _ = listed_recordings(recordings, options)
     dataset = FleetDataset(Path(out))
     todo = plan(stage, found, dataset.content_hashes(), dataset, options.limits.retry_failed)
     sizes = [work.size for work in todo.missing] + [each.size for each in todo.unhashed]
@@ -134,9 +134,14 @@ def _check(options: FleetOptions) -> None:
         raise UsageError(f"--memory {options.limits.memory_mib:g}: must be positive")
 
 
-def _listed(
+def listed_recordings(
     recordings: Sequence[str], options: FleetOptions
 ) -> tuple[list[FleetRecording], dict[str, Tags]]:
+    """
+    Return the recordings, sorted by name, and their tags.
+
+    :raises UsageError: nothing is there, or fleet.csv is wrong.
+    """
     found = find_recordings(recordings)
     path = options.tags
     if path is None:

@@ -4,8 +4,8 @@
 Write a synthetic fleet as a folder.
 
 `simulation/` and `drives/*/` are bags; `vehicle.yaml` has masses and lengths of the simulated car;
-`fleet.csv` has a row per recording: recording, car, date, and the tags; `truth.json` is what was
-injected. Some bags are damaged on purpose.
+`drives/fleet.csv` has a row per recording: recording, vehicle, time, and the tags; `truth.json` is
+what was injected. Some bags are damaged on purpose.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ def write_fleet(plan: FleetPlan, out: Path, progress: Progress | None = None) ->
     write_sensor_log(drives.simulation(), out / "simulation")
     (out / "vehicle.yaml").write_text(yaml.safe_dump(drives.nominal.model_dump()))
     (out / "truth.json").write_text(json.dumps(truth(plan), indent=1))
-    with (out / "fleet.csv").open("w", newline="") as file:
+    with (out / "drives" / "fleet.csv").open("w", newline="") as file:
         table = csv.writer(file)
-        table.writerow(["recording", "car", "date", *TAGS])
+        table.writerow(["recording", "vehicle", "time", *TAGS])
         for planned in plan.drives:
             table.writerow(
                 [
@@ -76,7 +76,9 @@ def start_ns(planned: PlannedDrive) -> int:
 
 def date_of(planned: PlannedDrive) -> str:
     """Return the start of a drive as an ISO 8601 text in UTC."""
-    return datetime.fromtimestamp(start_ns(planned) / 1e9, timezone.utc).isoformat(timespec="seconds")
+    return datetime.fromtimestamp(start_ns(planned) / 1e9, timezone.utc).isoformat(
+        timespec="seconds"
+    )
 
 
 def write_drive(drives: FleetDrives, planned: PlannedDrive, path: Path) -> None:

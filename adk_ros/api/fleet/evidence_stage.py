@@ -1,0 +1,115 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Stage `evidence`: what one recording says about every effect of the catalogue at once."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from adk_ros.api.fleet.index_stage import file_hash
+from adk_ros.fleet.stage import hash_of
+
+if TYPE_CHECKING:
+    from adk_ros.fleet.inference.evidence import Row
+    from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
+
+_BYTES = "base64:"
+"""Begin of a text that holds bytes; no other text of a row begins with it."""
+
+
+@dataclass(frozen=True)
+class EvidenceStage:
+    """
+    The likelihood of a recording as a quadratic form of all effects (`fleet.inference.evidence`).
+
+    `simulation`: file of `FleetSimulation.save`; `point`: file with the fleet's estimate at which
+    to linearise (`write_point`), "" for no effect. Rows: kind `recording` with the loss over that
+    of a perfect model as value, and `place` for each cell of the map; details hold the evidence.
+    """
+
+    simulation: str
+    point: str = ""
+    without_imu: bool = False
+    name: str = "evidence"
+
+    @property
+    def inputs_hash(self) -> str:
+        """Hash of the simulation and of the estimate."""
+        return hash_of([file_hash(self.simulation), file_hash(self.point), self.without_imu])
+
+    def run(self, path: Path) -> list[dict[str, Any]]:
+        """Return the rows of a recording, of a fleet in which names are those of the folders."""
+        return self.run_named(path, path.name)
+
+    def run_named(self, path: Path, recording: str) -> list[dict[str, Any]]:
+        """Return the rows of the recording of this name."""
+        from adk_ros.fleet.inference.evidence import RECORDING
+        from adk_ros.fleet.inference.recording_evidence import evidence_rows
+        from adk_ros.mismatch.recording.from_bag import read_sensor_log
+
+        simulation = _simulation(self.simulation, file_hash(self.simulation))
+        log = read_sensor_log(path, needs_imu=not self.without_imu)
+        values, local = read_point(self.point, recording)
+        return [
+            {
+                "kind": row["kind"],
+                "finding": "evidence",
+                "value": row["loss_ratio"] if row["kind"] == RECORDING else None,
+                "details": evidence_text(row),
+            }
+            for row in evidence_rows(log, simulation, values, local, name=recording)
+        ]
+
+
+@lru_cache(maxsize=1)
+def _simulation(path: str, digest: str) -> FleetSimulation:
+    from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
+
+    return FleetSimulation.load(Path(path))
+
+
+def evidence_text(row: Row) -> str:
+    """Return a row of evidence as JSON, its bytes in base64."""
+    return json.dumps(
+        {
+            key: _BYTES + base64.b64encode(value).decode() if isinstance(value, bytes) else value
+            for key, value in row.items()
+        }
+    )
+
+
+def evidence_row(text: str, recording: str) -> Row:
+    """Return the row of `evidence_text`, of a recording by its name in the fleet."""
+    row: Row = json.loads(text)
+    for key, value in row.items():
+        if isinstance(value, str) and value.startswith(_BYTES):
+            row[key] = base64.b64decode(value.removeprefix(_BYTES))
+    return row | {"recording": recording}
+
+
+def write_point(path: Path, values: Mapping[str, Mapping[str, float]], local: list[Any]) -> None:
+    """Write the estimate of a fleet: recording -> key -> value, and effects at places."""
+    places = [[one.key, [cell.text for cell in one.cells], one.value] for one in local]
+    content = {"values": {name: dict(x) for name, x in sorted(values.items())}, "places": places}
+    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
+
+
+def read_point(path: str, recording: str) -> tuple[dict[str, float], list[Any]]:
+    """Return the estimate for a recording and the effects at places; none for "" as path."""
+    from adk_ros.fleet.inference.place_evidence import Cell
+    from adk_ros.fleet.inference.recording_evidence import PlacedValue
+
+    if not path:
+        return {}, []
+    content = json.loads(Path(path).read_text(encoding="utf-8"))
+    local = [
+        PlacedValue(key, tuple(Cell.of_text(text) for text in cells), value)
+        for key, cells, value in content["places"]
+    ]
+    return content["values"].get(recording, {}), local

@@ -1,0 +1,157 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk fleet mismatch, compare and demo: what a fleet says about its simulation."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from adk_ros.cli import console
+from adk_ros.cli.fleet_options import (
+    ClusterOption,
+    MemoryOption,
+    OutOption,
+    RecordingsArgument,
+    RetryOption,
+    TagsOption,
+    TimeoutOption,
+    WorkersOption,
+    fleet_options,
+)
+from adk_ros.cli.options import JsonOption
+from adk_ros.errors import UsageError
+
+if TYPE_CHECKING:
+    from adk_ros.api.fleet.fleet_mismatch import FleetMismatch
+    from adk_ros.api.fleet.fleet_run import FleetOptions
+
+_DATA = "fleet.json"
+
+
+def mismatch(
+    recordings: RecordingsArgument,
+    simulation: Annotated[Path, typer.Option(help="bag of the simulator")],
+    out: OutOption,
+    vehicle: Annotated[
+        Path | None,
+        typer.Option(help="vehicle file of the simulated car: YAML or packaged name"),
+    ] = None,
+    without_imu: Annotated[
+        bool, typer.Option("--without-imu", help="accept recordings without an IMU")
+    ] = False,
+    tags: TagsOption = None,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    timeout: TimeoutOption = 1800.0,
+    memory: MemoryOption = 4096.0,
+    retry_failed: RetryOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """
+    Find what the simulation lacks by the evidence of all recordings, and whose fault it is.
+
+    All cars (the simulator), one car, a condition of fleet.csv, a place, or from a time on. Writes
+    report/fleet.html and corrected models; continues an interrupted run.
+
+    Example: adk fleet mismatch drives --simulation sim --vehicle vehicle.yaml --out fleet
+    """
+    options = fleet_options(tags, workers, cluster, timeout, memory, None, retry_failed)
+    found = _analysed(simulation, recordings, out, vehicle, without_imu, options)
+    if as_json:
+        console.print_json(json.loads((found.page.parent / _DATA).read_text(encoding="utf-8")))
+        return
+    _show(found)
+
+
+def compare(
+    before: Annotated[Path, typer.Argument(help="folder of an earlier 'adk fleet mismatch'")],
+    after: Annotated[Path, typer.Argument(help="folder of a later one")],
+    out: Annotated[Path, typer.Option(help="folder for the page")],
+) -> None:
+    """
+    Compare two fleet results, such as before and after an update of the simulator.
+
+    Example: adk fleet compare fleet_old fleet_new --out comparison
+    """
+    from adk_ros.api.fleet.fleet_mismatch import REPORT
+    from adk_ros.fleet.report.fleet_comparison import write_comparison
+
+    contents = []
+    for folder in (before, after):
+        path = folder / REPORT / _DATA
+        try:
+            contents.append(json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError):
+            raise UsageError(
+                f"{folder} has no result of 'adk fleet mismatch' ({path} cannot be read)"
+            ) from None
+    out.mkdir(parents=True, exist_ok=True)
+    console.output.print(
+        str(write_comparison(contents[0], contents[1], out, names=(str(before), str(after)))),
+        markup=False,
+    )
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="new folder for the fleet and its results")],
+    seed: Annotated[int, typer.Option(help="another fleet for each number")] = 0,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="8 cars and 48 short drives instead of 12 and 200")
+    ] = False,
+    workers: WorkersOption = None,
+) -> None:
+    """
+    Simulate a fleet with known faults, analyse it, and compare the result with the truth.
+
+    Example: adk fleet demo --out demo_fleet --quick
+    """
+    from adk_ros.api.fleet.fleet_demo import compared_with_truth, write_demo_fleet
+
+    options = fleet_options(None, workers, None, 1800.0, 4096.0, None, False)
+    if not (out / "truth.json").exists():
+        with console.progress("simulating the fleet") as report:
+            write_demo_fleet(out, seed, quick, report)
+    found = _analysed(
+        out / "simulation", [str(out / "drives")], out / "fleet", out / "vehicle.yaml", False,
+        options,
+    )  # fmt: skip
+    _show(found)
+    for line in compared_with_truth(found.result, out / "truth.json"):
+        console.output.print(line, markup=False)
+
+
+def _analysed(
+    simulation: Path,
+    recordings: list[str],
+    out: Path,
+    vehicle: Path | None,
+    without_imu: bool,
+    options: FleetOptions,
+) -> FleetMismatch:
+    from adk_ros.api.fleet.fleet_mismatch import fleet_mismatch
+    from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
+
+    try:
+        with graceful_shutdown(), console.progress("fleet") as report:
+            return fleet_mismatch(
+                simulation, recordings, out, vehicle, without_imu=without_imu, options=options,
+                progress=report,
+            )  # fmt: skip
+    except (Terminated, KeyboardInterrupt) as stop:
+        console.note("results so far are kept: run the same command again to continue")
+        if isinstance(stop, KeyboardInterrupt):
+            raise
+        raise typer.Exit(TERMINATED) from None
+
+
+def _show(found: FleetMismatch) -> None:
+    """Print the summary, what could not be used, and where the page is."""
+    console.output.print(found.summary, markup=False)
+    for name, reason in found.failed:
+        console.output.print(f"not used: {name}: {reason}", markup=False)
+    console.flush()
+    console.note(f"report: {found.page}")
