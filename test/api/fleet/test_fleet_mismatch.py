@@ -1,0 +1,141 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The evidence of a fleet: rows in the dataset, tags, the point of linearisation, the truth."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("distributed")
+
+from adk_ros.api.fleet.evidence_stage import (
+    EvidenceStage,
+    evidence_row,
+    evidence_text,
+    read_point,
+    write_point,
+)
+from adk_ros.api.fleet.fleet_demo import compared_with_truth
+from adk_ros.api.fleet.fleet_mismatch import evidence_of, fleet_mismatch, recording_tags
+from adk_ros.errors import DataError, UsageError
+from adk_ros.files.code_digest import code_digest
+from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.inference.evidence import RECORDING
+from adk_ros.fleet.inference.fleet_result import Claim, FleetResult, PlaceClaim
+from adk_ros.fleet.inference.place_evidence import Cell
+from adk_ros.fleet.inference.recording_evidence import PlacedValue
+from adk_ros.fleet.tags import Tags
+
+
+def test_evidence_survives_the_dataset() -> None:
+    row = {"kind": RECORDING, "score": b"\x00\x01\xff", "counted_s": 1.5, "recording": "a"}
+    back = evidence_row(evidence_text(row), "cars/b")
+    assert back == row | {"recording": "cars/b"}
+
+
+def test_a_recording_is_linearised_at_its_own_values(tmp_path: Path) -> None:
+    path = tmp_path / "point.json"
+    cell = Cell.of_text("3,-2,1")
+    placed = PlacedValue("road_grade.grade", (cell,), 0.05)
+    write_point(path, {"b": {"payload.mass": 120.0}, "a": {}}, [placed])
+    assert read_point(str(path), "b") == ({"payload.mass": 120.0}, [placed])
+    assert read_point(str(path), "other") == ({}, [placed])
+    assert read_point("", "b") == ({}, [])
+
+
+def test_another_point_is_another_result(tmp_path: Path) -> None:
+    simulation, point = tmp_path / "simulation.npz", tmp_path / "point.json"
+    simulation.write_bytes(b"1")
+    hashes = {EvidenceStage(str(simulation)).inputs_hash}
+    for mass in (1.0, 2.0):
+        write_point(point, {"a": {"payload.mass": mass}}, [])
+        hashes.add(EvidenceStage(str(simulation), str(point)).inputs_hash)
+    simulation.write_bytes(b"2")
+    hashes.add(EvidenceStage(str(simulation)).inputs_hash)
+    assert len(hashes) == 4
+
+
+def test_days_count_from_the_first_recording() -> None:
+    rows = [
+        {"kind": RECORDING, "recording": "a", "start_ns": 86_400 * 10**9 * 10},
+        {"kind": RECORDING, "recording": "b", "start_ns": 0},
+        {"kind": "place", "recording": "b", "start_ns": 0},
+    ]
+    tags = {"b": Tags("car", 86_400.0 * 12, {"tyres": "worn"})}
+    found = recording_tags(rows, tags)
+    assert (found["a"].car, found["a"].day) == ("a", 0.0)
+    assert (found["b"].car, found["b"].day, found["b"].tags) == ("car", 2.0, {"tyres": "worn"})
+
+
+def test_only_results_of_the_stage_are_combined(tmp_path: Path) -> None:
+    (tmp_path / "s.npz").write_bytes(b"1")
+    stage = EvidenceStage(str(tmp_path / "s.npz"))
+    text = evidence_text({"kind": RECORDING, "recording": "x"})
+    row = {"recording": "good", "status": "ok", "details": text}
+    row |= {"inputs_hash": stage.inputs_hash, "code_version": code_digest()}
+    FleetDataset(tmp_path).append(
+        stage.name,
+        [
+            row,
+            row | {"recording": "stale", "code_version": "old"},
+            row | {"recording": "other", "inputs_hash": "another point"},
+            row | {"recording": "bad", "status": "failed", "reason": "too short"},
+        ],
+    )
+    rows, failed = evidence_of(tmp_path, stage)
+    assert [each["recording"] for each in rows] == ["good"]
+    assert failed == [("bad", "too short")]
+
+
+def test_unusable_input_is_one_line(tmp_path: Path) -> None:
+    drives = tmp_path / "drives"
+    drives.mkdir()
+    (drives / "a.mcap").write_bytes(b"no bag")
+    given = [str(drives)]
+    with pytest.raises(UsageError, match="--simulation .*sim does not exist"):
+        fleet_mismatch(tmp_path / "sim", given, tmp_path / "out")
+    with pytest.raises(UsageError, match="a.mcap"):
+        fleet_mismatch(drives / "a.mcap", given, tmp_path / "out")
+
+
+def _claim(effect: str, kind: str, car: str = "", tag: str = "", value: str = "") -> Claim:
+    return Claim(
+        effect, "scale", "-", kind, "level", car, tag, value, None, 0.9, 0.8, 1.0, 30.0, 1e-9,
+        0.0, 0.0, (),
+    )  # fmt: skip
+
+
+def _truth(effect: str, kind: str, car: str = "") -> dict[str, object]:
+    level = {"kind": kind, "car": car, "tag": "", "value": "", "onset": 0.0}
+    return {"effect": effect, "parameters": {"scale": 0.9}, "level": level}
+
+
+def test_the_demonstration_counts_found_missed_and_false(tmp_path: Path) -> None:
+    truth = tmp_path / "truth.json"
+    effects = [_truth("gyro_scale", "car", "A"), _truth("yaw_inertia", "shared")]
+    effects.append(_truth("brake_torque_gain", "ramp", "B"))
+    truth.write_text(json.dumps({"effects": effects, "place": {"effect": "road_grade"}}))
+    claims = (_claim("gyro_scale", "car", "A"), _claim("yaw_inertia", "car", "A"))
+    claims += (_claim("brake_torque_gain", "step", "B"),)
+    place = PlaceClaim("road_bank", "bank", "rad", 0.1, 0.0, 0.2, 1e-9, 5, (), (), ())
+    result = FleetResult((), (), claims, (place,), (), (), (), (), 1)
+    lines = [line.split(":")[0] for line in compared_with_truth(result, truth)]
+    assert lines == [
+        "found  gyro_scale (car A)",
+        "MISSED yaw_inertia (shared)",
+        "found  brake_torque_gain (ramp B)",
+        "MISSED road_grade (at a place)",
+        "FALSE  yaw_inertia (level)",
+        "FALSE  road_bank (at a place)",
+    ]
+
+
+def test_no_usable_recording_says_why(tmp_path: Path) -> None:
+    from helpers.train import bag
+
+    drives = tmp_path / "drives"
+    drives.mkdir()
+    (drives / "a.mcap").write_bytes(b"no bag")
+    with pytest.raises(DataError, match=r"none of the first 1 recordings can be used; a.mcap: "):
+        fleet_mismatch(bag(), [str(drives)], tmp_path / "out")
