@@ -55,6 +55,9 @@ Least share of the unexplained loss that a claim saves in the recordings in whic
 equation of a large effect leaves, linearised far from it, resembles other effects. A single
 analysis asks a quarter (`criteria.MIN_GAIN_PER_EXCESS`). By choice.
 """
+_LARGE_DEVIATION, _REFITTED = 0.5, 2
+"""Deviation between cars, in materiality thresholds, that is fitted again with a candidate, and
+how many parameters at most. By choice."""
 _BOUND_DEVIATIONS = 2.0
 """Standard deviations by which chance may move a size beyond the bounds of its parameter."""
 
@@ -163,13 +166,21 @@ class Selection:
         ]
 
     def assess(self, model: FleetModel, candidate: Candidate) -> Assessment:
-        """Return the assessment of a further candidate, with its components fitted."""
+        """
+        Return the assessment of a further candidate, with its components fitted.
+
+        Claimed parameters that differ much between cars may contain what all cars share of a
+        similar effect, until that is claimed: their components are fitted again as well.
+        """
         active = model.active([candidate.effect])
         mixed = MixedModel(self.fleet, active)
         terms = [*(c.term for c in model.claimed), candidate.term]
-        found = fitted_components(
-            mixed, terms, model.components_of(active), [active.index(candidate.effect)]
-        )
+        start = model.components_of(active)
+        which = [active.index(candidate.effect)]
+        for i in np.argsort(-start.kappa)[:_REFITTED]:
+            if start.kappa[i] > _LARGE_DEVIATION and i not in which:
+                which.append(int(i))
+        found = fitted_components(mixed, terms, start, which)
         estimate = mixed.estimate(terms, found, with_bias=True)
         return _assessment(candidate, len(terms) - 1, estimate, mixed, terms, found)
 
