@@ -24,7 +24,10 @@ from adk_ros.fleet.report.fleet_comparison import compared_claims, write_compari
 from adk_ros.fleet.report.fleet_page import write_fleet_page
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.library.surrogate_parameters import default_parameters
+from adk_ros.mismatch.report.vocabulary import title
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
+
+pytestmark = pytest.mark.slow(seconds=30)
 
 
 @cache
@@ -35,11 +38,11 @@ def result(drag: float = 5.0) -> FleetResult:
         recordings=32,
         injections=(
             Injection("aero_drag.cda", Level(SHARED), drag),
-            Injection("rolling_resistance.crr", Level(RAMP, car="car03", onset=20.0), 9.0),
+            Injection("rolling_resistance.crr", Level(RAMP, car="car03", onset=20.0), 12.0),
             Injection("low_friction.mu_scale", Level(CAR, car="car02"), -7.0),
         ),
     )
-    fleet = draw_fleet(1, plan)
+    fleet = draw_fleet(2, plan)
     selection = Selection(fleet)
     model = selection.select()
     cells = (Cell(3, 4, 0), Cell(4, 4, 0))
@@ -104,7 +107,8 @@ def test_values_by_car_are_those_of_its_claims() -> None:
 def test_a_comparison_says_what_an_update_mended(tmp_path: Path) -> None:
     before, after = result().as_dict(), result(0.0).as_dict()
     rows = {(row[0], row[1]): row[4] for row in compared_claims(before, after)}
-    assert rows[("aerodynamic drag, cda", "all cars")] == "no longer claimed"
+    drag = f"{title('aero_drag')}, cda"
+    assert rows[drag, "all cars"] == "no longer claimed"
     assert "unchanged" in rows.values()
     page = write_comparison(before, after, tmp_path, names=("1.0", "1.1"))
     assert "Fleet: 1.0 vs 1.1" in page.read_text()
