@@ -21,6 +21,7 @@ from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.errors import AdkError, DataError, UsageError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.inference.analysis import PASSES
 from adk_ros.fleet.recordings import FleetRecording, local_recording
 from adk_ros.fleet.run import Progress
 from adk_ros.fleet.stage import hash_of
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
     from adk_ros.fleet.inference.fleet_result import FleetResult
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
 
-PASSES = 3
-"""Passes over the recordings, each linearised at the estimate of the one before. By choice."""
 REPORT = "report"
 _DAY_S = 86_400.0
 _FIRST_TRIED = 20

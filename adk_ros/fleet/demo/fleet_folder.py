@@ -76,9 +76,8 @@ def start_ns(planned: PlannedDrive) -> int:
 
 def date_of(planned: PlannedDrive) -> str:
     """Return the start of a drive as an ISO 8601 text in UTC."""
-    return datetime.fromtimestamp(start_ns(planned) / 1e9, timezone.utc).isoformat(
-        timespec="seconds"
-    )
+    at = datetime.fromtimestamp(start_ns(planned) / 1e9, timezone.utc)
+    return at.isoformat(timespec="seconds")
 
 
 def write_drive(drives: FleetDrives, planned: PlannedDrive, path: Path) -> None:

@@ -53,8 +53,14 @@ class FleetModel:
         return start
 
 
-def joint_vectors(fleet: FleetEvidence, model: FleetModel) -> FloatArray:
-    """Return the estimated joint vector (r, d) of each recording."""
+def joint_vectors(
+    fleet: FleetEvidence, model: FleetModel, with_deviations: bool = True
+) -> FloatArray:
+    """
+    Return the estimated joint vector (r, d) of each recording.
+
+    `with_deviations`: with what the cars deviate in the claimed parameters, beyond the claims.
+    """
     c = fleet.columns
     out = np.zeros((len(fleet.names), c.size))
     active = model.active()
@@ -64,7 +70,7 @@ def joint_vectors(fleet: FleetEvidence, model: FleetModel) -> FloatArray:
         for size, candidate in zip(estimate.sizes, model.claimed, strict=True):
             out[:, c.first_effect + candidate.effect] += size * candidate.design
         of_car = np.array([fleet.car_names.index(car) for car in fleet.cars])
-        for i, effect in enumerate(active):
+        for i, effect in enumerate(active if with_deviations else ()):
             out[:, c.first_effect + effect] += estimate.car_deviations[of_car, i]
     k = c.first_effect
     prior = np.ones(k)
@@ -78,8 +84,12 @@ def joint_vectors(fleet: FleetEvidence, model: FleetModel) -> FloatArray:
 
 
 def remaining_excess(fleet: FleetEvidence, model: FleetModel) -> FloatArray:
-    """Return the loss (r,) above that of a perfect model that the claims leave, at least zero."""
-    x = joint_vectors(fleet, model)
+    """
+    Return the loss (r,) above that of a perfect model that the claims leave, at least zero.
+
+    Deviations of the cars count as unexplained: until it is claimed, what all cars share is one.
+    """
+    x = joint_vectors(fleet, model, with_deviations=False)
     quadratic = np.einsum("ri,rij,rj->r", x, fleet.informations, x)
     gain = 2.0 * (fleet.scores * x).sum(axis=1) - quadratic
     return np.asarray(np.maximum(fleet.excess - gain, 0.0))

@@ -84,7 +84,7 @@ class NotClaimed:
 
 @dataclass(frozen=True)
 class VehicleEffect:
-    """A parameter in one car: all that is known of it, with the half width of the 90 % interval."""
+    """A parameter in one car, with the half width of its 90 % interval."""
 
     car: str
     effect: str
@@ -194,7 +194,7 @@ def fleet_result(
 
 
 def _in_unit(p: EffectParameter, theta: float) -> float:
-    """Return a difference of the fitted variable in the parameter's unit, or its value (inverse)."""
+    """Return a fitted variable's difference from neutral in its unit; its value if inverse."""
     if p.inverse:
         return p.value(max(p.theta_neutral + theta, 1e-30))
     return theta

@@ -49,12 +49,15 @@ _LEVELS_PER_PARAMETER = 3
 """Levels of a parameter that are fitted in full in one step, those of the largest gains."""
 _PER_STEP = 24
 """Candidates that are fitted in full in one step. By choice; they come in the order of gains."""
-MIN_GAIN_PER_FLEET_EXCESS = 0.05
+MIN_GAIN_PER_FLEET_EXCESS = 0.1
 """
-Least evidence of a claim as a share of the loss that is unexplained in the recordings in which it
-acts: what a large effect's equation leaves of it, in a linearisation far from it, resembles others.
-A single analysis asks a quarter (`criteria.MIN_GAIN_PER_EXCESS`). By choice.
+Least share of the unexplained loss that a claim saves in the recordings in which it acts: what the
+equation of a large effect leaves, linearised far from it, resembles other effects. A single
+analysis asks a quarter (`criteria.MIN_GAIN_PER_EXCESS`). By choice.
 """
+_LARGE_DEVIATION, _REFITTED = 0.5, 2
+"""Deviation between cars, in materiality thresholds, that is fitted again with a candidate, and
+how many parameters at most. By choice."""
 _BOUND_DEVIATIONS = 2.0
 """Standard deviations by which chance may move a size beyond the bounds of its parameter."""
 
@@ -117,7 +120,7 @@ class Selection:
         return FAMILYWISE_ERROR_RATE / self.tests
 
     def select(self, start: FleetModel | None = None) -> FleetModel:
-        """Return the claimed terms of the fleet, fitted; `start`: those that are claimed already."""
+        """Return the claimed terms of the fleet, fitted; `start`: those claimed already."""
         model = start or FleetModel((), {})
         refused: set[tuple[int, Level]] = set()
         while len(model.claimed) < MAX_TERMS:
@@ -126,13 +129,7 @@ class Selection:
             if best is None:
                 break
             best = self.with_fitted_onset(model, best)
-            model = self.refitted(
-                replace(
-                    model,
-                    claimed=(*model.claimed, best.candidate),
-                    components={**model.components, best.candidate.effect: best.components},
-                )
-            )
+            model = self.refitted(extended(model, best))
             model, dropped = self._without_insignificant(model)
             # What was dropped once must not return for ever.
             refused |= {(c.effect, c.level) for c in dropped}
@@ -169,13 +166,21 @@ class Selection:
         ]
 
     def assess(self, model: FleetModel, candidate: Candidate) -> Assessment:
-        """Return the assessment of a further candidate, with its components fitted."""
+        """
+        Return the assessment of a further candidate, with its components fitted.
+
+        Claimed parameters that differ much between cars may contain what all cars share of a
+        similar effect, until that is claimed: their components are fitted again as well.
+        """
         active = model.active([candidate.effect])
         mixed = MixedModel(self.fleet, active)
         terms = [*(c.term for c in model.claimed), candidate.term]
-        found = fitted_components(
-            mixed, terms, model.components_of(active), [active.index(candidate.effect)]
-        )
+        start = model.components_of(active)
+        which = [active.index(candidate.effect)]
+        for i in np.argsort(-start.kappa)[:_REFITTED]:
+            if start.kappa[i] > _LARGE_DEVIATION and i not in which:
+                which.append(int(i))
+        found = fitted_components(mixed, terms, start, which)
         estimate = mixed.estimate(terms, found, with_bias=True)
         return _assessment(candidate, len(terms) - 1, estimate, mixed, terms, found)
 
@@ -223,9 +228,9 @@ class Selection:
             if (candidate.effect, candidate.level) in refused:
                 continue
             found = self.assess(model, candidate)
-            if not self.is_claimable(found, excess):
+            if best is not None and found.evidence <= best.evidence:
                 continue
-            if best is None or found.evidence > best.evidence:
+            if self.is_claimable(found) and self.explains(model, found, excess):
                 best = found
         return best
 
@@ -255,23 +260,22 @@ class Selection:
         best = max(candidates, key=likelihood)
         return found if best is found.candidate else self.assess(model, best)
 
-    def is_claimable(self, found: Assessment, excess: FloatArray | None = None) -> bool:
-        """
-        Whether a candidate is significant, material, possible, and no accident.
-
-        `excess` (r,): what the claims leave of the loss, to which its evidence is compared.
-        """
+    def is_claimable(self, found: Assessment) -> bool:
+        """Whether a candidate is significant, material, and possible."""
         return (
-            found.p_value < self.significance
-            and found.is_material()
-            and self.is_possible(found)
-            and (excess is None or found.evidence >= self.required_gain(found, excess))
+            found.p_value < self.significance and found.is_material() and self.is_possible(found)
         )
 
-    def required_gain(self, found: Assessment, excess: FloatArray) -> float:
-        """Return the least evidence next to what is unexplained where a candidate acts."""
+    def explains(self, model: FleetModel, found: Assessment, excess: FloatArray) -> bool:
+        """
+        Whether a candidate saves enough of the loss where it acts to be no accident.
+
+        `excess` (r,): the loss above that of a perfect model that the claims of `model` leave.
+        """
         acts = found.candidate.design > 0.0
-        return MIN_GAIN_PER_FLEET_EXCESS * float(excess[acts].sum())
+        left = remaining_excess(self.fleet, extended(model, found))
+        required = MIN_GAIN_PER_FLEET_EXCESS * float(excess[acts].sum())
+        return float((excess - left)[acts].sum()) >= required
 
     def is_possible(self, found: Assessment) -> bool:
         """Whether the parameter stays within its bounds in all recordings; a delay is positive."""
@@ -285,8 +289,7 @@ class Selection:
         dropped: list[Candidate] = []
         while model.claimed:
             found = self.assessed(model)
-            excess = remaining_excess(self.fleet, model)
-            bad = [one for one in found if not self.is_claimable(one, excess)]
+            bad = [one for one in found if not self.is_claimable(one)]
             if not bad:
                 break
             worst = max(bad, key=lambda one: one.p_value)
@@ -327,6 +330,14 @@ def _assessment(
         estimate.response[m],
         (float(components.tau[i]), float(components.kappa[i])),
         (float(sums.min()), float(sums.max())),
+    )
+
+
+def extended(model: FleetModel, found: Assessment) -> FleetModel:
+    """Return the model with a further claim, with the components of its assessment."""
+    return FleetModel(
+        (*model.claimed, found.candidate),
+        {**model.components, found.candidate.effect: found.components},
     )
 
 

@@ -83,8 +83,8 @@ class Profile:
     Logarithm of the restricted likelihood by the components of one active effect.
 
     All else is eliminated or summed per car once: a deviation between recordings is an update of
-    rank one per recording. `informations` (c, n, n), `scores` (c, n); `rows` (r, n), `own` (r,) and
-    `score` (r,): the effect's row, diagonal and score in each recording, of car `car` (r,).
+    rank one per recording. `informations` (c, n, n), `scores` (c, n); `rows` (r, n), `own` (r,)
+    and `score` (r,): the effect's row, diagonal and score in each recording, of car `car` (r,).
     """
 
     informations: FloatArray
@@ -223,7 +223,7 @@ class MixedModel:
             self._information, self._score[:, :, None], first, per_recording
         )
         at, z = self._positions(terms)
-        n, j = self.index.size, self._tolerances + self._offsets + i
+        j = self._tolerances + self._offsets + i
         columns = h[:, :, at] * z[:, None, :]
         row = np.concatenate([h[:, j, :], h[:, j, at] * z], axis=1)
         car_h = self._summed(h, columns, columns[:, at, :] * z[:, :, None])
@@ -246,7 +246,7 @@ class MixedModel:
         """Return the positions (m,) of the terms' effects, and their designs (r, m)."""
         first = self._tolerances + self._offsets
         at = np.array([first + self.active.index(t.effect) for t in terms], dtype=np.int64)
-        return at, np.array([t.design for t in terms]).reshape(len(terms), -1).T
+        return at, np.array([t.design for t in terms]).reshape(len(terms), len(self.fleet.names)).T
 
     def _summed(self, h: FloatArray, columns: FloatArray, between: FloatArray) -> FloatArray:
         """Return the information (c, n + m, n + m) of each car, with the sizes of the terms."""

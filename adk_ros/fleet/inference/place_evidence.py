@@ -3,10 +3,10 @@
 """
 Evidence of a recording about effects at places.
 
-A place is a cell of a grid in the map frame, driven through in one of eight directions: a grade has
-the opposite sign on the way back. The derivative by an effect that acts in a cell is that by the
-effect acting always, in the bins inside the cell: the observer forgets what was before within half
-a second. With J_p those derivatives and J those by the joint vector, the row of a cell holds
+A place is a cell of a grid in the map frame, driven through in one of eight directions: a grade
+has the opposite sign on the way back. The derivative by an effect that acts in a cell is that by
+the effect acting always, in the bins inside the cell: the observer forgets what was before within
+half a second. With J_p those derivatives and J those by the joint vector, the row of a cell holds
 
     -J_p^T W (e - J x0),    J_p^T W J_p,    J_p^T W J,
 

@@ -4,10 +4,10 @@
 Effects at places of a fleet: the same cell of the map, on several recordings.
 
 At the fleet's estimate of all else, the evidence of recording r at a cell about a parameter is a
-score s_r and an information h_r. The size of the cell is sum s / sum h; its variance is the larger of
-1 / sum h and that of the scatter between recordings (J. Hartung, G. Knapp, "On tests of the overall
-treatment effect in meta-analysis with normally distributed responses", Statistics in Medicine 20
-(2001) 1771), with Student's t over the recordings.
+score s_r and an information h_r. The size of the cell is sum s / sum h; its variance is the larger
+of 1 / sum h and that of the scatter between recordings (J. Hartung, G. Knapp, "On tests of the
+overall treatment effect in meta-analysis with normally distributed responses", Statistics in
+Medicine 20 (2001) 1771), with Student's t over the recordings.
 
 The surrogate's error depends on the manoeuvre, so the same bend feigns the same effect every day.
 How large such effects are is seen in all other cells: the sizes of a parameter over the cells are
@@ -71,7 +71,7 @@ class Place:
 
 @dataclass(frozen=True)
 class _Visits:
-    """Evidence of the recordings (v) that pass a cell: index, s (v, q), h (v, q, q), c (v, q, d)."""
+    """The recordings (v) that pass a cell: index, s (v, q), h (v, q, q), c (v, q, d)."""
 
     recordings: tuple[int, ...]
     scores: FloatArray

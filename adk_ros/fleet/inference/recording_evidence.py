@@ -52,8 +52,8 @@ def evidence_rows(
     Return the evidence of a recording as flat rows: one of the recording, one per place.
 
     `values`: key effect.parameter -> difference of the fitted variable from neutral, at which to
-    linearise: the fleet's estimate for this recording in a second pass; `local`: the same of effects at
-    places, which stay part of the model. `name`: identity of the
+    linearise: the fleet's estimate for this recording in a second pass; `local`: the same of
+    effects at places, which stay part of the model. `name`: identity of the
     recording in the rows (the log's name by default).
 
     :raises DataError: the recording does not allow an analysis.

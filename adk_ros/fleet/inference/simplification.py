@@ -15,8 +15,8 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import combinations
 
-from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
-from adk_ros.fleet.inference.fleet_selection import Selection
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
+from adk_ros.fleet.inference.fleet_selection import Selection, extended
 from adk_ros.fleet.inference.mixed_model import MixedModel
 from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 
@@ -34,6 +34,8 @@ def simplified(selection: Selection, model: FleetModel) -> FleetModel:
 
 
 def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None:
+    if len(model.claimed) < 2:
+        return None
     least = _likelihood(selection, model) - 0.5 * PENALTY_PER_PARAMETER
     for a, b in combinations(model.claimed, 2):
         if not _is_of_one_place(a, b):
@@ -48,12 +50,10 @@ def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None
             if candidate.level in levels or candidate.level.car == a.level.car
         ]
         for candidate in near[:_EXAMINED]:
-            one = selection.assess(rest, candidate)
-            if not selection.is_claimable(one, remaining_excess(selection.fleet, rest)):
+            one = selection.with_fitted_onset(rest, selection.assess(rest, candidate))
+            if not selection.is_claimable(one):
                 continue
-            one = selection.with_fitted_onset(rest, one)
-            components = {**rest.components, one.candidate.effect: one.components}
-            changed = replace(rest, claimed=(*rest.claimed, one.candidate), components=components)
+            changed = extended(rest, one)
             if _likelihood(selection, changed) > least:
                 return selection.refitted(changed)
     return None

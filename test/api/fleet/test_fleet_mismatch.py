@@ -36,7 +36,7 @@ def test_evidence_survives_the_dataset() -> None:
 
 def test_a_recording_is_linearised_at_its_own_values(tmp_path: Path) -> None:
     path = tmp_path / "point.json"
-    cell = Cell.of_text("3,-2,1")
+    cell = Cell.of_text("3/-2/1")
     placed = PlacedValue("road_grade.grade", (cell,), 0.05)
     write_point(path, {"b": {"payload.mass": 120.0}, "a": {}}, [placed])
     assert read_point(str(path), "b") == ({"payload.mass": 120.0}, [placed])
@@ -95,7 +95,7 @@ def test_unusable_input_is_one_line(tmp_path: Path) -> None:
     given = [str(drives)]
     with pytest.raises(UsageError, match="--simulation .*sim does not exist"):
         fleet_mismatch(tmp_path / "sim", given, tmp_path / "out")
-    with pytest.raises(UsageError, match="a.mcap"):
+    with pytest.raises(DataError, match="a.mcap"):
         fleet_mismatch(drives / "a.mcap", given, tmp_path / "out")
 
 

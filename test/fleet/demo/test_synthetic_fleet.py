@@ -1,0 +1,73 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Synthetic fleets: reproducible, complete, with damaged bags and a label."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adk_ros.errors import UsageError
+from adk_ros.fleet.demo.fleet_drives import FleetDrives
+from adk_ros.fleet.demo.fleet_folder import write_fleet
+from adk_ros.fleet.demo.fleet_plan import FULL_SIZE, FleetSize, plan_fleet
+from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED
+
+SMALL = FleetSize(3, 6, (20.0, 24.0), 30.0, 2, 1, 5)
+
+
+def test_a_full_fleet_is_that_of_its_description() -> None:
+    plan = plan_fleet(0)
+    assert len(plan.drives) == 200
+    assert len({d.car for d in plan.drives}) == 12
+    assert sum(bool(d.damage) for d in plan.drives) == 5
+    assert all(180.0 <= d.duration_s <= 600.0 for d in plan.drives)
+    kinds = [term.level.kind for term in plan.terms]
+    assert kinds == [SHARED] * 2 + [CAR] * 3 + [RAMP, CONDITION]
+    assert plan_fleet(0) == plan
+    assert plan_fleet(1) != plan
+    assert FULL_SIZE.routes > plan.place.route
+
+
+def test_effects_of_a_drive_are_those_of_its_levels() -> None:
+    plan = plan_fleet(0)
+    shared = {t.effect for t in plan.terms if t.level.kind == SHARED}
+    for drive in plan.drives[:30]:
+        effects = set(plan.effects_of(drive))
+        assert shared <= effects
+        assert ("steering_delay" in effects) == (drive.software == "2.1")
+    drift = next(t for t in plan.terms if t.level.kind == RAMP)
+    own = [d for d in plan.drives if d.car == drift.level.car]
+    shares = [plan.share(drift.level, d) for d in own]
+    assert shares[0] == 0.0
+    assert np.all(np.diff(shares) >= 0.0)
+    assert shares[-1] > 0.5
+
+
+def test_drives_lie_in_one_map_and_repeat() -> None:
+    plan = plan_fleet(3, SMALL)
+    drives = FleetDrives(plan)
+    first, again = (FleetDrives(plan).drive(plan.drives[0]), drives.drive(plan.drives[0]))
+    np.testing.assert_array_equal(first.imu, again.imu)
+    planned = plan.drives[0]
+    assert np.abs(first.pose[:, 0] - 5000.0 * (1 + planned.route)).max() < 2500.0
+
+
+@pytest.mark.slow(seconds=15)
+def test_a_folder_has_bags_tags_and_truth(tmp_path: Path) -> None:
+    plan = plan_fleet(3, SMALL)
+    out = tmp_path / "fleet"
+    write_fleet(plan, out)
+    rows = list(csv.DictReader((out / "fleet.csv").open()))
+    assert [row["recording"] for row in rows] == [d.name for d in plan.drives]
+    assert {path.name for path in (out / "drives").iterdir()} == {d.name for d in plan.drives}
+    truth = json.loads((out / "truth.json").read_text())
+    assert len(truth["damaged"]) == 5
+    empty = next(name for name, how in truth["damaged"].items() if how == "empty")
+    assert all(f.stat().st_size == 0 for f in (out / "drives" / empty).iterdir())
+    with pytest.raises(UsageError, match="give a new folder"):
+        write_fleet(plan, out)

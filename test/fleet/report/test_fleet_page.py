@@ -1,0 +1,116 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a fleet, its corrected models, and the comparison of two results."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from adk_ros.errors import UsageError
+from adk_ros.fleet.inference.corrected_models import corrected_models
+from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
+from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
+from adk_ros.fleet.inference.fleet_selection import Selection
+from adk_ros.fleet.inference.levels import CAR, RAMP, SHARED, Level
+from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
+from adk_ros.fleet.inference.place_evidence import Cell
+from adk_ros.fleet.inference.places import Place
+from adk_ros.fleet.report.fleet_comparison import compared_claims, write_comparison
+from adk_ros.fleet.report.fleet_page import write_fleet_page
+from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
+from adk_ros.mismatch.library.surrogate_parameters import default_parameters
+from adk_ros.mismatch.report.vocabulary import title
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+
+pytestmark = pytest.mark.slow(seconds=30)
+
+
+@cache
+def result(drag: float = 5.0) -> FleetResult:
+    plan = FleetPlan(
+        cars=4,
+        effects=6,
+        recordings=32,
+        injections=(
+            Injection("aero_drag.cda", Level(SHARED), drag),
+            Injection("rolling_resistance.crr", Level(RAMP, car="car03", onset=20.0), 12.0),
+            Injection("low_friction.mu_scale", Level(CAR, car="car02"), -7.0),
+        ),
+    )
+    fleet = draw_fleet(2, plan)
+    selection = Selection(fleet)
+    model = selection.select()
+    cells = (Cell(3, 4, 0), Cell(4, 4, 0))
+    place = Place("road_grade.grade", cells, 6.0, 0.5, 9.0, 1e-9, 10)
+    estimate = FleetEstimate(
+        fleet,
+        selection,
+        model,
+        tuple(selection.assessed(model)),
+        (place,),
+        dict.fromkeys(fleet.names, 1.5),
+        {Cell(x, 4, 0): 10 for x in range(9)},
+    )
+    return fleet_result(estimate, {"drive003": 9.0})
+
+
+def surrogate() -> SurrogateModel:
+    return SurrogateModel(
+        default_parameters(),
+        np.zeros(6),
+        np.zeros((6, 100)),
+        np.zeros((0, default_parameters().size)),
+    )
+
+
+def test_the_page_shows_claims_vehicles_trends_places_and_links(tmp_path: Path) -> None:
+    models = corrected_models(result(), surrogate())
+    page = write_fleet_page(
+        result(),
+        tmp_path,
+        links={"drive003": "drive003/report.html"},
+        models=models,
+        failed=[("drive_009", "bag is truncated")],
+    )
+    text = page.read_text()
+    assert "the simulation lacks" in text
+    assert 'href="drive003/report.html"' in text
+    assert 'href="corrected_all.yaml"' in text
+    assert "bag is truncated" in text
+    for figure in ("vehicles.png", "map.png", "trend_0.png"):
+        assert (tmp_path / figure).stat().st_size > 1000
+    assert (tmp_path / "fleet.json").exists()
+
+
+def test_corrected_models_hold_the_effects_of_their_level() -> None:
+    texts = corrected_models(result(), surrogate())
+    assert {"corrected_all.yaml", "corrected_car02.yaml", "corrected_car03.yaml"} <= set(texts)
+    every = SurrogateFile.model_validate(yaml.safe_load(texts["corrected_all.yaml"]))
+    assert [term.effect for term in every.terms] == ["aero_drag"]
+    assert every.terms[0].parameters["cda"] == pytest.approx(0.15, rel=0.3)
+    own = SurrogateFile.model_validate(yaml.safe_load(texts["corrected_car02.yaml"]))
+    assert {term.effect for term in own.terms} == {"aero_drag", "low_friction"}
+
+
+def test_values_by_car_are_those_of_its_claims() -> None:
+    drag = {v.car: v for v in result().vehicles if v.effect == "aero_drag"}
+    assert all(abs(v.size - 0.15) < 0.05 for v in drag.values())
+    friction = {v.car: v.is_claimed for v in result().vehicles if v.effect == "low_friction"}
+    assert friction == {"car01": False, "car02": True, "car03": False, "car04": False}
+
+
+def test_a_comparison_says_what_an_update_mended(tmp_path: Path) -> None:
+    before, after = result().as_dict(), result(0.0).as_dict()
+    rows = {(row[0], row[1]): row[4] for row in compared_claims(before, after)}
+    drag = f"{title('aero_drag')}, cda"
+    assert rows[drag, "all cars"] == "no longer claimed"
+    assert "unchanged" in rows.values()
+    page = write_comparison(before, after, tmp_path, names=("1.0", "1.1"))
+    assert "Fleet: 1.0 vs 1.1" in page.read_text()
+    with pytest.raises(UsageError, match=r"no fleet\.json of this version"):
+        write_comparison({"schema": 0}, after, tmp_path)
