@@ -13,6 +13,7 @@ import itertools
 import queue
 import threading
 import time
+import uuid
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -63,11 +64,13 @@ def run_tasks(
     remaining = iter(tasks)
     ended: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
     numbers = itertools.count()
+    # The scheduler keeps statistics for each group of keys for ever: one group for a run.
+    group = f"recording-{uuid.uuid4().hex}"
     running: dict[int, _Running] = {}
 
     def submit(task: Task, losses: int = 0) -> None:
         number = next(numbers)
-        future = cluster.client.submit(perform, task, key=f"{task.name}-{number}", pure=False)
+        future = cluster.client.submit(perform, task, key=(group, number), pure=False)
         running[number] = _Running(task, future, losses)
         future.add_done_callback(lambda future: ended.put((number, future)))
 

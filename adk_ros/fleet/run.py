@@ -268,24 +268,31 @@ class _Writer:
 
 
 class _Meter:
-    """Progress with rate and remaining time; the time follows the bytes, which predict it best."""
+    """
+    Progress with rate and remaining time.
+
+    Each recording counts by its size and the mean size together: the work follows the size, but
+    not for small recordings.
+    """
 
     def __init__(
         self, what: str, total: int, size: int, progress: Progress | None, cluster: Cluster
     ) -> None:
-        self._what, self._total, self._bytes = what, total, max(1, size)
+        self._what, self._total = what, total
+        self._mean_size = max(1.0, size / max(1, total))
         self._progress = progress
-        self._started, self._done, self._done_bytes, self._failed = time.monotonic(), 0, 0, 0
+        self._started, self._done, self._weight, self._failed = time.monotonic(), 0, 0.0, 0
         dashboard = cluster.dashboard
         self._engine = f", dashboard {dashboard}" if dashboard else ""
         self._report("")
 
     def add(self, size: int, is_failed: bool) -> None:
-        self._done, self._done_bytes = self._done + 1, self._done_bytes + size
+        self._done += 1
+        self._weight += size + self._mean_size
         self._failed += is_failed
         elapsed_s = time.monotonic() - self._started
-        share = self._done_bytes / self._bytes
-        left = duration_text(elapsed_s * (1.0 - share) / max(share, 1e-9))
+        share = self._weight / (2.0 * self._mean_size * self._total)
+        left = duration_text(max(0.0, elapsed_s * (1.0 - share) / share))
         rate = 60.0 * self._done / max(elapsed_s, 1e-9)
         failed = f", {self._failed} failed" if self._failed else ""
         self._report(f"{rate:.3g} a minute, {left} left{failed}")

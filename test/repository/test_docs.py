@@ -192,7 +192,7 @@ def test_named_source_files_exist(path: Path) -> None:
 
 
 def commands() -> dict[str, Any]:
-    """Return command -> definition, benchmarks as `bench NAME`."""
+    """Return command -> definition, those of groups as `bench NAME`."""
     root: Any = typer.main.get_command(app)
     found = {}
     for name, command in root.commands.items():
@@ -214,11 +214,11 @@ def test_commands_in_code_exist_with_their_options(path: Path) -> None:
     ]  # fmt: skip
     lines += re.findall(r"`(adk [a-z][^`]+)`", content)
     for line in lines:
-        call = re.match(r"[\s$]*(?:\.venv/bin/)?adk ((?:bench )?[a-z]+)(.*)", line)
+        call = re.match(r"[\s$]*(?:\.venv/bin/)?adk ((?:(?:bench|fleet) )?[a-z]+)(.*)", line)
         if call is None:
             continue
         verb, arguments = call[1], call[2].split(" #")[0].split("or `")[0]
-        if verb == "bench":
+        if verb in {"bench", "fleet"}:
             continue
         assert verb in known, line
         options = {name for p in known[verb].params for name in (*p.opts, *p.secondary_opts)}

@@ -93,9 +93,9 @@ def test_unusable_input_is_one_line(tmp_path: Path) -> None:
     drives.mkdir()
     (drives / "a.mcap").write_bytes(b"no bag")
     given = [str(drives)]
-    with pytest.raises(UsageError, match="--simulation .*sim does not exist"):
+    with pytest.raises(UsageError, match=r"--simulation .*sim does not exist"):
         fleet_mismatch(tmp_path / "sim", given, tmp_path / "out")
-    with pytest.raises(DataError, match="a.mcap"):
+    with pytest.raises(DataError, match=r"a\.mcap"):
         fleet_mismatch(drives / "a.mcap", given, tmp_path / "out")
 
 

@@ -1,0 +1,184 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk fleet: what it says and refuses, and its stages on real recordings."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from helpers.train import bag, refused, small
+
+from adk_ros.api.fleet.fleet_run import FleetOptions, estimate_fleet, run_fleet
+from adk_ros.api.fleet.index_stage import IndexStage
+from adk_ros.api.fleet.mismatch_stage import MismatchStage
+from adk_ros.api.fleet.replay_stage import ReplayStage
+from adk_ros.api.fleet.results import fleet_frame, fleet_summary
+from adk_ros.cli.main import main
+from adk_ros.fleet.dataset import FleetDataset, checked_row
+from adk_ros.fleet.plan import plan
+from adk_ros.fleet.recordings import content_hash, find_recordings
+from adk_ros.fleet.run import result_rows
+from adk_ros.fleet.stage_process import call
+
+
+@pytest.fixture
+def drives(tmp_path):
+    """Return a folder of two recordings, one damaged, and their tags."""
+    folder = tmp_path / "drives"
+    shutil.copytree(bag(), folder / "town")
+    (folder / "bad.mcap").write_text("no bag")
+    (folder / "fleet.csv").write_text("recording,vehicle,time,rain\ntown,car 1,2026-03-01,yes\n")
+    return folder
+
+
+def filled(drives, out, stage):
+    """Write the results of a stage as a run does, in this process."""
+    recordings = find_recordings([str(drives)])
+    hashes = {(x.uri, x.version): content_hash(x) for x in recordings}
+    dataset = FleetDataset(out)
+    dataset.append_hashes(
+        [
+            {"uri": x.uri, "version": x.version, "content_hash": hashes[x.uri, x.version]}
+            for x in recordings
+        ]
+    )
+    for work in plan(stage, recordings, hashes, dataset).missing:
+        reply = call(
+            lambda path: [checked_row(row) for row in stage.run(path)],
+            [drives / work.recordings[0].name],
+        )
+        dataset.append(stage.name, result_rows(stage, work, reply))
+    return dataset
+
+
+def test_index(drives, tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    filled(drives, out, IndexStage())
+    shutil.copy(drives / "fleet.csv", out)
+    frame = fleet_frame(out, "index")
+    town = frame[frame["recording"] == "town"]
+    assert set(town["vehicle"]) == {"car 1"}
+    assert set(town["rain"]) == {"yes"}
+    duration = town[town["finding"] == "duration"]
+    assert float(duration["value"].iloc[0]) == pytest.approx(30.0, abs=0.1)
+    assert {"content", "usable", "scope", "check"} <= set(town["kind"])
+    bad = frame[frame["recording"] == "bad.mcap"]
+    assert list(bad["failure"]) == ["unusable"]
+    assert "neither MCAP" in bad["reason"].iloc[0]
+    (summary,) = fleet_summary(out)
+    assert (summary["recordings"], summary["failed"]) == (2, {"unusable": 1})
+    assert main(["fleet", "report", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "index: 2 recordings, 1 failed" in printed
+    assert "failed: bad.mcap: " in printed
+    assert main(["fleet", "report", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["stage"] == "index"
+
+
+def test_a_newer_result_replaces_an_older_one(drives, tmp_path) -> None:
+    out = tmp_path / "out"
+    dataset = filled(drives, out, IndexStage())
+    row = dataset.rows("index")[0]
+    newer = row | {"key": "other", "finding": "newer", "written_s": row["written_s"] + 9.0}
+    dataset.append("index", [newer])
+    frame = fleet_frame(out, "index")
+    assert list(frame[frame["recording"] == row["recording"]]["finding"]) == ["newer"]
+
+
+def test_replay(tmp_path) -> None:
+    stage = ReplayStage(str(small().path))
+    rows = [checked_row(row) for row in stage.run(bag())]
+    kinds = {row["kind"] for row in rows}
+    assert {"error", "baseline", "surprise"} <= kinds
+    errors = [row for row in rows if row["kind"] == "error"]
+    whole = {(r["channel"], r["horizon_s"]): r for r in errors if r["condition"] == ""}
+    assert len(whole) == 15
+    # The classes of speed are a partition: their mean of squares is that of all.
+    for key, row in whole.items():
+        parts = [r for r in errors if (r["channel"], r["horizon_s"]) == key]
+        parts = [r for r in parts if r["condition"].endswith("km/h")]
+        count = [json.loads(r["details"])["count"] for r in parts]
+        pooled = np.average([r["value"] ** 2 for r in parts], weights=count)
+        assert np.sqrt(pooled) == pytest.approx(row["value"])
+    surprises = [row["value"] for row in rows if row["kind"] == "surprise"]
+    assert surprises == sorted(surprises, reverse=True)
+    assert all(0.0 < value < 100.0 for value in surprises)
+    assert stage.inputs_hash != ReplayStage("").inputs_hash
+
+
+def test_dry_run(drives, tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    assert main(["fleet", "index", str(drives), "--out", str(out), "--dry-run"]) == 0
+    text = capsys.readouterr().out
+    assert "2 recordings, 0 done, 2 to process" in text
+    assert "duration unknown before the first result" in text
+    assert not out.exists()
+    filled(drives, out, IndexStage())
+    options = ["--dry-run", "--workers", "2", "--json"]
+    # Another vehicle file: the same recordings, to be processed again at the measured rate.
+    given = ["fleet", "index", str(drives), "--out", str(out), "--vehicle", "imdv", *options]
+    assert main(given) == 0
+    estimate = json.loads(capsys.readouterr().out)
+    assert (estimate["reused"], estimate["missing"], estimate["measured"]) == (0, 2, 1)
+    assert estimate["seconds"] > 0.0
+    done = estimate_fleet(IndexStage(), [str(drives)], out)
+    assert (done.reused, done.missing, done.seconds) == (2, 0, 0.0)
+
+
+def test_a_run_with_nothing_to_do_starts_no_worker(drives, tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    filled(drives, out, IndexStage())
+    summary = run_fleet(IndexStage(), [str(drives)], out, FleetOptions(cluster="tcp://nowhere:1"))
+    assert (summary.reused, summary.computed) == (2, 0)
+    assert (out / "fleet.csv").read_text().startswith("recording,vehicle,time,rain\n")
+    assert main(["fleet", "index", str(drives), "--out", str(out)]) == 0
+    assert "index: 2 recordings, 2 done before" in capsys.readouterr().out
+
+
+def test_the_hash_of_the_inputs(tmp_path) -> None:
+    simulation = tmp_path / "sim.yaml"
+    simulation.write_text("a")
+    stage = MismatchStage(str(simulation))
+    before = stage.inputs_hash
+    assert before != MismatchStage(str(simulation), "imdv").inputs_hash
+    assert before != MismatchStage(str(simulation), without_imu=True).inputs_hash
+    simulation.write_text("b")
+    assert before != stage.inputs_hash
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["index", "{d}/none", "--out", "{o}"], "none does not exist"),
+        (["index", "{d}", "--out", "{o}", "--workers", "0"], "--workers 0: at least one"),
+        (["index", "{d}", "--out", "{o}", "--timeout", "0"], "--timeout 0: must be positive"),
+        (["index", "{d}", "--out", "{o}", "--memory", "-1"], "--memory -1: must be positive"),
+        (
+            ["index", "{d}", "--out", "{o}", "--workers", "1", "--cluster", "tcp://x:1"],
+            "leave it out with --cluster",
+        ),
+        (["index", "{d}", "--out", "{d}/fleet.csv"], "cannot be written"),
+        (["index", "{d}", "--out", "{o}", "--tags", "{d}/no.csv"], "cannot be read"),
+        (["mismatch", "{d}", "--simulation", "{d}/no", "--out", "{o}"], "no does not exist"),
+        (["replay", "{d}", "--model", "{d}/no", "--out", "{o}"], "no"),
+        (["report", "{o}"], "no results of 'adk fleet'"),
+    ],
+)
+def test_refusals(drives, tmp_path, capsys, arguments, message) -> None:
+    given = [each.format(d=drives, o=tmp_path / "out") for each in arguments]
+    assert message in refused(capsys, ["fleet", *given], 2)
+
+
+@pytest.mark.slow(seconds=60)
+def test_index_by_workers(drives, tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    assert main(["fleet", "index", str(drives), "--out", str(out), "--workers", "1"]) == 0
+    text = capsys.readouterr().out
+    assert "2 recordings, 0 done before, 2 processed" in text
+    assert "failed: 1 unusable" in text
+    (summary,) = fleet_summary(out)
+    assert list(summary["reasons"]) == ["bad.mcap"]
+    assert set(fleet_frame(out, "index")["rain"].dropna()) == {"yes"}
