@@ -131,11 +131,15 @@ def test_the_demonstration_counts_found_missed_and_false(tmp_path: Path) -> None
     ]
 
 
-def test_no_usable_recording_says_why(tmp_path: Path) -> None:
-    from helpers.train import bag
+def test_no_usable_recording_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def read(path: Path, *rest: object, **given: object) -> None:
+        if path.name != "simulation":
+            raise DataError(f"{path.name} has no odometry")
 
-    drives = tmp_path / "drives"
+    monkeypatch.setattr("adk_ros.mismatch.recording.from_bag.read_sensor_log", read)
+    drives, simulation = tmp_path / "drives", tmp_path / "simulation"
     drives.mkdir()
+    simulation.mkdir()
     (drives / "a.mcap").write_bytes(b"no bag")
-    with pytest.raises(DataError, match=r"none of the first 1 recordings can be used; a.mcap: "):
-        fleet_mismatch(bag(), [str(drives)], tmp_path / "out")
+    with pytest.raises(DataError, match=r"none of the first 1 recordings can be used; a.mcap: a"):
+        fleet_mismatch(simulation, [str(drives)], tmp_path / "out")
