@@ -44,7 +44,7 @@ def attitude_stream(
             ]
         )
     rng = np.random.default_rng([seed, _ATTITUDE])
-    values = _at(angles, stream.stamp_ns) + [imu.bias_roll, imu.bias_pitch]
+    values = _at(angles, stream.stamp_ns) + np.array([imu.bias_roll, imu.bias_pitch])
     values += (imu.attitude_noise or 0.0) * rng.standard_normal(values.shape)
     return Stream(stream.stamp_ns, stream.log_ns, values)
 
