@@ -44,7 +44,8 @@ def find_topics(
 
     Topics without messages are ignored. Of several topics of joint states the command is that with
     the joint `steer_joint`, the wheels' that with all `wheel_joints`. The IMU is optional, as is
-    the steering report, which is used only with `command_type` "autoware_control"; the empty string as name excludes either.
+    the steering report, which is used only with `command_type` "autoware_control"; the empty
+    string as name excludes either.
 
     :raises UsageError: a named topic is absent or of another type; unknown `command_type`.
     :raises DataError: a required topic is missing, or several have the message type.

@@ -163,7 +163,7 @@ _SPELLING = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "ψ":
 
 
 def wheel_position(name: str) -> str:
-    """Return which wheel a name such as `rear_left_wheel_joint` is of; empty if it does not say."""
+    """Return which wheel a name such as `rear_left_wheel_joint` is of, or an empty text."""
     normalised = _normalised(name)
     found = [
         wheel

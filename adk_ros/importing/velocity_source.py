@@ -44,7 +44,7 @@ def with_velocity_source(
     path: Path | str, options: RecordingOptions
 ) -> tuple[RecordingOptions, str]:
     """
-    Return the options with a source of v_x where the bag's odometry reports none, and a line on it.
+    Return the options with a source of v_x where odometry reports none, and a line on it.
 
     Unchanged, with an empty line, where odometry reports a velocity, where the options name
     another type than odometry, or where the bag has neither wheel speeds nor a satellite receiver.

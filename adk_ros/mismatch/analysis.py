@@ -24,6 +24,7 @@ from adk_ros.mismatch.outcome import Outcome
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.road_by_ins import levelled
+from adk_ros.mismatch.slopes_beyond_simulation import without_places_on_slopes
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.validation import (
     Validation,
@@ -105,7 +106,7 @@ def _decided(
     evidence = [Evidence(inputs.completed(log)) for log in held_out]
     evidence = evidence or data.held_out(decision.hypothesis)
 
-    def judged(decision: Decision) -> Sequence[Evidence]:
+    def judged(decision: Decision) -> list[Evidence]:
         along = training.along_weak_directions(decision.hypothesis.nuisances)
         return levelled(evidence, along, training.weak_directions)
 
@@ -115,6 +116,7 @@ def _decided(
         )
 
     null, reason = path.levels[0][0], ""
+    decision = without_places_on_slopes(decision, null, evidence, validated)
     if not is_corroborated(decision.hypothesis, training, whole, path.expected_loss):
         decision, reason = withdrawn(decision, null), _NOT_CORROBORATED
     validation = with_fitted_tolerances(

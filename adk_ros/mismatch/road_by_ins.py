@@ -10,10 +10,10 @@ second-order lag, and whose accelerometer senses the difference (`surrogate.equa
     a = f + g (theta - slope)
 
 theta is minus the pitch for the grade and f_x, the roll for the bank and f_y. With gradient,
-frequency and damping of the surrogate model, both give the slope. Where the road closes, its grade has a mean of zero over
-whole laps; elsewhere the level of the attitude is that of its mounting. Specific force and
-velocity show the same angles, g sin(angle) = a_x + r v_y - dv_x/dt and a_y - r v_x - dv_y/dt; what
-they deviate by bounds the error of the attitude.
+frequency and damping of the surrogate model, both give the slope. Where the road closes, its grade
+has a mean of zero over whole laps; elsewhere the level of the attitude is that of its mounting.
+Specific force and velocity show the same angles, g sin(angle) = a_x + r v_y - dv_x/dt and
+a_y - r v_x - dv_y/dt; what they deviate by bounds the error of the attitude.
 
 A slope is used where it lowers the open-loop error of its velocity at every horizon. Nothing is
 fitted for that, so every measurement of the recording is a held-out one.

@@ -185,7 +185,7 @@ class OpenLoopPredictor:
         terms = self.position_terms.along(distances, poses)
         if self._road is None:
             return terms
-        at_s = now + STEP_S * (np.arange(poses.shape[0]) + 0.5)
+        at_s = np.asarray(now + STEP_S * (np.arange(poses.shape[0]) + 0.5))
         return terms.merged_with(slope_terms(self._road, at_s))
 
     def _run(self, state: FloatArray, terms: ActiveTerms, inputs: RunInputs) -> RunBuffers:
