@@ -175,6 +175,10 @@ def sensor_log_of(drive: SimulatedDrive) -> SensorLog:
     odometry = values[Source.ODOMETRY]
     pose = odometry[:, 3:6].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
+    attitude = drive.attitude
+    angles = {}
+    if attitude is not None:
+        angles = {"attitude_s": _seconds(attitude.stamp_ns), "attitude": attitude.values}
     return SensorLog(
         drive.name,
         float(_seconds(drive.stamp_ns)[-1]),
@@ -185,6 +189,7 @@ def sensor_log_of(drive: SimulatedDrive) -> SensorLog:
         pose,
         stamps[Source.COMMAND],
         values[Source.COMMAND],
+        **angles,
     )
 
 
