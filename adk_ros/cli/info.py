@@ -111,14 +111,15 @@ def _scope(path: Path, is_refused: bool) -> list[dict[str, str]]:
 
     The reason is a warning, unless the verdict `is_refused` and says it already.
     """
-    from adk_ros.bags.recording import RecordingOptions
+    from adk_ros.api.recording import velocity_source
     from adk_ros.calibration.from_bag import read_streams
     from adk_ros.calibration.scope import scope_of
     from adk_ros.errors import AdkError
 
     try:
+        options, _ = velocity_source(path, None)
         with console.progress(f"reading {path.name}") as report:
-            content = read_streams(path, RecordingOptions(), report)
+            content = read_streams(path, options, report)
     except AdkError as error:
         if not is_refused:
             console.warn_all([f"what the recording allows is unknown: {error}"])
@@ -143,13 +144,16 @@ def _verdict(about: dict[str, Any]) -> str:
 
 def _bag_content(path: Path) -> dict[str, Any]:
     """Return what `adk info --json` prints for a bag."""
-    from adk_ros.bags import Bag, find_topics
+    from adk_ros.api.recording import velocity_source
+    from adk_ros.bags import Bag
+    from adk_ros.bags.recording import choose_topics
     from adk_ros.errors import AdkError
 
+    options, source = velocity_source(path, None)
     with Bag(path) as bag:
         used_as: dict[str, str | None] = {}
         try:
-            topics = find_topics(bag)
+            topics = choose_topics(bag, options)
             used_as = {
                 "imu": topics.imu,
                 "odometry": topics.odometry,
@@ -178,5 +182,5 @@ def _bag_content(path: Path) -> dict[str, Any]:
             ],
             "used_as": used_as,
             "verdict": verdict,
-            "warnings": bag.warnings,
+            "warnings": [*bag.warnings, source] if source else bag.warnings,
         }
