@@ -35,6 +35,7 @@ def test_the_attitude_is_that_of_the_road_and_the_body_and_changes_no_other_stre
         wheels = [msg.velocity[2] for _, _, msg in bag.messages([WHEELS_TOPIC[0]])]
     table = np.array(rows)
     attitude = attitude_of(table[:, 0], table[:, 1:], np.eye(3))
+    assert attitude is not None
     route = more.route
     grade = [lookup(route.table, route.spacing, s, ROAD_GRADE) for s in more.arc_length.tolist()]
     time_s = more.stamp_ns * 1e-9
@@ -57,6 +58,10 @@ def test_a_plant_without_a_body_has_the_attitude_of_the_road():
 
 def test_clean_sensors_keep_the_attitude_and_the_wheels():
     clean = Sensors(imu=Imu(attitude_noise=0.01), wheels=Wheels(speed_noise=1.0)).clean()
+    assert clean.imu is not None
+    assert clean.wheels is not None
     assert clean.imu.attitude_noise == 0.0
     assert clean.wheels.speed_noise == 0.0
-    assert Sensors().clean().imu.attitude_noise is None
+    plain = Sensors().clean()
+    assert plain.imu is not None
+    assert plain.imu.attitude_noise is None
