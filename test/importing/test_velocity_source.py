@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags whose odometry reports no velocity are read by their wheel speeds or GPS velocity."""
 
+import json
 from functools import lru_cache
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from adk_ros.api.recording import read_recording, velocity_source
 from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.bags.recording import RecordingOptions
+from adk_ros.cli.main import main
 from adk_ros.mismatch.recording.dead_channels import without_dead_channels
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.offline.export import write_bag
@@ -87,6 +89,17 @@ def test_a_given_radius_needs_no_gps_and_none_leaves_the_bag_unreadable(whole, t
     assert options.sensors.wheel_radius == RADIUS
     assert "wheel radius 0.325 m" in line
     assert velocity_source(path, None) == (RecordingOptions(), "")
+
+
+def test_info_says_what_such_a_bag_allows(whole, tmp_path, capsys):
+    path = reduced(whole, tmp_path / "bag", ["/odometry"], has_gps=True)
+    assert main(["info", str(path), "--json"]) == 0
+    about = json.loads(capsys.readouterr().out)
+    assert about["used_as"]["odometry"] == "/vehicle/wheels"
+    assert about["verdict"] == "usable for training and replay, not for v_y"
+    rows = {row["name"]: row["possible"] for row in about["scope"]}
+    assert (rows["judge v_x"], rows["judge yaw rate"], rows["judge v_y"]) == ("yes", "yes", "no")
+    assert "v_x from rear_left" in about["warnings"][0]
 
 
 def test_a_receiver_alone_gives_the_speed(whole, tmp_path):

@@ -4,27 +4,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from helpers.mismatch import car, steady
 
 from adk_ros.mismatch.analysis import identify_mismatch
+from adk_ros.mismatch.deployment.held_out import Evidence
 from adk_ros.mismatch.deployment.simulator_input import sensor_log_of
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.result import NONE, UNKNOWN
+from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN
+from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, SIZE
 from adk_ros.mismatch.recording.joined import concatenated, shifted
 from adk_ros.mismatch.recording.measured_road import joined_roads
 from adk_ros.mismatch.recording.nominal_vehicle import nominal_vehicle_of
 from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.report.result_files import as_dict
 from adk_ros.mismatch.road_by_ins import measured_road, with_measured_road, with_measured_roads
+from adk_ros.mismatch.slopes_beyond_simulation import without_places_on_slopes
+from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.measured_slopes import slope_terms
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
 from adk_ros.mismatch.surrogate.road_profile import RoadProfile
+from adk_ros.mismatch.validation import Validation
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.plant.scenario.scenario_file import load_scenario
@@ -131,6 +142,25 @@ def test_recordings_in_a_row_keep_their_slopes() -> None:
     assert with_measured_road(hilly(), surrogate(), hilly()).road is None
 
 
+def test_a_place_on_slopes_is_claimed_only_for_an_error_that_is_not_explained() -> None:
+    (used,), _ = with_measured_roads([hilly()], surrogate())
+    nuisances = np.zeros(0)
+    null = Hypothesis((), nuisances, 0.0)
+    effect = EFFECTS["low_friction"]
+    place = Activation(None, ((10.0, 90.0),), 400.0)
+    active = ActiveEffect(effect, (0.8,), place)
+    named = Decision(EXPLAINED, [], None, Hypothesis((active,), nuisances, 0.0), None)
+
+    def judged(is_explained: bool) -> Callable[[Decision], Validation]:
+        errors = SimpleNamespace(is_explained=is_explained)
+        return lambda _: cast(Validation, SimpleNamespace(errors=errors))
+
+    on_slopes, level = [Evidence(used)], [Evidence(steady())]
+    assert without_places_on_slopes(named, null, on_slopes, judged(True)).verdict == NONE
+    assert without_places_on_slopes(named, null, on_slopes, judged(False)) is named
+    assert without_places_on_slopes(named, null, level, judged(True)) is named
+
+
 @cache
 def drives() -> tuple[SensorLog, SensorLog]:
     """Return a flat simulation, and the same car on hills with an INS."""
@@ -155,3 +185,10 @@ def test_hills_are_no_missing_physics_with_an_attitude() -> None:
     assert (seeing.verdict, seeing.effects) == (NONE, [])
     assert seeing.before["v_x"] < 0.2 * blind.before["v_x"]
     assert any("grade of the road is measured" in line for line in seeing.notes)
+    assert "measured_road" not in as_dict(blind)
+    measured = as_dict(seeing)["measured_road"]["grade"]
+    assert 0.01 < measured["rms"] < 0.04
+    assert measured["min"] < -0.02 < 0.02 < measured["max"]
+    assert 0.0 < measured["error"] < measured["rms"]
+    rows = {row["name"]: row for row in as_dict(seeing)["scope"]["rows"]}
+    assert rows["grade"]["possible"] == "yes"
