@@ -16,6 +16,7 @@ ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 STEERING_TYPE = commands.COMMAND_TYPES["autoware_control"].steering_msgtype or ""
 COMMAND_TYPES = {name: kind.msgtype for name, kind in commands.COMMAND_TYPES.items()}
 ODOMETRY_TYPES = {name: x.msgtype for name, x in velocity_messages.ODOMETRY_TYPES.items()}
+_VELOCITIES = set(ODOMETRY_TYPES.values()) - {ODOMETRY_TYPE}
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,13 @@ def _required(
     found = _optional(bag, role, name, msgtype, joints)
     if found is None:
         hint = ""
-        if msgtype == COMMAND_TYPES["joint_state"]:
+        joints_or_twists = [x for x in bag.topics if x.count and x.msgtype in _VELOCITIES]
+        if role == "odometry" and len(joints_or_twists) > 1:
+            hint = (
+                " (for wheel speeds or a GPS velocity set odometry_type in --params, and "
+                "wheel_radius unless it can be identified by GPS)"
+            )
+        if role == "command" and msgtype == COMMAND_TYPES["joint_state"]:
             hint = " (for Ackermann or Autoware commands set command_type in --params)"
         raise DataError(
             f"bag {bag.path}: no {role}: no topic of type {msgtype} with messages{hint}; "

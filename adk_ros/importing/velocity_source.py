@@ -4,8 +4,8 @@
 Choose what the velocity of a bag is read from, where its odometry does not report one.
 
 Wheel speeds come first: their radius is given, or identified against the speed or the positions of
-a satellite receiver. Of two axles it is the undriven one. Without a radius, the speed over ground
-of the receiver takes their place.
+a satellite receiver. Of two axles it is the undriven one, or the rear one where that is not clear:
+its wheels do not steer. Without a radius, the speed over ground of the receiver takes their place.
 """
 
 from __future__ import annotations
@@ -159,8 +159,8 @@ def _of_wheels(found: _Found, options: RecordingOptions) -> tuple[RecordingOptio
     if not wheels:
         return None
     axle, reason = undriven_axle(given)
-    if axle == "all" and not set(found.joint_of) & set(wheels):
-        # Two topics, of which one is read.
+    if axle == "all":
+        # The steering angle of front wheels is not removed when a message is read.
         axle = "rear"
     rolling = axle_speed(given, axle, [])
     radius, text = options.sensors.wheel_radius, ""

@@ -12,6 +12,7 @@ from adk_ros.api.recording import read_recording, velocity_source
 from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.cli.main import main
+from adk_ros.errors import DataError
 from adk_ros.mismatch.recording.dead_channels import without_dead_channels
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.offline.export import write_bag
@@ -89,6 +90,8 @@ def test_a_given_radius_needs_no_gps_and_none_leaves_the_bag_unreadable(whole, t
     assert options.sensors.wheel_radius == RADIUS
     assert "wheel radius 0.325 m" in line
     assert velocity_source(path, None) == (RecordingOptions(), "")
+    with pytest.raises(DataError, match="set odometry_type in --params, and wheel_radius"):
+        read_recording(path)
 
 
 def test_info_says_what_such_a_bag_allows(whole, tmp_path, capsys):
