@@ -36,7 +36,9 @@ def write_evidence(evidence: SensorLog, path: Path) -> None:
     }
     # `write_bag` reads only these three fields; of the readings only their number.
     readings = range(sum(len(s.stamp_ns) for s in streams.values()))
-    drive = SimpleNamespace(streams=streams, sensors=Sensors(), readings=readings)
+    drive = SimpleNamespace(
+        streams=streams, sensors=Sensors(), readings=readings, attitude=None, wheels=None
+    )
     write_bag(cast(SimulatedDrive, drive), path)
 
 
