@@ -34,7 +34,7 @@ def write_evidence(evidence: SensorLog, path: Path) -> None:
         Source.ODOMETRY: stream(e.odometry_s, np.column_stack([e.odometry, e.pose])),
         Source.COMMAND: stream(e.command_s, e.command),
     }
-    # `write_bag` reads only these three fields; of the readings only their number.
+    # `write_bag` reads only these fields.
     readings = range(sum(len(s.stamp_ns) for s in streams.values()))
     drive = SimpleNamespace(
         streams=streams, sensors=Sensors(), readings=readings, attitude=None, wheels=None
