@@ -12,6 +12,7 @@ import pandas as pd
 
 from adk_ros.api.output import check_output
 from adk_ros.api.progress import Progress, in_stage
+from adk_ros.api.recording import velocity_source
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.calibration.check import CheckResult
 from adk_ros.calibration.from_bag import BagContent
@@ -140,7 +141,11 @@ def check_recording(
 
     nominal = None if vehicle is None else _known_vehicle(vehicle)
     report = in_stage(progress, f"reading {Path(recording).name}")
-    content = read_streams(recording, options or RecordingOptions(), report)
+    radius = None if nominal is None else nominal.wheel_radius
+    chosen, source = velocity_source(recording, options, radius or 0.0)
+    content = read_streams(recording, chosen, report)
+    if source:
+        content.warnings.append(source)
     found = check(content, nominal, in_stage(progress, "checking"))
     return RecordingCheck(Path(recording), content, found)
 

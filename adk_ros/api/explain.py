@@ -15,6 +15,7 @@ import pandas as pd
 
 from adk_ros.api.output import check_output
 from adk_ros.api.progress import Progress, in_stage
+from adk_ros.api.recording import velocity_source
 from adk_ros.api.recording_paths import different_recordings
 from adk_ros.api.tables import UNITS, as_html
 from adk_ros.bags.recording import RecordingOptions
@@ -284,7 +285,8 @@ def _read_held_out(
         if bag.resolve() in [recording.resolve() for recording in recordings]:
             raise UsageError(f"{bag}: the recording itself is not held out: give another bag")
         report = in_stage(progress, f"reading {bag.name}")
-        log = read_sensor_log(bag, options or RecordingOptions(), report, needs_imu=False)
+        chosen, _ = velocity_source(bag, options)
+        log = read_sensor_log(bag, chosen, report, needs_imu=False)
         check_held_out(replace(log, length_scale=length_scale))
         logs.append(log)
     return logs
@@ -320,14 +322,17 @@ def _read_inputs(
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
     # If the simulation is a bag with an IMU, a recording without one probably misses a topic.
     needs_imu = simulator is None and not without_imu
-    recorded = [
-        read_sensor_log(bag, options, in_stage(progress, f"reading {bag.name}"), needs_imu)
-        for bag in recordings
-    ]
+    radius = 0.0 if nominal is None else nominal.wheel_radius
+
+    def read(bag: Path, needs_imu: bool = True) -> SensorLog:
+        chosen, source = velocity_source(bag, options, radius)
+        log = read_sensor_log(bag, chosen, in_stage(progress, f"reading {bag.name}"), needs_imu)
+        return replace(log, warnings=(*log.warnings, source)) if source else log
+
+    recorded = [read(bag, needs_imu) for bag in recordings]
     if isinstance(simulator, Vehicle):
         driven = simulate_matched_drive(simulator, recorded[0], simulation.name)
         return driven, recorded, nominal_vehicle_of(simulator, is_simulated=True)
     if simulator is not None:
         return simulator, recorded, nominal
-    report = in_stage(progress, f"reading {simulation.name}")
-    return read_sensor_log(simulation, options, report), recorded, nominal
+    return read(simulation), recorded, nominal

@@ -15,13 +15,16 @@ def bag_content(path: Path) -> dict[str, Any]:
 
     :raises UsageError: the bag does not exist or cannot be read.
     """
-    from adk_ros.bags import Bag, find_topics
+    from adk_ros.api.recording import velocity_source
+    from adk_ros.bags import Bag
+    from adk_ros.bags.recording import choose_topics
     from adk_ros.errors import AdkError
 
+    options, source = velocity_source(path, None)
     with Bag(path) as bag:
         used_as: dict[str, str | None] = {}
         try:
-            topics = find_topics(bag)
+            topics = choose_topics(bag, options)
             used_as = {
                 "imu": topics.imu,
                 "odometry": topics.odometry,
@@ -50,7 +53,7 @@ def bag_content(path: Path) -> dict[str, Any]:
             ],
             "used_as": used_as,
             "verdict": verdict,
-            "warnings": bag.warnings,
+            "warnings": [*bag.warnings, source] if source else bag.warnings,
         }
 
 
@@ -60,11 +63,12 @@ def bag_scope(path: Path, report: Callable[..., None] | None = None) -> list[dic
 
     :raises AdkError: no stream can be read.
     """
-    from adk_ros.bags.recording import RecordingOptions
+    from adk_ros.api.recording import velocity_source
     from adk_ros.calibration.from_bag import read_streams
     from adk_ros.calibration.scope import scope_of
 
-    content = read_streams(path, RecordingOptions(), report)
+    options, _ = velocity_source(path, None)
+    content = read_streams(path, options, report)
     return [row.as_dict() for row in scope_of(content)]
 
 

@@ -142,10 +142,32 @@ def read_recording(
         recording = adk_ros.read_recording("bags/town")
         recording.frame[["v_x", "v_x_measured"]].plot()
     """
-    options = options or RecordingOptions()
+    options, source = velocity_source(path, options)
     report = in_stage(progress, f"reading {Path(path).name}")
     content = bag_reader.read_recording(path, options, report)
+    if source:
+        content.warnings.append(source)
     return BagRecording(Path(path), replace(options, sensors=content.sensors), content)
+
+
+def velocity_source(
+    path: Path | str, options: RecordingOptions | None, wheel_radius: float = 0.0
+) -> tuple[RecordingOptions, str]:
+    """
+    Return options with the source of v_x of a bag whose odometry reports none, and a line on it.
+
+    :param wheel_radius: of the vehicle, m, where the options give none; 0 if it is unknown.
+    :raises UsageError, DataError: the bag cannot be read.
+    """
+    from adk_ros.importing.velocity_source import with_velocity_source
+
+    options = options or RecordingOptions()
+    known = options
+    if wheel_radius > 0.0 and options.sensors.wheel_radius == 0.0:
+        sensors = replace(options.sensors, wheel_radius=wheel_radius)
+        known = replace(options, sensors=sensors)
+    found, line = with_velocity_source(path, known)
+    return (found, line) if line else (options, "")
 
 
 def recording_options(

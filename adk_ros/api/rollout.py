@@ -21,6 +21,7 @@ from adk_ros.api.recording import (
     as_recording,
     read_recording,
     recording_options,
+    velocity_source,
 )
 from adk_ros.api.replay import missing_imu_warning
 from adk_ros.api.tables import as_html, suffixed, with_units
@@ -205,7 +206,8 @@ def _surrogate_rollout(
         read = as_recording(recording, options, progress)
         path, options = read.path, read.options
     else:
-        path, options = Path(recording), options or RecordingOptions()
+        path = Path(recording)
+        options, _ = velocity_source(path, options)
     report = in_stage(progress, f"reading {path.name}")
     starts_s, predicted, log = rollout_surrogate(model, path, options, steps, stride_s, report)
 

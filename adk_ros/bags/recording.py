@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -85,13 +85,17 @@ def choose_topics(bag: Bag, options: RecordingOptions) -> Topics:
 
     :raises UsageError, DataError: as `bags.find_topics`.
     """
+    sensors = options.sensors
     return find_topics(
         bag,
         options.imu if options.use_imu else "",
         options.odometry,
         options.command,
-        options.sensors.command_type,
+        sensors.command_type,
         options.steering,
+        sensors.odometry_type,
+        sensors.steer_joint,
+        sensors.wheel_joints if sensors.odometry_type == "wheel_joints" else (),
     )
 
 
@@ -174,6 +178,11 @@ class RecordingReader:
         """Yield each usable reading, in log order."""
         return (reading for reading, _ in self.readings_with_messages())
 
+    @property
+    def measures_v_y(self) -> bool:
+        """Whether a message of odometry measured v_y, as far as the messages say so."""
+        return self._decoder.measures_v_y
+
     def message_warnings(self) -> list[str]:
         """Return one line per fault of frames and covariances, see `signals.message_checks`."""
         return list(self._message_warnings)
@@ -239,6 +248,8 @@ def read_recording(
             raise DataError(f"{error}{f' ({refused})' if refused else ''}") from None
         warnings = reader.warnings()
         start_ns = bag.start_ns
+    if not reader.measures_v_y:
+        record = replace(record, estimated=("v_y",))
     details = [f"{count} times {event}" for event, count in counts.items()]
     details += plausibility.warnings() + reader.message_warnings()
     warnings += [f"{name}: {text}" for text in details]

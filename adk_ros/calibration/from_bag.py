@@ -17,11 +17,18 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, ODOMETRY_TYPE, Bag
+from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, Bag
 from adk_ros.bags.recording import Progress, RecordingOptions
+from adk_ros.bags.topics import ODOMETRY_TYPES
 from adk_ros.calibration.attitude import attitude_of, attitude_row
 from adk_ros.calibration.joints import JointTable
-from adk_ros.calibration.messages import imu_row, odometry_row, request_row, stamp_s
+from adk_ros.calibration.messages import (
+    imu_row,
+    odometry_row,
+    request_row,
+    stamp_s,
+    velocity_row,
+)
 from adk_ros.calibration.streams import (
     COMMAND_COLUMNS,
     IMU_COLUMNS,
@@ -42,6 +49,7 @@ from adk_ros.signals.extrinsics import (
     with_extrinsics,
 )
 from adk_ros.signals.frames import rotation
+from adk_ros.signals.velocity_messages import ODOMETRY
 
 _NUMBER, _PRESSURE = "std_msgs/msg/Float64", "sensor_msgs/msg/FluidPressure"
 _PEDALS = "pedals"
@@ -91,7 +99,11 @@ def read_streams(
     with Bag(path) as bag:
         notes: list[str] = []
         imu = optional_topic(bag, "imu", options.imu if options.use_imu else "", IMU_TYPE, notes)
-        odometry = optional_topic(bag, "odometry", options.odometry, ODOMETRY_TYPE, notes)
+        velocity = ODOMETRY_TYPES[options.sensors.odometry_type]
+        wheels = options.sensors.wheel_joints[:1]
+        odometry = optional_topic(
+            bag, "odometry", options.odometry, velocity, notes, wheels[0] if wheels else None
+        )
         command, kind = command_topic(bag, options, notes)
         names = {"imu": imu, "odometry": odometry, "command": command}
         if not any(names.values()):
@@ -99,12 +111,14 @@ def read_streams(
                 f"bag {bag.path}: no IMU, odometry or command to check; it has {bag.summary()}"
             )
         sensors = _with_transforms(bag, options.sensors, imu, odometry, notes)
-        content = _Rows(kind)
+        content = _Rows(kind, sensors)
         role_of = {name: role for role, name in names.items() if name is not None}
         role_of |= {
             x.name: "wheels"
             for x in bag.topics
-            if x.msgtype == COMMAND_TYPES["joint_state"] and x.count and x.name != command
+            if x.msgtype == COMMAND_TYPES["joint_state"]
+            and x.count
+            and x.name not in (command, odometry)
         }
         role_of |= {
             x.name: _PEDALS
@@ -130,6 +144,7 @@ class _Rows:
     """Rows of numbers by role, joints of the command and of other topics, refused messages."""
 
     kind: str
+    sensors: SensorConfig
     rows: dict[str, list[list[float]]] = field(
         default_factory=lambda: {"imu": [], "odometry": [], "command": []}
     )
@@ -154,6 +169,8 @@ class _Rows:
                 self.others.setdefault(topic, JointTable()).add(stamp_s(msg), msg)
             elif role == "command" and self.kind == "joint_state":
                 self.joints.add(stamp_s(msg), msg)
+            elif role == "odometry" and self.sensors.odometry_type != ODOMETRY:
+                self.rows[role].append(velocity_row(msg, self.sensors))
             else:
                 self.rows[role].append(_ROWS[role](msg))
                 if role in self.orientations:

@@ -27,7 +27,8 @@ class Informative:
     What is wrong with each channel, empty where it is informative; and the driving in s.
 
     `road`: with IMU and v_x, for grade and bank. `torque`: as a torque in N·m; `drive`: as
-    anything that drives the car, such as a pedal.
+    anything that drives the car, such as a pedal. `has_attitude`: whether roll and pitch of an
+    inertial navigation system are recorded.
     """
 
     driving_s: float
@@ -40,6 +41,7 @@ class Informative:
     pose: str
     imu: str
     road: str
+    has_attitude: bool = False
 
 
 def informative(
@@ -78,6 +80,7 @@ def informative(
         _pose(odometry),
         "" if imu is not None else "the recording has no IMU",
         missing_for_road(streams),
+        streams.attitude is not None,
     )
 
 

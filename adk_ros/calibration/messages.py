@@ -7,6 +7,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from adk_ros.signals.decode import MAX_VARIANCE, SensorConfig
+from adk_ros.signals.velocity_messages import ODOMETRY_TYPES
+
 
 def stamp_s(msg: Any) -> float:
     """Return the stamp of a message in s; Autoware messages have no header."""
@@ -28,22 +31,35 @@ def imu_row(msg: Any) -> list[float]:
 
 
 def odometry_row(msg: Any) -> list[float]:
-    """Return stamp, v_x, v_y, yaw rate, x, y and heading (7,)."""
+    """
+    Return stamp, v_x, v_y, yaw rate, x, y and heading (7,).
+
+    NaN for a v_y that the covariance marks as not measured and that is an estimate.
+    """
     twist, pose = msg.twist.twist, msg.pose.pose
     q = pose.orientation
     heading = math.atan2(
         2.0 * (float(q.w) * float(q.z) + float(q.x) * float(q.y)),
         1.0 - 2.0 * (float(q.y) ** 2 + float(q.z) ** 2),
     )
+    v_y = float(twist.linear.y)
+    if v_y != 0.0 and float(msg.twist.covariance[7]) >= MAX_VARIANCE:
+        v_y = math.nan
     return [
         stamp_s(msg),
         float(twist.linear.x),
-        float(twist.linear.y),
+        v_y,
         float(twist.angular.z),
         float(pose.position.x),
         float(pose.position.y),
         heading,
     ]
+
+
+def velocity_row(msg: Any, sensors: SensorConfig) -> list[float]:
+    """Return a row as `odometry_row` of wheel speeds or a velocity over ground (7,)."""
+    v_x, v_y, yaw_rate = ODOMETRY_TYPES[sensors.odometry_type].decode(msg, sensors)
+    return [stamp_s(msg), v_x, v_y, yaw_rate, math.nan, math.nan, math.nan]
 
 
 def request_row(msg: Any) -> list[float]:

@@ -160,6 +160,9 @@ def _road(about: Informative) -> list[Scope]:
     sensors = (about.road, "an IMU with gravity, and v_x")
     required = [_drive(about, MIN_ROAD_S), sensors]
     pose = f"the level is uncertain: {about.pose}" if about.pose else ""
+    if about.has_attitude:
+        # It has a level, and `mismatch` takes the slopes from it.
+        pose = ""
     sideways = "" if not about.v_y else f"v_y is assumed: {about.v_y}"
     assumed = (sideways, _v_y(about)[1])
     return [

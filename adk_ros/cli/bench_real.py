@@ -104,6 +104,12 @@ def _print(result: RealBench) -> None:
     for slope in result.slopes:
         text = f"{slope.vehicle}, {slope.recording}: {slope.slope} without attitude correlates "
         text += f"{slope.correlation:.3f} with it, scale {slope.scale:.2f}, RMS {slope.spread:.1%}"
+        if slope.v_x_error:
+            none, withheld, used = slope.v_x_error
+            text += (
+                f"; v_x after 1 s is off by {none:.3f} m/s without a slope, {withheld:.3f} with "
+                f"the attitude withheld, {used:.3f} with it"
+            )
         console.output.print(text, markup=False)
     if result.predictions:
         _print_ratios(result.predictions)

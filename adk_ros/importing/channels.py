@@ -65,6 +65,7 @@ CHANNELS: dict[str, Channel] = {
         Channel("pitch", ANGLE, IMU, "pitch angle of the INS, nose down positive"),
         Channel("v_x", SPEED, ODOMETRY, "longitudinal velocity, forward positive"),
         Channel("v_y", SPEED, ODOMETRY, "lateral velocity, left positive"),
+        Channel("v_y_estimated", SPEED, ODOMETRY, "the same, estimated from v_x and yaw rate"),
         Channel("odometry_yaw_rate", RATE, ODOMETRY, "yaw rate of another source than the gyro"),
         Channel("x", LENGTH, ODOMETRY, "position, to the east or forward at the start"),
         Channel("y", LENGTH, ODOMETRY, "position, to the north or left at the start"),

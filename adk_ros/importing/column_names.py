@@ -162,6 +162,17 @@ _NEVER = re.compile(
 _SPELLING = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "ψ": "psi", "δ": "delta"})
 
 
+def wheel_position(name: str) -> str:
+    """Return which wheel a name such as `rear_left_wheel_joint` is of, or an empty text."""
+    normalised = _normalised(name)
+    found = [
+        wheel
+        for wheel, at in _POSITIONS.items()
+        if re.fullmatch(rf"(?:.*_)?{at}(?:_.*)?", normalised)
+    ]
+    return found[0] if len(found) == 1 else ""
+
+
 @lru_cache(maxsize=4096)
 def recognise(column: str) -> ColumnName:
     """Return what a column's name says: channel and unit."""

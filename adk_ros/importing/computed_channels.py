@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from adk_ros.errors import DataError, UsageError
-from adk_ros.importing.map_file import IDENTIFY, ImportMap, VelocityMap
+from adk_ros.importing.map_file import IDENTIFY, ImportMap, SideslipMap, VelocityMap
 from adk_ros.importing.pedal_torque import pedal_torque
 from adk_ros.importing.source_channels import SourceChannel
-from adk_ros.importing.streams import MessageStream
+from adk_ros.importing.streams import MessageStream, at_stamps
 from adk_ros.importing.wheel_radius import RadiusFit, fit_radius, reference_of
 from adk_ros.importing.wheel_velocity import (
     AxleSpeed,
@@ -22,6 +22,7 @@ from adk_ros.importing.wheel_velocity import (
     usual_radius,
     yaw_check,
 )
+from adk_ros.signals.velocity_messages import estimated_lateral_velocity
 
 
 def with_computed(
@@ -46,6 +47,8 @@ def with_computed(
         given["v_x"] = made
     elif "v_x" not in given:
         _suggest(given, notes)
+    if import_map.computed.v_y is not None:
+        given["v_y_estimated"] = _sideslip(given, import_map.computed.v_y, notes)
     torque = import_map.computed.torque
     if torque is not None:
         stream, values = pedal_torque(given, torque, notes)
@@ -63,6 +66,27 @@ def _from_gps(given: dict[str, SourceChannel]) -> SourceChannel:
     stream = MessageStream(speed.stamp_ns, {})
     values = speed.values * direction(given, stream, speed.values)
     return computed_channel("v_x", "gps_speed", stream, values)
+
+
+def _sideslip(
+    given: dict[str, SourceChannel], sideslip: SideslipMap, notes: list[str]
+) -> SourceChannel:
+    """Return v_y by the steady state of a single-track model, at the stamps of v_x."""
+    v_x = given["v_x"]
+    rate_of = given.get("yaw_rate") or given["odometry_yaw_rate"]
+    rate, known = at_stamps("v_y", rate_of, v_x.stamp_ns, "v_x", [])
+    stream = MessageStream(v_x.stamp_ns[known], {})
+    if not len(stream):
+        raise DataError("computed.v_y: v_x and yaw rate have no common time")
+    values = [
+        estimated_lateral_velocity(v, r, sideslip.cg_to_rear_axle, sideslip.slip_per_acceleration)
+        for v, r in zip(v_x.values[known].tolist(), rate[known].tolist(), strict=True)
+    ]
+    notes.append(
+        "v_y is estimated from v_x and yaw rate: marked as not measured in odometry, and never "
+        "scored"
+    )
+    return computed_channel("v_y_estimated", "v_x, yaw_rate", stream, np.array(values))
 
 
 def _from_wheels(

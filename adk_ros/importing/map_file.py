@@ -111,6 +111,18 @@ class VelocityMap(FileModel):
     wheel_radius: _Radius = None
 
 
+class SideslipMap(FileModel):
+    """
+    How v_y is estimated where it is not measured (`signals.velocity_messages`).
+
+    `cg_to_rear_axle` in m; `slip_per_acceleration`: rear slip angle per lateral acceleration,
+    rad s²/m.
+    """
+
+    cg_to_rear_axle: Annotated[float, Field(gt=0.0, le=20.0)]
+    slip_per_acceleration: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
+
+
 _MAX_FORCE = 1e6
 """N; above the brakes of the heaviest lorry."""
 _Table = Annotated[list[float], Field(min_length=1, max_length=100)]
@@ -182,6 +194,7 @@ class ComputedMap(FileModel):
     """Channels that no column has, computed from others."""
 
     v_x: VelocityMap | None = None
+    v_y: SideslipMap | None = None
     torque: TorqueMap | None = None
 
 
@@ -251,8 +264,21 @@ def _check_computed(name: str, loaded: ImportMap) -> None:
         raise UsageError(f"{name}: channels: give torque or torque_estimated, not both")
     if loaded.computed.v_x is not None:
         _check_velocity(name, loaded, loaded.computed.v_x)
+    if loaded.computed.v_y is not None:
+        _check_sideslip(name, loaded)
     if loaded.computed.torque is not None:
         _check_torque(name, loaded, loaded.computed.torque)
+
+
+def _check_sideslip(name: str, loaded: ImportMap) -> None:
+    place = f"{name}: computed.v_y"
+    for other in ("v_y", "v_y_estimated"):
+        if other in loaded.channels:
+            raise UsageError(f"{place}: channels.{other} is given as well: leave out one of them")
+    if "v_x" not in loaded.channels and loaded.computed.v_x is None:
+        raise UsageError(f"{place}: needs v_x, in channels or computed")
+    if not {"yaw_rate", "odometry_yaw_rate"} & loaded.channels.keys():
+        raise UsageError(f"{place}: needs channels.yaw_rate")
 
 
 def _check_torque(name: str, loaded: ImportMap, torque: TorqueMap) -> None:

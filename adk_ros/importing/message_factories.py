@@ -80,7 +80,9 @@ def odometry(names: set[str]) -> Create:
 
     def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
         _set_stamp(msg, stamp_ns)
-        linear.x, linear.y = values["v_x"], values.get("v_y", 0.0)
+        # An estimate is written, and marked as not measured.
+        linear.x = values["v_x"]
+        linear.y = values.get("v_y", values.get("v_y_estimated", 0.0))
         angular.z = values.get("odometry_yaw_rate", 0.0)
         point.x, point.y = values.get("x", 0.0), values.get("y", 0.0)
         point.z = values.get("z", 0.0)

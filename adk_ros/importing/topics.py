@@ -124,7 +124,7 @@ def _add_odometry(given: dict[str, SourceChannel], outcome: Outcome, notes: list
         stream = _with_channel("odometry", stream, "odometry_yaw_rate", gyro, "v_x", notes)
     elif rate is None:
         notes.append("no yaw rate: written as 0 in odometry and marked as not measured")
-    if "v_y" not in given:
+    if not {"v_y", "v_y_estimated"} & set(given):
         notes.append("no v_y: written as 0 in odometry and marked as not measured")
     outcome.topics.append(Topic(*TOPICS[ODOMETRY], stream, odometry(set(stream.values))))
 

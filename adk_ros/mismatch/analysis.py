@@ -23,6 +23,8 @@ from adk_ros.mismatch.library.sensitivity import recorded_decisions
 from adk_ros.mismatch.outcome import Outcome
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.mismatch.road_by_ins import levelled
+from adk_ros.mismatch.slopes_beyond_simulation import without_places_on_slopes
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.validation import (
     Validation,
@@ -104,16 +106,21 @@ def _decided(
     evidence = [Evidence(inputs.completed(log)) for log in held_out]
     evidence = evidence or data.held_out(decision.hypothesis)
 
+    def judged(decision: Decision) -> list[Evidence]:
+        along = training.along_weak_directions(decision.hypothesis.nuisances)
+        return levelled(evidence, along, training.weak_directions)
+
     def validated(decision: Decision) -> Validation:
         return validate_on_held_out(
-            surrogate, decision.hypothesis, lap, evidence, data.not_predicted()
+            surrogate, decision.hypothesis, lap, judged(decision), data.not_predicted()
         )
 
     null, reason = path.levels[0][0], ""
+    decision = without_places_on_slopes(decision, null, evidence, validated)
     if not is_corroborated(decision.hypothesis, training, whole, path.expected_loss):
         decision, reason = withdrawn(decision, null), _NOT_CORROBORATED
     validation = with_fitted_tolerances(
-        validated(decision), decision, surrogate, training, lap, evidence
+        validated(decision), decision, surrogate, training, lap, judged(decision)
     )
     decision = coherent(decision, validation)
     if is_refuted(decision, validation):
@@ -121,6 +128,7 @@ def _decided(
         validation = validated(decision)
     about = Questioned(training, path, decision, lap, surrogate.parameters)
     asked = [answer(name, about) for name in ask]
+    evidence = judged(decision)
     decision = with_confidence(refitted(decision, whole), validation.error_ratio)
     known = data.observable.adapted(surrogate)
     hidden = downweighted_residuals(whole, decision.hypothesis, known, data.single_lap)

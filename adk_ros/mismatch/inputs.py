@@ -27,6 +27,7 @@ from adk_ros.mismatch.recording.joined import concatenated, in_sequence
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.recorded_scope import recorded_scope
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
+from adk_ros.mismatch.road_by_ins import with_measured_road, with_measured_roads
 from adk_ros.mismatch.simulator import DEFAULT_WHEEL_RADIUS, default_vehicle, surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
@@ -87,6 +88,9 @@ class Inputs:
             surrogate, found = surrogate_of(simulation, every, nominal, progress)
             notes += [*found, *_notes_on_default_vehicle(nominal)]
         logs = [_with_torque(log, surrogate) for log in logs]
+        # Without an IMU, a slope is not separated from a force.
+        logs, found = with_measured_roads(logs, surrogate) if has_imu else (logs, [])
+        notes += found
         data = RecordedData.of(surrogate, logs, noise, has_imu, held_out_share)
         notes += [
             *_notes_on_size(size),
@@ -98,7 +102,8 @@ class Inputs:
     def completed(self, log: SensorLog) -> SensorLog:
         """Return a further recording as the analysed ones are: without dead channels."""
         sized = replace(log, length_scale=scale_of(self.surrogate.parameters))
-        return _with_torque(without_dead_channels(sized)[0], self.surrogate)
+        complete = _with_torque(without_dead_channels(sized)[0], self.surrogate)
+        return with_measured_road(complete, self.surrogate, self.data.problem.log)
 
 
 def vehicle_scale(simulation: SensorLog | SurrogateModel, nominal: NominalVehicle | None) -> float:

@@ -16,7 +16,7 @@ from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, ODOMETRY_TYPE, BagWriter, mess
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
-from adk_ros.plant.scenario.sensors import Sensors
+from adk_ros.plant.scenario.sensors import Sensors, Stream
 from adk_ros.signals.channels import Source
 
 TOPICS = {
@@ -25,6 +25,9 @@ TOPICS = {
     Source.COMMAND: ("/vehicle/command", COMMAND_TYPES["joint_state"]),
 }
 """Topic and message type of each stream."""
+WHEELS_TOPIC = ("/vehicle/wheels", COMMAND_TYPES["joint_state"])
+WHEEL_JOINTS = ("front_left", "front_right", "rear_left", "rear_right")
+"""Joints of the wheels, whose velocities are their speeds of rotation."""
 
 _UNKNOWN_VARIANCE = 1e6
 """Variance of the axes that a planar sensor does not measure, SI units squared."""
@@ -52,14 +55,24 @@ def _set_stamp(msg: Any, stamp_ns: int) -> None:
 
 
 def _imu(sensors: Sensors) -> _MessageFactory:
-    """Return the factory of IMU messages: no orientation (REP-145: -1), gravity on the z axis."""
+    """
+    Return the factory of IMU messages, gravity on the z axis.
+
+    Their values may end with roll and pitch; without, there is no orientation (REP-145: -1).
+    """
     accel = gyro = _MIN_VARIANCE
     if sensors.imu is not None:
         accel, gyro = _variance(sensors.imu.accel_noise), _variance(sensors.imu.gyro_noise)
+    attitude = None if sensors.imu is None else sensors.imu.attitude_noise
+    covariance: FloatArray = np.array([-1.0] + [0.0] * 8)
+    if attitude is not None:
+        # The heading is not reported.
+        variance = _variance(attitude)
+        covariance = _diagonal(3, {0: variance, 1: variance, 2: _UNKNOWN_VARIANCE})
     msg = message(
         IMU_TYPE,
         header=_stamped("imu_link"),
-        orientation_covariance=[-1.0] + [0.0] * 8,
+        orientation_covariance=covariance,
         angular_velocity_covariance=_diagonal(3, {0: gyro, 1: gyro, 2: gyro}),
         linear_acceleration={"z": GRAVITY},
         linear_acceleration_covariance=_diagonal(3, {0: accel, 1: accel, 2: accel}),
@@ -67,7 +80,11 @@ def _imu(sensors: Sensors) -> _MessageFactory:
 
     def create(stamp_ns: int, values: list[float]) -> Any:
         _set_stamp(msg, stamp_ns)
-        msg.linear_acceleration.x, msg.linear_acceleration.y, msg.angular_velocity.z = values
+        msg.linear_acceleration.x, msg.linear_acceleration.y, msg.angular_velocity.z = values[:3]
+        if attitude is not None:
+            roll, pitch, q = 0.5 * values[3], 0.5 * values[4], msg.orientation
+            q.x, q.w = math.sin(roll) * math.cos(pitch), math.cos(roll) * math.cos(pitch)
+            q.y, q.z = math.cos(roll) * math.sin(pitch), -math.sin(roll) * math.sin(pitch)
         return msg
 
     return create
@@ -116,6 +133,25 @@ def _command(_: Sensors) -> _MessageFactory:
     return create
 
 
+def _wheels(_: Sensors) -> _MessageFactory:
+    """Return the factory of wheel speeds: velocities of four joints."""
+    msg = message(
+        WHEELS_TOPIC[1],
+        header=_stamped("base_link"),
+        name=list(WHEEL_JOINTS),
+        position=[math.nan] * 4,
+        velocity=[math.nan] * 4,
+        effort=[math.nan] * 4,
+    )
+
+    def create(stamp_ns: int, values: list[float]) -> Any:
+        _set_stamp(msg, stamp_ns)
+        msg.velocity[:] = values
+        return msg
+
+    return create
+
+
 def _diagonal(size: int, entries: dict[int, float]) -> FloatArray:
     matrix = np.zeros(size * size)
     for i, value in entries.items():
@@ -133,11 +169,8 @@ _FACTORIES = {Source.IMU: _imu, Source.ODOMETRY: _odometry, Source.COMMAND: _com
 
 
 def _messages(
-    drive: SimulatedDrive, source: Source, sensors: Sensors
+    topic: str, create: _MessageFactory, stream: Stream
 ) -> Iterator[tuple[int, str, Any]]:
-    create = _FACTORIES[source](sensors)
-    topic = TOPICS[source][0]
-    stream = drive.streams[source]
     order = np.argsort(stream.log_ns, kind="stable")
     for log_ns, stamp_ns, values in zip(
         stream.log_ns[order].tolist(),
@@ -158,7 +191,8 @@ def write_bag(
     """
     Write the sensor messages of a simulated recording, in order of arrival, as a rosbag2 folder.
 
-    Topics `/imu/data`, `/odometry`, `/vehicle/command`; frames `imu_link` and `odom -> base_link`,
+    Topics `/imu/data`, `/odometry`, `/vehicle/command`, and `/vehicle/wheels` if the sensors of
+    the scenario measure their speeds; frames `imu_link` and `odom -> base_link`,
     both at the centre of gravity. `progress` is called with (messages written, total messages)
     every 2000 messages.
 
@@ -167,10 +201,19 @@ def write_bag(
     :raises UsageError: `path` exists or cannot be written, or an argument is unknown.
     """
     with BagWriter(path, storage, compression) as writer:
-        for source in drive.streams:
-            writer.add_topic(*TOPICS[source])
-        streams = [_messages(drive, source, drive.sensors) for source in drive.streams]
-        total = len(drive.readings)
+        topics = {source: (*TOPICS[source], _FACTORIES[source]) for source in drive.streams}
+        contents = dict(drive.streams)
+        if drive.attitude is not None:
+            imu = contents[Source.IMU]
+            values = np.hstack([imu.values, drive.attitude.values])
+            contents[Source.IMU] = Stream(imu.stamp_ns, imu.log_ns, values)
+        items = [(*topics[source], stream) for source, stream in contents.items()]
+        if drive.wheels is not None:
+            items.append((*WHEELS_TOPIC, _wheels, drive.wheels))
+        for name, msgtype, _, _ in items:
+            writer.add_topic(name, msgtype)
+        streams = [_messages(name, of(drive.sensors), stream) for name, _, of, stream in items]
+        total = sum(stream.log_ns.shape[0] for *_, stream in items)
         for done, (log_ns, topic, content) in enumerate(
             merge(*streams, key=lambda item: item[0]), start=1
         ):

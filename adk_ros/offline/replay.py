@@ -24,6 +24,7 @@ from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.frames import published_frame
+from adk_ros.signals.velocity_messages import ODOMETRY_TYPES
 
 TWIST_TOPIC = "/predictor/predicted_twist"
 HORIZON_TOPIC = "/predictor/predicted_horizon"
@@ -95,7 +96,7 @@ def replay(
             odometry = choose_topics(bag, options).odometry
             with BagWriter(output.path, "mcap", "zstd") as writer:
                 writer.add_topic(TWIST_TOPIC, TWIST_TYPE)
-                writer.add_topic(odometry, "nav_msgs/msg/Odometry")
+                writer.add_topic(odometry, ODOMETRY_TYPES[options.sensors.odometry_type].msgtype)
                 if output.with_horizon:
                     writer.add_topic(HORIZON_TOPIC, HORIZON_TYPE)
                     writer.add_topic(COVARIANCE_TOPIC, COVARIANCE_TYPE)

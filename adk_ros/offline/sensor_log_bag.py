@@ -31,7 +31,9 @@ def write_sensor_log(log: SensorLog, path: Path, start_ns: int = START_NS) -> No
         Source.ODOMETRY: stream(e.odometry_s, np.column_stack([e.odometry, e.pose])),
         Source.COMMAND: stream(e.command_s, e.command),
     }
-    # `write_bag` reads only these three fields; of the readings only their number.
+    # `write_bag` reads only these fields; of the readings only their number.
     readings = range(sum(len(s.stamp_ns) for s in streams.values()))
-    drive = SimpleNamespace(streams=streams, sensors=Sensors(), readings=readings)
+    drive = SimpleNamespace(
+        streams=streams, sensors=Sensors(), readings=readings, attitude=None, wheels=None
+    )
     write_bag(cast(SimulatedDrive, drive), path)

@@ -35,6 +35,9 @@ def sensor_config(values: Values) -> SensorConfig:
         use_tf=values["use_tf"],
         mass=values["mass"],
         wheel_radius=values["wheel_radius"],
+        odometry_type=values["odometry_type"],
+        wheel_joints=tuple(values["wheel_joints"]),
+        sideslip=(values["sideslip"][0], values["sideslip"][1]),
     )
 
 

@@ -17,6 +17,7 @@ from typing import Any
 from adk_ros.model.adaptation.online_methods import METHODS
 from adk_ros.ros.parameter_spec import ParameterSpec
 from adk_ros.signals.commands import COMMAND_TYPES
+from adk_ros.signals.velocity_messages import ODOMETRY_TYPES
 
 _ROS_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Names, or beginnings of names, of parameters that rclpy itself declares."""
@@ -133,9 +134,32 @@ TABLE: tuple[ParameterSpec, ...] = (
     ParameterSpec(
         "wheel_radius",
         0.0,
-        "Wheel radius, m; required if the command is an acceleration.",
+        "Wheel radius, m; required if the command is an acceleration, or odometry wheel speeds.",
         0.0,
         10.0,
+    ),
+    ParameterSpec(
+        "odometry_type",
+        "odometry",
+        "Type of the odometry messages: odometry (nav_msgs/Odometry), wheel_joints (JointState), "
+        "wheel_speed (TwistStamped about the y axis), ground_velocity (TwistStamped of a GPS "
+        "receiver).",
+        choices=tuple(ODOMETRY_TYPES),
+    ),
+    ParameterSpec(
+        "wheel_joints",
+        ["rear_left", "rear_right"],
+        "Joints of odometry_type wheel_joints whose mean velocity counts: wheels that neither "
+        "steer nor drive, if there are such.",
+    ),
+    ParameterSpec(
+        "sideslip",
+        [0.0, 0.0],
+        "Where v_y is not measured: distance from the centre of gravity to the rear axle, m, and "
+        "rear slip angle per lateral acceleration, rad s²/m, with which it is estimated; zeros: "
+        "it is not. An estimate is never scored.",
+        0.0,
+        20.0,
     ),
     ParameterSpec(
         "odometry_timeout_s",

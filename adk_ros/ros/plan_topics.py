@@ -70,7 +70,7 @@ class PlanTopics:
     def _publish_path(self, prediction: Prediction) -> None:
         """Publish the poses of odometry's frame of the vehicle along the horizon."""
         message = self.odometry
-        if message is None:
+        if message is None or not hasattr(message, "pose"):
             return
         start = np.array(pose_of(message))
         if not np.isfinite(start).all():

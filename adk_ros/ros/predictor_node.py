@@ -14,7 +14,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TwistWithCovarianceStamped
-from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -59,6 +58,7 @@ from adk_ros.signals.channels import TICK_NS, Source
 from adk_ros.signals.commands import COMMAND_TYPES
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.signals.frames import published_frame
+from adk_ros.signals.velocity_messages import ODOMETRY_TYPES
 
 NODE_NAME = "predictor"
 INPUT_DEPTH = 200
@@ -97,7 +97,11 @@ class PredictorNode:
         )
         kind = COMMAND_TYPES[self.values["command_type"]]
         needed_by = f"command_type '{self.values['command_type']}'"
-        classes = {Source.COMMAND: message_class(kind.msgtype, needed_by)}
+        velocity = ODOMETRY_TYPES[self.values["odometry_type"]]
+        classes = {
+            Source.ODOMETRY: message_class(velocity.msgtype, "odometry_type"),
+            Source.COMMAND: message_class(kind.msgtype, needed_by),
+        }
         if kind.steering_msgtype is not None:
             classes[Source.STEERING] = message_class(kind.steering_msgtype, needed_by)
         with reporting_start(lambda text: self._publish_status(Level.OK, text, [])):
@@ -145,7 +149,7 @@ class PredictorNode:
             time.monotonic(),
             TrainingRange.from_json(self._training.get("range")),
         )
-        self._types = {Source.ODOMETRY: "nav_msgs/msg/Odometry", Source.COMMAND: kind.msgtype}
+        self._types = {Source.ODOMETRY: velocity.msgtype, Source.COMMAND: kind.msgtype}
         self._begin_s, self._waited = time.monotonic(), False
         self._logged_level = Level.OK
         self._logged_imu = False
@@ -181,7 +185,7 @@ class PredictorNode:
         node.create_timer(period_s, self._on_diagnostics, clock=steady)
 
     def _create_inputs(self, classes: dict[Source, Any]) -> dict[Source, Any]:
-        kinds = {Source.IMU: Imu, Source.ODOMETRY: Odometry} | classes
+        kinds = {Source.IMU: Imu} | classes
         if self.values["use_imu"] == "never":
             del kinds[Source.IMU]
         return {

@@ -32,7 +32,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
-from adk_ros.bags import IMU_TYPE, ODOMETRY_TYPE
+from adk_ros.bags import IMU_TYPE
 from adk_ros.errors import AdkError, UsageError
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
@@ -51,6 +51,7 @@ from adk_ros.signals.commands import COMMAND_TYPES
 from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
 from adk_ros.signals.extrinsics import frame_of
 from adk_ros.signals.frames import pose_of
+from adk_ros.signals.velocity_messages import ODOMETRY_TYPES
 
 NODE_NAME = "watch"
 DIAGNOSTIC_NAME = ": watch"
@@ -113,7 +114,7 @@ class WatchNode:
             )
         types = {
             Source.IMU: IMU_TYPE,
-            Source.ODOMETRY: ODOMETRY_TYPE,
+            Source.ODOMETRY: ODOMETRY_TYPES[options.sensors.odometry_type].msgtype,
             Source.COMMAND: kind.msgtype,
         }
         self._classes = {s: message_class(t, "the watch") for s, t in types.items()}

@@ -121,6 +121,7 @@ class Record:
     non-causal (two-sided) reference measurement: interpolated between the readings on both sides
     of the tick, NaN where the gap is too wide. Predictions start from `x`; they are scored, and
     networks trained, against `x_ref`. `episode` (n,) numbers the segments without a gap.
+    `estimated`: states that are estimates, not measurements; they are never scored.
     """
 
     stamp_ns: IntArray
@@ -131,6 +132,7 @@ class Record:
     x_ref: FloatArray
     episode: IntArray
     name: str = ""
+    estimated: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return int(self.stamp_ns.shape[0])
@@ -142,9 +144,10 @@ class Record:
 
     @property
     def measured(self) -> BoolArray:
-        """Whether each state is measured (3,): its reference is not constant."""
+        """Whether each state is measured (3,): no estimate, and its reference not constant."""
         known = self.x_ref[np.isfinite(self.x_ref).all(axis=1)]
-        return np.asarray(np.ptp(known, axis=0) > 0.0) if len(known) else np.ones(3, dtype=bool)
+        varies = np.ptp(known, axis=0) > 0.0 if len(known) else np.ones(3, dtype=bool)
+        return np.asarray(varies & ~np.isin(STATE_NAMES, self.estimated))
 
     @property
     def duration_s(self) -> float:
@@ -162,4 +165,5 @@ class Record:
             self.x_ref[keep],
             self.episode[keep],
             self.name,
+            self.estimated,
         )

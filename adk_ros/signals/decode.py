@@ -19,6 +19,11 @@ from adk_ros.errors import UsageError
 from adk_ros.signals.channels import Reading, Source
 from adk_ros.signals.commands import COMMAND_TYPES, RefusedMessage, steering_report
 from adk_ros.signals.frames import LeverArm, rotation, shift_velocity
+from adk_ros.signals.velocity_messages import (
+    ODOMETRY,
+    ODOMETRY_TYPES,
+    estimated_lateral_velocity,
+)
 
 MAX_SPEED = 150.0
 """m/s; a larger velocity is a faulty message: above the top speed of road and race cars."""
@@ -53,6 +58,11 @@ class SensorConfig:
     road-wheel angle: 1 if the joint is the road wheel. `mass` (kg) and `wheel_radius` (m) are
     required if the command is an acceleration instead of a torque.
 
+    `odometry_type`: key of `velocity_messages.ODOMETRY_TYPES`; wheel speeds need `wheel_radius`,
+    joints of wheels also their names, `wheel_joints`. `sideslip`: where v_y is not measured, the
+    distance from the centre of gravity to the rear axle (m) and the rear slip angle per lateral
+    acceleration (rad s²/m), with which it is estimated; both zero: it is not.
+
     :raises UsageError: a value is not usable, or values contradict each other.
     """
 
@@ -66,6 +76,9 @@ class SensorConfig:
     use_tf: bool = True
     mass: float = 0.0
     wheel_radius: float = 0.0
+    odometry_type: str = ODOMETRY
+    wheel_joints: tuple[str, ...] = ("rear_left", "rear_right")
+    sideslip: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.command_type not in COMMAND_TYPES:
@@ -78,6 +91,7 @@ class SensorConfig:
             *self.reference_point,
             *self.imu_position,
             *self.imu_rotation,
+            *self.sideslip,
             self.mass,
             self.wheel_radius,
         )
@@ -95,6 +109,20 @@ class SensorConfig:
                 f"command_type '{self.command_type}' carries an acceleration: "
                 "set mass and wheel_radius so that a torque can be inferred from it"
             )
+        self._check_odometry()
+
+    def _check_odometry(self) -> None:
+        name = self.odometry_type
+        if name not in ODOMETRY_TYPES:
+            raise UsageError(
+                f"odometry_type '{name}' is unknown: choose one of {', '.join(ODOMETRY_TYPES)}"
+            )
+        if ODOMETRY_TYPES[name].needs_radius and not self.wheel_radius > 0.0:
+            raise UsageError(f"odometry_type '{name}' carries wheel speeds: set wheel_radius")
+        if name == "wheel_joints" and not self.wheel_joints:
+            raise UsageError(
+                f"odometry_type '{name}': name the joints of the wheels in wheel_joints"
+            )
 
 
 class Decoder:
@@ -110,7 +138,13 @@ class Decoder:
         self.refused: Counter[tuple[Source, str]] = Counter()
         self.latest_ns: int | None = None
         """Stamp of the latest message, refused or not; None if it has none."""
+        self.unmeasured_v_y = self.odometry_count = 0
+        """Readings of odometry in which v_y is marked as not measured or estimated; all."""
         command = COMMAND_TYPES[self.config.command_type].decode
+        self._velocity = ODOMETRY_TYPES[self.config.odometry_type].decode
+        self._is_odometry = self.config.odometry_type == ODOMETRY
+        self._estimates_v_y = any(self.config.sideslip)
+        self._gyro = 0.0
         self._values: tuple[Callable[[int, Any], tuple[float, ...]], ...] = (
             self._imu,
             self._odometry,
@@ -154,12 +188,23 @@ class Decoder:
             raise RefusedMessage(reason) from error
         return Reading(source, stamp_ns, values, variances)
 
+    @property
+    def measures_v_y(self) -> bool:
+        """Whether a message of odometry measured v_y, as far as the messages say so."""
+        return self.unmeasured_v_y < self.odometry_count or not self.odometry_count
+
     def _variances(self, source: Source, msg: Any) -> tuple[float, ...] | None:
         """Return the variances (3,) that a message of IMU or odometry reports, if any."""
         # All zero means unknown, and so do the large values that mark an axis as not measured.
         if source is _ODOMETRY:
+            self.odometry_count += 1
+            if not self._is_odometry:
+                self.unmeasured_v_y += 1
+                return None
             covariance = msg.twist.covariance
             x = float(covariance[0])
+            if self._estimates_v_y or float(covariance[7]) >= MAX_VARIANCE:
+                self.unmeasured_v_y += 1
             if not 0.0 < x < MAX_VARIANCE:
                 return None
             y, z = float(covariance[7]), float(covariance[35])
@@ -188,6 +233,7 @@ class Decoder:
             raise RefusedMessage("the IMU reports no angular velocity")
         if not abs(yaw_rate) <= _MAX_GYRO_RATE:
             raise RefusedMessage(f"yaw rate is not finite or above {_MAX_GYRO_RATE:g} rad/s")
+        self._gyro = yaw_rate
         if msg.linear_acceleration_covariance[0] == -1.0:
             return math.nan, math.nan, yaw_rate
         if not (abs(a_x) <= MAX_FORCE and abs(a_y) <= MAX_FORCE):
@@ -197,12 +243,17 @@ class Decoder:
         return a_x, a_y, yaw_rate
 
     def _odometry(self, _: int, msg: Any) -> tuple[float, float, float]:
-        twist = msg.twist.twist
-        v_x, v_y, yaw_rate = float(twist.linear.x), float(twist.linear.y), float(twist.angular.z)
+        v_x, v_y, yaw_rate = self._velocity(msg, self.config)
+        if not self._is_odometry:
+            # The yaw rate is that of the gyro's latest message; at the reference point.
+            yaw_rate = self._gyro
+            v_x, v_y = v_x - yaw_rate * self.config.reference_point[1], 0.0
         if not (abs(v_x) <= MAX_SPEED and abs(v_y) <= MAX_SPEED):
             raise RefusedMessage(f"velocity is not finite or above {MAX_SPEED:g} m/s")
         if not abs(yaw_rate) <= MAX_YAW_RATE:
             raise RefusedMessage(f"yaw rate is not finite or above {MAX_YAW_RATE:g} rad/s")
-        if self._is_shifted:
+        if self._is_shifted and self._is_odometry:
             v_x, v_y = shift_velocity(v_x, v_y, yaw_rate, *self.config.reference_point)
+        if self._estimates_v_y:
+            v_y = estimated_lateral_velocity(v_x, yaw_rate, *self.config.sideslip)
         return v_x, v_y, yaw_rate

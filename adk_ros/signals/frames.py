@@ -50,7 +50,9 @@ def rotation(roll: float, pitch: float, yaw: float) -> FloatArray:
 
 
 def pose_of(msg: Any) -> tuple[float, float, float]:
-    """Return x, y (m) and heading (rad) of an odometry message."""
+    """Return x, y (m) and heading (rad) of an odometry message; zeros of one without a pose."""
+    if not hasattr(msg, "pose"):
+        return 0.0, 0.0, 0.0
     position, q = msg.pose.pose.position, msg.pose.pose.orientation
     heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
     return float(position.x), float(position.y), heading

@@ -33,6 +33,9 @@ def message_warnings(
     :param frame_id: frame of the predictions; empty: not compared.
     :param is_shifted: predictions are of another point than odometry's (`reference_point`).
     """
+    if source is Source.ODOMETRY and not hasattr(msg, "child_frame_id"):
+        # Wheel speeds or a velocity over ground (`velocity_messages`).
+        return []
     if source is Source.ODOMETRY:
         return _odometry_frames(msg, frame_id, is_shifted) + _variances(
             "odometry", "twist", msg.twist.covariance, _ODOMETRY_VARIANCES

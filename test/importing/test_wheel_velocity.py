@@ -253,3 +253,35 @@ def test_a_missing_velocity_names_what_would_give_it(tmp_path: Path) -> None:
     table().to_csv(path, index=False)
     recording = read_channels([path], checked_map("m", bus_map()), "m", [])
     assert any("computed: {v_x: {from: wheel_speeds}}" in line for line in recording.notes)
+
+
+def test_v_y_is_estimated_from_v_x_and_yaw_rate_and_marked(tmp_path: Path) -> None:
+    sideslip = {"cg_to_rear_axle": 1.4, "slip_per_acceleration": 0.004}
+    velocity = {"from": "wheel_speeds", "wheels": "rear", "wheel_radius": RADIUS}
+    frame = table()
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    content = bus_map(v_x=velocity, v_y=sideslip)
+    imported_as = import_recording(tmp_path / "a.csv", content, tmp_path / "bag")
+    assert any("v_y is estimated" in line for line in imported_as.notes)
+    recording = read_recording(tmp_path / "bag")
+    assert recording.record.measured.tolist() == [True, False, True]
+    at = (recording.record.stamp_ns - recording.record.stamp_ns[0]) * 1e-9
+    v_y, truth = recording.record.x_ref[:, 1], np.interp(at, frame["t"], town().x[:, 1])
+    known = np.isfinite(v_y)
+    # The slip of this car's rear tyres is not known: the sign and the size are right.
+    assert np.corrcoef(v_y[known], truth[known])[0, 1] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("without", "computed", "text"),
+    [
+        (("yaw_rate",), {"v_x": {"from": "gps"}}, "computed.v_y: needs channels.yaw_rate"),
+        ((), {}, "computed.v_y: needs v_x, in channels or computed"),
+    ],
+)
+def test_an_estimate_of_v_y_needs_v_x_and_yaw_rate(
+    without: tuple[str, ...], computed: dict[str, object], text: str
+) -> None:
+    content = bus_map(*without, **computed, v_y={"cg_to_rear_axle": 1.4})
+    with pytest.raises(UsageError, match=text):
+        checked_map("m", content)

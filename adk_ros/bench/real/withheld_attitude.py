@@ -4,17 +4,23 @@
 Withhold the attitude of an inertial navigation system, and require the slope of the road.
 
 The profile of grade and bank comes from specific force, velocity and yaw rate; the attitude, which
-a navigation system computes from the same IMU and a receiver, is the reference.
+a navigation system computes from the same IMU and a receiver, is the reference. What each is worth
+is the error of v_x after 1 s, integrated from specific force: without a slope, with the profile,
+and with the attitude.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 
+import numpy as np
+
 from adk_ros.calibration.check import check
-from adk_ros.calibration.criteria import MATERIAL
+from adk_ros.calibration.criteria import MATERIAL, STANDING_SPEED
 from adk_ros.calibration.from_bag import BagContent
-from adk_ros.calibration.road import attitude_comparison
+from adk_ros.calibration.road import attitude_comparison, recorded_drive
+from adk_ros.calibration.stream_checks import check_streams
+from adk_ros.road.open_loop import speed_error
 
 
 @dataclass(frozen=True)
@@ -23,7 +29,9 @@ class SlopeOutcome:
     A slope without the attitude, compared with it.
 
     `slope`: "grade" or "bank"; `correlation` and `scale` over the attitude's; `spread`: RMS of
-    the attitude, rad; `is_counted`: whether it changes by a material size.
+    the attitude, rad; `is_counted`: whether it changes by a material size. `v_x_error`: RMS error
+    of v_x after 1 s, m/s, without a slope, with the attitude withheld, and with it used; empty for
+    the bank.
     """
 
     vehicle: str
@@ -33,6 +41,7 @@ class SlopeOutcome:
     scale: float
     spread: float
     is_counted: bool
+    v_x_error: tuple[float, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Return the outcome for JSON."""
@@ -48,6 +57,10 @@ def slope_outcomes(vehicle: str, recording: str, content: BagContent) -> list[Sl
     profile = check(withheld).road
     if profile is None:
         return []
+    drive = recorded_drive(content.streams, check_streams(content.streams).unusable)
+    angles = -np.interp(profile.at_s, attitude.at_s, attitude["pitch"])
+    none, found = speed_error(drive, profile.at_s, profile.grade.value, STANDING_SPEED)
+    _, used = speed_error(drive, profile.at_s, angles, STANDING_SPEED)
     return [
         SlopeOutcome(
             vehicle,
@@ -57,6 +70,7 @@ def slope_outcomes(vehicle: str, recording: str, content: BagContent) -> list[Sl
             scale,
             spread,
             spread >= MATERIAL[f"road_{name}"].size,
+            (none, found, used) if name == "grade" else (),
         )
         for name, correlation, scale, spread in attitude_comparison(profile, attitude)
     ]

@@ -21,6 +21,7 @@ from adk_ros.mismatch.library.features import feature_matrix
 from adk_ros.mismatch.library.parametric_features import has_memory, has_unlimited_memory
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.command_integrals import integrate_commands
+from adk_ros.mismatch.surrogate.measured_slopes import slope_terms
 from adk_ros.mismatch.surrogate.run_inputs import (
     ActiveTerms,
     RunBuffers,
@@ -78,7 +79,9 @@ class OpenLoopPredictor:
         end_s = float(max(log.odometry_s[-1], log.command_s[-1])) + 1.0
         self.commands = integrate_commands(log.command_s, log.command, end_s)
         self.parameters = model.vector_with_terms()
-        self.position_terms = PositionTerms(model)
+        self._road = log.road
+        measured = () if log.road is None else log.road.entries
+        self.position_terms = PositionTerms(model, measured)
         self.features, self.coefficients = model.feature_coefficients()
         # What is not measured follows from the rest.
         self._gains = ASSIMILATION_GAINS * [1.0, float(log.measures_v_y), 1.0]
@@ -139,7 +142,7 @@ class OpenLoopPredictor:
             inputs = open_loop_inputs(
                 self.commands, self._since_first_command(now), STEP_S, n, extra
             )
-            run = self._run(state.copy(), self.position_terms.along(distances, poses), inputs)
+            run = self._run(state.copy(), self._terms(distances, poses, now), inputs)
             distances = [s + np.cumsum(run.output[V_X]) * STEP_S for s in at_start]
             poses = run.end_states[:-1, E_X:]
             if self.features:
@@ -159,7 +162,7 @@ class OpenLoopPredictor:
             for s in self._distances_at(now)
         ]
         poses = self._poses_until(np.asarray(now + STEP_S * np.arange(1, n + 1)))
-        terms = self.position_terms.along(distances, poses)
+        terms = self._terms(distances, poses, now)
         inputs = RunInputs(
             self.commands,
             self._since_first_command(now),
@@ -176,6 +179,14 @@ class OpenLoopPredictor:
             run = self._run(before, terms, inputs._replace(extra=extra))
             self._remember(self._signals(run.output, now))
         return run.state
+
+    def _terms(self, distances: list[FloatArray], poses: FloatArray, now: float) -> ActiveTerms:
+        """Return the terms along a run from `now`: of positions, and the measured slopes."""
+        terms = self.position_terms.along(distances, poses)
+        if self._road is None:
+            return terms
+        at_s = np.asarray(now + STEP_S * (np.arange(poses.shape[0]) + 0.5))
+        return terms.merged_with(slope_terms(self._road, at_s))
 
     def _run(self, state: FloatArray, terms: ActiveTerms, inputs: RunInputs) -> RunBuffers:
         """Run from `state`, which is advanced in place."""

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
@@ -25,11 +27,13 @@ class PositionTerms:
     Row 0 of the activations is one throughout.
     """
 
-    def __init__(self, model: SurrogateFile) -> None:
+    def __init__(self, model: SurrogateFile, measured: Sequence[str] = ()) -> None:
+        """`measured`: slopes of the road that the recording itself knows."""
         local = [term for term in model.terms if term.where.kind == "place"]
         self._places = [term.where for term in local]
         self._lines = [np.array(place.line) for place in self._places]
-        self._road = model.road()
+        road = model.road()
+        self._road = None if road is None else road.without(measured)
         base = model.vector()
         entries, amounts, rows = [], [], []
         for term in local:

@@ -10,7 +10,7 @@ report's `simulation.yaml`) is used as it is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -175,7 +175,7 @@ def sensor_log_of(drive: SimulatedDrive) -> SensorLog:
     odometry = values[Source.ODOMETRY]
     pose = odometry[:, 3:6].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
-    return SensorLog(
+    log = SensorLog(
         drive.name,
         float(_seconds(drive.stamp_ns)[-1]),
         stamps[Source.IMU],
@@ -186,6 +186,10 @@ def sensor_log_of(drive: SimulatedDrive) -> SensorLog:
         stamps[Source.COMMAND],
         values[Source.COMMAND],
     )
+    if drive.attitude is None:
+        return log
+    stamps_s = _seconds(drive.attitude.stamp_ns)
+    return replace(log, attitude_s=stamps_s, attitude=drive.attitude.values)
 
 
 def _seconds(stamp_ns: IntArray) -> FloatArray:

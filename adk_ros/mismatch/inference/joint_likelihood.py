@@ -50,7 +50,7 @@ class JointLikelihood(Likelihood):
             surrogate.parameters,
             _weights(parts),
             first.filters,
-            surrogate.weak_directions,
+            first.weak_directions,
             surrogate.fixed_terms(problem),
             np.mean([part.surrogate_error_share for part in parts], axis=0),
             np.concatenate([part.systematic_error for part in parts], axis=1),

@@ -36,6 +36,7 @@ from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW
 from adk_ros.mismatch.surrogate.error_autocovariance import MAX_LAG
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.measured_slopes import slope_error_autocovariance
 from adk_ros.mismatch.surrogate.passed_noise import passed_noise_autocovariance
 from adk_ros.mismatch.surrogate.residuals import (
     DISTANCE_INTERVAL_S,
@@ -95,7 +96,10 @@ class Likelihood:
     """(6, bins) one over the noise of a bin; zero where it does not count."""
     filters: FloatArray
     weak_directions: FloatArray
-    """(k, SIZE) directions that the simulation determines poorly, one standard deviation long."""
+    """
+    (k, SIZE) directions that the simulation determines poorly, one standard deviation long; the
+    last are the levels of slopes that the recording measures.
+    """
     fixed_terms: ActiveTerms
     """Parameter changes of the surrogate that vary along this recording: road, formula."""
     surrogate_error_share: FloatArray
@@ -131,13 +135,17 @@ class Likelihood:
         passed = np.zeros((N_CHANNELS, MAX_LAG + 1))
         if is_noisy:
             passed = passed_noise_autocovariance(problem, surrogate.parameters, terms)
+        weak_directions, road = surrogate.weak_directions, problem.log.road
+        if road is not None:
+            passed += slope_error_autocovariance(problem, surrogate.parameters, terms)
+            weak_directions = np.vstack([weak_directions, road.level_directions()])
         filters, shares = prediction_error_filters(surrogate, problem.bin_noise, passed)
         return cls(
             problem,
             surrogate.parameters,
             weights,
             filters,
-            surrogate.weak_directions,
+            weak_directions,
             terms,
             shares,
             surrogate.systematic_error(problem),

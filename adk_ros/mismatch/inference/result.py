@@ -20,6 +20,7 @@ from adk_ros.mismatch.inference.steady_state import SteadyState
 from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.library.sensitivity import Decisions
 from adk_ros.mismatch.recording.direct_comparison import DirectComparison
+from adk_ros.mismatch.recording.measured_road import MeasuredRoad
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.numerics.arrays import FloatArray
 
@@ -274,5 +275,7 @@ class MismatchResult:
     """The comparison of several recordings; None for one."""
     scope: list[Scope] = field(default_factory=list)
     """What the channels allow to predict, judge and calibrate, and why not more."""
+    road: MeasuredRoad | None = None
+    """Slopes of the recordings' road by their attitude; None where it is not used."""
     decisions: dict[str, Decisions] = field(default_factory=dict)
     """By criterion, the decisions that half or double of its value would change."""

@@ -22,7 +22,8 @@ def without_dead_channels(log: SensorLog) -> tuple[SensorLog, list[str]]:
     """
     Return a recording without the channels that are constant, and a line for each.
 
-    An IMU with one constant channel is left out as a whole. A constant v_y counts as not measured;
+    An IMU with one constant channel is left out as a whole. A constant v_y counts as not measured,
+    and so does an estimated one;
     constant commands stay, see `inference.observability`.
     """
     lines = []
@@ -35,7 +36,7 @@ def without_dead_channels(log: SensorLog) -> tuple[SensorLog, list[str]]:
                 )
                 log = replace(log, imu_s=np.empty(0), imu=np.empty((0, 3)))
                 break
-    if np.ptp(log.odometry[:, 1]) == 0.0:
+    if np.ptp(log.odometry[:, 1]) == 0.0 or not log.measures_v_y:
         odometry = log.odometry.copy()
         odometry[:, 1] = 0.0
         log = replace(log, odometry=odometry, measures_v_y=False)

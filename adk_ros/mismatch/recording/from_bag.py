@@ -11,12 +11,14 @@ import numpy as np
 
 from adk_ros.bags import Bag
 from adk_ros.bags.recording import Progress, RecordingOptions, RecordingReader
+from adk_ros.calibration.attitude import attitude_of, attitude_row
 from adk_ros.errors import DataError
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STANDARD_SOURCES, Source
 from adk_ros.signals.commands import COMMAND_TYPES, is_torque_estimated
-from adk_ros.signals.frames import pose_of
+from adk_ros.signals.decode import SensorConfig
+from adk_ros.signals.frames import pose_of, rotation
 
 _MIN_MESSAGES = 10
 """Usable messages that each required stream must have: enough to estimate its rate and noise."""
@@ -43,6 +45,7 @@ def read_sensor_log(
     stamps: dict[Source, list[int]] = {source: [] for source in Source}
     rows: dict[Source, list[tuple[float, ...]]] = {source: [] for source in Source}
     poses: list[tuple[float, float, float]] = []
+    attitudes: dict[Source, list[list[float]]] = {Source.IMU: [], Source.ODOMETRY: []}
     is_inferred = COMMAND_TYPES[options.sensors.command_type].inferred_torque
     with Bag(path) as bag:
         reader = RecordingReader(bag, options, progress)
@@ -53,6 +56,8 @@ def read_sensor_log(
                 "odometry alone with --without-imu"
             )
         for reading, msg in reader.readings_with_messages():
+            if reading.source in attitudes and _has_attitude(msg):
+                attitudes[reading.source].append(attitude_row(msg))
             stamps[reading.source].append(reading.stamp_ns)
             rows[reading.source].append(reading.values)
             if reading.source is Source.ODOMETRY:
@@ -61,6 +66,7 @@ def read_sensor_log(
                 is_inferred = is_inferred or is_torque_estimated(msg)
         start_ns = bag.start_ns
         warnings = tuple(reader.warnings())
+        measures_v_y, sensors = reader.measures_v_y, reader.sensors
     for source in STANDARD_SOURCES:
         if len(stamps[source]) < _MIN_MESSAGES and (source is not Source.IMU or needs_imu):
             reasons = "; ".join(reader.refusals(source))
@@ -79,6 +85,7 @@ def read_sensor_log(
     pose[:, 2] = np.unwrap(pose[:, 2])
     if not np.isfinite(imu_values).all():
         raise DataError(f"bag {path}: {reader.topics.imu} reports no accelerations")
+    attitude_s, attitude = _attitude(attitudes, sensors, start_ns)
     duration = max(odometry_s[-1], command_s[-1], *imu_s[-1:])
     return SensorLog(
         name=Path(path).name,
@@ -94,7 +101,30 @@ def read_sensor_log(
         torque_is_inferred=is_inferred,
         warnings=warnings,
         extrinsics=reader.extrinsics,
+        measures_v_y=measures_v_y,
+        attitude_s=attitude_s,
+        attitude=attitude,
     )
+
+
+def _has_attitude(msg: Any) -> bool:
+    return hasattr(msg, "orientation") or hasattr(msg, "pose")
+
+
+def _attitude(
+    rows: dict[Source, list[list[float]]], sensors: SensorConfig, start_ns: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return roll and pitch (a, 2) by the IMU, else by odometry, at times (a,); empty without."""
+    mountings = {Source.IMU: rotation(*sensors.imu_rotation), Source.ODOMETRY: np.eye(3)}
+    for source, mounting in mountings.items():
+        table = np.array(rows[source], dtype=np.float64)
+        if table.shape[0] < _MIN_MESSAGES or not np.isfinite(table).all(axis=1).any():
+            continue
+        table = table[np.unique(table[:, 0], return_index=True)[1]]
+        found = attitude_of(table[:, 0] - 1e-9 * start_ns, table[:, 1:], mounting)
+        if found is not None:
+            return found.at_s, np.column_stack([found["roll"], found["pitch"]])
+    return np.empty(0), np.empty((0, 2))
 
 
 def _by_time(stamps: list[int], rows: list[Any], start_ns: int) -> tuple[FloatArray, FloatArray]:

@@ -11,6 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from adk_ros.errors import DataError
+from adk_ros.mismatch.recording.measured_road import joined_roads
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
 
@@ -47,6 +48,8 @@ def shifted(log: SensorLog, by_s: float) -> SensorLog:
         imu_s=log.imu_s + by_s,
         odometry_s=log.odometry_s + by_s,
         command_s=log.command_s + by_s,
+        attitude_s=log.attitude_s + by_s,
+        road=None if log.road is None else log.road.shifted(by_s),
     )
 
 
@@ -78,4 +81,7 @@ def concatenated(logs: Sequence[SensorLog]) -> SensorLog:
         torque_is_inferred=any(log.torque_is_inferred for log in logs),
         warnings=tuple(line for log in logs for line in log.warnings),
         measures_v_y=all(log.measures_v_y for log in logs),
+        attitude_s=joined("attitude_s"),
+        attitude=joined("attitude"),
+        road=joined_roads([log.road for log in logs]),
     )

@@ -25,8 +25,12 @@ def recorded_scope(log: SensorLog) -> list[Scope]:
     if odometry is not None:
         pose = dict(zip(("x", "y", "heading"), log.pose.T, strict=True))
         odometry = odometry.having(**pose)
+        if not log.measures_v_y and odometry.has("v_y"):
+            # An estimate.
+            odometry = odometry.having(v_y=np.full(odometry.at_s.shape, np.nan))
     command = _stream("the command", log.command_s, {"torque": 0, "steering": 1}, log.command)
-    streams = Streams(log.name, log.duration_s, imu, odometry, command)
+    attitude = _stream("the attitude", log.attitude_s, {"roll": 0, "pitch": 1}, log.attitude)
+    streams = Streams(log.name, log.duration_s, imu, odometry, command, attitude=attitude)
     inferred = log.torque_is_inferred
     kind = next(key for key, x in COMMAND_TYPES.items() if x.inferred_torque == inferred)
     return scope_of_streams(streams, kind, log.similar(MIN_JUDGED_S))

@@ -9,10 +9,11 @@ specific force at the IMU, velocities are those of the centre of gravity.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from adk_ros.mismatch.recording.measured_road import MeasuredRoad
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.similarity import time_scale
 from adk_ros.signals.score import white_noise
@@ -55,6 +56,11 @@ class SensorLog:
     """Whether v_y is a measurement; if not, its values are zero and not compared with."""
     length_scale: float = 1.0
     """Scale of lengths of the vehicle: 1 if it is full-size (`numerics.similarity`)."""
+    attitude_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    attitude: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    """(a, 2) roll and pitch by an inertial navigation system at `attitude_s` (a,), rad."""
+    road: MeasuredRoad | None = None
+    """Grade and bank by that attitude, where they explain the motion (`mismatch.road_by_ins`)."""
 
     def similar(self, threshold: float) -> float:
         """Return a speed or a duration that is meant for a full-size car, for this vehicle."""

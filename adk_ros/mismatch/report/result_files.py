@@ -8,6 +8,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from adk_ros.files.output_folder import staged_folder
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.mismatch.inference.confidence import Evidence
@@ -18,6 +20,7 @@ from adk_ros.mismatch.inference.result import (
     MismatchResult,
 )
 from adk_ros.mismatch.library.effect import PLACE, TIME
+from adk_ros.mismatch.recording.measured_road import MeasuredRoad
 from adk_ros.mismatch.report.agreement_table import agreement_dict
 from adk_ros.mismatch.report.direct_table import direct_as_dicts
 from adk_ros.mismatch.report.json_values import json_number, json_parameters
@@ -133,6 +136,8 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         "not_judged": result.not_judged,
         "rows": [row.as_dict() for row in result.scope],
     }
+    if result.road is not None:
+        answer["measured_road"] = _measured_road(result.road)
     if result.unexplained is not None:
         unexplained = result.unexplained
         answer["unexplained"] = {
@@ -144,6 +149,22 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         if unexplained.meaning:
             answer["unexplained"]["meaning"] = unexplained.meaning
     return answer
+
+
+def _measured_road(road: MeasuredRoad) -> dict[str, dict[str, float | None]]:
+    """Return range, RMS and uncertainty of each slope of the road, rad."""
+    return {
+        name: {
+            "min": json_number(float(values.min())),
+            "max": json_number(float(values.max())),
+            "rms": json_number(float(np.sqrt(np.mean(values**2)))),
+            "error": json_number(float(np.sqrt(np.mean(errors**2)))),
+            "level_error": json_number(float(sigma)),
+        }
+        for name, values, errors, sigma in zip(
+            road.entries, road.values, road.errors, road.level_sigma, strict=True
+        )
+    }
 
 
 def _evidence(evidence: Evidence | None) -> dict[str, Any]:

@@ -76,7 +76,7 @@ from adk_ros.numerics.elementary import fast_sin
 from adk_ros.numerics.numba_cache import relaxed_kernel
 from adk_ros.numerics.similarity import FULL_SIZE_WHEELBASE, REFERENCE_WHEELBASE
 
-_MIN_BODY_GRADIENT = 1e-3
+MIN_BODY_GRADIENT = 1e-3
 """Least roll or pitch gradient of a sprung mass, rad s^2/m; below it the body counts as rigid."""
 _MIN_RELAXATION_LENGTH = 1e-4
 """Least relaxation length, m: avoids a division by zero."""
@@ -158,7 +158,7 @@ def integrate(
             delta += extra[k, 3]
         roll_rate = p[_ROLL_GRADIENT] * state[S_ROLL_RATE]
         # A change of grade accelerates a sprung mass vertically.
-        vertical = v_x0 * state[S_SLOPE_RATE] if p[_PITCH_GRADIENT] > _MIN_BODY_GRADIENT else 0.0
+        vertical = v_x0 * state[S_SLOPE_RATE] if p[_PITCH_GRADIENT] > MIN_BODY_GRADIENT else 0.0
         load_x = state[S_LOAD_X]
         load_y = state[S_LOAD_Y]
         share = p[_SUSPENSION_LOAD_SHARE]
@@ -192,9 +192,9 @@ def integrate(
         # An accelerometer on the body measures gravity by the body's angle to the road.
         lean_x = p[_PITCH_GRADIENT] * state[S_PITCH]
         lean_y = p[_ROLL_GRADIENT] * state[S_ROLL]
-        if p[_PITCH_GRADIENT] > _MIN_BODY_GRADIENT:
+        if p[_PITCH_GRADIENT] > MIN_BODY_GRADIENT:
             lean_x += state[S_SLOPE] - p[_GRADE]
-        if p[_ROLL_GRADIENT] > _MIN_BODY_GRADIENT:
+        if p[_ROLL_GRADIENT] > MIN_BODY_GRADIENT:
             lean_y += state[S_BANK] - p[_BANK]
         out[A_X, k] = a_x + GRAVITY * lean_x
         out[A_Y, k] = a_y + GRAVITY * lean_y

@@ -29,6 +29,7 @@ from adk_ros.mismatch.surrogate.acceleration_envelope import (
 )
 from adk_ros.mismatch.surrogate.error_autocovariance import ErrorAutocovariance
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm, active_terms_of
+from adk_ros.mismatch.surrogate.measured_slopes import slope_terms
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem
 from adk_ros.mismatch.surrogate.road_profile import RoadProfile
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
@@ -211,8 +212,17 @@ class SurrogateModel:
         return self.systematic.along(problem, out)
 
     def fixed_terms(self, problem: ResidualProblem) -> ActiveTerms:
-        """Return the terms of the simulator along a recording: road and feature terms."""
-        terms = problem.no_terms() if self.road is None else self.road.terms(problem)
+        """
+        Return the terms of the simulator along a recording: road and feature terms.
+
+        A slope that the recording measures takes the place of the simulated road's.
+        """
+        road, measured = self.road, problem.log.road
+        if road is not None and measured is not None:
+            road = road.without(measured.entries)
+        terms = problem.no_terms() if road is None else road.terms(problem)
+        if measured is not None:
+            terms = terms.merged_with(slope_terms(measured, problem.middle_s))
         if not self.feature_terms:
             return terms
         out = problem.run(self.parameters, terms)

@@ -358,7 +358,13 @@ def prepare_residual_problem(log: SensorLog, sigma: FloatArray | None = None) ->
 
 
 def _travelled_distances(middle: FloatArray, smoothed: FloatArray, pose: FloatArray) -> FloatArray:
-    """Return the distance travelled in each interval (w, 2): by pose, by velocity."""
+    """
+    Return the distance travelled in each interval (w, 2): by pose, by velocity.
+
+    None of a recording without positions.
+    """
+    if not np.ptp(pose[:, :2], axis=0).any():
+        return np.empty((0, 2))
     heading = savitzky_golay(pose[:, 2], STEP_S)
     stride = round(DISTANCE_INTERVAL_S / STEP_S)
     cuts = np.arange(0, middle.shape[0], stride)

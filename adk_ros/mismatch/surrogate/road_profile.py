@@ -10,7 +10,8 @@ road that is driven again in the same direction is the same place. Off the line 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -57,6 +58,14 @@ class RoadProfile:
     def index(self) -> IntArray:
         """Indices (e,) of the entries in the parameter vector."""
         return np.array([INDEX[name] for name in self.entries], dtype=np.int64)
+
+    def without(self, entries: Sequence[str]) -> RoadProfile | None:
+        """Return the profile without some entries; None if nothing is left."""
+        kept = [i for i, name in enumerate(self.entries) if name not in entries]
+        if not kept:
+            return None
+        names = tuple(self.entries[i] for i in kept)
+        return replace(self, entries=names, coefficients=self.coefficients[kept])
 
     def distances(self, poses: FloatArray) -> FloatArray:
         """Return the distance along the line (n,) of poses (n, 3), m; NaN off the line."""

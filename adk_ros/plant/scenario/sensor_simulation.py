@@ -10,6 +10,7 @@ import numpy as np
 
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.plant.environment.road import Route
+from adk_ros.plant.scenario.further_sensors import attitude_stream, wheel_stream
 from adk_ros.plant.scenario.run_setup import RunSetup
 from adk_ros.plant.scenario.scenario_file import Scenario
 from adk_ros.plant.scenario.sensors import (
@@ -67,6 +68,9 @@ class SimulatedDrive:
     wind: FloatArray
     commands: FloatArray
     command_step: IntArray
+    attitude: Stream | None = None
+    """Roll and pitch at the stamps of the IMU, if its sensors report them."""
+    wheels: Stream | None = None
 
     def truth(self) -> Record:
         """Return the truth as a record, as from perfect sensors on the grid."""
@@ -129,13 +133,18 @@ def simulate_sensors(
         rngs[2], sensors.odometry, at, _at(truth, at, columns)
     )
     streams[Source.COMMAND] = command_stream(rngs[3], sensors.command, given_ns, commands)
-    streams = {
-        source: Stream(stream.stamp_ns + START_NS, stream.log_ns + START_NS, stream.values)
-        for source, stream in streams.items()
-    }
+    grid = truth[::TICK]
+    attitude = wheels = None
+    if sensors.imu is not None and sensors.imu.attitude_noise is not None:
+        distance = grid[:, T_ARC_LENGTH]
+        attitude = attitude_stream(
+            setting.seed, sensors.imu, streams[Source.IMU], route, distance, states
+        )
+    if sensors.wheels is not None and states.size:
+        wheels = wheel_stream(setting.seed, sensors.wheels, seconds, states)
+    streams = {source: _dated(stream) for source, stream in streams.items()}
     readings, log_ns = _merge(streams)
 
-    grid = truth[::TICK]
     grid_ns = np.arange(grid.shape[0], dtype=np.int64) * TICK_NS
     # A command stamped on a tick acts from it on; command 0 acts from the start.
     acting = np.maximum(np.searchsorted(given_ns, grid_ns, side="right") - 1, 0)
@@ -159,4 +168,11 @@ def simulate_sensors(
         wind=setting.wind,
         commands=commands,
         command_step=np.maximum(setting.command_steps(), 0),
+        attitude=None if attitude is None else _dated(attitude),
+        wheels=None if wheels is None else _dated(wheels),
     )
+
+
+def _dated(stream: Stream) -> Stream:
+    """Return a stream whose times count from 1970."""
+    return Stream(stream.stamp_ns + START_NS, stream.log_ns + START_NS, stream.values)

@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Sensor models: three streams, each with its rate, delay, noise, bias, resolution and dropout.
+Sensor models: streams, each with its rate, delay, noise, bias, resolution and dropout.
 
 The IMU is at the centre of gravity and senses specific force: on a slope it includes the reaction
 of the road, gravity is not removed. Odometry reports pose, body velocities and yaw rate at the
@@ -34,7 +34,11 @@ class Timing(FileModel):
 
 
 class Imu(Timing):
-    """IMU: a_x, a_y, yaw rate. Noise: standard deviation; bias: reading at rest; SI units."""
+    """
+    IMU: a_x, a_y, yaw rate. Noise: standard deviation; bias: reading at rest; SI units.
+
+    With `attitude_noise` it is an inertial navigation system that reports roll and pitch as well.
+    """
 
     rate_hz: float = Field(default=200.0, gt=0.1, le=1000.0)
     phase_s: float = Field(default=0.0013, ge=0.0, le=10.0)
@@ -45,6 +49,18 @@ class Imu(Timing):
     bias_yaw_rate: float = 0.0
     accel_resolution: float = Field(default=2.0**-10, ge=0.0, le=10.0)
     gyro_resolution: float = Field(default=2.0**-14, ge=0.0, le=1.0)
+    attitude_noise: float | None = Field(default=None, ge=0.0, le=1.0)
+    bias_roll: float = Field(default=0.0, ge=-1.0, le=1.0)
+    bias_pitch: float = Field(default=0.0, ge=-1.0, le=1.0)
+
+
+class Wheels(Timing):
+    """Speeds of rotation of the four wheels, rad/s, by the pulses of their sensors."""
+
+    rate_hz: float = Field(default=50.0, gt=0.1, le=1000.0)
+    phase_s: float = Field(default=0.0043, ge=0.0, le=10.0)
+    speed_noise: float = Field(default=0.02, ge=0.0, le=1e3)
+    speed_resolution: float = Field(default=2.0**-8, ge=0.0, le=10.0)
 
 
 class Odometry(Timing):
@@ -80,28 +96,34 @@ class Command(Timing):
 
 
 class Sensors(FileModel):
-    """The three streams of a vehicle."""
+    """The streams of a vehicle; `wheels` only where a scenario names them."""
 
     imu: Imu | None = Imu()
     odometry: Odometry = Odometry()
     command: Command = Command()
+    wheels: Wheels | None = None
 
     def clean(self) -> Sensors:
         """Return sensors without noise, bias, rounding, dropout and jitter, of the same timing."""
-        imu = None if self.imu is None else self.imu.model_copy(update=_CLEAN_IMU)
+        imu, wheels = self.imu, self.wheels
+        if imu is not None:
+            attitude = {} if imu.attitude_noise is None else {"attitude_noise": 0.0}
+            imu = imu.model_copy(update=_CLEAN_IMU | attitude)
         return Sensors(
             imu=imu,
             odometry=self.odometry.model_copy(update=_CLEAN_ODOMETRY),
             command=self.command.model_copy(update=_CLEAN_COMMAND),
+            wheels=None if wheels is None else wheels.model_copy(update=_CLEAN_WHEELS),
         )
 
 
 def _zeros(model: type[Timing]) -> dict[str, float]:
-    keep = {"rate_hz", "phase_s", "delay_s"}
+    keep = {"rate_hz", "phase_s", "delay_s", "attitude_noise"}
     return {name: 0.0 for name in model.model_fields if name not in keep}
 
 
 _CLEAN_IMU, _CLEAN_ODOMETRY, _CLEAN_COMMAND = _zeros(Imu), _zeros(Odometry), _zeros(Command)
+_CLEAN_WHEELS = _zeros(Wheels)
 
 
 @dataclass(frozen=True)
@@ -110,7 +132,7 @@ class Stream:
     Messages of one sensor in the order of their stamps: `stamp_ns`, arrival `log_ns` (m,).
 
     `values` (m, k): IMU a_x, a_y, yaw rate; odometry v_x, v_y, yaw rate, x, y, heading; command
-    torque, delta.
+    torque, delta; attitude roll, pitch; wheels their speeds.
     """
 
     stamp_ns: IntArray

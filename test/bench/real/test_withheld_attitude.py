@@ -33,6 +33,8 @@ def test_the_profile_is_compared_with_the_attitude_that_it_did_not_see(
     grade = next(x for x in slope_outcomes("car", "drive", content) if x.slope == "grade")
     assert grade.correlation > 0.95
     assert grade.is_counted
+    none, withheld, used = grade.v_x_error
+    assert max(withheld, used) < 0.2 * none
 
 
 def test_without_an_attitude_there_is_nothing_to_compare_with() -> None:
