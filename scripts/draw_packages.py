@@ -20,8 +20,8 @@ from xml.sax.saxutils import escape
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "doc" / "packages.svg"
 ORDER = (
-    "cli", "bench", "fleet", "api", "ros", "exporting", "offline", "importing", "mismatch", "calibration",
-    "road",
+    "cli", "bench", "fleet", "api", "ros", "exporting", "offline", "importing", "mismatch",
+    "calibration", "road",
     "train", "model", "plant", "bags", "signals", "files", "numerics", "shutdown", "errors",
 )  # fmt: skip
 """From top to bottom."""
