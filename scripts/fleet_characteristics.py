@@ -27,6 +27,7 @@ PLANS = {
     "nothing, recordings differ": FleetPlan(tau=1.0),
     "nothing, both differ, 12 cars": FleetPlan(cars=12, recordings=60, tau=0.5, kappa=0.5),
     "shared 3.3": FleetPlan(injections=(_SHARED,)),
+    "well determined, 3.3": FleetPlan(deviation=0.3, injections=(_SHARED,)),
     "shared 3.3, recordings differ": FleetPlan(injections=(_SHARED,), tau=0.5),
     "shared, car, software": FleetPlan(
         cars=10, recordings=60, injections=(_SHARED, _CAR, _SOFTWARE)

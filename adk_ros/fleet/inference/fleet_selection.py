@@ -52,8 +52,8 @@ _PER_STEP = 24
 MIN_GAIN_PER_FLEET_EXCESS = 0.1
 """
 Least share of the unexplained loss that a claim saves in half of the recordings in which it
-acts: what the equation of a large effect leaves, linearised far from it, resembles other effects. A single
-analysis asks a quarter (`criteria.MIN_GAIN_PER_EXCESS`). By choice.
+acts: what the equation of a large effect leaves, linearised far from it, resembles other
+effects. A single analysis asks a quarter (`criteria.MIN_GAIN_PER_EXCESS`). By choice.
 """
 _LARGE_DEVIATION, _REFITTED = 0.5, 2
 """Deviation between cars, in materiality thresholds, that is fitted again with a candidate, and

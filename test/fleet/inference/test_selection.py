@@ -77,8 +77,9 @@ def test_levels_need_recordings_on_both_sides() -> None:
 def test_false_alarms_power_and_coverage() -> None:
     from adk_ros.fleet.inference.operating_characteristics import characteristics
 
-    plan = FleetPlan(effects=8, injections=(Injection("aero_drag.cda", Level(SHARED), 3.3),))
-    found = characteristics(plan, range(100, 130))
-    assert found.with_false_alarm <= 4
-    assert found.found >= 24
-    assert found.covered >= 0.8 * found.found
+    strong = Injection("aero_drag.cda", Level(SHARED), 3.3)
+    plan = FleetPlan(effects=6, deviation=0.3, injections=(strong,))
+    found = characteristics(plan, range(100, 112))
+    assert found.with_false_alarm <= 2
+    assert found.found >= 9
+    assert found.covered >= 0.7 * found.found
