@@ -162,7 +162,13 @@ def test_the_hash_of_the_inputs(tmp_path) -> None:
         ),
         (["index", "{d}", "--out", "{d}/fleet.csv"], "cannot be written"),
         (["index", "{d}", "--out", "{o}", "--tags", "{d}/no.csv"], "cannot be read"),
+        (["explain", "{d}", "--simulation", "{d}/no", "--out", "{o}"], "no does not exist"),
         (["mismatch", "{d}", "--simulation", "{d}/no", "--out", "{o}"], "no does not exist"),
+        (
+            ["mismatch", "{d}", "--simulation", "{d}", "--out", "{d}/fleet.csv"],
+            "fleet.csv cannot be written",
+        ),
+        (["compare", "{d}", "{d}", "--out", "{o}"], "has no result of 'adk fleet mismatch'"),
         (["replay", "{d}", "--model", "{d}/no", "--out", "{o}"], "no"),
         (["report", "{o}"], "no results of 'adk fleet'"),
     ],

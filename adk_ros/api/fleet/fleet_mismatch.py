@@ -84,7 +84,10 @@ def fleet_mismatch(
 
     out, options = Path(out), options or FleetOptions()
     found, tags = listed_recordings(recordings, options)
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        (out / REPORT).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
     path = _identified(Path(simulation), vehicle, found, out, without_imu, progress)
     known = FleetSimulation.load(path)
     stage = EvidenceStage(str(path), without_imu=without_imu)
@@ -103,10 +106,8 @@ def fleet_mismatch(
     if progress is not None:
         progress(0.0, 1.0, "combining the evidence")
     result = fleet_result(estimate, first)
-    report = out / REPORT
-    report.mkdir(exist_ok=True)
     page = write_fleet_page(
-        result, report, models=corrected_models(result, known.surrogate), failed=failed
+        result, out / REPORT, models=corrected_models(result, known.surrogate), failed=failed
     )
     return FleetMismatch(result, page, tuple(failed))
 
