@@ -68,7 +68,7 @@ def test_help_groups_the_verbs(capsys) -> None:
     assert verbs == {
         "Data": ["info", "import", "export", "check", "simulate", "play"],
         "Predict": ["train", "replay", "rollout", "echo", "demo"],
-        "Compare": ["mismatch", "detectable", "watch"],
+        "Compare": ["mismatch", "detectable", "watch", "fleet"],
         "Measure": ["bench"],
         "Install": ["compile"],
     }
