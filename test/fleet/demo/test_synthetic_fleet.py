@@ -62,9 +62,10 @@ def test_a_folder_has_bags_tags_and_truth(tmp_path: Path) -> None:
     plan = plan_fleet(3, SMALL)
     out = tmp_path / "fleet"
     write_fleet(plan, out)
-    rows = list(csv.DictReader((out / "fleet.csv").open()))
+    rows = list(csv.DictReader((out / "drives" / "fleet.csv").open()))
     assert [row["recording"] for row in rows] == [d.name for d in plan.drives]
-    assert {path.name for path in (out / "drives").iterdir()} == {d.name for d in plan.drives}
+    bags = {path.name for path in (out / "drives").iterdir() if path.is_dir()}
+    assert bags == {d.name for d in plan.drives}
     truth = json.loads((out / "truth.json").read_text())
     assert len(truth["damaged"]) == 5
     empty = next(name for name, how in truth["damaged"].items() if how == "empty")
