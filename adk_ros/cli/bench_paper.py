@@ -89,7 +89,7 @@ def paper(
     started = time.monotonic()
     from adk_ros.api.provenance import RunTimer
     from adk_ros.bench.paper.claims import counts
-    from adk_ros.bench.paper.paper_bench import check, run_paper
+    from adk_ros.bench.paper.paper_bench import check, effect_plan, run_paper
     from adk_ros.bench.paper.paper_page import PAGE
     from adk_ros.files.output_folder import check_output_folder, refuse_existing
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
@@ -97,7 +97,7 @@ def paper(
     timer = RunTimer()
     plan = _plan(quick, seeds, steps, epochs, recordings, peers, tuple(test or ()))
     if only_effect:
-        plan = plan.of_effect()
+        plan = effect_plan(plan)
     check(plan)
     if not 1 <= jobs <= 64:
         raise UsageError(f"--jobs is {jobs}: choose 1 to 64")

@@ -7,8 +7,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from adk_ros.bench.paper import cases
-from adk_ros.bench.paper.online_effect import default_settings, epochs_of, study
+from adk_ros.bench.paper.online_effect import epochs_of, study
 from adk_ros.bench.paper.training_jobs import BenchPlan, NoteProgress, Outcome, TrainingJob
+from adk_ros.model.adaptation.online_methods import RCOND
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.train.paper_training import fit_paper
 from adk_ros.train.train_settings import PaperSettings
@@ -19,14 +20,13 @@ def effect_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgre
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant, plan.drives)
     test = cases.record_of_test(folder, cases.NOMINAL, job.variant, plan.drives)
-    settings = PaperSettings(epochs=plan.paper_epochs, batch=plan.paper_batch)
+    default = (PaperSettings().window, RCOND)
 
     def fit(epochs: int, tell: NoteProgress) -> KoopmanModel:
         with outcome.clocked("training"):
             given = PaperSettings(epochs=epochs, batch=plan.paper_batch)
             return fit_paper([train], given, lambda step: tell(step.step / step.steps)).model
 
-    default = default_settings(settings.window)
     with outcome.clocked("predicting"):
         epochs = tuple(epochs_of(plan.paper_epochs))
         outcome.readings += study(fit, epochs, train, test, default, tell)

@@ -24,7 +24,7 @@ import numpy as np
 
 from adk_ros.bench.paper import cases
 from adk_ros.bench.paper.paper_results import effect
-from adk_ros.model.adaptation.online_methods import RCOND, OnlineSettings, PaperSWLS
+from adk_ros.model.adaptation.online_methods import OnlineSettings, PaperSWLS
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.channels import Record
@@ -193,11 +193,6 @@ def study(
                     )
                 )  # fmt: skip
     return result
-
-
-def default_settings(window: int) -> tuple[int, float]:
-    """Return window and cut of the predictor ALDK-SWLS of the tables."""
-    return window, RCOND
 
 
 def epochs_of(trained: int) -> Iterator[int]:

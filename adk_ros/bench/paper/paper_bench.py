@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,12 @@ class Result:
     seconds: float = 0.0
     settings: dict[str, str] = field(default_factory=dict)
     readings: list[Reading] = field(default_factory=list)
+
+
+def effect_plan(plan: BenchPlan) -> BenchPlan:
+    """Return the plan with the nominal drive and the job "effect" alone."""
+    others = tuple(kind for kind in KINDS if kind not in {"simulate", "effect"})
+    return replace(plan, tests=(NOMINAL,), left_out=others, recordings=(), peers=False)
 
 
 def check(plan: BenchPlan) -> None:

@@ -76,11 +76,6 @@ class BenchPlan:
     peers: bool = True
     recordings: tuple[Path, ...] = ()
 
-    def of_effect(self) -> BenchPlan:
-        """Return the plan with the nominal drive and the job "effect" alone."""
-        others = ("recording", "default", "aldk", "dk", "peers", "tuned", "floor", "naive")
-        return replace(self, tests=(cases.NOMINAL,), left_out=others, recordings=(), peers=False)
-
 
 @dataclass(frozen=True)
 class TrainingJob:

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("distributed")
-
 from adk_ros.api.fleet.evidence_stage import (
     EvidenceStage,
     evidence_row,
