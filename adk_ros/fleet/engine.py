@@ -30,7 +30,7 @@ _LOSSES = 2
 Times that a task which Dask has given up is submitted again.
 
 Dask counts the end of a worker against all tasks that it had, also those that it had not started;
-the work is in a process of its own, so a worker rarely ends because of it.
+the work is in a separate process, so a worker rarely ends because of it.
 """
 _WAKE_S = 0.5
 """Longest time without a look at the connection to the scheduler."""

@@ -61,7 +61,7 @@ def with_retries(uri: str, access: Callable[[], T], outage_s: float = OUTAGE_S) 
             return access()
         except (FileNotFoundError, PermissionError, NotADirectoryError, IsADirectoryError):
             raise
-        except Exception as error:  # each store has exceptions of its own
+        except Exception as error:  # each store raises other exceptions
             if isinstance(error, AdkError) or "://" not in uri or _is_local_fault(error):
                 raise
             if time.monotonic() + pause > deadline:

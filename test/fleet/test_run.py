@@ -162,7 +162,7 @@ if __name__ == "__main__":
 
 
 def driver(folder, *arguments):
-    """Start a driver in a process of its own."""
+    """Start a driver in a separate process."""
     script = folder / "driver.py"
     script.write_text(DRIVER)
     return subprocess.Popen(

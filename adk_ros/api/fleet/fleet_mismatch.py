@@ -154,7 +154,7 @@ def recording_tags(rows: Sequence[Row], tags: dict[str, Tags]) -> dict[str, Reco
     Return name of recording -> car, day and tags.
 
     The day counts from the first recording; without a time in fleet.csv that of the bag counts. A
-    recording without a vehicle is a car of its own.
+    recording without a vehicle counts as a separate car.
     """
     from adk_ros.fleet.inference.evidence import RECORDING
     from adk_ros.fleet.inference.fleet_evidence import RecordingTags

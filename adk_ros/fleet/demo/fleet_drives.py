@@ -96,7 +96,7 @@ class FleetDrives:
         return plan_route(segments, patches, self._styles[i], lateral, factor)
 
     def simulation(self) -> SensorLog:
-        """Return the simulation: the nominal car on a road of its own, without noise."""
+        """Return the simulation: the nominal car on a separate road, without noise."""
         i = self.plan.size.routes
         segments: list[Segment] = self._segments[i][0]
         route = plan_route(segments, [], self._styles[i], _LATERAL_SIMULATED)

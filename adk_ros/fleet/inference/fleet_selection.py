@@ -5,7 +5,7 @@ Forward selection of effects and levels over a fleet.
 
 Each step examines every parameter of every effect at every level:
 
-1. The gain of each candidate without deviations of its own between recordings and cars bounds its
+1. The gain of each candidate without variance components bounds its
    evidence from above; all levels of a parameter come from one linear problem.
 2. In the order of these gains, each candidate is fitted with its variance components. Its evidence
    is t^2 with the variance of the model; its significance is Student's t with the total variance
@@ -186,7 +186,7 @@ class Selection:
 
     def gains(self, model: FleetModel, effect: int) -> FloatArray:
         """
-        Return the evidence (levels,) of a parameter at each level without components of its own.
+        Return the evidence (levels,) of a parameter at each level without its variance components.
 
         Without them also where it is claimed already: deviations between cars contain what all
         cars share until that is claimed. Claimed levels have none left.

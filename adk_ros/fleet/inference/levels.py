@@ -112,6 +112,6 @@ def _is_usable(level: Level, fleet: FleetEvidence) -> bool:
 
 
 def same_recordings(fleet: FleetEvidence, level: Level, others: list[Level]) -> list[Level]:
-    """Return the levels that act in the same recordings, all of them alike, as `level`."""
+    """Return the levels with the same design as `level`."""
     z = level.design(fleet)
     return [other for other in others if other != level and np.allclose(other.design(fleet), z)]

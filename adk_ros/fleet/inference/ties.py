@@ -3,7 +3,7 @@
 """
 Ties of a claim: what else explains a fleet as well, and candidates that are not claimed.
 
-A candidate takes the place of a claim and is fitted with components of its own. With E the
+A candidate takes the place of a claim and is fitted with its variance components. With E the
 evidence (t^2 with the variance of the model), half its difference is a logarithm of odds. The
 surrogate's error, the same in all recordings, moves that difference: with V the variance and F the
 response of a size to a score b ~ N(0, B) of the simulation, by (size / V F - size' / V' F') b. The

@@ -41,7 +41,7 @@ def write_fleet_page(
     """
     Write `fleet.html`, `fleet.json`, figures and corrected models into a folder.
 
-    `links`: recording -> address of its own report; `models`: file name -> text
+    `links`: recording -> address of its report; `models`: file name -> text
     (`corrected_models`); `failed`: recordings without evidence, with the reason.
     """
     figures: dict[str, Any] = {}

@@ -10,7 +10,14 @@ from adk_ros.fleet.inference.fleet_result import Claim, FleetResult, NotClaimed,
 from adk_ros.fleet.inference.levels import CAR, CONDITION, SHARED
 from adk_ros.mismatch.report.vocabulary import listed, title, unit_text, with_titles
 
-CLAIM_HEADER = ["effect", "where", "size", "90 % interval", "between cars", "cannot be told from"]
+CLAIM_HEADER = [
+    "effect",
+    "where",
+    "size",
+    "90 % interval",
+    "between cars",
+    "indistinguishable from",
+]
 
 
 def claim_rows(claims: Sequence[Claim]) -> list[list[str]]:
