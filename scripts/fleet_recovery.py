@@ -12,11 +12,15 @@ from __future__ import annotations
 
 import argparse
 
+from adk_ros.errors import AdkError
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
 from adk_ros.fleet.demo.fleet_plan import FleetSize, plan_fleet
 from adk_ros.fleet.inference.analysis import analyse_fleet
+from adk_ros.fleet.inference.evidence import Row
+from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import RecordingTags
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
+from adk_ros.fleet.inference.recording_evidence import evidence_rows
 
 
 def main() -> None:
@@ -35,7 +39,20 @@ def main() -> None:
     typical = logs[plan.drives[0].name]
     simulation = FleetSimulation.identify(drives.simulation(), typical, drives.nominal)
     tags = {d.name: RecordingTags(d.car, d.day, d.tags) for d in plan.drives}
-    found = analyse_fleet(list(logs), logs.__getitem__, simulation, tags)
+
+    def evidence_at(estimate: FleetEstimate | None) -> tuple[list[Row], dict[str, str]]:
+        rows: list[Row] = []
+        failed: dict[str, str] = {}
+        local = [] if estimate is None else estimate.local_values()
+        for name in logs if estimate is None else estimate.fleet.names:
+            values = {} if estimate is None else estimate.values_of(name)
+            try:
+                rows += evidence_rows(logs[name], simulation, values, local, name=name)
+            except AdkError as error:
+                failed[name] = str(error)
+        return rows, failed
+
+    found = analyse_fleet(evidence_at, simulation, lambda rows: tags)
     print("injected:")
     for term in plan.terms:
         sizes = ", ".join(f"{k} {v:.4g}" for k, v in term.parameters.items())

@@ -20,7 +20,7 @@ from adk_ros.fleet.engine import Task, run_tasks
 from adk_ros.fleet.plan import Plan, Work, plan, unreadable_content
 from adk_ros.fleet.recordings import FleetRecording, content_hash, local_recording
 from adk_ros.fleet.run_lock import run_lock
-from adk_ros.fleet.stage import NamedStage, Stage
+from adk_ros.fleet.stage import Stage
 from adk_ros.fleet.stage_process import ENDS_RUN, Failure, Reply
 
 Progress = Callable[[float, float, str], None]
@@ -173,9 +173,7 @@ def _compute(
 def run_on_recording(stage: Stage, recording: FleetRecording) -> list[dict[str, Any]]:
     """Return the rows of a stage on one recording: what a stage process runs."""
     with local_recording(recording) as path:
-        if isinstance(stage, NamedStage):
-            return [checked_row(row) for row in stage.run_named(path, recording.name)]
-        return [checked_row(row) for row in stage.run(path)]
+        return [checked_row(row) for row in stage.run(path, recording.name)]
 
 
 def result_rows(stage: Stage, work: Work, reply: Reply) -> list[dict[str, Any]]:

@@ -27,21 +27,13 @@ class Stage(Protocol):
     def inputs_hash(self) -> str:
         """Hash of the inputs besides the recording."""
 
-    def run(self, path: Path) -> list[dict[str, Any]]:
+    def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """
         Return the findings of a recording, one row each, with columns of `dataset.FINDING`.
 
-        :param path: the recording on the local disk.
+        :param path: the recording on the local disk. :param recording: its name in the fleet.
         :raises AdkError: the recording is unusable; the text becomes the reason of its row.
         """
-
-
-@runtime_checkable
-class NamedStage(Stage, Protocol):
-    """A stage whose work depends on which recording of the fleet it is."""
-
-    def run_named(self, path: Path, recording: str) -> list[dict[str, Any]]:
-        """As `Stage.run`, for the recording of this name."""
 
 
 def result_key(content_hash: str, code_version: str, stage: Stage) -> str:

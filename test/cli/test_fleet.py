@@ -47,7 +47,7 @@ def filled(drives, out, stage):
     )
     for work in plan(stage, recordings, hashes, dataset).missing:
         reply = call(
-            lambda path: [checked_row(row) for row in stage.run(path)],
+            lambda path: [checked_row(row) for row in stage.run(path, path.name)],
             [drives / work.recordings[0].name],
         )
         dataset.append(stage.name, result_rows(stage, work, reply))
@@ -90,7 +90,7 @@ def test_a_newer_result_replaces_an_older_one(drives, tmp_path) -> None:
 
 def test_replay(tmp_path) -> None:
     stage = ReplayStage(str(small().path))
-    rows = [checked_row(row) for row in stage.run(bag())]
+    rows = [checked_row(row) for row in stage.run(bag(), "")]
     kinds = {row["kind"] for row in rows}
     assert {"error", "baseline", "surprise"} <= kinds
     errors = [row for row in rows if row["kind"] == "error"]

@@ -27,7 +27,7 @@ class TextStage:
     inputs_hash: str = "inputs"
     name: str = "text"
 
-    def run(self, path):
+    def run(self, path, recording):
         command, _, number = path.read_text().partition(" ")
         (Path(self.log) / f"{path.name}-{time.time_ns()}-{os.getpid()}").touch()
         time.sleep(self.nap_s)

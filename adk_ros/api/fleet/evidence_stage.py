@@ -43,11 +43,7 @@ class EvidenceStage:
         """Hash of the simulation and of the estimate."""
         return hash_of([file_hash(self.simulation), file_hash(self.point), self.without_imu])
 
-    def run(self, path: Path) -> list[dict[str, Any]]:
-        """Return the rows of a recording, of a fleet in which names are those of the folders."""
-        return self.run_named(path, path.name)
-
-    def run_named(self, path: Path, recording: str) -> list[dict[str, Any]]:
+    def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of the recording of this name."""
         from adk_ros.fleet.inference.evidence import RECORDING
         from adk_ros.fleet.inference.recording_evidence import evidence_rows

@@ -10,20 +10,27 @@ again at the estimate, at which a quadratic summary is more exact.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from adk_ros.api.fleet.evidence_stage import EvidenceStage, evidence_row, write_point
-from adk_ros.api.fleet.fleet_run import FleetOptions, listed_recordings, run_fleet
+from adk_ros.api.fleet.fleet_run import (
+    FleetOptions,
+    check_options,
+    listed_recordings,
+    write_tags_of,
+)
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.errors import AdkError, DataError, UsageError
 from adk_ros.files.code_digest import code_digest
+from adk_ros.fleet.cluster import Cluster, open_cluster
 from adk_ros.fleet.dataset import FleetDataset
-from adk_ros.fleet.inference.analysis import PASSES
 from adk_ros.fleet.recordings import FleetRecording, local_recording
-from adk_ros.fleet.run import Progress
+from adk_ros.fleet.run import Progress, run_stage
 from adk_ros.fleet.stage import hash_of
 from adk_ros.fleet.tags import Tags
 
@@ -32,7 +39,6 @@ if TYPE_CHECKING:
     from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
     from adk_ros.fleet.inference.fleet_evidence import RecordingTags
     from adk_ros.fleet.inference.fleet_result import FleetResult
-    from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
 
 REPORT = "report"
 _DAY_S = 86_400.0
@@ -64,7 +70,6 @@ def fleet_mismatch(
     *,
     without_imu: bool = False,
     options: FleetOptions | None = None,
-    passes: int = PASSES,
     progress: Progress | None = None,
 ) -> FleetMismatch:
     """
@@ -77,12 +82,13 @@ def fleet_mismatch(
     :raises UsageError: an argument is invalid, `out` is in use, or a service does not answer.
     :raises DataError: no recording can be used.
     """
+    from adk_ros.fleet.inference.analysis import analyse_fleet
     from adk_ros.fleet.inference.corrected_models import corrected_models
-    from adk_ros.fleet.inference.fleet_result import fleet_result
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
     from adk_ros.fleet.report.fleet_page import write_fleet_page
 
     out, options = Path(out), options or FleetOptions()
+    check_options(options)
     found, tags = listed_recordings(recordings, options)
     try:
         (out / REPORT).mkdir(parents=True, exist_ok=True)
@@ -90,63 +96,51 @@ def fleet_mismatch(
         raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
     path = _identified(Path(simulation), vehicle, found, out, without_imu, progress)
     known = FleetSimulation.load(path)
-    stage = EvidenceStage(str(path), without_imu=without_imu)
-    first: dict[str, float] | None = None
-    estimate: FleetEstimate | None = None
-    for turn in range(passes):
-        run_fleet(stage, recordings, out, options, progress)
-        rows, failed = evidence_of(out, stage)
-        estimate = _estimated(rows, known, tags, estimate, turn + 1 < passes, progress)
-        first = first or dict(estimate.loss_ratios)
-        if not estimate.claims and not estimate.places:
-            break
-        if turn + 1 < passes:
-            stage = EvidenceStage(str(path), str(_point(out, estimate)), without_imu)
-    assert estimate is not None
-    if progress is not None:
-        progress(0.0, 1.0, "combining the evidence")
-    result = fleet_result(estimate, first)
-    page = write_fleet_page(
-        result, out / REPORT, models=corrected_models(result, known.surrogate), failed=failed
-    )
-    return FleetMismatch(result, page, tuple(failed))
-
-
-def evidence_of(out: Path, stage: EvidenceStage) -> tuple[list[Row], list[tuple[str, str]]]:
-    """Return the rows of evidence of this stage in a dataset; (recording, reason) of others."""
-    inputs, code = stage.inputs_hash, code_digest()
-    rows, failed = [], []
-    for row in FleetDataset(out).rows(stage.name):
-        if row["inputs_hash"] != inputs or row["code_version"] != code:
-            continue
-        if row["status"] == "ok":
-            rows.append(evidence_row(row["details"], row["recording"]))
-        else:
-            failed.append((str(row["recording"]), str(row["reason"])))
-    return rows, sorted(failed)
-
-
-def _estimated(
-    rows: list[Row],
-    known: FleetSimulation,
-    tags: dict[str, Tags],
-    before: FleetEstimate | None,
-    is_repeated: bool,
-    progress: Progress | None,
-) -> FleetEstimate:
-    from adk_ros.fleet.inference.fleet_estimate import ROUNDS, estimate_fleet
 
     def report(done: float, text: str) -> None:
         if progress is not None:
             progress(done, 1.0, text)
 
-    return estimate_fleet(
-        [known.evidence.to_row(), *rows],
-        recording_tags(rows, tags),
-        report,
-        ROUNDS - 1 if is_repeated else ROUNDS,
-        () if before is None else before.places,
-    )
+    with ExitStack() as stack:
+
+        @cache
+        def cluster() -> Cluster:
+            return stack.enter_context(open_cluster(options.workers, options.cluster))
+
+        def evidence_at(estimate: FleetEstimate | None) -> tuple[list[Row], dict[str, str]]:
+            point = "" if estimate is None else str(_point(out, estimate))
+            stage = EvidenceStage(str(path), point, without_imu)
+            # What has no evidence without effects has none at an estimate either.
+            names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
+            usable = [recording for recording in found if recording.name in names]
+            run_stage(stage, usable, out, lambda: nullcontext(cluster()), options.limits, progress)
+            return evidence_of(out, stage, names)
+
+        analysis = analyse_fleet(
+            evidence_at, known, lambda rows: recording_tags(rows, tags), report
+        )
+    write_tags_of(out, tags)
+    failed = tuple(sorted(analysis.failed.items()))
+    models = corrected_models(analysis.result, known.surrogate)
+    page = write_fleet_page(analysis.result, out / REPORT, models=models, failed=failed)
+    return FleetMismatch(analysis.result, page, failed)
+
+
+def evidence_of(
+    out: Path, stage: EvidenceStage, names: Collection[str]
+) -> tuple[list[Row], dict[str, str]]:
+    """Return the evidence of these recordings in a dataset, and name -> reason of the others."""
+    inputs, code = stage.inputs_hash, code_digest()
+    rows, failed = [], {}
+    for row in FleetDataset(out).rows(stage.name):
+        is_other = row["inputs_hash"] != inputs or row["code_version"] != code
+        if is_other or row["recording"] not in names:
+            continue
+        if row["status"] == "ok":
+            rows.append(evidence_row(row["details"], row["recording"]))
+        else:
+            failed[str(row["recording"])] = str(row["reason"])
+    return rows, failed
 
 
 def recording_tags(rows: Sequence[Row], tags: dict[str, Tags]) -> dict[str, RecordingTags]:

@@ -81,14 +81,19 @@ def run_fleet(
     :raises UsageError: nothing is there, `out` is in use, or a service does not answer.
     """
     options = options or FleetOptions()
-    _check(options)
+    check_options(options)
     out = Path(out)
     found, tags = listed_recordings(recordings, options)
     cluster = partial(open_cluster, options.workers, options.cluster)
     summary = run_stage(stage, found, out, cluster, options.limits, progress)
+    write_tags_of(out, tags)
+    return summary
+
+
+def write_tags_of(out: Path, tags: dict[str, Tags]) -> None:
+    """Keep the tags with the results, which are joined with them."""
     if tags:
         write_tags(out / TAGS_FILE, tags)
-    return summary
 
 
 def estimate_fleet(
@@ -100,7 +105,7 @@ def estimate_fleet(
     The time is the bytes to process at the mean rate of the results in the dataset.
     """
     options = options or FleetOptions()
-    _check(options)
+    check_options(options)
     found, _ = listed_recordings(recordings, options)
     dataset = FleetDataset(Path(out))
     todo = plan(stage, found, dataset.content_hashes(), dataset, options.limits.retry_failed)
@@ -125,7 +130,12 @@ def estimate_fleet(
     )
 
 
-def _check(options: FleetOptions) -> None:
+def check_options(options: FleetOptions) -> None:
+    """
+    Check how a stage is to run.
+
+    :raises UsageError: a value is out of range.
+    """
     if options.workers < 1:
         raise UsageError(f"--workers {options.workers}: at least one")
     if not options.limits.timeout_s > 0.0:

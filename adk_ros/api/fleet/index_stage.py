@@ -29,7 +29,7 @@ class IndexStage:
         """Hash of the vehicle file."""
         return hash_of([file_hash(self.vehicle)])
 
-    def run(self, path: Path) -> list[dict[str, Any]]:
+    def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording."""
         from adk_ros.api.check import check_recording
         from adk_ros.api.info import bag_content, bag_verdict

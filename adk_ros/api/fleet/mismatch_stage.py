@@ -33,7 +33,7 @@ class MismatchStage:
         """Hash of the simulation and the vehicle file."""
         return hash_of([file_hash(self.simulation), file_hash(self.vehicle), self.without_imu])
 
-    def run(self, path: Path) -> list[dict[str, Any]]:
+    def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording."""
         from adk_ros.api.explain import explain
 

@@ -49,7 +49,7 @@ class ReplayStage:
         """Hash of the model."""
         return hash_of([file_hash(self.model)])
 
-    def run(self, path: Path) -> list[dict[str, Any]]:
+    def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording."""
         from adk_ros.api.replay import replay
 

@@ -39,7 +39,7 @@ def bench_engines(
         paths = write_recordings(Path(scratch), recordings)
         started = time.monotonic()
         for path in paths:
-            stage.run(path)
+            stage.run(path, path.name)
         result["loop_s"] = time.monotonic() - started
         for i, (name, make) in enumerate(engines.items()):
             progress(i, len(engines), name)
@@ -165,4 +165,4 @@ class _Ray:
 
 
 def _run(stage: BusyStage, path: Path) -> list[dict[str, Any]]:
-    return stage.run(path)
+    return stage.run(path, path.name)

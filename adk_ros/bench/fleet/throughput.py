@@ -39,7 +39,7 @@ def bench_throughput(
         def loop() -> float:
             started = time.monotonic()
             for path in paths:
-                stage.run(path)
+                stage.run(path, path.name)
             return time.monotonic() - started
 
         def by_joblib(workers: int) -> float:

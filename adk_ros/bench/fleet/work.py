@@ -27,7 +27,7 @@ class BusyStage:
         """The length of the work in words."""
         return f"{self.cpu_s:g} s of computing and {self.nap_s:g} s of waiting"
 
-    def run(self, path: Path) -> list[dict[str, Any]]:
+    def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return a row with the number in the recording."""
         end_s = time.process_time() + self.cpu_s
         while time.process_time() < end_s:

@@ -3,96 +3,68 @@
 """
 The analysis of a fleet in passes: evidence of each recording, estimate, and again at the estimate.
 
-The work per recording is one function of plain arguments, which any `map` may distribute.
+Where the evidence comes from is a function: of recordings in memory, or of a dataset.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
-from adk_ros.errors import AdkError
-from adk_ros.fleet.inference.evidence import RECORDING, Row
+from adk_ros.fleet.inference.evidence import Row
 from adk_ros.fleet.inference.fleet_estimate import ROUNDS, FleetEstimate, estimate_fleet
 from adk_ros.fleet.inference.fleet_evidence import RecordingTags
 from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
-from adk_ros.fleet.inference.recording_evidence import PlacedValue, evidence_rows
-from adk_ros.mismatch.recording.sensor_log import SensorLog
 
 PASSES = 3
 """Linearisations: without effects, at a preliminary estimate, and at one near the truth."""
 _EARLY_ROUNDS = 2
 """Rounds of effects and places where a further pass follows."""
 
-Load = Callable[[str], SensorLog]
-"""Reads the recording with a name."""
-Job = tuple[str, Mapping[str, float]]
-"""Name of a recording, and the effects in it at which to linearise."""
-Answer = tuple[str, list[Row], str]
-"""Name of a recording, its rows, and why it has none."""
-Map = Callable[[Callable[[Job], Answer], Iterable[Job]], Iterable[Answer]]
+EvidenceAt = Callable[[FleetEstimate | None], tuple[list[Row], Mapping[str, str]]]
+"""
+Estimate to linearise at, None for no effects -> rows of the recordings, and name -> why one has
+none. With an estimate it returns only recordings that the estimate has.
+"""
+TagsOf = Callable[[Sequence[Row]], Mapping[str, RecordingTags]]
+"""Rows of the recordings -> the tags of each by name."""
+Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
 class FleetAnalysis:
-    """Estimate and result of a fleet, the rows of the last pass, and recordings without, why."""
+    """Estimate and result of a fleet, and the recordings without evidence, with the reason."""
 
     estimate: FleetEstimate
     result: FleetResult
-    rows: tuple[Row, ...]
     failed: Mapping[str, str]
 
 
 def analyse_fleet(
-    names: Sequence[str],
-    load: Load,
+    evidence_at: EvidenceAt,
     simulation: FleetSimulation,
-    tags: Mapping[str, RecordingTags],
-    passes: int = PASSES,
-    distribute: Map = map,
+    tags_of: TagsOf,
+    progress: Progress | None = None,
 ) -> FleetAnalysis:
     """
-    Analyse the recordings `names` of a fleet; `distribute` maps the work per recording.
+    Analyse a fleet; recordings without evidence are left out, with the reason.
 
-    A recording that cannot be read or analysed is left out, with the reason.
-    :raises DataError: no recording can be analysed.
+    :raises DataError: no recording has evidence.
     """
     estimate: FleetEstimate | None = None
-    before: dict[str, float] = {}
+    before: Mapping[str, float] = {}
     failed: dict[str, str] = {}
-    rows: list[Row] = []
-    for turn in range(passes):
-        local = [] if estimate is None else estimate.local_values()
-        usable = names if estimate is None else estimate.fleet.names
-        jobs = [(name, {} if estimate is None else estimate.values_of(name)) for name in usable]
-        rows = [simulation.evidence.to_row()]
-        for name, found, why in distribute(partial(recorded, load, simulation, local), jobs):
-            rows += found
-            if why:
-                failed[name] = why
-        if turn == 0:
-            before = {
-                row["recording"]: row["loss_ratio"] for row in rows if row["kind"] == RECORDING
-            }
-        last = turn + 1 == passes
+    for turn in range(PASSES):
+        rows, without = evidence_at(estimate)
+        failed |= without
         estimate = estimate_fleet(
-            rows,
-            tags,
-            rounds=ROUNDS if last else _EARLY_ROUNDS,
-            known_places=() if estimate is None else estimate.places,
+            [simulation.evidence.to_row(), *rows],
+            tags_of(rows),
+            progress,
+            ROUNDS if turn + 1 == PASSES else _EARLY_ROUNDS,
+            () if estimate is None else estimate.places,
         )
+        before = before or estimate.loss_ratios
     assert estimate is not None
-    return FleetAnalysis(estimate, fleet_result(estimate, before), tuple(rows), failed)
-
-
-def recorded(
-    load: Load, simulation: FleetSimulation, local: Sequence[PlacedValue], job: Job
-) -> Answer:
-    """Return the evidence of one recording, or why it has none."""
-    name, values = job
-    try:
-        return name, evidence_rows(load(name), simulation, values, local, name=name), ""
-    except AdkError as error:
-        return name, [], str(error)
+    return FleetAnalysis(estimate, fleet_result(estimate, before, progress), failed)

@@ -78,12 +78,13 @@ def test_only_results_of_the_stage_are_combined(tmp_path: Path) -> None:
             row,
             row | {"recording": "stale", "code_version": "old"},
             row | {"recording": "other", "inputs_hash": "another point"},
+            row | {"recording": "of an earlier run"},
             row | {"recording": "bad", "status": "failed", "reason": "too short"},
         ],
     )
-    rows, failed = evidence_of(tmp_path, stage)
+    rows, failed = evidence_of(tmp_path, stage, {"good", "stale", "other", "bad"})
     assert [each["recording"] for each in rows] == ["good"]
-    assert failed == [("bad", "too short")]
+    assert failed == {"bad": "too short"}
 
 
 def test_unusable_input_is_one_line(tmp_path: Path) -> None:
