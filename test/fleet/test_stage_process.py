@@ -30,13 +30,13 @@ def test_values_and_errors(process, tmp_path) -> None:
     (tmp_path / "a").write_text("ok 2")
     (tmp_path / "b").write_text("damaged")
     (tmp_path / "c").write_text("raise")
-    reply = process.run(stage.run, [tmp_path / "a"])
+    reply = process.run(stage.run, [tmp_path / "a", "a"])
     assert reply.failure is None
     assert [row["value"] for row in reply.value] == [2.0, 4.0]
     pid = process.pid
-    damaged = process.run(stage.run, [tmp_path / "b"])
+    damaged = process.run(stage.run, [tmp_path / "b", "b"])
     assert (damaged.failure, damaged.reason) == (Failure.UNUSABLE, "b is damaged")
-    fault = process.run(stage.run, [tmp_path / "c"])
+    fault = process.run(stage.run, [tmp_path / "c", "c"])
     assert fault.failure is Failure.ERROR
     assert fault.reason.startswith("ZeroDivisionError: a fault of the stage (fleet.py:")
     assert process.pid == pid, "errors do not end the process"
@@ -60,7 +60,7 @@ def test_time_and_death(process) -> None:
 def test_memory(process, tmp_path) -> None:
     stage = text_stage(tmp_path / "log")
     (tmp_path / "a").write_text("grow")
-    reply = process.run(stage.run, [tmp_path / "a"])
+    reply = process.run(stage.run, [tmp_path / "a", "a"])
     assert reply.failure is Failure.MEMORY
     assert "needs more than 300 MiB" in reply.reason
     assert reply.memory_mib > 300.0

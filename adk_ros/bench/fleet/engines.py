@@ -109,7 +109,7 @@ class _Dask:
     def run(self, stage: BusyStage, paths: list[Path], report: Callable[[int], None]) -> list[Any]:
         distributed = importlib.import_module("distributed")
         client = self._cluster.client
-        futures = [client.submit(stage.run, path, pure=False) for path in paths]
+        futures = [client.submit(stage.run, path, path.name, pure=False) for path in paths]
         rows = []
         for future in distributed.as_completed(futures):
             rows.append(future.result())

@@ -44,7 +44,9 @@ def bench_throughput(
 
         def by_joblib(workers: int) -> float:
             started = time.monotonic()
-            joblib.Parallel(n_jobs=workers)(joblib.delayed(stage.run)(path) for path in paths)
+            joblib.Parallel(n_jobs=workers)(
+                joblib.delayed(stage.run)(path, path.name) for path in paths
+            )
             return time.monotonic() - started
 
         ways: dict[str, Callable[[], float]] = {
