@@ -266,10 +266,12 @@ def test_scheduler_and_workers_are_killed(tmp_path, undisturbed, running_cluster
     def kill():
         while not list((tmp_path / "log").glob("*")) and not done.wait(0.1):
             pass
-        while not done.wait(chance.uniform(3.0, 6.0)) and len(killed) < 5:
-            which = chance.choice([0, 0, 1, 2])
+        # The scheduler first, while work is left on any machine.
+        which, wait_s = 0, chance.uniform(0.5, 1.5)
+        while not done.wait(wait_s) and len(killed) < 5:
             running_cluster.processes[which].kill()
             killed.append(which)
+            which, wait_s = chance.choice([0, 0, 1, 2]), chance.uniform(3.0, 6.0)
 
     thread = threading.Thread(target=kill)
     opened = partial(open_cluster, 1, running_cluster.address)
