@@ -108,8 +108,7 @@ def fleet_mismatch(
             return stack.enter_context(open_cluster(options.workers, options.cluster))
 
         def evidence_at(estimate: FleetEstimate | None) -> tuple[list[Row], dict[str, str]]:
-            point = "" if estimate is None else str(_point(out, estimate))
-            stage = EvidenceStage(str(path), point, without_imu)
+            stage = EvidenceStage(str(path), _point(out, estimate), without_imu)
             # What has no evidence without effects has none at an estimate either.
             names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
             usable = [recording for recording in found if recording.name in names]
@@ -167,14 +166,23 @@ def recording_tags(rows: Sequence[Row], tags: dict[str, Tags]) -> dict[str, Reco
     }
 
 
-def _point(out: Path, estimate: FleetEstimate) -> Path:
-    """Write the estimate to linearise at, named by its content."""
-    scratch = out / ".point.json"
+def _point(out: Path, estimate: FleetEstimate | None) -> str:
+    """
+    Write the estimate to linearise at and return its file, named by its content.
+
+    Returns "" for an estimate without effects, at which the recordings are linearised already.
+    """
+    if estimate is None:
+        return ""
     values = {name: estimate.values_of(name) for name in estimate.fleet.names}
-    write_point(scratch, values, list(estimate.local_values()))
+    local = list(estimate.local_values())
+    if not local and not any(values.values()):
+        return ""
+    scratch = out / ".point.json"
+    write_point(scratch, values, local)
     path = out / f"point-{file_hash(str(scratch))[:16]}.json"
     scratch.replace(path)
-    return path
+    return str(path)
 
 
 def _identified(
