@@ -20,7 +20,7 @@ def test_readme_is_short() -> None:
 
 def test_every_command_and_linked_file_exists() -> None:
     for verb in re.findall(r"\badk ([a-z]+)", README):
-        assert verb in {*VERBS, "bench"}, verb
+        assert verb in {*VERBS, "bench", "fleet"}, verb
     for target in re.findall(r"\bmake ([a-z-]+)", README):
         assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.MULTILINE), target
     for link in re.findall(r"\]\(([^)#]+)\)", README):
