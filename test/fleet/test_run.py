@@ -16,7 +16,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from types import SimpleNamespace
 
@@ -120,15 +120,17 @@ def test_killed_workers_lose_nothing(tmp_path, undisturbed) -> None:
         while not list((tmp_path / "log").glob("*")) and not stop.wait(0.1):
             pass
         while not stop.wait(chance.uniform(0.5, 1.5)):
-            workers = [
-                child
-                for child in psutil.Process().children(recursive=True)
-                if "spawn_main" in " ".join(child.cmdline())
-            ]
-            if workers and len(killed) < 6:
-                victim = chance.choice(workers)
-                victim.kill()
-                killed.append(victim.pid)
+            # A child may end between the list and the look at it.
+            with suppress(psutil.NoSuchProcess):
+                workers = [
+                    child
+                    for child in psutil.Process().children(recursive=True)
+                    if "spawn_main" in " ".join(child.cmdline())
+                ]
+                if workers and len(killed) < 6:
+                    victim = chance.choice(workers)
+                    victim.kill()
+                    killed.append(victim.pid)
 
     thread = threading.Thread(target=kill_workers)
     thread.start()
