@@ -193,7 +193,8 @@ def _errors(logs: Sequence[SensorLog], surrogate: SurrogateModel) -> FloatArray:
 
 
 def _note(name: str, logs: Sequence[SensorLog], before: FloatArray, after: FloatArray) -> str:
-    values = np.concatenate([log.road.only([name]).values[0] for log in logs])  # type: ignore[union-attr]
+    roads = [log.road and log.road.only([name]) for log in logs]
+    values = np.concatenate([road.values[0] for road in roads if road is not None])
     tangent = 100.0 * np.tan(values)
     state, horizon = _GRAVITY_STATE[name], HORIZONS_S.index(1.0)
     return (

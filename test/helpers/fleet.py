@@ -40,9 +40,9 @@ class TextStage:
         if command == "die":
             os.kill(os.getpid(), signal.SIGKILL)
         if command == "grow":
-            held = [b"x" * 2**20 for _ in range(400)]
+            memory = [b"x" * 2**20 for _ in range(400)]
             time.sleep(2.0)
-            del held
+            memory.clear()
         if command == "wrong":
             return [{"no such column": 1.0}]
         return [

@@ -83,7 +83,7 @@ UNITS = {
 }  # fmt: skip
 
 
-def bus_map(*without: str, **computed: dict) -> dict:
+def bus_map(*without: str, **computed: Any) -> dict[str, Any]:
     """Return the map of `bus`, with computed channels."""
     channels = {
         name: {"column": name, "unit": unit} for name, unit in UNITS.items() if name not in without

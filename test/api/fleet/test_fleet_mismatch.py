@@ -115,8 +115,11 @@ def test_the_demonstration_counts_found_missed_and_false(tmp_path: Path) -> None
     effects = [_truth("gyro_scale", "car", "A"), _truth("yaw_inertia", "shared")]
     effects.append(_truth("brake_torque_gain", "ramp", "B"))
     truth.write_text(json.dumps({"effects": effects, "place": {"effect": "road_grade"}}))
-    claims = (_claim("gyro_scale", "car", "A"), _claim("yaw_inertia", "car", "A"))
-    claims += (_claim("brake_torque_gain", "step", "B"),)
+    claims = (
+        _claim("gyro_scale", "car", "A"),
+        _claim("yaw_inertia", "car", "A"),
+        _claim("brake_torque_gain", "step", "B"),
+    )
     place = PlaceClaim("road_bank", "bank", "rad", 0.1, 0.0, 0.2, 1e-9, 5, (), (), ())
     result = FleetResult((), (), claims, (place,), (), (), (), (), 1)
     lines = [line.split(":")[0] for line in compared_with_truth(result, truth)]
