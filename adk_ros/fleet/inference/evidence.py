@@ -26,7 +26,12 @@ import numpy as np
 from adk_ros.errors import DataError
 from adk_ros.mismatch.inference.likelihood import TOLERANCE_PARAMETERS
 from adk_ros.mismatch.library.catalogue import EFFECTS
-from adk_ros.mismatch.library.criteria import SENSOR_OFFSET_PRIORS, TOLERANCE_SIGMA
+from adk_ros.mismatch.library.criteria import (
+    SENSOR_OFFSET_PRIORS,
+    TOLERANCE_BOUND,
+    TOLERANCE_SIGMA,
+    WEAK_DIRECTION_BOUND,
+)
 from adk_ros.mismatch.library.effect import PLACE, Effect, EffectParameter
 from adk_ros.numerics.arrays import FloatArray
 
@@ -125,6 +130,17 @@ class Columns:
                 [sigma for sigma, _ in SENSOR_OFFSET_PRIORS.values()],
                 np.ones(self.weak),
                 [column_of(key).materiality for key in self.effects],
+            ]
+        )
+
+    @property
+    def nuisance_bounds(self) -> FloatArray:
+        """Symmetric bounds (k,) of the nuisance parameters, as in the analysis of a recording."""
+        return np.concatenate(
+            [
+                np.full(len(TOLERANCE_PARAMETERS), TOLERANCE_BOUND / TOLERANCE_SIGMA),
+                [bound / sigma for sigma, bound in SENSOR_OFFSET_PRIORS.values()],
+                np.full(self.weak, WEAK_DIRECTION_BOUND),
             ]
         )
 

@@ -14,6 +14,7 @@ from adk_ros.fleet.inference.levels import Level
 from adk_ros.fleet.inference.mixed_model import Components, MixedModel, Term
 from adk_ros.fleet.inference.variance_components import start_components
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.bounded_quadratic import bounded_maxima
 
 _OFFSET_VARIANCE = 2.0
 """Prior variance of a recording's sensor offsets: the car's and its own."""
@@ -54,12 +55,14 @@ class FleetModel:
 
 
 def joint_vectors(
-    fleet: FleetEvidence, model: FleetModel, with_deviations: bool = True
+    fleet: FleetEvidence, model: FleetModel, with_deviations: bool = True, bounded: bool = False
 ) -> FloatArray:
     """
     Return the estimated joint vector (r, d) of each recording.
 
     `with_deviations`: with what the cars deviate in the claimed parameters, beyond the claims.
+    `bounded`: with build tolerances and sensor offsets within their bounds. Where they are not,
+    tolerances of ten standard deviations may stand for an effect that is not claimed.
     """
     c = fleet.columns
     out = np.zeros((len(fleet.names), c.size))
@@ -79,7 +82,10 @@ def joint_vectors(
         "rij,rj->ri", fleet.informations[:, :k, k:], out[:, k:]
     )
     left = fleet.informations[:, :k, :k] + np.diag(prior)
-    out[:, :k] = np.linalg.solve(left, right[:, :, None])[:, :, 0]
+    if bounded:
+        out[:, :k] = bounded_maxima(left, right, c.nuisance_bounds)
+    else:
+        out[:, :k] = np.linalg.solve(left, right[:, :, None])[:, :, 0]
     return out
 
 
@@ -88,8 +94,9 @@ def remaining_excess(fleet: FleetEvidence, model: FleetModel) -> FloatArray:
     Return the loss (r,) above that of a perfect model that the claims leave, at least zero.
 
     Deviations of the cars count as unexplained: until it is claimed, what all cars share is one.
+    So do tolerances beyond their bounds, for the same reason.
     """
-    x = joint_vectors(fleet, model, with_deviations=False)
+    x = joint_vectors(fleet, model, with_deviations=False, bounded=True)
     quadratic = np.einsum("ri,rij,rj->r", x, fleet.informations, x)
     gain = 2.0 * (fleet.scores * x).sum(axis=1) - quadratic
     return np.asarray(np.maximum(fleet.excess - gain, 0.0))

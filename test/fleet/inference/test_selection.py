@@ -4,9 +4,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from adk_ros.fleet.inference.fleet_selection import Assessment, Selection
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
+from adk_ros.fleet.inference.fleet_selection import Assessment, Selection, extended
 from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, STEP, Level, levels_of
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 
@@ -71,6 +75,25 @@ def test_levels_need_recordings_on_both_sides() -> None:
     assert {level.kind for level in levels_of(fleet)} == {SHARED}
     fleet = draw_fleet(1, FleetPlan(cars=2, recordings=30))
     assert {level.kind for level in levels_of(fleet)} == {SHARED, CAR, CONDITION, RAMP, STEP}
+
+
+def test_tolerances_beyond_their_bounds_explain_nothing() -> None:
+    """A large effect that resembles a tolerance leaves much unexplained until it is claimed."""
+    drag = Injection("aero_drag.cda", Level(SHARED), 12.0)
+    fleet = draw_fleet(3, FleetPlan(effects=6, bias=0.0, injections=(drag,)))
+    # The first tolerance acts like drag, ten times as strongly as its own column.
+    like, effect = 0, fleet.columns.first_effect
+    informations, scores = fleet.informations.copy(), fleet.scores.copy()
+    informations[:, like] = fleet.informations[:, effect]
+    informations[:, :, like] = informations[:, :, effect]
+    informations[:, like, like] = fleet.informations[:, effect, effect]
+    scores[:, like] = fleet.scores[:, effect]
+    fleet = replace(fleet, informations=informations, scores=scores)
+    selection = Selection(fleet)
+    empty = FleetModel((), {})
+    assert np.median(remaining_excess(fleet, empty)) > 30.0
+    found = selection.assess(empty, Candidate(0, Level(SHARED), np.ones(len(fleet.names))))
+    assert np.median(remaining_excess(fleet, extended(empty, found))) < 10.0
 
 
 @pytest.mark.slow(seconds=60)
