@@ -10,10 +10,13 @@ overall treatment effect in meta-analysis with normally distributed responses", 
 Medicine 20 (2001) 1771), with Student's t over the recordings.
 
 The surrogate's error depends on the manoeuvre, so the same bend feigns the same effect every day.
-How large such effects are is seen in all other cells: the sizes of a parameter over the cells are
-centred at their median, and their robust deviation less that of noise is a variance of every cell
-(an empirical null; B. Efron, "Large-scale simultaneous hypothesis testing", J. Am. Stat. Assoc. 99
-(2004) 96). It does not shrink with the number of recordings.
+How large such effects are is seen in all other cells (an empirical null; B. Efron, "Large-scale
+simultaneous hypothesis testing", J. Am. Stat. Assoc. 99 (2004) 96). An error of the accelerations
+feigns a size that is the larger, the less a cell informs about the parameter: it multiplies the
+variance of noise. An error of the parameter itself is a variance of its own in every cell. Both
+follow from the robust deviations of the sizes from their median, the former in the half of the
+cells with the least information, the latter in the other half. Neither shrinks with the number of
+recordings.
 
 The most significant cell is taken, with the adjoining ones that are significant for the same
 parameter; its effect is subtracted, and the search goes on.
@@ -41,6 +44,8 @@ _MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation, of a Gaussian."""
 _MIN_CELLS = 10
 """Least cells that determine the deviation of the surrogate's error between places."""
+_NULL_ROUNDS = 5
+"""Rounds in which the two parts of that error are fitted; they change by less than 1 % after."""
 _MAX_PLACES = 20
 """Most places of a selection; bounds the time. By choice."""
 
@@ -87,6 +92,15 @@ class _CellTest:
     variance: float
     freedom: float
     gain: float
+
+
+@dataclass(frozen=True)
+class _Null:
+    """Sizes of a parameter where nothing acts: median, variance, factor on that of noise."""
+
+    centre: float
+    spread: float
+    inflation: float
 
 
 class PlaceData:
@@ -183,8 +197,9 @@ class PlaceData:
                 places.append(replace(place, size=place.size + change))
                 for cell in cells:
                     scores[cell] = scores[cell] - self.cells[cell].informations[:, :, k] * change
-            # What a linearisation leaves at a place is no second effect there.
-            blocked |= {(cell, key) for cell in place.cells for key in self.keys}
+            # What a linearisation leaves at a place is no second effect there, nor next to it.
+            near = {c for c in self.cells if any(c.is_next_to(cell) for cell in place.cells)}
+            blocked |= {(cell, key) for cell in near.union(place.cells) for key in self.keys}
         while len(places) < _MAX_PLACES:
             found = self._best(scores, significance, blocked)
             if found is None:
@@ -208,13 +223,13 @@ class PlaceData:
                 cell: _cell_test(scores[cell][:, k], visits.informations[:, k, k])
                 for cell, visits in self.cells.items()
             }
-            centre, spread = _between_cells(list(of_key.values()))
+            null = _null_of(list(of_key.values()))
             for cell, test in of_key.items():
                 if test.variance > 0.0:
-                    size = test.size - centre
+                    size = test.size - null.centre
                     inexact = SYSTEMATIC_ERROR_PER_MATERIALITY**2
                     inexact += (SYSTEMATIC_ERROR_SHARE * size) ** 2
-                    variance = test.variance + spread + inexact
+                    variance = null.inflation * test.variance + null.spread + inexact
                     tests[cell, key] = _CellTest(size, variance, test.freedom, test.gain)
         good = {
             pair: test
@@ -264,16 +279,23 @@ def _cell_test(scores: FloatArray, informations: FloatArray) -> _CellTest:
     return _CellTest(size, variance, count - 1.0, size**2 / variance)
 
 
-def _between_cells(tests: Sequence[_CellTest]) -> tuple[float, float]:
-    """Return the median size over cells, and the variance between them beyond noise."""
+def _null_of(tests: Sequence[_CellTest]) -> _Null:
+    """Return what a parameter's sizes over cells show of the surrogate's error."""
     used = [test for test in tests if test.variance > 0.0]
     if len(used) < _MIN_CELLS:
-        return 0.0, 1.0
+        return _Null(0.0, 1.0, 1.0)
     sizes = np.array([test.size for test in used])
+    variances = np.array([test.variance for test in used])
     centre = float(np.median(sizes))
-    deviation = _MAD_TO_SIGMA * float(np.median(np.abs(sizes - centre)))
-    noise = float(np.median([test.variance for test in used]))
-    return centre, max(deviation**2 - noise, 0.0)
+    uncertain = variances > np.median(variances)
+    inflation, spread = 1.0, 0.0
+    for _ in range(_NULL_ROUNDS):
+        # Squared robust deviation in units of the expected one: one, if the null is right.
+        scaled = (sizes - centre)[uncertain] ** 2 / (variances[uncertain] + spread / inflation)
+        inflation = max(_MAD_TO_SIGMA**2 * float(np.median(scaled)), 1.0)
+        precise = _MAD_TO_SIGMA**2 * float(np.median((sizes - centre)[~uncertain] ** 2))
+        spread = max(precise - inflation * float(np.median(variances[~uncertain])), 0.0)
+    return _Null(centre, spread, inflation)
 
 
 def _p_value(test: _CellTest) -> float:
