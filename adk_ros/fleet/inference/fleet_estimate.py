@@ -15,10 +15,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from adk_ros.fleet.inference.assessment import Assessment
 from adk_ros.fleet.inference.evidence import RECORDING, Row, column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
 from adk_ros.fleet.inference.fleet_model import FleetModel, joint_vectors
-from adk_ros.fleet.inference.fleet_selection import Assessment, Selection
+from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place, PlaceData
 from adk_ros.fleet.inference.recording_evidence import PlacedValue

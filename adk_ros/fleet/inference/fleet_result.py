@@ -9,10 +9,11 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from adk_ros.fleet.inference.assessment import Assessment
 from adk_ros.fleet.inference.evidence import Column, column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_model import joint_vectors
-from adk_ros.fleet.inference.fleet_selection import Assessment, is_trend
+from adk_ros.fleet.inference.levels import is_trend
 from adk_ros.fleet.inference.mixed_model import MixedModel, Term
 from adk_ros.fleet.inference.ties import ties_of, unclaimed
 from adk_ros.mismatch.library.effect import EffectParameter

@@ -22,22 +22,19 @@ mean. A car's deviation must also exceed the materiality threshold: below, it is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
-from scipy.special import ndtri, stdtr, stdtrit
+from scipy.special import ndtri
 
+from adk_ros.fleet.inference.assessment import Assessment, assessment_of, extended
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
-from adk_ros.fleet.inference.levels import RAMP, STEP, Level, levels_of
-from adk_ros.fleet.inference.mixed_model import Components, Estimate, MixedModel, Term
-from adk_ros.fleet.inference.variance_components import (
-    degrees_of_freedom,
-    fitted_components,
-    total_variance,
-)
+from adk_ros.fleet.inference.levels import Level, is_trend, levels_of
+from adk_ros.fleet.inference.mixed_model import MixedModel, Term
+from adk_ros.fleet.inference.variance_components import fitted_components
 from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE
 from adk_ros.numerics.arrays import FloatArray
 
@@ -62,38 +59,6 @@ _BOUND_DEVIATIONS = 2.0
 """Standard deviations by which chance may move a size beyond the bounds of its parameter."""
 
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True)
-class Assessment:
-    """
-    A candidate, fitted with its components next to the claimed terms.
-
-    `size` in materiality thresholds; `deviation` with all of its variance; `evidence`: t^2 with
-    the variance of the model alone; `p_value` of a single test; `response` (d,): size per score of
-    the simulation; `components`: tau and kappa of its parameter.
-    """
-
-    candidate: Candidate
-    size: float
-    deviation: float
-    evidence: float
-    p_value: float
-    freedom: float
-    response: FloatArray
-    components: tuple[float, float]
-    extremes: tuple[float, float]
-    """Least and largest sum of the parameter's terms in any recording, from neutral."""
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 90 % confidence interval of the size."""
-        half = float(-stdtrit(self.freedom, 0.05)) * self.deviation
-        return self.size - half, self.size + half
-
-    def is_material(self) -> bool:
-        """Whether the size matters at its level: a car's must exceed build tolerance."""
-        return not self.candidate.level.car or abs(self.size) >= 1.0
 
 
 class Selection:
@@ -161,7 +126,7 @@ class Selection:
         components = model.components_of(active)
         estimate = mixed.estimate(terms, components, with_bias=True)
         return [
-            _assessment(candidate, m, estimate, mixed, terms, components)
+            assessment_of(candidate, m, estimate, mixed, terms, components)
             for m, candidate in enumerate(model.claimed)
         ]
 
@@ -182,7 +147,7 @@ class Selection:
                 which.append(int(i))
         found = fitted_components(mixed, terms, start, which)
         estimate = mixed.estimate(terms, found, with_bias=True)
-        return _assessment(candidate, len(terms) - 1, estimate, mixed, terms, found)
+        return assessment_of(candidate, len(terms) - 1, estimate, mixed, terms, found)
 
     def gains(self, model: FleetModel, effect: int) -> FloatArray:
         """
@@ -299,49 +264,3 @@ class Selection:
                 replace(model, claimed=tuple(c for c in model.claimed if c is not worst.candidate))
             )
         return model, dropped
-
-
-def _assessment(
-    candidate: Candidate,
-    m: int,
-    estimate: Estimate,
-    mixed: MixedModel,
-    terms: Sequence[Term],
-    components: Components,
-) -> Assessment:
-    size, variance = float(estimate.sizes[m]), float(estimate.covariance[m, m])
-    deviation = float(np.sqrt(total_variance(estimate, m)))
-    freedom = degrees_of_freedom(mixed, terms, components, m)
-    i = mixed.active.index(candidate.effect)
-    sums = sum(
-        (
-            estimate.sizes[k] * t.design
-            for k, t in enumerate(terms)
-            if t.effect == candidate.effect
-        ),
-        np.zeros(1),
-    )
-    return Assessment(
-        candidate,
-        size,
-        deviation,
-        size**2 / variance,
-        2.0 * float(stdtr(freedom, -abs(size) / deviation)),
-        freedom,
-        estimate.response[m],
-        (float(components.tau[i]), float(components.kappa[i])),
-        (float(sums.min()), float(sums.max())),
-    )
-
-
-def extended(model: FleetModel, found: Assessment) -> FleetModel:
-    """Return the model with a further claim, with the components of its assessment."""
-    return FleetModel(
-        (*model.claimed, found.candidate),
-        {**model.components, found.candidate.effect: found.components},
-    )
-
-
-def is_trend(level: Level) -> bool:
-    """Whether a level is a change in time."""
-    return level.kind in {STEP, RAMP}

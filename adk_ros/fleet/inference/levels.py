@@ -115,3 +115,8 @@ def same_recordings(fleet: FleetEvidence, level: Level, others: list[Level]) -> 
     """Return the levels with the same design as `level`."""
     z = level.design(fleet)
     return [other for other in others if other != level and np.allclose(other.design(fleet), z)]
+
+
+def is_trend(level: Level) -> bool:
+    """Whether a level is a change in time."""
+    return level.kind in {STEP, RAMP}

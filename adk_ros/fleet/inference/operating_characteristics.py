@@ -7,7 +7,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from adk_ros.fleet.inference.fleet_selection import Assessment, Selection
+from adk_ros.fleet.inference.assessment import Assessment
+from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, draw_fleet
 
 

@@ -15,8 +15,9 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import combinations
 
+from adk_ros.fleet.inference.assessment import extended
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
-from adk_ros.fleet.inference.fleet_selection import Selection, extended
+from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.mixed_model import MixedModel
 from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 

@@ -18,9 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
+from adk_ros.fleet.inference.assessment import Assessment
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
-from adk_ros.fleet.inference.fleet_selection import Assessment, Selection
+from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, same_recordings
 from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE, SIGNIFICANT_ODDS
 from adk_ros.numerics.arrays import FloatArray

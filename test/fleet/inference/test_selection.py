@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
-from adk_ros.fleet.inference.fleet_selection import Assessment, Selection, extended
+from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, STEP, Level, levels_of
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 
