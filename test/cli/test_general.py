@@ -389,3 +389,14 @@ def test_the_score_table_fits_80_columns(capsys) -> None:
     for word in ("persistence", "integration", "commands", "yaw_rate", "deg/s", "0.025 s"):
         assert word in text
     assert "…" not in text
+
+
+def test_linear_algebra_uses_one_thread_unless_told_otherwise() -> None:
+    code = "import adk_ros.cli.main, os; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    without = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    for given, expected in (({}, "1"), ({"OPENBLAS_NUM_THREADS": "2"}, "2")):
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env={**without, **given}, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        assert done.stdout.strip() == expected
