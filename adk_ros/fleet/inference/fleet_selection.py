@@ -22,6 +22,7 @@ mean. A car's deviation must also exceed the materiality threshold: below, it is
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -35,7 +36,7 @@ from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining
 from adk_ros.fleet.inference.levels import Level, is_trend, levels_of
 from adk_ros.fleet.inference.mixed_model import MixedModel, Term
 from adk_ros.fleet.inference.variance_components import fitted_components
-from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE
+from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE, MIN_GAIN_PER_EXCESS
 from adk_ros.numerics.arrays import FloatArray
 
 _FITTED_ONSETS = 40
@@ -46,12 +47,8 @@ _LEVELS_PER_PARAMETER = 3
 """Levels of a parameter that are fitted in full in one step, those of the largest gains."""
 _PER_STEP = 24
 """Candidates that are fitted in full in one step. By choice; they come in the order of gains."""
-MIN_GAIN_PER_FLEET_EXCESS = 0.1
-"""
-Least share of the unexplained loss that a claim saves in half of the recordings in which it
-acts: what the equation of a large effect leaves, linearised far from it, resembles other
-effects. A single analysis asks a quarter (`criteria.MIN_GAIN_PER_EXCESS`). By choice.
-"""
+_MOST_DROPS = 2
+"""Times that a claim may be dropped until it is no candidate any more; ends the selection."""
 _LARGE_DEVIATION, _REFITTED = 0.5, 2
 """Deviation between cars, in materiality thresholds, that is fitted again with a candidate, and
 how many parameters at most. By choice."""
@@ -87,17 +84,21 @@ class Selection:
     def select(self, start: FleetModel | None = None) -> FleetModel:
         """Return the claimed terms of the fleet, fitted; `start`: those claimed already."""
         model = start or FleetModel((), {})
-        refused: set[tuple[int, Level]] = set()
+        drops: Counter[tuple[int, Level]] = Counter()
         while len(model.claimed) < MAX_TERMS:
             self._progress(len(model.claimed) / MAX_TERMS, "selecting effects and levels")
-            best = self._best(model, refused)
+            best = self._best(model, {one for one, times in drops.items() if times >= _MOST_DROPS})
             if best is None:
                 break
             best = self.with_fitted_onset(model, best)
-            model = self.refitted(extended(model, best))
-            model, dropped = self._without_insignificant(model)
-            # What was dropped once must not return for ever.
-            refused |= {(c.effect, c.level) for c in dropped}
+            larger, dropped = self._without_insignificant(self.refitted(extended(model, best)))
+            if any(candidate is best.candidate for candidate in dropped):
+                # With all components fitted it is none: what went with it was right without it.
+                drops[_identity(best.candidate)] = _MOST_DROPS
+                continue
+            model = larger
+            # What was dropped before others were claimed may return, but not for ever.
+            drops.update(_identity(candidate) for candidate in dropped)
         return model
 
     def refitted(self, model: FleetModel) -> FleetModel:
@@ -190,7 +191,7 @@ class Selection:
             # No candidate has more evidence than its gain: the rest is no better.
             if gain < max(least, 0.0 if best is None else best.evidence):
                 break
-            if (candidate.effect, candidate.level) in refused:
+            if _identity(candidate) in refused:
                 continue
             found = self.assess(model, candidate)
             if best is not None and found.evidence <= best.evidence:
@@ -240,7 +241,7 @@ class Selection:
         acts = found.candidate.design > 0.0
         left = remaining_excess(self.fleet, extended(model, found))
         # The median: a few recordings with much else to explain do not hide what all show.
-        surplus = excess - left - MIN_GAIN_PER_FLEET_EXCESS * excess
+        surplus = excess - left - MIN_GAIN_PER_EXCESS * excess
         return float(np.median(surplus[acts])) >= 0.0
 
     def is_possible(self, found: Assessment) -> bool:
@@ -264,3 +265,8 @@ class Selection:
                 replace(model, claimed=tuple(c for c in model.claimed if c is not worst.candidate))
             )
         return model, dropped
+
+
+def _identity(candidate: Candidate) -> tuple[int, Level]:
+    """Return what a candidate is about; change points, which are fitted, count as one."""
+    return candidate.effect, replace(candidate.level, onset=0.0)
