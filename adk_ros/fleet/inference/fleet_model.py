@@ -91,7 +91,7 @@ def joint_vectors(
 
 def remaining_excess(fleet: FleetEvidence, model: FleetModel) -> FloatArray:
     """
-    Return the loss (r,) above that of a perfect model that the claims leave, at least zero.
+    Return the loss (r,) above that of a perfect model that the claims leave; noise may lower it.
 
     Deviations of the cars count as unexplained: until it is claimed, what all cars share is one.
     So do tolerances beyond their bounds, for the same reason.
@@ -99,4 +99,4 @@ def remaining_excess(fleet: FleetEvidence, model: FleetModel) -> FloatArray:
     x = joint_vectors(fleet, model, with_deviations=False, bounded=True)
     quadratic = np.einsum("ri,rij,rj->r", x, fleet.informations, x)
     gain = 2.0 * (fleet.scores * x).sum(axis=1) - quadratic
-    return np.asarray(np.maximum(fleet.excess - gain, 0.0))
+    return np.asarray(fleet.excess - gain)

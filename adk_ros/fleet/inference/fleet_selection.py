@@ -36,7 +36,11 @@ from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining
 from adk_ros.fleet.inference.levels import Level, is_trend, levels_of
 from adk_ros.fleet.inference.mixed_model import MixedModel, Term
 from adk_ros.fleet.inference.variance_components import fitted_components
-from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE, MIN_GAIN_PER_EXCESS
+from adk_ros.mismatch.library.criteria import (
+    FAMILYWISE_ERROR_RATE,
+    MIN_GAIN_PER_EXCESS,
+    MIN_GAIN_PER_NULL_EXCESS,
+)
 from adk_ros.numerics.arrays import FloatArray
 
 _FITTED_ONSETS = 40
@@ -74,6 +78,8 @@ class Selection:
         informative = np.einsum("rii->i", fleet.informations)[fleet.columns.first_effect :]
         self.observable = [int(i) for i in np.flatnonzero(informative > 0.0)]
         self.tests = max(len(self.observable) * len(self.levels) + further_tests, 1)
+        self.null_excess = np.maximum(remaining_excess(fleet, FleetModel((), {})), 0.0)
+        """(r,) loss above that of a perfect model without any claim."""
         self._progress = progress or (lambda done, text: None)
 
     @property
@@ -241,7 +247,8 @@ class Selection:
         acts = found.candidate.design > 0.0
         left = remaining_excess(self.fleet, extended(model, found))
         # The median: a few recordings with much else to explain do not hide what all show.
-        surplus = excess - left - MIN_GAIN_PER_EXCESS * excess
+        surplus = excess - left - MIN_GAIN_PER_EXCESS * np.maximum(excess, 0.0)
+        surplus -= MIN_GAIN_PER_NULL_EXCESS * self.null_excess if model.claimed else 0.0
         return float(np.median(surplus[acts])) >= 0.0
 
     def is_possible(self, found: Assessment) -> bool:
