@@ -7,8 +7,9 @@ Block principal pivoting (J. J. Júdice, F. M. Pires, "A block principal pivotin
 large-scale strictly monotone linear complementarity problems", Computers & Operations Research 21
 (1994) 587): all entries beyond a bound are put on it, and all on a bound that gain inwards are
 released, until none is left. Where that takes long, one entry is exchanged at a time, always the
-last, which ends for every positive definite information (K. G. Murty, 1974). SciPy's `lsq_linear`
-solves one such problem in a millisecond; a fleet has a hundred thousand.
+last, which ends for every positive definite information (K. G. Murty, "Note on a Bard-type scheme
+for solving the complementarity problem", Opsearch 11 (1974) 123). SciPy's `lsq_linear` solves one
+problem at a time; the selection over a fleet has one per recording and candidate.
 """
 
 from __future__ import annotations

@@ -242,14 +242,17 @@ class Selection:
         """
         Whether a candidate saves enough of the loss where it acts to be no accident.
 
+        Enough is a share of what is unexplained, and one of what was unexplained before any
+        claim, of which every equation leaves a part.
+
         `excess` (r,): the loss above that of a perfect model that the claims of `model` leave.
         """
         acts = found.candidate.design > 0.0
         left = remaining_excess(self.fleet, extended(model, found))
         # The median: a few recordings with much else to explain do not hide what all show.
-        surplus = excess - left - MIN_GAIN_PER_EXCESS * np.maximum(excess, 0.0)
-        surplus -= MIN_GAIN_PER_NULL_EXCESS * self.null_excess if model.claimed else 0.0
-        return float(np.median(surplus[acts])) >= 0.0
+        required = MIN_GAIN_PER_EXCESS * np.maximum(excess, 0.0)
+        required += MIN_GAIN_PER_NULL_EXCESS * self.null_excess
+        return float(np.median((excess - left - required)[acts])) >= 0.0
 
     def is_possible(self, found: Assessment) -> bool:
         """Whether the parameter stays within its bounds in all recordings; a delay is positive."""

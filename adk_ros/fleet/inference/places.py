@@ -13,7 +13,7 @@ The surrogate's error depends on the manoeuvre, so the same bend feigns the same
 How large such effects are is seen in all other cells (an empirical null; B. Efron, "Large-scale
 simultaneous hypothesis testing", J. Am. Stat. Assoc. 99 (2004) 96). An error of the accelerations
 feigns a size that is the larger, the less a cell informs about the parameter: it multiplies the
-variance of noise. An error of the parameter itself is a variance of its own in every cell. Both
+variance of noise. An error of the parameter itself adds the same variance in every cell. Both
 follow from the robust deviations of the sizes from their median, the former in the half of the
 cells with the least information, the latter in the other half. Neither shrinks with the number of
 recordings.
@@ -44,8 +44,8 @@ _MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation, of a Gaussian."""
 _MIN_CELLS = 10
 """Least cells that determine the deviation of the surrogate's error between places."""
-_NULL_ROUNDS = 5
-"""Rounds in which the two parts of that error are fitted; they change by less than 1 % after."""
+_NULL_ROUNDS = 50
+"""Rounds in which the two parts of that error are fitted in turn, until neither changes."""
 _MAX_PLACES = 20
 """Most places of a selection; bounds the time. By choice."""
 

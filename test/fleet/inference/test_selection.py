@@ -82,7 +82,7 @@ def test_tolerances_beyond_their_bounds_explain_nothing() -> None:
     """A large effect that resembles a tolerance leaves much unexplained until it is claimed."""
     drag = Injection("aero_drag.cda", Level(SHARED), 12.0)
     fleet = draw_fleet(3, FleetPlan(effects=6, bias=0.0, injections=(drag,)))
-    # The first tolerance acts like drag, ten times as strongly as its own column.
+    # The first tolerance has the derivatives of the drag.
     like, effect = 0, fleet.columns.first_effect
     informations, scores = fleet.informations.copy(), fleet.scores.copy()
     informations[:, like] = fleet.informations[:, effect]
