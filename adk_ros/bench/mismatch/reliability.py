@@ -125,7 +125,7 @@ def write_reliability(claims: Sequence[ScoredClaim], out: Path) -> None:
         ylabel="share that is right",
         title=f"{len(claims)} claims{score}",
     )  # fmt: skip
-    axes.legend(loc="upper left", frameon=False)
+    figure.legend(loc="outside lower center", ncols=2, frameon=False)
     axes.grid(alpha=0.3)
     figure.savefig(out / DIAGRAM_FILE, dpi=150)
     plt.close(figure)
