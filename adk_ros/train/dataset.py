@@ -23,6 +23,8 @@ from adk_ros.signals.score import scorable_rows
 TRAIN, VALIDATION, TEST = 0, 1, 2
 PARTS = ("train", "validation", "test")
 SPLITS = ("blocks", "tail", "bags")
+VEHICLES = "vehicles"
+"""Split of a fleet, by vehicle (`api.fleet.training_data`): its records are blocks."""
 _PATTERN = (TRAIN, TRAIN, VALIDATION, TRAIN, TEST, TRAIN, TRAIN, TRAIN, TEST, TRAIN)
 """Parts of successive blocks: 7 of 10 for training, 1 for validation, 2 for testing."""
 _MAX_BLOCK_S = 30.0

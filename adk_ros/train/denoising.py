@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -64,9 +65,25 @@ def observer_filtered(
 
     :raises DataError: as `fit`.
     """
+    filtered = observer_filter(train, validation, settings, on_step, checkpoint)
+    return [filtered(r) for r in train], [filtered(r) for r in validation]
+
+
+def observer_filter(
+    train: Sequence[Record],
+    validation: Sequence[Record],
+    settings: TrainSettings,
+    on_step: Callable[[Step], None] | None = None,
+    checkpoint: Path | None = None,
+) -> Callable[[Record], Record]:
+    """
+    Return the filter of a record's yaw rate, which does nothing if that of `train` is not noisy.
+
+    :raises DataError: as `fit`.
+    """
     gain = observer_gain(train, settings.history, settings.speed_augmentation)
     if gain == 1.0:
-        return list(train), list(validation)
+        return _unfiltered
     first = replace(settings, steps=max(_MIN_STEPS, int(_FIRST_TRAINING_SHARE * settings.steps)))
     trained = fit(train, validation, first, on_step, checkpoint)
     built = assemble(trained, sequences(train, settings.history, 2, "training"), False)
@@ -75,7 +92,11 @@ def observer_filtered(
         online=windowed(_RIDGE),
         observer_gains=replace(_DISTURBANCE_GAINS, observer_gain=np.array([1.0, 1.0, gain])),
     )
-    return [_filtered(model, r) for r in train], [_filtered(model, r) for r in validation]
+    return partial(_filtered, model)
+
+
+def _unfiltered(record: Record) -> Record:
+    return record
 
 
 def observer_gain(train: Sequence[Record], history: int, augment: bool = True) -> float:

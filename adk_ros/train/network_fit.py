@@ -32,6 +32,7 @@ from adk_ros.train.network import Network, as_tensor
 from adk_ros.train.quadratic_features import QuadraticFeatures, Rows, fit_quadratic, newest
 from adk_ros.train.speed_augmentation import scale_to_higher_speeds
 from adk_ros.train.train_settings import TrainSettings
+from adk_ros.train.windows import TrainingWindows
 
 _TICK_S = TICK_NS * 1e-9
 _CHECKPOINT_EVERY = 500
@@ -121,7 +122,7 @@ class _Data:
     """A part of the data as scaled tensors, from which sequences are gathered."""
 
     def __init__(self, part: Sequences, scaling: Scaling, device: torch.device) -> None:
-        self.part = part
+        self.part, self.scaling = part, scaling
         self.x = as_tensor(scaling.scale_x(part.x), device)
         self.x_ref = as_tensor(scaling.scale_x(part.x_ref), device)
         self.u = as_tensor(scaling.scale_u(part.u), device)
@@ -168,11 +169,13 @@ def fit(
     settings: TrainSettings,
     on_step: Callable[[Step], None] | None = None,
     checkpoint_path: Path | None = None,
+    windows: TrainingWindows | None = None,
 ) -> FittedNetwork:
     """
     Train a network on `train` and return its state with the lowest loss on `validation`.
 
-    A checkpoint of the same training at `checkpoint_path` is resumed.
+    A checkpoint of the same training at `checkpoint_path` is resumed. `windows`: further data, of
+    which `train` is the first window; scaling and quadratic features come from it.
     :raises DataError: too little data, or the training diverges.
     """
     torch.set_num_threads(1)
@@ -192,7 +195,7 @@ def fit(
             share, noise = _WIDTH_WITH_QUADRATIC, input_noise(train, scaling, settings.noise)
         hidden, features = (max(1, int(share * n)) for n in (settings.hidden, settings.features))
         network = Network(settings.history, hidden, features, scaling.step_scale, quadratic)
-        return _Trainer(network.to(device), data, validation_data, settings, noise)
+        return _Trainer(network.to(device), data, validation_data, settings, noise, windows)
 
     quadratic = None
     if settings.quadratic:
@@ -202,6 +205,8 @@ def fit(
         quadratic = None
         trainer = trainer_of(None)
     key = checkpoint.fingerprint(settings, [*train, *validation])
+    if windows is not None:
+        key += windows.key
     curve, best_step, early = trainer.run(key, checkpoint_path, on_step)
     unaugmented = () if quadratic is None else quadratic.unaugmented
     return FittedNetwork(trainer.network.to("cpu"), scaling, curve, best_step, early, unaugmented)
@@ -249,8 +254,10 @@ class _Trainer:
         validation: _Data,
         settings: TrainSettings,
         noise: FloatArray,
+        windows: TrainingWindows | None = None,
     ) -> None:
         self.network, self.data, self.settings = network, data, settings
+        self.windows, self._window = windows, 0
         self.validation = validation
         self.has_quadratic = network.encoder.level.shape[0] > 0
         longest = max(settings.short_steps, settings.long_steps)
@@ -335,8 +342,18 @@ class _Trainer:
         network.load_state_dict(best_state)
         return curve, best_step, early
 
+    def data_of(self, step: int) -> _Data:
+        """Return the window of a step; the one before is given up."""
+        windows, part = self.windows, self.data.part
+        if windows is None or windows.of_step(step, self.settings.steps) == self._window:
+            return self.data
+        self._window = windows.of_step(step, self.settings.steps)
+        read = sequences(windows.read(self._window), part.history, part.ahead, "training")
+        self.data = _Data(read, self.data.scaling, self.weight.device)
+        return self.data
+
     def one_step(self, step: int, stage: int, running: float) -> float:
-        settings, data = self.settings, self.data
+        settings, data = self.settings, self.data_of(step)
         random = np.random.default_rng((settings.seed, step))
         device = self.weight.device
         rows = torch.from_numpy(random.choice(data.part.rows, settings.batch)).to(device)

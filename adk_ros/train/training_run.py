@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,23 @@ from adk_ros.model.uncertainty.motion_limits import motion_limits
 from adk_ros.signals.channels import Record
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.train.assemble import assemble
-from adk_ros.train.dataset import PARTS, TEST, TRAIN, VALIDATION, Split, sequences, split_records
-from adk_ros.train.denoising import observer_filtered
+from adk_ros.train.dataset import (
+    PARTS,
+    TEST,
+    TRAIN,
+    VALIDATION,
+    VEHICLES,
+    Split,
+    sequences,
+    split_records,
+)
+from adk_ros.train.denoising import observer_filter
 from adk_ros.train.held_out import HeldOutScores, score_held_out
 from adk_ros.train.hyperparameters import horizon_covariances, select_hyperparameters
 from adk_ros.train.network_fit import FittedNetwork, Step, fit
 from adk_ros.train.paper_training import fit_paper
 from adk_ros.train.train_settings import MIN_TRAINING_S, PaperSettings, TrainSettings
+from adk_ros.train.windows import TrainingWindows
 
 Note = Callable[[str, int, int], None]
 
@@ -76,6 +86,28 @@ def run_training(
     """
     artefact.check_target(out)
     split = split_records(records, split_kind)
+    return train_on_split(split, out, settings, sensors, on_step, note)
+
+
+def train_on_split(
+    split: Split,
+    out: Path,
+    settings: TrainSettings | PaperSettings,
+    sensors: SensorConfig | None = None,
+    on_step: Callable[[Step], None] | None = None,
+    note: Note | None = None,
+    windows: TrainingWindows | None = None,
+    about: Mapping[str, Any] | None = None,
+) -> TrainingResult:
+    """
+    Train on the parts of a split, see `run_training`.
+
+    `windows`: training data that do not fit into memory together; the training part of `split` is
+    the first window. Only for the default training. `about`: further facts for the manifest.
+    :raises UsageError, DataError: as `fit` and `artefact.save`.
+    """
+    artefact.check_target(out)
+    records = split.records
     train, validation = split.of(TRAIN), split.of(VALIDATION)
     if not validation:
         raise DataError(
@@ -98,10 +130,12 @@ def run_training(
                 if note is not None:
                     note("preparing: fitting the observer", step.step, step.steps)
 
-            train, validation = observer_filtered(
+            filtered = observer_filter(
                 train, validation, settings, first_training, first_checkpoint
             )
-        trained = fit(train, validation, settings, on_step, checkpoint)
+            train, validation = [filtered(r) for r in train], [filtered(r) for r in validation]
+            windows = windows and windows.mapped(filtered)
+        trained = fit(train, validation, settings, on_step, checkpoint, windows)
         joined = sequences(train, settings.history, 2, "training")
         built = assemble(trained, joined, uses_imu)
         limited = replace(built.model, motion_limits=motion_limits(split.of(TRAIN)))
@@ -118,16 +152,13 @@ def run_training(
         "kind": "default" if trained else "aldk" if uses_imu_loss(settings) else "dk",
         "settings": asdict(settings),
         "sensors": asdict(sensors or SensorConfig()),
-        "data": [
-            {"name": r.name, "seconds": round(r.duration_s, 3), "imu": bool((r.a == r.a).any())}
-            for r in records
-        ],
-        "split": {"kind": split_kind}
+        "data": _data_facts(split),
+        "split": {"kind": split.kind}
         | {name: round(split.seconds(part), 3) for part, name in enumerate(PARTS)},
         "range": domain.as_json(),
         "fallback": [item.as_json() for item in model.fallback.takeovers()],
         "held_out": test.as_json() if test else None,
-    }
+    } | dict(about or {})
     if trained is not None:
         facts |= {
             "best_step": trained.best_step,
@@ -139,6 +170,18 @@ def run_training(
         for path in checkpoints_of(out):
             path.unlink(missing_ok=True)
     return TrainingResult(model, split, trained, test, facts)
+
+
+def _data_facts(split: Split) -> list[dict[str, Any]]:
+    """Return name, duration and use of the IMU of each recording; blocks of one are joined."""
+    facts: list[dict[str, Any]] = []
+    for record in split.records:
+        is_block = split.kind == VEHICLES and facts and facts[-1]["name"] == record.name
+        if not is_block:
+            facts.append({"name": record.name, "seconds": 0.0, "imu": False})
+        facts[-1]["seconds"] = round(facts[-1]["seconds"] + record.duration_s, 3)
+        facts[-1]["imu"] |= bool((record.a == record.a).any())
+    return facts
 
 
 def uses_imu_loss(settings: TrainSettings | PaperSettings) -> bool:
