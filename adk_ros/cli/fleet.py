@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,6 +24,8 @@ from adk_ros.cli.fleet_options import (
     WorkersOption,
     fleet_options,
 )
+from adk_ros.cli.fleet_run import print_estimate
+from adk_ros.cli.fleet_train import train
 from adk_ros.cli.options import JsonOption
 from adk_ros.errors import UsageError
 
@@ -51,11 +53,9 @@ def _run(
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
     if dry_run:
-        estimate = estimate_fleet(stage, recordings, out, options)
-        if as_json:
-            console.print_json(estimate.as_dict())
-        else:
-            console.output.print(_estimate_text(estimate.as_dict()), markup=False)
+        estimate = estimate_fleet(stage, recordings, out, options).as_dict()
+        hint = ": --limit 2 measures it" if estimate["seconds"] is None else ""
+        print_estimate(estimate, as_json, hint)
         return
     try:
         with graceful_shutdown(), console.progress("fleet") as report:
@@ -69,23 +69,6 @@ def _run(
         console.print_json(vars(summary))
         return
     _print_summary(stage, summary, out)
-
-
-def _estimate_text(estimate: dict[str, Any]) -> str:
-    from adk_ros.fleet.run import duration_text
-
-    text = (
-        f"{estimate['stage']}: {estimate['total']} recordings, {estimate['reused']} done, "
-        f"{estimate['missing']} to process ({estimate['bytes'] / 1e6:.1f} MB)"
-    )
-    if estimate["unhashed"]:
-        text += f", {estimate['unhashed']} of them new"
-    if estimate["seconds"] is None:
-        return f"{text}; duration unknown before the first result: --limit 2 measures it"
-    return (
-        f"{text}; about {duration_text(estimate['seconds'])} with {estimate['workers']} workers, "
-        f"by the rate of {estimate['measured']} recordings"
-    )
 
 
 def _print_summary(stage: Stage, summary: RunSummary, out: Path) -> None:
@@ -230,6 +213,7 @@ def report(
             console.output.print(f"  {kind}: {finding}: {count} recordings", markup=False)
 
 
+app.command()(train)
 app.command()(mismatch)
 app.command()(compare)
 app.command()(demo)

@@ -156,7 +156,7 @@ def train(
     if as_json:
         console.print_json({"model": str(out), "seconds": round(seconds, 1)} | model.facts)
         return
-    _print_result(model)
+    print_result(model)
     data_s = sum(recording.duration_s for recording in recordings)
     console.note(f"trained on {data_s:.0f} s of recordings in {seconds:.0f} s: model in {out}")
     if report:
@@ -187,7 +187,7 @@ def read_recordings(bags: list[Path], options: RecordingOptions) -> list[BagReco
     return recordings
 
 
-def _print_result(model: TrainedModel) -> None:
+def print_result(model: TrainedModel) -> None:
     """Print the scores on held-out data, and which step was kept."""
     from adk_ros.model.uncertainty.fallback import summary
     from adk_ros.train.dataset import TEST

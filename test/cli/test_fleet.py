@@ -9,6 +9,7 @@ import shutil
 
 import numpy as np
 import pytest
+from helpers.fleet_results import filled
 from helpers.train import bag, refused, small
 
 from adk_ros.api.fleet.fleet_run import FleetOptions, estimate_fleet, run_fleet
@@ -17,11 +18,7 @@ from adk_ros.api.fleet.mismatch_stage import MismatchStage
 from adk_ros.api.fleet.replay_stage import ReplayStage
 from adk_ros.api.fleet.results import fleet_frame, fleet_summary
 from adk_ros.cli.main import main
-from adk_ros.fleet.dataset import FleetDataset, checked_row
-from adk_ros.fleet.plan import plan
-from adk_ros.fleet.recordings import content_hash, find_recordings
-from adk_ros.fleet.run import result_rows
-from adk_ros.fleet.stage_process import call
+from adk_ros.fleet.dataset import checked_row
 
 
 @pytest.fixture
@@ -32,26 +29,6 @@ def drives(tmp_path):
     (folder / "bad.mcap").write_text("no bag")
     (folder / "fleet.csv").write_text("recording,vehicle,time,rain\ntown,car 1,2026-03-01,yes\n")
     return folder
-
-
-def filled(drives, out, stage):
-    """Write the results of a stage as a run does, in this process."""
-    recordings = find_recordings([str(drives)])
-    hashes = {(x.uri, x.version): content_hash(x) for x in recordings}
-    dataset = FleetDataset(out)
-    dataset.append_hashes(
-        [
-            {"uri": x.uri, "version": x.version, "content_hash": hashes[x.uri, x.version]}
-            for x in recordings
-        ]
-    )
-    for work in plan(stage, recordings, hashes, dataset).missing:
-        reply = call(
-            lambda path: [checked_row(row) for row in stage.run(path, path.name)],
-            [drives / work.recordings[0].name],
-        )
-        dataset.append(stage.name, result_rows(stage, work, reply))
-    return dataset
 
 
 def test_index(drives, tmp_path, capsys) -> None:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.fleet.stage import hash_of
+from adk_ros.fleet.training.blocks import HARD_M_S2, speed_classes
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import HORIZON_STEPS
@@ -21,11 +21,6 @@ if TYPE_CHECKING:
     from adk_ros.api.replay import ReplayResult
 
 _UNITS = dict(zip(STATE_NAMES, ("m/s", "m/s", "rad/s"), strict=True))
-_SPEEDS_KMH = (0.0, 30.0, 60.0, 90.0, np.inf)
-"""Limits of the speed classes: town, road, country road, motorway."""
-_HARD_M_S2 = 3.0
-"""Lateral acceleration above which tyres leave their linear range on a dry road, m/s²: a driving
-condition of the table, nothing depends on it."""
 _MINUTES = 5
 """Minutes that are listed, the most surprising first."""
 
@@ -70,13 +65,10 @@ def error_rows(result: ReplayResult) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     rollouts = result.held_out.rollouts[0]
     start = rollouts.record.x_ref[rollouts.rows]
-    speed_kmh = 3.6 * np.abs(start[:, 0])
     lateral = np.abs(start[:, 0] * start[:, 2])
     conditions: dict[str, BoolArray] = {"": np.ones(len(start), dtype=bool)}
-    for low, high in pairwise(_SPEEDS_KMH):
-        text = f"{low:.0f} to {high:.0f} km/h" if np.isfinite(high) else f"above {low:.0f} km/h"
-        conditions[text] = (speed_kmh >= low) & (speed_kmh < high)
-    conditions[f"lateral acceleration above {_HARD_M_S2:g} m/s²"] = lateral > _HARD_M_S2
+    conditions |= speed_classes(start[:, 0])
+    conditions[f"lateral acceleration above {HARD_M_S2:g} m/s²"] = lateral > HARD_M_S2
     for step in HORIZON_STEPS:
         ahead = rollouts.rows + step
         error = rollouts.record.x_ref[ahead] - rollouts.predicted[:, step - 1]

@@ -1,0 +1,34 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a run of `adk fleet` would do, as text."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from adk_ros.cli import console
+
+
+def print_estimate(estimate: dict[str, Any], as_json: bool, further: str = "") -> None:
+    """Print `FleetEstimate.as_dict()`, and what comes after the stage."""
+    if as_json:
+        console.print_json(estimate)
+    else:
+        console.output.print(_estimate_text(estimate) + further, markup=False)
+
+
+def _estimate_text(estimate: dict[str, Any]) -> str:
+    from adk_ros.fleet.run import duration_text
+
+    text = (
+        f"{estimate['stage']}: {estimate['total']} recordings, {estimate['reused']} done, "
+        f"{estimate['missing']} to process ({estimate['bytes'] / 1e6:.1f} MB)"
+    )
+    if estimate["unhashed"]:
+        text += f", {estimate['unhashed']} of them new"
+    if estimate["seconds"] is None:
+        return f"{text}; duration unknown before the first result"
+    return (
+        f"{text}; about {duration_text(estimate['seconds'])} with {estimate['workers']} workers, "
+        f"by the rate of {estimate['measured']} recordings"
+    )

@@ -1,0 +1,32 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Results of a fleet's stage without workers."""
+
+from pathlib import Path
+
+from adk_ros.fleet.dataset import FleetDataset, checked_row
+from adk_ros.fleet.plan import plan
+from adk_ros.fleet.recordings import content_hash, find_recordings
+from adk_ros.fleet.run import result_rows
+from adk_ros.fleet.stage import Stage
+from adk_ros.fleet.stage_process import call
+
+
+def filled(drives: Path, out: Path, stage: Stage) -> FleetDataset:
+    """Write the results of a stage as a run does, in this process."""
+    recordings = find_recordings([str(drives)])
+    hashes = {(x.uri, x.version): content_hash(x) for x in recordings}
+    dataset = FleetDataset(out)
+    dataset.append_hashes(
+        [
+            {"uri": x.uri, "version": x.version, "content_hash": hashes[x.uri, x.version]}
+            for x in recordings
+        ]
+    )
+    for work in plan(stage, recordings, hashes, dataset).missing:
+        reply = call(
+            lambda path: [checked_row(row) for row in stage.run(path, path.name)],
+            [drives / work.recordings[0].name],
+        )
+        dataset.append(stage.name, result_rows(stage, work, reply))
+    return dataset
