@@ -13,6 +13,7 @@ import typer
 from adk_ros.cli import console
 from adk_ros.cli.fleet_options import (
     ClusterOption,
+    DryRunOption,
     MemoryOption,
     OutOption,
     RecordingsArgument,
@@ -22,6 +23,7 @@ from adk_ros.cli.fleet_options import (
     WorkersOption,
     fleet_options,
 )
+from adk_ros.cli.fleet_run import print_estimate
 from adk_ros.cli.options import JsonOption
 from adk_ros.errors import UsageError
 
@@ -49,6 +51,10 @@ def mismatch(
     timeout: TimeoutOption = 1800.0,
     memory: MemoryOption = 4096.0,
     retry_failed: RetryOption = False,
+    reports: Annotated[
+        int, typer.Option(help="recordings that get a report of their own: those explained worst")
+    ] = 5,
+    dry_run: DryRunOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """
@@ -60,7 +66,16 @@ def mismatch(
     Example: adk fleet mismatch drives --simulation sim --vehicle vehicle.yaml --out fleet
     """
     options = fleet_options(tags, workers, cluster, timeout, memory, None, retry_failed)
-    found = _analysed(simulation, recordings, out, vehicle, without_imu, options)
+    if dry_run:
+        from adk_ros.api.fleet.mismatch_estimate import estimate_mismatch
+        from adk_ros.fleet.inference.analysis import PASSES
+
+        estimate = estimate_mismatch(
+            simulation, recordings, out, vehicle, without_imu=without_imu, options=options
+        )
+        print_estimate(estimate.as_dict(), as_json, f" (counts of the first of {PASSES} passes)")
+        return
+    found = _analysed(simulation, recordings, out, vehicle, without_imu, options, reports)
     if as_json:
         console.print_json(json.loads((found.page.parent / _DATA).read_text(encoding="utf-8")))
         return
@@ -131,6 +146,7 @@ def _analysed(
     vehicle: Path | None,
     without_imu: bool,
     options: FleetOptions,
+    reports: int = 5,
 ) -> FleetMismatch:
     from adk_ros.api.fleet.fleet_mismatch import fleet_mismatch
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
@@ -138,8 +154,8 @@ def _analysed(
     try:
         with graceful_shutdown(), console.progress("fleet") as report:
             return fleet_mismatch(
-                simulation, recordings, out, vehicle, without_imu=without_imu, options=options,
-                progress=report,
+                simulation, recordings, out, vehicle, without_imu=without_imu, reports=reports,
+                options=options, progress=report,
             )  # fmt: skip
     except (Terminated, KeyboardInterrupt) as stop:
         console.note("results so far are kept: run the same command again to continue")

@@ -12,13 +12,16 @@ import pytest
 from helpers.fleet_results import filled
 from helpers.train import bag, refused, small
 
+from adk_ros.api.explain import explain
 from adk_ros.api.fleet.fleet_run import FleetOptions, estimate_fleet, run_fleet
 from adk_ros.api.fleet.index_stage import IndexStage
 from adk_ros.api.fleet.mismatch_stage import MismatchStage
 from adk_ros.api.fleet.replay_stage import ReplayStage
+from adk_ros.api.fleet.report_stage import ReportStage
 from adk_ros.api.fleet.results import fleet_frame, fleet_summary
 from adk_ros.cli.main import main
-from adk_ros.fleet.dataset import checked_row
+from adk_ros.fleet.dataset import FleetDataset, checked_row
+from adk_ros.fleet.recordings import find_recordings
 
 
 @pytest.fixture
@@ -103,6 +106,40 @@ def test_dry_run(drives, tmp_path, capsys) -> None:
     assert estimate["seconds"] > 0.0
     done = estimate_fleet(IndexStage(), [str(drives)], out)
     assert (done.reused, done.missing, done.seconds) == (2, 0, 0.0)
+
+
+def test_dry_run_of_all_passes(drives, tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    given = ["fleet", "mismatch", str(drives), "--simulation", str(bag()), "--out", str(out)]
+    assert main([*given, "--dry-run"]) == 0
+    text = capsys.readouterr().out
+    assert "evidence: 2 recordings, 0 done, 2 to process" in text
+    assert "counts of the first of 3 passes" in text
+    assert not out.exists()
+    # At the rate of one recording that took 30 s: one to do and both again in two passes.
+    row = {"recording": "town", "key": "1", "status": "ok", "seconds": 30.0}
+    size = find_recordings([str(drives)])[-1].size
+    FleetDataset(out).append("evidence", [row | {"bytes": size}])
+    assert main([*given, "--dry-run", "--json", "--workers", "1"]) == 0
+    estimate = json.loads(capsys.readouterr().out)
+    assert estimate["seconds"] == pytest.approx(90.0, rel=0.01)
+
+
+@pytest.mark.slow(seconds=90)
+def test_a_recording_gets_its_own_report(tmp_path) -> None:
+    simulation = tmp_path / "simulation.yaml"
+    simulated = tmp_path / "simulated"
+    explain(bag("handling", 120.0), bag("xyz_edges", 60.0), "imdv", simulated)
+    shutil.copy(simulated / "simulation.yaml", simulation)
+    stage = ReportStage(str(simulation), str(tmp_path / "reports"))
+    rows = [checked_row(row) for row in stage.run(bag("town", 60.0), "day 1/town")]
+    (verdict,) = [row for row in rows if row["kind"] == "verdict"]
+    page = json.loads(verdict["details"])["report"]
+    assert page == "day 1/town/report.html"
+    assert (tmp_path / "reports" / page).stat().st_size > 10_000
+    before = stage.inputs_hash
+    simulation.write_text(simulation.read_text() + "# changed")
+    assert stage.inputs_hash != before
 
 
 def test_a_run_with_nothing_to_do_starts_no_worker(drives, tmp_path, capsys) -> None:

@@ -15,6 +15,7 @@ from helpers.train import bag, refused
 from adk_ros.api.fleet import training_data
 from adk_ros.api.fleet.fleet_run import FleetOptions
 from adk_ros.api.fleet.fleet_training import train_fleet
+from adk_ros.api.fleet.lost_files import forget_lost_files
 from adk_ros.api.fleet.training_data import (
     FleetTrainingOptions,
     fleet_training_data,
@@ -101,7 +102,7 @@ def test_validation_takes_turns_and_no_block_twice(drives, out, monkeypatch) -> 
 def test_a_lost_shard_is_written_again(drives, out) -> None:
     data = chosen(drives, out)
     (out / "shards" / data.test[0].shard).unlink()
-    training_data._drop_lost_shards(out)
+    forget_lost_files(out, "shards", out / "shards", "shard")
     left = {row["recording"] for row in FleetDataset(out).rows("shards")}
     assert data.test[0].recording not in left
     assert len(left) >= 4

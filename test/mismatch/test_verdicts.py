@@ -93,13 +93,23 @@ def test_a_power_limit_of_a_foreign_car_leaves_no_yaw_error() -> None:
     assert [x.effect.name for x in result.effects] == ["power_limit"]
 
 
-def test_a_foreign_car_steers_less() -> None:
+@pytest.mark.parametrize("seed", [22, 23])
+def test_a_foreign_car_steers_less(seed: int) -> None:
     """The multi-body model of another project, on both sides."""
     injected = InjectedMismatch({"steering_ratio": {"scale": 0.93}})
-    case = make_case("ratio", injected, 22, MULTI_BODY, seconds=SECONDS)
+    case = make_case("ratio", injected, seed, MULTI_BODY, seconds=SECONDS)
     result = identify_mismatch(case.simulation, case.recording, case.nominal)
     named = {x.effect.name for x in result.effects}
     assert "steering_ratio" in named | {name for x in result.effects for name in x.alternatives}
+
+
+def test_a_foreign_car_has_more_yaw_inertia() -> None:
+    injected = InjectedMismatch({"yaw_inertia": {"scale": 1.25}})
+    case = make_case("inertia", injected, 22, MULTI_BODY, seconds=SECONDS)
+    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    assert claimed(result) == ["yaw_inertia"]
+    (found,) = result.effects
+    assert found.parameters["scale"].value == pytest.approx(1.25, rel=0.03)
 
 
 def test_a_change_in_the_held_out_part_alone_is_not_selected() -> None:

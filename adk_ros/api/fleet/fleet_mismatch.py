@@ -10,12 +10,14 @@ again at the estimate, at which a quadratic summary is more exact.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 from adk_ros.api.fleet.evidence_stage import EvidenceStage, evidence_row, write_point
 from adk_ros.api.fleet.fleet_run import (
@@ -25,6 +27,8 @@ from adk_ros.api.fleet.fleet_run import (
     write_tags_of,
 )
 from adk_ros.api.fleet.index_stage import file_hash
+from adk_ros.api.fleet.lost_files import forget_lost_files
+from adk_ros.api.fleet.report_stage import ReportStage
 from adk_ros.errors import AdkError, DataError, UsageError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.cluster import Cluster, open_cluster
@@ -40,7 +44,7 @@ if TYPE_CHECKING:
     from adk_ros.fleet.inference.fleet_evidence import RecordingTags
     from adk_ros.fleet.inference.fleet_result import FleetResult
 
-REPORT = "report"
+REPORT, RECORDINGS = "report", "recordings"
 _DAY_S = 86_400.0
 _FIRST_TRIED = 20
 """Recordings that are tried as the typical one before giving up."""
@@ -69,6 +73,7 @@ def fleet_mismatch(
     vehicle: Path | str | None = None,
     *,
     without_imu: bool = False,
+    reports: int = 5,
     options: FleetOptions | None = None,
     progress: Progress | None = None,
 ) -> FleetMismatch:
@@ -79,11 +84,13 @@ def fleet_mismatch(
     :param recordings: folders, globs and fsspec URLs.
     :param out: folder of the dataset; an interrupted run continues. The page is in `out`/report.
     :param vehicle: nominal vehicle of the simulation, YAML or a packaged name.
+    :param reports: so many recordings, those that are explained worst, get a report of their own,
+        which the page links.
     :raises UsageError: an argument is invalid, `out` is in use, or a service does not answer.
     :raises DataError: no recording can be used.
     """
     from adk_ros.fleet.inference.analysis import analyse_fleet
-    from adk_ros.fleet.inference.corrected_models import corrected_models
+    from adk_ros.fleet.inference.corrected_models import corrected_models, simulation_model
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
     from adk_ros.fleet.report.fleet_page import write_fleet_page
 
@@ -118,11 +125,32 @@ def fleet_mismatch(
         analysis = analyse_fleet(
             evidence_at, known, lambda rows: recording_tags(rows, tags), report
         )
+        worst = {x.name for x in analysis.result.worst(reports)}
+        surrogate = out / REPORT / "simulation.yaml"
+        surrogate.write_text(simulation_model(known.surrogate), encoding="utf-8")
+        folder = out / REPORT / RECORDINGS
+        stage = ReportStage(str(surrogate.resolve()), str(folder.resolve()))
+        forget_lost_files(out, stage.name, folder, "report")
+        listed = [recording for recording in found if recording.name in worst]
+        run_stage(stage, listed, out, lambda: nullcontext(cluster()), options.limits, progress)
     write_tags_of(out, tags)
     failed = tuple(sorted(analysis.failed.items()))
     models = corrected_models(analysis.result, known.surrogate)
-    page = write_fleet_page(analysis.result, out / REPORT, models=models, failed=failed)
+    links = _links(out, stage, worst)
+    page = write_fleet_page(
+        analysis.result, out / REPORT, links=links, models=models, failed=failed
+    )
     return FleetMismatch(analysis.result, page, failed)
+
+
+def _links(out: Path, stage: ReportStage, names: Collection[str]) -> dict[str, str]:
+    """Return recording -> address of its report, relative to the page."""
+    links = {}
+    for row in FleetDataset(out).rows(stage.name):
+        page = json.loads(row["details"] or "{}").get("report")
+        if page is not None and row["recording"] in names:
+            links[str(row["recording"])] = quote(f"{RECORDINGS}/{page}")
+    return links
 
 
 def evidence_of(
@@ -185,6 +213,13 @@ def _point(out: Path, estimate: FleetEstimate | None) -> str:
     return str(path)
 
 
+def simulation_file(simulation: Path, vehicle: Path | str | None, out: Path) -> Path:
+    """Return the file of the identified simulation, named by its inputs, whether it exists."""
+    given = "" if vehicle is None else str(vehicle)
+    key = hash_of([file_hash(str(simulation)), file_hash(given), code_digest()])
+    return out / f"simulation-{key[:16]}.npz"
+
+
 def _identified(
     simulation: Path,
     vehicle: Path | str | None,
@@ -200,9 +235,7 @@ def _identified(
 
     if not simulation.exists():
         raise UsageError(f"--simulation {simulation} does not exist")
-    given = "" if vehicle is None else str(vehicle)
-    key = hash_of([file_hash(str(simulation)), file_hash(given), code_digest()])
-    path = out / f"simulation-{key[:16]}.npz"
+    path = simulation_file(simulation, vehicle, out)
     if path.exists():
         return path
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)

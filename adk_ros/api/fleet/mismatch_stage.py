@@ -6,10 +6,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.fleet.stage import hash_of
+
+if TYPE_CHECKING:
+    from adk_ros.api.explain import MismatchExplanation
 
 
 @dataclass(frozen=True)
@@ -40,47 +43,51 @@ class MismatchStage:
         explanation = explain(
             self.simulation, path, self.vehicle or None, without_imu=self.without_imu
         )
-        answer = explanation.as_dict()
-        rows: list[dict[str, Any]] = [
-            {
-                "kind": "verdict",
-                "finding": answer["verdict"],
-                "text": answer["sentence"],
-                "details": {"notes": answer["notes"], "unexplained": answer.get("unexplained")},
-            }
-        ]
-        for effect in answer["effects"]:
-            for parameter, interval in effect["parameters"].items():
-                rows.append(
-                    {
-                        "kind": "effect",
-                        "finding": effect["name"],
-                        "channel": parameter,
-                        "condition": effect["where"]["text"],
-                        "value": interval["value"],
-                        "low": interval["low"],
-                        "high": interval["high"],
-                        "unit": interval["unit"],
-                        "details": {
-                            "confidence": effect["confidence"],
-                            "alternatives": effect["alternatives"],
-                        },
-                    }
-                )
-        for channel, unit in explanation.errors["unit"].items():
-            for model in ("before", "after"):
-                rows.append(
-                    {
-                        "kind": "error",
-                        "finding": "simulation" if model == "before" else "corrected",
-                        "channel": str(channel),
-                        "horizon_s": answer["fit"]["horizon_s"],
-                        "value": answer["fit"][model][channel],
-                        "unit": unit,
-                    }
-                )
-        rows += [
-            {"kind": "warning", "finding": "mismatch", "text": text}
-            for text in explanation.warnings
-        ]
-        return rows
+        return explanation_rows(explanation)
+
+
+def explanation_rows(explanation: MismatchExplanation) -> list[dict[str, Any]]:
+    """Return verdict, effects, errors and warnings of an analysis as rows."""
+    answer = explanation.as_dict()
+    rows: list[dict[str, Any]] = [
+        {
+            "kind": "verdict",
+            "finding": answer["verdict"],
+            "text": answer["sentence"],
+            "details": {"notes": answer["notes"], "unexplained": answer.get("unexplained")},
+        }
+    ]
+    for effect in answer["effects"]:
+        for parameter, interval in effect["parameters"].items():
+            rows.append(
+                {
+                    "kind": "effect",
+                    "finding": effect["name"],
+                    "channel": parameter,
+                    "condition": effect["where"]["text"],
+                    "value": interval["value"],
+                    "low": interval["low"],
+                    "high": interval["high"],
+                    "unit": interval["unit"],
+                    "details": {
+                        "confidence": effect["confidence"],
+                        "alternatives": effect["alternatives"],
+                    },
+                }
+            )
+    for channel, unit in explanation.errors["unit"].items():
+        for model in ("before", "after"):
+            rows.append(
+                {
+                    "kind": "error",
+                    "finding": "simulation" if model == "before" else "corrected",
+                    "channel": str(channel),
+                    "horizon_s": answer["fit"]["horizon_s"],
+                    "value": answer["fit"][model][channel],
+                    "unit": unit,
+                }
+            )
+    rows += [
+        {"kind": "warning", "finding": "mismatch", "text": text} for text in explanation.warnings
+    ]
+    return rows

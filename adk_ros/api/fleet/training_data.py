@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from adk_ros.api.fleet.fleet_run import FleetOptions, listed_recordings, run_fleet
+from adk_ros.api.fleet.lost_files import forget_lost_files
 from adk_ros.api.fleet.shard_stage import SHARDS, ShardStage
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.run import Progress
-from adk_ros.fleet.run_lock import run_lock
 from adk_ros.fleet.tags import Tags
 from adk_ros.fleet.training.sampling import (
     BlockWindows,
@@ -117,7 +117,7 @@ def fleet_training_data(
     :raises UsageError: as `train_fleet`.
     """
     stage = shard_stage(out, training)
-    _drop_lost_shards(out)
+    forget_lost_files(out, SHARDS, out / SHARDS, "shard")
     run_fleet(stage, recordings, out, options, progress)
     found, tags = listed_recordings(recordings, options)
     blocks, failed = _blocks(out, stage, {recording.name for recording in found}, tags)
@@ -129,20 +129,6 @@ def fleet_training_data(
     windows = BlockWindows(parts[0], training.window_s, seed, training.balanced)
     hours = sum(block.seconds for block in parts[0]) / 3600.0
     return FleetTrainingData(split, windows, tuple(parts[1]), tuple(parts[2]), hours, failed)
-
-
-def _drop_lost_shards(out: Path) -> None:
-    """Forget the recordings whose shard was removed, so that it is written again."""
-    dataset = FleetDataset(out)
-    lost = {
-        row["key"]
-        for row in dataset.rows(SHARDS)
-        if row["kind"] == "block"
-        and not (out / SHARDS / json.loads(row["details"])["shard"]).is_file()
-    }
-    if lost:
-        with run_lock(out):
-            dataset.drop(SHARDS, lost)
 
 
 def _blocks(

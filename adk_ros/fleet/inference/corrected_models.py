@@ -34,6 +34,11 @@ def corrected_models(result: FleetResult, surrogate: SurrogateModel) -> dict[str
     return {_safe(name): text for name, text in out.items()}
 
 
+def simulation_model(surrogate: SurrogateModel) -> str:
+    """Return the text of the simulation's model, without any effect."""
+    return surrogate_yaml(surrogate.parameters, terms=[], surrogate=surrogate)
+
+
 def _in_all(claim: Claim) -> bool:
     """Whether a claim is about all cars and all conditions."""
     return claim.kind == SHARED or (not claim.car and claim.kind != CONDITION)

@@ -145,6 +145,10 @@ class FleetResult:
         """Return plain values, for JSON."""
         return {"schema": SCHEMA, **asdict(self)}
 
+    def worst(self, count: int) -> list[RecordingSummary]:
+        """Return the recordings that the claims explain worst, the worst first."""
+        return sorted(self.recordings, key=lambda r: (-r.loss_ratio, r.name))[: max(count, 0)]
+
 
 def fleet_result(
     estimate: FleetEstimate,

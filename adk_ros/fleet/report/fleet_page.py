@@ -87,9 +87,8 @@ def write_fleet_page(
 
 
 def _worst_rows(result: FleetResult, links: Mapping[str, str]) -> list[list[Any]]:
-    ordered = sorted(result.recordings, key=lambda r: -r.loss_ratio)[:_WORST]
     rows: list[list[Any]] = []
-    for r in ordered:
+    for r in result.worst(_WORST):
         name: Any = r.name
         if r.name in links:
             name = Markup('<a href="{}">{}</a>').format(links[r.name], escape(r.name))

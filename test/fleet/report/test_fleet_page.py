@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from adk_ros.errors import UsageError
-from adk_ros.fleet.inference.corrected_models import corrected_models
+from adk_ros.fleet.inference.corrected_models import corrected_models, simulation_model
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
 from adk_ros.fleet.inference.fleet_selection import Selection
@@ -95,6 +95,19 @@ def test_corrected_models_hold_the_effects_of_their_level() -> None:
     assert every.terms[0].parameters["cda"] == pytest.approx(0.15, rel=0.3)
     own = SurrogateFile.model_validate(yaml.safe_load(texts["corrected_car02.yaml"]))
     assert {term.effect for term in own.terms} == {"aero_drag", "low_friction"}
+
+
+def test_the_model_of_the_simulation_has_no_effect() -> None:
+    plain = SurrogateFile.model_validate(yaml.safe_load(simulation_model(surrogate())))
+    assert plain.terms == []
+
+
+def test_the_worst_recordings_come_first() -> None:
+    every = result()
+    ratios = [r.loss_ratio for r in every.worst(len(every.recordings))]
+    assert ratios == sorted(ratios, reverse=True)
+    assert len(every.worst(3)) == 3
+    assert every.worst(0) == []
 
 
 def test_values_by_car_are_those_of_its_claims() -> None:

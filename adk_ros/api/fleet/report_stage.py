@@ -1,0 +1,48 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Stage `reports`: the report of a recording on its own, which the page of the fleet links."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from adk_ros.api.fleet.index_stage import file_hash
+from adk_ros.api.fleet.mismatch_stage import explanation_rows
+from adk_ros.fleet.stage import hash_of
+
+PAGE = "report.html"
+
+
+@dataclass(frozen=True)
+class ReportStage:
+    """
+    As `MismatchStage`, against the simulation as the fleet has identified it, with a report.
+
+    `simulation`: vehicle file of the surrogate (`simulation.yaml`): a bag would be refused for
+    recordings that are faster or slower. `folder`: where the reports are written, one folder for
+    each recording, seen by all workers under this path. The row of kind `verdict` has the page
+    below it in `details.report`.
+    """
+
+    simulation: str
+    folder: str
+    name: str = "reports"
+
+    @property
+    def inputs_hash(self) -> str:
+        """Hash of the simulation."""
+        return hash_of([file_hash(self.simulation)])
+
+    def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
+        """Return the rows of a recording, and write its report."""
+        from adk_ros.api.explain import explain
+
+        explanation = explain(self.simulation, path)
+        explanation.write(Path(self.folder) / recording, force=True)
+        rows = explanation_rows(explanation)
+        for row in rows:
+            if row["kind"] == "verdict":
+                row["details"]["report"] = f"{recording}/{PAGE}"
+        return rows
