@@ -17,6 +17,7 @@ from matplotlib.patches import Rectangle
 from adk_ros.files.pages.figure_style import BLUE, GREY, ORANGE, PURPLE, VERMILION
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_result import FleetResult, TrendPoint
+from adk_ros.mismatch.report.summary import number
 from adk_ros.mismatch.report.vocabulary import title, unit_text
 from adk_ros.numerics.arrays import FloatArray, IntArray
 
@@ -42,7 +43,7 @@ def matrix_figure(result: FleetResult, path: Path) -> None:
         for j, key in enumerate(keys):
             entry = entries[car, key]
             dark = abs(values[i, j]) > 0.6 * _LIMIT
-            text = f"{entry.size:.2g}\n±{entry.half:.1g}"
+            text = f"{number(entry.size, 2.0 * entry.half)}\n±{number(entry.half, entry.half)}"
             axes.text(
                 j, i, text, ha="center", va="center", fontsize=6.5, color="w" if dark else "k"
             )

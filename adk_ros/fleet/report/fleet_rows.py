@@ -8,90 +8,62 @@ from collections.abc import Sequence
 
 from adk_ros.fleet.inference.fleet_result import Claim, FleetResult, NotClaimed, PlaceClaim
 from adk_ros.fleet.inference.levels import CAR, CONDITION, SHARED
+from adk_ros.fleet.report.claim_text import claim_text
 from adk_ros.mismatch.report.vocabulary import listed, title, unit_text, with_titles
-
-CLAIM_HEADER = [
-    "effect",
-    "where",
-    "size",
-    "90 % interval",
-    "between cars",
-    "indistinguishable from",
-]
 
 
 def claim_rows(claims: Sequence[Claim]) -> list[list[str]]:
-    """Return effect, level, size, interval, deviation between cars, and ties."""
-    return [
-        [
-            f"{title(c.effect)}, {c.parameter}",
-            c.level,
-            f"{c.size:.3g} {unit_text(c.unit)}".strip(),
-            f"{c.low:.3g} to {c.high:.3g}",
-            f"{c.between_cars:.1g}",
-            with_titles("; ".join(c.ties)) if c.ties else "-",
-        ]
-        for c in claims
-    ]
+    """Return effect with its size, level, interval, deviation between cars, and ties."""
+    rows = []
+    for c in claims:
+        text = claim_text(c)
+        ties = with_titles("; ".join(c.ties)) if c.ties else "-"
+        deviation = f"{c.between_cars:.1g} {unit_text(c.unit)}".strip()
+        rows.append([text.phrase, c.level, text.interval, deviation, ties])
+    return rows
 
 
 def place_rows(places: Sequence[PlaceClaim]) -> list[list[str]]:
-    """Return effect, place, size, interval, number of recordings, and ties."""
+    """Return effect with its size, place, interval, number of recordings, and ties."""
     rows = []
     for p in places:
         x = sum(c[0] for c in p.centres) / len(p.centres)
         y = sum(c[1] for c in p.centres) / len(p.centres)
-        rows.append(
-            [
-                f"{title(p.effect)}, {p.parameter}",
-                f"x {x:.0f} m, y {y:.0f} m ({len(p.cells)} cells)",
-                f"{p.size:.3g} {unit_text(p.unit)}".strip(),
-                f"{p.low:.3g} to {p.high:.3g}",
-                str(p.recordings),
-                listed([title(t) for t in p.ties], "or") or "-",
-            ]
-        )
+        text = claim_text(p)
+        where = f"x {x:.0f} m, y {y:.0f} m ({len(p.cells)} cell{'s' * (len(p.cells) > 1)})"
+        ties = listed([title(t) for t in p.ties], "or") or "-"
+        rows.append([text.phrase, where, text.interval, str(p.recordings), ties])
     return rows
 
 
 def not_claimed_rows(candidates: Sequence[NotClaimed]) -> list[list[str]]:
-    """Return effect, level, size, interval, reason."""
-    return [
-        [
-            f"{title(c.effect)}, {c.parameter}",
-            c.level,
-            f"{c.size:.3g} {unit_text(c.unit)}".strip(),
-            f"{c.low:.3g} to {c.high:.3g}",
-            c.reason,
-        ]
-        for c in candidates
-    ]
+    """Return effect with its size, level, interval, reason."""
+    rows = []
+    for c in candidates:
+        text = claim_text(c)
+        rows.append([text.phrase, c.level, text.interval, c.reason])
+    return rows
 
 
 def summary_sentence(result: FleetResult) -> str:
-    """Return what is found, in a sentence or two."""
+    """Return what is found, by level, in a sentence."""
     of = f"In {len(result.recordings)} recordings of {len(result.cars)} cars"
-    shared = [title(c.effect) for c in result.claims if c.kind == SHARED]
     if not result.claims and not result.places:
         return f"{of}, no effect of the catalogue is significant at any level."
-    parts = []
-    if shared:
-        parts.append(f"the simulation lacks {listed(list(dict.fromkeys(shared)))}")
-    cars = {c.car for c in result.claims if c.car}
-    if cars:
-        parts.append(
-            f"{listed(sorted(cars))} differ{'s' if len(cars) == 1 else ''} from the others"
-        )
-    conditions = {f"{c.tag} {c.value}" for c in result.claims if c.kind == CONDITION}
-    if conditions:
-        parts.append(f"{listed(sorted(conditions))} changes the behaviour")
-    trends = {c.effect for c in result.claims if c.kind not in {SHARED, CAR, CONDITION}}
-    if trends:
-        parts.append(f"{listed(sorted(title(t) for t in trends))} changes over time")
+    by_level: dict[str, list[str]] = {}
+    for claim in sorted(result.claims, key=lambda c: _LEVELS.index(_group(c))):
+        by_level.setdefault(claim.level, []).append(claim_text(claim).phrase)
+    parts = [f"{listed(phrases)} ({level})" for level, phrases in by_level.items()]
     if result.places:
-        names = sorted({title(p.effect) for p in result.places})
-        parts.append(
-            f"{len(result.places)} place{'s' * (len(result.places) > 1)} "
-            f"differ{'s' * (len(result.places) == 1)} ({listed(names)})"
-        )
-    return f"{of}, {'; '.join(parts)}."
+        phrases = list(dict.fromkeys(claim_text(p).phrase for p in result.places))
+        number = len(result.places)
+        parts.append(f"{listed(phrases)} (at {number} place{'s' * (number > 1)})")
+    return f"{of}, relative to the simulation: {'; '.join(parts)}."
+
+
+_LEVELS = (SHARED, CONDITION, CAR, "")
+"""Order of the levels in the sentence; "" for trends."""
+
+
+def _group(claim: Claim) -> str:
+    return claim.kind if claim.kind in _LEVELS else ""

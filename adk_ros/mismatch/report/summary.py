@@ -44,7 +44,7 @@ def number(value: float, width: float, show_sign: bool = False) -> str:
     if not (math.isfinite(width) and width > 0.0):
         return f"{value:{sign}.3g}"
     decimals = -math.floor(math.log10(0.5 * width))
-    rounded = round(value, decimals)
+    rounded = round(value, decimals) + 0.0  # no minus zero
     return f"{rounded:{sign}.{max(decimals, 0)}f}"
 
 

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -20,8 +22,10 @@ from adk_ros.fleet.inference.levels import CAR, RAMP, SHARED, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place
+from adk_ros.fleet.report.claim_text import claim_text
 from adk_ros.fleet.report.fleet_comparison import compared_claims, write_comparison
 from adk_ros.fleet.report.fleet_page import write_fleet_page
+from adk_ros.fleet.report.fleet_rows import summary_sentence
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.library.surrogate_parameters import default_parameters
 from adk_ros.mismatch.report.vocabulary import title
@@ -78,7 +82,7 @@ def test_the_page_shows_claims_vehicles_trends_places_and_links(tmp_path: Path) 
         failed=[("drive_009", "bag is truncated")],
     )
     text = page.read_text()
-    assert "the simulation lacks" in text
+    assert "more drag area (C_dA) (all cars)" in text
     assert 'href="drive003/report.html"' in text
     assert 'href="corrected_all.yaml"' in text
     assert "bag is truncated" in text
@@ -100,6 +104,22 @@ def test_corrected_models_hold_the_effects_of_their_level() -> None:
 def test_the_model_of_the_simulation_has_no_effect() -> None:
     plain = SurrogateFile.model_validate(yaml.safe_load(simulation_model(surrogate())))
     assert plain.terms == []
+
+
+def test_claims_are_phrases_with_sizes() -> None:
+    texts = {c.effect: claim_text(c) for c in result().claims}
+    drag = next(c for c in result().claims if c.effect == "aero_drag")
+    assert re.fullmatch(r"0\.1\d+ m² more drag area \(C_dA\)", texts["aero_drag"].phrase)
+    low, high = map(float, re.findall(r"0\.\d+", texts["aero_drag"].interval))
+    assert (low, high) == pytest.approx((drag.low, drag.high), abs=0.01)
+    assert re.fullmatch(r"\d+ % lower road friction", texts["low_friction"].phrase)
+    assert texts["low_friction"].interval.endswith(" %")
+
+
+def test_the_sentence_of_a_fleet_without_a_claim() -> None:
+    plain = replace(result(), claims=(), places=())
+    assert "no effect of the catalogue is significant" in summary_sentence(plain)
+    assert summary_sentence(result()).count("(at 1 place)") == 1
 
 
 def test_the_worst_recordings_come_first() -> None:

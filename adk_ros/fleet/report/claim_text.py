@@ -1,0 +1,39 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Claims of a fleet as phrases with physical sizes, as the report of a single recording has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from adk_ros.fleet.inference.fleet_result import Claim, NotClaimed, PlaceClaim
+from adk_ros.mismatch.inference.result import Interval
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.report.effect_vocabulary import THAN
+from adk_ros.mismatch.report.summary import interval_text, phrase, size_and_interval
+from adk_ros.mismatch.report.vocabulary import quantity
+
+
+@dataclass(frozen=True)
+class ClaimText:
+    """`phrase`: "5.1 % softer rear tyres"; `interval`: "4.4 to 5.7 %"."""
+
+    phrase: str
+    interval: str
+
+
+def claim_text(claim: Claim | NotClaimed | PlaceClaim) -> ClaimText:
+    """Return an effect relative to the simulation, with its 90 % interval in the same unit."""
+    effect = EFFECTS[claim.effect]
+    (parameter,) = (p for p in effect.parameters if p.name == claim.parameter)
+    # A claim is a difference from neutral, of an inverse parameter the value itself.
+    shift = 0.0 if parameter.inverse else parameter.neutral
+    value, low, high = (shift + each for each in (claim.size, claim.low, claim.high))
+    sized = Interval(value, low, high, parameter.unit)
+    written = quantity(effect.name, parameter.name, parameter.unit)
+    text = phrase(effect, value).removesuffix(THAN).rstrip(",")
+    if "{size}" not in text:
+        return ClaimText(f"{text}: {written.label} {interval_text(sized, written)}", "")
+    is_opposite = value < effect.parameters[0].neutral
+    size, interval = size_and_interval(sized, written, -1.0 if is_opposite else 1.0)
+    return ClaimText(text.format(size=size), f"{interval} {written.unit}".rstrip())
