@@ -33,7 +33,7 @@ from adk_ros.fleet.inference.assessment import Assessment, assessment_of, extend
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
-from adk_ros.fleet.inference.levels import Level, is_trend, levels_of
+from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, Level, is_trend, levels_of
 from adk_ros.fleet.inference.mixed_model import MixedModel, Term
 from adk_ros.fleet.inference.variance_components import fitted_components
 from adk_ros.mismatch.library.criteria import (
@@ -56,8 +56,6 @@ _MOST_DROPS = 2
 _LARGE_DEVIATION, _REFITTED = 0.5, 2
 """Deviation between cars, in materiality thresholds, that is fitted again with a candidate, and
 how many parameters at most. By choice."""
-_BOUND_DEVIATIONS = 2.0
-"""Standard deviations by which chance may move a size beyond the bounds of its parameter."""
 
 Progress = Callable[[float, str], None]
 
@@ -259,7 +257,7 @@ class Selection:
         column = column_of(self.fleet.columns.effects[found.candidate.effect])
         p = column.parameter
         low, high = ((b - p.theta_neutral) / column.materiality for b in p.bounds())
-        slack = _BOUND_DEVIATIONS * found.deviation
+        slack = BOUND_DEVIATIONS * found.deviation
         return found.extremes[0] >= low - slack and found.extremes[1] <= high + slack
 
     def _without_insignificant(self, model: FleetModel) -> tuple[FleetModel, list[Candidate]]:

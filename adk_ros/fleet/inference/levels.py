@@ -21,6 +21,8 @@ from adk_ros.numerics.arrays import FloatArray
 SHARED, CAR, CONDITION, STEP, RAMP = "shared", "car", "condition", "step", "ramp"
 MIN_RECORDINGS = 3
 """Least recordings with and without a level: two determine no scatter among them and a size."""
+BOUND_DEVIATIONS = 2.0
+"""Standard deviations by which chance may move a size beyond the bounds of its parameter."""
 _ONSETS = 8
 """Change points that are tried per trend, at quantiles of the recordings' times. By choice."""
 _SPARSE_ONSETS = 4

@@ -3,21 +3,7 @@
 """
 Effects at places of a fleet: the same cell of the map, on several recordings.
 
-At the fleet's estimate of all else, the evidence of recording r at a cell about a parameter is a
-score s_r and an information h_r. The size of the cell is sum s / sum h; its variance is the larger
-of 1 / sum h and that of the scatter between recordings (J. Hartung, G. Knapp, "On tests of the
-overall treatment effect in meta-analysis with normally distributed responses", Statistics in
-Medicine 20 (2001) 1771), with Student's t over the recordings.
-
-The surrogate's error depends on the manoeuvre, so the same bend feigns the same effect every day.
-How large such effects are is seen in all other cells (an empirical null; B. Efron, "Large-scale
-simultaneous hypothesis testing", J. Am. Stat. Assoc. 99 (2004) 96). An error of the accelerations
-feigns a size that is the larger, the less a cell informs about the parameter: it multiplies the
-variance of noise. An error of the parameter itself adds the same variance in every cell. Both
-follow from the robust deviations of the sizes from their median, the former in the half of the
-cells with the least information, the latter in the other half. Neither shrinks with the number of
-recordings.
-
+Each cell is tested for each parameter against an empirical null (`cell_tests`).
 The most significant cell is taken, with the adjoining ones that are significant for the same
 parameter; its effect is subtracted, and the search goes on.
 """
@@ -28,8 +14,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import stdtr, stdtrit
+from scipy.special import stdtrit
 
+from adk_ros.fleet.inference.cell_tests import CellTest, cell_test, is_claimable, null_of, p_value
 from adk_ros.fleet.inference.evidence import PLACE_ROW, Row, column_of
 from adk_ros.fleet.inference.levels import MIN_RECORDINGS
 from adk_ros.fleet.inference.place_evidence import Cell, PlaceEvidence
@@ -40,12 +27,11 @@ from adk_ros.mismatch.library.criteria import (
 )
 from adk_ros.numerics.arrays import FloatArray
 
-_MAD_TO_SIGMA = 1.4826
-"""Standard deviation over median absolute deviation, of a Gaussian."""
-_MIN_CELLS = 10
-"""Least cells that determine the deviation of the surrogate's error between places."""
-_NULL_ROUNDS = 50
-"""Rounds in which the two parts of that error are fitted in turn, until neither changes."""
+_REACH = 3
+"""
+Cells from a place within which there is no second one: a block of residuals, 5 s, in which they
+count as dependent (`mismatch.inference.block_scores`), passes three cells of 60 m at 130 km/h.
+"""
 _MAX_PLACES = 20
 """Most places of a selection; bounds the time. By choice."""
 
@@ -82,25 +68,6 @@ class _Visits:
     scores: FloatArray
     informations: FloatArray
     crosses: FloatArray
-
-
-@dataclass(frozen=True)
-class _CellTest:
-    """Size of one parameter at one cell."""
-
-    size: float
-    variance: float
-    freedom: float
-    gain: float
-
-
-@dataclass(frozen=True)
-class _Null:
-    """Sizes of a parameter where nothing acts: median, variance, factor on that of noise."""
-
-    centre: float
-    spread: float
-    inflation: float
 
 
 class PlaceData:
@@ -141,15 +108,11 @@ class PlaceData:
     ) -> FloatArray:
         """Return what the effects at places, beyond `known` ones, add to the scores (r, d)."""
         out = np.zeros(shape)
-        before = {(p.key, p.cells): p.size for p in known}
-        for place in places:
-            k = self.keys.index(place.key)
-            size = place.size - before.get((place.key, place.cells), 0.0)
-            for cell in place.cells:
-                visits = self.cells.get(cell)
-                for v, r in enumerate(visits.recordings if visits is not None else ()):
-                    assert visits is not None
-                    out[r] += visits.crosses[v, k] * size
+        for key, cell, size in _changes(places, known):
+            visits = self.cells.get(cell)
+            if visits is not None:
+                k = self.keys.index(key)
+                np.add.at(out, list(visits.recordings), visits.crosses[:, k] * size)
         return out
 
     def saved_loss(
@@ -157,16 +120,13 @@ class PlaceData:
     ) -> FloatArray:
         """Return the loss (r,) that the effects at places, beyond `known` ones, save."""
         out = np.zeros(recordings)
-        before = {(p.key, p.cells): p.size for p in known}
-        for place in places:
-            k = self.keys.index(place.key)
-            size = place.size - before.get((place.key, place.cells), 0.0)
-            for cell in place.cells:
-                visits = self.cells.get(cell)
-                if visits is not None:
-                    h = visits.informations[:, k, k]
-                    gain = 2.0 * visits.scores[:, k] * size - h * size**2
-                    np.add.at(out, list(visits.recordings), gain)
+        for key, cell, size in _changes(places, known):
+            visits = self.cells.get(cell)
+            if visits is not None:
+                k = self.keys.index(key)
+                h = visits.informations[:, k, k]
+                gain = 2.0 * visits.scores[:, k] * size - h * size**2
+                np.add.at(out, list(visits.recordings), gain)
         return out
 
     def select(
@@ -176,7 +136,8 @@ class PlaceData:
         Return the effects at places, given the joint vector (r, d) of each recording.
 
         `significance`: largest p-value of a single test; `known`: places at whose sizes the
-        recordings were linearised, to which what is left there is added.
+        recordings were linearised. What is left there is added; those that are not significant
+        any more are dropped.
         """
         scores = {
             cell: v.scores - np.einsum("vqd,vd->vq", v.crosses, at[list(v.recordings)])
@@ -186,20 +147,14 @@ class PlaceData:
         blocked: set[tuple[Cell, str]] = set()
         for place in known:
             k = self.keys.index(place.key)
-            cells = [cell for cell in place.cells if cell in scores]
-            of_place = [
-                _cell_test(scores[cell][:, k], self.cells[cell].informations[:, k, k])
-                for cell in cells
-            ]
-            weights = np.array([1.0 / t.variance if t.variance > 0.0 else 0.0 for t in of_place])
-            if weights.sum() > 0.0:
-                change = float(weights @ np.array([t.size for t in of_place]) / weights.sum())
-                places.append(replace(place, size=place.size + change))
-                for cell in cells:
+            kept = self._estimated_again(place, scores, significance)
+            change = -place.size if kept is None else kept.size - place.size
+            for cell in place.cells:
+                if cell in scores:
                     scores[cell] = scores[cell] - self.cells[cell].informations[:, :, k] * change
-            # What a linearisation leaves at a place is no second effect there, nor next to it.
-            near = {c for c in self.cells if any(c.is_next_to(cell) for cell in place.cells)}
-            blocked |= {(cell, key) for cell in near.union(place.cells) for key in self.keys}
+            if kept is not None:
+                places.append(kept)
+                blocked |= self._around(kept)
         while len(places) < _MAX_PLACES:
             found = self._best(scores, significance, blocked)
             if found is None:
@@ -208,8 +163,53 @@ class PlaceData:
             k = self.keys.index(found.key)
             for cell in found.cells:
                 scores[cell] = scores[cell] - self.cells[cell].informations[:, :, k] * found.size
-                blocked |= {(cell, key) for key in (found.key, *found.alternatives)}
+            blocked |= self._around(found)
         return places
+
+    def _estimated_again(
+        self, place: Place, scores: Mapping[Cell, FloatArray], significance: float
+    ) -> Place | None:
+        """Return a place with what is left there added, None if it is not claimable any more."""
+        k = self.keys.index(place.key)
+        tests = self._tests_of(k, scores)
+        cells = [cell for cell in place.cells if cell in tests]
+        if not cells:
+            return None
+        weights = np.array([1.0 / tests[cell].variance for cell in cells])
+        left = float(weights @ np.array([tests[cell].size for cell in cells]) / weights.sum())
+        whole = [replace(tests[cell], size=place.size + tests[cell].size) for cell in cells]
+        best = min(whole, key=p_value)
+        size = place.size + left
+        if p_value(best) >= significance or not is_claimable(place.key, replace(best, size=size)):
+            return None
+        return replace(place, size=size)
+
+    def _tests_of(self, k: int, scores: Mapping[Cell, FloatArray]) -> dict[Cell, CellTest]:
+        """Return the size of a parameter at each cell against the empirical null."""
+        tests = {
+            cell: cell_test(scores[cell][:, k], visits.informations[:, k, k])
+            for cell, visits in self.cells.items()
+        }
+        null = null_of(list(tests.values()))
+        found = {}
+        for cell, test in tests.items():
+            if test.variance > 0.0:
+                size = test.size - null.centre
+                inexact = SYSTEMATIC_ERROR_PER_MATERIALITY**2
+                inexact += (SYSTEMATIC_ERROR_SHARE * size) ** 2
+                variance = null.inflation * test.variance + null.spread + inexact
+                found[cell] = CellTest(size, variance, test.freedom, test.gain)
+        return found
+
+    def _around(self, place: Place) -> set[tuple[Cell, str]]:
+        """
+        Return (cell, key) of the cells of a place and around it, for all parameters.
+
+        What one size leaves there is no second effect: the place begins and ends within a cell,
+        its linearisation is not exact, and its residuals last for a block.
+        """
+        around = {c for c in self.cells if any(_is_near(c, cell) for cell in place.cells)}
+        return {(cell, key) for cell in around for key in self.keys}
 
     def _best(
         self,
@@ -217,24 +217,13 @@ class PlaceData:
         significance: float,
         blocked: set[tuple[Cell, str]],
     ) -> Place | None:
-        tests: dict[tuple[Cell, str], _CellTest] = {}
+        tests: dict[tuple[Cell, str], CellTest] = {}
         for k, key in enumerate(self.keys):
-            of_key = {
-                cell: _cell_test(scores[cell][:, k], visits.informations[:, k, k])
-                for cell, visits in self.cells.items()
-            }
-            null = _null_of(list(of_key.values()))
-            for cell, test in of_key.items():
-                if test.variance > 0.0:
-                    size = test.size - null.centre
-                    inexact = SYSTEMATIC_ERROR_PER_MATERIALITY**2
-                    inexact += (SYSTEMATIC_ERROR_SHARE * size) ** 2
-                    variance = null.inflation * test.variance + null.spread + inexact
-                    tests[cell, key] = _CellTest(size, variance, test.freedom, test.gain)
+            tests |= {(cell, key): test for cell, test in self._tests_of(k, scores).items()}
         good = {
             pair: test
             for pair, test in tests.items()
-            if _p_value(test) < significance and abs(test.size) >= 1.0 and pair not in blocked
+            if p_value(test) < significance and pair not in blocked and is_claimable(pair[1], test)
         }
         if not good:
             return None
@@ -261,45 +250,24 @@ class PlaceData:
             size,
             float(np.sqrt(1.0 / weights.sum() + SYSTEMATIC_ERROR_PER_MATERIALITY**2)),
             best.freedom,
-            _p_value(best),
+            p_value(best),
             max(len(self.cells[cell].recordings) for cell in cells),
             alternatives,
         )
 
 
-def _cell_test(scores: FloatArray, informations: FloatArray) -> _CellTest:
-    """Return the size of a parameter from the scores and informations (v,) of recordings."""
-    total = float(informations.sum())
-    count = int(np.count_nonzero(informations > 0.0))
-    if count < MIN_RECORDINGS or total <= 0.0:
-        return _CellTest(0.0, 0.0, 1.0, 0.0)
-    size = float(scores.sum()) / total
-    scatter = float(((scores - informations * size) ** 2).sum()) / total**2
-    variance = max(1.0 / total, scatter * count / (count - 1.0))
-    return _CellTest(size, variance, count - 1.0, size**2 / variance)
+def _changes(places: Sequence[Place], known: Sequence[Place]) -> list[tuple[str, Cell, float]]:
+    """Return key, cell and size by which effects at places differ from known ones."""
+    sizes = {(place.key, place.cells): -place.size for place in known}
+    for place in places:
+        pair = (place.key, place.cells)
+        sizes[pair] = sizes.get(pair, 0.0) + place.size
+    return [(key, cell, size) for (key, cells), size in sizes.items() for cell in cells]
 
 
-def _null_of(tests: Sequence[_CellTest]) -> _Null:
-    """Return what a parameter's sizes over cells show of the surrogate's error."""
-    used = [test for test in tests if test.variance > 0.0]
-    if len(used) < _MIN_CELLS:
-        return _Null(0.0, 1.0, 1.0)
-    sizes = np.array([test.size for test in used])
-    variances = np.array([test.variance for test in used])
-    centre = float(np.median(sizes))
-    uncertain = variances > np.median(variances)
-    inflation, spread = 1.0, 0.0
-    for _ in range(_NULL_ROUNDS):
-        # Squared robust deviation in units of the expected one: one, if the null is right.
-        scaled = (sizes - centre)[uncertain] ** 2 / (variances[uncertain] + spread / inflation)
-        inflation = max(_MAD_TO_SIGMA**2 * float(np.median(scaled)), 1.0)
-        precise = _MAD_TO_SIGMA**2 * float(np.median((sizes - centre)[~uncertain] ** 2))
-        spread = max(precise - inflation * float(np.median(variances[~uncertain])), 0.0)
-    return _Null(centre, spread, inflation)
-
-
-def _p_value(test: _CellTest) -> float:
-    return 2.0 * float(stdtr(test.freedom, -abs(test.size) / np.sqrt(test.variance)))
+def _is_near(cell: Cell, other: Cell) -> bool:
+    """Whether a block of residuals may reach from one cell to the other, in any direction."""
+    return max(abs(cell.x - other.x), abs(cell.y - other.y)) <= _REACH
 
 
 def _connected(seed: Cell, cells: set[Cell]) -> list[Cell]:

@@ -15,10 +15,16 @@ NAMES = [f"drive{i}" for i in range(RECORDINGS)]
 
 
 def _rows(
-    surrogate_error: float, size: float = 0.0, seed: int = 1, last: tuple[int, int] = (20, 20)
+    surrogate_error: float,
+    size: float = 0.0,
+    seed: int = 1,
+    last: tuple[int, int] = (20, 20),
+    second: tuple[int, float] | None = None,
 ) -> list[Row]:
     """
     Return rows of cells along a line, with an effect of `size` in the cells `last`.
+
+    `second`: a further cell and its size.
 
     The surrogate's error repeats on every recording: it is a score of `surrogate_error` standard
     deviations of that of noise, the same on each of them.
@@ -27,10 +33,14 @@ def _rows(
     rows: list[Row] = []
     for x in range(CELLS):
         # Cells are apart, but for those of the place.
-        cell = Cell(x if last[0] <= x <= last[1] else 100 + 3 * x, 0, 0)
+        cell = Cell(x if last[0] <= x <= last[1] else 100 + 4 * x, 0, 0)
+        if second is not None and x == 0:
+            cell = Cell(second[0], 0, 0)
         # Some cells inform a hundred times less than others.
         information = 10.0 ** (rng.uniform(0.0, 2.0) if size == 0.0 else 2.0)
         acts = size if last[0] <= x <= last[1] else 0.0
+        if second is not None and x == 0:
+            acts = second[1]
         feigned = surrogate_error * np.sqrt(information) * rng.standard_normal()
         for name in NAMES:
             noise = np.sqrt(information) * rng.standard_normal()
@@ -44,7 +54,7 @@ def _rows(
                     "effects": KEY,
                     "score": packed(np.array([information * acts + feigned + noise])),
                     "information": packed(np.array([[information]])),
-                    "cross": np.zeros((1, 2), dtype="<f4").tobytes(),
+                    "cross": np.array([[information, 0.0]], dtype="<f4").tobytes(),
                 }
             )
     return rows
@@ -75,3 +85,26 @@ def test_what_a_known_place_leaves_next_to_it_is_no_second_one() -> None:
     places = data.select(at, SIGNIFICANCE, [known])
     assert [place.cells for place in places[:1]] == [known.cells]
     assert all(Cell(21, 0, 0) not in place.cells for place in places)
+
+
+def test_only_what_is_far_from_a_place_is_a_second_one() -> None:
+    for x, number in ((25, 1), (26, 2)):
+        assert len(_found(_rows(0.3, size=6.0, last=(20, 22), second=(x, -4.0)))) == number
+
+
+def test_a_size_beyond_its_bounds_is_no_place() -> None:
+    # A bank of 6 thresholds is possible, one of 600 is a wall.
+    assert len(_found(_rows(0.3, size=6.0))) == 1
+    assert _found(_rows(0.3, size=600.0)) == []
+
+
+def test_a_known_place_that_is_not_seen_any_more_is_dropped() -> None:
+    # The recordings were linearised at a size of 3, of which they show nothing.
+    rows = _rows(0.3, size=-3.0)
+    data = PlaceData(rows, NAMES, dict.fromkeys(NAMES, 1.0))
+    known = Place(KEY, (Cell(20, 0, 0),), 3.0, 0.1, 9.0, 1e-9, RECORDINGS)
+    assert data.select(np.zeros((RECORDINGS, 2)), SIGNIFICANCE, [known]) == []
+    undone = data.correction([], [known], (RECORDINGS, 2))
+    np.testing.assert_allclose(undone[:, 0], -300.0)
+    # Losing the place saves what it had cost.
+    assert (data.saved_loss([], [known], RECORDINGS) > 0.0).all()

@@ -1,0 +1,102 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Tests of one parameter at the cells of the map, against what cells show where nothing acts.
+
+At the fleet's estimate of all else, the evidence of recording r at a cell about a parameter is a
+score s_r and an information h_r. The size of the cell is sum s / sum h; its variance is the larger
+of 1 / sum h and that of the scatter between recordings (J. Hartung, G. Knapp, "On tests of the
+overall treatment effect in meta-analysis with normally distributed responses", Statistics in
+Medicine 20 (2001) 1771), with Student's t over the recordings.
+
+The surrogate's error depends on the manoeuvre, so the same bend feigns the same effect every day.
+How large such effects are is seen in all other cells (an empirical null; B. Efron, "Large-scale
+simultaneous hypothesis testing", J. Am. Stat. Assoc. 99 (2004) 96). An error of the accelerations
+feigns a size that is the larger, the less a cell informs about the parameter: it multiplies the
+variance of noise. An error of the parameter itself adds the same variance in every cell. Both
+follow from the robust deviations of the sizes from their median, the former in the half of the
+cells with the least information, the latter in the other half. Neither shrinks with the number of
+recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtr
+
+from adk_ros.fleet.inference.evidence import column_of
+from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, MIN_RECORDINGS
+from adk_ros.numerics.arrays import FloatArray
+
+_MAD_TO_SIGMA = 1.4826
+"""Standard deviation over median absolute deviation, of a Gaussian."""
+_MIN_CELLS = 10
+"""Least cells that determine the deviation of the surrogate's error between places."""
+_NULL_ROUNDS = 50
+"""Rounds in which the two parts of that error are fitted in turn, until neither changes."""
+
+
+@dataclass(frozen=True)
+class CellTest:
+    """Size of one parameter at one cell."""
+
+    size: float
+    variance: float
+    freedom: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class Null:
+    """Sizes of a parameter where nothing acts: median, variance, factor on that of noise."""
+
+    centre: float
+    spread: float
+    inflation: float
+
+
+def cell_test(scores: FloatArray, informations: FloatArray) -> CellTest:
+    """Return the size of a parameter from the scores and informations (v,) of recordings."""
+    total = float(informations.sum())
+    count = int(np.count_nonzero(informations > 0.0))
+    if count < MIN_RECORDINGS or total <= 0.0:
+        return CellTest(0.0, 0.0, 1.0, 0.0)
+    size = float(scores.sum()) / total
+    scatter = float(((scores - informations * size) ** 2).sum()) / total**2
+    variance = max(1.0 / total, scatter * count / (count - 1.0))
+    return CellTest(size, variance, count - 1.0, size**2 / variance)
+
+
+def null_of(tests: Sequence[CellTest]) -> Null:
+    """Return what a parameter's sizes over cells show of the surrogate's error."""
+    used = [test for test in tests if test.variance > 0.0]
+    if len(used) < _MIN_CELLS:
+        return Null(0.0, 1.0, 1.0)
+    sizes = np.array([test.size for test in used])
+    variances = np.array([test.variance for test in used])
+    centre = float(np.median(sizes))
+    uncertain = variances > np.median(variances)
+    inflation, spread = 1.0, 0.0
+    for _ in range(_NULL_ROUNDS):
+        # Squared robust deviation in units of the expected one: one, if the null is right.
+        scaled = (sizes - centre)[uncertain] ** 2 / (variances[uncertain] + spread / inflation)
+        inflation = max(_MAD_TO_SIGMA**2 * float(np.median(scaled)), 1.0)
+        precise = _MAD_TO_SIGMA**2 * float(np.median((sizes - centre)[~uncertain] ** 2))
+        spread = max(precise - inflation * float(np.median(variances[~uncertain])), 0.0)
+    return Null(centre, spread, inflation)
+
+
+def p_value(test: CellTest) -> float:
+    return 2.0 * float(stdtr(test.freedom, -abs(test.size) / np.sqrt(test.variance)))
+
+
+def is_claimable(key: str, test: CellTest) -> bool:
+    """Whether a size is material, and within the bounds of its parameter but for chance."""
+    column = column_of(key)
+    p = column.parameter
+    low, high = ((b - p.theta_neutral) / column.materiality for b in p.bounds())
+    slack = BOUND_DEVIATIONS * float(np.sqrt(test.variance))
+    return abs(test.size) >= 1.0 and low - slack <= test.size <= high + slack
