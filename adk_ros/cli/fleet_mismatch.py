@@ -167,6 +167,11 @@ def _analysed(
 def _show(found: FleetMismatch) -> None:
     """Print the summary, what could not be used, and where the page is."""
     console.output.print(found.summary, markup=False)
+    recordings = found.result.recordings
+    if len(recordings) > 1 and all(each.car == each.name for each in recordings):
+        console.note(
+            f"no vehicle is named (fleet.csv): {len(recordings)} recordings count as as many cars"
+        )
     for name, reason in found.failed:
         console.output.print(f"not used: {name}: {reason}", markup=False)
     console.flush()

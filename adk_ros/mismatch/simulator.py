@@ -86,7 +86,7 @@ def _surrogate_and_notes(
         return plain, notes
     return extended, [
         *notes,
-        "the surrogate needed more than tyres and body to reproduce the simulation; it also has: "
+        "the surrogate needed more than tyres and body to reproduce the simulation, and has also: "
         f"{'; '.join(extended.augmentation_notes)}",
     ]
 

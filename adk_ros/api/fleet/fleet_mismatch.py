@@ -24,6 +24,7 @@ from adk_ros.api.fleet.fleet_run import (
     FleetOptions,
     check_options,
     listed_recordings,
+    tags_file,
     write_tags_of,
 )
 from adk_ros.api.fleet.index_stage import file_hash
@@ -89,11 +90,13 @@ def fleet_mismatch(
     :raises UsageError: an argument is invalid, `out` is in use, or a service does not answer.
     :raises DataError: no recording can be used.
     """
+    from adk_ros.api.provenance import RunTimer
     from adk_ros.fleet.inference.analysis import analyse_fleet
     from adk_ros.fleet.inference.corrected_models import corrected_models, simulation_model
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
     from adk_ros.fleet.report.fleet_page import write_fleet_page
 
+    timer = RunTimer()
     out, options = Path(out), options or FleetOptions()
     check_options(options)
     found, tags = listed_recordings(recordings, options)
@@ -137,8 +140,16 @@ def fleet_mismatch(
     failed = tuple(sorted(analysis.failed.items()))
     models = corrected_models(analysis.result, known.surrogate)
     links = _links(out, stage, worst)
+    sources: list[tuple[str, Path | str | None]] = [("simulation", simulation)]
+    if vehicle is not None and Path(vehicle).is_file():
+        sources.append(("vehicle", vehicle))
     page = write_fleet_page(
-        analysis.result, out / REPORT, links=links, models=models, failed=failed
+        analysis.result,
+        out / REPORT,
+        provenance=timer.provenance([*sources, *tags_file(out)]),
+        links=links,
+        models=models,
+        failed=failed,
     )
     return FleetMismatch(analysis.result, page, failed)
 

@@ -96,6 +96,16 @@ def write_tags_of(out: Path, tags: dict[str, Tags]) -> None:
         write_tags(out / TAGS_FILE, tags)
 
 
+def tags_file(out: Path) -> list[tuple[str, Path | str | None]]:
+    """
+    Return role and path of the tags that are kept with the results, for the provenance.
+
+    The hashes of the recordings are in the dataset.
+    """
+    path = out / TAGS_FILE
+    return [("tags", path)] if path.is_file() else []
+
+
 def estimate_fleet(
     stage: Stage, recordings: Sequence[str], out: Path | str, options: FleetOptions | None = None
 ) -> FleetEstimate:

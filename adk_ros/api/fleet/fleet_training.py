@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from adk_ros.api.fleet.fleet_run import FleetOptions
+from adk_ros.api.fleet.fleet_run import FleetOptions, tags_file
 from adk_ros.api.fleet.shard_stage import SHARDS
 from adk_ros.api.fleet.training_data import (
     FleetTrainingOptions,
@@ -85,7 +85,7 @@ def train_fleet(
         {"fleet": data.as_dict()},
     )  # fmt: skip
     if report:
-        write_report(run, model, provenance=timer.provenance([("fleet", out)]))
+        write_report(run, model, provenance=timer.provenance(tags_file(out)))
     else:
         remove_report(model)
     return replace(load_model(model), training=run)

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from adk_ros.fleet.inference.fleet_result import Claim, FleetResult, NotClaimed, PlaceClaim
 from adk_ros.fleet.inference.levels import CAR, CONDITION, SHARED
 from adk_ros.fleet.report.claim_text import claim_text
@@ -49,7 +51,9 @@ def summary_sentence(result: FleetResult) -> str:
     """Return what is found, by level, in a sentence."""
     of = f"In {len(result.recordings)} recordings of {len(result.cars)} cars"
     if not result.claims and not result.places:
-        return f"{of}, no effect of the catalogue is significant at any level."
+        return (
+            f"{of}, no effect of the catalogue is significant at any level.{_what_is_left(result)}"
+        )
     by_level: dict[str, list[str]] = {}
     for claim in sorted(result.claims, key=lambda c: _LEVELS.index(_group(c))):
         by_level.setdefault(claim.level, []).append(claim_text(claim).phrase)
@@ -61,6 +65,21 @@ def summary_sentence(result: FleetResult) -> str:
     return f"{of}, relative to the simulation: {'; '.join(parts)}."
 
 
+def _what_is_left(result: FleetResult) -> str:
+    """Return how much is unexplained without a claim, and whether for want of cars."""
+    loss = float(np.median([r.loss_ratio for r in result.recordings]))
+    text = f"The squared residuals are {loss:.2g} times those of a perfect model (median)."
+    if len(result.cars) < _FEW_CARS:
+        text += (
+            " So few cars do not tell an effect of all from one of each: name their cars in "
+            "fleet.csv, or analyse them together by 'adk mismatch' with several --recording."
+        )
+    return text
+
+
+_FEW_CARS = 4
+"""Cars below which the deviation between them hides what they share: with three, an effect has two
+degrees of freedom, and significance among thousands of tests needs a hundred deviations."""
 _LEVELS = (SHARED, CONDITION, CAR, "")
 """Order of the levels in the sentence; "" for trends."""
 

@@ -282,15 +282,17 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
 
     :raises DataError: the torque is in kN·m, or the implied mass differs by more than 8 %, both
         over the whole recording and over its part of low power, which a power limit does not
-        affect; where torque and speed do not explain the acceleration well, by more than a factor
-        of 2.5.
+        affect. Where torque and speed do not explain the acceleration well, the mass must be
+        outside the interval, or differ by a factor of 2.5 if that is so in both.
     """
     radius, inertia = nominal.wheel_radius, 4.0 * nominal.wheel_inertia
     check_torque_unit(simulation, nominal.mass, radius)
     overall = implied_mass(simulation, radius, inertia)
     low_power = implied_mass(simulation, radius, inertia, _LOW_POWER_SHARE)
+    masses = [] if overall is None else [overall, low_power or overall]
+    is_known = any(implied.is_accurate for implied in masses)
     if overall is not None and all(
-        _contradicts(mass, nominal.mass) for mass in (overall, low_power or overall)
+        _contradicts(implied, nominal.mass, is_known) for implied in masses
     ):
         raise DataError(
             f"{simulation.name}: the torque response implies a mass of {_mass(overall.value)} "
@@ -305,9 +307,19 @@ def _mass(value: float) -> str:
     return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
 
 
-def _contradicts(implied: ImpliedMass, mass: float) -> bool:
-    largest = 1.0 + _MAX_MASS_DIFFERENCE if implied.is_accurate else _MAX_MASS_RATIO
-    return not 1.0 / largest < implied.value / mass < largest
+def _contradicts(implied: ImpliedMass, mass: float, is_known: bool) -> bool:
+    """
+    Whether an implied mass contradicts that of the vehicle file.
+
+    `is_known`: this one or the one of the other part is accurate. The interval of one that is not
+    may be too narrow; alone it only shows a gross difference.
+    """
+    largest = 1.0 + _MAX_MASS_DIFFERENCE
+    if implied.is_accurate:
+        return not 1.0 / largest < implied.value / mass < largest
+    if is_known:
+        return not implied.low < mass < implied.high
+    return not 1.0 / _MAX_MASS_RATIO < implied.value / mass < _MAX_MASS_RATIO
 
 
 def check_torque_unit(recording: SensorLog, mass: float, wheel_radius: float) -> None:

@@ -225,7 +225,7 @@ def candidate_rows(result: MismatchResult) -> Rows:
             [
                 title(candidate.name),
                 listed(sizes) + where.get(candidate.kind, ""),
-                f"{100.0 * min(max(candidate.share, 0.0), 1.0):.2g} %",
+                f"{float(f'{100.0 * min(max(candidate.share, 0.0), 1.0):.2g}'):g} %",
                 with_titles(candidate.reason),
             ]
         )

@@ -119,6 +119,9 @@ def test_claims_are_phrases_with_sizes() -> None:
 def test_the_sentence_of_a_fleet_without_a_claim() -> None:
     plain = replace(result(), claims=(), places=())
     assert "no effect of the catalogue is significant" in summary_sentence(plain)
+    assert "times those of a perfect model" in summary_sentence(plain)
+    assert "So few cars" not in summary_sentence(plain)
+    assert "So few cars" in summary_sentence(replace(plain, cars=("a", "b", "c")))
     assert summary_sentence(result()).count("(at 1 place)") == 1
 
 

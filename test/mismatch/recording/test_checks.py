@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,9 @@ from adk_ros.mismatch.recording.checks import (
     check_torque_unit,
     check_vehicle,
 )
+from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.mismatch.recording.implied_values import implied_mass, steering_unit
+from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.run_inputs import no_terms
 
@@ -31,6 +34,9 @@ def scaled(stream: str, column: int, factor: float) -> Callable[[SensorLog], Sen
         return replace(log, **{stream: values})
 
     return change
+
+
+SAMPLE = Path(__file__).resolve().parents[3] / "bags" / "handling"
 
 
 def stationary(log: SensorLog) -> SensorLog:
@@ -139,6 +145,19 @@ def test_a_vehicle_file_of_another_mass_is_refused(factor: float) -> None:
     # The message gives the value to correct it with.
     implied = float(str(error.value).split("a mass of ")[1].split(" kg")[0])
     assert implied == pytest.approx(nominal.mass, rel=0.02)
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.8, 0.9, 1.0, 1.1, 1.2, 1.5, 2.0])
+def test_the_sample_recording_knows_its_mass(factor: float) -> None:
+    """Its part of low power explains little of the acceleration, the whole explains it well."""
+    log = read_sensor_log(SAMPLE)
+    nominal = load_nominal_vehicle("imdv")
+    other = nominal.model_copy(update={"mass": factor * nominal.mass})
+    if factor == 1.0:
+        check_vehicle(other, log)
+        return
+    with pytest.raises(DataError, match="the torque response implies a mass of 20"):
+        check_vehicle(other, log)
 
 
 def test_a_wheel_of_another_radius_is_refused() -> None:
