@@ -181,13 +181,19 @@ def scored_claims(label: dict[str, Any], answer: dict[str, Any]) -> list[ScoredC
     """
     Return the named effects of an answer that state a confidence.
 
-    It is that of the effect or one of its alternatives, and right if the label has one of them.
+    It is that of the effect or one of its alternatives. It is right if the label has the effect,
+    or an alternative by which no other claim is right: two claims for one effect are not both.
     """
     labelled = {effect["name"] for effect in label["effects"]}
+    effects = answer.get("effects", [])
+    used = labelled & {effect["name"] for effect in effects}
     claims = []
-    for effect in answer.get("effects", []):
+    for effect in effects:
         names = [effect["name"], *effect.get("alternatives", [])]
-        right = not labelled.isdisjoint(names)
+        right = effect["name"] in labelled
+        if not right and (free := labelled.intersection(names) - used):
+            right = True
+            used.add(min(free, key=names.index))
         if effect.get("confidence") is not None:
             claims.append(ScoredClaim("|".join(names), float(effect["confidence"]), right))
     return claims

@@ -212,6 +212,20 @@ def test_claims_are_right_if_an_alternative_is_labelled() -> None:
     assert not score_case("x", label("crosswind"), said).claims[0].right
 
 
+def test_one_effect_does_not_make_two_claims_right() -> None:
+    def right(*named: str, labelled: str = "aero_drag", **alternatives: list[str]) -> list[bool]:
+        said = answer("explained", *named, **alternatives)
+        for effect in said["effects"]:
+            effect["confidence"] = 0.9
+        return [claim.right for claim in score_case("x", label(labelled), said).claims]
+
+    drag = ["aero_drag"]
+    assert right("headwind", "payload", headwind=drag, payload=drag) == [True, False]
+    assert right("headwind", "aero_drag", headwind=drag) == [False, True]
+    # At two places, for example.
+    assert right("aero_drag", "aero_drag") == [True, True]
+
+
 def test_the_largest_raised_error() -> None:
     fit = {
         "before": {"v_x": 0.1, "v_y": 0.02},
