@@ -69,15 +69,19 @@ def end_all(processes: Iterable[BaseProcess]) -> None:
             process.join()
 
 
-def begin_worker() -> None:
+def begin_worker(unwinds: bool = True) -> None:
     """
     Install the signal handling of a worker: SIGTERM unwinds its stack, Ctrl-C is ignored.
 
-    The parent handles Ctrl-C. A thread ends the worker if the parent is killed.
+    The parent handles Ctrl-C. A thread ends the worker if the parent is killed. While a worker
+    begins there is nothing to unwind, and an exception would be printed as that of its
+    initializer: SIGTERM ends it at once; without `unwinds` also later.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _on_sigterm)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    if unwinds:
+        signal.signal(signal.SIGTERM, _on_sigterm)
 
 
 def _on_sigterm(number: int, frame: FrameType | None) -> None:

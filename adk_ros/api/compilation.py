@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import signal
 import time
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -82,9 +81,8 @@ def _check_cache_folder() -> None:
 
 def _begin(compiled: Any) -> None:
     """Set up a worker process that counts its compilations in `compiled`."""
-    begin_worker()
     # An exception would be lost in a callback of the compiler. The cache is never half-written.
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    begin_worker(unwinds=False)
     event.register("numba:compile", _Counter(compiled))  # type: ignore[no-untyped-call]
 
 

@@ -40,7 +40,8 @@ choice, of the order of a calibrated automotive IMU; no data sheet is named.
 """
 WEAK_DIRECTION_BOUND = 3.0
 """
-Hard bound along a direction that the simulation determines poorly, in its own standard deviations.
+Hard bound along a direction that the simulation determines poorly, in its own standard deviations:
+chance exceeds three with a probability of 0.3 %.
 """
 SURROGATE_ERROR_CLIP = 5.0
 """
@@ -120,7 +121,10 @@ which no spread is known.
 PENALTY_PER_SEGMENT = 16.0
 """Loss that each segment must gain: two boundaries of `PENALTY_PER_LOCATION`."""
 MIN_SEGMENT_TRANSITIONS = 2.0
-"""A segment shorter than this many transition lengths has vanished."""
+"""
+A segment shorter than this many transition lengths has vanished: rise and fall, a length each,
+meet before it reaches its full size.
+"""
 
 # --- Identifiability ---------------------------------------------------------------------------
 
@@ -157,7 +161,8 @@ UNLISTED_EXPONENT = 2.1
 """Exponent of the held-out error, over that limit, in these odds. Calibrated."""
 GYRO_BIAS_SIGMAS = 3.0
 """
-An IMU bias whose gyro part is within this many standard deviations of zero is reported as a tilt.
+An IMU bias whose gyro part is within this many standard deviations of zero is reported as a tilt:
+chance exceeds three with a probability of 0.3 %.
 """
 
 # --- Unmodelled dynamics -----------------------------------------------------------------------
@@ -314,7 +319,10 @@ alone moves the RMSE of a hundred predictions by about one per cent.
 RAISED_FALSE_ALARM = 0.05
 """Probability that chance makes the rise of a held-out error significant. Convention."""
 MIN_RAISED_BLOCKS = 4
-"""Blocks of `BLOCK_S` that a significant rise needs: fewer determine no spread. By choice."""
+"""
+Blocks of `BLOCK_S` that a significant rise needs: n blocks know their spread to a share of
+1 / sqrt(2 (n - 1)), four to 41 %, three to 50 %. By choice.
+"""
 MAX_CANDIDATES_LISTED = 5
 """Most candidates that are listed as not claimed. Convention."""
 MAX_IMPROVED_RATIO = 0.98
