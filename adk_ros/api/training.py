@@ -78,6 +78,21 @@ def train_model(
     read = [as_recording(item, options if _is_path(item) else None, progress) for item in items]
     if not read:
         raise UsageError("give at least one recording")
+    stepped, noted = training_callbacks(progress, on_step)
+    sensors = read[0].options.sensors
+    run = run_training([item.record for item in read], out, chosen, split, sensors, stepped, noted)
+    if report:
+        sources = [("recording", item.path) for item in read]
+        write_report(run, out, provenance=timer.provenance(sources))
+    else:
+        remove_report(out)
+    return replace(load_model(out), training=run)
+
+
+def training_callbacks(
+    progress: Progress | None, on_step: Callable[[Step], None] | None
+) -> tuple[Callable[[Step], None], Callable[[str, int, int], None]]:
+    """Return what a training calls after each step and in its other stages, for `progress`."""
     report_step = in_stage(progress, "training")
 
     def stepped(step: Step) -> None:
@@ -91,14 +106,7 @@ def train_model(
     def noted(stage: str, done: int, total: int) -> None:
         in_stage(progress, stage)(done, total)
 
-    sensors = read[0].options.sensors
-    run = run_training([item.record for item in read], out, chosen, split, sensors, stepped, noted)
-    if report:
-        sources = [("recording", item.path) for item in read]
-        write_report(run, out, provenance=timer.provenance(sources))
-    else:
-        remove_report(out)
-    return replace(load_model(out), training=run)
+    return stepped, noted
 
 
 def check_training(out: Path, split: str, recordings: int, force: bool) -> None:

@@ -25,7 +25,7 @@ from adk_ros.cli.fleet_options import (
 )
 from adk_ros.cli.fleet_run import print_estimate
 from adk_ros.cli.options import ForceOption, JsonOption, NoImuOption, ParamsOption, read_options
-from adk_ros.cli.train import print_result
+from adk_ros.cli.train import noted_checkpoint, print_result
 
 _SHOWN = 5
 """Recordings that are listed with the reason why they are not used."""
@@ -81,7 +81,6 @@ def train(
     from adk_ros.api.fleet.training_data import FleetTrainingOptions, shard_stage
     from adk_ros.api.training import check_training, validation_interval
     from adk_ros.train.train_settings import TrainSettings
-    from adk_ros.train.training_run import checkpoints_of
 
     settings = TrainSettings(
         steps=steps, validate_every=validation_interval(steps), seed=seed, device=device
@@ -100,23 +99,22 @@ def train(
         print_estimate(estimate, as_json, f"; then {steps} training steps on this machine")
         return
     check_training(model, "blocks", 1, force)
-    try:
-        with console.progress("fleet") as report, console.stages() as progress:
-            trained = train_fleet(
-                recordings,
-                out,
-                model,
-                settings=settings,
-                training=training,
-                options=options,
-                force=force,
-                fleet_progress=report,
-                progress=progress,
-            )
-    except KeyboardInterrupt:
-        if any(path.is_file() for path in checkpoints_of(model)):
-            console.note("the same command resumes from the last checkpoint")
-        raise
+    with (
+        noted_checkpoint(model),
+        console.progress("fleet") as report,
+        console.stages() as progress,
+    ):
+        trained = train_fleet(
+            recordings,
+            out,
+            model,
+            settings=settings,
+            training=training,
+            options=options,
+            force=force,
+            fleet_progress=report,
+            progress=progress,
+        )
     seconds = time.monotonic() - started
     if as_json:
         console.print_json({"model": str(model), "seconds": round(seconds, 1)} | trained.facts)

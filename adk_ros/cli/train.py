@@ -107,7 +107,6 @@ def train(
     started = time.monotonic()
     from adk_ros.api.training import check_training, train_model, validation_interval
     from adk_ros.train.train_settings import PaperSettings, TrainSettings
-    from adk_ros.train.training_run import checkpoints_of
 
     settings: TrainSettings | PaperSettings
     if paper is None:
@@ -137,7 +136,7 @@ def train(
             note_resumed(step)
             write_scalars(step)
 
-        try:
+        with noted_checkpoint(out):
             model = train_model(
                 recordings,
                 out,
@@ -148,10 +147,6 @@ def train(
                 progress=progress,
                 on_step=on_step,
             )
-        except KeyboardInterrupt:
-            if any(path.is_file() for path in checkpoints_of(out)):
-                console.note("the same command resumes from the last checkpoint")
-            raise
     seconds = time.monotonic() - started
     if as_json:
         console.print_json({"model": str(out), "seconds": round(seconds, 1)} | model.facts)
@@ -161,6 +156,19 @@ def train(
     console.note(f"trained on {data_s:.0f} s of recordings in {seconds:.0f} s: model in {out}")
     if report:
         console.note(f"report: {out / 'report.html'}")
+
+
+@contextmanager
+def noted_checkpoint(model: Path) -> Iterator[None]:
+    """Say after an interruption of a training that writes `model` whether it resumes."""
+    from adk_ros.train.training_run import checkpoints_of
+
+    try:
+        yield
+    except KeyboardInterrupt:
+        if any(path.is_file() for path in checkpoints_of(model)):
+            console.note("the same command resumes from the last checkpoint")
+        raise
 
 
 def read_recordings(bags: list[Path], options: RecordingOptions) -> list[BagRecording]:

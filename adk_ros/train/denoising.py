@@ -53,22 +53,6 @@ _TIE_MARGIN = 1.02
 """Factor on the smallest RMS innovation up to which gains count as equal. Empirical."""
 
 
-def observer_filtered(
-    train: Sequence[Record],
-    validation: Sequence[Record],
-    settings: TrainSettings,
-    on_step: Callable[[Step], None] | None = None,
-    checkpoint: Path | None = None,
-) -> tuple[list[Record], list[Record]]:
-    """
-    Return both with the yaw rate of `Record.x` filtered, if it is noisy.
-
-    :raises DataError: as `fit`.
-    """
-    filtered = observer_filter(train, validation, settings, on_step, checkpoint)
-    return [filtered(r) for r in train], [filtered(r) for r in validation]
-
-
 def observer_filter(
     train: Sequence[Record],
     validation: Sequence[Record],

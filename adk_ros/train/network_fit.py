@@ -344,12 +344,14 @@ class _Trainer:
 
     def data_of(self, step: int) -> _Data:
         """Return the window of a step; the one before is given up."""
-        windows, part = self.windows, self.data.part
-        if windows is None or windows.of_step(step, self.settings.steps) == self._window:
+        if self.windows is None:
             return self.data
-        self._window = windows.of_step(step, self.settings.steps)
-        read = sequences(windows.read(self._window), part.history, part.ahead, "training")
-        self.data = _Data(read, self.data.scaling, self.weight.device)
+        number = self.windows.of_step(step, self.settings.steps)
+        if number != self._window:
+            part = self.data.part
+            read = sequences(self.windows.read(number), part.history, part.ahead, "training")
+            self.data = _Data(read, self.data.scaling, self.weight.device)
+            self._window = number
         return self.data
 
     def one_step(self, step: int, stage: int, running: float) -> float:

@@ -84,7 +84,6 @@ def run_training(
     stages.
     :raises UsageError, DataError: as `split_records`, `fit` and `artefact.save`.
     """
-    artefact.check_target(out)
     split = split_records(records, split_kind)
     return train_on_split(split, out, settings, sensors, on_step, note)
 

@@ -12,7 +12,7 @@ from helpers.train import SMALL, drive
 from adk_ros.signals.channels import Record
 from adk_ros.signals.record import build_record
 from adk_ros.train import denoising as module
-from adk_ros.train.denoising import observer_filtered, observer_gain
+from adk_ros.train.denoising import observer_filter, observer_gain
 from adk_ros.train.network_fit import Step
 from adk_ros.train.training_run import checkpoints_of, run_training
 
@@ -34,16 +34,16 @@ def noisy(clean: Record) -> Record:
 
 def test_clean_measurements_are_not_filtered(clean: Record) -> None:
     assert observer_gain([clean], SMALL.history) == 1.0
-    train, validation = observer_filtered([clean], [clean], SMALL)
-    assert train[0] is clean
-    assert validation[0] is clean
+    filtered = observer_filter([clean], [clean], SMALL)
+    assert filtered(clean) is clean
 
 
 def test_observer_removes_yaw_rate_noise(clean: Record, noisy: Record) -> None:
     assert observer_gain([noisy], SMALL.history) in module._GAINS[1:]
     told: list[Step] = []
     before = noisy.x.copy()
-    (train,), (validation,) = observer_filtered([noisy], [noisy], SMALL, told.append)
+    filtered = observer_filter([noisy], [noisy], SMALL, told.append)
+    train, validation = filtered(noisy), filtered(noisy)
     np.testing.assert_array_equal(noisy.x, before)
     np.testing.assert_array_equal(train.x, validation.x)
     np.testing.assert_array_equal(train.x[:, :2], noisy.x[:, :2])

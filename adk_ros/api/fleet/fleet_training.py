@@ -10,7 +10,6 @@ conditions and tags, of which one is in memory at a time (`fleet.training.sampli
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from adk_ros.api.fleet.training_data import (
     joined_records,
     split_of,
 )
-from adk_ros.api.progress import Progress, in_stage
+from adk_ros.api.progress import Progress
 from adk_ros.fleet.run import Progress as FleetProgress
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ def train_fleet(
     """
     from adk_ros.api.model import load_model
     from adk_ros.api.provenance import RunTimer
-    from adk_ros.api.training import check_training, default_settings
+    from adk_ros.api.training import check_training, default_settings, training_callbacks
     from adk_ros.train.training_report import remove_report, write_report
     from adk_ros.train.training_run import train_on_split
     from adk_ros.train.windows import TrainingWindows
@@ -79,7 +78,7 @@ def train_fleet(
         drawn.count, drawn.key, lambda number: joined_records(folder, drawn.window(number))
     )
     split = split_of(folder, data, windows.read(0), chosen.seed)
-    stepped, noted = _reports(progress, on_step)
+    stepped, noted = training_callbacks(progress, on_step)
     run = train_on_split(
         split, model, chosen, training.reading.sensors, stepped, noted, windows,
         {"fleet": data.as_dict()},
@@ -89,22 +88,3 @@ def train_fleet(
     else:
         remove_report(model)
     return replace(load_model(model), training=run)
-
-
-def _reports(
-    progress: Progress | None, on_step: Callable[[Step], None] | None
-) -> tuple[Callable[[Step], None], Callable[[str, int, int], None]]:
-    report_step = in_stage(progress, "training")
-
-    def stepped(step: Step) -> None:
-        if on_step is not None:
-            on_step(step)
-        detail = f"loss {step.loss:.4f}"
-        if not math.isnan(step.validation):
-            detail += f", validation {step.validation:.4f}"
-        report_step(step.step, step.steps, detail)
-
-    def noted(stage: str, done: int, total: int) -> None:
-        in_stage(progress, stage)(done, total)
-
-    return stepped, noted

@@ -10,7 +10,7 @@ from adk_ros.fleet.inference.fleet_result import Claim, NotClaimed, PlaceClaim
 from adk_ros.mismatch.inference.result import Interval
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.report.effect_vocabulary import THAN
-from adk_ros.mismatch.report.summary import interval_text, phrase, size_and_interval
+from adk_ros.mismatch.report.summary import interval_text, phrase, phrase_size
 from adk_ros.mismatch.report.vocabulary import quantity
 
 
@@ -30,10 +30,9 @@ def claim_text(claim: Claim | NotClaimed | PlaceClaim) -> ClaimText:
     shift = 0.0 if parameter.inverse else parameter.neutral
     value, low, high = (shift + each for each in (claim.size, claim.low, claim.high))
     sized = Interval(value, low, high, parameter.unit)
-    written = quantity(effect.name, parameter.name, parameter.unit)
     text = phrase(effect, value).removesuffix(THAN).rstrip(",")
     if "{size}" not in text:
+        written = quantity(effect.name, parameter.name, parameter.unit)
         return ClaimText(f"{text}: {written.label} {interval_text(sized, written)}", "")
-    is_opposite = value < effect.parameters[0].neutral
-    size, interval = size_and_interval(sized, written, -1.0 if is_opposite else 1.0)
-    return ClaimText(text.format(size=size), f"{interval} {written.unit}".rstrip())
+    size, interval = phrase_size(effect, sized)
+    return ClaimText(text.format(size=size), interval)

@@ -12,7 +12,7 @@ from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import DISCRIMINATION_LOSS
 from adk_ros.mismatch.library.effect import PLACE, TIME
 from adk_ros.mismatch.report.effect_vocabulary import DIRECT_MEASUREMENTS, THAN
-from adk_ros.mismatch.report.summary import interval_text, phrase
+from adk_ros.mismatch.report.summary import interval_text, percent, phrase
 from adk_ros.mismatch.report.tie_rows import MAX_SHOWN, NO_LIMIT
 from adk_ros.mismatch.report.vocabulary import listed, quantity, title, with_titles
 
@@ -63,7 +63,7 @@ def asked_text(asked: AskedEffect) -> str:
         names = _next_to(asked)
         context = f"Fitted next to {names}" if names else "Fitted alone"
         parts.append(
-            f"{context}: {sizes_text(asked.name, fit)}; it removes {_percent(fit.share)} of the "
+            f"{context}: {sizes_text(asked.name, fit)}; it removes {percent(fit.share)} of the "
             f"excess loss; gain in loss {fit.gain:,.0f}, required {fit.required:,.0f}."
         )
     parts += [f"{need[:1].upper()}{need[1:]}." for need in answer.needs]
@@ -85,7 +85,7 @@ def _row(name: str, label: str, fit: AskedFit) -> list[str]:
         label,
         sizes_text(name, fit),
         where_text(fit),
-        _percent(fit.share),
+        percent(fit.share),
         f"{fit.gain:,.0f}",
         f"{fit.required:,.0f}",
     ]
@@ -175,7 +175,3 @@ def _manoeuvre_texts(asked: AskedEffect) -> list[str]:
         f"the manoeuvre that best separates it from {against}: {found.manoeuvre} (simulated loss "
         f"difference {found.loss:,.0f}; {DISCRIMINATION_LOSS:g} is enough)"
     ]
-
-
-def _percent(share: float) -> str:
-    return "less than 0.1 %" if share < 1e-3 else f"{float(f'{100.0 * share:.2g}'):g} %"

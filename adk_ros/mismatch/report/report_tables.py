@@ -23,6 +23,7 @@ from adk_ros.mismatch.report.summary import (
     has_only_sensor_faults,
     interval_text,
     pair_text,
+    percent,
 )
 from adk_ros.mismatch.report.tie_rows import probability_text, tie_rows, value_text
 from adk_ros.mismatch.report.vocabulary import (
@@ -225,7 +226,7 @@ def candidate_rows(result: MismatchResult) -> Rows:
             [
                 title(candidate.name),
                 listed(sizes) + where.get(candidate.kind, ""),
-                f"{float(f'{100.0 * min(max(candidate.share, 0.0), 1.0):.2g}'):g} %",
+                percent(min(candidate.share, 1.0)),
                 with_titles(candidate.reason),
             ]
         )

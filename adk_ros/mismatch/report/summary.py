@@ -48,6 +48,11 @@ def number(value: float, width: float, show_sign: bool = False) -> str:
     return f"{rounded:{sign}.{max(decimals, 0)}f}"
 
 
+def percent(share: float) -> str:
+    """Return a share with two digits."""
+    return "less than 0.1 %" if share < 1e-3 else f"{float(f'{100.0 * share:.2g}'):g} %"
+
+
 def size_and_interval(
     x: Interval, written: Quantity, sign: float = 1.0, show_sign: bool = False
 ) -> tuple[str, str]:
@@ -87,6 +92,16 @@ def phrase(effect: Effect, first_value: float) -> str:
     return vocabulary.opposite if below else vocabulary.phrase
 
 
+def phrase_size(effect: Effect, first: Interval) -> tuple[str, str]:
+    """Return size and 90 % interval of an effect's first parameter, as in its `phrase`."""
+    written = quantity(effect.name, effect.parameters[0].name, first.unit)
+    sign = -1.0 if first.value < effect.parameters[0].neutral else 1.0
+    size, interval = size_and_interval(first, written, sign)
+    if written.is_angle:
+        size += f" ({written.ratio_or_angle(abs(first.value))})"
+    return size, f"{interval} {written.unit}".rstrip()
+
+
 def effect_text(identified: IdentifiedEffect, reference: bool = False) -> str:
     """
     Return an effect with size, 90 % interval, place or onset, and indistinguishable alternatives.
@@ -95,18 +110,14 @@ def effect_text(identified: IdentifiedEffect, reference: bool = False) -> str:
     """
     effect = identified.effect
     first = next(iter(identified.parameters.values()))
-    text, opposite = phrase(effect, first.value), first.value < effect.parameters[0].neutral
+    text = phrase(effect, first.value)
     than = text.endswith(THAN)
     suffix = "" if effect.sensor or not reference else " relative to the simulation"
     suffix = " the simulation" if than and reference else suffix
     text = text if reference else text.removesuffix(THAN).rstrip(",")
     if "{size}" in text:
-        written = quantity(effect.name, effect.parameters[0].name, first.unit)
-        size, interval = size_and_interval(first, written, -1.0 if opposite else 1.0)
-        if written.is_angle:
-            size += f" ({written.ratio_or_angle(abs(first.value))})"
-        unit = f" {written.unit}" if written.unit else ""
-        text = f"{text.format(size=size)}{suffix} (90 % confidence interval {interval}{unit})"
+        size, interval = phrase_size(effect, first)
+        text = f"{text.format(size=size)}{suffix} (90 % confidence interval {interval})"
     else:
         text = f"{text}{suffix}, {parameters_text(identified)}"
     where = activation_text(identified)
