@@ -38,7 +38,8 @@ def concealed(
         str,
         typer.Option(
             help="with --calibrate: halve and double criteria of these names or patterns, such as "
-            "'FEATURE_*', and analyse the cases again in which that changes a decision"
+            "'FEATURE_*', and analyse the cases again in which that changes a decision; all cases "
+            "for a criterion that is named and takes part in no recorded decision"
         ),
     ] = "",
     real: Annotated[
@@ -103,7 +104,12 @@ def concealed(
     from adk_ros.bench.mismatch.calibration_cases import calibration_plans
     from adk_ros.bench.mismatch.case_jobs import jobs_of, plan_jobs
     from adk_ros.bench.mismatch.case_matrix import LISTS, select_plans
-    from adk_ros.bench.mismatch.criteria_sensitivity import VARIED, changes, varied_job
+    from adk_ros.bench.mismatch.criteria_sensitivity import (
+        VARIED,
+        changes,
+        check_pattern,
+        varied_job,
+    )
     from adk_ros.bench.mismatch.factorial import factorial_plans
     from adk_ros.bench.mismatch.mismatch_bench import SCORED, MismatchBench
     from adk_ros.bench.mismatch.multibody import MULTI_BODY, base_parameters
@@ -134,6 +140,8 @@ def concealed(
         raise UsageError(f"--seed is {seed}: choose 0 to {LISTS - 1}")
     if vary and not calibrate:
         raise UsageError("--vary changes the criteria of a calibration: use it with --calibrate")
+    if vary:
+        check_pattern(vary)
     if limit < 0:
         raise UsageError(f"--limit is {limit}: choose 0 (all cases) or more")
     if real is not None:

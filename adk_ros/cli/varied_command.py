@@ -17,9 +17,16 @@ def multiply(name: str, factor: float) -> None:
     """
     Multiply a criterion; modules that import it afterwards have the new value.
 
+    Of a group of values by sensor, all are multiplied.
+
     :raises AttributeError: there is no such criterion.
     """
-    setattr(criteria, name, factor * getattr(criteria, name))
+    value = getattr(criteria, name)
+    if isinstance(value, dict):
+        changed: object = {k: tuple(factor * x for x in v) for k, v in value.items()}
+    else:
+        changed = factor * value
+    setattr(criteria, name, changed)
 
 
 if __name__ == "__main__":

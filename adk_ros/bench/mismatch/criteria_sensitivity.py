@@ -3,18 +3,24 @@
 """
 Sensitivity of the answers to each criterion of a decision: halved and doubled.
 
-The cases in which a decision changes are analysed again with the other value (`varied_job`).
+The cases in which a decision changes are analysed again with the other value (`varied_job`). A
+criterion that takes part in no recorded decision, such as the prior of a nuisance parameter, can
+change any case: where it is named, all of them are analysed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
+from itertools import product
 from typing import Any
 
 from adk_ros.bench.mismatch.case_jobs import CaseJob
 from adk_ros.bench.mismatch.case_score import CaseResult
+from adk_ros.errors import UsageError
+from adk_ros.mismatch.library import criteria as library
 
 VARIED = "varied"
 """Folder of the reports with another value, in the output folder."""
@@ -38,13 +44,36 @@ def changes(answers: dict[str, dict[str, Any]], pattern: str = "*") -> list[Chan
     `answers`: the content of mismatch.json by case; `pattern`: names with *, separated by commas.
     """
     wanted = [x.strip() for x in pattern.split(",")]
-    return sorted(
+    recorded = [
         Change(criterion, factor, case)
         for case, answer in answers.items()
         for criterion, counts in _criteria(answer).items()
         for factor, key in _KEYS.items()
         if counts[key] and any(fnmatchcase(criterion, x) for x in wanted)
+    ]
+    named = (set(wanted) & set(criterion_names())) - _recorded(answers)
+    return sorted(
+        recorded + [Change(*x) for x in product(named, _KEYS, answers)]  # Any case may change.
     )
+
+
+def criterion_names() -> list[str]:
+    """Return the names of all criteria of `library.criteria`, sorted."""
+    return sorted(name for name in vars(library) if name.isupper())
+
+
+def check_pattern(pattern: str) -> None:
+    """
+    Refuse a pattern of which a part selects no criterion.
+
+    :raises UsageError: it names the part, and criteria that are spelt nearly as it is.
+    """
+    names = criterion_names()
+    for part in (x.strip() for x in pattern.split(",")):
+        if not any(fnmatchcase(name, part) for name in names):
+            near = get_close_matches(part.upper(), names, 3, 0.5)
+            hint = f": did you mean {' or '.join(near)}?" if near else ""
+            raise UsageError(f"--vary: no criterion is named {part}{hint}")
 
 
 def varied_job(change: Change, job: CaseJob) -> CaseJob:
@@ -69,8 +98,15 @@ def sensitivity_lines(
     """
     scores = {result.case: result.right for result in results}
     found = changes(answers)
-    lines = []
-    for name in sorted({x for answer in answers.values() for x in _criteria(answer)}):
+    lines = [
+        f"{name}, in no recorded decision: {factor:g} times gives "
+        f"{sum(scores[x.case] for x in cases):g} -> {sum(varied[x] for x in cases):g} right of "
+        f"{len(cases)}"
+        for name in sorted({x.criterion for x in varied} - _recorded(answers))
+        for factor in _KEYS
+        if (cases := [x for x in varied if (x.criterion, x.factor) == (name, factor)])
+    ]
+    for name in sorted(_recorded(answers)):
         deciding = sum(name in _criteria(answer) for answer in answers.values())
         parts = []
         for factor, word in ((HALF, "halved"), (DOUBLE, "doubled")):
@@ -83,6 +119,10 @@ def sensitivity_lines(
             parts.append(text)
         lines.append(f"{name} decides in {deciding} of {len(answers)} cases; {'; '.join(parts)}")
     return lines
+
+
+def _recorded(answers: dict[str, dict[str, Any]]) -> set[str]:
+    return {name for answer in answers.values() for name in _criteria(answer)}
 
 
 def _criteria(answer: dict[str, Any]) -> dict[str, dict[str, int]]:

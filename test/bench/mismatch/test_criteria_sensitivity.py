@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from adk_ros.bench.mismatch.case_jobs import CaseJob
 from adk_ros.bench.mismatch.case_score import CaseResult
 from adk_ros.bench.mismatch.criteria_sensitivity import (
@@ -16,10 +18,12 @@ from adk_ros.bench.mismatch.criteria_sensitivity import (
     HALF,
     Change,
     changes,
+    check_pattern,
     sensitivity_lines,
     varied_job,
 )
-from adk_ros.mismatch.library.criteria import MIN_GAIN
+from adk_ros.errors import UsageError
+from adk_ros.mismatch.library.criteria import MIN_GAIN, SENSOR_OFFSET_PRIORS
 
 
 def answer(**criteria: tuple[int, int, int]) -> dict[str, Any]:
@@ -54,6 +58,38 @@ def test_cases_are_listed_once_for_each_criterion_and_factor() -> None:
 def test_a_pattern_selects_criteria() -> None:
     assert not changes(ANSWERS, "MAX_*, MIN_ACTIVE_S")
     assert len(changes(ANSWERS, "MIN_G*")) == 3
+
+
+def test_a_named_criterion_of_no_recorded_decision_changes_every_case() -> None:
+    assert [(x.factor, x.case) for x in changes(ANSWERS, "TOLERANCE_SIGMA")] == [
+        (HALF, "clean"), (HALF, "drag"), (DOUBLE, "clean"), (DOUBLE, "drag"),
+    ]  # fmt: skip
+    assert not changes(ANSWERS, "TOLERANCE_*")  # Not named: 43 criteria would be tried.
+
+
+def test_a_misspelt_criterion_is_refused_with_the_nearest() -> None:
+    check_pattern("MIN_GAIN, FEATURE_*")
+    with pytest.raises(UsageError, match="no criterion is named TOLERANCE_SIGM: did you mean TOL"):
+        check_pattern("MIN_GAIN,TOLERANCE_SIGM")
+
+
+def test_lines_state_what_a_criterion_of_no_recorded_decision_changes() -> None:
+    results = [result("clean", 1.0), result("drag", 0.5)]
+    varied = {Change("SETTLING_S", HALF, x.case): x.right for x in results}
+    assert sensitivity_lines(results, ANSWERS, varied)[0] == (
+        "SETTLING_S, in no recorded decision: 0.5 times gives 1.5 -> 1.5 right of 2"
+    )
+
+
+def test_all_values_of_a_group_are_multiplied() -> None:
+    code = (
+        "from adk_ros.cli.varied_command import multiply; multiply('SENSOR_OFFSET_PRIORS', 2.0); "
+        "from adk_ros.mismatch.library.criteria import SENSOR_OFFSET_PRIORS as x; "
+        "print(x['bias_gyro'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    expected = tuple(2.0 * x for x in SENSOR_OFFSET_PRIORS["bias_gyro"])
+    assert done.stdout.strip() == str(expected)
 
 
 def test_a_changed_case_is_analysed_under_its_own_name_and_key() -> None:
