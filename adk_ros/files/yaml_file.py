@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping, Sequence
+from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -129,8 +130,9 @@ def validate(name: str, content: Any, model: type[M]) -> M:
         first = (unknown or problems)[0]
         key = ".".join(str(part) for part in first["loc"])
         key = " ".join(key.split()) or "(top level)"
+        suggestion = _suggestion(first, problems) if first in unknown else ""
         if first["type"] == "extra_forbidden":
-            message = "no such parameter"
+            message = "no such parameter" + suggestion
         elif first["type"] == "missing":
             message = "is missing"
         else:
@@ -138,5 +140,14 @@ def validate(name: str, content: Any, model: type[M]) -> M:
             if not isinstance(first["input"], dict | list):
                 shown = repr(first["input"])
                 message += f", got {shown if len(shown) < _SHOWN else shown[:_SHOWN] + '...'}"
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        others = len(problems) - (2 if suggestion else 1)
+        more = f" (and {others} more)" if others else ""
         raise UsageError(f"{name}: {key}: {message}{more}") from None
+
+
+def _suggestion(unknown: Mapping[str, Any], problems: Sequence[Mapping[str, Any]]) -> str:
+    """Return the missing key that a misspelt one stands for, as a question, or ""."""
+    key = str(unknown["loc"][-1])
+    missing = [str(x["loc"][-1]) for x in problems if x["type"] == "missing"]
+    near = get_close_matches(key, missing, 1)
+    return f", did you mean {near[0]}?" if near else ""

@@ -35,7 +35,8 @@ from adk_ros.numerics.levenberg_marquardt import huber_values
 _A_Y, _GYRO, _YAW_RATE = (CHANNELS.index(x) for x in ("imu_a_y", "imu_yaw_rate", "yaw_rate"))
 _COPY_TOLERANCE = 0.01
 """RMS difference over RMS below which two channels are one measurement: an interpolation of the
-other. Sensors differ by more, with their noise. By choice."""
+other. Two sensors differ by the noise of both: with 0.003 rad/s at a yaw rate of 0.2 rad/s 2 %.
+"""
 
 
 def is_corroborated(

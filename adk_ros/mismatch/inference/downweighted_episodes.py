@@ -21,7 +21,7 @@ from scipy.stats import nbinom, poisson
 from adk_ros.mismatch.library.criteria import ACCIDENTAL_SECONDS, DOWNWEIGHTED_FALSE_ALARM
 
 _MAX_EPISODES_SHARE = 0.5
-"""Share of a recording above which downweighted residuals are no episodes. By choice: half."""
+"""Share of a recording above which downweighted residuals are the rule, and no episodes."""
 _JEFFREYS = 0.5
 """Shape of Jeffreys' prior on the rate of a Poisson distribution."""
 

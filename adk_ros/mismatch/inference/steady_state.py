@@ -7,11 +7,12 @@ The surrogate runs along the recording with its commands and its measured speed,
 observer: v_y and yaw rate are those of the model. From quasi-steady samples,
 
     understeer:  delta - L r / v  against  a_y = v r       (ISO 4138: steering beyond Ackermann's)
-    resistance:  T / (m r_w) - a_x  against  v             (road load over mass, W. F. Milliken)
+    resistance:  (T / r_w - (m + J / r_w^2) a_x) / m  against  v    (road load over mass)
 
-with the commanded road-wheel angle delta and wheel torque T, wheelbase L, mass m and wheel radius
-r_w of the simulation. An accelerometer does not sense gravity, so a grade is no resistance. Where
-torque, mass or wheel radius differ from the simulation, this shows as resistance.
+with the commanded road-wheel angle delta and wheel torque T, wheelbase L, mass m, wheel radius r_w
+and spin inertia J of all wheels of the simulation. An accelerometer does not sense gravity, so a
+grade is no resistance. Where torque, mass or wheel radius differ from the simulation, this shows
+as resistance.
 """
 
 from __future__ import annotations
@@ -202,14 +203,16 @@ def _resistance(
     p: FloatArray,
 ) -> Characteristic | None:
     v = measured["v_x"]
-    drive = measured["torque"] / float(p[INDEX["mass"]] * p[INDEX["wheel_radius"]])
+    mass, radius = float(p[INDEX["mass"]]), float(p[INDEX["wheel_radius"]])
+    drive = measured["torque"] / (mass * radius)
+    inertia = 1.0 + float(p[INDEX["wheel_inertia"]]) / (mass * radius**2)
     use = (
         steady
         & (np.abs(v * measured["yaw_rate"]) < MAX_CORNERING)
         & (np.abs(_averaged(measured["a_x"])) < MAX_ACCELERATION)
         & (np.abs(_rate(drive)) * RESPONSE_S < MAX_FORCE_LAG)
     )
-    resistances = [drive - run["a_x"] for run in (measured, *runs)]
+    resistances = [drive - inertia * run["a_x"] for run in (measured, *runs)]
     return _characteristic([v] * 3, resistances, np.abs(drive), use, use, power=2)
 
 

@@ -64,7 +64,8 @@ def asked_text(asked: AskedEffect) -> str:
         context = f"Fitted next to {names}" if names else "Fitted alone"
         parts.append(
             f"{context}: {sizes_text(asked.name, fit)}; it removes {percent(fit.share)} of the "
-            f"excess loss; gain in loss {fit.gain:,.0f}, required {fit.required:,.0f}."
+            f"excess loss. Its gain in loss, less a penalty for each fitted value, is "
+            f"{fit.gain:,.0f}; a claim requires {fit.required:,.0f}."
         )
     parts += [f"{need[:1].upper()}{need[1:]}." for need in answer.needs]
     return " ".join(parts)
@@ -168,10 +169,10 @@ def _manoeuvre_texts(asked: AskedEffect) -> list[str]:
     if not found.distinguishes:
         return [
             f"none of {found.tried} simulated manoeuvres separates it from {against}; the best is "
-            f"{found.manoeuvre} (loss difference {found.loss:,.1f}; {DISCRIMINATION_LOSS:g} is "
-            "needed)"
+            f"{found.manoeuvre} (it changes the loss by {found.loss:,.0f}; "
+            f"{DISCRIMINATION_LOSS:.0f} is needed)"
         ]
     return [
-        f"the manoeuvre that best separates it from {against}: {found.manoeuvre} (simulated loss "
-        f"difference {found.loss:,.0f}; {DISCRIMINATION_LOSS:g} is enough)"
+        f"the manoeuvre that best separates it from {against}: {found.manoeuvre} (in a "
+        f"simulation it changes the loss by {found.loss:,.0f}; {DISCRIMINATION_LOSS:.0f} suffice)"
     ]

@@ -67,13 +67,13 @@ _ROAD_AND_AIR = {
         "longitudinal wind",
         "a tailwind of {size}",
         "a headwind of {size}",
-        {"wind_x": Quantity("wind speed, in the driving direction (tailwind) positive", "m/s")},
+        {"wind_x": Quantity("wind speed (+ tailwind)", "m/s")},
     ),
     "crosswind": EffectVocabulary(
         "crosswind",
         "a crosswind of {size} from the right",
         "a crosswind of {size} from the left",
-        {"wind_y": Quantity("wind speed, to the left positive", "m/s")},
+        {"wind_y": Quantity("wind speed (+ to the left)", "m/s")},
     ),
     "aero_downforce": EffectVocabulary(
         "aerodynamic downforce",
@@ -85,13 +85,13 @@ _ROAD_AND_AIR = {
         "road grade",
         "an uphill grade of {size}",
         "a downhill grade of {size}",
-        {"grade": slope("grade, uphill positive")},
+        {"grade": slope("grade (+ uphill)")},
     ),
     "road_bank": EffectVocabulary(
         "road bank (cross slope)",
         "a road bank (cross slope) of {size}, left side higher,",
         "a road bank (cross slope) of {size}, right side higher,",
-        {"bank": slope("cross slope, left side higher positive")},
+        {"bank": slope("cross slope (+ left side higher)")},
     ),
     "low_friction": EffectVocabulary(
         "road friction",
@@ -136,7 +136,7 @@ _TYRES_AND_BODY = {
         "centre of gravity position",
         "a centre of gravity {size} further forward than",
         "a centre of gravity {size} further back than",
-        {"shift": Quantity("shift, forward positive", "m")},
+        {"shift": Quantity("shift (+ forward)", "m")},
     ),
     "yaw_inertia": EffectVocabulary(
         "yaw inertia",
@@ -157,7 +157,7 @@ _STEERING = {
         "steering offset",
         "a steering offset of {size} to the left",
         "a steering offset of {size} to the right",
-        {"offset": angle("road-wheel angle, left positive")},
+        {"offset": angle("road-wheel angle (+ left)")},
     ),
     "steering_ratio": EffectVocabulary(
         "steering ratio",
@@ -226,7 +226,7 @@ _DRIVE = {
         "torque offset",
         "a constant driving torque of {size} at the wheels, in addition to the command,",
         "a constant braking torque of {size} at the wheels, in addition to the command,",
-        {"offset": Quantity("wheel torque, driving positive", "N·m")},
+        {"offset": Quantity("wheel torque (+ driving)", "N·m")},
     ),
     "power_limit": EffectVocabulary(
         "power limit",
@@ -244,7 +244,7 @@ _DRIVE = {
         "one-sided brake drag",
         "brake drag of {size} per wheel on the left side",
         "brake drag of {size} per wheel on the right side",
-        {"torque_per_wheel": Quantity("torque per wheel, left side positive", "N·m")},
+        {"torque_per_wheel": Quantity("torque per wheel (+ left side)", "N·m")},
     ),
 }
 

@@ -24,6 +24,7 @@ from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
     INEXACT_EQUATION_SHARE,
     MAX_EXPLAINED_RATIO,
+    SENSOR_OFFSET_PRIORS,
     TOLERANCE_BOUND,
 )
 from adk_ros.mismatch.library.features import feature
@@ -143,6 +144,7 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         trend_labels=trend_labels(result),
         model_labels=list(model_labels(result)),
         tolerance=100.0 * TOLERANCE_BOUND,
+        accelerometer_offset=SENSOR_OFFSET_PRIORS["bias_a_x"][1],
         location=location,
         evidence=_evidence(result, out),
         errors=errors,

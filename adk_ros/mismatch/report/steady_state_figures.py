@@ -48,7 +48,7 @@ def understeer_figure(shown: Characteristic, labels: tuple[str, str], path: Path
     figure, axes = _panels(shown, labels, understeer_half_width, float(np.degrees(1.0)))
     axes[0].set_ylabel("steering less Ackermann angle (°)")
     for axis in axes:
-        axis.set_xlabel("lateral acceleration (m/s²), left positive")
+        axis.set_xlabel("lateral acceleration (m/s²), + left")
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
 
@@ -116,7 +116,7 @@ def understeer_rows(shown: Characteristic) -> list[list[str]]:
             f"understeer gradient (°/g), up to {LINEAR_RANGE:g} m/s²",
             *_cells(shown, 0, degrees * GRAVITY),
         ],
-        ["steering at zero lateral acceleration (°), left positive", *_cells(shown, 1, degrees)],
+        ["steering at zero lateral acceleration (°), + left", *_cells(shown, 1, degrees)],
     ]
 
 

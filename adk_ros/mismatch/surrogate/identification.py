@@ -126,7 +126,10 @@ SETTLING_BINS = 25
 _SETTLING_S = 1.0
 """The same in seconds."""
 MAX_SHARE_BEYOND = 0.5
-"""Largest share of a recording that does not count for being driven harder. By choice: half."""
+"""
+Largest share of a recording that does not count for being driven harder: a result on less than
+half of it would not be one of the recording.
+"""
 _EARLY_ROUND = FitOptions(iterations=5, relative_tolerance=1e-3)
 _LAST_ROUND = FitOptions(iterations=8, relative_tolerance=1e-3)
 

@@ -35,7 +35,8 @@ _TRANSIENTS_S = (0.05, 0.1, 0.2, 0.4, 0.8)
 _SIGN_WIDTH = 0.2
 """
 Size at which a sign is about 0.8, over the signal's RMS. Play, dry friction and a tyre's shift
-with camber depend on a sign; a step would make noise of a signal near zero. By choice.
+with camber depend on a sign; a step would make noise of a signal near zero. What
+remains is measured on stretches left out, so that another width costs accuracy and no claim.
 """
 _COLUMN_ERROR = 0.1
 """

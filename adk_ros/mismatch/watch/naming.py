@@ -41,13 +41,16 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import QUANTILE_90
 
 _MIN_GAIN_SHARE = 0.1
-"""Least linear gain of an effect that is fitted, as a share of the best. By choice."""
+"""Least linear gain of an effect that is fitted, as a share of the best: a limit of the search."""
 _MAX_FITTED = 10
 """Most effects that are fitted: about 2 s of computing."""
 _MAX_REFITTED = 4
 """Most effects that are fitted again, with the weights of the best."""
 _FLAT_LOSS = 10.0
-"""Linear gain by which an onset may be worse than the best to be examined. By choice."""
+"""
+Linear gain by which an onset may be worse than the best to be examined: a likelihood ratio of 150,
+beyond the odds of 20 at which explanations are indistinguishable.
+"""
 _MAX_ONSET_SPAN_S = 60.0
 _ONSET_STEP_S, _FINE_STEP_S = 1.0, 0.25
 _REFERENCE_SIGMAS = 3.0

@@ -1,6 +1,11 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Constants of the watch, with their sources; those that decide are calibrated."""
+"""
+Constants of the watch, with their sources.
+
+The threshold of the alarm is calibrated with all others as they are (`adk bench watch
+--calibrate`): another value of those "by choice" costs time to the alarm, not false alarms.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +20,12 @@ than the memory of the whitening filters (1.2 s) and two time constants of the o
 LOOK_AHEAD_S = 0.5
 """s of data after a block: half the smoothing window (0.25 s), and late messages."""
 MAX_LATENESS_S = 2.0
-"""s after which a block is closed although a stream is behind. By choice."""
+"""
+s after which a block is closed although a stream is behind: a hundred periods of odometry at 50
+Hz, less than half a block.
+"""
 MIN_MEASURED_SHARE = 0.5
-"""Least share of a block's residuals that must count for the block to be used. By choice."""
+"""Least share of a block's residuals that must count for the block to be used. By choice: half."""
 NOISE_BLOCKS = 4
 """Blocks from which the sensor noise is estimated, once: 20 s, 2000 readings of an IMU."""
 REFERENCE_BLOCKS = 24
@@ -36,9 +44,9 @@ Time constant with which older blocks are forgotten: 30 min, so that slow change
 event (warm tyres, fuel) become part of the reference. By choice.
 """
 MIN_BLOCKS_AFTER = 2
-"""Least blocks after an onset: one block may contain an accident. By choice."""
+"""Least blocks after an onset: one block may contain an accident (a pothole, a loose message)."""
 HOLD_BLOCKS = 2
-"""Successive blocks at which the statistic must exceed the threshold. By choice."""
+"""Successive blocks at which the statistic must exceed the threshold, for the same reason."""
 STATIC_SIGMA = 3.0
 """
 Prior standard deviation of an effect that the car had before, in materiality thresholds. By

@@ -38,6 +38,14 @@ def test_more_drag_is_a_steeper_resistance() -> None:
     assert half < 0.2
 
 
+def test_spinning_wheels_are_no_drag() -> None:
+    """The line is that of the car's drag; the resistance of gentle bends leaves some of it."""
+    result = shown()
+    assert result.resistance is not None
+    area = 2.0 * result.mass / AIR_DENSITY * result.resistance.simulation.line[0]
+    assert area == pytest.approx(float(simulated_car()[INDEX["drag_area"]]), abs=0.1)
+
+
 def test_the_corrected_model_lies_on_the_measurement() -> None:
     about = questioned(driven(drag_area=1.6), "aero_drag")
     result = steady_state(about.likelihood, about.decision.hypothesis, has_torque=True)

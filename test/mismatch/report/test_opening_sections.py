@@ -134,7 +134,7 @@ def test_an_answer_says_size_gain_and_what_would_decide() -> None:
     said = asked_text(asked())
     assert said.startswith("Steering lag is not claimed: its gain in loss is below the required")
     assert "Fitted next to air drag: time constant 0.04 s (0.03 to 0.05)" in said
-    assert "gain in loss 30, required 40" in said
+    assert "fitted value, is 30; a claim requires 40." in said
     assert "claimed from about a steering lag (first-order time constant) that is 0.06 s" in said
     assert "separates it from no effect: a slalom" in said
     heading, verdict, _, rows, needs = answer_of(asked(claimed=True, next_to=(), added=None))

@@ -69,7 +69,10 @@ def test_constants_contain_every_parameter() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (LENGTHS_AND_MASSES.replace("mass:", "masss:"), "masss: no such parameter .and 1 more"),
+        (
+            LENGTHS_AND_MASSES.replace("mass:", "masss:"),
+            "masss: no such parameter, did you mean mass.$",
+        ),
         (LENGTHS_AND_MASSES.replace("mass: 1800.0\n", ""), "mass: is missing"),
         (LENGTHS_AND_MASSES.replace("1800.0", "heavy"), "mass: .*valid number, got 'heavy'"),
         (LENGTHS_AND_MASSES.replace("1800.0", "-1.0"), "mass: .*greater than 0"),
