@@ -11,9 +11,8 @@ and not noise, accounts for.
 
 Sources: "calibrated" marks a value that `adk bench concealed --calibrate` compares with what it
 has to separate, on generated cases that no benchmark contains; "convention" a usual level; "by
-choice" a value that neither data nor a derivation decides: `--calibrate --vary "*"` states what
-half and double of it change where it takes part in a recorded decision (doc/mismatch.md,
-"Calibration", which also lists those that do not). None is calibrated on real vehicles.
+choice" a value that neither data nor a derivation decides: `--calibrate --vary NAME` states what
+half and double of it change (doc/mismatch.md, "Calibration"). None is calibrated on real vehicles.
 """
 
 from __future__ import annotations
@@ -54,12 +53,17 @@ it with a probability of 6e-7, in less than one of the 6e4 residuals of four min
 
 MIN_SPEED = 3.0
 """
-m/s. Slower data do not count: the slip dynamics, with time constant relaxation length / speed, are
-stiffer there than an integration step allows. A scale model counts from the same Froude number on
-(`SensorLog.similar`).
+m/s. Slower data do not count: the lateral dynamics of a car with tyres of slip stiffness c (over
+wheel load) decay with c g / v, 65 /s at 3 m/s with typical tyres, 0.65 per integration step. The
+step becomes unstable at 1.24, at 1.6 m/s, or at 3 m/s with tyres nearly twice as stiff. A scale
+model counts from the same Froude number on (`SensorLog.similar`).
 """
 SETTLING_S = 1.0
-"""s after the start, or after standstill, that do not count: the surrogate's state settles."""
+"""
+s after the start, or after standstill, that do not count: of an initial error the observer (2 /s,
+`residuals.OBSERVER_GAINS`) leaves 14 % of that of v_x, which starts from measurements; of that of
+v_y and yaw rate, with 3.8 /s of the lateral dynamics of a typical car at 50 m/s, it leaves 0.3 %.
+"""
 
 # --- Selection of effects ----------------------------------------------------------------------
 
@@ -70,14 +74,19 @@ probability of 0.5 % (chi-square of one degree of freedom). AIC asks 2, BIC ln(n
 6e4 residuals of four minutes.
 """
 PENALTY_PER_LOCATION = 8.0
-"""Loss that each onset or segment boundary must gain in addition, since it was searched for."""
+"""
+Loss that each onset or segment boundary must gain in addition, since it was searched for: the
+largest of n independent chi-squares exceeds one of them by about 2 ln(n), which is 8 for n = 55,
+the blocks (`inference.block_scores.BLOCK_S`) of four and a half minutes.
+"""
 MIN_FIRST_GAIN = 26.0
 """
 Least penalised gain in loss of a first effect. In white noise, chance exceeds a chi-square of 17
 anywhere among some 1300 effects, onsets and places in one of 20 recordings; what whitening leaves
 correlated about doubles it, and `PENALTY_PER_PARAMETER` is subtracted from a gain. In 375 clean
-cases (`adk bench concealed --own`, seeds 6 to 9), absent effects gain at most 3 where the
-surrogate error does not require more; in the 18 of `--calibrate`, 0.07 of what is required.
+cases (`adk bench concealed --own`, seeds 6, 7, 9 and a part of 8), absent effects gain at most 3
+where the surrogate error does not require more; in the 18 of `--calibrate`, 0.07 of what is
+required.
 """
 MIN_GAIN = 40.0
 """The same of a further effect, next to the inexact equations of others. Calibrated."""
@@ -95,7 +104,7 @@ MIN_FIRST_GAIN_PER_SURROGATE_ERROR = 0.08
 """
 Least gain of a first effect, as a share of the surrogate error: that error repeats every lap,
 whitening takes it for new noise, and any effect may resemble part of it. Calibrated: in the 375
-clean cases, absent effects gain at most 0.051 of it once, and 0.031 otherwise.
+clean cases of `MIN_FIRST_GAIN`, absent effects gain at most 0.051 of it once, and 0.031 otherwise.
 """
 MIN_GAIN_PER_SURROGATE_ERROR = 0.12
 """The same of a further effect, and of a formula. Calibrated."""
@@ -139,7 +148,8 @@ is indistinguishable from it: the likelihood ratio is below `SIGNIFICANT_ODDS`. 
 INDISTINGUISHABLE_LOSS_SHARE = 2e-4
 """
 Share of an effect's gain added to that margin by the watch, which fits its candidates to a few
-blocks. By choice.
+blocks: an equation with a relative error e leaves e² of its gain, here with e = 1.4 %, between the
+0.8 and 4.6 % of `SYSTEMATIC_ERROR_SHARE`.
 """
 CONFIDENCE_INEXACTNESS = 1e-6
 """
@@ -177,9 +187,16 @@ A feature that gains this share of the excess loss that is left is accepted as w
 explains most of it is no accident, however much the features before it explain. By choice.
 """
 FEATURE_COEFFICIENT_BOUND = 20.0
-"""Bound of a feature's coefficient at a feature of unit RMS, m/s² or rad/s²: two g."""
+"""
+Bound of a feature's coefficient at a feature of unit RMS, m/s² or rad/s²: two g, which tyres with
+a friction of 2 reach. Their moment gives a car less than 20 rad/s²: friction g a / k², 14 rad/s²
+with a = 1.4 m to the axle and a radius of gyration k of 1.4 m. A fit at a bound is no claim.
+"""
 FEATURE_ANGLE_BOUND = 0.2
-"""The same for a road-wheel angle, rad: a third of the lock of a car."""
+"""
+The same for a road-wheel angle, rad: a third of a car's lock of 0.6 rad. With an RMS of that size
+the steering would follow something else than the command for much of the time.
+"""
 FEATURE_RESIDUAL_SHARE = 0.03
 """No further feature is added when less than this share of the excess loss is left. By choice."""
 FEATURE_TIE_LOSS = 20.0
@@ -269,8 +286,9 @@ channel's error exceeds this many times the noise of a 40 ms bin. By choice.
 INCONCLUSIVE_ERROR_TO_NOISE = 2.0
 """
 Without an identified effect, a caveat is added to the result where a channel's surrogate error
-exceeds this many times the noise of a 40 ms bin. Lower than `EXTENSION_ERROR_TO_NOISE`: such
-an error already hides effects, but an extension of the surrogate would fit noise. By choice.
+exceeds this many times the noise of a 40 ms bin: then the error is 80 % of the residual's
+variance, so that the channel carries a fifth of the information that its noise would allow. It
+decides on a sentence, not on a verdict.
 """
 MAX_EXTENSION_MISFIT = 0.67
 """An extension is kept if it leaves at most this share of the misfit. By choice."""
@@ -284,11 +302,13 @@ of twice the size are both two standard deviations away.
 SURROGATE_ERROR_AS_NOISE = 0.5
 """
 Share of the error of a surrogate that was calibrated on a real recording, taken for noise: much of
-it would otherwise be cut off as outliers of a quiet sensor. By choice.
+it would otherwise be cut off as outliers of a quiet sensor. With a half, Huber's limit of 8
+standard deviations lies at four times the error, which a Gaussian one exceeds in 6e-5 of the bins.
 """
 MIN_ROAD_COVERAGE = 0.8
 """
-Least share of the recording on the simulated road for that road's profile to be used. By choice.
+Least share of the recording on the simulated road for that road's profile to be used: what is off
+the road is then less than the held-out part (`HELD_OUT_SHARE`), so that this cannot lie off it.
 """
 HELD_OUT_SHARE = 0.25
 """Last share of the recording, on which the improvement is measured. Convention."""
@@ -321,7 +341,8 @@ RAISED_FALSE_ALARM = 0.05
 MIN_RAISED_BLOCKS = 4
 """
 Blocks of `BLOCK_S` that a significant rise needs: n blocks know their spread to a share of
-1 / sqrt(2 (n - 1)), four to 41 %, three to 50 %. By choice.
+1 / sqrt(2 (n - 1)), four to 41 %, three to 50 %. The level of the test does not depend on it
+(Student's t): with three the quantile of 2.9 instead of 2.4 would only miss more.
 """
 MAX_CANDIDATES_LISTED = 5
 """Most candidates that are listed as not claimed. Convention."""
