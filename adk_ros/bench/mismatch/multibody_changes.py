@@ -1,6 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Effects that are changes of the multi-body model's parameters; their sizes are exact."""
+"""
+Effects that are changes of the multi-body model's parameters.
+
+Their sizes are exact but for the tyres': their force jumps with the sign of the camber, which the
+slip stiffness leaves as it is, so that an axle's stiffness changes by more than the coefficient
+(0.66 and 0.67 instead of 0.72, `test/bench/mismatch/test_multibody_cases.py`).
+"""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def rejected_candidates(
         out.append(
             RejectedCandidate(
                 active.effect.name,
-                confidence_intervals(active, deviation),
+                confidence_intervals(active, deviation, likelihood.surrogate_variance_share()),
                 round((null.loss - h.loss) / max(least, null.loss - h.loss), 3),
                 active.activation.kind,
                 _reason(likelihood, h, path, decision),

@@ -45,6 +45,7 @@ from adk_ros.mismatch.library.criteria import (
     MIN_UNSTRUCTURED_EXCESS,
     REPLACEMENT_LOSS,
     SYSTEMATIC_ERROR_PER_MATERIALITY,
+    SYSTEMATIC_ERROR_PER_SURROGATE_SHARE,
     SYSTEMATIC_ERROR_SHARE,
 )
 from adk_ros.mismatch.library.effect import EffectParameter
@@ -286,7 +287,7 @@ def _identified(
     activation = active.activation
     return IdentifiedEffect(
         active.effect,
-        confidence_intervals(active, deviation),
+        confidence_intervals(active, deviation, likelihood.surrogate_variance_share()),
         np.nan,
         identifiability.alternatives,
         activation.kind,
@@ -299,24 +300,35 @@ def _identified(
     )
 
 
-def confidence_intervals(active: ActiveEffect, deviation: Sequence[float]) -> dict[str, Interval]:
-    """Return an effect's parameters with their 90 % confidence intervals."""
+def confidence_intervals(
+    active: ActiveEffect, deviation: Sequence[float], surrogate_share: float = 0.0
+) -> dict[str, Interval]:
+    """
+    Return an effect's parameters with their 90 % confidence intervals.
+
+    `surrogate_share`: of the residuals' variance, what is the surrogate's own error.
+    """
     return {
-        parameter.name: confidence_interval(parameter, theta, sigma)
+        parameter.name: confidence_interval(parameter, theta, sigma, surrogate_share)
         for parameter, theta, sigma in zip(
             active.effect.parameters, active.theta, deviation, strict=True
         )
     }
 
 
-def confidence_interval(parameter: EffectParameter, theta: float, sigma: float) -> Interval:
+def confidence_interval(
+    parameter: EffectParameter, theta: float, sigma: float, surrogate_share: float = 0.0
+) -> Interval:
     """
     Return a parameter's 90 % confidence interval.
 
     The variance of theta is sigma^2 + (share |theta - neutral|)^2 + (share threshold)^2:
-    statistical, from the inexact equation, and from the materiality threshold.
+    statistical, from the inexact equation, and from the materiality threshold. The equation is
+    less exact where much of the residuals' variance, `surrogate_share`, is the surrogate's error.
     """
-    systematic = SYSTEMATIC_ERROR_SHARE * abs(theta - parameter.theta_neutral)
+    foreign = SYSTEMATIC_ERROR_PER_SURROGATE_SHARE * surrogate_share
+    relative = float(np.hypot(SYSTEMATIC_ERROR_SHARE, foreign))
+    systematic = relative * abs(theta - parameter.theta_neutral)
     if not parameter.inverse:
         floor = SYSTEMATIC_ERROR_PER_MATERIALITY * parameter.materiality_threshold
         systematic = float(np.hypot(systematic, floor))

@@ -32,14 +32,14 @@ def refitted(decision: Decision, likelihood: Likelihood) -> Decision:
         (active.effect.name, active.activation.kind): (active, deviation)
         for active, deviation in zip(final.effects, deviations, strict=True)
     }
-    effects = []
+    effects, share = [], likelihood.surrogate_variance_share()
     for identified in decision.effects:
         active, deviation = fitted[identified.effect.name, identified.kind]
         activation = active.activation
         effects.append(
             replace(
                 identified,
-                parameters=confidence_intervals(active, deviation),
+                parameters=confidence_intervals(active, deviation, share),
                 time_intervals_s=activation.intervals(likelihood.problem),
                 segments=activation.segments,
                 onset_s=activation.onset_s,

@@ -165,6 +165,10 @@ class Likelihood:
         """Return the number of residuals that the surrogate's own error accounts for."""
         return float((self.surrogate_error_share * np.count_nonzero(self.weights, axis=1)).sum())
 
+    def surrogate_variance_share(self) -> float:
+        """Return the share of the residuals' variance that is the surrogate's own error."""
+        return self.surrogate_error_dof() / max(int(np.count_nonzero(self.weights)), 1)
+
     @property
     def effects(self) -> dict[str, Effect]:
         """The catalogue of effects, for a vehicle of this size."""

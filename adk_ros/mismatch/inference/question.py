@@ -161,7 +161,8 @@ def _fit(h: Hypothesis, before: Hypothesis, about: Questioned) -> AskedFit:
     penalty = (penalised_loss(h) - h.loss) - (penalised_loss(before) - before.loss)
     removed = before.loss - h.loss
     reach = Reach.of(about.likelihood, h, path.examined)
-    intervals = confidence_intervals(active, reach.deviation)
+    share = about.likelihood.surrogate_variance_share()
+    intervals = confidence_intervals(active, reach.deviation, share)
     parameters = zip(active.effect.parameters, active.theta, strict=True)
     moved = [p for p, theta in parameters if theta != p.theta_neutral]
     significant = significant_effects(about.likelihood, h, path.examined)

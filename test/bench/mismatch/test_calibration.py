@@ -107,7 +107,7 @@ def test_criteria_are_calibrated_on_correct_results(tmp_path: Path) -> None:
         result("clean_a", "none"), result("clean_b", "none"), result("drag", "single"),
         result("wrong", "single", 0.0),
     ]  # fmt: skip
-    ratio, share, gain, *selection, interval, confidence = calibrate(results, tmp_path)
+    ratio, share, gain, *selection, interval, foreign, confidence = calibrate(results, tmp_path)
     assert selection == [
         "required gain: 95 % of 3 absent effects stay below 0.4 of it, "
         "95 % of 1 present ones exceed 0.4",
@@ -119,7 +119,8 @@ def test_criteria_are_calibrated_on_correct_results(tmp_path: Path) -> None:
     assert f"the largest is {left:.3g}" in share
     assert "at most 0.40 of what is required on 2 clean cases" in gain
     assert "false alarms 0" in gain
-    assert "1 intervals hold with 0.0" in interval
+    assert "1 of 1 intervals hold; 90 % with a share of 0.0" in interval
+    assert "where the surrogate error is more than 0.1 of the variance: 1 of 1" in foreign
     assert confidence == "confidence: 2 claims, 1 of them right: not enough to calibrate"
 
 

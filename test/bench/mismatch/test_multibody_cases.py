@@ -23,6 +23,7 @@ from adk_ros.plant.injection.injectors import FULL, plant_changes
 from adk_ros.plant.scenario.random_routes import ROAD_STYLES, plan_route, random_route
 
 A_X, A_Y, RATE, V_X, V_Y = range(5)
+YAW_ACCELERATION = 10
 
 
 def drive(name: str, seconds: float = 30.0, **sizes: float) -> tuple[FloatArray, FloatArray]:
@@ -143,3 +144,31 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "vehiclemodels.parameters_vehicle2", None)
     with pytest.raises(UsageError, match="pip install commonroad-vehicle-models"):
         multibody.base_parameters.__wrapped__()
+
+
+@pytest.mark.slow
+def test_an_axle_softens_by_more_than_the_coefficient_of_its_tyres() -> None:
+    """The stiffness of both axles, from the forces and slip angles below 4 m/s²."""
+
+    def stiffness(name: str) -> FloatArray:
+        truth, commands = drive(name, 60.0)
+        body = base_vehicle().body
+        a, b, rows = body["a"], body["b"], slice(2000, None, 10)
+        delta = np.repeat(commands[:, 1], -(-truth.shape[0] // commands.shape[0]))
+        moment, side = body["I_z"] * truth[rows, YAW_ACCELERATION], body["m"] * truth[rows, A_Y]
+        force = np.array([b * side + moment, a * side - moment]) / (a + b)
+        v_x, v_y, rate = (truth[rows, i] for i in (V_X, V_Y, RATE))
+        slip = np.array([
+            delta[: truth.shape[0]][rows] - (v_y + a * rate) / v_x, (b * rate - v_y) / v_x
+        ])  # fmt: skip
+        used = np.abs(truth[rows, A_Y]) < 4.0
+        return np.array(
+            [np.polyfit(x[used], y[used], 1)[0] for x, y in zip(slip, force, strict=True)]
+        )
+
+    before = stiffness("")
+    front = stiffness("front_tyre_stiffness") / before
+    rear = stiffness("rear_tyre_stiffness") / before
+    assert FULL["front_tyre_stiffness"]["scale"] == FULL["rear_tyre_stiffness"]["scale"] == 0.72
+    np.testing.assert_allclose(front, [0.66, 1.0], atol=0.02)
+    np.testing.assert_allclose(rear, [1.0, 0.67], atol=0.02)

@@ -5,8 +5,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from adk_ros.mismatch.inference.decision import prefers_feature_model
+from adk_ros.mismatch.inference.decision import confidence_interval, prefers_feature_model
 from adk_ros.mismatch.inference.feature_effect import (
     FeatureEffect,
     catalogue_effects,
@@ -38,6 +39,17 @@ def expression(loss: float, *features: str) -> UnmodelledDynamics:
     terms = tuple(FeatureTerm("yaw_rate", f, 1.0, 100.0) for f in features)
     last = fitted(features[-1] if features else "speed", loss)
     return UnmodelledDynamics(1.0, terms, last, Body(1800.0, 3000.0, 0.3))
+
+
+def test_an_interval_is_wider_where_the_surrogate_is_wrong_about_the_simulator() -> None:
+    """A share of its error of 0.4 makes an equation inexact by 0.4 x 15 %, next to 0.8 %."""
+    drag = EFFECTS["aero_drag"].parameters[0]
+    own, foreign = (confidence_interval(drag, 1.0, 0.0, share) for share in (0.0, 0.4))
+    floor = 0.1 * drag.materiality_threshold
+    half = [(x.high - x.low) / (2.0 * 1.645) for x in (own, foreign)]
+    assert half == pytest.approx([np.hypot(0.008, floor), np.hypot(0.0605, floor)], rel=1e-3)
+    nothing = confidence_interval(drag, 0.0, 0.0, 0.4)
+    assert (nothing.high - nothing.low) / (2.0 * 1.645) == pytest.approx(floor, rel=1e-3)
 
 
 def test_shortest_of_tied_features_is_selected() -> None:
