@@ -26,7 +26,14 @@ from adk_ros.cli.fleet_options import (
 )
 from adk_ros.cli.fleet_run import print_estimate
 from adk_ros.cli.fleet_train import train
-from adk_ros.cli.options import JsonOption
+from adk_ros.cli.options import (
+    CommandOption,
+    ImuOption,
+    JsonOption,
+    OdometryOption,
+    ParamsOption,
+    read_options,
+)
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
@@ -94,6 +101,10 @@ def index(
     vehicle: Annotated[
         Path | None, typer.Option(help="vehicle file (YAML or packaged name) for the checks")
     ] = None,
+    imu: ImuOption = None,
+    odometry: OdometryOption = None,
+    command: CommandOption = None,
+    params: ParamsOption = None,
     tags: TagsOption = None,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
@@ -114,7 +125,8 @@ def index(
     from adk_ros.api.fleet.index_stage import IndexStage
 
     options = fleet_options(tags, workers, cluster, timeout, memory, limit, retry_failed)
-    stage = IndexStage("" if vehicle is None else str(vehicle))
+    reading = read_options(imu, odometry, command, False, params)
+    stage = IndexStage("" if vehicle is None else str(vehicle), reading)
     _run(stage, recordings, out, options, dry_run, as_json)
 
 
@@ -123,6 +135,10 @@ def replay(
     recordings: RecordingsArgument,
     model: Annotated[Path, typer.Option(help="model folder written by 'adk train'")],
     out: OutOption,
+    imu: ImuOption = None,
+    odometry: OdometryOption = None,
+    command: CommandOption = None,
+    params: ParamsOption = None,
     tags: TagsOption = None,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
@@ -141,9 +157,11 @@ def replay(
     from adk_ros.api.fleet.replay_stage import ReplayStage
     from adk_ros.model.stored_model import inspect_model
 
-    inspect_model(model)
+    sensors = inspect_model(model)["training"].get("sensors")
+    reading = read_options(imu, odometry, command, False, params, sensors)
     options = fleet_options(tags, workers, cluster, timeout, memory, limit, retry_failed)
-    _run(ReplayStage(str(model.resolve())), recordings, out, options, dry_run, as_json)
+    stage = ReplayStage(str(model.resolve()), reading)
+    _run(stage, recordings, out, options, dry_run, as_json)
 
 
 @app.command()
@@ -161,6 +179,10 @@ def explain(
     without_imu: Annotated[
         bool, typer.Option("--without-imu", help="accept recordings without an IMU")
     ] = False,
+    imu: ImuOption = None,
+    odometry: OdometryOption = None,
+    command: CommandOption = None,
+    params: ParamsOption = None,
     tags: TagsOption = None,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
@@ -176,13 +198,14 @@ def explain(
 
     Example: adk fleet explain drives --simulation sim --vehicle vehicle.yaml --out fleet
     """
-    from adk_ros.api.fleet.mismatch_stage import MismatchStage
+    from adk_ros.api.fleet.explain_stage import ExplainStage
 
     if not simulation.exists():
         raise UsageError(f"--simulation {simulation} does not exist")
     options = fleet_options(tags, workers, cluster, timeout, memory, limit, retry_failed)
     named = "" if vehicle is None else str(vehicle.resolve() if vehicle.exists() else vehicle)
-    stage = MismatchStage(str(simulation.resolve()), named, without_imu)
+    reading = read_options(imu, odometry, command, False, params)
+    stage = ExplainStage(str(simulation.resolve()), named, without_imu, reading)
     _run(stage, recordings, out, options, dry_run, as_json)
 
 

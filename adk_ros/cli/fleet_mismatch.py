@@ -24,12 +24,20 @@ from adk_ros.cli.fleet_options import (
     fleet_options,
 )
 from adk_ros.cli.fleet_run import print_estimate
-from adk_ros.cli.options import JsonOption
+from adk_ros.cli.options import (
+    CommandOption,
+    ImuOption,
+    JsonOption,
+    OdometryOption,
+    ParamsOption,
+    read_options,
+)
 from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
     from adk_ros.api.fleet.fleet_mismatch import FleetMismatch
     from adk_ros.api.fleet.fleet_run import FleetOptions
+    from adk_ros.bags.recording import RecordingOptions
 
 _DATA = "fleet.json"
 
@@ -45,6 +53,10 @@ def mismatch(
     without_imu: Annotated[
         bool, typer.Option("--without-imu", help="accept recordings without an IMU")
     ] = False,
+    imu: ImuOption = None,
+    odometry: OdometryOption = None,
+    command: CommandOption = None,
+    params: ParamsOption = None,
     tags: TagsOption = None,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
@@ -65,17 +77,19 @@ def mismatch(
 
     Example: adk fleet mismatch drives --simulation sim --vehicle vehicle.yaml --out fleet
     """
+    reading = read_options(imu, odometry, command, False, params)
     options = fleet_options(tags, workers, cluster, timeout, memory, None, retry_failed)
     if dry_run:
         from adk_ros.api.fleet.mismatch_estimate import estimate_mismatch
         from adk_ros.fleet.inference.analysis import PASSES
 
         estimate = estimate_mismatch(
-            simulation, recordings, out, vehicle, without_imu=without_imu, options=options
-        )
+            simulation, recordings, out, vehicle, without_imu=without_imu,
+            recording_options=reading, options=options,
+        )  # fmt: skip
         print_estimate(estimate.as_dict(), as_json, f" (counts of the first of {PASSES} passes)")
         return
-    found = _analysed(simulation, recordings, out, vehicle, without_imu, options, reports)
+    found = _analysed(simulation, recordings, out, vehicle, without_imu, options, reports, reading)
     if as_json:
         console.print_json(json.loads((found.page.parent / _DATA).read_text(encoding="utf-8")))
         return
@@ -147,6 +161,7 @@ def _analysed(
     without_imu: bool,
     options: FleetOptions,
     reports: int = 5,
+    reading: RecordingOptions | None = None,
 ) -> FleetMismatch:
     from adk_ros.api.fleet.fleet_mismatch import fleet_mismatch
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
@@ -154,8 +169,8 @@ def _analysed(
     try:
         with graceful_shutdown(), console.progress("fleet") as report:
             return fleet_mismatch(
-                simulation, recordings, out, vehicle, without_imu=without_imu, reports=reports,
-                options=options, progress=report,
+                simulation, recordings, out, vehicle, without_imu=without_imu,
+                recording_options=reading, reports=reports, options=options, progress=report,
             )  # fmt: skip
     except (Terminated, KeyboardInterrupt) as stop:
         console.note("results so far are kept: run the same command again to continue")

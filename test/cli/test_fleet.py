@@ -13,12 +13,13 @@ from helpers.fleet_results import filled
 from helpers.train import bag, refused, small
 
 from adk_ros.api.explain import explain
+from adk_ros.api.fleet.explain_stage import ExplainStage
 from adk_ros.api.fleet.fleet_run import FleetOptions, estimate_fleet, run_fleet
 from adk_ros.api.fleet.index_stage import IndexStage
-from adk_ros.api.fleet.mismatch_stage import MismatchStage
 from adk_ros.api.fleet.replay_stage import ReplayStage
 from adk_ros.api.fleet.report_stage import ReportStage
 from adk_ros.api.fleet.results import fleet_frame, fleet_summary
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.cli.main import main
 from adk_ros.fleet.dataset import FleetDataset, checked_row
 from adk_ros.fleet.recordings import find_recordings
@@ -155,12 +156,22 @@ def test_a_run_with_nothing_to_do_starts_no_worker(drives, tmp_path, capsys) -> 
 def test_the_hash_of_the_inputs(tmp_path) -> None:
     simulation = tmp_path / "sim.yaml"
     simulation.write_text("a")
-    stage = MismatchStage(str(simulation))
+    stage = ExplainStage(str(simulation))
     before = stage.inputs_hash
-    assert before != MismatchStage(str(simulation), "imdv").inputs_hash
-    assert before != MismatchStage(str(simulation), without_imu=True).inputs_hash
+    assert before != ExplainStage(str(simulation), "imdv").inputs_hash
+    assert before != ExplainStage(str(simulation), without_imu=True).inputs_hash
+    wheels = RecordingOptions(odometry="/wheel_odometry")
+    assert before != ExplainStage(str(simulation), options=wheels).inputs_hash
+    assert before != ReportStage(str(simulation), "reports").inputs_hash
     simulation.write_text("b")
     assert before != stage.inputs_hash
+
+
+def test_named_topics_reach_the_checks() -> None:
+    stage = IndexStage(options=RecordingOptions(imu="/none"))
+    rows = stage.run(bag(), "town")
+    (text,) = [row["text"] for row in rows if row["finding"] == "not checked"]
+    assert "/none" in text
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,13 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from adk_ros.api.fleet.index_stage import file_hash
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.fleet.stage import hash_of
 
 if TYPE_CHECKING:
@@ -31,17 +32,20 @@ class EvidenceStage:
     `simulation`: file of `FleetSimulation.save`; `point`: file with the fleet's estimate at which
     to linearise (`write_point`), "" for no effect. Rows: kind `recording` with the loss over that
     of a perfect model as value, and `place` for each cell of the map; details hold the evidence.
+    `options`: topics and sensor configuration.
     """
 
     simulation: str
     point: str = ""
     without_imu: bool = False
+    options: RecordingOptions = field(default_factory=RecordingOptions)
     name: str = "evidence"
 
     @property
     def inputs_hash(self) -> str:
-        """Hash of the simulation and of the estimate."""
-        return hash_of([file_hash(self.simulation), file_hash(self.point), self.without_imu])
+        """Hash of the simulation and of the estimate, of topics and sensor configuration."""
+        files = [file_hash(self.simulation), file_hash(self.point)]
+        return hash_of([*files, self.without_imu, asdict(self.options)])
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of the recording of this name."""
@@ -50,7 +54,7 @@ class EvidenceStage:
         from adk_ros.mismatch.recording.from_bag import read_sensor_log
 
         simulation = _simulation(self.simulation, file_hash(self.simulation))
-        log = read_sensor_log(path, needs_imu=not self.without_imu)
+        log = read_sensor_log(path, self.options, needs_imu=not self.without_imu)
         values, local = read_point(self.point, recording)
         return [
             {

@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack, nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,6 +30,7 @@ from adk_ros.api.fleet.fleet_run import (
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.api.fleet.lost_files import forget_lost_files
 from adk_ros.api.fleet.report_stage import ReportStage
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import AdkError, DataError, UsageError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.cluster import Cluster, open_cluster
@@ -74,6 +75,7 @@ def fleet_mismatch(
     vehicle: Path | str | None = None,
     *,
     without_imu: bool = False,
+    recording_options: RecordingOptions | None = None,
     reports: int = 5,
     options: FleetOptions | None = None,
     progress: Progress | None = None,
@@ -85,6 +87,7 @@ def fleet_mismatch(
     :param recordings: folders, globs and fsspec URLs.
     :param out: folder of the dataset; an interrupted run continues. The page is in `out`/report.
     :param vehicle: nominal vehicle of the simulation, YAML or a packaged name.
+    :param recording_options: topics and sensor configuration of all bags.
     :param reports: so many recordings, those that are explained worst, get a report of their own,
         which the page links.
     :raises UsageError: an argument is invalid, `out` is in use, or a service does not answer.
@@ -104,7 +107,8 @@ def fleet_mismatch(
         (out / REPORT).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
-    path = _identified(Path(simulation), vehicle, found, out, without_imu, progress)
+    reading = recording_options or RecordingOptions()
+    path = _identified(Path(simulation), vehicle, found, out, without_imu, reading, progress)
     known = FleetSimulation.load(path)
 
     def report(done: float, text: str) -> None:
@@ -118,7 +122,7 @@ def fleet_mismatch(
             return stack.enter_context(open_cluster(options.workers, options.cluster))
 
         def evidence_at(estimate: FleetEstimate | None) -> tuple[list[Row], dict[str, str]]:
-            stage = EvidenceStage(str(path), _point(out, estimate), without_imu)
+            stage = EvidenceStage(str(path), _point(out, estimate), without_imu, reading)
             # What has no evidence without effects has none at an estimate either.
             names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
             usable = [recording for recording in found if recording.name in names]
@@ -132,7 +136,7 @@ def fleet_mismatch(
         surrogate = out / REPORT / "simulation.yaml"
         surrogate.write_text(simulation_model(known.surrogate), encoding="utf-8")
         folder = out / REPORT / RECORDINGS
-        stage = ReportStage(str(surrogate.resolve()), str(folder.resolve()))
+        stage = ReportStage(str(surrogate.resolve()), str(folder.resolve()), without_imu, reading)
         forget_lost_files(out, stage.name, folder, "report")
         listed = [recording for recording in found if recording.name in worst]
         run_stage(stage, listed, out, lambda: nullcontext(cluster()), options.limits, progress)
@@ -224,10 +228,13 @@ def _point(out: Path, estimate: FleetEstimate | None) -> str:
     return str(path)
 
 
-def simulation_file(simulation: Path, vehicle: Path | str | None, out: Path) -> Path:
+def simulation_file(
+    simulation: Path, vehicle: Path | str | None, out: Path, reading: RecordingOptions
+) -> Path:
     """Return the file of the identified simulation, named by its inputs, whether it exists."""
     given = "" if vehicle is None else str(vehicle)
-    key = hash_of([file_hash(str(simulation)), file_hash(given), code_digest()])
+    files = [file_hash(str(simulation)), file_hash(given)]
+    key = hash_of([*files, asdict(reading), code_digest()])
     return out / f"simulation-{key[:16]}.npz"
 
 
@@ -237,6 +244,7 @@ def _identified(
     recordings: Sequence[FleetRecording],
     out: Path,
     without_imu: bool,
+    reading: RecordingOptions,
     progress: Progress | None,
 ) -> Path:
     """Return the file of the simulation, identified unless the dataset has it."""
@@ -246,11 +254,11 @@ def _identified(
 
     if not simulation.exists():
         raise UsageError(f"--simulation {simulation} does not exist")
-    path = simulation_file(simulation, vehicle, out)
+    path = simulation_file(simulation, vehicle, out, reading)
     if path.exists():
         return path
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
-    simulated = read_sensor_log(simulation)
+    simulated = read_sensor_log(simulation, reading)
 
     def report(done: float, text: str) -> None:
         if progress is not None:
@@ -260,7 +268,7 @@ def _identified(
     for recording in recordings[:_FIRST_TRIED]:
         try:
             with local_recording(recording) as local:
-                typical = read_sensor_log(local, needs_imu=not without_imu)
+                typical = read_sensor_log(local, reading, needs_imu=not without_imu)
             known = FleetSimulation.identify(simulated, typical, nominal, report)
         except AdkError as error:
             reasons.append(f"{recording.name}: {error}")

@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.fleet.stage import hash_of
 
 
@@ -18,16 +19,18 @@ class IndexStage:
 
     Rows by `kind`: `content` (duration), `usable` (text: for what or why not), `scope` (a row for
     each use: condition yes, reduced or no), `check` (each finding with its interval), `warning`.
-    `vehicle`: vehicle file for the checks, "" for none.
+    `vehicle`: vehicle file for the checks, "" for none. `options`: topics and sensor configuration
+    of the checks.
     """
 
     vehicle: str = ""
+    options: RecordingOptions = field(default_factory=RecordingOptions)
     name: str = "index"
 
     @property
     def inputs_hash(self) -> str:
-        """Hash of the vehicle file."""
-        return hash_of([file_hash(self.vehicle)])
+        """Hash of the vehicle file, topics and sensor configuration."""
+        return hash_of([file_hash(self.vehicle), asdict(self.options)])
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording."""
@@ -49,7 +52,7 @@ class IndexStage:
         about["scope"] = []
         checks: list[dict[str, Any]] = []
         try:
-            checked = check_recording(path, self.vehicle or None)
+            checked = check_recording(path, self.vehicle or None, options=self.options)
         except AdkError as error:
             checks = [{"kind": "warning", "finding": "not checked", "text": str(error)}]
         else:

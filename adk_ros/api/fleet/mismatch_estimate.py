@@ -11,6 +11,7 @@ from pathlib import Path
 from adk_ros.api.fleet.evidence_stage import EvidenceStage
 from adk_ros.api.fleet.fleet_mismatch import REPORT, simulation_file
 from adk_ros.api.fleet.fleet_run import FleetEstimate, FleetOptions, estimate_fleet
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
 
 
@@ -21,6 +22,7 @@ def estimate_mismatch(
     vehicle: Path | str | None = None,
     *,
     without_imu: bool = False,
+    recording_options: RecordingOptions | None = None,
     options: FleetOptions | None = None,
 ) -> FleetEstimate:
     """
@@ -36,8 +38,9 @@ def estimate_mismatch(
     simulation, out = Path(simulation), Path(out)
     if not simulation.exists():
         raise UsageError(f"--simulation {simulation} does not exist")
-    path = simulation_file(simulation, vehicle, out)
-    stage = EvidenceStage(str(path) if path.exists() else "", "", without_imu)
+    reading = recording_options or RecordingOptions()
+    path = simulation_file(simulation, vehicle, out, reading)
+    stage = EvidenceStage(str(path) if path.exists() else "", "", without_imu, reading)
     first = estimate_fleet(stage, recordings, out, options)
     is_finished = first.missing == 0 and (out / REPORT / "fleet.json").is_file()
     if is_finished or first.seconds is None:

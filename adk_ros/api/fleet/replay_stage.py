@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from adk_ros.api.fleet.index_stage import file_hash
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.fleet.stage import hash_of
 from adk_ros.fleet.training.blocks import HARD_M_S2, speed_classes
 from adk_ros.numerics.arrays import BoolArray, FloatArray
@@ -34,21 +35,23 @@ class ReplayStage:
     over recordings is weighted with details.count), `baseline` (RMSE of the best naive predictor),
     `surprise` (minutes with the largest normalised innovation; `value` is the root mean of the
     innovation squared over its predicted variance, 1 if the model's covariance is right).
+    `options`: topics and sensor configuration; by default that of the model.
     """
 
     model: str
+    options: RecordingOptions | None = None
     name: str = "replay"
 
     @property
     def inputs_hash(self) -> str:
-        """Hash of the model."""
-        return hash_of([file_hash(self.model)])
+        """Hash of the model, topics and sensor configuration."""
+        return hash_of([file_hash(self.model), self.options and asdict(self.options)])
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording."""
         from adk_ros.api.replay import replay
 
-        result = replay(path, self.model)
+        result = replay(path, self.model, options=self.options)
         rows = [*error_rows(result), *surprise_rows(result)]
         rows += [
             {"kind": "warning", "finding": "replay", "text": text} for text in result.warnings

@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from adk_ros.api.fleet.explain_stage import explanation_rows
 from adk_ros.api.fleet.index_stage import file_hash
-from adk_ros.api.fleet.mismatch_stage import explanation_rows
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.fleet.stage import hash_of
 
 PAGE = "report.html"
@@ -18,28 +19,32 @@ PAGE = "report.html"
 @dataclass(frozen=True)
 class ReportStage:
     """
-    As `MismatchStage`, against the simulation as the fleet has identified it, with a report.
+    As `ExplainStage`, against the simulation as the fleet has identified it, with a report.
 
     `simulation`: vehicle file of the surrogate (`simulation.yaml`): a bag would be refused for
     recordings that are faster or slower. `folder`: where the reports are written, one folder for
     each recording, seen by all workers under this path. The row of kind `verdict` has the page
-    below it in `details.report`.
+    below it in `details.report`. `options`: topics and sensor configuration.
     """
 
     simulation: str
     folder: str
+    without_imu: bool = False
+    options: RecordingOptions = field(default_factory=RecordingOptions)
     name: str = "reports"
 
     @property
     def inputs_hash(self) -> str:
-        """Hash of the simulation."""
-        return hash_of([file_hash(self.simulation)])
+        """Hash of the simulation, topics and sensor configuration."""
+        return hash_of([file_hash(self.simulation), self.without_imu, asdict(self.options)])
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording, and write its report."""
         from adk_ros.api.explain import explain
 
-        explanation = explain(self.simulation, path)
+        explanation = explain(
+            self.simulation, path, without_imu=self.without_imu, options=self.options
+        )
         explanation.write(Path(self.folder) / recording, force=True)
         rows = explanation_rows(explanation)
         for row in rows:

@@ -1,14 +1,15 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Stage `mismatch`: which physics the simulation lacks, by each recording on its own."""
+"""Stage `explain`: which physics the simulation lacks, by each recording on its own."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from adk_ros.api.fleet.index_stage import file_hash
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.fleet.stage import hash_of
 
 if TYPE_CHECKING:
@@ -16,32 +17,39 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class MismatchStage:
+class ExplainStage:
     """
     What `adk mismatch` finds.
 
     Rows by `kind`: `verdict` (finding none, explained or unknown; text: the sentence), `effect` (a
     row for each parameter, with its interval; channel is the parameter's name, condition where the
     effect acts), `error` (RMSE of open-loop predictions of the simulation on held-out data).
-    `simulation`: bag or vehicle file of the simulator; `vehicle`: as in `explain`, "" for none.
+    `simulation`: bag or vehicle file of the simulator; `vehicle`: as in `explain`, "" for none;
+    `options`: topics and sensor configuration of both.
     """
 
     simulation: str
     vehicle: str = ""
     without_imu: bool = False
-    name: str = "mismatch"
+    options: RecordingOptions = field(default_factory=RecordingOptions)
+    name: str = "explain"
 
     @property
     def inputs_hash(self) -> str:
-        """Hash of the simulation and the vehicle file."""
-        return hash_of([file_hash(self.simulation), file_hash(self.vehicle), self.without_imu])
+        """Hash of the simulation, the vehicle file, topics and sensor configuration."""
+        files = [file_hash(self.simulation), file_hash(self.vehicle)]
+        return hash_of([*files, self.without_imu, asdict(self.options)])
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording."""
         from adk_ros.api.explain import explain
 
         explanation = explain(
-            self.simulation, path, self.vehicle or None, without_imu=self.without_imu
+            self.simulation,
+            path,
+            self.vehicle or None,
+            without_imu=self.without_imu,
+            options=self.options,
         )
         return explanation_rows(explanation)
 
@@ -88,6 +96,6 @@ def explanation_rows(explanation: MismatchExplanation) -> list[dict[str, Any]]:
                 }
             )
     rows += [
-        {"kind": "warning", "finding": "mismatch", "text": text} for text in explanation.warnings
+        {"kind": "warning", "finding": "explain", "text": text} for text in explanation.warnings
     ]
     return rows
