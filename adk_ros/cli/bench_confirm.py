@@ -32,7 +32,11 @@ def confirm(
         ),
     ] = "",
     tests: Annotated[
-        int, typer.Option(help="number of test drives besides the nominal one, 3 to 200")
+        int,
+        typer.Option(
+            help="number of test drives besides the nominal one and two in other simulators, "
+            "3 to 200"
+        ),
     ] = 12,
     trainings: Annotated[int, typer.Option(help="number of trainings, 1 to 100")] = 3,
     quick: Annotated[
@@ -58,6 +62,7 @@ def confirm(
     Example: adk bench confirm --out confirmation_out
     """
     started = time.monotonic()
+    from adk_ros.bench.mismatch.multibody import MULTI_BODY, is_installed
     from adk_ros.bench.paper import cases
     from adk_ros.bench.paper.confirmation_drives import (
         MAX_TESTS,
@@ -65,6 +70,7 @@ def confirm(
         write_confirmation_drives,
     )
     from adk_ros.bench.paper.confirmation_report import PAGE, write_confirmation
+    from adk_ros.bench.paper.other_simulators import DESCRIPTIONS
     from adk_ros.bench.paper.paper_bench import check, run_paper
     from adk_ros.bench.paper.training_jobs import BenchPlan
     from adk_ros.files.code_digest import code_digest
@@ -80,11 +86,16 @@ def confirm(
     check_output_folder(out)
     digest = code_digest()
     chosen = seed or digest
+    others = [name for name in DESCRIPTIONS if name != MULTI_BODY or is_installed()]
+    if MULTI_BODY not in others:
+        console.note(f"without {MULTI_BODY}: it needs `pip install commonroad-vehicle-models`")
     try:
         with graceful_shutdown(), tempfile.TemporaryDirectory(prefix="adk_confirm_") as name:
             folder = Path(name)
             with console.progress("drawing drives") as bar:
-                drives = write_confirmation_drives(folder / "scenarios", chosen, tests, bar)
+                drives = write_confirmation_drives(
+                    folder / "scenarios", chosen, tests, bar, others
+                )
             plan = BenchPlan(
                 quick=quick, seeds=1 if quick else trainings, tests=drives.tests, drives=drives,
                 left_out=("dk", "effect", "recording"), peers=peers, paper_epochs=_EPOCHS,

@@ -13,6 +13,7 @@ they scale with the mass, so that more mass would also mean more power.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import inspect
 import math
 import re
@@ -111,6 +112,11 @@ class MultibodyVehicle:
             steering=steering(**_numbers(limits.steering)),
             longitudinal=longitudinal(**_numbers(limits.longitudinal) | {"a_max": _UNLIMITED}),
         )
+
+
+def is_installed() -> bool:
+    """Return whether commonroad-vehicle-models is installed."""
+    return importlib.util.find_spec(_PACKAGE) is not None
 
 
 def _module(name: str) -> ModuleType:

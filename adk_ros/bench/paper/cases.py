@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from adk_ros.bench.paper.other_simulators import OtherDrive
 from adk_ros.errors import DataError
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
@@ -62,6 +63,7 @@ class DriveSet:
     `training`: scenario, by name or file, of training and nominal test. `tests`: names, of which
     `NOMINAL` is one. `files`: scenario files by test; the others are packaged scenarios of the
     test's name. `noise_scale`: factor on the noise of the noisy variant. `noise_seed`: of it.
+    `others`: tests in other simulators, which have no scenario.
     """
 
     training: str = TRAINING
@@ -69,6 +71,7 @@ class DriveSet:
     files: Mapping[str, str] = field(default_factory=dict)
     noise_scale: float = 1.0
     noise_seed: int = _NOISE_SEED
+    others: Mapping[str, OtherDrive] = field(default_factory=dict)
 
     def scenario(self, test: str) -> Scenario:
         """
@@ -115,7 +118,7 @@ def _cut(n: int) -> int:
     return int(TRAINING_SHARE * n)
 
 
-def write_truth(folder: Path, test: str, driven: SimulatedDrive) -> None:
+def write_truth(folder: Path, test: str, driven: SimulatedDrive | Record) -> None:
     """Write the truth of a drive for the other processes."""
     np.savez(folder / f"{test}.npz", stamp_ns=driven.stamp_ns, x=driven.x, u=driven.u, a=driven.a)
 

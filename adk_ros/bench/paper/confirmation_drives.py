@@ -6,13 +6,15 @@ Drives that nobody has looked at: roads, speeds, cars and noise drawn from a see
 A seed that is fixed only after the code, such as the hash of the code itself, makes it impossible
 to choose anything on these drives. The training drive is one of the nominal car on a random road.
 Each test has another road, and a car or conditions with one to three changes that the training
-data do not contain; two tests are slaloms with open-loop steering.
+data do not contain; two tests are slaloms with open-loop steering. Two further tests are driven in
+other simulators (`other_simulators`).
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ import numpy as np
 import yaml
 
 from adk_ros.bench.paper.cases import NOMINAL, DriveSet
+from adk_ros.bench.paper.other_simulators import DESCRIPTIONS, OtherDrive
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.plant.scenario.random_routes import ROAD_STYLES, RoadStyle, random_route, spins
 from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
@@ -113,7 +116,11 @@ CHANGES: dict[str, Change] = {
 
 
 def write_confirmation_drives(
-    folder: Path, seed: str, tests: int, progress: Progress | None = None
+    folder: Path,
+    seed: str,
+    tests: int,
+    progress: Progress | None = None,
+    others: Sequence[str] = tuple(DESCRIPTIONS),
 ) -> DriveSet:
     """
     Write the scenario files of a set to a new folder, and return the set.
@@ -121,7 +128,9 @@ def write_confirmation_drives(
     :param seed: any text; equal seeds give equal drives.
     A test in which the car spins is driven at 0.9 of its speeds until it does not.
 
-    :param tests: number of tests besides the nominal one, `MIN_TESTS` to `MAX_TESTS`.
+    :param tests: number of tests besides the nominal one and those in other simulators,
+        `MIN_TESTS` to `MAX_TESTS`.
+    :param others: simulators of the further tests, keys of `other_simulators.DESCRIPTIONS`.
     :param progress: called with (drives done, drives in all, text).
     """
     number = int.from_bytes(hashlib.sha256(seed.encode()).digest()[:8], "big")
@@ -140,13 +149,26 @@ def write_confirmation_drives(
         _slow_down_to_the_road(Path(files[name]))
         if progress is not None:
             progress(index + 1, tests, "drawing drives")
+    drives = {}
+    for index, plant in enumerate(others):
+        name, drive = _in_other_simulator(plant, (number, index))
+        drives[name] = drive
+        path = folder / f"{name}.drive.yaml"
+        path.write_text(yaml.safe_dump(asdict(drive), sort_keys=False), encoding="utf-8")
     return DriveSet(
         training=files[NOMINAL],
-        tests=tuple(files),
+        tests=(*files, *drives),
         files={test: path for test, path in files.items() if test != NOMINAL},
         noise_scale=float(rng.uniform(0.5, 1.5)),
         noise_seed=int(rng.integers(2**31)),
+        others=drives,
     )
+
+
+def _in_other_simulator(plant: str, seed: tuple[int, int]) -> tuple[str, OtherDrive]:
+    rng = np.random.default_rng(seed)
+    style = str(rng.choice(list(ROAD_STYLES)))
+    return f"{plant}_{style}", OtherDrive(plant, style, int(rng.integers(2**31)), TEST_S)
 
 
 def _written(folder: Path, name: str, content: Content, rng: np.random.Generator) -> str:

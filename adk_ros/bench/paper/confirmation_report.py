@@ -11,6 +11,7 @@ from pathlib import Path
 from adk_ros.bench.paper.cases import NOMINAL
 from adk_ros.bench.paper.confirmation_criteria import by_horizon, confirmation_criteria
 from adk_ros.bench.paper.criteria import PaperCriterion
+from adk_ros.bench.paper.other_simulators import DESCRIPTIONS
 from adk_ros.bench.paper.paper_bench import Result
 from adk_ros.bench.paper.paper_tables import Table, markdown_line
 from adk_ros.bench.paper.ratios import ratio_tables, summary_table
@@ -59,6 +60,9 @@ def drives_table(plan: BenchPlan) -> Table:
     """Return the table of the drives, with what differs from training."""
     rows = []
     for test in plan.tests:
+        if (other := plan.drives.others.get(test)) is not None:
+            rows.append([test, "-", "1.00", f"another simulator: {DESCRIPTIONS[other.plant]}"])
+            continue
         scenario = plan.drives.scenario(test)
         speed = f"{3.6 * scenario.speed.top:.0f}"
         rows.append([test, speed, f"{scenario.mu:.2f}", "-" if test == NOMINAL else _of(scenario)])

@@ -127,7 +127,11 @@ def series_path(folder: Path, variant: str, test: str, name: str) -> Path:
 def simulate_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """Simulate one drive."""
     outcome = Outcome(job)
+    other = plan.drives.others.get(job.about)
     with outcome.clocked("simulating"):
+        if other is not None:
+            cases.write_truth(folder, job.about, other.truth(job.about, plan.durations.test))
+            return outcome
         driven, _ = cases.simulate_test(
             job.about, plan.durations, lambda done, total: tell(done / total), plan.drives
         )
@@ -262,6 +266,8 @@ def floor_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgres
     """Run the oracle: the plant itself, restarted from the same measurements."""
     outcome = Outcome(job)
     for number, test in enumerate(plan.tests):
+        if test in plan.drives.others:
+            continue
         with outcome.clocked("simulating"):
             driven, begin = cases.simulate_test(test, plan.durations, drives=plan.drives)
         one = replace(plan, tests=(test,))

@@ -14,13 +14,22 @@ import pytest
 from helpers.paper import board_of, case_score
 from helpers.train import made_record
 
+from adk_ros.bench.mismatch.multibody import MULTI_BODY
 from adk_ros.bench.paper import cases, confirmation_drives, paper_bench
 from adk_ros.bench.paper.cases import CLEAN, NOISY
 from adk_ros.bench.paper.confirmation_criteria import confirmation_criteria
 from adk_ros.bench.paper.confirmation_drives import CHANGES, write_confirmation_drives
+from adk_ros.bench.paper.confirmation_report import drives_table
+from adk_ros.bench.paper.other_simulators import DESCRIPTIONS, SPRUNG_CAR, OtherDrive
 from adk_ros.bench.paper.predictors import ADK_ROS, MF, MF_CHOSEN, NAIVE, PYKOOP, SWLS
 from adk_ros.bench.paper.seven_dof_predictor import SevenDof
-from adk_ros.bench.paper.training_jobs import BenchPlan, Outcome, TrainingJob
+from adk_ros.bench.paper.training_jobs import (
+    BenchPlan,
+    Outcome,
+    TrainingJob,
+    floor_job,
+    simulate_job,
+)
 from adk_ros.cli.main import main
 from adk_ros.files.code_digest import code_digest
 from adk_ros.numerics.constants import QUANTILE_90
@@ -41,8 +50,12 @@ def test_the_drives_come_from_the_seed_alone(tmp_path: Path) -> None:
     again = write_confirmation_drives(tmp_path / "b", "seed", 3)
     other = write_confirmation_drives(tmp_path / "c", "another", 3)
     assert first.tests == again.tests
-    assert len(first.tests) == 4
-    for test in first.tests:
+    assert len(first.tests) == 4 + len(DESCRIPTIONS)
+    assert first.others == again.others
+    assert {x.seed for x in first.others.values()}.isdisjoint(
+        x.seed for x in other.others.values()
+    )
+    for test in first.tests[:4]:
         mine, same = (Path(d.files.get(test, d.training)) for d in (first, again))
         assert mine.read_text() == same.read_text()
     assert (first.noise_scale, first.noise_seed) == (again.noise_scale, again.noise_seed)
@@ -50,12 +63,13 @@ def test_the_drives_come_from_the_seed_alone(tmp_path: Path) -> None:
     assert load_scenario(first.training).route != load_scenario(other.training).route
     # More tests leave the earlier ones as they are.
     more = write_confirmation_drives(tmp_path / "d", "seed", 4)
-    assert more.tests[:4] == first.tests
+    assert more.tests[:4] == first.tests[:4]
+    assert more.others == first.others
 
 
 @pytest.mark.slow
 def test_each_test_has_a_change_that_training_lacks(tmp_path: Path) -> None:
-    drives = write_confirmation_drives(tmp_path / "a", "changes", 30)
+    drives = write_confirmation_drives(tmp_path / "a", "changes", 30, others=())
     training = drives.scenario(cases.NOMINAL)
     nominal = load_vehicle(training.vehicle)
     assert training.car() == nominal
@@ -106,6 +120,40 @@ def test_noise_belongs_to_the_set(tmp_path: Path) -> None:
     heard = cases.noisy(record, 2, drives)
     assert heard.x[:, 0].std() == pytest.approx(drives.noise_scale * cases.NOISE[0], rel=0.1)
     assert (heard.x != cases.noisy(record, 2, replace(drives, noise_seed=1)).x).any()
+
+
+@pytest.mark.parametrize(
+    "plant", [SPRUNG_CAR, pytest.param(MULTI_BODY, marks=pytest.mark.slow(seconds=20))]
+)
+def test_another_simulator_drives_a_car_that_moves_as_it_says(plant: str) -> None:
+    """Forces, velocities and commands of the record belong together, and to the seed."""
+    drive = OtherDrive(plant, "track", 3, 30.0)
+    record = drive.truth("other")
+    assert record.duration_s == pytest.approx(30.0, abs=0.03)
+    v_x, v_y, rate = record.x.T
+    assert v_x.min() > 5.0
+    assert np.abs(v_y).max() < 3.0
+    change = np.gradient(v_x, 0.025) - rate * v_y
+    assert np.corrcoef(change, record.a[:, 0])[0, 1] > 0.98
+    sideways = np.gradient(v_y, 0.025) + rate * v_x
+    assert np.corrcoef(sideways, record.a[:, 1])[0, 1] > 0.98
+    assert np.corrcoef(record.u[:, 1] * v_x, rate)[0, 1] > 0.9
+    short = drive.truth("other", 5.0)
+    np.testing.assert_array_equal(short.x, drive.truth("other", 5.0).x)
+    assert not np.array_equal(short.x, replace(drive, seed=4).truth("other", 5.0).x)
+
+
+def test_a_test_in_another_simulator_has_no_oracle(tmp_path: Path) -> None:
+    """Its truth is written, it is listed with its simulator, and the plant is not asked."""
+    drives = write_confirmation_drives(tmp_path / "a", "seed", 3, others=(SPRUNG_CAR,))
+    (name,) = drives.others
+    plan = BenchPlan(drives=drives, tests=(name,), durations=cases.Durations(test=20.0))
+    simulate_job(TrainingJob("simulate", about=name), plan, tmp_path, lambda share: None)
+    record = cases.record_of_test(tmp_path, name, NOISY, drives)
+    assert record.duration_s == pytest.approx(20.0, abs=0.03)
+    assert not floor_job(TrainingJob("floor", NOISY), plan, tmp_path, lambda share: None).scores
+    (row,) = drives_table(plan).rows
+    assert row[-1] == "another simulator: sprung car with brush tyres, about 2.1 t"
 
 
 def test_intervals_of_the_right_width_score_best() -> None:
@@ -225,14 +273,14 @@ def test_the_command_writes_the_drives_and_names_the_code(
     told = json.loads(capsys.readouterr().out)
     assert told["code"] == told["seed"] == code_digest()
     assert plans[0].seeds == 3
-    assert len(plans[0].tests) == 4
+    assert len(plans[0].tests) == 6
     page = (out / "confirmation.md").read_text()
     assert code_digest()[:16] in page
     assert "| PASS | geometric-mean |" in page
     files = sorted(path.name for path in (out / "scenarios").iterdir())
-    assert len(files) == 4
+    assert len(files) == 6
     assert load_scenario(out / "scenarios" / files[0]).plant == "fourteen_dof"
-    assert (out / "scores.csv").read_text().count("adk_ros") == 2 * 4 * 15
+    assert (out / "scores.csv").read_text().count("adk_ros") == 2 * 6 * 15
     assert main(["bench", "confirm", "--out", str(out)]) == 2
     assert "--force" in capsys.readouterr().err
     assert main(["bench", "confirm", "--tests", "2"]) == 2
