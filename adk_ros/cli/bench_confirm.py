@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-import tempfile
+import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -49,6 +49,9 @@ def confirm(
         ),
     ] = True,
     jobs: Annotated[int, typer.Option(help="processes, one thread each")] = 2,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="continue an interrupted run of the same code")
+    ] = False,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -71,6 +74,7 @@ def confirm(
     )
     from adk_ros.bench.paper.confirmation_report import PAGE, write_confirmation
     from adk_ros.bench.paper.other_simulators import DESCRIPTIONS
+    from adk_ros.bench.paper.outcome_store import OutcomeStore
     from adk_ros.bench.paper.paper_bench import check, run_paper
     from adk_ros.bench.paper.training_jobs import BenchPlan
     from adk_ros.files.code_digest import code_digest
@@ -89,9 +93,12 @@ def confirm(
     others = [name for name in DESCRIPTIONS if name != MULTI_BODY or is_installed()]
     if MULTI_BODY not in others:
         console.note(f"without {MULTI_BODY}: it needs `pip install commonroad-vehicle-models`")
+    folder = out.with_name(f"{out.name}.part")
+    key = f"{digest} {chosen} {tests} {trainings} {quick} {peers} {others}"
+    store = OutcomeStore.opened(folder, key, resume)
+    shutil.rmtree(folder / "scenarios", ignore_errors=True)
     try:
-        with graceful_shutdown(), tempfile.TemporaryDirectory(prefix="adk_confirm_") as name:
-            folder = Path(name)
+        with graceful_shutdown():
             with console.progress("drawing drives") as bar:
                 drives = write_confirmation_drives(
                     folder / "scenarios", chosen, tests, bar, others
@@ -108,11 +115,14 @@ def confirm(
                 )  # fmt: skip
             check(plan)
             with console.progress("confirmation drives") as bar:
-                result = run_paper(plan, folder, jobs, bar, console.note)
+                result = run_paper(plan, folder, jobs, bar, console.note, store)
             criteria = write_confirmation(result, plan, folder / "scenarios", out, digest, chosen)
-    except Terminated:
-        console.note("adk: terminated")
+    except (Terminated, KeyboardInterrupt) as stop:
+        console.note(f"finished jobs are kept in {folder}: --resume continues")
+        if isinstance(stop, KeyboardInterrupt):
+            raise
         raise typer.Exit(TERMINATED) from None
+    shutil.rmtree(folder)
     seconds = time.monotonic() - started
     if as_json:
         console.print_json(

@@ -20,6 +20,7 @@ from adk_ros.bench.paper.baseline_libraries import find_python
 from adk_ros.bench.paper.cases import CLEAN, NOMINAL, VARIANTS
 from adk_ros.bench.paper.effect_job import effect_job
 from adk_ros.bench.paper.online_effect import Reading
+from adk_ros.bench.paper.outcome_store import OutcomeStore
 from adk_ros.bench.paper.predictors import PYKOOP, PYKOOPMAN
 from adk_ros.bench.paper.scores import ScoreTable
 from adk_ros.bench.paper.training_jobs import BenchPlan, NoteProgress, Outcome, TrainingJob
@@ -28,6 +29,7 @@ from adk_ros.shutdown import TERMINATED, begin_worker, end_all
 
 Progress = Callable[[float, float, str], None]
 Note = Callable[[str], None]
+Keep = Callable[[Outcome], None]
 
 KINDS: dict[str, Callable[[TrainingJob, BenchPlan, Path, NoteProgress], Outcome]] = {
     "simulate": training_jobs.simulate_job,
@@ -44,6 +46,11 @@ KINDS: dict[str, Callable[[TrainingJob, BenchPlan, Path, NoteProgress], Outcome]
 """Job functions by kind, longest first: then no process is left with a long job at the end."""
 _POLL_S = 0.5
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def _forget(outcome: Outcome) -> None:
+    """Keep nothing."""
+
 
 _progress: Any = None
 """In a worker: completed fraction of each job, shared with the parent process."""
@@ -99,11 +106,14 @@ def run_paper(
     workers: int = 2,
     progress: Progress | None = None,
     note: Note | None = None,
+    store: OutcomeStore | None = None,
 ) -> Result:
     """
     Run the whole plan; drives and the data of the figures are written to `folder`.
 
     :param workers: processes of one thread each; 0 runs all jobs in this process.
+    :param store: where outcomes are kept; jobs whose outcome it has are not run again. What they
+        wrote to `folder` must be there.
     :raises UsageError, DataError: as `check`, training and recordings.
     """
     check(plan)
@@ -121,8 +131,8 @@ def run_paper(
     jobs = max(len(drives), len(after))
     pool = _InProcess(plan, folder) if workers == 0 else _Pool(plan, folder, workers, jobs)
     with pool:
-        outcomes = pool.run(drives, "simulating", progress, note)
-        outcomes += pool.run(after, "training and predicting", progress, note)
+        outcomes = _run(pool, drives, "simulating", progress, note, store)
+        outcomes += _run(pool, after, "training and predicting", progress, note, store)
     board = ScoreTable()
     # Sorted in the plan's order, which numbers the seeds and makes the report reproducible.
     order = {job: i for i, job in enumerate([*drives, *after])}
@@ -147,6 +157,23 @@ def run_paper(
     readings = [reading for outcome in outcomes for reading in outcome.readings]
     seconds = time.monotonic() - started
     return Result(board, recorded, outcomes, without, seconds, settings, readings)
+
+
+def _run(
+    pool: _InProcess | _Pool,
+    jobs: list[TrainingJob],
+    what: str,
+    progress: Progress | None,
+    note: Note | None,
+    store: OutcomeStore | None,
+) -> list[Outcome]:
+    """Run the jobs whose outcomes are not kept, keep theirs, and return all."""
+    if store is None:
+        return pool.run(jobs, what, progress, note)
+    kept = {job: store.load(job) for job in jobs}
+    todo = [job for job in jobs if kept[job] is None]
+    found = [outcome for outcome in kept.values() if outcome is not None]
+    return found + pool.run(todo, what, progress, note, store.save)
 
 
 def planned(plan: BenchPlan, peers: bool) -> list[TrainingJob]:
@@ -182,9 +209,14 @@ class _InProcess:
         """Release nothing: there are no processes."""
 
     def run(
-        self, todo: list[TrainingJob], what: str, progress: Progress | None, note: Note | None
+        self,
+        todo: list[TrainingJob],
+        what: str,
+        progress: Progress | None,
+        note: Note | None,
+        keep: Keep = _forget,
     ) -> list[Outcome]:
-        """Run all of `todo`."""
+        """Run all of `todo`; `keep` is called with each outcome."""
         outcomes = []
         for number, job in enumerate(todo):
 
@@ -193,6 +225,7 @@ class _InProcess:
                     progress(number + share, len(todo), f"{what}: {job.name}")
 
             outcomes.append(KINDS[job.kind](job, self._plan, self._folder, report))
+            keep(outcomes[-1])
             report(1.0)
         return outcomes
 
@@ -249,9 +282,18 @@ class _Pool:
         self._executor.shutdown(wait=True, cancel_futures=True)
 
     def run(
-        self, todo: list[TrainingJob], what: str, progress: Progress | None, note: Note | None
+        self,
+        todo: list[TrainingJob],
+        what: str,
+        progress: Progress | None,
+        note: Note | None,
+        keep: Keep = _forget,
     ) -> list[Outcome]:
-        """Run all of `todo` and report the progress; the first failure ends the run."""
+        """
+        Run all of `todo` and report the progress; the first failure ends the run.
+
+        `keep` is called with each outcome.
+        """
         for i in range(len(todo)):
             self._progress[i] = 0.0
         futures: dict[Future[Outcome], TrainingJob] = {
@@ -270,6 +312,7 @@ class _Pool:
                     raise DataError(
                         "a worker process was killed, possibly for lack of memory: try --jobs 1"
                     ) from None
+                keep(outcomes[-1])
                 self._progress[numbers[futures[future]]] = 1.0
             if progress is not None:
                 running = [futures[f].name for f in futures if f in open_ones and f.running()]
