@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from adk_ros.api.progress import Progress, in_stage
+from adk_ros.api.recording import read_log
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
 
@@ -47,21 +48,19 @@ def detectable(
 
     from adk_ros.mismatch.inference.detectable_sizes import detectable_sizes
     from adk_ros.mismatch.planned_drive import planned_drive
-    from adk_ros.mismatch.recording.from_bag import read_sensor_log
     from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
     if noise is not None and (len(noise) != 6 or not all(0.0 < x < np.inf for x in noise)):
         raise UsageError("noise: six positive values (a_x, a_y, gyro, v_x, v_y, yaw rate)")
     if not minutes or not all(0.0 < x < np.inf for x in minutes):
         raise UsageError("minutes: positive durations")
-    reading = options or RecordingOptions()
-    simulated = read_sensor_log(simulation, reading, in_stage(progress, "reading the simulation"))
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
+    radius = 0.0 if nominal is None else nominal.wheel_radius
+    simulated = read_log(simulation, options, progress, wheel_radius=radius)
     values = None if noise is None else np.array(noise, dtype=np.float64)
     logs = [simulated]
     if values is None and recording is not None:
-        report = in_stage(progress, "reading the recording")
-        logs.append(read_sensor_log(recording, reading, report))
+        logs.append(read_log(recording, options, progress, wheel_radius=radius))
         values = logs[1].noise()
     drive = planned_drive(simulated, nominal, values)
     report = in_stage(progress, "effects")

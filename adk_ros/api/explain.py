@@ -15,7 +15,7 @@ import pandas as pd
 
 from adk_ros.api.output import check_output
 from adk_ros.api.progress import Progress, in_stage
-from adk_ros.api.recording import velocity_source
+from adk_ros.api.recording import read_log
 from adk_ros.api.recording_paths import different_recordings
 from adk_ros.api.tables import UNITS, as_html
 from adk_ros.bags.recording import RecordingOptions
@@ -278,15 +278,12 @@ def _read_held_out(
 ) -> list[SensorLog]:
     """Return the held-out recordings; only their odometry and commands are used."""
     from adk_ros.mismatch.deployment.held_out import check_held_out
-    from adk_ros.mismatch.recording.from_bag import read_sensor_log
 
     logs = []
     for bag in bags:
         if bag.resolve() in [recording.resolve() for recording in recordings]:
             raise UsageError(f"{bag}: the recording itself is not held out: give another bag")
-        report = in_stage(progress, f"reading {bag.name}")
-        chosen, _ = velocity_source(bag, options)
-        log = read_sensor_log(bag, chosen, report, needs_imu=False)
+        log = read_log(bag, options, progress, needs_imu=False)
         check_held_out(replace(log, length_scale=length_scale))
         logs.append(log)
     return logs
@@ -306,7 +303,6 @@ def _read_inputs(
         load_simulator,
         simulate_matched_drive,
     )
-    from adk_ros.mismatch.recording.from_bag import read_sensor_log
     from adk_ros.mismatch.recording.nominal_vehicle import (
         load_nominal_vehicle,
         nominal_vehicle_of,
@@ -325,9 +321,7 @@ def _read_inputs(
     radius = 0.0 if nominal is None else nominal.wheel_radius
 
     def read(bag: Path, needs_imu: bool = True) -> SensorLog:
-        chosen, source = velocity_source(bag, options, radius)
-        log = read_sensor_log(bag, chosen, in_stage(progress, f"reading {bag.name}"), needs_imu)
-        return replace(log, warnings=(*log.warnings, source)) if source else log
+        return read_log(bag, options, progress, needs_imu=needs_imu, wheel_radius=radius)
 
     recorded = [read(bag, needs_imu) for bag in recordings]
     if isinstance(simulator, Vehicle):

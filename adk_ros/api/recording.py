@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -23,6 +23,9 @@ from adk_ros.errors import UsageError
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import INPUT_NAMES, STATE_NAMES, TICK_NS, Record
 from adk_ros.signals.decode import SensorConfig
+
+if TYPE_CHECKING:
+    from adk_ros.mismatch.recording.sensor_log import SensorLog
 
 
 @dataclass(frozen=True)
@@ -168,6 +171,30 @@ def velocity_source(
         known = replace(options, sensors=sensors)
     found, line = with_velocity_source(path, known)
     return (found, line) if line else (options, "")
+
+
+def read_log(
+    path: Path | str,
+    options: RecordingOptions | None = None,
+    progress: Progress | None = None,
+    *,
+    needs_imu: bool = True,
+    wheel_radius: float = 0.0,
+) -> SensorLog:
+    """
+    Read a bag as `mismatch.recording.from_bag.read_sensor_log`, with its source of v_x.
+
+    Where odometry reports no velocity, `warnings` says what v_x was read from.
+
+    :param wheel_radius: as in `velocity_source`.
+    :raises UsageError, DataError: as `read_sensor_log`.
+    """
+    from adk_ros.mismatch.recording.from_bag import read_sensor_log
+
+    chosen, source = velocity_source(path, options, wheel_radius)
+    report = in_stage(progress, f"reading {Path(path).name}")
+    log = read_sensor_log(path, chosen, report, needs_imu)
+    return replace(log, warnings=(*log.warnings, source)) if source else log
 
 
 def recording_options(

@@ -21,6 +21,7 @@ from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import DataError, UsageError
 from adk_ros.exporting.column_table import ColumnTable
 from adk_ros.files.pages.provenance import sha256_of
+from adk_ros.importing.velocity_source import with_velocity_source
 from adk_ros.mismatch.deployment.held_out import Evidence
 from adk_ros.mismatch.deployment.predicted_signals import predicted_signals, unpredicted_signals
 from adk_ros.mismatch.inference.signal_fit import SIGNAL_UNITS, SIGNALS
@@ -97,7 +98,8 @@ def report_signals(
         models.append(file.read_text(encoding="utf-8"))
     tables = []
     for path in recordings:
-        log = read_sensor_log(path, options, needs_imu=False)
+        chosen, _ = with_velocity_source(path, options or RecordingOptions())
+        log = read_sensor_log(path, chosen, needs_imu=False)
         torque = log.command[:, 0]
         has_torque = bool(np.ptp(torque) > 0.0) and not log.torque_is_inferred
         hidden = unpredicted_signals(has_torque, bool(log.imu_s.size))

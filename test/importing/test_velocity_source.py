@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from adk_ros.api.recording import read_recording, velocity_source
+from adk_ros.api.recording import read_log, read_recording, velocity_source
 from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.cli.main import main
@@ -71,6 +71,18 @@ def error_of(recording):
     )
     errors = recording.record.x_ref[ours, 0] - truth.x[theirs, 0]
     return float(np.sqrt(np.nanmean(errors**2)))
+
+
+def test_a_log_for_mismatch_is_read_by_wheel_speeds_and_says_so(whole, tmp_path):
+    path = reduced(whole, tmp_path / "bag", is_still=True)
+    log = read_log(path, wheel_radius=RADIUS)
+    assert any("wheel" in text for text in log.warnings)
+    truth = drive()
+    true = np.interp(log.odometry_s, (truth.stamp_ns - log.start_ns) * 1e-9, truth.x[:, 0])
+    assert np.sqrt(np.mean((log.odometry[:, 0] - true) ** 2)) < 0.2
+    plain = read_log(whole)
+    assert np.array_equal(plain.odometry, read_sensor_log(whole).odometry)
+    assert not any("wheel" in text for text in plain.warnings)
 
 
 def test_wheel_speeds_take_the_place_of_odometry_with_the_radius_by_gps(whole, tmp_path):

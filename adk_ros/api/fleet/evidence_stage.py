@@ -49,12 +49,14 @@ class EvidenceStage:
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of the recording of this name."""
+        from adk_ros.api.recording import read_log
         from adk_ros.fleet.inference.evidence import RECORDING
         from adk_ros.fleet.inference.recording_evidence import evidence_rows
-        from adk_ros.mismatch.recording.from_bag import read_sensor_log
+        from adk_ros.mismatch.library.surrogate_parameters import INDEX
 
         simulation = _simulation(self.simulation, file_hash(self.simulation))
-        log = read_sensor_log(path, self.options, needs_imu=not self.without_imu)
+        radius = float(simulation.surrogate.parameters[INDEX["wheel_radius"]])
+        log = read_log(path, self.options, needs_imu=not self.without_imu, wheel_radius=radius)
         values, local = read_point(self.point, recording)
         return [
             {

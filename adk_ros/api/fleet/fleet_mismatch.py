@@ -30,6 +30,7 @@ from adk_ros.api.fleet.fleet_run import (
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.api.fleet.lost_files import forget_lost_files
 from adk_ros.api.fleet.report_stage import ReportStage
+from adk_ros.api.recording import read_log
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import AdkError, DataError, UsageError
 from adk_ros.files.code_digest import code_digest
@@ -249,7 +250,6 @@ def _identified(
 ) -> Path:
     """Return the file of the simulation, identified unless the dataset has it."""
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
-    from adk_ros.mismatch.recording.from_bag import read_sensor_log
     from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
     if not simulation.exists():
@@ -258,7 +258,8 @@ def _identified(
     if path.exists():
         return path
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
-    simulated = read_sensor_log(simulation, reading)
+    radius = 0.0 if nominal is None else nominal.wheel_radius
+    simulated = read_log(simulation, reading, wheel_radius=radius)
 
     def report(done: float, text: str) -> None:
         if progress is not None:
@@ -268,7 +269,7 @@ def _identified(
     for recording in recordings[:_FIRST_TRIED]:
         try:
             with local_recording(recording) as local:
-                typical = read_sensor_log(local, reading, needs_imu=not without_imu)
+                typical = read_log(local, reading, needs_imu=not without_imu, wheel_radius=radius)
             known = FleetSimulation.identify(simulated, typical, nominal, report)
         except AdkError as error:
             reasons.append(f"{recording.name}: {error}")
