@@ -56,7 +56,7 @@ def mismatch(
         list[str] | None,
         typer.Option(
             help="effect of the catalogue, such as steering_lag: why is it claimed, or not, and "
-            "what would decide (repeatable)"
+            "what would decide (repeatable, or several separated by commas)"
         ),
     ] = None,
     without_imu: Annotated[
@@ -88,6 +88,7 @@ def mismatch(
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
     options = read_options(imu, odometry, command, False, params)
+    asked = [name.strip() for given in ask or () for name in given.split(",")]
     try:
         # A terminated run leaves no half-written report.
         with graceful_shutdown(), console.stages() as progress:
@@ -97,7 +98,7 @@ def mismatch(
                 vehicle,
                 out,
                 held_out=held_out or (),
-                ask=ask or (),
+                ask=asked,
                 without_imu=without_imu,
                 options=options,
                 force=force,
@@ -111,6 +112,8 @@ def mismatch(
     if as_json:
         console.print_json(result.as_dict())
         return
+    # Both are bags: given in the wrong order, all sizes would have the wrong sign.
+    console.note(f"recording {', '.join(map(str, recording))} against simulation {simulation}")
     for text in result.notes:
         console.note(text)
     rows = result.as_dict()["scope"]["rows"]

@@ -299,15 +299,18 @@ def test_answers_follow_the_summary(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def answering(*arguments: object) -> MismatchResult:
-        assert arguments[-1] == ["imu_delay"]
+        assert arguments[-1] == ["imu_delay", "headwind", "payload"]
         hidden = AskedEffect("imu_delay", False, "the channels of this recording do not show it")
         return replace(drag(), asked=[hidden])
 
     monkeypatch.setattr("adk_ros.mismatch.analysis.identify_mismatch", answering)
     arguments = ["mismatch", "--simulation", str(folder / "simulation"), "--ask", "imu_delay"]
+    arguments += ["--ask", "headwind, payload"]
     arguments += ["--recording", str(folder / "recording"), "--out", str(tmp_path / "out")]
     assert main(arguments) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    printed = capsys.readouterr()
+    said = " ".join(printed.out.split())
+    assert f"{folder / 'recording'} against simulation" in " ".join(printed.err.split())
     assert said.endswith(
         "IMU delay is not claimed: the channels of this recording do not show it."
     )
