@@ -65,7 +65,6 @@ def confirm(
     Example: adk bench confirm --out confirmation_out
     """
     started = time.monotonic()
-    from adk_ros.bench.mismatch.multibody import MULTI_BODY, is_installed
     from adk_ros.bench.paper import cases
     from adk_ros.bench.paper.confirmation_drives import (
         MAX_TESTS,
@@ -77,6 +76,7 @@ def confirm(
     from adk_ros.bench.paper.outcome_store import OutcomeStore
     from adk_ros.bench.paper.paper_bench import check, run_paper
     from adk_ros.bench.paper.training_jobs import BenchPlan
+    from adk_ros.bench.vehicles.multibody import MULTI_BODY, is_installed
     from adk_ros.files.code_digest import code_digest
     from adk_ros.files.output_folder import check_output_folder, refuse_existing
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown

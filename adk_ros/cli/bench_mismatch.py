@@ -112,7 +112,6 @@ def concealed(
     )
     from adk_ros.bench.mismatch.factorial import factorial_plans
     from adk_ros.bench.mismatch.mismatch_bench import SCORED, MismatchBench
-    from adk_ros.bench.mismatch.multibody import MULTI_BODY, base_parameters
     from adk_ros.bench.mismatch.reliability import reliability_markdown
     from adk_ros.bench.mismatch.result_tables import (
         CRITERIA_FILE,
@@ -121,6 +120,7 @@ def concealed(
         write_tables,
     )
     from adk_ros.bench.mismatch.result_tables import as_json as content
+    from adk_ros.bench.vehicles.multibody import MULTI_BODY, base_parameters
     from adk_ros.files.output_folder import check_output_folder, refuse_existing
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 

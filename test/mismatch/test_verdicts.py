@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from adk_ros.bench.mismatch.case_generator import GeneratedCase, InjectedMismatch, make_case
-from adk_ros.bench.mismatch.multibody import MULTI_BODY
+from adk_ros.bench.vehicles.multibody import MULTI_BODY
 from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN, MismatchResult
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE

@@ -33,7 +33,9 @@ ORDER: dict[str, tuple[str, ...]] = {
         "library", "recording", "surrogate", "inference", "deployment", "report", "watch",
         "",
     ),
-    "bench": ("runtime", "fleet", "control", "paper", "mismatch", "real", "learned", ""),
+    "bench": (
+        "runtime", "fleet", "control", "vehicles", "paper", "mismatch", "real", "learned", "",
+    ),
 }  # fmt: skip
 CORE = {"errors", "numerics", "signals", "model", "plant", "train", "road", "calibration"}
 CORE |= {"mismatch"}

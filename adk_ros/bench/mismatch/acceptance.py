@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.bench.mismatch.case_score import UNKNOWN, CaseResult
-from adk_ros.bench.mismatch.multibody import MULTI_BODY
 from adk_ros.bench.mismatch.reliability import CONFIDENT, brier_score, share_interval
+from adk_ros.bench.vehicles.multibody import MULTI_BODY
 
 PASS, FAIL, NONE = "PASS", "FAIL", "NONE"
 

@@ -14,9 +14,9 @@ from adk_ros.bench.mismatch.case_matrix import (
     CasePlan,
     injected_mismatch,
 )
-from adk_ros.bench.mismatch.multibody import MULTI_BODY
-from adk_ros.bench.mismatch.multibody_changes import EFFECTS as MULTIBODY_EFFECTS
-from adk_ros.bench.mismatch.multibody_changes import SIZES as MULTIBODY_SIZES
+from adk_ros.bench.vehicles.multibody import MULTI_BODY
+from adk_ros.bench.vehicles.multibody_changes import EFFECTS as MULTIBODY_EFFECTS
+from adk_ros.bench.vehicles.multibody_changes import SIZES as MULTIBODY_SIZES
 from adk_ros.plant.injection.injected_drive import PLANTS
 from adk_ros.plant.injection.injectors import FULL, SPRUNG_CAR_ONLY, UNLISTED, scale_strength
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS, with_dropouts
-from adk_ros.bench.mismatch.vehicle_family import Drive, family_of
+from adk_ros.bench.vehicles.vehicle_family import Drive, family_of
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.recording.simulated_sensors import simulate_faulty_sensors

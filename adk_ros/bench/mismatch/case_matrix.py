@@ -18,11 +18,11 @@ from typing import Any
 
 from adk_ros.bench.mismatch.case_files import write_case
 from adk_ros.bench.mismatch.case_generator import GeneratedCase, InjectedMismatch, make_case
-from adk_ros.bench.mismatch.multibody import MULTI_BODY
-from adk_ros.bench.mismatch.multibody_changes import EFFECTS as MULTIBODY_EFFECTS
-from adk_ros.bench.mismatch.multibody_changes import SIZES as MULTIBODY_SIZES
 from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS
 from adk_ros.bench.mismatch.unlisted_labels import describe_unlisted
+from adk_ros.bench.vehicles.multibody import MULTI_BODY
+from adk_ros.bench.vehicles.multibody_changes import EFFECTS as MULTIBODY_EFFECTS
+from adk_ros.bench.vehicles.multibody_changes import SIZES as MULTIBODY_SIZES
 from adk_ros.errors import UsageError
 from adk_ros.plant.injection.injected_drive import PLANTS
 from adk_ros.plant.injection.injectors import FULL, SPRUNG_CAR_ONLY, UNLISTED, scale_strength

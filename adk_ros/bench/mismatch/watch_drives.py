@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from adk_ros.bench.mismatch.vehicle_family import Drive, family_of
+from adk_ros.bench.vehicles.vehicle_family import Drive, family_of
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.recording.simulated_sensors import simulate_faulty_sensors
 from adk_ros.mismatch.simulator import surrogate_of

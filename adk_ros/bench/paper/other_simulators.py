@@ -4,7 +4,7 @@
 Test drives in simulators of other families than the one of the training drive.
 
 A sprung car with brush tyres (`plant.injection.sprung_car`) and the multi-body model of
-commonroad-vehicle-models (`bench.mismatch.multibody`), which share no equation with the 14-DoF
+commonroad-vehicle-models (`bench.vehicles.multibody`), which share no equation with the 14-DoF
 vehicle. Car, route and speed are drawn from a seed; the road is flat and dry.
 """
 
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adk_ros.bench.mismatch.multibody import MULTI_BODY
-from adk_ros.bench.mismatch.vehicle_family import Drive, family_of
+from adk_ros.bench.vehicles.multibody import MULTI_BODY
+from adk_ros.bench.vehicles.vehicle_family import Drive, family_of
 from adk_ros.errors import DataError
 from adk_ros.plant.injection.injected_changes import STEPS_PER_COMMAND, InjectedChanges
 from adk_ros.plant.scenario.random_routes import ROAD_STYLES, random_route, slower_routes, spins

@@ -23,8 +23,8 @@ from adk_ros.bench.mismatch.confidence_fit import (
     probabilities,
     stated,
 )
-from adk_ros.bench.mismatch.multibody import MULTI_BODY
 from adk_ros.bench.mismatch.reliability import brier_score
+from adk_ros.bench.vehicles.multibody import MULTI_BODY
 from adk_ros.files.code_digest import code_digest
 from adk_ros.mismatch.inference.confidence import ConfidenceModel, Evidence
 from adk_ros.mismatch.library.criteria import INEXACT_EQUATION_SHARE, MAX_EXPLAINED_RATIO

@@ -11,12 +11,12 @@ import pytest
 from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
 from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
 
-from adk_ros.bench.mismatch import multibody
 from adk_ros.bench.mismatch.case_generator import InjectedMismatch, make_case
-from adk_ros.bench.mismatch.multibody import MULTI_BODY, base_vehicle
-from adk_ros.bench.mismatch.multibody_changes import EFFECTS, SIZES, changed_multibody
-from adk_ros.bench.mismatch.multibody_drive import simulate_multibody_drive
-from adk_ros.bench.mismatch.vehicle_family import TOLERANCE, MultibodyFamily
+from adk_ros.bench.vehicles import multibody
+from adk_ros.bench.vehicles.multibody import MULTI_BODY, base_vehicle
+from adk_ros.bench.vehicles.multibody_changes import EFFECTS, SIZES, changed_multibody
+from adk_ros.bench.vehicles.multibody_drive import simulate_multibody_drive
+from adk_ros.bench.vehicles.vehicle_family import TOLERANCE, MultibodyFamily
 from adk_ros.errors import UsageError
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.injection.injectors import FULL, plant_changes

@@ -14,7 +14,6 @@ import pytest
 from helpers.paper import board_of, case_score
 from helpers.train import made_record
 
-from adk_ros.bench.mismatch.multibody import MULTI_BODY
 from adk_ros.bench.paper import cases, confirmation_drives, paper_bench
 from adk_ros.bench.paper.cases import CLEAN, NOISY
 from adk_ros.bench.paper.confirmation_criteria import confirmation_criteria
@@ -30,6 +29,7 @@ from adk_ros.bench.paper.training_jobs import (
     floor_job,
     simulate_job,
 )
+from adk_ros.bench.vehicles.multibody import MULTI_BODY
 from adk_ros.cli.main import main
 from adk_ros.files.code_digest import code_digest
 from adk_ros.numerics.constants import QUANTILE_90

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,12 @@ from helpers.paper import case_score
 
 from adk_ros.bench.paper import paper_bench
 from adk_ros.bench.paper.cases import CLEAN, NOISY, NOMINAL
+from adk_ros.bench.paper.online_effect import Reading
 from adk_ros.bench.paper.outcome_store import OutcomeStore
 from adk_ros.bench.paper.paper_bench import run_paper
 from adk_ros.bench.paper.training_jobs import BenchPlan, NoteProgress, Outcome, TrainingJob
 from adk_ros.errors import UsageError
+from adk_ros.signals.interval_scores import score_intervals
 
 PLAN = BenchPlan(
     seeds=1, tests=(NOMINAL,), left_out=("aldk", "dk", "effect", "tuned", "floor"), peers=False
@@ -30,11 +33,27 @@ def test_an_outcome_is_as_it_was(tmp_path: Path) -> None:
     store = OutcomeStore.opened(tmp_path / "store", "key", resume=False)
     first, other = TrainingJob("naive", CLEAN), TrainingJob("naive", NOISY)
     assert store.load(first) is None
-    store.save(outcome(first))
+    rng = np.random.default_rng(1)
+    measured = rng.normal(size=(30, 5, 3))
+    measured[:, 4] = np.nan
+    intervals = score_intervals(np.zeros_like(measured), np.ones_like(measured), measured)
+    score = replace(case_score(1.0 / 3.0), intervals=intervals)
+    reading = Reading(6, 30, 1e-8, True, "innovation", *rng.normal(size=(3, 3)))
+    kept = Outcome(first, [(NOMINAL, "a", score)], [reading], {"a": "b"}, {"fitting": 1.5}, "no")
+    store.save(kept)
     found = OutcomeStore.opened(tmp_path / "store", "key", resume=True).load(first)
     assert found is not None
-    assert found.job == first
-    np.testing.assert_array_equal(found.scores[0][2].rmse, case_score(0.5).rmse)
+    assert (found.job, found.notes, found.seconds, found.failed) == (
+        first, kept.notes, kept.seconds, "no",
+    )  # fmt: skip
+    (again,), (read,) = found.scores, found.readings
+    assert again[:2] == (NOMINAL, "a")
+    for mine, theirs in ((again[2], score), (again[2].intervals, intervals), (read, reading)):
+        for name, value in vars(theirs).items():
+            if isinstance(value, np.ndarray):
+                np.testing.assert_array_equal(getattr(mine, name), value)
+                assert getattr(mine, name).dtype == value.dtype
+    assert again[2].held is None
     assert store.load(other) is None
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from adk_ros.bench.mismatch.multibody import MultibodyVehicle
+from adk_ros.bench.vehicles.multibody import MultibodyVehicle
 
 EFFECTS = (
     "aero_drag",

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from adk_ros.bench.mismatch import multibody, multibody_changes
-from adk_ros.bench.mismatch.multibody import MULTI_BODY, MultibodyVehicle
-from adk_ros.bench.mismatch.multibody_drive import simulate_multibody_drive
+from adk_ros.bench.vehicles import multibody, multibody_changes
+from adk_ros.bench.vehicles.multibody import MULTI_BODY, MultibodyVehicle
+from adk_ros.bench.vehicles.multibody_drive import simulate_multibody_drive
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle, nominal_vehicle_of
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.environment.road import Route

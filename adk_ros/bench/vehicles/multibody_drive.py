@@ -17,7 +17,7 @@ from typing import Any
 import numba  # type: ignore[import-untyped, unused-ignore]
 import numpy as np
 
-from adk_ros.bench.mismatch.multibody import MultibodyVehicle, model
+from adk_ros.bench.vehicles.multibody import MultibodyVehicle, model
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import AIR_DENSITY, GRAVITY
 from adk_ros.plant.environment.road import (
