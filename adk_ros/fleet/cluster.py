@@ -23,6 +23,12 @@ _FIRST_WAIT_S = 15.0
 """Time for a scheduler that is just being started."""
 _THREADS_KNOWN_S = 2.0
 """Time for which the number of workers is taken as unchanged."""
+_REPLACED_S = 20.0
+"""
+Time after which a local worker that does not come back is replaced. Its nanny starts one that was
+killed again within a few seconds, but 15 s after an end Dask closes the nanny if the worker is not
+there at this moment, as when the second one has just been killed.
+"""
 WORKER_MIB = 150.0
 """MiB of a worker besides its stage process; measured with `adk bench fleet`."""
 
@@ -35,6 +41,23 @@ class Cluster:
         self._address = address
         self._local = local
         self._threads = (0.0, 0)
+        self._complete_at = time.monotonic()
+
+    def replace_lost_workers(self) -> None:
+        """Start other local workers for those that have been missing for `_REPLACED_S`."""
+        if self._local is None:
+            return
+        wanted = len(self._local.worker_spec)
+        present = {each["name"] for each in self._local.scheduler_info["workers"].values()}
+        missing = set(self._local.worker_spec) - present
+        now = time.monotonic()
+        if not missing:
+            self._complete_at = now
+        elif now - self._complete_at > _REPLACED_S:
+            for name in missing:
+                del self._local.worker_spec[name]
+            self._local.scale(wanted)
+            self._complete_at = now
 
     @property
     def threads(self) -> int:

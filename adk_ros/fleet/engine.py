@@ -82,6 +82,7 @@ def run_tasks(
             return
         if on_wake is not None:
             on_wake()
+        cluster.replace_lost_workers()
         try:
             number, future = ended.get(timeout=_WAKE_S)
         except queue.Empty:

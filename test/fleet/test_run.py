@@ -147,6 +147,31 @@ def test_killed_workers_lose_nothing(tmp_path, undisturbed) -> None:
     assert rows_of(tmp_path) == undisturbed
 
 
+@pytest.mark.slow(seconds=20)
+def test_workers_that_dask_gives_up_are_replaced(tmp_path, monkeypatch) -> None:
+    """It closes the nanny of a worker that is being started again 15 s after its end."""
+    monkeypatch.setattr("adk_ros.fleet.cluster._REPLACED_S", 2.0)
+
+    @contextmanager
+    def opened():
+        with open_cluster(2) as cluster:
+            thread = threading.Thread(target=give_up, args=(cluster._local,))
+            thread.start()
+            yield cluster
+            thread.join()
+
+    def give_up(local):
+        while not list((tmp_path / "log").glob("*")):
+            time.sleep(0.05)
+        for nanny in list(local.workers.values()):
+            local.sync(nanny.close)
+        local.workers.clear()
+
+    fleet = {f"r{i:02d}": f"ok {i}" for i in range(8)}
+    summary = run(tmp_path, tmp_path / "log", cluster=opened, nap_s=0.4, fleet=fleet)
+    assert (summary.computed, summary.failures) == (8, {})
+
+
 DRIVER = """
 import sys
 from functools import partial
