@@ -14,6 +14,7 @@ import s3fs
 from helpers.fleet import text_stage
 from moto.server import ThreadedMotoServer
 
+from adk_ros.errors import UsageError
 from adk_ros.fleet.cluster import open_cluster
 from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.recordings import find_recordings
@@ -100,3 +101,55 @@ def test_an_unreachable_store_is_a_line(store, monkeypatch) -> None:
     )
     with pytest.raises(StoreUnreachable, match=r"s3://fleet/drives: the store does not answer"):
         find_recordings(["s3://fleet/drives"])
+
+
+def stopped(server):
+    """Stop a server, and return one that can be started at its address; moto keeps its content."""
+    _, port = server.get_host_and_port()
+    server.stop()
+    # Its socket would accept connections otherwise.
+    server._server.server_close()
+    return ThreadedMotoServer(ip_address="127.0.0.1", port=port, verbose=False)
+
+
+@pytest.mark.slow(seconds=110)
+@pytest.mark.parametrize(("outage_s", "stops"), [(8.0, False), (75.0, True)])
+def test_a_store_that_fails_during_a_run(store, tmp_path, outage_s, stops) -> None:
+    """Seconds are survived; after a minute the run stops in a line and continues later."""
+    client = boto3.client("s3")
+    for i in range(10):
+        client.put_object(Bucket="fleet", Key=f"more/r{i}.mcap", Body=f"ok {i}".encode())
+    recordings = find_recordings(["s3://fleet/more"])
+    stage = text_stage(tmp_path / "log", nap_s=0.5)
+
+    def go():
+        return run_stage(
+            stage, recordings, tmp_path / "out", partial(open_cluster, 1), Limits(200.0)
+        )
+
+    def fail():
+        while not list((tmp_path / "log").glob("*")):
+            time.sleep(0.05)
+        back = stopped(store)
+        time.sleep(outage_s)
+        back.start()
+        servers.append(back)
+
+    servers: list[ThreadedMotoServer] = []
+    thread = threading.Thread(target=fail)
+    thread.start()
+    try:
+        if stops:
+            with pytest.raises(UsageError, match=r"does not answer for 60 s .*run the same"):
+                go()
+            thread.join()
+        summary = go()
+    finally:
+        thread.join()
+        for server in servers:
+            server.stop()
+    assert (summary.total, summary.failures) == (10, {})
+    assert bool(summary.reused) == stops
+    rows = FleetDataset(tmp_path / "out").rows("text")
+    numbers = {row["recording"]: row["value"] for row in rows if row["finding"] == "number"}
+    assert numbers == {f"r{i}.mcap": float(i) for i in range(10)}
