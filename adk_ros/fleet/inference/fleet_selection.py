@@ -39,7 +39,6 @@ from adk_ros.fleet.inference.variance_components import fitted_components
 from adk_ros.mismatch.library.criteria import (
     FAMILYWISE_ERROR_RATE,
     MIN_GAIN_PER_EXCESS,
-    MIN_GAIN_PER_NULL_EXCESS,
 )
 from adk_ros.numerics.arrays import FloatArray
 
@@ -51,6 +50,12 @@ _LEVELS_PER_PARAMETER = 3
 """Levels of a parameter that are fitted in full in one step, those of the largest gains."""
 _PER_STEP = 24
 """Candidates that are fitted in full in one step. By choice; they come in the order of gains."""
+_MIN_GAIN_PER_NULL_EXCESS = 5e-4
+"""
+Least gain, as a share of the excess loss before any claim. Lower than that of one recording
+(`criteria.MIN_GAIN_PER_NULL_EXCESS`): a fleet has weak effects of single cars next to strong ones
+of all. On development fleets (doc/fleet-inference.md).
+"""
 _MOST_DROPS = 2
 """Times that a claim may be dropped until it is no candidate any more; ends the selection."""
 _LARGE_DEVIATION, _REFITTED = 0.5, 2
@@ -249,7 +254,7 @@ class Selection:
         left = remaining_excess(self.fleet, extended(model, found))
         # The median: a few recordings with much else to explain do not hide what all show.
         required = MIN_GAIN_PER_EXCESS * np.maximum(excess, 0.0)
-        required += MIN_GAIN_PER_NULL_EXCESS * self.null_excess
+        required += _MIN_GAIN_PER_NULL_EXCESS * self.null_excess
         return float(np.median((excess - left - required)[acts])) >= 0.0
 
     def is_possible(self, found: Assessment) -> bool:

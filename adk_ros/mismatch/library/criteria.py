@@ -95,10 +95,13 @@ MIN_GAIN_PER_EXCESS = 0.25
 Least gain, as a share of the excess loss before the effect: where much is unexplained, accidental
 correlations gain hundreds. Calibrated.
 """
-MIN_GAIN_PER_NULL_EXCESS = 5e-4
+MIN_GAIN_PER_NULL_EXCESS = 7e-3
 """
-Least gain, as a share of the excess loss before any effect: no effect's equation is exact.
-Calibrated.
+Least gain, as a share of the excess loss before any effect: no effect's equation is exact, and one
+with a relative error of 8 % leaves as much, which other effects then fit. On `adk bench concealed
+--own --seed 11` (bf901ba), `--seed 12` (6fb0e03) and 72 cases of `--calibrate`, absent further
+effects next to a dominant one gain up to 0.0042, present ones at least 0.0123; this is the
+geometric mean.
 """
 MIN_FIRST_GAIN_PER_SURROGATE_ERROR = 0.08
 """
