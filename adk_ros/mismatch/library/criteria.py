@@ -23,8 +23,10 @@ import math
 
 TOLERANCE_SIGMA = 0.004
 """
-Prior standard deviation of a build tolerance, relative. The generated cases draw from +-0.4 %;
-real cars differ by several per cent of mass and 10 to 20 % of tyre stiffness.
+Prior standard deviation of a build tolerance, relative: of a car that was weighed and measured.
+The generated cases draw from +-0.4 %; cars differ from data sheets by several per cent of mass and
+10 to 20 % of tyre stiffness, which is then reported. `--calibrate --vary` says what half and
+double of it change.
 """
 TOLERANCE_BOUND = 0.012
 """Hard bound of a build tolerance, relative: three prior standard deviations."""
@@ -34,8 +36,10 @@ SENSOR_OFFSET_PRIORS: dict[str, tuple[float, float]] = {
     "bias_gyro": (2e-4, 7e-4),
 }
 """
-Prior standard deviation and hard bound of a sensor's constant offset, m/s² and rad/s. By
-choice, of the order of a calibrated automotive IMU; no data sheet is named.
+Prior standard deviation and hard bound of a sensor's constant offset, m/s² and rad/s: 0.6 mg and
+41 deg/h, of an IMU whose offsets were removed at a standstill; a larger one is reported as a bias.
+By choice, and equal to what the generated cases draw; `--calibrate --vary` says what half and
+double of them change.
 """
 WEAK_DIRECTION_BOUND = 3.0
 """

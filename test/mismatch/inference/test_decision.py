@@ -14,7 +14,11 @@ from adk_ros.mismatch.inference.feature_effect import (
     feature_as_effect,
     feature_terms,
 )
-from adk_ros.mismatch.inference.forward_selection import SelectionPath
+from adk_ros.mismatch.inference.forward_selection import (
+    SelectionPath,
+    is_improvement,
+    min_required_gain,
+)
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.term_meaning import Body
 from adk_ros.mismatch.inference.unmodelled import (
@@ -104,3 +108,13 @@ def test_surrogate_error_raises_the_gain_required_of_an_expression() -> None:
     )
     assert prefers_feature_model(feature, pair, accurate)
     assert not prefers_feature_model(feature, pair, inaccurate)
+
+
+def test_what_an_inexact_equation_leaves_is_no_further_effect() -> None:
+    """One with an error of 8 % leaves 0.7 % of what it explains; less is not claimed."""
+    path = SelectionPath(expected_loss=20_000.0, null_excess_loss=400_000.0)
+    payload = effects(21_500.0, "payload")
+    assert min_required_gain(payload, path) == pytest.approx(2800.0, rel=0.1)
+    assert not is_improvement(effects(20_000.0, "payload", "low_friction"), payload, path)
+    more = effects(25_000.0, "payload")
+    assert is_improvement(effects(20_000.0, "payload", "aero_drag"), more, path)
