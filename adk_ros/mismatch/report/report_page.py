@@ -70,6 +70,7 @@ from adk_ros.mismatch.report.summary import (
     verdict_text,
 )
 from adk_ros.mismatch.report.vocabulary import CHANNEL_TITLES, listed, title, unit_text
+from adk_ros.numerics.constants import GRAVITY
 
 PAGE = "report.html"
 _MAX_TERM_FIGURES = 8
@@ -145,6 +146,7 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         model_labels=list(model_labels(result)),
         tolerance=100.0 * TOLERANCE_BOUND,
         accelerometer_offset=SENSOR_OFFSET_PRIORS["bias_a_x"][1],
+        rolling_offset=SENSOR_OFFSET_PRIORS["bias_a_x"][1] / GRAVITY,
         location=location,
         evidence=_evidence(result, out),
         errors=errors,
