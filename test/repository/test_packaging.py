@@ -27,6 +27,7 @@ import setuptools
 import yaml
 from catkin_pkg.package import parse_package
 from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -280,6 +281,25 @@ def closure(roots: list[Requirement]) -> Iterator[tuple[str, str]]:
             needed = Requirement(re.sub(r"\s*\(([^)]*)\)", r" \1", line, count=1))
             if needed.marker is None or needed.marker.evaluate({"extra": extra}):
                 queue += [(needed.name, more) for more in ("", *needed.extras)]
+
+
+def test_pins_admit_the_python_of_debian_12() -> None:
+    """A package that requires a later patch release is pinned with a marker that says so."""
+    debian = {"python_version": "3.11", "python_full_version": "3.11.2"}
+    refused = []
+    for pin in (pin for file in ALL_PINS for pin in pins(file)):
+        if pin.marker is not None and not pin.marker.evaluate(debian):
+            continue
+        try:
+            distribution = metadata.distribution(pin.name)
+        except metadata.PackageNotFoundError:
+            continue
+        # `get_all`, since indexing raises where importlib_metadata has taken over the search.
+        required = ",".join(distribution.metadata.get_all("Requires-Python") or [])
+        is_pinned = pin.specifier.contains(distribution.version.split("+")[0])
+        if is_pinned and not SpecifierSet(required).contains("3.11.2"):
+            refused.append(f"{pin} requires Python {required}")
+    assert refused == []
 
 
 def test_pins_are_complete_and_installed() -> None:
