@@ -53,6 +53,7 @@ class JointLikelihood(Likelihood):
             first.weak_directions,
             surrogate.fixed_terms(problem),
             np.mean([part.surrogate_error_share for part in parts], axis=0),
+            np.mean([part.smooth_error_share for part in parts], axis=0),
             np.concatenate([part.systematic_error for part in parts], axis=1),
             unobservable=first.unobservable,
             parts=tuple(parts),

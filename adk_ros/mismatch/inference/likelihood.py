@@ -104,6 +104,8 @@ class Likelihood:
     """Parameter changes of the surrogate that vary along this recording: road, formula."""
     surrogate_error_share: FloatArray
     """(6,) share of the surrogate's own error in the residual variance, by channel."""
+    smooth_error_share: FloatArray
+    """(6,) the same without the noise of the simulation's sensors."""
     systematic_error: FloatArray
     """(6, bins) what is known of the surrogate's own error along this recording, SI."""
     until_s: float = np.inf
@@ -139,7 +141,9 @@ class Likelihood:
         if road is not None:
             passed += slope_error_autocovariance(problem, surrogate.parameters, terms)
             weak_directions = np.vstack([weak_directions, road.level_directions()])
-        filters, shares = prediction_error_filters(surrogate, problem.bin_noise, passed)
+        filters, shares, smooth_shares = prediction_error_filters(
+            surrogate, problem.bin_noise, passed
+        )
         return cls(
             problem,
             surrogate.parameters,
@@ -148,6 +152,7 @@ class Likelihood:
             weak_directions,
             terms,
             shares,
+            smooth_shares,
             surrogate.systematic_error(problem),
             until_s,
         )
@@ -166,8 +171,13 @@ class Likelihood:
         return float((self.surrogate_error_share * np.count_nonzero(self.weights, axis=1)).sum())
 
     def surrogate_variance_share(self) -> float:
-        """Return the share of the residuals' variance that is the surrogate's own error."""
-        return self.surrogate_error_dof() / max(int(np.count_nonzero(self.weights)), 1)
+        """
+        Return the share of the residuals' variance that is the surrogate's own error.
+
+        Without noise of the simulation's sensors, which does not make an effect's equation wrong.
+        """
+        counted = np.count_nonzero(self.weights, axis=1)
+        return float(self.smooth_error_share @ counted) / max(int(counted.sum()), 1)
 
     @property
     def effects(self) -> dict[str, Effect]:

@@ -24,30 +24,34 @@ _MIN_INNOVATION_VARIANCE = 1e-6
 
 def prediction_error_filters(
     surrogate: SurrogateModel, bin_noise: FloatArray, passed_noise: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """
-    Return filters (6, order + 1) for residuals over noise, and shares (6,).
+    Return filters (6, order + 1) for residuals over noise, and twice shares (6,).
 
     `bin_noise` (6,): standard deviation of a bin's mean, by channel; `passed_noise`
     (6, order + 1): what the observer adds to the autocovariance of the noise. A share is that of
-    the surrogate's own error in the variance of its channel.
+    the surrogate's own error in the variance of its channel; the second without its white part,
+    which is noise of the simulation's sensors.
     """
     order = MAX_LAG
     filters = np.zeros((6, order + 1))
-    shares = np.zeros(6)
+    shares, smooth_shares = np.zeros(6), np.zeros(6)
     lags = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))
     for channel in range(6):
         covariance = _normalised_autocovariance(surrogate, channel, float(bin_noise[channel]))
         noise = passed_noise[channel].copy()
         noise[0] += 1.0
         shares[channel] = covariance[0] / (noise[0] + covariance[0])
+        # Extrapolated from the next two bins: white noise is correlated with none.
+        smooth = np.clip(2.0 * covariance[1] - covariance[2], 0.0, covariance[0])
+        smooth_shares[channel] = smooth / (noise[0] + covariance[0])
         covariance += noise
         coefficients = np.linalg.solve(covariance[lags], covariance[1:])
         innovation = covariance[0] - coefficients @ covariance[1:]
         filters[channel] = np.concatenate([[1.0], -coefficients]) / np.sqrt(
             max(innovation, _MIN_INNOVATION_VARIANCE)
         )
-    return filters, shares
+    return filters, shares, smooth_shares
 
 
 def _normalised_autocovariance(

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,12 +88,30 @@ def test_reloaded_surrogate_keeps_its_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scale", [2.0, 8.0, 40.0])
 def test_clipped_error_is_close_between_the_tabulated_limits(tmp_path: Path, scale: float) -> None:
     model = surrogate(scale)
-    filters, shares = prediction_error_filters(model, NOISE, NO_PASSED_NOISE)
-    same_filters, same_shares = prediction_error_filters(
+    filters, shares, _ = prediction_error_filters(model, NOISE, NO_PASSED_NOISE)
+    same_filters, same_shares, _ = prediction_error_filters(
         reloaded(model, tmp_path), NOISE, NO_PASSED_NOISE
     )
     np.testing.assert_allclose(same_shares, shares, rtol=0.03)
     np.testing.assert_allclose(same_filters[:, 0], filters[:, 0], rtol=0.03)
+
+
+def test_noise_of_the_simulation_is_no_error_of_the_surrogate() -> None:
+    """An error that lasts for several bins is; white residuals are the simulation's sensors."""
+    rng = np.random.default_rng(5)
+    smooth = np.cumsum(rng.standard_normal((6, 4000)), axis=1)
+    smooth = np.array([np.convolve(row, np.ones(25) / 25.0, mode="same") for row in smooth])
+    smooth *= NOISE[:, None] / smooth.std(axis=1, keepdims=True)
+    white = NOISE[:, None] * rng.standard_normal((6, 4000))
+    both = {}
+    for name, residuals in (("smooth", smooth), ("white", white)):
+        model = replace(surrogate(), residuals=residuals, systematic=None, autocovariance=None)
+        both[name] = prediction_error_filters(model, NOISE, NO_PASSED_NOISE)[1:]
+    shares, without_noise = both["smooth"]
+    np.testing.assert_allclose(without_noise, shares, rtol=0.05)
+    shares, without_noise = both["white"]
+    assert (shares > 0.4).all()
+    assert (without_noise < 0.1).all()
 
 
 def test_autocovariance_is_exact_at_the_limits() -> None:
