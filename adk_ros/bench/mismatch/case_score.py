@@ -5,8 +5,8 @@ Score one answer of `adk mismatch` against the label of a case.
 
 A reported name counts 1, or 1 / (1 + number of alternatives) if it has indistinguishable
 alternatives; so does a labelled name among the alternatives. Alternatives that no drive can
-separate from it (`TIES`), or the case's own provably cannot (`proven_ties`), do not reduce the
-credit. Set-F1 is 2 right / (reported + labelled). The
+separate from it (`INSEPARABLE`), or the case's own provably cannot (`proven_ties`), do not reduce
+the credit. Set-F1 is 2 right / (reported + labelled). The
 error of a parameter is relative to its distance from the neutral value. Activation is compared as
 a set of times by intersection over union. The label `unknown` expects the verdict `unknown` and,
 where the label gives them, the equation and the driving variable; an empty label expects `none`.
@@ -28,16 +28,10 @@ from typing import Any
 from adk_ros.bench.mismatch.reliability import ScoredClaim
 from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, TIME
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
-from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.catalogue import EFFECTS, INSEPARABLE
 from adk_ros.mismatch.library.features import FEATURES
 
 UNKNOWN = "unknown"
-TIES = (
-    frozenset({"drive_torque_gain", "wheel_radius"}),
-    frozenset({"rolling_resistance", "torque_offset"}),
-)
-"""Effects that no drive can separate: torque enters as torque over radius; both drags are constant
-forces."""
 MEMORY_WORDS = (
     "where the", "while", "with a lag of", "with a hysteresis of", "beyond", "that oscillates",
     "that changes", "that fades", "from", "until", "every",
@@ -138,7 +132,7 @@ def shares(name: str, found: list[dict[str, Any]], proven: Collection[str] = ())
         alternatives = list(effect.get("alternatives", []))
         members = {effect["name"], *alternatives}
         if name in members:
-            tied = next((tie for tie in TIES if name in tie), frozenset()) | set(proven)
+            tied = next((tie for tie in INSEPARABLE if name in tie), frozenset()) | set(proven)
             best = max(best, 1.0 / (1 + len(members - tied - {name})))
     return best
 

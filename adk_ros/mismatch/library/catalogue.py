@@ -12,6 +12,12 @@ from adk_ros.mismatch.library.sensor_effects import SENSORS
 from adk_ros.mismatch.library.vehicle_effects import VEHICLE
 
 EFFECTS: dict[str, Effect] = {effect.name: effect for effect in (*VEHICLE, *COMMANDS, *SENSORS)}
+INSEPARABLE = (
+    frozenset({"drive_torque_gain", "wheel_radius"}),
+    frozenset({"rolling_resistance", "torque_offset"}),
+)
+"""Effects that no drive can separate: torque enters as torque over radius; both drags are constant
+forces."""
 
 
 @lru_cache(maxsize=16)
