@@ -11,6 +11,7 @@ The drives are simulated in memory and analysed in this process.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Collection
 
 from adk_ros.errors import AdkError
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
@@ -40,11 +41,14 @@ def main() -> None:
     simulation = FleetSimulation.identify(drives.simulation(), typical, drives.nominal)
     tags = {d.name: RecordingTags(d.car, d.day, d.tags) for d in plan.drives}
 
-    def evidence_at(estimate: FleetEstimate | None) -> tuple[list[Row], dict[str, str]]:
+    def evidence_at(
+        estimate: FleetEstimate | None, moved: Collection[str] | None
+    ) -> tuple[list[Row], dict[str, str]]:
         rows: list[Row] = []
         failed: dict[str, str] = {}
         local = [] if estimate is None else estimate.local_values()
-        for name in logs if estimate is None else estimate.fleet.names:
+        usable = list(logs) if estimate is None else estimate.fleet.names
+        for name in usable if moved is None else moved:
             values = {} if estimate is None else estimate.values_of(name)
             try:
                 rows += evidence_rows(logs[name], simulation, values, local, name=name)

@@ -108,8 +108,30 @@ def simulate_surrogate() -> None:
 
 
 Call = Callable[[], None]
+
+
+def combine_a_fleet() -> None:
+    """Fit the deviations of cars, as `adk fleet mismatch` does."""
+    from adk_ros.fleet.inference.restricted_likelihood import Profile
+
+    rows = np.zeros((1, 2))
+    profile = Profile(
+        np.eye(2)[None],
+        np.zeros((1, 2)),
+        rows,
+        rows[:, 0],
+        rows[:, 0],
+        np.zeros(1, dtype=np.int64),
+        np.ones(1),
+        0,
+        0,
+        0.0,
+    )
+    profile.restricted(1.0, 1.0)
+
+
 GROUPS: tuple[tuple[Call, ...], ...] = (
-    (predict,),
+    (predict, combine_a_fleet),
     (simulate_vehicle, roll_out_vehicle, compare_with_surrogate),
 )
 """What each process does. No kernel is in two groups."""

@@ -81,13 +81,15 @@ def mismatch(
     options = fleet_options(tags, workers, cluster, timeout, memory, None, retry_failed)
     if dry_run:
         from adk_ros.api.fleet.mismatch_estimate import estimate_mismatch
-        from adk_ros.fleet.inference.analysis import PASSES
+        from adk_ros.fleet.inference.analysis import USUAL_PASSES
 
         estimate = estimate_mismatch(
             simulation, recordings, out, vehicle, without_imu=without_imu,
             recording_options=reading, options=options,
         )  # fmt: skip
-        print_estimate(estimate.as_dict(), as_json, f" (counts of the first of {PASSES} passes)")
+        print_estimate(
+            estimate.as_dict(), as_json, f" (counts of the first of about {USUAL_PASSES} passes)"
+        )
         return
     found = _analysed(simulation, recordings, out, vehicle, without_imu, options, reports, reading)
     if as_json:

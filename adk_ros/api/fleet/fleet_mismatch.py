@@ -122,10 +122,13 @@ def fleet_mismatch(
         def cluster() -> Cluster:
             return stack.enter_context(open_cluster(options.workers, options.cluster))
 
-        def evidence_at(estimate: FleetEstimate | None) -> tuple[list[Row], dict[str, str]]:
+        def evidence_at(
+            estimate: FleetEstimate | None, moved: Collection[str] | None
+        ) -> tuple[list[Row], dict[str, str]]:
             stage = EvidenceStage(str(path), _point(out, estimate), without_imu, reading)
             # What has no evidence without effects has none at an estimate either.
             names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
+            names &= names if moved is None else set(moved)
             usable = [recording for recording in found if recording.name in names]
             run_stage(stage, usable, out, lambda: nullcontext(cluster()), options.limits, progress)
             return evidence_of(out, stage, names)

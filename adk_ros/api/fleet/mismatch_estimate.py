@@ -33,7 +33,7 @@ def estimate_mismatch(
 
     :raises UsageError: an argument is invalid.
     """
-    from adk_ros.fleet.inference.analysis import PASSES
+    from adk_ros.fleet.inference.analysis import USUAL_PASSES
 
     simulation, out = Path(simulation), Path(out)
     if not simulation.exists():
@@ -46,4 +46,4 @@ def estimate_mismatch(
     if is_finished or first.seconds is None:
         return first
     every = estimate_fleet(replace(stage, simulation=""), recordings, out, options)
-    return replace(first, seconds=first.seconds + (PASSES - 1) * (every.seconds or 0.0))
+    return replace(first, seconds=first.seconds + (USUAL_PASSES - 1) * (every.seconds or 0.0))

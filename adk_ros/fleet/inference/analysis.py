@@ -3,29 +3,52 @@
 """
 The analysis of a fleet in passes: evidence of each recording, estimate, and again at the estimate.
 
+After the first passes only those recordings are linearised again whose effects have moved.
+
 Where the evidence comes from is a function: of recordings in memory, or of a dataset.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from adk_ros.fleet.inference.evidence import Row
+import numpy as np
+
+from adk_ros.fleet.inference.evidence import Row, column_of
+from adk_ros.fleet.inference.fleet_candidates import Identity
 from adk_ros.fleet.inference.fleet_estimate import ROUNDS, FleetEstimate, estimate_fleet
 from adk_ros.fleet.inference.fleet_evidence import RecordingTags
 from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
+from adk_ros.fleet.inference.places import Place
 
-PASSES = 3
-"""Linearisations: without effects, at a preliminary estimate, and at one near the truth."""
+MAX_PASSES, USUAL_PASSES = 6, 3
+"""Linearisations: without effects, at a preliminary estimate, and until none moves."""
+_EARLY_PASSES = 2
+"""Passes that are not near the estimate yet."""
+_FIRST_STEP = 10.0
+"""
+Largest effect, in materiality thresholds, of the first step: it comes from derivatives without any
+effect, which mistake two delays for a yaw inertia that is 60 % larger. By choice.
+"""
 _EARLY_ROUNDS = 2
 """Rounds of effects and places where a further pass follows."""
-
-EvidenceAt = Callable[[FleetEstimate | None], tuple[list[Row], Mapping[str, str]]]
+_MOST_DROPS = 2
+"""Times that one linearisation claims what the next does not, until it is not claimed any more."""
+_MOVED, _MOVED_SHARE = 0.3, 0.05
 """
-Estimate to linearise at, None for no effects -> rows of the recordings, and name -> why one has
-none. With an estimate it returns only recordings that the estimate has.
+A recording is linearised again where an effect has moved by so many materiality thresholds, and by
+this share of its size: less changes the estimate by a fraction of its interval. By choice.
+"""
+
+EvidenceAt = Callable[
+    [FleetEstimate | None, Collection[str] | None], tuple[list[Row], Mapping[str, str]]
+]
+"""
+Estimate to linearise at, None for no effects, and names of the recordings to linearise, None for
+all -> their rows, and name -> why a recording has none.
 """
 TagsOf = Callable[[Sequence[Row]], Mapping[str, RecordingTags]]
 """Rows of the recordings -> the tags of each by name."""
@@ -55,16 +78,64 @@ def analyse_fleet(
     estimate: FleetEstimate | None = None
     before: Mapping[str, float] = {}
     failed: dict[str, str] = {}
-    for turn in range(PASSES):
-        rows, without = evidence_at(estimate)
+    rows: dict[str, list[Row]] = {}
+    points: dict[str, Point] = {}
+    places: tuple[Place, ...] = ()
+    moved: Collection[str] | None = None
+    dropped: Counter[Identity] = Counter()
+    for turn in range(MAX_PASSES):
+        if estimate is not None:
+            if has_moved(_places_point(places), _places_point(estimate.places)):
+                places, moved = estimate.places, None
+            # All recordings are linearised at the same places.
+            farthest = _FIRST_STEP if turn == 1 else np.inf
+            estimate = replace(estimate, places=places, farthest=farthest)
+        found, without = evidence_at(estimate, moved)
         failed |= without
+        for name in {str(row["recording"]) for row in found}:
+            rows[name] = [row for row in found if row["recording"] == name]
+            points[name] = _point(estimate, name)
+        every = [row for name in sorted(rows) for row in rows[name]]
+        claimed = frozenset() if estimate is None else estimate.identities
         estimate = estimate_fleet(
-            [simulation.evidence.to_row(), *rows],
-            tags_of(rows),
+            [simulation.evidence.to_row(), *every],
+            tags_of(every),
             progress,
-            ROUNDS if turn + 1 == PASSES else _EARLY_ROUNDS,
-            () if estimate is None else estimate.places,
+            ROUNDS if turn >= _EARLY_PASSES else _EARLY_ROUNDS,
+            places,
+            is_at_estimate=turn >= _EARLY_PASSES,
+            refused=frozenset(one for one, times in dropped.items() if times >= _MOST_DROPS),
         )
+        if turn > _EARLY_PASSES:
+            dropped.update(claimed - estimate.identities)
         before = before or estimate.loss_ratios
+        moved = [name for name in rows if has_moved(points[name], _point(estimate, name))]
+        is_settled = not has_moved(_places_point(places), _places_point(estimate.places))
+        if turn >= _EARLY_PASSES and is_settled and not moved:
+            break
     assert estimate is not None
     return FleetAnalysis(estimate, fleet_result(estimate, before, progress), failed)
+
+
+Point = Mapping[str, float]
+"""Where a recording is linearised: effect, or effect and cells of a place -> size, thresholds."""
+
+
+def _point(estimate: FleetEstimate | None, name: str) -> Point:
+    if estimate is None:
+        return {}
+    values = estimate.values_of(name)
+    return {key: value / column_of(key).materiality for key, value in values.items()}
+
+
+def _places_point(places: Sequence[Place]) -> Point:
+    return {f"{p.key} at {p.cells}": p.size for p in places}
+
+
+def has_moved(before: Point, after: Point) -> bool:
+    """Whether any effect has moved so far that a recording is to be linearised again."""
+    for key in {*before, *after}:
+        a, b = before.get(key, 0.0), after.get(key, 0.0)
+        if abs(a - b) > max(_MOVED, _MOVED_SHARE * max(abs(a), abs(b))):
+            return True
+    return False

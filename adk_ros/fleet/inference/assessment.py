@@ -44,8 +44,8 @@ class Assessment:
         return self.size - half, self.size + half
 
     def is_material(self) -> bool:
-        """Whether the size matters at its level: a car's must exceed build tolerance."""
-        return not self.candidate.level.car or abs(self.size) >= 1.0
+        """Whether the size matters, and is more than build tolerance."""
+        return abs(self.size) >= 1.0
 
 
 def assessment_of(
@@ -87,4 +87,5 @@ def extended(model: FleetModel, found: Assessment) -> FleetModel:
     return FleetModel(
         (*model.claimed, found.candidate),
         {**model.components, found.candidate.effect: found.components},
+        model.strangers,
     )

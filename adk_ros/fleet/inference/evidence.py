@@ -61,6 +61,12 @@ class Column:
         threshold = self.parameter.materiality_threshold
         return 1.0 / threshold if self.parameter.inverse else threshold
 
+    @property
+    def is_one_sided(self) -> bool:
+        """Whether the parameter lies on one side of neutral only, as a delay does."""
+        low, high = (b - self.parameter.theta_neutral for b in self.parameter.bounds())
+        return low >= 0.0 or high <= 0.0
+
 
 def effect_columns(effects: Mapping[str, Effect] | None = None) -> tuple[Column, ...]:
     """Return the columns of all effects that may act always."""

@@ -17,6 +17,8 @@ import numpy as np
 
 from adk_ros.fleet.inference.assessment import Assessment
 from adk_ros.fleet.inference.evidence import RECORDING, Row, column_of
+from adk_ros.fleet.inference.exchange import exchanged
+from adk_ros.fleet.inference.fleet_candidates import Identity, identity
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
 from adk_ros.fleet.inference.fleet_model import FleetModel, joint_vectors
 from adk_ros.fleet.inference.fleet_selection import Selection
@@ -42,6 +44,13 @@ class FleetEstimate:
     """Loss of each recording where it was linearised, over that of a perfect model."""
     visits: Mapping[Cell, int]
     """Number of recordings that pass each cell of the map, of those that several pass."""
+    farthest: float = np.inf
+    """Largest effect at which a recording is linearised, in materiality thresholds."""
+
+    @property
+    def identities(self) -> frozenset[Identity]:
+        """What the claims are about."""
+        return frozenset(identity(c) for c in self.model.claimed)
 
     def values_of(self, recording: str) -> dict[str, float]:
         """
@@ -60,7 +69,8 @@ class FleetEstimate:
             column = column_of(key)
             p = column.parameter
             low, high = (b - p.theta_neutral for b in p.bounds())
-            out[key] = float(np.clip(total * column.materiality, low, high))
+            kept = float(np.clip(total, -self.farthest, self.farthest))
+            out[key] = float(np.clip(kept * column.materiality, low, high))
         return {key: value for key, value in out.items() if value != 0.0}
 
     def local_values(self) -> list[PlacedValue]:
@@ -81,15 +91,18 @@ def estimate_fleet(
     progress: Callable[[float, str], None] | None = None,
     rounds: int = ROUNDS,
     known_places: Sequence[Place] = (),
+    is_at_estimate: bool = False,
+    refused: frozenset[Identity] = frozenset(),
 ) -> FleetEstimate:
     """
     Return the estimate of a fleet from its rows of evidence.
 
     `rounds` of effects and places; two where the recordings are linearised again afterwards.
     `known_places`: those of the estimate at which the recordings were linearised.
+    `is_at_estimate`: they were linearised at one that is near. `refused`: claims not to examine.
     :raises DataError: there is no evidence, or it does not belong together.
     """
-    fleet = FleetEvidence.of(rows, tags)
+    fleet = replace(FleetEvidence.of(rows, tags), is_at_estimate=is_at_estimate)
     of_recordings = {row["recording"]: row for row in rows if row["kind"] == RECORDING}
     dispersion = {name: float(row["dispersion"]) for name, row in of_recordings.items()}
     ratios = {name: float(row["loss_ratio"]) for name, row in of_recordings.items()}
@@ -97,7 +110,7 @@ def estimate_fleet(
     places = list(known_places)
     corrected = fleet
     for turn in range(rounds):
-        selection = Selection(corrected, data.tests, progress)
+        selection = Selection(corrected, data.tests, progress, refused)
         model = _selected(selection)
         at = joint_vectors(corrected, model)
         found = data.select(at, selection.significance, known_places)
@@ -115,7 +128,7 @@ def estimate_fleet(
 
 
 def _selected(selection: Selection) -> FleetModel:
-    """Return the claims of a selection, simplified, with what that leaves to select."""
+    """Return the claims of a selection, exchanged and simplified, with what that leaves to add."""
     model = selection.select()
-    shorter = simplified(selection, model)
-    return model if shorter is model else selection.select(shorter)
+    changed = simplified(selection, exchanged(selection, model))
+    return model if changed is model else selection.select(changed)

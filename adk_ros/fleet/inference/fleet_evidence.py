@@ -46,6 +46,10 @@ class FleetEvidence:
     bias_blocks: int
     excess: FloatArray
     """(r,) loss above that of a perfect model without any effect, by the quadratics."""
+    expected_loss: FloatArray
+    """(r,) loss of a perfect model."""
+    is_at_estimate: bool = False
+    """Whether the recordings are linearised at an estimate of their effects."""
 
     @classmethod
     def of(cls, rows: Sequence[Row], tags: Mapping[str, RecordingTags]) -> FleetEvidence:
@@ -86,6 +90,7 @@ class FleetEvidence:
             bias,
             blocks,
             np.array([one.excess for one in recordings]) / dispersion,
+            np.array([one.expected_loss for one in recordings]) / dispersion,
         )
 
     @property
@@ -106,4 +111,5 @@ class FleetEvidence:
             tags=tuple(self.tags[i] for i in at),
             shares=self.shares[at],
             excess=self.excess[at],
+            expected_loss=self.expected_loss[at],
         )

@@ -9,15 +9,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from adk_ros.fleet.inference.evidence import Columns
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
-from adk_ros.fleet.inference.levels import Level
+from adk_ros.fleet.inference.levels import CAR, Level
 from adk_ros.fleet.inference.mixed_model import Components, MixedModel, Term
 from adk_ros.fleet.inference.variance_components import start_components
+from adk_ros.mismatch.library.criteria import MAX_NORMALISED_LOSS
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.bounded_quadratic import bounded_maxima
 
 _OFFSET_VARIANCE = 2.0
 """Prior variance of a recording's sensor offsets: the car's and its own."""
+
+
+_FAR = 3.0
+"""Multiple of the middle car's loss from which a car has a fault that others lack. By choice."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +42,29 @@ class Candidate:
 
 @dataclass(frozen=True)
 class FleetModel:
-    """The claimed candidates with the components of their parameters, by index of the effect."""
+    """
+    The claimed candidates with the components of their parameters, by index of the effect.
+
+    `strangers`: cars that the claims leave far more of unexplained than the others. They have a
+    fault that is not claimed yet, which moves their estimates of other parameters as well. So each
+    has a separate size in every active effect: how cars differ is what the others say.
+    """
 
     claimed: tuple[Candidate, ...]
     components: dict[int, tuple[float, float]]
+    strangers: tuple[str, ...] = ()
+
+    def terms(self, fleet: FleetEvidence, further: Sequence[Candidate] = ()) -> list[Term]:
+        """Return the terms of the claims, of `further` candidates, and of strangers."""
+        candidates = [*self.claimed, *further]
+        out = [c.term for c in candidates]
+        taken = {(c.effect, c.level.car) for c in candidates}
+        for car in self.strangers:
+            design = Level(CAR, car=car).design(fleet)
+            for effect in sorted({c.effect for c in candidates}):
+                if (effect, car) not in taken:
+                    out.append(Term(effect, design))
+        return out
 
     def active(self, further: Sequence[int] = ()) -> list[int]:
         """Return the columns of all effects with a term, and further ones."""
@@ -52,6 +77,13 @@ class FleetModel:
             if effect in self.components:
                 start.tau[i], start.kappa[i] = self.components[effect]
         return start
+
+
+def nuisance_prior(columns: Columns) -> FloatArray:
+    """Return the prior information (k,) on the nuisance parameters of a recording."""
+    prior = np.ones(columns.first_effect)
+    prior[columns.offsets] = 1.0 / _OFFSET_VARIANCE
+    return prior
 
 
 def joint_vectors(
@@ -69,19 +101,17 @@ def joint_vectors(
     active = model.active()
     if active:
         mixed = MixedModel(fleet, active)
-        estimate = mixed.estimate([x.term for x in model.claimed], model.components_of(active))
-        for size, candidate in zip(estimate.sizes, model.claimed, strict=True):
+        estimate = mixed.estimate(model.terms(fleet), model.components_of(active))
+        for size, candidate in zip(estimate.sizes, model.claimed, strict=False):
             out[:, c.first_effect + candidate.effect] += size * candidate.design
         of_car = np.array([fleet.car_names.index(car) for car in fleet.cars])
         for i, effect in enumerate(active if with_deviations else ()):
             out[:, c.first_effect + effect] += estimate.car_deviations[of_car, i]
     k = c.first_effect
-    prior = np.ones(k)
-    prior[c.offsets] = 1.0 / _OFFSET_VARIANCE
     right = fleet.scores[:, :k] - np.einsum(
         "rij,rj->ri", fleet.informations[:, :k, k:], out[:, k:]
     )
-    left = fleet.informations[:, :k, :k] + np.diag(prior)
+    left = fleet.informations[:, :k, :k] + np.diag(nuisance_prior(c))
     if bounded:
         out[:, :k] = bounded_maxima(left, right, c.nuisance_bounds)
     else:
@@ -100,3 +130,19 @@ def remaining_excess(fleet: FleetEvidence, model: FleetModel) -> FloatArray:
     quadratic = np.einsum("ri,rij,rj->r", x, fleet.informations, x)
     gain = 2.0 * (fleet.scores * x).sum(axis=1) - quadratic
     return np.asarray(fleet.excess - gain)
+
+
+def strangers_of(fleet: FleetEvidence, excess: FloatArray) -> tuple[str, ...]:
+    """
+    Return the cars whose recordings the claims explain far worse than those of the others.
+
+    `excess` (r,): of `remaining_excess`. "Far worse" is a loss that allows no claim in one
+    recording, and three times that of the car in the middle: where all are explained badly, it is
+    no fault of theirs. More than half of the cars remain.
+    """
+    ratio = 1.0 + excess / np.maximum(fleet.expected_loss, 1.0)
+    cars = np.array(fleet.cars)
+    left = {car: float(np.median(ratio[cars == car])) for car in fleet.car_names}
+    least = max(MAX_NORMALISED_LOSS, _FAR * float(np.median(list(left.values()))))
+    worst = sorted(left, key=lambda car: -left[car])[: (len(left) - 1) // 2]
+    return tuple(sorted(car for car in worst if left[car] > least))

@@ -71,7 +71,11 @@ class PlaceClaim:
 
 @dataclass(frozen=True)
 class NotClaimed:
-    """A candidate that is not claimed."""
+    """
+    A candidate that is not claimed.
+
+    `is_claimable`: it is significant, material and possible, but explains too little.
+    """
 
     effect: str
     parameter: str
@@ -81,6 +85,7 @@ class NotClaimed:
     low: float
     high: float
     reason: str
+    is_claimable: bool
 
 
 @dataclass(frozen=True)
@@ -274,6 +279,7 @@ def _not_claimed(estimate: FleetEstimate) -> list[NotClaimed]:
                 low,
                 high,
                 one.reason,
+                estimate.selection.is_claimable(found),
             )
         )
     return out
@@ -286,7 +292,7 @@ def _vehicles(estimate: FleetEstimate) -> list[VehicleEffect]:
     if not active:
         return []
     mixed = MixedModel(fleet, active)
-    terms = [c.term for c in model.claimed]
+    terms = model.terms(fleet)
     found = mixed.estimate(terms, model.components_of(active), with_bias=True)
     covariance = found.covariance + found.bias
     out = []

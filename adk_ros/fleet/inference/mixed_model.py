@@ -30,11 +30,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
+from adk_ros.fleet.inference.restricted_likelihood import MIN_INFORMATION, Profile
 from adk_ros.numerics.arrays import FloatArray, IntArray
-
-_MIN_INFORMATION = 1e-9
-"""Added to the information on a size: one that nothing informs about is zero, and uncertain."""
 
 
 @dataclass(frozen=True)
@@ -77,57 +76,6 @@ class Estimate:
     """(c, a) posterior variance of u_c at known sizes."""
 
 
-@dataclass(frozen=True)
-class Profile:
-    """
-    Logarithm of the restricted likelihood by the components of one active effect.
-
-    All else is eliminated or summed per car once: a deviation between recordings is an update of
-    rank one per recording. `informations` (c, n, n), `scores` (c, n); `rows` (r, n), `own` (r,)
-    and `score` (r,): the effect's row, diagonal and score in each recording, of car `car` (r,).
-    """
-
-    informations: FloatArray
-    scores: FloatArray
-    rows: FloatArray
-    own: FloatArray
-    score: FloatArray
-    car: IntArray
-    deviations: FloatArray
-    position: int
-    weak: int
-    constant: float
-
-    def restricted(self, tau: float, kappa: float) -> float:
-        """Return the logarithm of REML at deviations between recordings and between cars."""
-        factor = tau**2 / (1.0 + tau**2 * self.own)
-        total = self.constant + 0.5 * float(factor @ self.score**2)
-        total -= 0.5 * float(np.log1p(tau**2 * self.own).sum())
-        weighted = self.rows * factor[:, None]
-        h, g = self.informations.copy(), self.scores.copy()
-        for c in range(h.shape[0]):
-            of_car = self.car == c
-            h[c] -= weighted[of_car].T @ self.rows[of_car]
-            g[c] -= weighted[of_car].T @ self.score[of_car]
-        deviations = self.deviations.copy()
-        deviations[self.position] = kappa
-        k = deviations.size
-        h, right, constant = _eliminated(h, g[:, :, None], slice(0, k), deviations)
-        total += float(constant.sum())
-        h, right, constant = _eliminated(
-            h[:, k:, k:].sum(axis=0)[None],
-            right[:, k:].sum(axis=0)[None],
-            slice(0, self.weak),
-            np.ones(self.weak),
-        )
-        total += float(constant.sum())
-        count = h.shape[1] - self.weak
-        information = h[0, self.weak :, self.weak :] + _MIN_INFORMATION * np.eye(count)
-        root = np.linalg.cholesky(information)
-        solved = solve_triangular(root, right[0, self.weak :, 0], lower=True)
-        return float(total + 0.5 * solved @ solved - np.log(np.diag(root)).sum())
-
-
 class MixedModel:
     """The model of a fleet with some active effects; `active` (a,): their columns of effects."""
 
@@ -149,6 +97,7 @@ class MixedModel:
         ).astype(np.int64)
         self._information = fleet.informations[:, self.index[:, None], self.index]
         self._score = fleet.scores[:, self.index]
+        self._one_sided = [column_of(c.effects[i]).is_one_sided for i in active]
         names = fleet.car_names
         self._member = np.array([[car == name for car in fleet.cars] for name in names], float)
 
@@ -157,24 +106,26 @@ class MixedModel:
     ) -> Estimate:
         """Return the sizes of the terms; `with_bias`: and what the surrogate's error does."""
         fleet, a, n = self.fleet, len(self.active), self.index.size
-        rights = self._score[:, :, None]
+        information, scores, scale = self._extended(terms)
+        rights = scores[:, :, None]
         if with_bias:
-            own = fleet.shares[:, None, None] * np.eye(n)
+            own = np.concatenate([np.eye(n), np.eye(n)[self._of_effects]])[: scale.shape[1]]
+            own = fleet.shares[:, None, None] * scale[:, :, None] * own
             rights = np.concatenate([rights, own], axis=2)
         per_recording = np.concatenate([np.ones(self._offsets), components.tau])
         first = slice(self._tolerances, self._tolerances + self._offsets + a)
-        h, g, constant = _eliminated(self._information, rights, first, per_recording)
+        h, g, constant = _eliminated(information, rights, first, per_recording)
         total = float(constant.sum())
 
         # Per car: its own variables, the weak directions, the sizes of the terms.
         members = self._member
-        at, z = self._positions(terms)
+        at, z = self._positions(terms, scale.shape[1])
         m = len(terms)
         columns = h[:, :, at] * z[:, None, :]
         size = n + m
-        car_h = self._summed(h, columns, columns[:, at, :] * z[:, :, None])
+        car_h = self._summed(h[:, :n, :n], columns[:, :n], columns[:, at, :] * z[:, :, None])
         car_g = np.empty((members.shape[0], size, rights.shape[2]))
-        car_g[:, :n] = np.tensordot(members, g, 1)
+        car_g[:, :n] = np.tensordot(members, g[:, :n], 1)
         car_g[:, n:] = np.tensordot(members, g[:, at] * z[:, :, None], 1)
         per_car = np.concatenate([np.ones(self._tolerances + self._offsets), components.kappa])
         of_car = slice(0, per_car.size)
@@ -188,7 +139,7 @@ class MixedModel:
             h_sum, g_sum, slice(0, self._weak), np.ones(self._weak)
         )
         total += float(constant.sum())
-        information = final_h[0, self._weak :, self._weak :] + _MIN_INFORMATION * np.eye(m)
+        information = final_h[0, self._weak :, self._weak :] + MIN_INFORMATION * np.eye(m)
         right = final_g[0, self._weak :]
         covariance = np.linalg.inv(information)
         sizes = covariance @ right
@@ -219,22 +170,22 @@ class MixedModel:
         tau[i] = 0.0
         per_recording = np.concatenate([np.ones(self._offsets), tau])
         first = slice(self._tolerances, self._tolerances + per_recording.size)
-        h, g, constant = _eliminated(
-            self._information, self._score[:, :, None], first, per_recording
-        )
-        at, z = self._positions(terms)
+        information, scores, scale = self._extended(terms)
+        h, g, constant = _eliminated(information, scores[:, :, None], first, per_recording)
+        n = self.index.size
+        at, z = self._positions(terms, scale.shape[1])
         j = self._tolerances + self._offsets + i
         columns = h[:, :, at] * z[:, None, :]
-        row = np.concatenate([h[:, j, :], h[:, j, at] * z], axis=1)
-        car_h = self._summed(h, columns, columns[:, at, :] * z[:, :, None])
-        right = np.concatenate([g[:, :, 0], g[:, at, 0] * z], axis=1)
+        row = np.concatenate([h[:, j, :n], h[:, j, at] * z], axis=1)
+        car_h = self._summed(h[:, :n, :n], columns[:, :n], columns[:, at, :] * z[:, :, None])
+        right = np.concatenate([g[:, :n, 0], g[:, at, 0] * z], axis=1)
         per_car = np.concatenate([np.ones(self._tolerances + self._offsets), components.kappa])
         return Profile(
             car_h,
             self._member @ right,
             row,
             h[:, j, j],
-            g[:, j, 0],
+            np.ascontiguousarray(g[:, j, 0]),
             np.argmax(self._member, axis=0),
             per_car,
             j,
@@ -242,9 +193,54 @@ class MixedModel:
             float(constant.sum()),
         )
 
-    def _positions(self, terms: Sequence[Term]) -> tuple[IntArray, FloatArray]:
-        """Return the positions (m,) of the terms' effects, and their designs (r, m)."""
+    @property
+    def _of_effects(self) -> slice:
+        """Positions of the active effects."""
         first = self._tolerances + self._offsets
+        return slice(first, first + len(self.active))
+
+    def _extended(self, terms: Sequence[Term]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """
+        Return information (r, n', n'), score (r, n') and factor (r, n') on each variable.
+
+        Where a deviation does not act in every recording, n' = n + a: the effects follow once
+        more, for the terms, which act everywhere.
+        """
+        acting = self._acting(terms)
+        if acting.all():
+            return self._information, self._score, np.ones_like(self._score)
+        index = np.concatenate([self.index, self.index[self._of_effects]])
+        scale = np.ones((len(self.fleet.names), index.size))
+        scale[:, self._of_effects] = acting
+        information = self.fleet.informations[:, index[:, None], index]
+        information *= scale[:, :, None] * scale[:, None, :]
+        return information, self.fleet.scores[:, index] * scale, scale
+
+    def _acting(self, terms: Sequence[Term]) -> FloatArray:
+        """
+        Return in which recordings (r, a) cars and recordings deviate in each active effect.
+
+        Without a delay there is none that could differ: an effect that acts in one direction only
+        deviates where a term of several cars acts, if there is one. Linearised far from their
+        effects, recordings deviate everywhere: a large delay is not linear.
+        """
+        out = np.ones((len(self.fleet.names), len(self.active)))
+        for i, effect in enumerate(self.active):
+            if not (self._one_sided[i] and self.fleet.is_at_estimate):
+                continue
+            designs = [t.design for t in terms if t.effect == effect]
+            shared = [z for z in designs if np.count_nonzero(self._member @ (z != 0.0)) > 1]
+            if shared:
+                out[:, i] = np.any(np.array(shared) != 0.0, axis=0)
+        return out
+
+    def _positions(self, terms: Sequence[Term], size: int) -> tuple[IntArray, FloatArray]:
+        """
+        Return the positions (m,) of the terms' effects, and their designs (r, m).
+
+        `size`: number of variables; beyond those of the index, effects follow once more.
+        """
+        first = self._tolerances + self._offsets if size == self.index.size else self.index.size
         at = np.array([first + self.active.index(t.effect) for t in terms], dtype=np.int64)
         return at, np.array([t.design for t in terms]).reshape(len(terms), len(self.fleet.names)).T
 

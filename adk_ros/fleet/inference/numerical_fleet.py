@@ -26,6 +26,8 @@ _RANK_ROWS = 150
 """Effectively independent residual combinations of a recording that the columns span."""
 _SIMILARITY = 0.8
 """Correlation of an effect's column with that of the effect before it, for half of them."""
+_EXPECTED_LOSS = 17_000.0
+"""Loss of a perfect model of a recording: about that of 150 s with an IMU."""
 _NUISANCE_INFORMATION = 4.0
 """Information on a tolerance or an offset in units of its prior's: half a deviation is seen."""
 
@@ -89,6 +91,7 @@ def draw_fleet(seed: int, plan: FleetPlan) -> FleetEvidence:
         bias,
         30,
         np.zeros(r),
+        np.full(r, _EXPECTED_LOSS),
     )
     x = _joint_vectors(rng, fleet, plan)
     root = np.linalg.cholesky(bias + 1e-12 * np.eye(d)) if plan.bias else np.zeros((d, d))

@@ -7,7 +7,8 @@ A forward selection may take the part of an effect that another one resembles, a
 brake that drags on one side as rolling resistance and a steering offset. Two claims at one level,
 or of one car, are therefore replaced by a single candidate if that is as likely: if the logarithm
 of the likelihood falls by less than the penalty of the parameter that is saved
-(`criteria.PENALTY_PER_PARAMETER`).
+(`criteria.PENALTY_PER_PARAMETER`), or if it leaves no more of the loss where they act. Tolerances
+are within their bounds in the loss only, so a pair may be more likely by what no car has.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from dataclasses import replace
 from itertools import combinations
 
 from adk_ros.fleet.inference.assessment import extended
-from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
+from adk_ros.fleet.inference.fleet_candidates import identity
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.mixed_model import MixedModel
 from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
@@ -37,7 +39,13 @@ def simplified(selection: Selection, model: FleetModel) -> FleetModel:
 def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None:
     if len(model.claimed) < 2:
         return None
-    least = _likelihood(selection, model) - 0.5 * PENALTY_PER_PARAMETER
+    least = likelihood(selection, model) - 0.5 * PENALTY_PER_PARAMETER
+    excess = remaining_excess(selection.fleet, model)
+
+    def saves(changed: FleetModel, a: Candidate, b: Candidate) -> bool:
+        acts = (a.design > 0.0) | (b.design > 0.0)
+        return float((remaining_excess(selection.fleet, changed) - excess)[acts].sum()) <= 0.0
+
     for a, b in combinations(model.claimed, 2):
         if not _is_of_one_place(a, b):
             continue
@@ -45,17 +53,18 @@ def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None
             replace(model, claimed=tuple(c for c in model.claimed if c is not a and c is not b))
         )
         levels = {a.level, b.level}
-        near = [
-            candidate
-            for _, candidate in selection.ranked(rest)
+        # One change point of each: it is fitted below.
+        near = {
+            identity(candidate): candidate
+            for _, candidate in reversed(selection.ranked(rest))
             if candidate.level in levels or candidate.level.car == a.level.car
-        ]
-        for candidate in near[:_EXAMINED]:
+        }
+        for candidate in list(reversed(near.values()))[:_EXAMINED]:
             one = selection.with_fitted_onset(rest, selection.assess(rest, candidate))
             if not selection.is_claimable(one):
                 continue
             changed = extended(rest, one)
-            if _likelihood(selection, changed) > least:
+            if likelihood(selection, changed) > least or saves(changed, a, b):
                 return selection.refitted(changed)
     return None
 
@@ -66,8 +75,8 @@ def _is_of_one_place(a: Candidate, b: Candidate) -> bool:
     return same_car or (a.level == b.level) or (not a.level.car and a.level.kind == b.level.kind)
 
 
-def _likelihood(selection: Selection, model: FleetModel) -> float:
+def likelihood(selection: Selection, model: FleetModel) -> float:
+    """Return the logarithm of the likelihood of a model with its components."""
     active = model.active()
     mixed = MixedModel(selection.fleet, active)
-    terms = [c.term for c in model.claimed]
-    return mixed.estimate(terms, model.components_of(active)).likelihood
+    return mixed.estimate(model.terms(selection.fleet), model.components_of(active)).likelihood

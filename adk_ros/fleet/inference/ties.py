@@ -8,7 +8,7 @@ evidence (t^2 with the variance of the model), half its difference is a logarith
 surrogate's error, the same in all recordings, moves that difference: with V the variance and F the
 response of a size to a score b ~ N(0, B) of the simulation, by (size / V F - size' / V' F') b. The
 candidate is a tie if its odds are below `criteria.SIGNIFICANT_ODDS` plus what that error exceeds
-in one of twenty cases.
+in one of twenty cases, and if it leaves little of the claim next to it.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
-from adk_ros.fleet.inference.assessment import Assessment
+from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.evidence import column_of
+from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, same_recordings
+from adk_ros.mismatch.library.catalogue import INSEPARABLE
 from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE, SIGNIFICANT_ODDS
 from adk_ros.numerics.arrays import FloatArray
 
@@ -68,9 +70,24 @@ def ties_of(selection: Selection, model: FleetModel, claim: Assessment) -> list[
         direction = _direction(claim) - _direction(one)
         systematic = float(np.sqrt(np.maximum(direction @ fleet.bias @ direction, 0.0)))
         margin = float(np.log(SIGNIFICANT_ODDS)) - float(ndtri(FAMILYWISE_ERROR_RATE)) * systematic
-        if difference < margin:
+        is_near = difference < margin or _are_inseparable(fleet, candidate, other)
+        if is_near and _excludes(selection, rest, one, claim):
             found.append((difference, other))
     return [*same, *(other for _, other in sorted(found, key=lambda pair: pair[0]))]
+
+
+def _are_inseparable(fleet: FleetEvidence, a: Candidate, b: Candidate) -> bool:
+    """Whether no drive separates two effects, at one level: their equations differ by chance."""
+    names = {column_of(fleet.columns.effects[c.effect]).effect.name for c in (a, b)}
+    return a.level == b.level and any(names <= group for group in INSEPARABLE)
+
+
+def _excludes(
+    selection: Selection, rest: FleetModel, other: Assessment, claim: Assessment
+) -> bool:
+    """Whether one of two candidates leaves little of the other: else they explain other data."""
+    beside = selection.assess(extended(rest, other), claim.candidate)
+    return beside.evidence < _LEAST_SHARE * claim.evidence
 
 
 def _direction(one: Assessment) -> FloatArray:
@@ -87,18 +104,20 @@ def unclaimed(selection: Selection, model: FleetModel) -> list[Unclaimed]:
             continue
         seen.add(candidate.effect)
         found = selection.assess(model, candidate)
-        out.append(Unclaimed(found, _reason(selection, found, gain)))
+        out.append(Unclaimed(found, _reason(selection, model, found, gain)))
         if len(out) == MAX_LISTED:
             break
     return out
 
 
-def _reason(selection: Selection, found: Assessment, gain: float) -> str:
+def _reason(selection: Selection, model: FleetModel, found: Assessment, gain: float) -> str:
     if not selection.is_possible(found):
         return "the parameter would leave its range: another effect that the catalogue lacks"
     if not found.is_material():
         return "within the build tolerance of a car"
     if found.p_value < selection.significance:
+        if not selection.explains(model, found):
+            return "significant, but it explains too little of what differs"
         return "significant, but no longer next to the claimed effects"
     if found.evidence < 0.5 * gain:
         level = "recordings" if found.candidate.level.kind == CAR else "recordings or cars"

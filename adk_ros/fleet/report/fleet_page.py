@@ -14,8 +14,8 @@ from markupsafe import Markup, escape
 
 from adk_ros.files.pages.page import embed, render_page
 from adk_ros.files.pages.provenance import Provenance
-from adk_ros.fleet.inference.fleet_result import FleetResult
-from adk_ros.fleet.inference.levels import SHARED
+from adk_ros.fleet.inference.fleet_result import FleetResult, NotClaimed
+from adk_ros.fleet.inference.levels import SHARED, Level
 from adk_ros.fleet.report.fleet_figures import map_figure, matrix_figure, trend_figure
 from adk_ros.fleet.report.fleet_rows import (
     claim_rows,
@@ -69,6 +69,7 @@ def write_fleet_page(
         sentence=summary_sentence(result),
         claims=claim_rows(result.claims),
         missing=claim_rows([c for c in result.claims if c.kind == SHARED]),
+        doubtful=not_claimed_rows(doubtful(result)),
         places=place_rows(result.places),
         not_claimed=not_claimed_rows(result.not_claimed),
         matrix=figures.get("matrix"),
@@ -97,3 +98,9 @@ def _worst_rows(result: FleetResult, links: Mapping[str, str]) -> list[list[Any]
             [name, r.car, f"{r.day:.1f}", tags, f"{r.loss_before:.3g}", f"{r.loss_ratio:.3g}"]
         )
     return rows
+
+
+def doubtful(result: FleetResult) -> list[NotClaimed]:
+    """Return candidates of all cars that are significant and yet not claimed."""
+    text = Level(SHARED).text
+    return [c for c in result.not_claimed if c.level == text and c.is_claimable]

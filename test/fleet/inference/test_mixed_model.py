@@ -4,27 +4,42 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
+from typing import Any
 
+import numpy as np
+import pytest
+
+from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.mixed_model import Components, MixedModel, Term
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, draw_fleet
 
-PLAN = FleetPlan(cars=3, recordings=9, effects=4, weak=1, bias=0.4)
+PLAN = FleetPlan(cars=3, recordings=9, effects=5, weak=1, bias=0.4)
+FRICTION = 4
+"""Index of an effect that acts in one direction only."""
 
 
-def test_equals_dense_least_squares() -> None:
-    fleet = draw_fleet(3, PLAN)
-    tau, kappa = np.array([0.4, 0.2]), np.array([0.7, 0.1])
-    active = (1, 2)
+@pytest.mark.parametrize("second", [2, FRICTION])
+def test_equals_dense_least_squares(second: int) -> None:
+    fleet = replace(draw_fleet(3, PLAN), is_at_estimate=True)
+    tau, kappa = np.array([0.4, 0.2]), np.array([0.7, 0.6])
+    active = (1, second)
+    assert column_of(fleet.columns.effects[FRICTION]).is_one_sided
     car = np.array([fleet.car_names.index(c) for c in fleet.cars])
-    designs = [np.ones(9), (car == 1).astype(float)]
-    terms = [Term(1, designs[0]), Term(2, designs[1])]
+    some = np.array([1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0])
+    designs = [np.ones(9), some]
+    one_car = (car == 1).astype(float)
+    terms = [Term(1, designs[0]), Term(second, some), Term(second, one_car)]
+    # What acts in one direction only deviates where it acts in several cars.
+    acting = np.ones((9, 2))
+    if second == FRICTION:
+        acting[:, 1] = some
     found = MixedModel(fleet, active).estimate(terms, Components(tau, kappa), with_bias=True)
 
     # All variables at once: beta, weak directions, those of each car, those of each recording.
     c = fleet.columns
     first = c.first_effect
-    m, per_car, per_recording = 2, 15 + 2, 3 + 2
+    m, per_car, per_recording = 3, 15 + 2, 3 + 2
     size = m + 1 + 3 * per_car + 9 * per_recording
     normal, right = np.zeros((size, size)), np.zeros(size)
     for r in range(9):
@@ -35,9 +50,10 @@ def test_equals_dense_least_squares() -> None:
         p[12:15, single : single + 3] = np.eye(3)
         p[15, m] = 1.0
         for i, effect in enumerate(active):
-            p[first + effect, own + 15 + i] = kappa[i]
-            p[first + effect, single + 3 + i] = tau[i]
+            p[first + effect, own + 15 + i] = kappa[i] * acting[r, i]
+            p[first + effect, single + 3 + i] = tau[i] * acting[r, i]
             p[first + effect, i] = designs[i][r]
+        p[first + second, 2] = one_car[r]
         normal += p.T @ fleet.informations[r] @ p
         right += p.T @ fleet.scores[r]
     normal[m:, m:] += np.eye(size - m)
@@ -48,17 +64,19 @@ def test_equals_dense_least_squares() -> None:
     gain = 0.5 * right @ inverse @ right
     determinant = np.linalg.slogdet(normal[m:, m:])[1]
     np.testing.assert_allclose(found.likelihood, gain - 0.5 * determinant, rtol=1e-6)
-    np.testing.assert_allclose(
-        found.car_deviations[:, 0],
-        [kappa[0] * (inverse @ right)[m + 1 + k * per_car + 15] for k in range(3)],
-        rtol=1e-4,
-    )
+    for i in range(2):
+        np.testing.assert_allclose(
+            found.car_deviations[:, i],
+            [kappa[i] * (inverse @ right)[m + 1 + k * per_car + 15 + i] for k in range(3)],
+            rtol=1e-4,
+            atol=1e-8,
+        )
 
 
 def test_the_profile_is_the_restricted_likelihood() -> None:
-    fleet = draw_fleet(4, PLAN)
-    model = MixedModel(fleet, (0, 3))
-    terms = [Term(0, np.ones(9)), Term(3, np.linspace(0.0, 1.0, 9))]
+    fleet = replace(draw_fleet(4, PLAN), is_at_estimate=True)
+    model = MixedModel(fleet, (0, FRICTION))
+    terms = [Term(0, np.ones(9)), Term(FRICTION, np.linspace(0.0, 1.0, 9))]
     components = Components(np.array([0.3, 0.6]), np.array([0.2, 0.5]))
     for i in (0, 1):
         profile = model.profile(terms, components, i)
@@ -69,7 +87,7 @@ def test_the_profile_is_the_restricted_likelihood() -> None:
 
 def test_the_bias_of_the_simulation_does_not_shrink_with_recordings() -> None:
     few = draw_fleet(5, PLAN)
-    many = draw_fleet(5, FleetPlan(cars=3, recordings=90, effects=4, weak=1, bias=0.4))
+    many = draw_fleet(5, FleetPlan(cars=3, recordings=90, effects=5, weak=1, bias=0.4))
     components = Components(np.array([0.1]), np.array([0.1]))
 
     def variances(fleet: object, count: int) -> tuple[float, float]:
@@ -81,3 +99,16 @@ def test_the_bias_of_the_simulation_does_not_shrink_with_recordings() -> None:
     (noise_few, bias_few), (noise_many, bias_many) = variances(few, 9), variances(many, 90)
     assert noise_many < 0.5 * noise_few
     assert bias_many > 0.5 * bias_few
+
+
+def test_the_likelihood_is_compiled_as_by_adk_compile() -> None:
+    from adk_ros.api.kernel_calls import combine_a_fleet
+    from adk_ros.fleet.inference import restricted_likelihood
+
+    kernel: Any = restricted_likelihood._eliminated
+    combine_a_fleet()
+    compiled = list(kernel.signatures)
+    model = MixedModel(draw_fleet(4, PLAN), (0,))
+    components = Components(np.array([0.3]), np.array([0.2]))
+    model.profile([Term(0, np.ones(9))], components, 0).restricted(0.1, 0.1)
+    assert list(kernel.signatures) == compiled

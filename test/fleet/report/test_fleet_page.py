@@ -16,7 +16,7 @@ import yaml
 from adk_ros.errors import UsageError
 from adk_ros.fleet.inference.corrected_models import corrected_models, simulation_model
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
-from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
+from adk_ros.fleet.inference.fleet_result import FleetResult, NotClaimed, fleet_result
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, RAMP, SHARED, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
@@ -89,6 +89,28 @@ def test_the_page_shows_claims_vehicles_trends_places_and_links(tmp_path: Path) 
     for figure in ("vehicles.png", "map.png", "trend_0.png"):
         assert (tmp_path / figure).stat().st_size > 1000
     assert (tmp_path / "fleet.json").exists()
+
+
+def test_the_page_says_what_all_cars_share_and_nothing_explains(tmp_path: Path) -> None:
+    candidate = NotClaimed(
+        "brake_torque_gain",
+        "scale",
+        "-",
+        Level(SHARED).text,
+        -0.034,
+        -0.036,
+        -0.032,
+        "significant, but it explains too little of what differs",
+        is_claimable=True,
+    )
+    for name in ("explained", "not"):
+        (tmp_path / name).mkdir()
+    sentence = "Something that all cars share is unexplained"
+    assert sentence not in write_fleet_page(result(), tmp_path / "explained").read_text()
+    doubtful = replace(result(), not_claimed=(candidate,))
+    text = write_fleet_page(doubtful, tmp_path / "not").read_text()
+    assert sentence in text
+    assert "explains too little of what differs" in text
 
 
 def test_corrected_models_hold_the_effects_of_their_level() -> None:

@@ -1,0 +1,213 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Candidates of a selection over a fleet: which there are, and how each is judged next to claims.
+
+Significant is what chance exceeds in `criteria.FAMILYWISE_ERROR_RATE` of fleets anywhere among the
+examined parameters and levels (Bonferroni), places included. Scatter between recordings or cars
+raises the variance of a size and lowers its degrees of freedom, so that it is no evidence for a
+mean. A size must also exceed the materiality threshold: below, it does not matter, and a car's is
+build tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from adk_ros.fleet.inference.assessment import Assessment, assessment_of, extended
+from adk_ros.fleet.inference.evidence import column_of
+from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
+from adk_ros.fleet.inference.fleet_model import (
+    Candidate,
+    FleetModel,
+    remaining_excess,
+)
+from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, Level, levels_of
+from adk_ros.fleet.inference.mixed_model import MixedModel, Term
+from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
+from adk_ros.fleet.inference.variance_components import fitted_components
+from adk_ros.mismatch.library.criteria import (
+    FAMILYWISE_ERROR_RATE,
+    MIN_GAIN_PER_EXCESS,
+)
+from adk_ros.numerics.arrays import FloatArray
+
+_LEVELS_PER_PARAMETER = 3
+"""Levels of a parameter that are fitted in full in one step, those of the largest gains."""
+_LEAST_SAVED = 0.5
+"""Share of the required saving that the approximate one must reach. By choice."""
+_MIN_GAIN_PER_NULL_EXCESS = 5e-4
+"""
+Least gain, as a share of the excess loss before any claim. Lower than that of one recording
+(`criteria.MIN_GAIN_PER_NULL_EXCESS`): a fleet has weak effects of single cars next to strong ones
+of all. On development fleets (doc/fleet-inference.md).
+"""
+_LARGE_DEVIATION, _REFITTED = 0.5, 2
+"""Deviation between cars, in materiality thresholds, that is fitted again with a candidate, and
+how many parameters at most. By choice."""
+
+Progress = Callable[[float, str], None]
+Identity = tuple[int, Level]
+"""What a candidate is about: effect and level, without a change point."""
+
+
+class Candidates:
+    """
+    Candidates of a fleet; `further_tests`: tests of others that share the error rate (places).
+
+    `levels` are those that the recordings tell apart. `refused`: candidates that are not examined.
+    """
+
+    def __init__(
+        self,
+        fleet: FleetEvidence,
+        further_tests: int = 0,
+        progress: Progress | None = None,
+        refused: frozenset[Identity] = frozenset(),
+    ) -> None:
+        self.fleet = fleet
+        self.levels = levels_of(fleet)
+        self.designs = np.array([level.design(fleet) for level in self.levels])
+        informative = np.einsum("rii->i", fleet.informations)[fleet.columns.first_effect :]
+        self.observable = [int(i) for i in np.flatnonzero(informative > 0.0)]
+        self.tests = max(len(self.observable) * len(self.levels) + further_tests, 1)
+        self.null_excess = np.maximum(remaining_excess(fleet, FleetModel((), {})), 0.0)
+        """(r,) loss above that of a perfect model without any claim."""
+        self.refused = refused
+        self.progress = progress or (lambda done, text: None)
+
+    @property
+    def significance(self) -> float:
+        """Largest p-value of a significant candidate."""
+        return FAMILYWISE_ERROR_RATE / self.tests
+
+    def assessed(self, model: FleetModel) -> list[Assessment]:
+        """Return the assessment of each claimed term."""
+        active = model.active()
+        if not active:
+            return []
+        mixed = MixedModel(self.fleet, active)
+        terms = model.terms(self.fleet)
+        components = model.components_of(active)
+        estimate = mixed.estimate(terms, components, with_bias=True)
+        return [
+            assessment_of(candidate, m, estimate, mixed, terms, components)
+            for m, candidate in enumerate(model.claimed)
+        ]
+
+    def assess(self, model: FleetModel, candidate: Candidate) -> Assessment:
+        """
+        Return the assessment of a further candidate, with its components fitted.
+
+        Claimed parameters that differ much between cars may contain what all cars share of a
+        similar effect, until that is claimed: their components are fitted again as well.
+        """
+        active = model.active([candidate.effect])
+        mixed = MixedModel(self.fleet, active)
+        terms = model.terms(self.fleet, [candidate])
+        start = model.components_of(active)
+        which = [active.index(candidate.effect)]
+        for i in np.argsort(-start.kappa)[:_REFITTED]:
+            if start.kappa[i] > _LARGE_DEVIATION and i not in which:
+                which.append(int(i))
+        found = fitted_components(mixed, terms, start, which)
+        estimate = mixed.estimate(terms, found, with_bias=True)
+        return assessment_of(candidate, len(model.claimed), estimate, mixed, terms, found)
+
+    def gains(self, model: FleetModel, effect: int) -> FloatArray:
+        """
+        Return the evidence (levels,) of a parameter at each level without its variance components.
+
+        Without them also where it is claimed already: deviations between cars contain what all
+        cars share until that is claimed. Claimed levels have none left.
+        """
+        active = model.active([effect])
+        mixed = MixedModel(self.fleet, active)
+        components = model.components_of(active)
+        components.tau[active.index(effect)] = 0.0
+        components.kappa[active.index(effect)] = 0.0
+        claims = [c.term for c in model.claimed]
+        # A stranger's size of this effect is among the levels.
+        claims += [t for t in model.terms(self.fleet)[len(claims) :] if t.effect != effect]
+        terms = [*claims, *(Term(effect, z) for z in self.designs)]
+        estimate = mixed.estimate(terms, components)
+        k = len(claims)
+        h, g = estimate.information, estimate.score
+        solved = np.linalg.solve(h[:k, :k], np.column_stack([h[:k, k:], g[:k]]))
+        left = np.diag(h)[k:] - (h[k:, :k] * solved[:, :-1].T).sum(axis=1)
+        right = g[k:] - h[k:, :k] @ solved[:, -1]
+        usable = left > 1e-6 * np.maximum(np.diag(h)[k:], 1e-12)
+        return np.asarray(np.where(usable, right**2 / np.where(usable, left, 1.0), 0.0))
+
+    def ranked(
+        self, model: FleetModel, excess: FloatArray | None = None
+    ) -> list[tuple[float, Candidate]]:
+        """
+        Return the candidates of the largest gains of each parameter, largest first.
+
+        `excess` (r,): of the model; then only those that save about enough of it.
+        """
+        out = []
+        saved = None if excess is None else SavedLoss.of(self.fleet, model)
+        for effect in self.observable:
+            which = np.ones(len(self.levels), dtype=bool)
+            if saved is not None and excess is not None:
+                least = _LEAST_SAVED * self._required(excess)
+                which = saved.exceeds(effect, self.designs, least, excess)
+            if not which.any():
+                continue
+            gains = np.where(which, self.gains(model, effect), -1.0)
+            for i in np.argsort(-gains)[:_LEVELS_PER_PARAMETER]:
+                candidate = Candidate(effect, self.levels[i], self.designs[i])
+                if which[i] and identity(candidate) not in self.refused:
+                    out.append((float(gains[i]), candidate))
+        return sorted(out, key=lambda pair: -pair[0])
+
+    def is_claimable(self, found: Assessment) -> bool:
+        """Whether a candidate is significant, material, and possible."""
+        return (
+            found.p_value < self.significance and found.is_material() and self.is_possible(found)
+        )
+
+    def explains(
+        self, model: FleetModel, found: Assessment, excess: FloatArray | None = None
+    ) -> bool:
+        """
+        Whether a candidate saves enough of the loss where it acts to be no accident.
+
+        Enough is a share of what is unexplained, and one of what was unexplained before any
+        claim, of which every equation leaves a part; together in the half of the recordings that
+        are explained best.
+
+        `excess` (r,): of `remaining_excess` of the model, if it is known.
+        """
+        if excess is None:
+            excess = remaining_excess(self.fleet, model)
+        left = remaining_excess(self.fleet, extended(model, found))
+        return self.saves_enough(excess, left, found.candidate.design)
+
+    def saves_enough(self, excess: FloatArray, left: FloatArray, design: FloatArray) -> bool:
+        """Whether the loss falls enough where a design acts, from `excess` to `left` (r,)."""
+        counted = best_half(excess, design)
+        return float((excess - left - self._required(excess))[counted].sum()) >= 0.0
+
+    def _required(self, excess: FloatArray) -> FloatArray:
+        """Return the loss (r,) that a candidate must save in each recording."""
+        required = MIN_GAIN_PER_EXCESS * np.maximum(excess, 0.0)
+        return np.asarray(required + _MIN_GAIN_PER_NULL_EXCESS * self.null_excess)
+
+    def is_possible(self, found: Assessment) -> bool:
+        """Whether the parameter stays within its bounds in all recordings; a delay is positive."""
+        column = column_of(self.fleet.columns.effects[found.candidate.effect])
+        p = column.parameter
+        low, high = ((b - p.theta_neutral) / column.materiality for b in p.bounds())
+        slack = BOUND_DEVIATIONS * found.deviation
+        return found.extremes[0] >= low - slack and found.extremes[1] <= high + slack
+
+
+def identity(candidate: Candidate) -> Identity:
+    """Return what a candidate is about; change points, which are fitted, count as one."""
+    return candidate.effect, replace(candidate.level, onset=0.0)

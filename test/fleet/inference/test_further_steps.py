@@ -1,0 +1,113 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a forward selection cannot do alone: exchange, ignore strangers, look at all candidates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from adk_ros.fleet.inference.assessment import Assessment
+from adk_ros.fleet.inference.exchange import exchanged
+from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
+from adk_ros.fleet.inference.fleet_model import (
+    Candidate,
+    FleetModel,
+    remaining_excess,
+    strangers_of,
+)
+from adk_ros.fleet.inference.fleet_selection import Selection
+from adk_ros.fleet.inference.levels import CAR, SHARED, Level
+from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
+from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
+from adk_ros.fleet.inference.variance_components import start_components
+
+
+def claimed(fleet: FleetEvidence, model: FleetModel) -> set[tuple[str, str]]:
+    return {(fleet.columns.effects[c.effect], c.level.text) for c in model.claimed}
+
+
+def test_a_fault_of_one_car_does_not_hide_that_of_another() -> None:
+    """Two cars with one effect make cars seem to differ, unless one is known to be faulty."""
+    tyre = "front_tyre_stiffness.scale"
+    sizes = {"car02": 9.0, "car05": -20.0}
+    faults = tuple(Injection(tyre, Level(CAR, car=car), size) for car, size in sizes.items())
+    plan = FleetPlan(cars=8, recordings=48, effects=7, injections=faults)
+    fleet = draw_fleet(7, plan)
+    selection = Selection(fleet)
+    level = Level(CAR, car="car02")
+    candidate = Candidate(fleet.columns.effects.index(tyre), level, level.design(fleet))
+    alone = selection.assess(FleetModel((), {}, ("car05",)), candidate)
+    mixed = selection.assess(FleetModel((), {}), candidate)
+    assert alone.p_value < selection.significance < mixed.p_value
+    assert alone.interval[0] < 9.0 < alone.interval[1]
+
+
+def test_strangers_are_the_cars_that_are_explained_far_worse() -> None:
+    fleet = draw_fleet(7, FleetPlan(cars=8, recordings=48, effects=7))
+    cars = np.array(fleet.cars)
+    usual = np.full(cars.size, 100.0)
+    assert strangers_of(fleet, usual) == ()
+    worse = usual + 3.0 * fleet.expected_loss * np.isin(cars, ["car02", "car05"])
+    assert strangers_of(fleet, worse) == ("car02", "car05")
+    # Where all are explained badly, it is no fault of some cars.
+    assert strangers_of(fleet, usual + 9.0 * fleet.expected_loss) == ()
+
+
+def test_an_effect_that_resembles_two_is_exchanged_for_them() -> None:
+    pair = tuple(
+        Injection(key, Level(SHARED), -6.0)
+        for key in ("front_tyre_stiffness.scale", "rear_tyre_stiffness.scale")
+    )
+    fleet = draw_fleet(5, FleetPlan(effects=8, bias=0.0, deviation=0.3, injections=pair))
+    selection = Selection(fleet)
+    # Wrongly claimed: an effect that was not injected.
+    wrong = fleet.columns.effects.index("rolling_resistance.crr")
+    model = FleetModel(
+        (Candidate(wrong, Level(SHARED), np.ones(len(fleet.names))),),
+        {wrong: (float(start_components(1).tau[0]), 0.1)},
+    )
+    found = selection.select(exchanged(selection, selection.refitted(model)))
+    assert claimed(fleet, found) == {(one.key, "all cars") for one in pair}
+
+
+def test_saved_loss_agrees_with_the_loss_of_a_claim() -> None:
+    drag = Injection("aero_drag.cda", Level(SHARED), 12.0)
+    fleet = draw_fleet(3, FleetPlan(effects=6, bias=0.0, injections=(drag,)))
+    empty = FleetModel((), {})
+    excess = remaining_excess(fleet, empty)
+    everywhere = np.ones((1, len(fleet.names)))
+    saved = SavedLoss.of(fleet, empty)
+    total = float(excess[best_half(excess, everywhere[0])].mean())
+    assert saved.exceeds(0, everywhere, np.full(excess.size, 0.5 * total), excess).all()
+    assert not saved.exceeds(0, everywhere, np.full(excess.size, 2.0 * total), excess).any()
+    assert not saved.exceeds(5, everywhere, np.full(excess.size, 0.5 * total), excess).any()
+
+
+def test_the_best_half_is_of_the_recordings_in_which_an_effect_acts() -> None:
+    excess = np.array([5.0, 1.0, 3.0, 900.0, 0.0])
+    counted = best_half(excess, np.array([1.0, 1.0, 1.0, 1.0, 0.0]))
+    assert counted.tolist() == [False, True, True, False, False]
+
+
+def test_two_effects_that_cancel_are_found_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where neither saves enough alone, both are claimed if each does next to the other."""
+    pair = tuple(
+        Injection(key, Level(SHARED), size)
+        for key, size in (("aero_drag.cda", 6.0), ("crosswind.wind_y", -6.0))
+    )
+    fleet = draw_fleet(5, FleetPlan(effects=6, bias=0.0, deviation=0.3, injections=pair))
+    selection = Selection(fleet)
+    names = {one.key for one in pair}
+    explains = Selection.explains
+
+    def only_next_to_the_other(
+        self: Selection, model: FleetModel, found: Assessment, excess: object = None
+    ) -> bool:
+        has_other = {fleet.columns.effects[c.effect] for c in model.claimed} & names
+        return bool(has_other) and explains(self, model, found)
+
+    monkeypatch.setattr(Selection, "explains", only_next_to_the_other)
+    assert selection.best(FleetModel((), {}), set()) is None
+    found = selection.select()
+    assert claimed(fleet, found) == {(key, "all cars") for key in names}
