@@ -10,7 +10,7 @@ from pathlib import Path
 
 from adk_ros.bench.paper.cases import NOMINAL
 from adk_ros.bench.paper.confirmation_criteria import by_horizon, confirmation_criteria
-from adk_ros.bench.paper.criteria import PaperCriterion
+from adk_ros.bench.paper.criteria import PaperCriterion, brief
 from adk_ros.bench.paper.other_simulators import DESCRIPTIONS
 from adk_ros.bench.paper.paper_bench import Result
 from adk_ros.bench.paper.paper_tables import Table, markdown_line
@@ -49,7 +49,13 @@ def _page(
     if result.without:
         lines += [f"Without pykoop and pykoopman: {result.without}.", ""]
     lines += [markdown_line(["", "criterion", "figure"]), markdown_line(["---"] * 3)]
-    lines += [markdown_line([item.verdict, item.name, item.figure]) for item in criteria]
+    lines += [markdown_line([item.verdict, item.name, brief(item.figure)]) for item in criteria]
+    long = [item for item in criteria if brief(item.figure) != item.figure]
+    if long:
+        lines += ["", "### Combinations that a criterion misses"]
+    for item in long:
+        listed = item.figure.partition(": ")[2]
+        lines += ["", f"**{item.name}**: {listed}."]
     tables = [drives_table(plan), summary_table(result.board), *ratio_tables(result.board)]
     lines += ["", *(table.markdown() for table in tables)]
     lines += [f"- {name}: {text}" for name, text in result.settings.items()]
