@@ -3,7 +3,8 @@
 """
 The analysis of a fleet in passes: evidence of each recording, estimate, and again at the estimate.
 
-After the first passes only those recordings are linearised again whose effects have moved.
+After the first passes only those recordings are linearised again whose effects have moved. Claims
+are compared with similar effects, each linearised at itself, before the estimate.
 
 Where the evidence comes from is a function: of recordings in memory, or of a dataset.
 """
@@ -16,9 +17,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from adk_ros.fleet.inference.competing_effects import claim_text, exchanged_for_competing
 from adk_ros.fleet.inference.evidence import Row, column_of
 from adk_ros.fleet.inference.fleet_candidates import Identity
-from adk_ros.fleet.inference.fleet_estimate import ROUNDS, FleetEstimate, estimate_fleet
+from adk_ros.fleet.inference.fleet_estimate import (
+    ROUNDS,
+    EvidenceAt,
+    FleetEstimate,
+    estimate_fleet,
+)
 from adk_ros.fleet.inference.fleet_evidence import RecordingTags
 from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
@@ -43,13 +50,6 @@ A recording is linearised again where an effect has moved by so many materiality
 this share of its size: less changes the estimate by a fraction of its interval. By choice.
 """
 
-EvidenceAt = Callable[
-    [FleetEstimate | None, Collection[str] | None], tuple[list[Row], Mapping[str, str]]
-]
-"""
-Estimate to linearise at, None for no effects, and names of the recordings to linearise, None for
-all -> their rows, and name -> why a recording has none.
-"""
 TagsOf = Callable[[Sequence[Row]], Mapping[str, RecordingTags]]
 """Rows of the recordings -> the tags of each by name."""
 Progress = Callable[[float, str], None]
@@ -83,6 +83,15 @@ def analyse_fleet(
     places: tuple[Place, ...] = ()
     moved: Collection[str] | None = None
     dropped: Counter[Identity] = Counter()
+    compared: set[tuple[str, str]] = set()
+
+    def linearise(at: FleetEstimate | None, names: Collection[str] | None) -> None:
+        found, without = evidence_at(at, names)
+        failed.update(without)
+        for name in {str(row["recording"]) for row in found}:
+            rows[name] = [row for row in found if row["recording"] == name]
+            points[name] = _point(at, name)
+
     for turn in range(MAX_PASSES):
         if estimate is not None:
             if has_moved(_places_point(places), _places_point(estimate.places)):
@@ -90,11 +99,13 @@ def analyse_fleet(
             # All recordings are linearised at the same places.
             farthest = _FIRST_STEP if turn == 1 else np.inf
             estimate = replace(estimate, places=places, farthest=farthest)
-        found, without = evidence_at(estimate, moved)
-        failed |= without
-        for name in {str(row["recording"]) for row in found}:
-            rows[name] = [row for row in found if row["recording"] == name]
-            points[name] = _point(estimate, name)
+        linearise(estimate, moved)
+        if estimate is not None:
+            examined = {claim_text(estimate, claim) for claim in estimate.claims}
+            estimate = exchanged_for_competing(estimate, rows, evidence_at, compared)
+            linearise(estimate, [n for n in rows if has_moved(points[n], _point(estimate, n))])
+            # Far from the estimate, much else is unexplained: once more near it.
+            compared |= examined if turn >= _EARLY_PASSES else set()
         every = [row for name in sorted(rows) for row in rows[name]]
         claimed = frozenset() if estimate is None else estimate.identities
         estimate = estimate_fleet(

@@ -39,7 +39,7 @@ _LEVELS_PER_PARAMETER = 3
 """Levels of a parameter that are fitted in full in one step, those of the largest gains."""
 _LEAST_SAVED = 0.5
 """Share of the required saving that the approximate one must reach. By choice."""
-_MIN_GAIN_PER_NULL_EXCESS = 5e-4
+MIN_GAIN_PER_NULL_EXCESS = 5e-4
 """
 Least gain, as a share of the excess loss before any claim. Lower than that of one recording
 (`criteria.MIN_GAIN_PER_NULL_EXCESS`): a fleet has weak effects of single cars next to strong ones
@@ -197,7 +197,7 @@ class Candidates:
     def _required(self, excess: FloatArray) -> FloatArray:
         """Return the loss (r,) that a candidate must save in each recording."""
         required = MIN_GAIN_PER_EXCESS * np.maximum(excess, 0.0)
-        return np.asarray(required + _MIN_GAIN_PER_NULL_EXCESS * self.null_excess)
+        return np.asarray(required + MIN_GAIN_PER_NULL_EXCESS * self.null_excess)
 
     def is_possible(self, found: Assessment) -> bool:
         """Whether the parameter stays within its bounds in all recordings; a delay is positive."""

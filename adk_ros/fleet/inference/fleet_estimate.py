@@ -10,7 +10,7 @@ like an effect of its recordings.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,6 +83,15 @@ class FleetEstimate:
             value = float(np.clip(place.size * column.materiality, low, high))
             out.append(PlacedValue(place.key, place.cells, value))
         return out
+
+
+EvidenceAt = Callable[
+    [FleetEstimate | None, Collection[str] | None], tuple[list[Row], Mapping[str, str]]
+]
+"""
+Estimate to linearise at, None for no effects, and names of the recordings to linearise, None for
+all -> their rows, and name -> why a recording has none.
+"""
 
 
 def estimate_fleet(

@@ -1,0 +1,215 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Claims and similar ones, compared by the loss of recordings that are linearised at each.
+
+A delay and a lag have the same derivative at zero, so the linear problem cannot separate them;
+linearised at the one, the other looks worse than it is, and keeps the place of what was claimed
+first. So a few recordings in which a claim acts are linearised again with each confusable effect
+of the same unit in its place, and the one that leaves less of their loss stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from adk_ros.fleet.inference.assessment import Assessment
+from adk_ros.fleet.inference.evidence import RECORDING, Evidence, Row, column_of
+from adk_ros.fleet.inference.fleet_candidates import MIN_GAIN_PER_NULL_EXCESS
+from adk_ros.fleet.inference.fleet_estimate import EvidenceAt, FleetEstimate
+from adk_ros.fleet.inference.fleet_model import nuisance_prior
+from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import INDISTINGUISHABLE_LOSS
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.bounded_quadratic import bounded_maxima
+
+_SAMPLE = 6
+"""Recordings that are linearised at each effect, those that say most about it. By choice."""
+_LINEARISATIONS = 2
+"""Of each effect in place of a claim: the first is at the size of the claim."""
+_FREE_PRIOR = 1e-6
+"""Information on a size in a recording, so that one which it does not show has a solution."""
+
+
+def exchanged_for_competing(
+    estimate: FleetEstimate,
+    rows: Mapping[str, Sequence[Row]],
+    evidence_at: EvidenceAt,
+    kept: Collection[tuple[str, str]] = (),
+) -> FleetEstimate:
+    """
+    Return the estimate with claims exchanged for similar effects that leave less of the loss.
+
+    `rows`: of each recording, linearised at `estimate`. `kept`: what claims are about
+    (`claim_text`) that stay. Only the claims are changed, at which recordings are linearised.
+    """
+    given = estimate
+    for i, claim in enumerate(estimate.claims):
+        key, level = claim_text(estimate, claim)
+        claimed = {
+            k for k, of in (claim_text(estimate, c) for c in estimate.claims) if of == level
+        }
+        usable = set(estimate.fleet.columns.effects) - claimed
+        if (key, level) in kept or not usable.intersection(competing_keys(key)):
+            continue
+        sample = _Sample.of(estimate, claim, rows)
+        at_claim = rows if estimate is given else sample.rows_at(estimate, evidence_at)
+        if at_claim is None:
+            continue
+        best, least = claim, sample.excess(estimate, at_claim) - sample.margin
+        # What is similar to a better one is compared as well: clock offset, delay, lag.
+        while competing := [k for k in competing_keys(key) if k in usable]:
+            for other in competing:
+                found, excess = _fitted(estimate, i, other, sample, evidence_at)
+                if found is not None and excess < least:
+                    best, least, key = found, excess, other
+            usable.difference_update(competing)
+        estimate = estimate if best is claim else _with(estimate, i, best)
+    return estimate
+
+
+def claim_text(estimate: FleetEstimate, claim: Assessment) -> tuple[str, str]:
+    """Return what a claim is about: parameter, and level without a change point."""
+    level = replace(claim.candidate.level, onset=0.0)
+    return estimate.fleet.columns.effects[claim.candidate.effect], level.text
+
+
+def competing_keys(key: str) -> list[str]:
+    """
+    Return the parameters of the same unit that the catalogue calls confusable with one.
+
+    Only where one of both is not linear, that is, has start values (`EffectParameter.starts`).
+    """
+    own = column_of(key)
+    name = own.effect.name
+    return [
+        f"{other.name}.{p.name}"
+        for other in EFFECTS.values()
+        if other.name in own.effect.confusables or name in other.confusables
+        for p in other.parameters
+        if p.unit == own.parameter.unit and (p.starts or own.parameter.starts)
+    ]
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Recordings in which a claim acts, with the share of its size and their dispersion."""
+
+    names: tuple[str, ...]
+    shares: FloatArray
+    dispersions: FloatArray
+    margin: float
+    """Loss by which one effect must be better than the other."""
+
+    @classmethod
+    def of(
+        cls, estimate: FleetEstimate, claim: Assessment, rows: Mapping[str, Sequence[Row]]
+    ) -> _Sample:
+        fleet, design = estimate.fleet, claim.candidate.design
+        column = fleet.columns.first_effect + claim.candidate.effect
+        information = fleet.informations[:, column, column] * design**2
+        order = [int(i) for i in np.argsort(-information) if design[i] > 0.0][:_SAMPLE]
+        names = tuple(fleet.names[i] for i in order)
+        inexact = MIN_GAIN_PER_NULL_EXCESS * float(estimate.selection.null_excess[order].sum())
+        return cls(
+            names,
+            design[order],
+            np.array([_evidence(rows[name]).dispersion for name in names]),
+            INDISTINGUISHABLE_LOSS + inexact,
+        )
+
+    def rows_at(
+        self, estimate: FleetEstimate, evidence_at: EvidenceAt
+    ) -> dict[str, list[Row]] | None:
+        """Return the rows of each recording at an estimate; None if one has no evidence there."""
+        every, failed = evidence_at(estimate, self.names)
+        if failed:
+            return None
+        return {name: [row for row in every if row["recording"] == name] for name in self.names}
+
+    def excess(self, estimate: FleetEstimate, rows: Mapping[str, Sequence[Row]]) -> float:
+        """Return the least loss of all recordings, above that of a perfect model."""
+        fits = [local_fit(_evidence(rows[n]), estimate.values_of(n)) for n in self.names]
+        return float(sum(fit.excess / d for fit, d in zip(fits, self.dispersions, strict=True)))
+
+
+@dataclass(frozen=True)
+class LocalFit:
+    """
+    Least excess loss of a recording near where it was linearised.
+
+    `sizes`: parameter -> difference of the fitted variable from neutral, in thresholds.
+    """
+
+    excess: float
+    sizes: Mapping[str, float]
+
+
+def local_fit(evidence: Evidence, values: Mapping[str, float]) -> LocalFit:
+    """
+    Return the fit of one recording with the parameters of `values` free, within their bounds.
+
+    Build tolerances, sensor offsets and weak directions are free within theirs.
+    """
+    columns = evidence.columns
+    k = columns.first_effect
+    keys = [key for key in columns.effects if key in values]
+    which = [*range(k), *(k + columns.effects.index(key) for key in keys)]
+    bounds = np.array([_scaled_bounds(key) for key in keys]).reshape(-1, 2)
+    middle = np.concatenate([np.zeros(k), bounds.mean(axis=1)])
+    width = np.concatenate([columns.nuisance_bounds, 0.5 * (bounds[:, 1] - bounds[:, 0])])
+    information = evidence.information[np.ix_(which, which)]
+    score = evidence.score[which]
+    prior = np.concatenate([nuisance_prior(columns), np.full(len(keys), _FREE_PRIOR)])
+    right = score - information @ middle
+    left = information + np.diag(prior)
+    x = middle + bounded_maxima(left[None], right[None], width)[0]
+    gain = 2.0 * score @ x - x @ information @ x
+    return LocalFit(float(evidence.excess - gain), dict(zip(keys, x[k:], strict=True)))
+
+
+def _scaled_bounds(key: str) -> tuple[float, float]:
+    column = column_of(key)
+    p = column.parameter
+    low, high = ((b - p.theta_neutral) / column.materiality for b in p.bounds())
+    return low, high
+
+
+def _fitted(
+    estimate: FleetEstimate, i: int, key: str, sample: _Sample, evidence_at: EvidenceAt
+) -> tuple[Assessment | None, float]:
+    """Return a claim with another parameter, fitted to a sample, and the loss that it leaves."""
+    claim = estimate.claims[i]
+    before = column_of(estimate.fleet.columns.effects[claim.candidate.effect])
+    candidate = replace(claim.candidate, effect=estimate.fleet.columns.effects.index(key))
+    size = claim.size * before.materiality / column_of(key).materiality
+    low, high = _scaled_bounds(key)
+    excess = np.inf
+    for _ in range(_LINEARISATIONS):
+        if not low < size < high:
+            return None, np.inf
+        found = replace(claim, candidate=candidate, size=size)
+        at = _with(estimate, i, found)
+        rows = sample.rows_at(at, evidence_at)
+        if rows is None:
+            return None, np.inf
+        excess = sample.excess(at, rows)
+        others = _with(estimate, i, replace(found, size=0.0))
+        sizes = []
+        for name, share in zip(sample.names, sample.shares, strict=True):
+            fit = local_fit(_evidence(rows[name]), at.values_of(name))
+            other = others.values_of(name).get(key, 0.0) / column_of(key).materiality
+            sizes.append((fit.sizes.get(key, 0.0) - other) / share)
+        size = float(np.median(sizes))
+    return replace(found, size=float(np.clip(size, low, high))), excess
+
+
+def _with(estimate: FleetEstimate, i: int, claim: Assessment) -> FleetEstimate:
+    return replace(estimate, claims=(*estimate.claims[:i], claim, *estimate.claims[i + 1 :]))
+
+
+def _evidence(rows: Sequence[Row]) -> Evidence:
+    return next(Evidence.from_row(row) for row in rows if row["kind"] == RECORDING)

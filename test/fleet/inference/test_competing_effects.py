@@ -1,0 +1,159 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Claims and similar effects, compared by the loss of recordings linearised at each."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from adk_ros.fleet.inference.competing_effects import (
+    claim_text,
+    competing_keys,
+    exchanged_for_competing,
+    local_fit,
+)
+from adk_ros.fleet.inference.evidence import RECORDING, Evidence, Row, column_of, effect_columns
+from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
+from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
+from adk_ros.fleet.inference.fleet_selection import Selection
+from adk_ros.fleet.inference.levels import CAR, SHARED, Level
+from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
+
+DELAY, LAG = "drive_torque_delay.delay", "drive_torque_lag.tau"
+MISFIT = 400.0
+"""Loss per squared difference of the torque's lag from the true one, in materiality thresholds."""
+
+
+@pytest.mark.parametrize(
+    ("key", "competing"),
+    [
+        ("steering_delay.delay", {"steering_lag.tau", "clock_offset.offset"}),
+        (LAG, {DELAY}),
+        # Other units, so that the size of a claim says nothing on it.
+        ("tyre_relaxation.length", set()),
+        # Linear: the linear problem compares them.
+        ("rolling_resistance.crr", set()),
+    ],
+)
+def test_similar_effects_of_one_unit(key: str, competing: set[str]) -> None:
+    assert set(competing_keys(key)) == competing
+
+
+def test_a_local_fit_stays_within_bounds() -> None:
+    """A delay is positive: what a negative one would gain is not gained."""
+    fleet = delayed_fleet(Level(SHARED))
+    for sign, size in ((1.0, 6.0), (-1.0, 0.0)):
+        one = evidence_of(fleet, 0)
+        fit = local_fit(replace(one, score=sign * one.score), {DELAY: 0.01})
+        assert fit.sizes[DELAY] == pytest.approx(size, abs=1.5)
+        assert fit.sizes[DELAY] >= 0.0
+
+
+def test_a_lag_that_was_claimed_as_a_delay() -> None:
+    """Only the loss of recordings that are linearised at the lag shows that it is one."""
+    truth = 7.0
+    estimate, rows = claimed_delay(Level(CAR, car="car02"))
+    asked: list[tuple[str, ...]] = []
+
+    def evidence_at(
+        at: FleetEstimate | None, names: Collection[str] | None
+    ) -> tuple[list[Row], Mapping[str, str]]:
+        assert at is not None
+        assert names is not None
+        asked.append(tuple(names))
+        return [row_at(at, name, truth) for name in names], {}
+
+    found = exchanged_for_competing(estimate, rows, evidence_at)
+    assert [claim_text(found, c) for c in found.claims] == [(LAG, "car02")]
+    assert found.claims[0].size == pytest.approx(truth, abs=0.5)
+    # Only recordings of the car are linearised again.
+    assert all(estimate.fleet.cars[estimate.fleet.names.index(n)] == "car02" for n in asked[0])
+    kept = exchanged_for_competing(estimate, rows, evidence_at, {(DELAY, "car02")})
+    assert kept.claims == estimate.claims
+
+
+@pytest.mark.parametrize("reason", ["as good", "no evidence"])
+def test_a_claim_stays(reason: str) -> None:
+    """Where nothing explains the data better by more than chance, or nothing can be computed."""
+    estimate, rows = claimed_delay(Level(CAR, car="car02"))
+
+    def evidence_at(
+        at: FleetEstimate | None, names: Collection[str] | None
+    ) -> tuple[list[Row], Mapping[str, str]]:
+        assert at is not None
+        assert names is not None
+        if reason == "no evidence":
+            return [], dict.fromkeys(names, "timed out")
+        return [rows[name][0] for name in names], {}
+
+    assert exchanged_for_competing(estimate, rows, evidence_at).claims == estimate.claims
+
+
+def delayed_fleet(level: Level) -> FleetEvidence:
+    keys = [column.key for column in effect_columns()]
+    plan = FleetPlan(
+        effects=keys.index(LAG) + 1,
+        bias=0.0,
+        deviation=0.3,
+        injections=(Injection(DELAY, level, 6.0),),
+    )
+    return draw_fleet(11, plan)
+
+
+def claimed_delay(level: Level) -> tuple[FleetEstimate, dict[str, list[Row]]]:
+    """Return an estimate whose only claim is a delay, and the evidence at it."""
+    fleet = delayed_fleet(level)
+    selection = Selection(fleet)
+    model = selection.select()
+    estimate = FleetEstimate(fleet, selection, model, tuple(selection.assessed(model)), (), {}, {})
+    assert [claim_text(estimate, c) for c in estimate.claims] == [(DELAY, level.text)]
+    return estimate, {name: [row_of(fleet, i)] for i, name in enumerate(fleet.names)}
+
+
+def evidence_of(fleet: FleetEvidence, i: int) -> Evidence:
+    return Evidence(
+        fleet.names[i],
+        RECORDING,
+        fleet.columns,
+        fleet.scores[i],
+        fleet.informations[i],
+        150.0,
+        loss=float(fleet.expected_loss[i] + fleet.excess[i]),
+        expected_loss=float(fleet.expected_loss[i]),
+    )
+
+
+def row_of(fleet: FleetEvidence, i: int) -> Row:
+    return evidence_of(fleet, i).to_row()
+
+
+def row_at(estimate: FleetEstimate, name: str, truth: float) -> Row:
+    """Return the evidence of a recording at a lag, which leaves less of the loss than a delay."""
+    fleet = estimate.fleet
+    i = fleet.names.index(name)
+    columns = fleet.columns
+    lag = estimate.values_of(name)[LAG] / column_of(LAG).materiality
+    assert DELAY not in estimate.values_of(name)
+    j = columns.first_effect + columns.effects.index(LAG)
+    information = np.zeros((columns.size, columns.size))
+    information[j, j] = MISFIT
+    score = np.zeros(columns.size)
+    score[j] = MISFIT * truth
+    point = np.zeros(columns.size)
+    point[j] = lag
+    expected = float(fleet.expected_loss[i])
+    return Evidence(
+        name,
+        RECORDING,
+        columns,
+        score,
+        information,
+        150.0,
+        loss=expected - 300.0 + MISFIT * (lag - truth) ** 2,
+        expected_loss=expected,
+        point=point,
+    ).to_row()
