@@ -136,12 +136,8 @@ def _resolve_competitors(
 
     Return the hypothesis, and the identifiability of its effects by index.
     """
-    for _ in range(MAX_REPLACEMENTS + 1):
-        identifiability = {
-            i: assess_identifiability(likelihood, h, i)
-            for i, active in enumerate(h.effects)
-            if not isinstance(active.effect, FeatureEffect)
-        }
+    identifiability = _identifiability(likelihood, h)
+    for _ in range(MAX_REPLACEMENTS):
         ranked = [
             (competitor.loss_difference, i, j)
             for i, one in identifiability.items()
@@ -154,7 +150,16 @@ def _resolve_competitors(
         effects = list(h.effects)
         effects[which] = identifiability[which].competitors[best].fitted
         h = likelihood.fit(effects, nuisances=h.nuisances, budget=REPLACEMENT, fit_activation=True)
+        identifiability = _identifiability(likelihood, h)
     return h, identifiability
+
+
+def _identifiability(likelihood: Likelihood, h: Hypothesis) -> dict[int, Identifiability]:
+    return {
+        i: assess_identifiability(likelihood, h, i)
+        for i, active in enumerate(h.effects)
+        if not isinstance(active.effect, FeatureEffect)
+    }
 
 
 def _replaces(difference: float) -> bool:

@@ -70,7 +70,7 @@ MIN_SCREENED_GAIN_FEATURE = 0.5
 """Least linearised gain of a feature that is fitted, as a share of the best."""
 FEATURE_REFIT_GAIN_SHARE = 0.85
 """Least gain of a feature that is fitted anew, as a share of the best."""
-MAX_REPLACEMENTS = 2
+MAX_REPLACEMENTS = 3
 """Most exchanges of an identified effect for a competing one."""
 DOMINANT_EFFECT_MISFIT = 0.2
 """An effect that leaves at most this share of the misfit ends the search of a pass."""

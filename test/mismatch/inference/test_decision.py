@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from adk_ros.mismatch.inference import decision
 from adk_ros.mismatch.inference.decision import confidence_interval, prefers_feature_model
 from adk_ros.mismatch.inference.feature_effect import (
     FeatureEffect,
@@ -20,6 +21,8 @@ from adk_ros.mismatch.inference.forward_selection import (
     min_required_gain,
 )
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
+from adk_ros.mismatch.inference.identifiability import CompetingEffect, Identifiability
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.term_meaning import Body
 from adk_ros.mismatch.inference.unmodelled import (
     UnmodelledDynamics,
@@ -118,3 +121,38 @@ def test_what_an_inexact_equation_leaves_is_no_further_effect() -> None:
     assert not is_improvement(effects(20_000.0, "payload", "low_friction"), payload, path)
     more = effects(25_000.0, "payload")
     assert is_improvement(effects(20_000.0, "payload", "aero_drag"), more, path)
+
+
+@pytest.mark.parametrize("exchanges", [0, 1, 3, 4])
+def test_competing_effects_are_those_of_the_effect_that_is_named(
+    monkeypatch: pytest.MonkeyPatch, exchanges: int
+) -> None:
+    """Also after the last exchange: an effect is no alternative to itself."""
+    chain = ["aero_drag", "headwind", "rolling_resistance", "torque_offset", "drive_torque_gain"]
+
+    class Fitted(Likelihood):
+        def __init__(self) -> None:
+            """Without any data: fits return what they start from."""
+
+        def fit(self, effects, nuisances, **_):  # type: ignore[override]
+            return Hypothesis(tuple(effects), nuisances, 0.0)
+
+    def assessed(likelihood: Likelihood, h: Hypothesis, which: int) -> Identifiability:
+        name = h.effects[which].effect.name
+        at = chain.index(name)
+        better = at < exchanges
+        other = chain[at + 1] if better else "payload"
+        theta = tuple(p.theta_neutral + 0.5 * (p.bounds()[1] - p.theta_neutral)
+                      for p in EFFECTS[other].parameters)  # fmt: skip
+        competitor = CompetingEffect(
+            name, other, -100.0 if better else 5.0, ActiveEffect(EFFECTS[other], theta), True
+        )
+        return Identifiability(500.0, (competitor,), np.zeros(3), ())
+
+    monkeypatch.setattr(decision, "assess_identifiability", assessed)
+    h, found = decision._resolve_competitors(Fitted(), effects(100.0, chain[0]))
+    named = h.effects[0].effect.name
+    # Three exchanges at most.
+    assert named == chain[min(exchanges, 3)]
+    assert found[0].competitors[0].of == named
+    assert named not in found[0].alternatives
