@@ -14,6 +14,7 @@ import numpy as np
 
 from adk_ros.bench.mismatch.acceptance import Criterion
 from adk_ros.bench.mismatch.baselines import ADK_MISMATCH, NAMING, STRONGEST
+from adk_ros.bench.mismatch.breakdown import breakdown
 from adk_ros.bench.mismatch.case_score import UNKNOWN, CaseResult
 from adk_ros.bench.mismatch.factorial import results_by_factor
 from adk_ros.bench.mismatch.reliability import (
@@ -25,7 +26,7 @@ from adk_ros.bench.paper.paper_tables import markdown_line
 from adk_ros.numerics.finite import finite
 
 CRITERIA_FILE, TABLE, SCORES, BASELINES_FILE = "bars.txt", "cases.md", "cases.json", "beside.md"
-FACTORS_FILE = "factors.md"
+FACTORS_FILE, BREAKDOWN_FILE = "factors.md", "breakdown.md"
 _HEADER = (
     "case",
     "correct",
@@ -161,7 +162,7 @@ def write_tables(scores: Sequence[CaseResult], criteria: Sequence[Criterion], ou
     Write cases, criteria and reliability of the claims, and `beside.md` if baselines ran.
 
     Cases: `cases.md`, `cases.json`; criteria: `bars.txt`; results by simulator and noise:
-    `factors.md`; reliability: table and diagram.
+    `factors.md`; what the criteria average over: `breakdown.md`; reliability: table and diagram.
     """
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(as_json(scores, criteria), indent=1) + "\n"
@@ -169,6 +170,8 @@ def write_tables(scores: Sequence[CaseResult], criteria: Sequence[Criterion], ou
     (out / TABLE).write_text(cases_markdown(scores), encoding="utf-8")
     by_factor = markdown(*results_by_factor(scores))
     (out / FACTORS_FILE).write_text(by_factor, encoding="utf-8")
+    lines = "".join(f"- {line}\n" for line in breakdown(scores))
+    (out / BREAKDOWN_FILE).write_text(lines, encoding="utf-8")
     comparison = baselines_markdown(scores)
     if comparison:
         (out / BASELINES_FILE).write_text(comparison, encoding="utf-8")

@@ -14,6 +14,7 @@ import pytest
 
 from adk_ros.bench.mismatch import mismatch_bench
 from adk_ros.bench.mismatch.acceptance import FAIL, NONE, PASS, Criterion, evaluate_criteria
+from adk_ros.bench.mismatch.breakdown import breakdown
 from adk_ros.bench.mismatch.case_jobs import CaseJob, jobs_of
 from adk_ros.bench.mismatch.case_matrix import case_plans
 from adk_ros.bench.mismatch.case_score import CaseResult
@@ -22,6 +23,7 @@ from adk_ros.bench.mismatch.reliability import ScoredClaim
 from adk_ros.bench.mismatch.result_tables import write_tables
 from adk_ros.bench.mismatch.subprocesses import ProcessResult, SubprocessEnded, Subprocesses
 from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, TIME, UNLISTED_IN
+from adk_ros.bench.vehicles.multibody import MULTI_BODY
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS
@@ -52,6 +54,38 @@ def good(kind: str = "single", **changes: Any) -> CaseResult:
 
 def bars(*scores: CaseResult) -> dict[str, Criterion]:
     return {bar.name: bar for bar in evaluate_criteria(scores)}
+
+
+def test_breakdown() -> None:
+    """What the averages of the criteria hide is one sentence each."""
+    tie = ScoredClaim("torque_offset|rolling_resistance", 0.95, True)
+    false = ScoredClaim("headwind", 0.98, False)
+    lines = breakdown(
+        [
+            good(),
+            good(reported=tie.effect, label="rolling_resistance", claims=[tie]),
+            good("none", reported="headwind", label="none", right=0.0, claims=[false], errors={}),
+            good(plant=MULTI_BODY, covered={"a": False}, errors={"a": 0.3}, raised=0.015),
+            good(strength=0.3, right=0.5, plant="spring_car", claims=[]),
+            good("unknown", correctable=False),
+            good("unknown", right=0.0),
+        ]
+    )
+    assert lines == [
+        "Claims with a confidence of at least 0.9: 6, wrong 1 (headwind in a); ties 1, right 1, "
+        "with the injected effect first 0.",
+        "90 % intervals, multi-body model: 0 of 1 hold, median error 30.00 %.",
+        "90 % intervals, other simulators: 6 of 6 hold, median error 1.00 %.",
+        "Parameter errors: 90th percentile 15.5 %, largest 30 %.",
+        "Corrections: 1 in 7 cases; with an error that rises at the first stated horizon 1, by at "
+        "most 1.5 %.",
+        "Single effects at strength 0.3: 0.5 of 1 right, in simulators of another family 0.5 of "
+        "1.",
+        "Single effects at strength 0.1: 0.0 of 0 right, in simulators of another family 0.0 of "
+        "0.",
+        "Right single effects at strength 1: 2, 1 named alone and 1 in ties.",
+        "Unlisted effects without those of sensors: 0 of 1 right.",
+    ]
 
 
 def test_a_criterion_without_cases_is_none() -> None:
