@@ -85,6 +85,7 @@ class Outcome:
             steps=selection_steps(path),
             expected_loss=path.expected_loss,
             surrogate_error_dof=path.surrogate_error_dof,
+            surrogate_variance_share=self.whole.surrogate_variance_share(),
             lap_m=lap_m,
             profiles=path.profiles if lap_m else [],
             notes=[*inputs.notes, *note_on(self.downweighted)],

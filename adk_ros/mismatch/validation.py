@@ -4,8 +4,8 @@
 Validation of a decision on held-out data: what is exported, and which verdict the errors allow.
 
 Effects, places, onsets and sizes come from the training part alone. The held-out data are used for
-the figures, and for two vetoes: a correction that raises the error of any state is not exported,
-and a verdict that leaves an error unexplained becomes `unknown`.
+the figures, and for vetoes: a correction that raises the error of any state is not exported, and a
+verdict that leaves an error unexplained, or that no prediction checks, becomes `unknown`.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, road_friction
 from adk_ros.mismatch.inference.result import (
+    NOT_CHECKED,
     NOT_EXPORTED,
     UNKNOWN,
     HeldOutResult,
@@ -71,7 +72,13 @@ class Validation:
 
     @property
     def error_ratio(self) -> float:
-        """Largest error over what a correct model explains; 0 where no state is judged."""
+        """
+        Largest error over what a correct model explains; 0 where no state is judged.
+
+        The limit of an explained one where nothing could be predicted.
+        """
+        if not self.errors.starts:
+            return 1.0
         return float(np.nanmax(np.append(self.errors.explained_ratio(), 0.0)))
 
 
@@ -204,10 +211,16 @@ def coherent(decision: Decision, validation: Validation) -> Decision:
     Return a decision whose verdict the held-out errors allow.
 
     `none` and `explained` become `unknown` where an error is larger than noise, the surrogate's
-    own error and the inexactness of the effects' equations explain. The effects stay listed.
+    own error and the inexactness of the effects' equations explain, and where nothing could be
+    predicted. The effects stay listed.
     """
     errors = validation.errors
-    if decision.verdict == UNKNOWN or errors.is_explained:
+    if decision.verdict == UNKNOWN:
+        return decision
+    if not errors.starts:
+        nothing = UnexplainedResidual([], 0.0, NOT_CHECKED, "")
+        return replace(decision, verdict=UNKNOWN, unexplained=nothing)
+    if errors.is_explained:
         return decision
     states = errors.unexplained_states()
     share = _unexplained_share(errors, states)

@@ -46,6 +46,7 @@ from adk_ros.mismatch.inference.result import (
     FULL,
     HALF_TOLERANCES,
     NONE,
+    NOT_CHECKED,
     NOT_EXPORTED,
     UNKNOWN,
     WITHOUT_FEATURES,
@@ -170,6 +171,35 @@ def test_no_verdict_hides_an_error(verdict: str) -> None:
     assert "with an error of 0.7 m/s" in changed.unexplained.text
     assert "explain 0.02 m/s" in changed.unexplained.text
     assert changed.unexplained.share == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("verdict", [NONE, EXPLAINED])
+def test_no_verdict_without_a_prediction(verdict: str) -> None:
+    """Where nothing could be measured, nothing is confirmed."""
+    found = [] if verdict == NONE else [object()]
+    decision = Decision(verdict, found, None, hypothesis(), None)  # type: ignore[arg-type]
+    nan = table(np.nan)
+    nothing = Validation(HeldOutErrors(nan, nan, nan, nan, nan, 0), NOT_EXPORTED, "")
+    changed = coherent(decision, nothing)
+    assert changed.verdict == UNKNOWN
+    assert changed.effects == found
+    assert changed.unexplained is not None
+    assert changed.unexplained.text == NOT_CHECKED
+    # As uncertain as at the limit of what is explained, not as certain as without any error.
+    assert nothing.error_ratio == 1.0
+    assert not is_refuted(changed, nothing)
+
+
+def test_a_recording_that_stands_at_its_end_confirms_nothing() -> None:
+    log = case().recording
+    late = log.odometry_s > 0.6 * log.duration_s
+    odometry = log.odometry.copy()
+    odometry[late] = 0.0
+    evidence = Evidence(replace(log, odometry=odometry), from_s=0.75 * log.duration_s)
+    done = validate_on_held_out(surrogate(), hypothesis(), None, [evidence])
+    assert done.errors.starts == 0
+    decision = coherent(Decision(NONE, [], None, hypothesis(), None), done)
+    assert decision.verdict == UNKNOWN
 
 
 def test_what_leaves_most_of_the_error_is_refuted() -> None:
@@ -370,6 +400,8 @@ def test_the_result_lists_horizons_and_candidates() -> None:
         WITHOUT_FEATURES,
         NOT_EXPORTED,
     }
+    assert answer["fit"]["sizes_from"] == "all data"
+    assert answer["candidates"]
     for candidate in answer["candidates"]:
         assert candidate["not_claimed_because"]
         assert candidate["parameters"]

@@ -97,7 +97,7 @@ def calibrate(
             shares.append(share)
         found = interval_errors(label, answer)
         errors += found
-        if surrogate_variance_share(answer) > FOREIGN_SHARE:
+        if answer["selection"]["surrogate_variance_share"] > FOREIGN_SHARE:
             foreign += found
     return [
         _quantile_line("MAX_EXPLAINED_RATIO", MAX_EXPLAINED_RATIO, ratios),
@@ -156,13 +156,6 @@ def interval_errors(
             variance = deviation**2 - (SYSTEMATIC_ERROR_SHARE * size) ** 2
             out.append((abs(given["value"] - value), size, float(np.sqrt(max(variance, 0.0)))))
     return out
-
-
-def surrogate_variance_share(answer: dict[str, Any]) -> float:
-    """Return the share of the residuals' variance that is the surrogate's own error."""
-    found = answer["selection"]
-    error: float = found["surrogate_error"]
-    return error / float(found["expected_loss"] - error)
 
 
 def systematic_share(errors: Sequence[tuple[float, float, float]]) -> float:

@@ -33,6 +33,11 @@ FULL, HALF_TOLERANCES, WITHOUT_TOLERANCES, WITHOUT_FEATURES, NOT_EXPORTED = (
     "none",
 )
 """What an exported correction consists of, in the order in which it is tried."""
+NOT_CHECKED = (
+    "no prediction error could be measured: in the held-out data the car does not move, or only "
+    "in ways that the simulation does not reach"
+)
+"""Why a result is unknown that no prediction checks (`UnexplainedResidual.text`)."""
 
 
 @dataclass(frozen=True)
@@ -247,6 +252,8 @@ class MismatchResult:
     expected_loss: float
     surrogate_error_dof: float = 0.0
     """Number of residuals that the surrogate's own error accounts for."""
+    surrogate_variance_share: float = 0.0
+    """Share of the residuals' variance that is the surrogate's own error; widens intervals."""
     lap_m: float | None = None
     profiles: list[SpatialProfile] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)

@@ -27,7 +27,12 @@ from adk_ros.mismatch.report.json_values import json_number, json_parameters
 from adk_ros.mismatch.report.opening_json import opening_as_dict
 from adk_ros.mismatch.report.recording_texts import onset_text, segment_texts
 from adk_ros.mismatch.report.report_page import FIGURES, PAGE, write_page
-from adk_ros.mismatch.report.summary import sentence, underfit_channels
+from adk_ros.mismatch.report.summary import (
+    INCONCLUSIVE,
+    sentence,
+    underfit_channels,
+    verdict_text,
+)
 from adk_ros.mismatch.report.vocabulary import unit_text
 
 SCHEMA = 1
@@ -76,6 +81,7 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         "fit": {
             "horizon_s": result.horizon_s,
             "held_out": True,
+            "sizes_from": "all data",
             "before": {name: json_number(x) for name, x in result.before.items()},
             "after": {name: json_number(x) for name, x in result.after.items()},
         },
@@ -87,6 +93,7 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
     answer["selection"] = {
         "expected_loss": json_number(result.expected_loss),
         "surrogate_error": json_number(result.surrogate_error_dof),
+        "surrogate_variance_share": json_number(result.surrogate_variance_share),
         "steps": [
             {
                 "effects": list(step.names),
@@ -130,6 +137,11 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         answer["caveat"] = (
             f"the surrogate model does not fit the simulation in {underfit}; smaller differences "
             "cannot be found"
+        )
+    elif verdict_text(result) == INCONCLUSIVE:
+        answer["caveat"] = (
+            "inconclusive: the comparison without a surrogate model shows a difference that no "
+            "effect of the catalogue explains"
         )
     answer["scope"] = {
         "lacking": [lack.text for lack in result.missing_channels],

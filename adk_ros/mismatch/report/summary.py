@@ -10,6 +10,7 @@ from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.inference.result import (
     EXPLAINED,
     NONE,
+    NOT_CHECKED,
     NOT_EXPORTED,
     UNKNOWN,
     IdentifiedEffect,
@@ -35,6 +36,8 @@ from adk_ros.mismatch.report.vocabulary import (
     unit_text,
 )
 
+INCONCLUSIVE = "Inconclusive"
+"""Title of a result that finds nothing where differences may be hidden."""
 _COUNTS = {2: "two", 3: "three", 4: "four"}
 
 
@@ -261,13 +264,20 @@ def verdict_text(result: MismatchResult) -> str:
     )
     count = len(result.effects)
     effects = f"{count} effect{'s' if count > 1 else ''} identified: {titles}" if count else ""
+    if is_unchecked(result):
+        return "Not checked by any prediction" + (f"; {effects}" if effects else "")
     if result.verdict == UNKNOWN:
         return "Difference of unknown cause" + (f"; {effects}" if effects else "")
     if effects:
         return effects
     if underfit_channels(result) or uncovered_comparisons(result):
-        return "Inconclusive"
+        return INCONCLUSIVE
     return "No significant mismatch"
+
+
+def is_unchecked(result: MismatchResult) -> bool:
+    """Whether nothing could be predicted on held-out data, so that nothing confirms the result."""
+    return result.unexplained is not None and result.unexplained.text == NOT_CHECKED
 
 
 def sentence(result: MismatchResult) -> str:
@@ -277,6 +287,12 @@ def sentence(result: MismatchResult) -> str:
         missing += f" Analysed without {listed([x.what for x in result.missing_channels])}."
     if result.verdict == NONE:
         return _no_mismatch(result) + missing
+    if is_unchecked(result):
+        shown = effects_text(result.effects) if result.effects else "no significant difference"
+        return (
+            f"Not checked: {NOT_CHECKED}; give another recording with --held-out. The part that "
+            f"the model is fitted to shows {shown}.{missing}"
+        )
     improvement = improvement_text(result)
     if result.verdict == UNKNOWN and result.unexplained is not None:
         expression = unit_text(result.unexplained.expression)

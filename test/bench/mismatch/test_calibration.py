@@ -86,6 +86,7 @@ def report(
         "selection": {
             "expected_loss": 1000.0,
             "surrogate_error": 100.0,
+            "surrogate_variance_share": 0.11,
             "steps": [
                 {"effects": [], "loss": 1100.0, "gain": 0.0, "required": 0.0},
                 {"effects": ["aero_drag"], "loss": 1080.0, "gain": 20.0, "required": 50.0},

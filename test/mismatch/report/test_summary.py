@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +14,14 @@ from helpers.mismatch_report import bank, drag, identified, late, odd, result_of
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.result import (
+    NOT_CHECKED,
     NOT_EXPORTED,
+    UNKNOWN,
     HeldOutResult,
+    IdentifiedEffect,
     Interval,
     MissingChannel,
+    UnexplainedResidual,
 )
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect import PLACE
@@ -104,6 +109,36 @@ def test_no_mismatch_is_stated_with_the_error() -> None:
     assert said.startswith("No significant mismatch: ")
     assert "0.14 m/s" in said
     assert verdict_text(result_of()) == "No significant mismatch"
+
+
+@pytest.mark.parametrize(
+    ("effects", "shown", "titled"),
+    [
+        ((), "shows no significant difference.", "Not checked by any prediction"),
+        (
+            (identified(),),
+            "shows 0.92 m² more drag area",
+            "Not checked by any prediction; 1 effect identified: air drag",
+        ),
+    ],
+)
+def test_a_result_that_no_prediction_checks_is_no_all_clear(
+    effects: tuple[IdentifiedEffect, ...], shown: str, titled: str
+) -> None:
+    nothing = dict.fromkeys(("v_x", "v_y", "yaw_rate"), math.nan)
+    result = replace(
+        result_of("", effects),
+        verdict=UNKNOWN,
+        unexplained=UnexplainedResidual([], 0.0, NOT_CHECKED, ""),
+        before=nothing,
+        after=nothing,
+    )
+    said = sentence(result)
+    assert said.startswith("Not checked: no prediction error could be measured")
+    assert "give another recording with --held-out" in said
+    assert shown in said
+    assert "nan" not in said
+    assert verdict_text(result) == titled
 
 
 def test_tolerances_that_explain_the_held_out_part_are_said() -> None:
