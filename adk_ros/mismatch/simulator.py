@@ -18,6 +18,7 @@ from adk_ros.mismatch.surrogate.identification import (
     SurrogateModel,
     identify_surrogate,
 )
+from adk_ros.mismatch.surrogate.implied_dimensions import DIMENSIONS, implied_dimensions
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem, prepare_residual_problem
 from adk_ros.mismatch.surrogate.road_profile import zero_profile
 from adk_ros.mismatch.validation import open_loop_error
@@ -65,6 +66,11 @@ def _surrogate_and_notes(
         lambda done, total: report(0.5 * done / total, "identifying the simulator"),
         unknown,
     )
+    notes = []
+    if nominal is not None and not (nominal.is_simulated or assumed & DIMENSIONS):
+        implied = implied_dimensions(problem, plain, start)
+        implied.check(simulation.name)
+        notes.append(implied.text)
     # The thresholds of roads and laps are lengths of full-size roads.
     is_full_size = simulation.length_scale == 1.0
     on_road = is_full_size and _is_on_same_road(problem, prepare_residual_problem(recording))
@@ -76,7 +82,7 @@ def _surrogate_and_notes(
         lambda done, total: report(0.5 + 0.5 * done / total, "extending the surrogate"),
         on_road,
     )
-    notes = [] if nominal is None else _notes_on_assumed(nominal, extended, unknown)
+    notes += [] if nominal is None else _notes_on_assumed(nominal, extended, unknown)
     if is_full_size and not on_road and is_underfit(problem, plain):
         notes.append(
             "the recording is on another road than the simulation, or their pose frames differ: "

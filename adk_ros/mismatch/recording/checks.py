@@ -67,13 +67,16 @@ m/s² per rad for a car: 0.01 m/s², the least noise assumed of an accelerometer
 """
 _DEGREES = 180.0 / np.pi
 _KMH = 3.6
+_ANGULAR, _SPECIFIC_FORCE = ("deg/s", "rad/s"), ("g", "m/s²")
+"""Usual wrong unit, and the one that is required."""
 
 
 class _Comparison(NamedTuple):
     """
     A channel and the reference that it should follow.
 
-    `unit_factor` is the slope that the usual wrong unit causes; zero: only the sign is checked.
+    `unit_factor` is the slope that the usual wrong unit causes, zero: only the sign is checked;
+    `unit`: that unit, and the one that is required.
     """
 
     channel: str
@@ -81,6 +84,7 @@ class _Comparison(NamedTuple):
     reference: FloatArray
     values: FloatArray
     unit_factor: float
+    unit: tuple[str, str] = ("", "")
 
 
 def check_recording(log: SensorLog, is_simulation: bool = False) -> None:
@@ -177,17 +181,25 @@ def _comparisons(log: SensorLog) -> tuple[_Comparison, ...]:
         "the longitudinal acceleration of the odometry",
     )
     return (
-        _Comparison("odometry's yaw rate", rate, heading_rate, yaw_rate, _DEGREES),
-        _Comparison("the gyro's yaw rate", rate, heading_rate, gyro, _DEGREES),
-        _Comparison("odometry's v_x", "the rate of change of the position", speed, v_x, _KMH),
+        _Comparison("odometry's yaw rate", rate, heading_rate, yaw_rate, _DEGREES, _ANGULAR),
+        _Comparison("the gyro's yaw rate", rate, heading_rate, gyro, _DEGREES, _ANGULAR),
+        _Comparison(
+            "odometry's v_x",
+            "the rate of change of the position",
+            speed,
+            v_x,
+            _KMH,
+            ("km/h", "m/s"),
+        ),
         _Comparison(
             "the IMU's a_y",
             "the lateral acceleration of the odometry",
             lateral,
             a_y,
             1.0 / GRAVITY,
+            _SPECIFIC_FORCE,
         ),
-        _Comparison("the IMU's a_x", change, forward, a_x, 1.0 / GRAVITY),
+        _Comparison("the IMU's a_x", change, forward, a_x, 1.0 / GRAVITY, _SPECIFIC_FORCE),
         _Comparison(
             "the commanded steering angle", "the yaw rate", heading_rate, delta * np.sign(v_x), 0.0
         ),
@@ -225,9 +237,13 @@ def _check_comparison(name: str, c: _Comparison) -> None:
     for factor in (c.unit_factor, 1.0 / c.unit_factor):
         near_factor = abs(np.log(max(slope, 1e-9) / factor)) < _MAX_FACTOR_LOG
         if near_factor and abs(np.log(slope)) > _MIN_UNIT_LOG:
+            wrong, right = c.unit
+            looks = f"it looks like {wrong}"
+            if factor != c.unit_factor:
+                looks = f"it, or what it is compared with, was converted from {wrong} twice"
             raise DataError(
-                f"{name}: {c.channel} is {slope:.3g} times {c.reference_name}: its unit is not SI "
-                "(m/s, m/s², rad/s)"
+                f"{name}: {c.channel} is {slope:.3g} times {c.reference_name}: {looks}, the topic "
+                f"must carry {right} (a factor of {c.unit_factor:.3g})"
             )
 
 
@@ -298,7 +314,8 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
             f"{simulation.name}: the torque response implies a mass of {_mass(overall.value)} "
             f"kg ({_mass(overall.low)} to {_mass(overall.high)}) on wheels of {radius:.3g} m "
             f"radius, but the vehicle file says {_mass(nominal.mass)} kg: correct its mass, "
-            "wheel_radius or wheel_inertia"
+            "wheel_radius or wheel_inertia (with that mass, the radius would be "
+            f"{radius * overall.value / nominal.mass:.3g} m)"
         )
 
 

@@ -63,7 +63,7 @@ def test_odometry_that_freezes_has_no_wrong_unit() -> None:
     """When it goes on, the position jumps by a second's way."""
     log = frozen(case().recording)
     check_recording(log)
-    with pytest.raises(DataError, match=r"odometry's v_x is .* its unit is not SI"):
+    with pytest.raises(DataError, match=r"odometry's v_x is .* looks like km/h"):
         check_recording(scaled("odometry", 0, 3.6)(log))
 
 
@@ -78,11 +78,15 @@ def test_odometry_that_freezes_has_no_wrong_unit() -> None:
         (scaled("odometry", 2, -1.0), "odometry's yaw rate has its sign flipped"),
         (scaled("command", 1, -1.0), "steering angle has its sign flipped"),
         (scaled("command", 0, -1.0), "torque has its sign flipped"),
-        (scaled("imu", 2, 180.0 / np.pi), "its unit is not SI"),
-        (scaled("odometry", 2, 180.0 / np.pi), "its unit is not SI"),
-        (scaled("odometry", 0, 3.6), "its unit is not SI"),
+        (scaled("imu", 2, 180.0 / np.pi), "looks like deg/s, the topic must carry rad/s"),
+        (scaled("odometry", 2, 180.0 / np.pi), "looks like deg/s, the topic must carry rad/s"),
+        (
+            scaled("odometry", 0, 3.6),
+            "looks like km/h, the topic must carry m/s (a factor of 3.6)",
+        ),
+        (scaled("odometry", 0, 1.0 / 3.6), "was converted from km/h twice"),
         (scaled("command", 1, 57.3), "its unit is not rad at the road wheels"),
-        (scaled("imu", 1, 1.0 / 9.81), "its unit is not SI"),
+        (scaled("imu", 1, 1.0 / 9.81), "looks like g, the topic must carry m/s²"),
         (scaled("odometry", 2, 0.0), "yaw rate is 0 throughout"),
     ],
 )

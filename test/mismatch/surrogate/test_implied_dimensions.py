@@ -1,0 +1,63 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Yaw inertia and wheelbase of a vehicle file, against the simulation."""
+
+from __future__ import annotations
+
+import pytest
+from helpers.mismatch import case
+
+from adk_ros.errors import DataError
+from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
+from adk_ros.mismatch.simulator import surrogate_of
+from adk_ros.mismatch.surrogate.implied_dimensions import ImpliedDimension
+
+pytestmark = pytest.mark.slow(seconds=25)
+
+
+def identify(nominal: NominalVehicle) -> None:
+    c = case()
+    surrogate_of(c.simulation, c.recording, nominal, lambda done, text: None)
+
+
+def changed(**factors: float) -> NominalVehicle:
+    nominal = case().nominal
+    update = {name: factor * getattr(nominal, name) for name, factor in factors.items()}
+    return nominal.model_copy(update=update)
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.7])
+def test_another_yaw_inertia_is_refused(factor: float) -> None:
+    with pytest.raises(DataError, match="implies a yaw inertia of") as error:
+        identify(changed(yaw_inertia=factor))
+    implied = float(str(error.value).split("a yaw inertia of ")[1].split(" kg")[0])
+    assert implied == pytest.approx(case().nominal.yaw_inertia, rel=0.05)
+    assert "correct yaw_inertia (a factor of" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("factor", [0.85, 1.15])
+def test_another_wheelbase_or_steering_ratio_is_refused(factor: float) -> None:
+    with pytest.raises(DataError, match=r"a wheelbase of .* ratio of the steering") as error:
+        identify(changed(cg_to_front_axle=factor, cg_to_rear_axle=factor))
+    implied = float(str(error.value).split("a wheelbase of ")[1].split(" m ")[0])
+    nominal = case().nominal
+    wheelbase = nominal.cg_to_front_axle + nominal.cg_to_rear_axle
+    assert implied == pytest.approx(wheelbase, rel=0.02)
+
+
+def test_what_other_simulators_differ_by_is_accepted() -> None:
+    identify(changed(yaw_inertia=1.3))
+
+
+def test_what_is_assumed_cannot_contradict() -> None:
+    """It is identified from the simulation instead."""
+    nominal = changed(yaw_inertia=1.7)
+    nominal._assumed = frozenset({"yaw_inertia"})
+    identify(nominal)
+
+
+def test_a_contradiction_is_outside_the_interval_and_large() -> None:
+    assert ImpliedDimension(2.0, 1.9, 2.1, 2.5).contradicts(1.08)
+    assert not ImpliedDimension(2.0, 1.5, 2.6, 2.5).contradicts(1.08)
+    assert not ImpliedDimension(2.0, 1.99, 2.01, 2.1).contradicts(1.08)
