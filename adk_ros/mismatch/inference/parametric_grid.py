@@ -63,7 +63,7 @@ GATED = (
 EXCEEDING = ("drive_torque", "brake_torque", "speed", "yaw_rate_speed", "yaw_rate", "delta")
 """Features of which the part beyond a threshold is tried."""
 HYSTERETIC = ("torque", "delta", "a_y")
-_RESONATING = ("a_x", "a_y")
+_RESONATING = ("a_x", "a_y", "torque", "delta")
 _CONDITIONS = ("lateral_size", "speed", "delta_size", "deceleration", TIME)
 _BOTH_SIDES = ("speed",)
 """Conditions of which a feature may also act below the threshold."""

@@ -17,6 +17,7 @@ from adk_ros.mismatch.library.parametric_features import (
     GATE,
     HEAT,
     HYSTERESIS,
+    LAG,
     PULSATION,
     RESONANCE,
     RIPPLE,
@@ -86,11 +87,29 @@ def _torque_share(term: FeatureTerm, body: Body) -> float:
     return 100.0 * term.coefficient * body.mass * body.wheel_radius
 
 
+def _passed_share(term: FeatureTerm, body: Body) -> str:
+    """Return which share of torque or steering acts in addition, with a memory; or nothing."""
+    signal, *memory = parsed(term.feature)[1]
+    if (term.equation, signal) == ("v_x", "torque"):
+        share, words = _torque_share(term, body), "the wheel torque"
+    elif (term.equation, signal) == (STEERING, "delta"):
+        share, words = 100.0 * term.coefficient, "the steering angle"
+    else:
+        return ""
+    size = f"{_two_digits(abs(share))} % {'less' if share < 0.0 else 'more'} of {words} acts"
+    if kind_of(term.feature) == LAG:
+        return f"about {size}, with a lag of {float(memory[0]):.2g} s"
+    return (
+        f"about {size}, through a spring that oscillates at {float(memory[0]):.2g} Hz with a "
+        f"damping ratio of {float(memory[1]):.2g}"
+    )
+
+
 def _moving_mass(term: FeatureTerm, body: Body) -> str:
     signal, frequency, damping = parsed(term.feature)[1]
     direction = _DIRECTIONS.get((term.equation, signal))
     if direction is None or term.coefficient >= 0.0:
-        return ""
+        return _passed_share(term, body)
     moving = abs(term.coefficient) * body.mass
     return (
         f"a mass of about {_two_digits(moving)} kg moves {direction} at {float(frequency):.2g} Hz "
@@ -187,6 +206,7 @@ def _per_distance(term: FeatureTerm, body: Body) -> str:
 
 _SPECIAL: dict[str, Callable[[FeatureTerm, Body], str]] = {
     RESONANCE: _moving_mass,
+    LAG: _passed_share,
     HYSTERESIS: _friction,
     DRIFT: _wear,
     DECAY: _wear,

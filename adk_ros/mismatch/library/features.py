@@ -175,8 +175,9 @@ def _texts(kind: str, arguments: list[str], base_name: str) -> tuple[str, str, s
             unit,
         )
     damping = float(arguments[2])
+    moved = "a mass on a spring moved by" if arguments[0] in {"a_x", "a_y"} else "a spring bent by"
     return (
-        f"a mass on a spring moved by {words} ({first:.2g} Hz, damping ratio {damping:.2g})",
+        f"{moved} {words} ({first:.2g} Hz, damping ratio {damping:.2g})",
         f"resonance({symbol}, {first:.3g} Hz, {damping:.2g})",
         unit,
     )

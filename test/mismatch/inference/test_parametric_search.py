@@ -101,6 +101,8 @@ def test_a_bin_is_the_mean_of_four_steps() -> None:
     [
         ("v_y", "resonance:a_y:0.5:0.06", 0.08),
         ("v_x", "gate:drive_torque:lateral_size>2.5", 1e-3),
+        ("v_x", "resonance:torque:1.2:0.1", 4e-4),
+        pytest.param("steering", "resonance:delta:1.0:0.06", 0.1, marks=pytest.mark.slow),
         ("yaw_rate", "lag:torque:1.5", 2e-5),
         pytest.param("yaw_rate", "hysteresis:delta:0.004", 8.0, marks=pytest.mark.slow),
         pytest.param("steering", "gate:delta:speed>20", 0.1, marks=pytest.mark.slow),

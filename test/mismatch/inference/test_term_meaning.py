@@ -18,6 +18,16 @@ from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
             "a mass of about 170 kg moves sideways at 0.47 Hz with a damping ratio of 0.05",
         ),
         (
+            FeatureTerm("v_x", "resonance:torque:1.2:0.1", 0.3 / 600.0, 0.0),
+            "about 30 % more of the wheel torque acts, through a spring that oscillates at 1.2 Hz "
+            "with a damping ratio of 0.1",
+        ),
+        (
+            FeatureTerm("steering", "lag:delta:0.4", -0.2, 0.0),
+            "about 20 % less of the steering angle acts, with a lag of 0.4 s",
+        ),
+        (FeatureTerm("yaw_rate", "lag:torque:1.5", 2e-5, 0.0), ""),
+        (
             FeatureTerm("v_x", "gate:drive_torque:lateral_size>3.4", -0.8 / 600.0, 0.0),
             "the drive torque is about 80 % less where the lateral acceleration is above 3.4 m/s²",
         ),

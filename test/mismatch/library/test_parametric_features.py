@@ -205,6 +205,11 @@ def test_names_say_what_was_searched() -> None:
             "a mass on a spring moved by lateral acceleration (0.47 Hz, damping ratio 0.05)",
             "resonance(a_y, 0.47 Hz, 0.05)",
         ),
+        (
+            "resonance:torque:1.2:0.1",
+            "a spring bent by torque (1.2 Hz, damping ratio 0.1)",
+            "resonance(T, 1.2 Hz, 0.1)",
+        ),
         ("lag:delta:0.35", "steering angle with a lag of 0.35 s", "lag(delta, 0.35 s)"),
         (
             "wave:0.3:0.5:speed>20",
