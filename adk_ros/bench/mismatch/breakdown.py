@@ -20,6 +20,7 @@ TIE = "|"
 def breakdown(scores: Sequence[CaseResult]) -> list[str]:
     """Return one sentence per figure that the criteria do not show."""
     return [
+        _all_clears(scores),
         _confident(scores),
         *_intervals(scores),
         _largest_errors(scores),
@@ -28,6 +29,18 @@ def breakdown(scores: Sequence[CaseResult]) -> list[str]:
         _alone(scores),
         _unlisted(scores),
     ]
+
+
+def _all_clears(scores: Sequence[CaseResult]) -> str:
+    # A dropout of a sensor may be nothing to report.
+    some = [s for s in scores if s.kind != "none" and (s.kind != UNKNOWN or s.correctable)]
+    strong = [s for s in some if s.strength > WEAKEST]
+    missed = [s.case for s in strong if s.reported == "none"]
+    weak = sum(s.reported == "none" for s in some) - len(missed)
+    return (
+        f"Nothing reported where something is injected: {len(missed)} of {len(strong)}"
+        f"{_listed(missed)}; at strength {WEAKEST:g} {weak} of {len(some) - len(strong)}."
+    )
 
 
 def _confident(scores: Sequence[CaseResult]) -> str:

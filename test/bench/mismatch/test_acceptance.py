@@ -68,10 +68,11 @@ def test_breakdown() -> None:
             good(plant=MULTI_BODY, covered={"a": False}, errors={"a": 0.3}, raised=0.015),
             good(strength=0.3, right=0.5, plant="spring_car", claims=[]),
             good("unknown", correctable=False),
-            good("unknown", right=0.0),
+            good("unknown", right=0.0, case="gusts", reported="none"),
         ]
     )
     assert lines == [
+        "Nothing reported where something is injected: 1 of 5 (gusts); at strength 0.1 0 of 0.",
         "Claims with a confidence of at least 0.9: 6, wrong 1 (headwind in a); ties 1, right 1, "
         "with the injected effect first 0.",
         "90 % intervals, multi-body model: 0 of 1 hold, median error 30.00 %.",
