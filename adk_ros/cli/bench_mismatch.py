@@ -66,6 +66,13 @@ def concealed(
     seed: Annotated[
         int, typer.Option(help="with --own: other vehicles, drives and roads for each number")
     ] = 0,
+    recordings: Annotated[
+        int,
+        typer.Option(
+            help="with --own: recordings of each car, which are analysed together; cases in which "
+            "an effect has a place or an onset are left out"
+        ),
+    ] = 1,
     limit: Annotated[
         int,
         typer.Option(help="number of cases with --own (0: all) or --calibrate (0: 60)"),
@@ -103,7 +110,7 @@ def concealed(
     from adk_ros.bench.mismatch.calibration import calibrate as calibrated
     from adk_ros.bench.mismatch.calibration_cases import calibration_plans
     from adk_ros.bench.mismatch.case_jobs import jobs_of, plan_jobs
-    from adk_ros.bench.mismatch.case_matrix import LISTS, select_plans
+    from adk_ros.bench.mismatch.case_matrix import LISTS, select_plans, with_recordings
     from adk_ros.bench.mismatch.criteria_sensitivity import (
         VARIED,
         changes,
@@ -138,6 +145,10 @@ def concealed(
         raise UsageError("--seed selects generated cases: use it with --own")
     if not 0 <= seed < LISTS:
         raise UsageError(f"--seed is {seed}: choose 0 to {LISTS - 1}")
+    if recordings != 1 and not own:
+        raise UsageError("--recordings generates cases: use it with --own")
+    if not 1 <= recordings <= 10:
+        raise UsageError(f"--recordings is {recordings}: choose 1 to 10")
     if vary and not calibrate:
         raise UsageError("--vary changes the criteria of a calibration: use it with --calibrate")
     if vary:
@@ -160,6 +171,8 @@ def concealed(
         todo = plan_jobs(calibration_plans(limit or _CALIBRATION_CASES))
     else:
         plans = factorial_plans(factorial, seed) if factorial else select_plans(limit, only, seed)
+        if recordings > 1:
+            plans = with_recordings(plans, recordings)
         if any(plan.plant == MULTI_BODY for plan in plans):
             base_parameters()  # Refuses here, not after an hour.
         todo = plan_jobs(plans)

@@ -183,6 +183,8 @@ def test_an_interruption_leaves_no_incomplete_report(
         (["--own", "--resume"], "name it"),
         (["--own", "--seed", "499"], "choose 0 to 498"),
         (["--calibrate", "--seed", "1"], "use it with --own"),
+        (["--calibrate", "--recordings", "2"], "use it with --own"),
+        (["--own", "--recordings", "0"], "choose 1 to 10"),
         (["--calibrate", "--factorial", "payload"], "use it with --own"),
         (["--own", "--factorial", "payload", "--limit", "3"], "runs every combination"),
         (["--own", "--factorial", "payloads"], "no effect is called 'payloads'"),

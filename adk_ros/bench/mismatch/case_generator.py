@@ -61,9 +61,17 @@ class InjectedMismatch:
     unlisted: dict[str, float] = field(default_factory=dict)
 
 
+_FURTHER_SEED = 10**6
+"""Distance of the seeds of further drives: more than there are cases."""
+
+
 @dataclass(frozen=True)
 class GeneratedCase:
-    """Inputs of `adk mismatch`, the held-out recording and the label."""
+    """
+    Inputs of `adk mismatch`, the held-out recording and the label.
+
+    `further`: more recordings of the same car on the same route, analysed with the first.
+    """
 
     name: str
     simulation: SensorLog
@@ -71,6 +79,7 @@ class GeneratedCase:
     held_out: SensorLog
     nominal: NominalVehicle
     label: dict[str, Any]
+    further: tuple[SensorLog, ...] = ()
 
 
 def _spans(rng: np.random.Generator, length: float) -> list[Span]:
@@ -101,6 +110,7 @@ def make_case(
     seconds: tuple[float, float, float] = (SIMULATED_S, RECORDED_S, HELD_OUT_S),
     road_style: str = "track",
     noise: float = 1.0,
+    further: int = 0,
 ) -> GeneratedCase:
     """
     Return a case; the same arguments give the same case.
@@ -109,6 +119,7 @@ def make_case(
     :param seconds: durations of the simulation, the recording and the held-out recording.
     :param road_style: a key of `ROAD_STYLES`.
     :param noise: factor on the sensor noise.
+    :param further: number of further recordings; effects act in them from their start.
     """
     rng = np.random.default_rng([seed, 77])
     roads = ROAD_STYLES[road_style]
@@ -156,13 +167,33 @@ def make_case(
             route, changes._replace(onset=0.0), seed + 3, seconds[2], 0.2 * length, None, later
         )
         held_out_truth, held_out_commands = family.drive(vehicle, car, drive)
-        if not spins(truth[:, 4], held_out_truth[:, 4]):
+        others = [
+            family.drive(
+                vehicle,
+                car,
+                Drive(
+                    route,
+                    changes._replace(onset=0.0),
+                    seed + _FURTHER_SEED * i,
+                    seconds[1],
+                    i * length / (further + 1),
+                    None,
+                    later,
+                ),
+            )
+            for i in range(1, further + 1)
+        ]
+        if not spins(truth[:, 4], held_out_truth[:, 4], *(state[:, 4] for state, _ in others)):
             break
     recording = simulate_faulty_sensors(
         "recording", truth, commands, injected.effects, rng, noise, onset
     )
     held_out = simulate_faulty_sensors(
         "heldout", held_out_truth, held_out_commands, injected.effects, rng, noise
+    )
+    more = tuple(
+        simulate_faulty_sensors(f"recording_{i}", *driven, injected.effects, rng, noise)
+        for i, driven in enumerate(others, 2)
     )
     dropouts = {name: x for name, x in injected.unlisted.items() if name in DROPOUTS}
     recording = with_dropouts(recording, dropouts, rng)
@@ -185,4 +216,5 @@ def make_case(
                 "time_intervals_s": [[0.0, seconds[1]]],
             }
         )
-    return GeneratedCase(name, simulation, recording, held_out, family.nominal(vehicle), label)
+    nominal = family.nominal(vehicle)
+    return GeneratedCase(name, simulation, recording, held_out, nominal, label, more)

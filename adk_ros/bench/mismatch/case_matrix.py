@@ -92,6 +92,8 @@ class CasePlan:
     strength: float = 1.0
     road_style: str = "track"
     noise: float = 1.0
+    recordings: int = 1
+    """Of the same car, analysed together."""
 
     def make(self) -> GeneratedCase:
         """Generate the case with its complete label."""
@@ -102,6 +104,7 @@ class CasePlan:
             self.plant,
             road_style=self.road_style,
             noise=self.noise,
+            further=self.recordings - 1,
         )
         return replace(case, label=self.labelled(case.label))
 
@@ -219,3 +222,15 @@ def select_plans(limit: int, only: str = "", number: int = 0) -> list[CasePlan]:
     if limit <= 0 or limit >= len(every):
         return every
     return [every[i * len(every) // limit] for i in range(limit)]
+
+
+def with_recordings(plans: Sequence[CasePlan], count: int) -> list[CasePlan]:
+    """
+    Return the plans with several recordings of each car, of effects that act always.
+
+    :raises UsageError: none of them does.
+    """
+    found = [replace(plan, recordings=count) for plan in plans if not plan.injected.kinds]
+    if not found:
+        raise UsageError("--recordings needs cases whose effects act always: none is selected")
+    return found

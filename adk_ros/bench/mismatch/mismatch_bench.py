@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bench.mismatch.baselines import Baselines
+from adk_ros.bench.mismatch.case_files import recordings_of
 from adk_ros.bench.mismatch.case_jobs import LABEL, CaseJob
 from adk_ros.bench.mismatch.case_score import CaseResult, detectable, score_case
 from adk_ros.bench.mismatch.proven_ties import proven_ties, reported_ties
@@ -170,8 +171,8 @@ def run_case(
     """
     arguments = [
         "mismatch", "--simulation", str(case / "simulation"),
-        "--recording", str(case / "recording"), "--vehicle", str(case / "vehicle.yaml"),
-        "--out", str(out),
+        *(x for path in recordings_of(case) for x in ("--recording", str(path))),
+        "--vehicle", str(case / "vehicle.yaml"), "--out", str(out),
     ]  # fmt: skip
     process = (processes or Subprocesses()).adk(arguments, factors)
     label = json.loads((case / LABEL).read_text(encoding="utf-8"))
@@ -187,6 +188,7 @@ def _detectable_sizes(
 ) -> dict[tuple[str, str], float]:
     """Return the sizes that `adk detectable` states for as much driving; empty if it fails."""
     minutes = max(t[1] for x in label["effects"] for t in x["time_intervals_s"]) / 60.0
+    minutes *= len(recordings_of(case))
     arguments = [
         "detectable", "--simulation", str(case / "simulation"),
         "--recording", str(case / "recording"), "--vehicle", str(case / "vehicle.yaml"),
@@ -214,7 +216,8 @@ def _scored(
     else:
         answer = json.loads((out / RESULT_FILE).read_text(encoding="utf-8"))
         proven: list[str] = []
-        tied = reported_ties(label, answer)
+        # The proof is about one recording.
+        tied = reported_ties(label, answer) if len(recordings_of(case)) == 1 else []
         if tied and write_noise_free is not None:
             with tempfile.TemporaryDirectory(dir=out.parent) as folder:
                 noise_free = write_noise_free(Path(folder))

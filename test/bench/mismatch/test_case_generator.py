@@ -4,11 +4,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from adk_ros.bench.mismatch.calibration_cases import FIRST_SEED as FIRST_CALIBRATION_SEED
-from adk_ros.bench.mismatch.case_matrix import LISTS, NOISES, case_plans, select_plans
+from adk_ros.bench.mismatch.case_files import recordings_of, write_case
+from adk_ros.bench.mismatch.case_generator import InjectedMismatch, make_case
+from adk_ros.bench.mismatch.case_matrix import (
+    LISTS,
+    NOISES,
+    case_plans,
+    select_plans,
+    with_recordings,
+)
 from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS
 from adk_ros.errors import UsageError
 from adk_ros.mismatch.recording.simulated_sensors import simulate_faulty_sensors
@@ -38,6 +48,34 @@ def test_every_planned_change_can_be_injected() -> None:
         assert isinstance(changes, InjectedChanges)
         for name, value in plan.injected.unlisted.items():
             assert name in DROPOUTS or getattr(changes.unlisted, name) == value
+
+
+def test_further_recordings_are_of_the_same_car(tmp_path: Path) -> None:
+    drag = InjectedMismatch({"aero_drag": {"cda": 1.0}})
+    one, three = (
+        make_case("drag", drag, 5, seconds=(20.0, 20.0, 10.0), further=n) for n in (0, 2)
+    )
+    np.testing.assert_array_equal(one.recording.imu, three.recording.imu)
+    np.testing.assert_array_equal(one.held_out.imu, three.held_out.imu)
+    assert one.further == ()
+    write_case(three, tmp_path / "case")
+    names = ["recording", "recording_2", "recording_3"]
+    assert [path.name for path in recordings_of(tmp_path / "case")] == names
+    first, *others = (three.recording, *three.further)
+    for log in others:
+        assert log.duration_s == pytest.approx(first.duration_s, abs=0.1)
+        # Other places and other noise.
+        assert not np.allclose(log.pose[0, :2], first.pose[0, :2], atol=10.0)
+
+
+def test_several_recordings_are_of_effects_that_act_always() -> None:
+    plans = select_plans(0, "*_0.1")
+    joint = with_recordings(plans, 3)
+    assert {plan.recordings for plan in joint} == {3}
+    assert 0 < len(joint) < len(plans)
+    assert not any(plan.injected.kinds for plan in joint)
+    with pytest.raises(UsageError, match="--recordings needs cases whose effects act always"):
+        with_recordings(select_plans(0, "payload_from_a_time_on"), 2)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
