@@ -16,8 +16,10 @@ INSEPARABLE = (
     frozenset({"drive_torque_gain", "wheel_radius"}),
     frozenset({"rolling_resistance", "torque_offset"}),
 )
-"""Effects that no drive can separate: torque enters as torque over radius; both drags are constant
-forces."""
+"""
+Effects that no recording of driving forward separates: torque enters as torque over radius, and
+both drags are constant forces.
+"""
 
 
 @lru_cache(maxsize=16)
