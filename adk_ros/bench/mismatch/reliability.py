@@ -119,7 +119,11 @@ def write_reliability(claims: Sequence[ScoredClaim], out: Path) -> None:
         said = [b.said for b in bins]
         axes.errorbar(said, right, errors, fmt="o", color=BLUE, capsize=4, label="95 % interval")
         for b in bins:
-            axes.annotate(f"{b.claims}", (b.said, b.right), (6, -12), textcoords="offset points")
+            # Inside the axes: below and left of the point, unless that is at the lower limit.
+            at = (-6, -14) if b.right > 0.1 else (-6, 6)
+            axes.annotate(
+                f"{b.claims}", (b.said, b.right), at, textcoords="offset points", ha="right"
+            )
     axes.set(
         xlim=(0.0, 1.02), ylim=(0.0, 1.05), xlabel="mean confidence of the claims",
         ylabel="share that is right",
