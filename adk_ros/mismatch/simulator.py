@@ -66,11 +66,11 @@ def _surrogate_and_notes(
         lambda done, total: report(0.5 * done / total, "identifying the simulator"),
         unknown,
     )
-    notes = []
+    of_file = []
     if nominal is not None and not (nominal.is_simulated or assumed & DIMENSIONS):
         implied = implied_dimensions(problem, plain, start)
         implied.check(simulation.name)
-        notes.append(implied.text)
+        of_file.append(implied.text)
     # The thresholds of roads and laps are lengths of full-size roads.
     is_full_size = simulation.length_scale == 1.0
     on_road = is_full_size and _is_on_same_road(problem, prepare_residual_problem(recording))
@@ -82,18 +82,19 @@ def _surrogate_and_notes(
         lambda done, total: report(0.5 + 0.5 * done / total, "extending the surrogate"),
         on_road,
     )
-    notes += [] if nominal is None else _notes_on_assumed(nominal, extended, unknown)
+    notes = [] if nominal is None else _notes_on_assumed(nominal, extended, unknown)
     if is_full_size and not on_road and is_underfit(problem, plain):
         notes.append(
             "the recording is on another road than the simulation, or their pose frames differ: "
             "slopes of the simulated road are not identified"
         )
     if not extended.augmentation_notes:
-        return plain, notes
+        return plain, [*notes, *of_file]
     return extended, [
         *notes,
         "the surrogate needed more than tyres and body to reproduce the simulation, and has also: "
         f"{'; '.join(extended.augmentation_notes)}",
+        *of_file,
     ]
 
 

@@ -25,11 +25,12 @@ from adk_ros.mismatch.surrogate.residuals import ResidualProblem
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import QUANTILE_90
 
-MAX_WHEELBASE_DIFFERENCE = 0.08
+MAX_WHEELBASE_DIFFERENCE = 0.2
 """
-Largest relative difference of the given from the implied wheelbase, as for the mass (`checks`).
-Generated cars imply theirs within 1 %, also that of another project (`pytest -m slow
-test/bench/mismatch/test_implied_dimensions.py`).
+Largest relative difference of the given from the implied wheelbase. Generated cars imply theirs
+within 1.5 %, also that of another project (`pytest -m slow
+test/bench/mismatch/test_implied_dimensions.py`). But rear wheels that steer by a share k of the
+front ones imply one that is 1 / (1 - k) times as long, and k reaches a sixth.
 """
 MAX_YAW_INERTIA_DIFFERENCE = 0.5
 """

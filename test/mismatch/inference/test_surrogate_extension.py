@@ -234,8 +234,9 @@ def test_no_road_profile_is_fitted_for_another_road(monkeypatch: pytest.MonkeyPa
     moved = replace(log, pose=log.pose + np.array([900.0, 0.0, 0.0]))
     surrogate, notes = simulator.surrogate_of(log, moved, nominal_vehicle_of(car), report)
     assert surrogate.road is None
-    assert len(notes) == 1
+    assert len(notes) == 2
     assert "on another road than the simulation" in notes[0]
+    assert "implies a yaw inertia of" in notes[1]
 
 
 @pytest.mark.slow(seconds=25)

@@ -36,18 +36,19 @@ def test_another_yaw_inertia_is_refused(factor: float) -> None:
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("factor", [0.85, 1.15])
+@pytest.mark.parametrize("factor", [0.7, 1.3])
 def test_another_wheelbase_or_steering_ratio_is_refused(factor: float) -> None:
     with pytest.raises(DataError, match=r"a wheelbase of .* ratio of the steering") as error:
         identify(changed(cg_to_front_axle=factor, cg_to_rear_axle=factor))
     implied = float(str(error.value).split("a wheelbase of ")[1].split(" m ")[0])
     nominal = case().nominal
     wheelbase = nominal.cg_to_front_axle + nominal.cg_to_rear_axle
-    assert implied == pytest.approx(wheelbase, rel=0.02)
+    assert implied == pytest.approx(wheelbase, rel=0.03)
 
 
 def test_what_other_simulators_differ_by_is_accepted() -> None:
     identify(changed(yaw_inertia=1.3))
+    identify(changed(cg_to_front_axle=1.1, cg_to_rear_axle=1.1))
 
 
 def test_what_is_assumed_cannot_contradict() -> None:
