@@ -86,6 +86,8 @@ def analyse_fleet(
     compared: set[tuple[str, str]] = set()
 
     def linearise(at: FleetEstimate | None, names: Collection[str] | None) -> None:
+        if names is not None and not names:
+            return
         found, without = evidence_at(at, names)
         failed.update(without)
         for name in {str(row["recording"]) for row in found}:
