@@ -29,7 +29,7 @@ SINGLES_LEAST = {FULL: 0.97, WEAK: 0.95, WEAKEST: 0.7}
 F1_LEAST = {"pair": 0.95, "triple": 0.88}
 """Mean set-F1 of combined effects."""
 UNLISTED_LEAST = 0.9
-"""Share of unlisted effects reported as unknown, with the right equation and variable."""
+"""Share of unlisted effects reported as unknown, with the right equation, variable and form."""
 OTHER_FAMILY_LEAST = 0.95
 """Share of right answers on our simulators of another family."""
 MULTI_BODY_LEAST, MULTI_BODY_CASES = 0.9, 20
@@ -171,6 +171,8 @@ def _openness(scores: Sequence[CaseResult]) -> list[Criterion]:
     unlisted = [s for s in scores if s.kind == UNKNOWN]
     unspecified = sum(s.described is None and s.right == 1.0 for s in unlisted)
     note = f", {unspecified} of them without equation and variable in the label"
+    shapeless = sum(s.described is True and s.formed is False for s in unlisted)
+    formless = f"; {shapeless} others lack only the form" if shapeless else ""
     clean = [s for s in scores if s.kind == "none"]
     alarms = sum(s.right < 1.0 for s in clean)
     figure = f"{alarms} of {len(clean)} clean cases"
@@ -180,7 +182,7 @@ def _openness(scores: Sequence[CaseResult]) -> list[Criterion]:
             unlisted,
             UNLISTED_LEAST,
             lambda s: s.right,
-            note if unspecified else "",
+            (note if unspecified else "") + formless,
         ),
         _enough("false-alarms", len(clean), CLEAN_CASES, "none", alarms == 0, figure),
     ]

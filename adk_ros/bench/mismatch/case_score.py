@@ -9,12 +9,13 @@ separate from it (`INSEPARABLE`), or the case's own provably cannot (`proven_tie
 the credit. Set-F1 is 2 right / (reported + labelled). The
 error of a parameter is relative to its distance from the neutral value. Activation is compared as
 a set of times by intersection over union. The label `unknown` expects the verdict `unknown` and,
-where the label gives them, the equation and the driving variable; an empty label expects `none`.
+where the label gives them, the equation, the driving variable and the form of the dependence; an
+empty label expects `none`.
 
 Optional keys of a label: `strength` (fraction of full strength, default 1), `plant` (simulator),
-`noise` (multiple of the usual), and for `unknown` its `equations` and `driven_by` (names in
-`FEATURES`, `time` or `distance`, any of which is right), or for a faulty sensor `accepts`: the
-verdicts that are right without a named effect.
+`noise` (multiple of the usual), and for `unknown` its `equations`, `driven_by` (names in
+`FEATURES`, `time` or `distance`) and `forms` (see `unlisted_labels`), any of which is right, or
+for a faulty sensor `accepts`: the verdicts that are right without a named effect.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from adk_ros.bench.mismatch.reliability import ScoredClaim
-from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, TIME
+from adk_ros.bench.mismatch.unlisted_labels import DISTANCE, EPISODES, TIME
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.library.catalogue import EFFECTS, INSEPARABLE
-from adk_ros.mismatch.library.features import FEATURES
+from adk_ros.mismatch.library.features import FEATURES, feature
 
 UNKNOWN = "unknown"
 MEMORY_WORDS = (
@@ -56,8 +57,9 @@ class CaseResult:
     `kind`: none, single, pair, triple or unknown; `right`: 0 to 1; `f1`: of the names; `errors`:
     relative, by parameter; `covered`: whether the 90 % interval contains the true value; `iou`: by
     effect; `removed`: share of the removable held-out error removed by the correction, by channel;
-    `described`: whether equation and driving variable of an unlisted effect are right, None if
-    the label has none; `strength`, `plant` and `noise`: as in the label.
+    `described`, `formed`: whether equation and driving variable of an unlisted effect, and the
+    form of the dependence, are right, None if the label has none; `strength`, `plant` and `noise`:
+    as in the label.
     """
 
     case: str
@@ -78,6 +80,7 @@ class CaseResult:
     plant: str = ""
     noise: float = math.nan
     described: bool | None = None
+    formed: bool | None = None
     baselines: list[dict[str, Any]] = field(default_factory=list)
     """`BaselineResult` of each method as a dict, `adk mismatch` first, if baselines were run."""
     correctable: bool = True
@@ -144,7 +147,7 @@ def described(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
     The first equation must be among those of the label, and one of its features among the driving
     variables of the label. None if the label has neither.
     """
-    expected: dict[str, Any] = next((e for e in label["effects"] if e["name"] == UNKNOWN), {})
+    expected = _unknown_of(label)
     equations, drivers = expected.get("equations", []), expected.get("driven_by", [])
     if not equations and not drivers:
         return None
@@ -159,6 +162,32 @@ def described(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
         if part.startswith(prefix)
     }
     return not drivers or any(_is_of(text, name) for text in variables for name in drivers)
+
+
+def formed(label: dict[str, Any], answer: dict[str, Any]) -> bool | None:
+    """
+    Return whether a term of an answer that depends on a labelled variable has a labelled form.
+
+    None if the label has no forms.
+    """
+    expected = _unknown_of(label)
+    forms, drivers = expected.get("forms", []), expected.get("driven_by", [])
+    if not forms:
+        return None
+    unexplained = answer.get("unexplained", {})
+    terms = unexplained.get("terms", [])
+    if not terms:
+        return EPISODES in forms and "against time: " in unexplained.get("text", "")
+    return any(
+        term["form"] in forms
+        and any(_is_of(feature(term["feature"]).description, name) for name in drivers)
+        for term in terms
+    )
+
+
+def _unknown_of(label: dict[str, Any]) -> dict[str, Any]:
+    """Return the unlisted effect of a label, or nothing."""
+    return next((effect for effect in label["effects"] if effect["name"] == UNKNOWN), {})
 
 
 def _is_of(text: str, variable: str) -> bool:
@@ -256,7 +285,8 @@ def score_case(
     elif accepts:
         right = float(verdict in accepts and not found)
     elif kind == UNKNOWN:
-        right = float(verdict == "unknown" and described(label, answer) is not False)
+        stated = described(label, answer) is not False and formed(label, answer) is not False
+        right = float(verdict == "unknown" and stated)
     elif named == len(wanted) and verdict == "explained":
         right = math.prod(counts)
     else:
@@ -278,6 +308,7 @@ def score_case(
         plant=str(label.get("plant", "")),
         noise=float(label.get("noise", math.nan)),
         described=described(label, answer) if verdict == UNKNOWN == kind else None,
+        formed=formed(label, answer) if verdict == UNKNOWN == kind else None,
         correctable=any(
             not (EFFECTS[effect["name"]].sensor if effect["name"] in EFFECTS else False)
             and not effect.get("sensor")

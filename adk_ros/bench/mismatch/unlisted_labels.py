@@ -1,6 +1,10 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a right description of each unlisted change states: its equation and driving variable."""
+"""
+What a right description of each unlisted change states: equation, driving variable and form.
+
+The form is that of `parametric_features.form_of`, or `EPISODES`.
+"""
 
 from __future__ import annotations
 
@@ -60,6 +64,48 @@ angle for the relative difference of the wheel speeds, which differ by the sides
 """
 
 
+EPISODES = "episodes"
+"""Form of what acts now and then, which no term describes."""
+_STATIC, _THRESHOLD = ("static",), ("threshold",)
+_RESONANCE, _TIME = ("resonance",), ("change with time",)
+_IN_TIME, _IN_DISTANCE = ("oscillation in time",), ("oscillation in distance",)
+FORM_OF: dict[str, tuple[str, ...]] = {
+    "locked_differential": _STATIC,
+    "torque_steer": _STATIC,
+    "shimmy": ("oscillation with speed",),
+    "yaw_damping": _STATIC,
+    "scrub_drag": _STATIC,
+    "torque_vectoring": _STATIC,
+    "steering_drag": _STATIC,
+    "torque_cut": _THRESHOLD,
+    "sloshing_load": _RESONANCE,
+    "time_periodic_yaw": _IN_TIME,
+    # Brakes that heat and cool, and that mostly heat during a recording.
+    "brake_fade": ("wear", "change with time"),
+    "torque_hysteresis": ("hysteresis",),
+    "brake_judder": _IN_DISTANCE,
+    "torque_ripple": _IN_TIME,
+    # Released in turns, above a deceleration.
+    "abs_release": (*_IN_TIME, *_THRESHOLD),
+    "speed_limiter": _THRESHOLD,
+    "low_gear_gain": _THRESHOLD,
+    "battery_sag": _TIME,
+    "torque_locking_differential": _STATIC,
+    "wheel_imbalance": _IN_DISTANCE,
+    "gust_series": (EPISODES,),
+    "phantom_braking": (EPISODES,),
+    "lap_periodic_yaw": _IN_DISTANCE,
+    "warming_tyres": _TIME,
+    "fading_front_tyre": _TIME,
+    "yaw_limiter": _THRESHOLD,
+    "trailer_sway": _RESONANCE,
+    "variable_steering_ratio": _STATIC,
+    "brake_pull": _STATIC,
+    "engine_braking": _THRESHOLD,
+}
+"""Unlisted change -> forms any of which is that of its equation in `unlisted_changes`."""
+
+
 def describe_unlisted(label: dict[str, Any], unlisted: dict[str, float]) -> dict[str, Any]:
     """
     Return a label with what a right answer to its unlisted changes states.
@@ -76,6 +122,7 @@ def describe_unlisted(label: dict[str, Any], unlisted: dict[str, float]) -> dict
         if known:
             effect["equations"] = [x for equations, _ in known for x in equations]
             effect["driven_by"] = [x for _, variables in known for x in variables]
+            effect["forms"] = [x for name in unlisted for x in FORM_OF.get(name, ())]
         elif set(unlisted) & set(DROPOUTS):
             effect["accepts"] = ["none", "unknown"]
             effect["sensor"] = True

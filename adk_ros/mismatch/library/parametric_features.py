@@ -81,6 +81,20 @@ _SEARCHED = {RESONANCE: 2, PULSATION: 2, RIPPLE: 2, SPEED_WAVE: 2}
 """Searched parameters of a kind, where not one; those of a wave depend on its condition."""
 
 
+_FORMS = {
+    LAG: LAG,
+    RESONANCE: RESONANCE,
+    HYSTERESIS: HYSTERESIS,
+    EXCESS: "threshold",
+    HEAT: "wear",
+    WAVE: "oscillation in time",
+    PULSATION: "oscillation in time",
+    RIPPLE: "oscillation in distance",
+    SPEED_WAVE: "oscillation with speed",
+    "sine_of_speed": "oscillation with speed",
+}
+
+
 def kind_of(name: str) -> str:
     """Return the kind of a parametric feature's name, or an empty text."""
     kind = name.split(":", 1)[0]
@@ -103,6 +117,22 @@ def has_memory(name: str) -> bool:
 def has_unlimited_memory(name: str) -> bool:
     """Whether a feature depends on all signals since the start of a recording."""
     return kind_of(name) in {DRIFT, DECAY, HEAT, RIPPLE}
+
+
+def form_of(name: str) -> str:
+    """
+    Return the form of a term's dependence on its variable, in a word or two.
+
+    "static", "lag", "resonance", "hysteresis", "threshold", "change with time", "wear" (by work
+    done), or "oscillation in time", "in distance" or "with speed".
+    """
+    kind = kind_of(name)
+    if kind == GATE:
+        by_time = split_condition(name.split(":")[2])[0] == TIME
+        return "change with time" if by_time else "threshold"
+    if kind in {DRIFT, DECAY}:
+        return "change with time" if name.split(":")[2] == TIME else "wear"
+    return _FORMS.get("sine_of_speed" if name == "sine_of_speed" else kind, "static")
 
 
 def is_transferable(name: str) -> bool:

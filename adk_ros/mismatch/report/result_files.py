@@ -20,6 +20,7 @@ from adk_ros.mismatch.inference.result import (
     MismatchResult,
 )
 from adk_ros.mismatch.library.effect import PLACE, TIME
+from adk_ros.mismatch.library.parametric_features import form_of
 from adk_ros.mismatch.recording.measured_road import MeasuredRoad
 from adk_ros.mismatch.report.agreement_table import agreement_dict
 from adk_ros.mismatch.report.direct_table import direct_as_dicts
@@ -157,6 +158,15 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
             "share": unexplained.share,
             "text": unexplained.text,
             "expression": unexplained.expression,
+            "terms": [
+                {
+                    "equation": term.equation,
+                    "feature": term.feature,
+                    "form": form_of(term.feature),
+                    "coefficient": json_number(term.coefficient),
+                }
+                for term in unexplained.terms
+            ],
         }
         if unexplained.meaning:
             answer["unexplained"]["meaning"] = unexplained.meaning
@@ -185,7 +195,6 @@ def _evidence(evidence: Evidence | None) -> dict[str, Any]:
         return {}
     rows = zip(evidence.names, evidence.log_priors, evidence.differences, strict=True)
     return {
-        "total_gain": json_number(evidence.total_gain),
         "surrogate_error": json_number(evidence.surrogate_error),
         "alternatives": [
             {

@@ -12,11 +12,13 @@ import pytest
 from adk_ros.bench.mismatch.case_score import (
     described,
     detectable,
+    formed,
     overlap,
     raised_error,
     score_case,
 )
 from adk_ros.bench.mismatch.reliability import ScoredClaim
+from adk_ros.mismatch.library.parametric_features import form_of
 
 
 def label(*effects: str, kind: str = "always", **params: float) -> dict[str, Any]:
@@ -200,6 +202,34 @@ def test_time_distance_and_memory_are_driving_variables(
     truth = {"effects": [LOCKED["effects"][0] | {"driven_by": [variable]}]}
     said = answer("unknown") | {"unexplained": {"equations": ["yaw_rate"], "text": text}}
     assert described(truth, said) is right
+
+
+@pytest.mark.parametrize(
+    ("forms", "features", "text", "right"),
+    [
+        (["threshold"], ["gate:drive_torque:lateral_size>2.5"], "", True),
+        (["threshold"], ["drive_torque"], "", False),
+        # Another variable has that form, the right one another.
+        (["threshold"], ["drive_torque", "gate:delta:speed>20"], "", False),
+        (["static"], ["speed", "drive_torque"], "", True),
+        (["hysteresis"], ["hysteresis:torque:120"], "", False),
+        (["oscillation in time"], ["pulsation:2.5:0.1:drive_torque"], "", True),
+        (["change with time"], ["decay:drive_torque:time:100"], "", True),
+        (["episodes"], [], "acceleration against time: 3 episodes", True),
+        (["static"], [], "acceleration against time: 3 episodes", False),
+        ([], ["speed"], "", None),
+    ],
+)
+def test_a_term_of_the_right_variable_has_the_right_form(
+    forms: list[str], features: list[str], text: str, right: bool | None
+) -> None:
+    unknown = {"name": "unknown", "equations": ["v_x"], "driven_by": ["drive_torque"]}
+    terms = [
+        {"equation": "v_x", "feature": name, "form": form_of(name), "coefficient": 1.0}
+        for name in features
+    ]
+    answer = {"unexplained": {"equations": ["v_x"], "text": text, "terms": terms}}
+    assert formed({"effects": [unknown | {"forms": forms}]}, answer) is right
 
 
 def test_claims_are_right_if_an_alternative_is_labelled() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS, with_dropouts
-from adk_ros.bench.mismatch.unlisted_labels import UNLISTED_IN, describe_unlisted
+from adk_ros.bench.mismatch.unlisted_labels import FORM_OF, UNLISTED_IN, describe_unlisted
 from adk_ros.mismatch.recording.simulated_sensors import simulate_faulty_sensors
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.injection.injected_changes import InjectedChanges, act, start_memory
@@ -65,7 +65,7 @@ def changed(drive: Any, name: str, size: float) -> dict[str, FloatArray]:
 
 
 def test_every_change_has_a_size_a_field_and_a_description() -> None:
-    assert set(UNLISTED) == set(UnlistedChanges._fields) == set(UNLISTED_IN)
+    assert set(UNLISTED) == set(UnlistedChanges._fields) == set(UNLISTED_IN) == set(FORM_OF)
     assert len(UNLISTED) + len(DROPOUTS) >= 30
 
 
