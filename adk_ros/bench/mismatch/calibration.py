@@ -209,8 +209,7 @@ def _confidence_lines(claims: Sequence[Claim]) -> list[str]:
     return [
         f"confidence: {found}; Brier score {brier_score(stated(present, claims)):.4f} as it is, "
         f"{brier_score(stated(best, claims)):.4f} with",
-        f"  CONFIDENCE_INEXACTNESS {best.inexactness:.3g} (now {present.inexactness:g}), "
-        f"UNLISTED_ODDS {best.unlisted_odds:.3g} (now {present.unlisted_odds:g}), "
+        f"  UNLISTED_ODDS {best.unlisted_odds:.3g} (now {present.unlisted_odds:g}), "
         f"UNLISTED_EXPONENT {best.unlisted_exponent:.3g} (now {present.unlisted_exponent:g}), "
         f"CONFIDENCE_PER_SURROGATE_ERROR {best.per_surrogate_error:.3g} "
         f"(now {present.per_surrogate_error:g})",

@@ -21,9 +21,9 @@ from adk_ros.numerics.arrays import FloatArray
 
 _LEAST_PROBABILITY = 0.002
 """Bound of a probability: one claim that is wrong must not outweigh all others."""
-_START = np.log([1e-4, 0.03, 2.0, 5e-3])
-_BOUNDS = np.log([[1e-6, 0.1], [1e-3, 1.0], [0.1, 6.0], [1e-4, 0.1]])
-"""Of the four constants."""
+_START = np.log([0.03, 2.0, 5e-3])
+_BOUNDS = np.log([[1e-3, 1.0], [0.1, 6.0], [1e-4, 0.1]])
+"""Of the three constants."""
 _EXPONENT_SPREAD = 0.5
 """Prior standard deviation of the exponent's logarithm, around that of a variance: 2."""
 
@@ -53,7 +53,6 @@ def claims_of(label: dict[str, Any], answer: dict[str, Any]) -> list[Claim]:
             tuple(x["name"] for x in alternatives),
             np.array([x["block_losses"] for x in alternatives], dtype=np.float64),
             np.array([x["log_prior"] for x in alternatives]),
-            float(given["total_gain"]),
             float(given["surrogate_error"]),
         )
         # What joined the alternatives for its probability is itself among those of the evidence.
@@ -78,7 +77,7 @@ def fit_confidence(claims: Sequence[Claim]) -> ConfidenceModel:
         p = np.clip(probabilities(model, claims), _LEAST_PROBABILITY, 1 - _LEAST_PROBABILITY)
         odds = model.unlisted_odds * usual**model.unlisted_exponent
         prior = np.log1p(odds) - 0.5 * np.log(odds)
-        prior += 0.5 * ((x[2] - _START[2]) / _EXPONENT_SPREAD) ** 2
+        prior += 0.5 * ((x[1] - _START[1]) / _EXPONENT_SPREAD) ** 2
         return float(prior - np.log(np.where(right, p, 1.0 - p)).sum())
 
     found = minimize(

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from adk_ros.mismatch.inference.identifiability import (
     assess_identifiability,
     canonical_effect,
 )
+from adk_ros.mismatch.inference.left_out_support import is_formula_supported, least_supported
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import (
     EXPLAINED,
@@ -79,10 +80,14 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
     if len(significant) < len(final.effects):
         final = _fit_final(likelihood, significant, final)
         final, identifiability = _resolve_competitors(likelihood, final)
+    while (weakest := least_supported(likelihood, identifiability)) is not None:
+        supported = [active for i, active in enumerate(final.effects) if i != weakest]
+        final = _fit_final(likelihood, supported, final)
+        final, identifiability = _resolve_competitors(likelihood, final)
     if not final.effects:
         return Decision(NONE, [], None, final, None)
     deviations = effect_deviations(likelihood, final)
-    evidence_of = _evidence(likelihood, formula, path.levels[0][0].loss - final.loss)
+    evidence_of = _evidence(likelihood, formula)
     effects = [
         _identified(
             likelihood,
@@ -100,7 +105,7 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
 
 
 def _evidence(
-    likelihood: Likelihood, formula: UnmodelledDynamics | None, total_gain: float
+    likelihood: Likelihood, formula: UnmodelledDynamics | None
 ) -> Callable[[Identifiability], Evidence]:
     """Return what makes the evidence of an effect; `formula` describes the data without any."""
     alternatives = []
@@ -115,9 +120,7 @@ def _evidence(
         every = [*identifiability.alternatives_to, *alternatives]
         differences = np.array([losses - identifiability.losses for _, losses in every])
         log_priors = np.append(np.zeros(len(every) - 1), log_prior)
-        return Evidence(
-            tuple(name for name, _ in every), differences, log_priors, total_gain, surrogate_error
-        )
+        return Evidence(tuple(name for name, _ in every), differences, log_priors, surrogate_error)
 
     return of_effect
 
@@ -188,13 +191,7 @@ def _unmodelled_dynamics(
     at_bound = _is_at_bound(best)
     # No expression fits better than one effect that leaves only noise: do not search for it.
     searched = not (small and len(best.effects) == 1 and not at_bound)
-    alone = fit_feature_expansion(
-        likelihood,
-        path.levels[0][0],
-        path.expected_loss,
-        path.null_excess_loss,
-        parametric=searched,
-    )
+    alone = _supported_formula(likelihood, path.levels[0][0], path, searched)
     if not best.effects:
         # An excess that no effect and no feature reduces is the surrogate's error on this route.
         structured = alone.terms or decided(
@@ -213,13 +210,7 @@ def _unmodelled_dynamics(
         MAX_UNSTRUCTURED_EXCESS=MAX_UNSTRUCTURED_EXCESS,
     )
     # What an inexact equation leaves, a searched parameter can always reduce a little.
-    combined = fit_feature_expansion(
-        likelihood,
-        best,
-        path.expected_loss,
-        path.null_excess_loss,
-        parametric=not explains_most,
-    )
+    combined = _supported_formula(likelihood, best, path, not explains_most)
     excess_alone = alone.hypothesis.loss - path.expected_loss
     excess_combined = combined.hypothesis.loss - path.expected_loss
     # Effects that a short expression does without only mimic it; one with searched parameters must
@@ -235,6 +226,19 @@ def _unmodelled_dynamics(
     if not combined.terms and explains_most:
         return None, alone
     return combined, alone
+
+
+def _supported_formula(
+    likelihood: Likelihood, start: Hypothesis, path: SelectionPath, parametric: bool
+) -> UnmodelledDynamics:
+    """Return the formula for what `start` leaves; without terms if left-out blocks refute it."""
+    found = fit_feature_expansion(
+        likelihood, start, path.expected_loss, path.null_excess_loss, parametric
+    )
+    terms = len(found.terms)
+    if not terms or is_formula_supported(likelihood, start, found.hypothesis, terms):
+        return found
+    return replace(found, terms=(), hypothesis=start)
 
 
 def _is_at_bound(h: Hypothesis) -> bool:

@@ -83,7 +83,7 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
     others = [a for i, a in enumerate(h.effects) if i != which]
     without = likelihood.fit(others, nuisances=h.nuisances, budget=ABLATION)
     gain = without.loss - h.loss
-    tempering = ConfidenceModel().tempering(gain, likelihood.surrogate_error_dof())
+    tempering = ConfidenceModel().tempering(likelihood.surrogate_error_dof())
     margin = INDISTINGUISHABLE_LOSS * tempering
     jacobian = likelihood.nuisance_jacobian(h)
     linearised = LinearisedProblem(likelihood, without, likelihood.nuisance_jacobian(without))

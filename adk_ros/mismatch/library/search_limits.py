@@ -4,8 +4,8 @@
 Limits of the search for effects and features.
 
 They bound the computing time: what they exclude is not fitted. They can cost a finding, but never
-cause a claim, which the criteria decide (`library.criteria`). Their values are by choice; `adk
-bench concealed` prints the time of a case and what is found.
+cause a claim, which the criteria decide (`library.criteria`). Their values trade time for recall:
+`adk bench concealed` prints both.
 """
 
 from __future__ import annotations

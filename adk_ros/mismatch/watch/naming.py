@@ -200,7 +200,7 @@ def _named(
     competitors.sort(key=lambda x: x.loss_difference)
     ratio = _excess_ratio(data, best, null)
     evidence = Evidence(
-        tuple(names), np.array(differences), np.zeros(len(names)), gain, data.surrogate_error()
+        tuple(names), np.array(differences), np.zeros(len(names)), data.surrogate_error()
     )
     identified = IdentifiedEffect(
         best.active.effect,

@@ -57,7 +57,6 @@ def claim(margin: float, value: float) -> dict[str, Any]:
         "alternatives": [],
         "parameters": {"cda": {"value": value, "low": value - 0.05, "high": value + 0.05}},
         "evidence": {
-            "total_gain": 12.0 * margin,
             "surrogate_error": 0.0,
             "alternatives": alternatives,
         },

@@ -1,0 +1,66 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Cross-validation by blocks: whether data that a fit leaves out support an explanation.
+
+An effect or a formula must explain blocks of time that its own size was not fitted to
+(`block_scores`): with the tempered likelihood of `confidence`, it is `SIGNIFICANT_ODDS` times as
+probable on them as its absence,
+
+    sum_b (d_b) / (2 tau) + log(prior) >= log(SIGNIFICANT_ODDS),
+
+with d_b the loss by which its absence is worse on block b. Blocks, not rows, are left out: rows of
+one block are correlated. Onsets, places and parameters of features stay as they were searched for;
+`PENALTY_PER_LOCATION` and the test of significance account for these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from adk_ros.mismatch.inference.block_scores import BlockScores
+from adk_ros.mismatch.inference.confidence import ABSENT, ConfidenceModel, formula_log_prior
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.identifiability import Identifiability
+from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.library.criteria import SIGNIFICANT_ODDS
+from adk_ros.mismatch.library.sensitivity import decided
+
+
+def least_supported(
+    likelihood: Likelihood, identifiability: Mapping[int, Identifiability]
+) -> int | None:
+    """
+    Return which effect of a hypothesis the left-out blocks support least, if too little.
+
+    None where they support each of them.
+    """
+    gains = {
+        i: float((dict(one.alternatives_to)[ABSENT] - one.losses).sum())
+        for i, one in identifiability.items()
+    }
+    if not gains:
+        return None
+    weakest = min(gains, key=lambda i: gains[i])
+    supported = _is_supported(gains[weakest], 0.0, likelihood.surrogate_error_dof())
+    return None if supported else weakest
+
+
+def is_formula_supported(
+    likelihood: Likelihood, without: Hypothesis, formula: Hypothesis, terms: int
+) -> bool:
+    """Whether left-out blocks support a formula of so many terms against its absence."""
+    losses = [BlockScores.of(likelihood, h).left_out_losses().sum() for h in (without, formula)]
+    gain = float(losses[0] - losses[1])
+    return _is_supported(gain, formula_log_prior(terms), likelihood.surrogate_error_dof())
+
+
+def _is_supported(gain: float, log_prior: float, surrogate_error: float) -> bool:
+    tempering = ConfidenceModel().tempering(surrogate_error)
+    return bool(
+        decided(
+            lambda odds: gain / (2.0 * tempering) + log_prior >= math.log(odds),
+            SIGNIFICANT_ODDS=SIGNIFICANT_ODDS,
+        )
+    )
