@@ -19,6 +19,7 @@ from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.report.result_files import as_dict
 from adk_ros.mismatch.report.summary import sentence
 from adk_ros.plant.injection.injectors import FULL, UNLISTED
+from adk_ros.plant.injection.unlisted_changes import TORQUE_CUT_FROM
 
 pytestmark = pytest.mark.slow(seconds=45)
 SECONDS = (100.0, 150.0, 30.0)
@@ -58,6 +59,17 @@ def test_an_oscillating_yaw_moment_is_no_yaw_inertia() -> None:
     assert claimed(result) == []
     assert result.unexplained is not None
     assert "oscillates in time at 0.28 Hz" in result.unexplained.meaning
+
+
+def test_a_torque_cut_is_described_with_its_threshold() -> None:
+    result = result_of("torque_cut")
+    assert result.verdict == UNKNOWN
+    assert claimed(result) == []
+    assert result.unexplained is not None
+    assert result.unexplained.equations[0] == "v_x"
+    found = re.search(r"lateral acceleration is above ([\d.]+) m/s²", result.unexplained.text)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(TORQUE_CUT_FROM, abs=0.2)
 
 
 def test_downforce_comes_alone() -> None:
