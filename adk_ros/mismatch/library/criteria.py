@@ -413,6 +413,13 @@ MIN_CORROBORATING_CHANNELS = 2
 Measured channels that must show a claim in held-out data where much is left unexplained: any
 model's error in one of them can be fitted, so two is the least number that refutes anything.
 """
+CORROBORATION_LEVEL = 0.05
+"""Probability that chance makes a channel show a claim. Convention."""
+MIN_CORROBORATING_BLOCKS = 5
+"""
+Least blocks of `BLOCK_S` in which a channel can show a claim: n that all gain have a signed-rank
+probability of 2^-n, which is below `CORROBORATION_LEVEL` from five on.
+"""
 MIN_REMOVED_SHARE = 0.5
 """
 Least share of a state's squared held-out error, above the expected one, that effects and formulas

@@ -12,7 +12,11 @@ import pytest
 from helpers.mismatch import case
 
 from adk_ros.mismatch.inference.block_scores import BLOCK_S, block_duration
-from adk_ros.mismatch.inference.corroboration import corroborating_channels, is_corroborated
+from adk_ros.mismatch.inference.corroboration import (
+    _is_positive,
+    corroborating_channels,
+    is_corroborated,
+)
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.library.catalogue import EFFECTS
@@ -79,3 +83,20 @@ def test_a_claim_of_one_channel_is_not_corroborated() -> None:
 @pytest.mark.parametrize(("scale", "duration_s"), [(1.0, BLOCK_S), (0.5, 3.54), (0.12, 2.4)])
 def test_blocks_of_scale_models_are_shorter(scale: float, duration_s: float) -> None:
     assert block_duration(scale) == pytest.approx(duration_s, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("gains", "shown"),
+    [
+        # A term that acts hard in one bend: the mean is 1.1 standard errors above zero.
+        ([2372.0, 3395.0, 17993.0, 90597.0, 620.0, 11.0, 13753.0, 1.0, 11134.0], True),
+        ([5.0, 6.0, 4.0, 5.0, 7.0], True),
+        ([5.0, 6.0, 4.0, 5.0], False),
+        # One block gains much, the others lose.
+        ([9000.0, -3.0, -2.0, -5.0, -1.0, -4.0, -2.0, -3.0, -6.0], False),
+        ([3.0, -2.0, 1.0, -4.0, 2.0, -1.0, 5.0, -3.0], False),
+        ([0.0] * 8, False),
+    ],
+)
+def test_blocks_show_a_claim_by_rank(gains: list[float], shown: bool) -> None:
+    assert _is_positive(np.array(gains)) is shown
