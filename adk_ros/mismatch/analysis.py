@@ -12,7 +12,11 @@ from adk_ros.mismatch.fitted_tolerances import with_fitted_tolerances
 from adk_ros.mismatch.inference.confirmation import confirmed
 from adk_ros.mismatch.inference.corroboration import is_corroborated
 from adk_ros.mismatch.inference.decision import Decision, decide
-from adk_ros.mismatch.inference.downweighted import downweighted_residuals, with_episodes
+from adk_ros.mismatch.inference.downweighted import (
+    downweighted_residuals,
+    episodes_describe_more,
+    with_episodes,
+)
 from adk_ros.mismatch.inference.final_estimate import refitted, with_confidence
 from adk_ros.mismatch.inference.forward_selection import select_effects
 from adk_ros.mismatch.inference.question import Questioned, answer
@@ -119,6 +123,10 @@ def _decided(
     decision = without_places_on_slopes(decision, null, evidence, validated)
     if not is_corroborated(decision.hypothesis, training, whole, path.expected_loss):
         decision, reason = withdrawn(decision, null), _NOT_CORROBORATED
+    known = data.observable.adapted(surrogate)
+    rare = episodes_describe_more(training, decision.hypothesis, null, known, data.single_lap)
+    if rare:
+        decision = withdrawn(decision, null)
     validation = with_fitted_tolerances(
         validated(decision), decision, surrogate, training, lap, judged(decision)
     )
@@ -130,9 +138,10 @@ def _decided(
     asked = [answer(name, about) for name in ask]
     evidence = judged(decision)
     decision = with_confidence(refitted(decision, whole), validation.error_ratio)
-    known = data.observable.adapted(surrogate)
     hidden = downweighted_residuals(whole, decision.hypothesis, known, data.single_lap)
-    if hidden is not None and hidden.is_rule and nothing_named(decision):
+    if hidden is None or not hidden.is_material:
+        reason = reason or (_UNDESCRIBED if rare else "")
+    elif hidden.is_rule and nothing_named(decision):
         reason = reason or _UNDESCRIBED
     if reason:
         decision = described_by_errors(decision, validation, reason)

@@ -17,11 +17,12 @@ import numpy as np
 
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.downweighted_episodes import Downweighted, Episode
-from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
+from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS, FeatureEffect
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import NONE, UNKNOWN, UnexplainedResidual
 from adk_ros.mismatch.library.criteria import EQUATION_GAIN_SHARE
+from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.recording.sensor_log import CHANNELS
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.joined_problem import JoinedProblem
@@ -41,8 +42,7 @@ def downweighted_residuals(
     likelihood: Likelihood, hypothesis: Hypothesis, surrogate: SurrogateModel, lap: Lap | None
 ) -> Downweighted | None:
     """Return what the robust loss downweights at a hypothesis, or None if nothing."""
-    p, terms = likelihood.simulation_inputs(hypothesis.nuisances, hypothesis.effects)
-    residuals = likelihood.channel_residuals(p, terms)
+    residuals = _residuals(likelihood, hypothesis)
     e = likelihood.whiten(residuals)
     beyond = np.abs(e) > HUBER_THRESHOLD
     if not beyond.any():
@@ -65,6 +65,42 @@ def downweighted_residuals(
         tuple(name for name in order if by_equation[name] > least),
         counted_s,
     )
+
+
+def episodes_describe_more(
+    likelihood: Likelihood,
+    h: Hypothesis,
+    null: Hypothesis,
+    surrogate: SurrogateModel,
+    lap: Lap | None,
+) -> bool:
+    """
+    Whether episodes account for more than a formula of this recording's time and phase.
+
+    A few short episodes have a spectrum, to which an oscillation in time can always be fitted. The
+    squared residuals that the formula `h` removes from those of `null` are compared with those
+    that the robust loss does not count at `h`. A formula that another recording can test is left
+    to the held-out errors.
+    """
+    of_time = [
+        isinstance(a.effect, FeatureEffect) and not is_transferable(a.effect.feature)
+        for a in h.effects
+    ]
+    if not of_time or not all(of_time):
+        return False
+    hidden = downweighted_residuals(likelihood, h, surrogate, lap)
+    if hidden is None or hidden.is_rule or not hidden.is_material:
+        return False
+    before, after = (
+        float((likelihood.whiten(_residuals(likelihood, x)) ** 2).sum()) for x in (null, h)
+    )
+    return before - after < hidden.share * after
+
+
+def _residuals(likelihood: Likelihood, h: Hypothesis) -> FloatArray:
+    """Return the residuals (6, b) of a hypothesis, SI."""
+    p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
+    return likelihood.channel_residuals(p, terms)
 
 
 def _groups(beyond: BoolArray) -> list[slice]:

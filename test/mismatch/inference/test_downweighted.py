@@ -19,17 +19,20 @@ from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.downweighted import (
     downweighted_residuals,
+    episodes_describe_more,
     note_on,
     with_episodes,
 )
 from adk_ros.mismatch.inference.downweighted_episodes import Downweighted, Episode
-from adk_ros.mismatch.inference.fit_budget import NULL_HYPOTHESIS
+from adk_ros.mismatch.inference.feature_effect import active_feature
+from adk_ros.mismatch.inference.fit_budget import FEATURE_REFIT, NULL_HYPOTHESIS
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN, UnexplainedResidual
+from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.simulator import surrogate_of
-from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
+from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm, feature_signals
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import find_lap
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
@@ -89,6 +92,27 @@ def test_one_accident_is_noted_and_not_material() -> None:
     assert hidden is not None
     assert not hidden.is_material
     assert len(hidden.episodes) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "pulses_s", "episodes"),
+    # A wave fits the spectrum of six pulses; then without pulses, or a formula of the drive.
+    [("wave:0.09:0", PULSES_S, True), ("wave:0.09:0", (), False), ("speed", PULSES_S, False)],
+)
+def test_episodes_describe_more_than_a_wave_that_fits_them(
+    name: str, pulses_s: Sequence[float], episodes: bool
+) -> None:
+    problem = prepare_residual_problem(with_pulses(pulses_s, 1.5))
+    likelihood = Likelihood.of(problem, surrogate())
+    null = likelihood.fit([], budget=NULL_HYPOTHESIS)
+    out = problem.run(*likelihood.simulation_inputs(null.nuisances, ()))
+    signals = feature_signals(problem, out)
+    added = active_feature("v_y", name, feature(name).function(signals))
+    fitted = likelihood.fit([added], nuisances=null.nuisances, budget=FEATURE_REFIT)
+    lap = find_lap(problem)
+    assert episodes_describe_more(likelihood, fitted, null, surrogate(), lap) is episodes
+    assert not episodes_describe_more(likelihood, null, null, surrogate(), lap)
 
 
 def material(
