@@ -139,12 +139,11 @@ def _decided(
     evidence = judged(decision)
     decision = with_confidence(refitted(decision, whole), validation.error_ratio)
     hidden = downweighted_residuals(whole, decision.hypothesis, known, data.single_lap)
-    if hidden is None or not hidden.is_material:
-        reason = reason or (_UNDESCRIBED if rare else "")
-    elif hidden.is_rule and nothing_named(decision):
-        reason = reason or _UNDESCRIBED
-    if reason:
+    episodic = hidden is not None and hidden.is_material and not hidden.is_rule
+    if not episodic and (rare or (hidden is not None and hidden.is_rule)):
+        reason = reason or (_UNDESCRIBED if nothing_named(decision) else "")
+    if reason and not (episodic and nothing_named(decision)):
         decision = described_by_errors(decision, validation, reason)
     else:
-        decision = with_episodes(decision, hidden)
+        decision = with_episodes(decision, hidden, reason)
     return Outcome(path, decision, training, whole, validation, evidence, hidden, asked)

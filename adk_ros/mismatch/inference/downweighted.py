@@ -79,8 +79,8 @@ def episodes_describe_more(
 
     A few short episodes have a spectrum, to which an oscillation in time can always be fitted. The
     squared residuals that the formula `h` removes from those of `null` are compared with those
-    that the robust loss does not count at `h`. A formula that another recording can test is left
-    to the held-out errors.
+    that it leaves in episodes, above those of noise. A formula that another recording can test is
+    left to the held-out errors.
     """
     of_time = [
         isinstance(a.effect, FeatureEffect) and not is_transferable(a.effect.feature)
@@ -91,10 +91,10 @@ def episodes_describe_more(
     hidden = downweighted_residuals(likelihood, h, surrogate, lap)
     if hidden is None or hidden.is_rule or not hidden.is_material:
         return False
-    before, after = (
-        float((likelihood.whiten(_residuals(likelihood, x)) ** 2).sum()) for x in (null, h)
-    )
-    return before - after < hidden.share * after
+    before, after = (likelihood.whiten(_residuals(likelihood, x)) ** 2 for x in (null, h))
+    episodes = _groups(np.sqrt(after) > HUBER_THRESHOLD)
+    left = sum(float(after[:, x].sum()) - np.count_nonzero(after[:, x]) for x in episodes)
+    return bool(before.sum() - after.sum() < left)
 
 
 def _residuals(likelihood: Likelihood, h: Hypothesis) -> FloatArray:
@@ -155,11 +155,12 @@ def _seconds_on_simulation(likelihood: Likelihood, surrogate: SurrogateModel) ->
     return _seconds(beyond), max(BIN_S * float(bins), 1.0)
 
 
-def with_episodes(decision: Decision, hidden: Downweighted | None) -> Decision:
+def with_episodes(decision: Decision, hidden: Downweighted | None, reason: str = "") -> Decision:
     """
     Return a decision that does not pass over material downweighted residuals.
 
-    `none` becomes `unknown`; an unexplained residual without terms is described by them.
+    `none` becomes `unknown`; an unexplained residual without terms is described by them, and by
+    the `reason` why nothing else is claimed.
     """
     unexplained = decision.unexplained
     described = unexplained is not None and bool(unexplained.terms)
@@ -172,7 +173,7 @@ def with_episodes(decision: Decision, hidden: Downweighted | None) -> Decision:
     episodes = UnexplainedResidual(
         list(hidden.equations),
         round(share, 3),
-        "; ".join(texts),
+        "; ".join([*texts, reason] if reason else texts),
         "",
     )
     return replace(decision, verdict=UNKNOWN, unexplained=episodes)
