@@ -41,13 +41,15 @@ class Correction:
     """
     A model on the held-out data: the `part` of the hypothesis in it, `text` of its file.
 
-    `errors` (n, horizons, 3); `raised`: the states whose error the full correction raised.
+    `errors` (n, horizons, 3); `raised`: the states whose error the full correction raised;
+    `refused`: the file of the full correction, where no part is exported.
     """
 
     part: str
     text: str
     errors: FloatArray
     raised: tuple[str, ...] = ()
+    refused: str | None = None
 
 
 def choose_correction(
@@ -80,7 +82,7 @@ def choose_correction(
     allowed = [x for x in trials if improves(simulation.errors, x.errors, expected, not_judged)]
     if allowed:
         return min(allowed, key=lambda x: largest_rise(before, rmse(x.errors), not_judged))
-    return replace(simulation, raised=raised)
+    return replace(simulation, raised=raised, refused=trials[0].text)
 
 
 def exported(hypothesis: Hypothesis, part: str) -> Hypothesis | None:

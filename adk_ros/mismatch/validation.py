@@ -90,7 +90,7 @@ def validate_on_held_out(
     not_judged: Sequence[str] = (),
 ) -> Validation:
     """
-    Return the errors of the correction that is exported (see `export_choice`).
+    Return the errors of the exported correction (`export_choice`), and what the effects explain.
 
     `not_judged`: states that the recorded channels say nothing about.
     """
@@ -106,17 +106,19 @@ def validate_on_held_out(
     simulation = Correction(NOT_EXPORTED, plain, horizon_errors(_parsed(plain), held_out))
     chosen = choose_correction(simulation, hypothesis, evaluate, expected, not_judged)
     before, after, text = rmse(simulation.errors), rmse(chosen.errors), chosen.text
+    # What is identified may explain an error, though its correction raises another by chance.
+    judged = chosen.refused or text
     clean = [_judged(surrogate, x, effects) for x in held_out]
-    unchanged = all(a is b for a, b in zip(clean, held_out, strict=True))
-    corrected = after if unchanged else rmse(horizon_errors(_parsed(text), clean))
+    unchanged = judged is text and all(a is b for a, b in zip(clean, held_out, strict=True))
+    corrected = after if unchanged else rmse(horizon_errors(_parsed(judged), clean))
     hidden = [STATE_NAMES.index(name) for name in not_judged]
     faulty = [STATE_NAMES.index(name) for name in unjudged_states(effects)]
     for values in (before, after, corrected):
         values[:, hidden] = np.nan
     corrected = corrected.copy()
     corrected[:, faulty] = np.nan
-    # Of the model as it is exported: on the limit of the tyres, tolerances matter more.
-    expected = np.hypot(expected, tolerance_error(_parsed(text), clean))
+    # Of the model that is judged: on the limit of the tyres, tolerances matter more.
+    expected = np.hypot(expected, tolerance_error(_parsed(judged), clean))
     return Validation(
         HeldOutErrors(
             before,

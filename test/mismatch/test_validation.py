@@ -14,6 +14,7 @@ from helpers.mismatch import car, case, steady
 
 from adk_ros.errors import DataError
 from adk_ros.files.yaml_file import validate
+from adk_ros.mismatch import export_choice
 from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.deployment.held_out import (
     HORIZONS_S,
@@ -238,6 +239,20 @@ def test_a_correction_that_raises_an_error_is_not_exported() -> None:
     np.testing.assert_array_equal(done.errors.after, done.errors.before)
 
 
+def test_what_a_refused_correction_explains_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drag is there, whether or not its correction raises the yaw rate's error by chance."""
+    monkeypatch.setattr(export_choice, "raised_states", lambda *args: ["yaw_rate"])
+    monkeypatch.setattr(export_choice, "improves", lambda *args: False)
+    c = case("aero_drag", cda=1.0)
+    model = replace(surrogate(), parameters=c.nominal.parameters())
+    done = validate_on_held_out(
+        model, hypothesis(effect("aero_drag", 1.0)), None, [Evidence(c.held_out)]
+    )
+    assert (done.export, done.raised) == (NOT_EXPORTED, ("yaw_rate",))
+    np.testing.assert_array_equal(done.errors.after, done.errors.before)
+    assert done.errors.corrected[1, 0] < 0.7 * done.errors.before[1, 0]
+
+
 def test_only_at_other_horizons_may_an_error_rise_by_chance() -> None:
     rng, expected = np.random.default_rng(0), table(0.016)
 
@@ -308,7 +323,8 @@ def test_the_largest_part_that_lowers_the_errors_is_exported() -> None:
     assert choice_with({WITHOUT_TOLERANCES: 0.05}, drag).part == WITHOUT_TOLERANCES
     none = choice_with({FULL: 0.101, HALF_TOLERANCES: 0.1005, WITHOUT_TOLERANCES: 0.1}, drag)
     assert none.part == NOT_EXPORTED
-    assert none.raised == ()
+    assert (none.raised, none.refused) == ((), FULL)
+    assert choice_with({FULL: 0.05}, drag).refused is None
     assert choice_with({}, drag).raised == ("v_x", "v_y", "yaw_rate")
     # Where nothing is missing, or only a sensor is at fault, there is nothing to correct.
     better = {FULL: 0.01}
