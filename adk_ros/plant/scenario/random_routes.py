@@ -119,5 +119,9 @@ def slower_routes(
 
 
 def spins(*lateral_velocities: FloatArray) -> bool:
-    """Return whether the vehicle spins in any of the drives with these v_y, m/s."""
-    return max(float(np.abs(v_y).max()) for v_y in lateral_velocities) >= _SPIN_V_Y
+    """
+    Return whether the vehicle spins in any of the drives with these v_y, m/s.
+
+    A simulation that ends in no number has spun as well.
+    """
+    return not all(float(np.abs(v_y).max()) < _SPIN_V_Y for v_y in lateral_velocities)
