@@ -18,7 +18,7 @@ import numpy as np
 
 from adk_ros.calibration.continuity import Interval
 from adk_ros.calibration.criteria import MIN_MOVING_S
-from adk_ros.calibration.drive_command import check_torque, check_wheels
+from adk_ros.calibration.drive_command import check_torque
 from adk_ros.calibration.finding import Finding, Verdict, found, not_decidable, undecided
 from adk_ros.calibration.from_bag import BagContent
 from adk_ros.calibration.grid import Signals, on_grid, shifted
@@ -33,6 +33,7 @@ from adk_ros.calibration.steering import check_sign, check_steering
 from adk_ros.calibration.stream_checks import check_streams
 from adk_ros.calibration.streams import Streams
 from adk_ros.calibration.timing import check_timing
+from adk_ros.calibration.wheel_radius import check_joints, check_wheels
 from adk_ros.plant.vehicle.vehicle_parameters import Dimensions
 from adk_ros.road.profile import RoadProfile
 from adk_ros.signals.commands import COMMAND_TYPES
@@ -167,7 +168,8 @@ def _fine(
             out.append(not_decidable("torque", "the map of the import estimated it from pedals"))
         else:
             out += check_torque(s, mass, radius)
-        out += check_wheels(s, dict(streams.wheels), radius)
+        out += check_joints(s, streams.wheels, radius)
+    out += check_wheels(s, streams.wheel_speeds, radius)
     out += check_pedals(s, streams, mass, radius)
     return out
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Sign and unit of the commanded torque, and wheel radius from wheel speeds.
+Sign and unit of the commanded torque.
 
 Ahead, torque accelerates the mass: T = b_0 (dv_x/dt - v_y r) + b_1 v_x² + b_2 with b_0 = m R. The
 slope of the road and the driveline make b_0 uncertain by tens of per cent, so it tells the sign
@@ -15,20 +15,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from adk_ros.calibration.criteria import MIN_CORRELATION, UNIT_FACTORS
-from adk_ros.calibration.finding import Finding, found, judged, not_decidable, ok
+from adk_ros.calibration.finding import Finding, found, not_decidable, ok
 from adk_ros.calibration.grid import Signals, smooth
 from adk_ros.calibration.informative import MAX_PEDAL
 from adk_ros.calibration.regression import regress
 from adk_ros.calibration.signs_and_units import gain
-from adk_ros.calibration.streams import Stream
 from adk_ros.numerics.arrays import FloatArray
 
 _MAX_MASS_LOG = np.log(3.0)
 """|ln| of implied over nominal mass within which the torque is in N·m: load, gear and slope."""
-_MAX_SLIP_ACCEL = 1.0
-"""m/s² below which a wheel rolls with less than 1 % of slip (slip stiffness of 10 to 20)."""
-_MIN_WHEEL_CORRELATION = 0.98
-"""Correlation of a wheel speed with v_x; a motor or a steered joint has less. By choice."""
 
 
 def check_torque(s: Signals, mass: float | None, wheel_radius: float | None) -> Iterator[Finding]:
@@ -94,36 +89,3 @@ def _without(design: FloatArray, values: FloatArray, weights: FloatArray) -> Flo
     weighted = design * weights[:, None]
     solved = np.linalg.pinv(weighted.T @ design) @ (weighted.T @ values)
     return np.asarray(values - design @ solved)
-
-
-def check_wheels(
-    s: Signals, wheels: dict[str, Stream], nominal: float | None
-) -> Iterator[Finding]:
-    """Yield the wheel radius from each joint that turns with the speed."""
-    if s.v_x is None or s.longitudinal is None:
-        return
-    weights = s.moving * (np.abs(s.longitudinal) < _MAX_SLIP_ACCEL)
-    for joint, stream in wheels.items():
-        if not stream.has("velocity"):
-            continue
-        speed = smooth(np.interp(s.at_s, stream.at_s, stream["velocity"]))
-        g = gain(speed, s.v_x, weights)
-        if g is None or abs(g.correlation) < _MIN_WHEEL_CORRELATION:
-            continue
-        fit = regress(speed[:, None], s.v_x, weights)
-        evidence = f"regression of v_x on the angular velocity of joint '{joint}' below 1 m/s²"
-        if fit is None:
-            continue
-        radius = fit.estimate(0)
-        if nominal is None:
-            reason = f"the nominal radius is unknown: give --vehicle; {radius.value:.4g} m"
-            yield not_decidable("wheel_radius", reason, evidence)
-            continue
-        yield judged(
-            "wheel_radius",
-            radius.divided(nominal),
-            1.0,
-            f"joint '{joint}': wheel radius over the nominal {nominal:.4g} m",
-            evidence,
-            parameters={"wheel_radius": round(radius.value, 4)},
-        )

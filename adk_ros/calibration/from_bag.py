@@ -10,7 +10,6 @@ configuration that is already known (`--params`, `/tf_static`) is applied.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,9 +17,11 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, Bag
+from adk_ros.bags.auxiliary_topics import auxiliary_topics
 from adk_ros.bags.recording import Progress, RecordingOptions
 from adk_ros.bags.topics import ODOMETRY_TYPES
 from adk_ros.calibration.attitude import attitude_of, attitude_row
+from adk_ros.calibration.auxiliary_streams import READ_TOPICS, AuxiliaryRows
 from adk_ros.calibration.joints import JointTable
 from adk_ros.calibration.messages import (
     imu_row,
@@ -29,6 +30,7 @@ from adk_ros.calibration.messages import (
     stamp_s,
     velocity_row,
 )
+from adk_ros.calibration.stream_table import MIN_MESSAGES, stream_of, usable_rows
 from adk_ros.calibration.streams import (
     COMMAND_COLUMNS,
     IMU_COLUMNS,
@@ -51,22 +53,9 @@ from adk_ros.signals.extrinsics import (
 from adk_ros.signals.frames import rotation
 from adk_ros.signals.velocity_messages import ODOMETRY
 
-_NUMBER, _PRESSURE = "std_msgs/msg/Float64", "sensor_msgs/msg/FluidPressure"
-_PEDALS = "pedals"
-_PEDAL_TOPICS = {
-    "/vehicle/throttle": ("throttle", _NUMBER, "data"),
-    "/vehicle/brake_pedal": ("brake_pedal", _NUMBER, "data"),
-    "/vehicle/brake_pressure": ("brake_pressure", _PRESSURE, "fluid_pressure"),
-    "/vehicle/gear": ("gear", _NUMBER, "data"),
-}
-"""Topic of `adk import` -> name, type, and field of the value."""
+_AUXILIARY = "auxiliary"
+"""Role of the topics of `bags.auxiliary_topics`."""
 _PROGRESS_INTERVAL = 2000
-_MIN_MESSAGES = 10
-"""Messages that a stream must have: fewer have no rate."""
-_MAX_VALUE = 1e9
-"""SI units; a larger number is a faulty field: above any angle, torque or position of a car."""
-_MAX_STRAY_S = 60.0
-"""s by which stamps may leave the duration of the log."""
 
 
 @dataclass(frozen=True)
@@ -121,9 +110,9 @@ def read_streams(
             and x.name not in (command, odometry)
         }
         role_of |= {
-            x.name: _PEDALS
-            for x in bag.topics
-            if x.count and x.name in _PEDAL_TOPICS and x.msgtype == _PEDAL_TOPICS[x.name][1]
+            name: _AUXILIARY
+            for name in auxiliary_topics(bag.topics)
+            if name in READ_TOPICS and name != odometry
         }
         total = sum(x.count for x in bag.topics if x.name in role_of)
         for done, (topic, log_ns, msg) in enumerate(bag.messages(role_of), start=1):
@@ -151,7 +140,7 @@ class _Rows:
     orientations: dict[str, list[list[float]]] = field(
         default_factory=lambda: {"imu": [], "odometry": []}
     )
-    pedals: dict[str, list[list[float]]] = field(default_factory=dict)
+    auxiliary: AuxiliaryRows = field(default_factory=AuxiliaryRows)
     joints: JointTable = field(default_factory=JointTable)
     others: dict[str, JointTable] = field(default_factory=dict)
     refused: int = 0
@@ -160,11 +149,8 @@ class _Rows:
         """Take over a message; one that lacks a field is counted."""
         # Untrusted messages: a field of another type must not end in a traceback.
         try:
-            if role == _PEDALS:
-                name, _, key = _PEDAL_TOPICS[topic]
-                # A number without a header has the time of its log.
-                at_s = stamp_s(msg) if hasattr(msg, "header") else 1e-9 * log_ns
-                self.pedals.setdefault(name, []).append([at_s, float(getattr(msg, key))])
+            if role == _AUXILIARY:
+                self.auxiliary.add(topic, msg, log_ns)
             elif role == "wheels":
                 self.others.setdefault(topic, JointTable()).add(stamp_s(msg), msg)
             elif role == "command" and self.kind == "joint_state":
@@ -213,12 +199,12 @@ def _streams(
     if content.kind == "joint_state":
         torque, steering = joints.drive_and_steer(sensors)
         rows["command"] = np.column_stack([joints.at_s, torque, steering]).tolist()
-    tables = {role: _table(rows[role], seconds) for role in rows}
+    tables = {role: usable_rows(rows[role], seconds) for role in rows}
     present = [table for table, _ in tables.values() if table.size]
     first = min((float(table[0, 0]) for table in present), default=0.0)
-    imu = _stream("the IMU", tables["imu"], IMU_COLUMNS, first)
-    odometry = _stream("odometry", tables["odometry"], ODOMETRY_COLUMNS, first)
-    command = _stream("the command", tables["command"], COMMAND_COLUMNS, first)
+    imu = stream_of("the IMU", tables["imu"], IMU_COLUMNS, first)
+    odometry = stream_of("odometry", tables["odometry"], ODOMETRY_COLUMNS, first)
+    command = stream_of("the command", tables["command"], COMMAND_COLUMNS, first)
     if imu is not None and any(sensors.imu_rotation):
         imu = turned(imu, rotation(*sensors.imu_rotation))
     if odometry is not None:
@@ -227,16 +213,24 @@ def _streams(
     for table in (joints, *content.others.values()):
         for joint, values in table.velocities().items():
             rows_of = np.column_stack([table.at_s, values]).tolist()
-            stream = _stream(joint, _table(rows_of, seconds), ("velocity",), first)
+            stream = stream_of(joint, usable_rows(rows_of, seconds), ("velocity",), first)
             if stream is not None:
                 wheels[joint] = stream
-    attitude = _attitude(content, seconds, sensors, first)
-    pedals = {
-        key: stream
-        for key, values in content.pedals.items()
-        if (stream := _stream(key, _table(values, seconds), ("value",), first)) is not None
-    }
-    return Streams(name, seconds, imu, odometry, command, wheels, tuple(notes), attitude, pedals)
+    others = content.auxiliary
+    return Streams(
+        name,
+        seconds,
+        imu,
+        odometry,
+        command,
+        wheels,
+        tuple(notes),
+        _attitude(content, seconds, sensors, first),
+        others.pedals(seconds, first),
+        others.wheels(seconds, first),
+        others.gps_speed(seconds, first),
+        others.gps_fix(seconds, first),
+    )
 
 
 def _attitude(
@@ -244,48 +238,13 @@ def _attitude(
 ) -> Stream | None:
     """Return roll and pitch of the IMU, else of odometry; None if neither reports them."""
     for role, mounting in (("imu", rotation(*sensors.imu_rotation)), ("odometry", np.eye(3))):
-        table, _ = _table(content.orientations[role], seconds)
-        if table.shape[0] < _MIN_MESSAGES:
+        table, _ = usable_rows(content.orientations[role], seconds)
+        if table.shape[0] < MIN_MESSAGES:
             continue
         attitude = attitude_of(table[:, 0] - first, table[:, 1:], mounting)
         if attitude is not None:
             return attitude
     return None
-
-
-def _table(rows: list[list[float]], seconds: float) -> tuple[FloatArray, int]:
-    """Return rows with usable stamps in their order (n, k), and how many were out of order."""
-    table = np.array(rows, dtype=np.float64)
-    if table.size == 0:
-        return table, 0
-    table[:, 1:][np.abs(table[:, 1:]) > _MAX_VALUE] = np.nan
-    at = table[:, 0]
-    # A stamp of another day would make the grid endless.
-    near = np.abs(at - np.median(at)) < seconds + _MAX_STRAY_S
-    usable = np.isfinite(at) & (at > 0.0) & near
-    disordered = int((np.diff(at) <= 0.0).sum()) + int((~near & (at > 0.0)).sum())
-    table = table[usable]
-    _, kept = np.unique(table[:, 0], return_index=True)
-    return table[kept], disordered
-
-
-def _stream(
-    name: str, found: tuple[FloatArray, int], columns: Sequence[str], first: float
-) -> Stream | None:
-    table, disordered = found
-    if table.shape[0] < _MIN_MESSAGES:
-        return None
-    values = {column: _without_nan(table[:, i + 1]) for i, column in enumerate(columns)}
-    return Stream(name, table[:, 0] - first, values, disordered)
-
-
-def _without_nan(values: FloatArray) -> FloatArray:
-    """Return a channel with single missing values held; NaN throughout if most are missing."""
-    known = np.isfinite(values)
-    if known.mean() < 0.5:
-        return np.full_like(values, np.nan)
-    at = np.arange(values.size, dtype=np.float64)
-    return np.interp(at, at[known], values[known])
 
 
 def turned(imu: Stream, matrix: FloatArray) -> Stream:

@@ -64,6 +64,9 @@ class Streams:
     while reading, for the person. `attitude`: roll and pitch, rad, of an inertial navigation
     system, as far as the IMU or odometry reports them; no check depends on it. `pedals`: throttle,
     brake_pedal, brake_pressure (Pa) and gear in the column "value", as far as they are recorded.
+    `wheel_speeds`: angular velocities in the column "velocity", rad/s, by the position of a wheel
+    or axle, such as `front_left`. `gps_speed`: speed over ground in the column of that name, m/s;
+    `gps_fix`: latitude and longitude, degrees.
     """
 
     name: str
@@ -75,6 +78,9 @@ class Streams:
     notes: tuple[str, ...] = ()
     attitude: Stream | None = None
     pedals: Mapping[str, Stream] = field(default_factory=dict)
+    wheel_speeds: Mapping[str, Stream] = field(default_factory=dict)
+    gps_speed: Stream | None = None
+    gps_fix: Stream | None = None
 
     def of(self, name: str) -> Stream | None:
         """Return the stream "imu", "odometry" or "command", None if it does not exist."""

@@ -5,17 +5,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from adk_ros.bags import Bag, TopicInfo
+from adk_ros.bags import Bag
+from adk_ros.bags.auxiliary_topics import auxiliary_topics, stamp_ns_of
 from adk_ros.bags.recording import Progress, RecordingOptions, RecordingReader
 from adk_ros.importing.channels import CHANNELS, COMMAND, IMU, ODOMETRY
 from adk_ros.importing.map_file import ChannelMap
-from adk_ros.importing.message_factories import FIX, NUMBER, PRESSURE, TWIST
 from adk_ros.importing.source_channels import SourceChannel
 from adk_ros.signals.channels import Source
 from adk_ros.signals.commands import is_torque_estimated
@@ -28,7 +27,6 @@ _OF_SOURCE = {
     Source.COMMAND: (COMMAND, ("torque", "delta")),
     Source.STEERING: ("steering", ("delta",)),
 }
-_Values = Callable[[Any], dict[str, float]]
 
 
 class BagChannels(NamedTuple):
@@ -72,12 +70,12 @@ def read_bag_channels(
             elif reading.source is Source.COMMAND and is_torque_estimated(msg):
                 values["torque_estimated"] = values.pop("torque")
             rows.setdefault(stream, []).append((reading.stamp_ns, values))
-        getters = dict(_single_topics(bag.topics))
-        for topic, log_ns, msg in bag.messages(getters) if getters else ():
-            name, get = getters[topic]
-            stamp = getattr(getattr(msg, "header", None), "stamp", None)
-            stamp_ns = log_ns if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
-            rows.setdefault(name, []).append((stamp_ns, get(msg)))
+        others = auxiliary_topics(bag.topics)
+        for topic, log_ns, msg in bag.messages(others) if others else ():
+            names = others[topic].channels
+            stream = names[0] if len(names) == 1 else topic.strip("/").replace("/", "_")
+            values = dict(zip(names, others[topic].values(msg), strict=True))
+            rows.setdefault(stream, []).append((stamp_ns_of(msg, log_ns), values))
         warnings, start_ns = reader.warnings(), bag.start_ns
     streams = {stream: _channels(path, stream, found) for stream, found in rows.items()}
     return BagChannels({k: v for k, v in streams.items() if v}, warnings, start_ns)
@@ -149,44 +147,3 @@ def _imu_rest(msg: Any) -> dict[str, float]:
         values["roll"] = math.atan2(2.0 * (q.w * q.x + q.y * q.z), 1.0 - 2.0 * (q.x**2 + q.y**2))
         values["pitch"] = math.asin(max(-1.0, min(1.0, 2.0 * (q.w * q.y - q.z * q.x))))
     return values
-
-
-def _single_topics(topics: list[TopicInfo]) -> Iterator[tuple[str, tuple[str, _Values]]]:
-    """Yield topic -> (stream, function of a message) of the topics of `importing.topics`."""
-
-    def single(name: str, get: Callable[[Any], float]) -> tuple[str, _Values]:
-        return name, lambda msg: {name: float(get(msg))}
-
-    def rotation(msg: Any) -> float:
-        return float(msg.twist.angular.y)
-
-    for topic in topics:
-        parts = topic.name.strip("/").split("/")
-        if not topic.count or parts[0] not in {"vehicle", "gps"}:
-            continue
-        name = "_".join(parts[1:])
-        if topic.msgtype == TWIST and name in CHANNELS:
-            yield topic.name, single(name, rotation)
-        elif topic.msgtype == PRESSURE and name in CHANNELS:
-            yield topic.name, single(name, lambda msg: msg.fluid_pressure)
-        elif topic.msgtype == NUMBER and topic.name == "/gps/speed":
-            yield topic.name, single("gps_speed", lambda msg: msg.data)
-        elif topic.msgtype == NUMBER and name in CHANNELS:
-            yield topic.name, single(name, lambda msg: msg.data)
-        elif topic.msgtype == TWIST and topic.name == "/gps/velocity":
-            yield topic.name, ("gps_velocity", _ground_velocity)
-        elif topic.msgtype == FIX and topic.name == "/gps/fix":
-            yield topic.name, ("gps_fix", _fix)
-
-
-def _ground_velocity(msg: Any) -> dict[str, float]:
-    east, north = float(msg.twist.linear.x), float(msg.twist.linear.y)
-    return {"gps_speed": math.hypot(east, north), "gps_course": math.atan2(east, north)}
-
-
-def _fix(msg: Any) -> dict[str, float]:
-    return {
-        "latitude": float(msg.latitude),
-        "longitude": float(msg.longitude),
-        "altitude": float(msg.altitude),
-    }

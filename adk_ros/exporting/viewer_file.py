@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from adk_ros.bags import BagWriter, message
+from adk_ros.bags.auxiliary_topics import FIX, NUMBER, PRESSURE, TWIST
 from adk_ros.exporting.column_table import ColumnTable
 from adk_ros.exporting.report_signals import ROLES
 from adk_ros.exporting.viewer_layouts import Curve, Plot, foxglove_layout, plotjuggler_layout
-from adk_ros.importing.message_factories import FIX, NUMBER, PRESSURE, TWIST
 from adk_ros.importing.topics import Topic
 from adk_ros.mismatch.inference.signal_fit import SIGNAL_UNITS, SIGNALS
 

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from adk_ros.bags.auxiliary_topics import AXLES
+
 IMU, ODOMETRY, COMMAND = "imu", "odometry", "command"
 """Streams of several channels in one message."""
 
@@ -47,8 +49,6 @@ class Channel:
     meaning: str
 
 
-AXLES = {"front": ("front_left", "front_right"), "rear": ("rear_left", "rear_right")}
-"""Wheels of each axle, left and right; a wheel speed may also be that of a whole axle."""
 _WHEEL = "speed of rotation of the wheel, forward positive"
 _AXLE = "mean speed of rotation of the wheels of the axle, forward positive"
 

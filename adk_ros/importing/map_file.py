@@ -19,10 +19,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PlainValidator, model_validator
 
+from adk_ros.bags.auxiliary_topics import AXLES
 from adk_ros.calibration.pedal_map import ForceTable
 from adk_ros.errors import UsageError
 from adk_ros.files.yaml_file import FileModel, read, validate
-from adk_ros.importing.channels import AXLES, CHANNELS, SPEED, is_wheel_speed
+from adk_ros.importing.channels import CHANNELS, SPEED, is_wheel_speed
 from adk_ros.importing.units import factor_to_si, is_unit_of
 
 TIME_UNITS = {

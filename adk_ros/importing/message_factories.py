@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, ODOMETRY_TYPE, message
+from adk_ros.bags.auxiliary_topics import FIX, NUMBER, PRESSURE, TWIST
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.signals.commands import ESTIMATED_TORQUE
 
 COMMAND_TYPE = COMMAND_TYPES["joint_state"]
-TWIST, PRESSURE = "geometry_msgs/msg/TwistStamped", "sensor_msgs/msg/FluidPressure"
-FIX, NUMBER = "sensor_msgs/msg/NavSatFix", "std_msgs/msg/Float64"
 
 _NOT_MEASURED = 1e6
 """Variance of an axis without a source, SI units squared; 0 is unknown (REP-145)."""

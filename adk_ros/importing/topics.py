@@ -3,7 +3,8 @@
 """
 The topics of an import: which channels make up which message, and what is missing for it.
 
-Topics and types of IMU, odometry and command are those of simulated recordings (`offline.export`).
+Topics and types of IMU, odometry and command are those of simulated recordings (`offline.export`),
+the others those of `bags.auxiliary_topics`.
 """
 
 from __future__ import annotations
@@ -15,13 +16,17 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bags import IMU_TYPE, ODOMETRY_TYPE
+from adk_ros.bags.auxiliary_topics import (
+    AUXILIARY_TOPICS,
+    GPS_FIX,
+    GPS_VELOCITY,
+    PRESSURE,
+    TWIST,
+    topic_of,
+)
 from adk_ros.importing.channels import CHANNELS, COMMAND, IMU, ODOMETRY, is_wheel_speed
 from adk_ros.importing.message_factories import (
     COMMAND_TYPE,
-    FIX,
-    NUMBER,
-    PRESSURE,
-    TWIST,
     Create,
     command,
     fix,
@@ -144,14 +149,14 @@ def _add_command(given: dict[str, SourceChannel], outcome: Outcome, notes: list[
     outcome.topics.append(Topic(*TOPICS[COMMAND], stream, command(set(names))))
 
 
-_SATELLITE = ("gps_speed", "gps_course", "latitude", "longitude", "altitude")
+_SATELLITE = tuple(x for at in (GPS_VELOCITY, GPS_FIX) for x in AUXILIARY_TOPICS[at].channels)
 
 
 def _add_satellite(given: dict[str, SourceChannel], outcome: Outcome, notes: list[str]) -> None:
     if "gps_speed" in given and "gps_course" in given:
         names = ["gps_speed", "gps_course"]
         stream = joined("gps velocity", [given[name] for name in names], notes)
-        outcome.topics.append(Topic("/gps/velocity", TWIST, stream, ground_velocity()))
+        outcome.topics.append(_auxiliary(GPS_VELOCITY, stream, ground_velocity()))
     elif "gps_speed" in given:
         stream = joined("gps_speed", [given["gps_speed"]], notes)
         outcome.topics.append(_single_topic("gps_speed", stream))
@@ -160,7 +165,7 @@ def _add_satellite(given: dict[str, SourceChannel], outcome: Outcome, notes: lis
     names = [name for name in ("latitude", "longitude", "altitude") if name in given]
     if {"latitude", "longitude"} <= set(names):
         stream = joined("gps fix", [given[name] for name in names], notes)
-        outcome.topics.append(Topic("/gps/fix", FIX, stream, fix()))
+        outcome.topics.append(_auxiliary(GPS_FIX, stream, fix()))
     else:
         for name in names:
             outcome.left_out[name] = "a fix needs latitude and longitude"
@@ -179,13 +184,15 @@ def _with_channel(
 
 def _single_topic(name: str, stream: MessageStream) -> Topic:
     """Return the topic of a channel that has a message of its own."""
-    if is_wheel_speed(name):
-        wheel = name.removeprefix("wheel_speed_")
-        create = rotation(name, f"wheel_{wheel}")
-        return Topic(f"/vehicle/wheel_speed/{wheel}", TWIST, stream, create)
-    if name == "motor_speed":
-        return Topic("/vehicle/motor_speed", TWIST, stream, rotation(name, "motor"))
-    if name == "brake_pressure":
-        return Topic("/vehicle/brake_pressure", PRESSURE, stream, pressures(name))
-    place = "/gps/speed" if name == "gps_speed" else f"/vehicle/{name}"
-    return Topic(place, NUMBER, stream, numbers(name))
+    topic = topic_of(name)
+    if topic.msgtype == TWIST:
+        is_wheel = is_wheel_speed(name)
+        frame = f"wheel_{name.removeprefix('wheel_speed_')}" if is_wheel else "motor"
+        return _auxiliary(topic.name, stream, rotation(name, frame))
+    if topic.msgtype == PRESSURE:
+        return _auxiliary(topic.name, stream, pressures(name))
+    return _auxiliary(topic.name, stream, numbers(name))
+
+
+def _auxiliary(name: str, stream: MessageStream, create: Create) -> Topic:
+    return Topic(name, AUXILIARY_TOPICS[name].msgtype, stream, create)

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from adk_ros.bags.auxiliary_topics import AXLES
 from adk_ros.calibration.regression import regress
-from adk_ros.importing.channels import AXLES, RATE, SPEED, is_wheel_speed
+from adk_ros.importing.channels import RATE, SPEED, is_wheel_speed
 from adk_ros.importing.map_file import IDENTIFY, wheels_of
 from adk_ros.importing.map_text import Guess
 from adk_ros.importing.relations import STEP_S, at_grid

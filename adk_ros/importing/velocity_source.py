@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bags import IMU_TYPE, ODOMETRY_TYPE, Bag
+from adk_ros.bags.auxiliary_topics import FIX, TWIST
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.importing.channels import is_wheel_speed
 from adk_ros.importing.column_names import wheel_position
-from adk_ros.importing.message_factories import FIX, TWIST
 from adk_ros.importing.source_channels import SourceChannel
 from adk_ros.importing.streams import MessageStream
 from adk_ros.importing.velocity_choice import undriven_axle

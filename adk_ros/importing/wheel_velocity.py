@@ -15,8 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adk_ros.bags.auxiliary_topics import AXLES
 from adk_ros.calibration.regression import regress
-from adk_ros.importing.channels import AXLES, CHANNELS
+from adk_ros.importing.channels import CHANNELS
 from adk_ros.importing.map_file import ChannelMap, axles_of, wheels_of
 from adk_ros.importing.source_channels import COMPUTED, SourceChannel
 from adk_ros.importing.streams import MessageStream, at_stamps, joined, rate_hz
