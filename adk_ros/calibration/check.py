@@ -28,6 +28,7 @@ from adk_ros.calibration.odometry_calibration import check_odometry_scale, check
 from adk_ros.calibration.pedals import check_pedals
 from adk_ros.calibration.reference_point import check_reference_point
 from adk_ros.calibration.road import check_road
+from adk_ros.calibration.satellite import check_receiver
 from adk_ros.calibration.signs_and_units import check_gyro, check_odometry
 from adk_ros.calibration.steering import check_sign, check_steering
 from adk_ros.calibration.stream_checks import check_streams
@@ -150,7 +151,8 @@ def _fine(
 ) -> list[Finding]:
     """Return the findings on scales, offsets, positions and lags."""
     timing = list(check_timing(s))
-    out = [*check_odometry_scale(s), *check_yaw_rates(s), *timing]
+    out = [*check_odometry_scale(s), *check_receiver(s, streams.gps_speed, sensors)]
+    out += [*check_yaw_rates(s), *timing]
     late = {x.name for x in timing if x.verdict is Verdict.FINDING}
     if any(name.startswith("odometry_yaw_rate") for name in late):
         # No reference and no instrument for what follows.

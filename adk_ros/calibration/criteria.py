@@ -122,6 +122,10 @@ MATERIAL = {
     # 0.15 deg: a 5 m wide lane is left within 2 km; by choice.
     "steering_offset": Material(0.0025, "rad"),
     "odometry_scale": Material(0.01, "1"),
+    # As that against the pose; a grade of 10 % between horizontal and travelled way is 0.5 %.
+    "gps_scale": Material(0.01, "1"),
+    # One period of a receiver at 10 Hz.
+    "gps_delay": Material(0.1, "s"),
     "gyro_scale": Material(0.01, "1"),
     # Turn-on bias of an automotive MEMS gyro: about 0.1 deg/s.
     "gyro_bias": Material(0.002, "rad/s"),

@@ -75,14 +75,14 @@ def distances(
         return None
     left = s.v_y if s.v_y is not None else np.zeros_like(s.v_x)
     c, n = np.cos(s.heading), np.sin(s.heading)
-    starts, weights = _blocks(s, block_s)
+    starts, weights = blocks_of(s, block_s)
     driven = np.hypot(
-        _integral(s.v_x * c - left * n, starts, block_s),
-        _integral(s.v_x * n + left * c, starts, block_s),
+        integral_over(s.v_x * c - left * n, starts, block_s),
+        integral_over(s.v_x * n + left * c, starts, block_s),
     )
     # Straight-line distances: a constant error of the heading turns both by the same angle.
-    moved = np.hypot(_change(s.x, starts, block_s), _change(s.y, starts, block_s))
-    ends = _change(s.v_x, starts, block_s)
+    moved = np.hypot(change_over(s.x, starts, block_s), change_over(s.y, starts, block_s))
+    ends = change_over(s.v_x, starts, block_s)
     return np.column_stack([moved, ends]), driven, weights, block_s
 
 
@@ -91,14 +91,14 @@ def _scale_by_acceleration(s: Signals) -> Finding:
     if s.a is None or s.longitudinal is None:
         return not_decidable(name, "the recording has no accelerometer or no velocity")
     assert s.v_x is not None
-    starts, weights = _blocks(s)
-    change = _change(s.v_x, starts)
+    starts, weights = blocks_of(s)
+    change = change_over(s.v_x, starts)
     usual = float(np.sqrt(weights @ change**2 / max(float(weights.sum()), 1.0)))
     if usual < MIN_SPEED_CHANGE:
         reason = f"the speed changes by {usual:.2f} m/s (RMS) in {BLOCK_S:g} s only"
         return not_decidable(name, reason)
-    coupling = _integral(s.longitudinal - np.gradient(s.v_x, PERIOD_S), starts)
-    sensed = _integral(s.a[0], starts)
+    coupling = integral_over(s.longitudinal - np.gradient(s.v_x, PERIOD_S), starts)
+    sensed = integral_over(s.a[0], starts)
     columns = np.column_stack([change + coupling, np.full_like(change, BLOCK_S)])
     found = regress(columns, sensed, weights, period_s=BLOCK_S)
     evidence = "integral of a_x over 5 s against the change of v_x"
@@ -117,16 +117,16 @@ def _rate(
     reference: str,
 ) -> Iterator[Finding]:
     """Yield scale and bias of a rate against the change of an angle."""
-    starts, weights = _blocks(s)
-    change, ends = _change(angle, starts), _change(rate, starts)
+    starts, weights = blocks_of(s)
+    change, ends = change_over(angle, starts), change_over(rate, starts)
     duration = np.full_like(change, BLOCK_S)
     columns = np.column_stack([change, duration, ends])
     instruments = columns
     if instrument is not None:
         # The noise of the heading would lower the scale; another sensor's noise is independent.
-        instruments = np.column_stack([_integral(instrument, starts), duration, ends])
+        instruments = np.column_stack([integral_over(instrument, starts), duration, ends])
     found: Regression | None = regress(
-        columns, _integral(rate, starts), weights, instruments, period_s=BLOCK_S
+        columns, integral_over(rate, starts), weights, instruments, period_s=BLOCK_S
     )
     title = "the gyro" if name == "gyro" else "odometry's yaw rate"
     evidence = (
@@ -168,23 +168,31 @@ def _unless_banked(scale: Finding, s: Signals) -> Finding:
     return undecided(scale, reason)
 
 
-def _blocks(s: Signals, block_s: float = BLOCK_S) -> tuple[IntArray, FloatArray]:
-    """Return the first rows of consecutive blocks, and weights: 1 if all of a block counts."""
+def blocks_of(
+    s: Signals, block_s: float = BLOCK_S, usable: FloatArray | None = None
+) -> tuple[IntArray, FloatArray]:
+    """
+    Return the first rows of consecutive blocks, and weights: 1 if all of a block counts.
+
+    :param usable: weights (n,) of the samples; default: those of the signals.
+    """
+    weights = s.moving if usable is None else usable
     rows = round(block_s / PERIOD_S)
     starts = np.arange(0, s.at_s.size - rows, rows, dtype=np.int64)
-    sums = np.concatenate([[0.0], np.cumsum(s.moving)])
+    sums = np.concatenate([[0.0], np.cumsum(weights)])
     whole = sums[starts + rows] - sums[starts] > rows - 0.5
     return starts, whole.astype(np.float64)
 
 
-def _integral(values: FloatArray, starts: IntArray, block_s: float = BLOCK_S) -> FloatArray:
+def integral_over(values: FloatArray, starts: IntArray, block_s: float = BLOCK_S) -> FloatArray:
     """Return the integral (b,) of values over each block, by the trapezoidal rule."""
     steps = 0.5 * PERIOD_S * (values[1:] + values[:-1])
     total = np.concatenate([[0.0], np.cumsum(steps)])
-    return _change(total, starts, block_s)
+    return change_over(total, starts, block_s)
 
 
-def _change(values: FloatArray, starts: IntArray, block_s: float = BLOCK_S) -> FloatArray:
+def change_over(values: FloatArray, starts: IntArray, block_s: float = BLOCK_S) -> FloatArray:
+    """Return the change (b,) of values over each block."""
     rows = round(block_s / PERIOD_S)
     return np.asarray(values[starts + rows] - values[starts])
 

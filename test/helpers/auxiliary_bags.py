@@ -48,6 +48,7 @@ def with_auxiliary_topics(
     gps_noise: float = 0.05,
     v_x_factor: float = 1.0,
     has_pedals: bool = False,
+    keeps_joints: bool = False,
 ) -> Path:
     """
     Write a drive as a bag and return its path.
@@ -57,6 +58,7 @@ def with_auxiliary_topics(
     :param gps_factor: of the speed of a receiver at 10 Hz, east and north; 0: no receiver.
     :param gps_delay_s: by which it is late. :param v_x_factor: of odometry's velocity.
     :param has_pedals: throttle and brake pressure in proportion to the torque.
+    :param keeps_joints: leave the wheel speeds joints.
     """
     factors = dict.fromkeys(("front_left", "front_right", "rear_left", "rear_right"), 1.0)
     factors = factors if wheels is None else dict(wheels)
@@ -66,7 +68,7 @@ def with_auxiliary_topics(
     with Bag(whole) as bag:
         kinds = {topic.name: topic.msgtype for topic in bag.topics}
         for topic, log_ns, msg in bag.messages(list(kinds)):
-            if topic == JOINTS:
+            if topic == JOINTS and not keeps_joints:
                 speeds = dict(zip(msg.name, msg.velocity, strict=True))
                 for wheel, factor in factors.items():
                     header = {"stamp": log_ns, "frame_id": f"wheel_{wheel}"}
