@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from adk_ros.bags import Bag, Topics, find_topics
+from adk_ros.bags.axle_speed import AxleSpeed
 from adk_ros.errors import DataError
 from adk_ros.signals.channels import Reading, Record, Source
 from adk_ros.signals.command_plan import plan_types
@@ -49,7 +50,11 @@ odometry at 50 Hz."""
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """Topic names (None: chosen by message type) and the sensor configuration of the vehicle."""
+    """
+    Topic names (None: chosen by message type) and the sensor configuration of the vehicle.
+
+    `wheels`: topics of the further wheels of an axle, where `odometry` is that of one wheel.
+    """
 
     imu: str | None = None
     odometry: str | None = None
@@ -57,6 +62,7 @@ class RecordingOptions:
     use_imu: bool = True
     sensors: SensorConfig = field(default_factory=SensorConfig)
     steering: str | None = None
+    wheels: tuple[str, ...] = ()
 
 
 @dataclass
@@ -96,6 +102,7 @@ def choose_topics(bag: Bag, options: RecordingOptions) -> Topics:
         sensors.odometry_type,
         sensors.steer_joint,
         sensors.wheel_joints if sensors.odometry_type == "wheel_joints" else (),
+        options.wheels,
     )
 
 
@@ -114,19 +121,32 @@ def selected_messages(
 ) -> Iterator[tuple[Source, int, Any]]:
     """Yield (source, log time in ns, message) of the chosen topics, in log order."""
     source_of = source_by_topic(topics)
-    for topic, log_ns, msg in messages_of(bag, source_of, progress):
+    for topic, log_ns, msg in messages_of(bag, topics, progress=progress):
         yield source_of[topic], log_ns, msg
 
 
 def messages_of(
-    bag: Bag, names: Collection[str], progress: Progress | None = None
+    bag: Bag,
+    topics: Topics,
+    further: Collection[str] = (),
+    progress: Progress | None = None,
 ) -> Iterator[tuple[str, int, Any]]:
-    """Yield (topic, log time in ns, message) of the named topics, in log order."""
+    """
+    Yield (topic, log time in ns, message) of the chosen and further topics, in log order.
+
+    Where `topics` has wheels, the messages of odometry are those of their axle (`AxleSpeed`).
+    """
+    names = {*source_by_topic(topics), *topics.wheels, *further}
+    wheels = (topics.odometry, *topics.wheels)
+    axle = AxleSpeed(wheels) if topics.wheels else None
     total = sum(info.count for info in bag.topics if info.name in names)
-    for done, item in enumerate(bag.messages(names), start=1):
+    for done, (topic, log_ns, msg) in enumerate(bag.messages(names), start=1):
         if progress is not None and (done % _PROGRESS_INTERVAL == 0 or done == total):
             progress(done, total)
-        yield item
+        if axle is None or topic not in wheels:
+            yield topic, log_ns, msg
+        elif (joined := axle.add(topic, log_ns, msg)) is not None:
+            yield topics.odometry, log_ns, joined
 
 
 def plan_topic(bag: Bag, command_type: str) -> str | None:

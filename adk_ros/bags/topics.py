@@ -21,12 +21,17 @@ _VELOCITIES = set(ODOMETRY_TYPES.values()) - {ODOMETRY_TYPE}
 
 @dataclass(frozen=True)
 class Topics:
-    """The topics to read; `imu` and `steering` are None if there is none."""
+    """
+    The topics to read; `imu` and `steering` are None if there is none.
+
+    `wheels`: further wheels, whose mean with `odometry` is the speed of their axle.
+    """
 
     imu: str | None
     odometry: str
     command: str
     steering: str | None = None
+    wheels: tuple[str, ...] = ()
 
 
 def find_topics(
@@ -39,6 +44,7 @@ def find_topics(
     odometry_type: str = velocity_messages.ODOMETRY,
     steer_joint: str = "steer",
     wheel_joints: Sequence[str] = (),
+    wheels: Sequence[str] = (),
 ) -> Topics:
     """
     Return the topics to read: those named, else the only one of the message type.
@@ -48,6 +54,7 @@ def find_topics(
     the steering report, which is used only with `command_type` "autoware_control"; the empty
     string as name excludes either.
 
+    :param wheels: topics of the further wheels of an axle, of the type of `odometry`.
     :raises UsageError: a named topic is absent or of another type; unknown `command_type`.
     :raises DataError: a required topic is missing, or several have the message type.
     """
@@ -55,11 +62,13 @@ def find_topics(
         known = ", ".join(COMMAND_TYPES)
         raise UsageError(f"command type {command_type!r} is unknown: choose one of {known}")
     wants_steering = commands.COMMAND_TYPES[command_type].steering_msgtype is not None
+    velocity = ODOMETRY_TYPES[odometry_type]
     return Topics(
         imu=_optional(bag, "imu", imu, IMU_TYPE),
-        odometry=_required(bag, "odometry", odometry, ODOMETRY_TYPES[odometry_type], wheel_joints),
+        odometry=_required(bag, "odometry", odometry, velocity, wheel_joints),
         command=_required(bag, "command", command, COMMAND_TYPES[command_type], [steer_joint]),
         steering=_optional(bag, "steering", steering, STEERING_TYPE) if wants_steering else None,
+        wheels=tuple(_required(bag, "odometry", name, velocity) for name in wheels),
     )
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from adk_ros.bags import COMMAND_TYPES, IMU_TYPE, Bag
 from adk_ros.bags.auxiliary_topics import auxiliary_topics
+from adk_ros.bags.axle_speed import AxleSpeed
 from adk_ros.bags.recording import Progress, RecordingOptions
 from adk_ros.bags.topics import ODOMETRY_TYPES
 from adk_ros.calibration.attitude import attitude_of, attitude_row
@@ -114,9 +115,14 @@ def read_streams(
             for name in auxiliary_topics(bag.topics)
             if name in READ_TOPICS and name != odometry
         }
+        role_of |= dict.fromkeys(options.wheels, "odometry")
+        axle = AxleSpeed((odometry or "", *options.wheels)) if options.wheels else None
         total = sum(x.count for x in bag.topics if x.name in role_of)
         for done, (topic, log_ns, msg) in enumerate(bag.messages(role_of), start=1):
-            content.add(role_of[topic], topic, msg, log_ns)
+            if axle is None or role_of[topic] != "odometry":
+                content.add(role_of[topic], topic, msg, log_ns)
+            elif (joined := axle.add(topic, log_ns, msg)) is not None:
+                content.add("odometry", topic, joined, log_ns)
             if progress is not None and (done % _PROGRESS_INTERVAL == 0 or done == total):
                 progress(done, total)
         warnings = list(bag.warnings)

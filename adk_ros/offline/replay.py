@@ -59,10 +59,10 @@ def predictions(
 
     Horizons follow the planned commands of the bag, if it has any.
     """
-    source_of = source_by_topic(choose_topics(bag, options))
+    topics = choose_topics(bag, options)
+    source_of = source_by_topic(topics)
     plan = plan_topic(bag, options.sensors.command_type)
-    names = [*source_of, *([plan] if plan else [])]
-    for topic, log_ns, msg in messages_of(bag, names, progress):
+    for topic, log_ns, msg in messages_of(bag, topics, [plan] if plan else [], progress):
         if topic == plan:
             pipeline.take_plan(msg)
             continue

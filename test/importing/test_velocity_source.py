@@ -7,10 +7,14 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from helpers.auxiliary_bags import with_auxiliary_topics
+from helpers.calibration import existing
 
 from adk_ros.api.recording import read_log, read_recording, velocity_source
 from adk_ros.bags import Bag, BagWriter, message
-from adk_ros.bags.recording import RecordingOptions
+from adk_ros.bags.auxiliary_topics import TWIST, WHEEL_TOPICS
+from adk_ros.bags.recording import RecordingOptions, choose_topics, messages_of
+from adk_ros.calibration.from_bag import read_streams
 from adk_ros.cli.main import main
 from adk_ros.errors import DataError
 from adk_ros.mismatch.recording.dead_channels import without_dead_channels
@@ -23,7 +27,6 @@ from adk_ros.signals.channels import Source
 from adk_ros.signals.decode import SensorConfig
 
 SECONDS = 45.0
-TWIST = "geometry_msgs/msg/TwistStamped"
 RADIUS = 0.325
 
 
@@ -150,3 +153,84 @@ def test_the_command_is_found_next_to_wheel_speeds_of_the_same_type(whole):
     log = read_sensor_log(whole)
     assert np.ptp(log.command[:, 1]) > 0.01
     assert log.odometry_s.size == drive().streams[Source.ODOMETRY].stamp_ns.size
+
+
+@pytest.fixture(scope="module")
+def single(tmp_path_factory):
+    """Return a bag with a topic for each of four wheels and a receiver, without odometry."""
+    path = tmp_path_factory.mktemp("single_wheels") / "bag"
+    return with_auxiliary_topics(drive(), path, without=["/odometry"], gps_factor=1.0)
+
+
+def test_the_topics_of_single_wheels_are_read_as_their_axle(single):
+    recording = read_recording(single)
+    options = recording.options
+    assert options.sensors.odometry_type == "wheel_speed"
+    used = [WHEEL_TOPICS[at] for at in ("rear_left", "rear_right")]
+    assert [options.odometry, *options.wheels] == used
+    assert abs(options.sensors.wheel_radius / RADIUS - 1.0) < 0.01
+    assert error_of(recording) < 0.15
+    (line,) = [text for text in recording.warnings if "v_x from" in text]
+    assert f"v_x from {used[0]}, {used[1]}" in line
+    assert "wheel radius 0.32" in line
+
+
+def test_single_wheels_say_what_the_joints_of_the_same_wheels_do(single, tmp_path):
+    joints = with_auxiliary_topics(
+        drive(), tmp_path / "joints", without=["/odometry"], gps_factor=1.0, keeps_joints=True
+    )
+    ours, theirs = read_recording(single), read_recording(joints)
+    assert np.array_equal(ours.record.stamp_ns, theirs.record.stamp_ns)
+    assert ours.options.sensors.wheel_radius == theirs.options.sensors.wheel_radius
+    assert np.allclose(ours.record.x_ref, theirs.record.x_ref, atol=1e-9, equal_nan=True)
+
+
+def test_all_readers_join_single_wheels_alike(single):
+    options = read_recording(single).options
+    with Bag(single) as bag:
+        topics = choose_topics(bag, options)
+        joined = [
+            1e-9 * msg.header.stamp.nanosec + msg.header.stamp.sec
+            for topic, _, msg in messages_of(bag, topics)
+            if topic == topics.odometry
+        ]
+        (count,) = {x.count for x in bag.topics if x.name in (topics.odometry, *topics.wheels)}
+    assert len(joined) == count
+    streams = read_streams(single, options).streams
+    odometry = existing(streams, "odometry")
+    assert odometry.at_s.size == count
+    # The front wheels are left to compare with.
+    assert set(streams.wheel_speeds) == {"front_left", "front_right"}
+    log = read_log(single)
+    assert np.allclose(log.odometry[:, 0], odometry["v_x"], atol=1e-9)
+
+
+def test_front_wheels_serve_where_nothing_else_does(tmp_path):
+    front = {"front_left": 1.0, "front_right": 1.0}
+    path = with_auxiliary_topics(
+        drive(), tmp_path / "bag", without=["/odometry"], wheels=front, gps_factor=1.0
+    )
+    options, line = velocity_source(path, None)
+    assert options.odometry == WHEEL_TOPICS["front_left"]
+    assert options.wheels == (WHEEL_TOPICS["front_right"],)
+    assert "the only wheel speeds" in line
+    assert error_of(read_recording(path)) < 0.4
+
+
+def test_one_wheel_says_that_it_is_off_in_bends(tmp_path):
+    path = with_auxiliary_topics(
+        drive(), tmp_path / "bag", without=["/odometry"], wheels={"rear_left": 1.0}
+    )
+    options, line = velocity_source(path, None, wheel_radius=RADIUS)
+    assert options.odometry == WHEEL_TOPICS["rear_left"]
+    assert options.wheels == ()
+    assert "half the track" in line
+
+
+def test_check_and_train_find_v_x_of_single_wheels(single, capsys):
+    assert main(["check", str(single), "--vehicle", "imdv", "--json"]) == 0
+    about = json.loads(capsys.readouterr().out)
+    verdicts = {x["name"]: x["verdict"] for x in about["findings"]}
+    assert verdicts["gps_scale"] == "ok"
+    assert verdicts["wheel_radius_front_left"] == "ok"
+    assert about["used_as"]["odometry"] == WHEEL_TOPICS["rear_left"]
