@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from adk_ros.calibration.auxiliary_hints import of_pedals, of_positions, of_speeds
 from adk_ros.calibration.continuity import Interval
 from adk_ros.calibration.criteria import STANDING_SPEED
 from adk_ros.calibration.road import missing_for_road
 from adk_ros.calibration.streams import Stream, Streams
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.commands import COMMAND_TYPES
 
 MAX_PEDAL = 1.0
@@ -25,6 +26,8 @@ MAX_POSITION = 1e7
 class Informative:
     """
     What is wrong with each channel, empty where it is informative; and the driving in s.
+
+    Where an auxiliary channel could take the place of one, the text says how.
 
     `road`: with IMU and v_x, for grade and bank. `torque`: as a torque in N·m; `drive`: as
     anything that drives the car, such as a pedal. `has_attitude`: whether roll and pitch of an
@@ -60,7 +63,9 @@ def informative(
     odometry, command, imu = streams.odometry, streams.command, streams.imu
     drive = _lacking(command, "the command", "torque")
     torque = drive
-    if not drive and command is not None:
+    if drive:
+        drive = torque = drive + of_pedals(streams)
+    elif command is not None:
         if COMMAND_TYPES[command_type].inferred_torque:
             torque = "the command is an acceleration: a torque inferred from it is no measurement"
         elif is_torque_estimated:
@@ -69,15 +74,17 @@ def informative(
             torque = "the torque stays within ±1: it is a pedal or a normalised command"
     gyro = _lacking(imu, "the IMU", "w_z")
     turning = _lacking(odometry, "odometry", "yaw_rate")
+    v_x = _lacking(odometry, "odometry", "v_x")
+    pose = _pose(odometry)
     return Informative(
-        _driving_s(odometry, unusable),
-        _lacking(odometry, "odometry", "v_x"),
+        _driving_s(odometry, streams.gps_speed, unusable),
+        v_x + of_speeds(streams) if v_x else "",
         _lacking(odometry, "odometry", "v_y"),
         "" if not gyro or not turning else f"{gyro}; {turning}",
         _lacking(command, "the command", "steering"),
         torque,
         drive,
-        _pose(odometry),
+        pose + of_positions(streams) if pose else "",
         "" if imu is not None else "the recording has no IMU",
         missing_for_road(streams),
         streams.attitude is not None,
@@ -106,16 +113,22 @@ def _pose(odometry: Stream | None) -> str:
     return ""
 
 
-def _driving_s(odometry: Stream | None, unusable: list[Interval]) -> float:
-    """Return for how long the car moves while its odometry is usable, s."""
-    if odometry is None:
-        return 0.0
-    speed: FloatArray = np.abs(np.nan_to_num(odometry["v_x"]))
-    if not odometry.has("v_x"):
+def _driving_s(
+    odometry: Stream | None, gps_speed: Stream | None, unusable: list[Interval]
+) -> float:
+    """Return for how long the car moves while its odometry, else its receiver, is usable, s."""
+    if odometry is not None and odometry.has("v_x"):
+        return _moving_s(odometry.at_s, np.abs(odometry["v_x"]), unusable)
+    if odometry is not None and (odometry.has("x") or odometry.has("y")):
         rate = [np.gradient(np.nan_to_num(odometry[name]), odometry.at_s) for name in ("x", "y")]
-        speed = np.hypot(*rate)
-    moving = speed > STANDING_SPEED
+        return _moving_s(odometry.at_s, np.hypot(*rate), unusable)
+    if gps_speed is not None and gps_speed.has("gps_speed"):
+        return _moving_s(gps_speed.at_s, np.abs(gps_speed["gps_speed"]), unusable)
+    return 0.0
+
+
+def _moving_s(at_s: FloatArray, speed: FloatArray, unusable: list[Interval]) -> float:
+    moving: BoolArray = speed > STANDING_SPEED
     for begin, end in unusable:
-        moving &= (odometry.at_s < begin) | (odometry.at_s > end)
-    between = np.diff(odometry.at_s)
-    return float(between[moving[1:] & moving[:-1]].sum())
+        moving &= (at_s < begin) | (at_s > end)
+    return float(np.diff(at_s)[moving[1:] & moving[:-1]].sum())

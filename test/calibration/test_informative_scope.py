@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+from helpers.auxiliary_bags import drive_with_wheels, with_auxiliary_topics
 from helpers.road import as_streams, circle, hilly
 
-from adk_ros.calibration.from_bag import BagContent
+from adk_ros.bags.recording import RecordingOptions
+from adk_ros.calibration.from_bag import BagContent, read_streams
 from adk_ros.calibration.joints import JointTable
 from adk_ros.calibration.scope import MIN_JUDGED_S, Possible, Scope, scope_of
 from adk_ros.calibration.streams import Stream, Streams
@@ -122,3 +125,68 @@ def test_driving_in_faulty_intervals_does_not_count() -> None:
 
 def test_the_least_duration_is_that_of_mismatch() -> None:
     assert MIN_JUDGED_S == MIN_DURATION_S
+
+
+def stream(name: str, seconds: float = 90.0, **columns: FloatArray | float) -> Stream:
+    at = np.arange(0.0, seconds, 0.1)
+    return Stream(
+        name, at, {key: np.broadcast_to(x, at.shape) + 0.0 for key, x in columns.items()}
+    )
+
+
+def wave(seconds: float = 90.0) -> FloatArray:
+    return np.sin(0.3 * np.arange(0.0, seconds, 0.1))
+
+
+def test_recorded_pedals_are_named_where_the_torque_is_missing() -> None:
+    silent = changed(recorded(), "command", torque=0.0)
+    pedals = {
+        "throttle": stream("throttle", value=0.5 + 0.5 * wave()),
+        "brake_pressure": stream("brake_pressure", value=0.0),
+        "gear": stream("gear", value=np.round(3.0 + wave())),
+    }
+    rows = scoped(replace(silent, pedals=pedals))
+    why = rows["predict v_x"].why
+    assert why.startswith("torque of the command is 0 throughout, but pedals are recorded")
+    # A brake pressure of zero throughout and a gear make no torque.
+    assert "(throttle)" in why
+    assert "`adk check --vehicle`" in why
+    assert "pedals are recorded" in rows["judge v_x"].why
+    assert "pedals" not in scoped(silent)["predict v_x"].why
+    assert scoped(replace(recorded(), pedals=pedals)) == scoped(recorded())
+
+
+def test_the_pedals_of_a_bag_are_named(tmp_path: Path) -> None:
+    path = with_auxiliary_topics(drive_with_wheels(), tmp_path / "bag", has_pedals=True)
+    content = read_streams(path, RecordingOptions())
+    assert set(content.streams.pedals) == {"throttle", "brake_pressure"}
+    (row,) = [row for row in scope_of(content) if row.name == "predict v_x"]
+    assert row.possible is Possible.REDUCED
+    assert "pedals are recorded (throttle, brake_pressure)" in row.why
+
+
+def test_recorded_speeds_are_named_where_v_x_is_missing() -> None:
+    silent = changed(recorded(), "odometry", v_x=0.0)
+    wheels = {"rear_left": stream("rear_left", velocity=30.0 + wave())}
+    gps = stream("the GPS receiver", gps_speed=10.0 + wave())
+    assert "wheel_radius" in scoped(replace(silent, wheel_speeds=wheels))["predict v_x"].why
+    assert "GPS speed is recorded" in scoped(replace(silent, gps_speed=gps))["predict v_x"].why
+    assert scoped(silent)["predict v_x"].why == "v_x of odometry is 0 throughout"
+
+
+def test_without_odometry_the_receiver_says_whether_the_car_moves() -> None:
+    streams = replace(recorded(), odometry=None)
+    moving = replace(streams, gps_speed=stream("the GPS receiver", gps_speed=10.0 + wave()))
+    why = scoped(moving)["predict v_x"].why
+    assert "does not move" not in why
+    assert why.startswith("the recording has no odometry, but a GPS speed is recorded")
+    standing = replace(streams, gps_speed=stream("the GPS receiver", gps_speed=0.1 * wave()))
+    assert "does not move" in scoped(standing)["predict v_x"].why
+
+
+def test_recorded_positions_are_named_where_the_pose_is_missing() -> None:
+    streams = changed(recorded(), "odometry", x=0.0, y=0.0, heading=0.0)
+    fix = stream("the GPS receiver", latitude=48.0 + 1e-4 * wave(), longitude=11.0 + 1e-4 * wave())
+    rows = scoped(replace(streams, gps_fix=fix))
+    assert "GPS positions that are recorded" in rows["grade"].why
+    assert "GPS positions" not in scoped(streams)["grade"].why

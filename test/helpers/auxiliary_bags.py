@@ -57,7 +57,7 @@ def with_auxiliary_topics(
         a topic of its own in place of the joints; default: all, with factor 1.
     :param gps_factor: of the speed of a receiver at 10 Hz, east and north; 0: no receiver.
     :param gps_delay_s: by which it is late. :param v_x_factor: of odometry's velocity.
-    :param has_pedals: throttle and brake pressure in proportion to the torque.
+    :param has_pedals: throttle and brake pressure in proportion to the torque, in its place.
     :param keeps_joints: leave the wheel speeds joints.
     """
     factors = dict.fromkeys(("front_left", "front_right", "rear_left", "rear_right"), 1.0)
@@ -83,6 +83,7 @@ def with_auxiliary_topics(
                 )
             if topic == "/vehicle/command" and has_pedals:
                 events += _pedals(log_ns, float(msg.effort[0]))
+                msg.effort = np.zeros_like(msg.effort)
             if topic not in without:
                 events.append((log_ns, topic, msg))
     if gps_factor:
