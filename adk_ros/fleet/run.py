@@ -79,7 +79,8 @@ def run_stage(
     """
     Process the recordings that have no result of this stage, code and inputs yet.
 
-    :param out: output folder, which one run at a time writes to.
+    :param out: output folder, which one run at a time writes to; a verb of several stages holds
+        its lock (`run_lock`) for all of them.
     :param cluster: opens the cluster; called only if there is something to do.
     :raises UsageError: the folder is in use or cannot be written, a store or the scheduler does
         not answer: the results so far are kept. An interruption keeps them as well.

@@ -7,6 +7,7 @@ from __future__ import annotations
 import fcntl
 import os
 import socket
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,16 +16,24 @@ from adk_ros.errors import UsageError
 
 LOCK_FILE = ".lock"
 
+_held: set[tuple[int, int, str]] = set()
+"""Process, thread and folder of the locks that are held here. A forked process holds none."""
+
 
 @contextmanager
 def run_lock(out: Path) -> Iterator[None]:
     """
     Hold the lock of an output folder, which is created if need be.
 
-    The kernel releases it when the process ends, however it ends.
+    A verb holds it from its first to its last stage; stages that take it again in the same thread
+    do nothing. The kernel releases it when the process ends, however it ends.
 
     :raises UsageError: another run holds it, or the folder cannot be written.
     """
+    held = (os.getpid(), threading.get_ident(), os.path.realpath(out))
+    if held in _held:
+        yield
+        return
     try:
         out.mkdir(parents=True, exist_ok=True)
         file = (out / LOCK_FILE).open("a+")
@@ -42,4 +51,8 @@ def run_lock(out: Path) -> Iterator[None]:
         file.truncate(0)
         file.write(f"process {os.getpid()} on {socket.gethostname()}")
         file.flush()
-        yield
+        _held.add(held)
+        try:
+            yield
+        finally:
+            _held.remove(held)

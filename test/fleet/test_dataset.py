@@ -9,6 +9,7 @@ import fcntl
 import os
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 
 import duckdb
 import pandas as pd
@@ -143,17 +144,29 @@ def test_a_copy_has_rows_of_its_own(tmp_path) -> None:
     assert Counter(row["recording"] for row in rows) == {"a.mcap": 2, "b.mcap": 2}
 
 
+def in_a_thread(out):
+    """Take and release the lock in another thread; raises what it raises there."""
+
+    def take():
+        with run_lock(out):
+            pass
+
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(take).result()
+
+
 def test_two_runs_on_one_folder(tmp_path) -> None:
     with run_lock(tmp_path / "out"):
         with (tmp_path / "out" / ".lock").open() as file, pytest.raises(BlockingIOError):
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        with (
-            pytest.raises(UsageError, match=f"is in use by process {os.getpid()} on"),
-            run_lock(tmp_path / "out"),
-        ):
+        # A stage of the run takes it again, by another path, and does not release it.
+        (tmp_path / "link").symlink_to(tmp_path / "out")
+        with run_lock(tmp_path / "link"):
             pass
-    with run_lock(tmp_path / "out"):
-        pass
+        for _ in range(2):
+            with pytest.raises(UsageError, match=f"is in use by process {os.getpid()} on"):
+                in_a_thread(tmp_path / "out")
+    in_a_thread(tmp_path / "out")
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="cannot be written"), run_lock(tmp_path / "file"):
         pass

@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,18 +27,17 @@ from adk_ros.api.fleet.fleet_run import (
     tags_file,
     write_tags_of,
 )
+from adk_ros.api.fleet.identified_simulation import identified_simulation
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.api.fleet.lost_files import forget_lost_files
 from adk_ros.api.fleet.report_stage import ReportStage
-from adk_ros.api.recording import read_log
 from adk_ros.bags.recording import RecordingOptions
-from adk_ros.errors import AdkError, DataError, UsageError
+from adk_ros.errors import UsageError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.cluster import Cluster, open_cluster
 from adk_ros.fleet.dataset import FleetDataset
-from adk_ros.fleet.recordings import FleetRecording, local_recording
 from adk_ros.fleet.run import Progress, run_stage
-from adk_ros.fleet.stage import hash_of
+from adk_ros.fleet.run_lock import run_lock
 from adk_ros.fleet.tags import Tags
 
 if TYPE_CHECKING:
@@ -49,8 +48,6 @@ if TYPE_CHECKING:
 
 REPORT, RECORDINGS = "report", "recordings"
 _DAY_S = 86_400.0
-_FIRST_TRIED = 20
-"""Recordings that are tried as the typical one before giving up."""
 
 
 @dataclass(frozen=True)
@@ -101,65 +98,74 @@ def fleet_mismatch(
     from adk_ros.fleet.report.fleet_page import write_fleet_page
 
     timer = RunTimer()
-    out, options = Path(out), options or FleetOptions()
+    out, simulation, options = Path(out), Path(simulation), options or FleetOptions()
     check_options(options)
-    found, tags = listed_recordings(recordings, options)
-    try:
-        (out / REPORT).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
+    if not simulation.exists():
+        raise UsageError(f"--simulation {simulation} does not exist")
     reading = recording_options or RecordingOptions()
-    path = _identified(Path(simulation), vehicle, found, out, without_imu, reading, progress)
-    known = FleetSimulation.load(path)
-
-    def report(done: float, text: str) -> None:
-        if progress is not None:
-            progress(done, 1.0, text)
-
-    with ExitStack() as stack:
-
-        @cache
-        def cluster() -> Cluster:
-            return stack.enter_context(open_cluster(options.workers, options.cluster))
-
-        def evidence_at(
-            estimate: FleetEstimate | None, moved: Collection[str] | None
-        ) -> tuple[list[Row], dict[str, str]]:
-            stage = EvidenceStage(str(path), _point(out, estimate), without_imu, reading)
-            # What has no evidence without effects has none at an estimate either.
-            names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
-            names &= names if moved is None else set(moved)
-            usable = [recording for recording in found if recording.name in names]
-            run_stage(stage, usable, out, lambda: nullcontext(cluster()), options.limits, progress)
-            return evidence_of(out, stage, names)
-
-        analysis = analyse_fleet(
-            evidence_at, known, lambda rows: recording_tags(rows, tags), report
+    found, tags = listed_recordings(recordings, options)
+    with run_lock(out):
+        try:
+            (out / REPORT).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
+        path = identified_simulation(
+            simulation, vehicle, found, out, without_imu, reading, progress
         )
-        worst = {x.name for x in analysis.result.worst(reports)}
-        surrogate = out / REPORT / "simulation.yaml"
-        surrogate.write_text(simulation_model(known.surrogate), encoding="utf-8")
-        folder = out / REPORT / RECORDINGS
-        stage = ReportStage(str(surrogate.resolve()), str(folder.resolve()), without_imu, reading)
-        forget_lost_files(out, stage.name, folder, "report")
-        listed = [recording for recording in found if recording.name in worst]
-        run_stage(stage, listed, out, lambda: nullcontext(cluster()), options.limits, progress)
-    write_tags_of(out, tags)
-    failed = tuple(sorted(analysis.failed.items()))
-    models = corrected_models(analysis.result, known.surrogate)
-    links = _links(out, stage, worst)
-    sources: list[tuple[str, Path | str | None]] = [("simulation", simulation)]
-    if vehicle is not None and Path(vehicle).is_file():
-        sources.append(("vehicle", vehicle))
-    page = write_fleet_page(
-        analysis.result,
-        out / REPORT,
-        provenance=timer.provenance([*sources, *tags_file(out)]),
-        links=links,
-        models=models,
-        failed=failed,
-    )
-    return FleetMismatch(analysis.result, page, failed)
+        known = FleetSimulation.load(path)
+
+        def report(done: float, text: str) -> None:
+            if progress is not None:
+                progress(done, 1.0, text)
+
+        with ExitStack() as stack:
+
+            @cache
+            def cluster() -> Cluster:
+                return stack.enter_context(open_cluster(options.workers, options.cluster))
+
+            def evidence_at(
+                estimate: FleetEstimate | None, moved: Collection[str] | None
+            ) -> tuple[list[Row], dict[str, str]]:
+                stage = EvidenceStage(str(path), _point(out, estimate), without_imu, reading)
+                # What has no evidence without effects has none at an estimate either.
+                names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
+                names &= names if moved is None else set(moved)
+                usable = [recording for recording in found if recording.name in names]
+                run_stage(
+                    stage, usable, out, lambda: nullcontext(cluster()), options.limits, progress
+                )
+                return evidence_of(out, stage, names)
+
+            analysis = analyse_fleet(
+                evidence_at, known, lambda rows: recording_tags(rows, tags), report
+            )
+            worst = {x.name for x in analysis.result.worst(reports)}
+            surrogate = out / REPORT / "simulation.yaml"
+            surrogate.write_text(simulation_model(known.surrogate), encoding="utf-8")
+            folder = out / REPORT / RECORDINGS
+            stage = ReportStage(
+                str(surrogate.resolve()), str(folder.resolve()), without_imu, reading
+            )
+            forget_lost_files(out, stage.name, folder, "report")
+            listed = [recording for recording in found if recording.name in worst]
+            run_stage(stage, listed, out, lambda: nullcontext(cluster()), options.limits, progress)
+        write_tags_of(out, tags)
+        failed = tuple(sorted(analysis.failed.items()))
+        models = corrected_models(analysis.result, known.surrogate)
+        links = _links(out, stage, worst)
+        sources: list[tuple[str, Path | str | None]] = [("simulation", simulation)]
+        if vehicle is not None and Path(vehicle).is_file():
+            sources.append(("vehicle", vehicle))
+        page = write_fleet_page(
+            analysis.result,
+            out / REPORT,
+            provenance=timer.provenance([*sources, *tags_file(out)]),
+            links=links,
+            models=models,
+            failed=failed,
+        )
+        return FleetMismatch(analysis.result, page, failed)
 
 
 def _links(out: Path, stage: ReportStage, names: Collection[str]) -> dict[str, str]:
@@ -230,55 +236,3 @@ def _point(out: Path, estimate: FleetEstimate | None) -> str:
     path = out / f"point-{file_hash(str(scratch))[:16]}.json"
     scratch.replace(path)
     return str(path)
-
-
-def simulation_file(
-    simulation: Path, vehicle: Path | str | None, out: Path, reading: RecordingOptions
-) -> Path:
-    """Return the file of the identified simulation, named by its inputs, whether it exists."""
-    given = "" if vehicle is None else str(vehicle)
-    files = [file_hash(str(simulation)), file_hash(given)]
-    key = hash_of([*files, asdict(reading), code_digest()])
-    return out / f"simulation-{key[:16]}.npz"
-
-
-def _identified(
-    simulation: Path,
-    vehicle: Path | str | None,
-    recordings: Sequence[FleetRecording],
-    out: Path,
-    without_imu: bool,
-    reading: RecordingOptions,
-    progress: Progress | None,
-) -> Path:
-    """Return the file of the simulation, identified unless the dataset has it."""
-    from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
-    from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
-
-    if not simulation.exists():
-        raise UsageError(f"--simulation {simulation} does not exist")
-    path = simulation_file(simulation, vehicle, out, reading)
-    if path.exists():
-        return path
-    nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
-    radius = 0.0 if nominal is None else nominal.wheel_radius
-    simulated = read_log(simulation, reading, wheel_radius=radius)
-
-    def report(done: float, text: str) -> None:
-        if progress is not None:
-            progress(done, 1.0, text)
-
-    reasons = []
-    for recording in recordings[:_FIRST_TRIED]:
-        try:
-            with local_recording(recording) as local:
-                typical = read_log(local, reading, needs_imu=not without_imu, wheel_radius=radius)
-            known = FleetSimulation.identify(simulated, typical, nominal, report)
-        except AdkError as error:
-            reasons.append(f"{recording.name}: {error}")
-            continue
-        scratch = out / ".simulation.npz"
-        known.save(scratch)
-        scratch.replace(path)
-        return path
-    raise DataError(f"none of the first {len(reasons)} recordings can be used; {reasons[0]}")

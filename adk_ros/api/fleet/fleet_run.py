@@ -17,6 +17,7 @@ from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.plan import plan
 from adk_ros.fleet.recordings import FleetRecording, find_recordings
 from adk_ros.fleet.run import Limits, Progress, RunSummary, run_stage
+from adk_ros.fleet.run_lock import run_lock
 from adk_ros.fleet.stage import Stage
 from adk_ros.fleet.tags import TAGS_FILE, Tags, read_tags, write_tags
 
@@ -85,8 +86,9 @@ def run_fleet(
     out = Path(out)
     found, tags = listed_recordings(recordings, options)
     cluster = partial(open_cluster, options.workers, options.cluster)
-    summary = run_stage(stage, found, out, cluster, options.limits, progress)
-    write_tags_of(out, tags)
+    with run_lock(out):
+        summary = run_stage(stage, found, out, cluster, options.limits, progress)
+        write_tags_of(out, tags)
     return summary
 
 

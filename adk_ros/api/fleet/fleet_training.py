@@ -25,6 +25,7 @@ from adk_ros.api.fleet.training_data import (
 )
 from adk_ros.api.progress import Progress
 from adk_ros.fleet.run import Progress as FleetProgress
+from adk_ros.fleet.run_lock import run_lock
 
 if TYPE_CHECKING:
     from adk_ros.api.model import TrainedModel
@@ -55,8 +56,8 @@ def train_fleet(
         without a vehicle counts as a separate one.
     :param out: folder of the fleet's results, with the shards.
     :param model: model folder to write.
-    :raises UsageError: an argument is invalid, `model` exists, or fewer than three vehicles have
-        data.
+    :raises UsageError: an argument is invalid, `model` exists, `out` is in use, or fewer than
+        three vehicles have data.
     :raises DataError: the data are unusable or too short.
     """
     from adk_ros.api.model import load_model
@@ -71,20 +72,21 @@ def train_fleet(
     training, options = training or FleetTrainingOptions(), options or FleetOptions()
     chosen = settings or default_settings()
     check_training(model, "blocks", 1, force)
-    data = fleet_training_data(recordings, out, chosen.seed, training, options, fleet_progress)
-    folder = out / SHARDS
-    drawn = data.windows
-    windows = TrainingWindows(
-        drawn.count, drawn.key, lambda number: joined_records(folder, drawn.window(number))
-    )
-    split = split_of(folder, data, windows.read(0), chosen.seed)
-    stepped, noted = training_callbacks(progress, on_step)
-    run = train_on_split(
-        split, model, chosen, training.reading.sensors, stepped, noted, windows,
-        {"fleet": data.as_dict()},
-    )  # fmt: skip
-    if report:
-        write_report(run, model, provenance=timer.provenance(tags_file(out)))
-    else:
-        remove_report(model)
+    with run_lock(out):
+        data = fleet_training_data(recordings, out, chosen.seed, training, options, fleet_progress)
+        folder = out / SHARDS
+        drawn = data.windows
+        windows = TrainingWindows(
+            drawn.count, drawn.key, lambda number: joined_records(folder, drawn.window(number))
+        )
+        split = split_of(folder, data, windows.read(0), chosen.seed)
+        stepped, noted = training_callbacks(progress, on_step)
+        run = train_on_split(
+            split, model, chosen, training.reading.sensors, stepped, noted, windows,
+            {"fleet": data.as_dict()},
+        )  # fmt: skip
+        if report:
+            write_report(run, model, provenance=timer.provenance(tags_file(out)))
+        else:
+            remove_report(model)
     return replace(load_model(model), training=run)

@@ -9,8 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from adk_ros.api.fleet.evidence_stage import EvidenceStage
-from adk_ros.api.fleet.fleet_mismatch import REPORT, simulation_file
+from adk_ros.api.fleet.fleet_mismatch import REPORT
 from adk_ros.api.fleet.fleet_run import FleetEstimate, FleetOptions, estimate_fleet
+from adk_ros.api.fleet.identified_simulation import simulation_file
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
 

@@ -138,7 +138,7 @@ def test_no_usable_recording_says_why(tmp_path: Path, monkeypatch: pytest.Monkey
         if path.name != "simulation":
             raise DataError(f"{path.name} has no odometry")
 
-    monkeypatch.setattr("adk_ros.api.fleet.fleet_mismatch.read_log", read)
+    monkeypatch.setattr("adk_ros.api.fleet.identified_simulation.read_log", read)
     drives, simulation = tmp_path / "drives", tmp_path / "simulation"
     drives.mkdir()
     simulation.mkdir()
