@@ -18,6 +18,7 @@ PEERS_PYTHON ?= python3.11
 
 BIN := $(VENV)/bin
 RUNTIME := $(VENV)/.runtime-installed
+FLEET := $(VENV)/.fleet-installed
 TESTING := $(VENV)/.testing-installed
 PACKAGE := setup.py setup.cfg pyproject.toml
 PIP_INSTALL = $(BIN)/python -m pip install --disable-pip-version-check $(PIP_ARGS)
@@ -51,13 +52,15 @@ endef
 export CHECK
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow test-all fuzz lint docs bench peers colcon clean distclean
+.PHONY: help install fleet demo test test-slow test-all fuzz lint docs bench peers colcon clean distclean
 
 help: ## Say what can be made
 	@echo "make TARGET [PYTHON=python3.11] [PIP_ARGS=...]"
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 install: $(RUNTIME) ## Make .venv with the `adk` command and all that it needs
+
+fleet: $(FLEET) ## Add to .venv what `adk fleet` needs: Dask, Parquet, object stores
 
 demo: $(RUNTIME) ## Train, run the live node, play a bag to it, score it (DEMO_ARGS=...)
 	@$(BIN)/adk demo $(DEMO_ARGS)
@@ -123,6 +126,10 @@ $(RUNTIME): $(RUNTIME_PINS) $(PACKAGE) | $(BIN)/pip
 	$(PIP_INSTALL) -r requirements/runtime.txt
 	$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
 	-@$(BIN)/adk compile
+	@touch $@
+
+$(FLEET): requirements/fleet.txt requirements/constraints.txt $(RUNTIME)
+	$(PIP_INSTALL) -r requirements/fleet.txt
 	@touch $@
 
 $(TESTING): requirements/test.txt requirements/import.txt requirements/fleet.txt requirements/docs.txt $(RUNTIME)

@@ -242,7 +242,7 @@ def test_pins_satisfy_requirements(given: dict[str, Any], python: str) -> None:
     required = names(given["install_requires"], python) | names(given["extras_require"]["ros"])
     assert set(versions(RUNTIME, python)) == required | {"setuptools"}
     test_tools = {canonicalize_name(name) for name in TEST_KEYS.values()}
-    assert test_tools | OPTIONAL <= set(versions(["test.txt"], python))
+    assert test_tools | OPTIONAL <= set(versions(["test.txt", "fleet.txt"], python))
 
 
 def test_requirements_for_an_installed_jazzy(given: dict[str, Any]) -> None:
@@ -406,8 +406,35 @@ def test_ci_runs_the_tests() -> None:
     assert os.access(script, os.X_OK)
     assert subprocess.run(["bash", "-n", str(script)], check=False).returncode == 0
     makefile = (ROOT / "Makefile").read_text()
-    for target in ("install", "demo", "test", "lint", "docs", "bench", "colcon", "clean", "help"):
+    targets = ["install", "fleet", "demo", "test", "lint", "docs", "bench", "colcon", "clean"]
+    for target in (*targets, "help"):
         assert re.search(rf"^{target}:.*## \S", makefile, re.MULTILINE), target
+
+
+@pytest.mark.parametrize("extra", ["fleet"])
+def test_a_target_installs_the_pins_of_an_extra(
+    extra: str, given: dict[str, Any], tmp_path: Path
+) -> None:
+    """`make EXTRA` installs requirements/EXTRA.txt, which has all that the extra names."""
+    for name in (".runtime-installed", "bin/pip", "bin/python"):
+        path = tmp_path / "venv" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    command = ["make", "--dry-run", extra, f"VENV={tmp_path / 'venv'}"]
+    asked = {name: value for name, value in os.environ.items() if name != "MAKEFLAGS"}
+    done = subprocess.run(
+        command, cwd=ROOT, env=asked, capture_output=True, text=True, check=True, timeout=60
+    )
+    (install,) = [line for line in done.stdout.splitlines() if " pip install " in line]
+    assert install.startswith(f"{tmp_path}/venv/bin/python -m pip install")
+    assert install.split()[-2:] == ["-r", f"requirements/{extra}.txt"]
+    wanted = names(given["extras_require"][extra])
+    assert {canonicalize_name(pin.name) for pin in pins(f"{extra}.txt")} == wanted
+    how_to = (ROOT / "doc" / "how-to" / f"{extra}.md").read_text()
+    (first, *_) = re.findall(r"```\n(.*?)```", how_to, re.DOTALL)
+    made, run = first.splitlines()
+    assert made == f"make {extra}"
+    assert run.startswith(f".venv/bin/adk {extra} ")
 
 
 class Recorder:
