@@ -5,14 +5,18 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 
 from adk_ros.errors import UsageError
 from adk_ros.fleet.recordings import FleetRecording
+from adk_ros.fleet.store import file_system, with_retries
 
 TAGS_FILE = "fleet.csv"
 _COLUMNS = ("recording", "vehicle", "time")
@@ -33,23 +37,67 @@ class Tags:
     conditions: Mapping[str, str] = field(default_factory=dict)
 
 
-def read_tags(path: Path, recordings: Sequence[FleetRecording]) -> dict[str, Tags]:
+def tags_beside(given: Sequence[str]) -> str | None:
+    """
+    Return path or URL of fleet.csv in the folder of the recordings, None if there is none.
+
+    :param given: folders, globs and URLs; the folder of a glob is its path before the first
+        wildcard.
+    :raises UsageError: there are several. :raises StoreUnreachable: a store does not answer.
+    """
+    files = dict.fromkeys(f"{_folder(uri)}/{TAGS_FILE}" for uri in given)
+    present = [file for file in files if _is_file(file)]
+    if len(present) > 1:
+        raise UsageError(
+            f"{present[0]} and {present[1]}: name one file for all recordings with --tags"
+        )
+    return present[0] if present else None
+
+
+def _folder(uri: str) -> str:
+    """Return a folder or URL without its wildcards, and without a slash at its end."""
+    protocol, separator, path = uri.rpartition("://")
+    fixed = re.split(r"[*?\[]", path)[0]
+    if fixed != path:
+        fixed = fixed.rpartition("/")[0] or ("" if path.startswith("/") or protocol else ".")
+    return f"{protocol}{separator}{fixed.rstrip('/')}"
+
+
+def _is_file(uri: str) -> bool:
+    system, path = file_system(uri)
+    try:
+        return bool(with_retries(uri, partial(system.info, path))["type"] == "file")
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError as error:
+        raise UsageError(f"{uri} cannot be read: {error.strerror or error}") from None
+
+
+def read_tags(path: Path | str, recordings: Sequence[FleetRecording]) -> dict[str, Tags]:
     """
     Return name of recording -> its tags; recordings that the file does not list have none.
 
     Columns recording, vehicle and time (ISO 8601; without an offset UTC), then any others.
-    `recording` is the name of a recording, with or without the ending of its file.
+    `recording` is the name of a recording or its path below the folder of the table, with or
+    without the ending of its file.
 
+    :param path: on the disk, or URL.
     :raises UsageError: the file cannot be read, a column or value is missing or wrong, a recording
         is listed twice or does not exist; the message names line and column.
+    :raises StoreUnreachable: its store does not answer.
     """
     known = {recording.name: recording.name for recording in recordings}
+    folder = f"{file_system(str(path))[1].rpartition('/')[0]}/"
+    for recording in recordings:
+        # Of a glob with several wildcards, names are shorter than paths below its folder.
+        if (place := recording.uri.rpartition("://")[2]).startswith(folder):
+            known.setdefault(place.removeprefix(folder), recording.name)
     for name in list(known):
-        known.setdefault(name.rpartition(".")[0], name)
+        known.setdefault(name.rpartition(".")[0], known[name])
     tags: dict[str, Tags] = {}
     unknown = []
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with io.StringIO(_content(path).decode("utf-8-sig"), newline="") as file:
             reader = csv.DictReader(file, skipinitialspace=True)
             names = [name.strip() for name in reader.fieldnames or ()]
             reader.fieldnames = names
@@ -77,7 +125,15 @@ def read_tags(path: Path, recordings: Sequence[FleetRecording]) -> dict[str, Tag
     return tags
 
 
-def _check_columns(path: Path, names: Sequence[str]) -> None:
+def _content(path: Path | str) -> bytes:
+    if isinstance(path, Path):
+        return path.read_bytes()
+    system, place = file_system(path)
+    content: bytes = with_retries(path, partial(system.cat_file, place))
+    return content
+
+
+def _check_columns(path: Path | str, names: Sequence[str]) -> None:
     missing = [name for name in _COLUMNS if name not in names]
     if missing:
         raise UsageError(

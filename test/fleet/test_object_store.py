@@ -14,12 +14,14 @@ import s3fs
 from helpers.fleet import text_stage
 from moto.server import ThreadedMotoServer
 
+from adk_ros.api.fleet.fleet_run import FleetOptions, listed_recordings
 from adk_ros.errors import UsageError
 from adk_ros.fleet.cluster import open_cluster
 from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.recordings import find_recordings
 from adk_ros.fleet.run import Limits, run_stage
 from adk_ros.fleet.store import StoreUnreachable, with_retries
+from adk_ros.fleet.tags import Tags
 
 
 @pytest.fixture
@@ -68,6 +70,18 @@ def test_recordings_of_a_bucket(store, tmp_path) -> None:
         stage, find_recordings(["s3://fleet/drives"]), tmp_path / "out", partial(open_cluster, 1)
     )
     assert (again.reused, again.computed) == (3, 0)
+
+
+@pytest.mark.slow(seconds=10)
+def test_tags_of_a_bucket(store) -> None:
+    options = FleetOptions()
+    assert listed_recordings(["s3://fleet/drives"], options)[1] == {}
+    table = b"recording,vehicle,time,rain\ncar/b,car 1,,yes\na.mcap,car 2,,no\n"
+    boto3.client("s3").put_object(Bucket="fleet", Key="drives/fleet.csv", Body=table)
+    _, tags = listed_recordings(["s3://fleet/drives"], options)
+    assert tags["car/b.mcap"] == Tags("car 1", None, {"rain": "yes"})
+    _, tags = listed_recordings(["s3://fleet/drives/*/*.mcap"], options)
+    assert {name: each.vehicle for name, each in tags.items()} == {"b.mcap": "car 1"}
 
 
 @pytest.mark.slow(seconds=15)

@@ -12,7 +12,7 @@ import pytest
 from adk_ros.errors import UsageError
 from adk_ros.fleet import store
 from adk_ros.fleet.recordings import content_hash, find_recordings, local_recording
-from adk_ros.fleet.tags import Tags, read_tags, write_tags
+from adk_ros.fleet.tags import Tags, read_tags, tags_beside, write_tags
 
 
 def touch(path, text="x"):
@@ -152,6 +152,51 @@ def test_tags(drives, tmp_path) -> None:
     assert tags["car/a.mcap"].time_s is None
     write_tags(tmp_path / "again.csv", tags)
     assert read_tags(tmp_path / "again.csv", found) == tags
+
+
+def test_tags_beside_a_glob(drives, tmp_path, monkeypatch) -> None:
+    path = touch(drives / "fleet.csv", TABLE)
+    monkeypatch.chdir(tmp_path)
+    for given in ("*", "c*", "?ar/", "[ct]*/*.mcap", ""):
+        assert Path(str(tags_beside([f"{drives}/{given}"]))) == path, given
+    assert tags_beside([str(drives / "c*"), str(drives / "t*")]) == str(path)
+    assert tags_beside(["drives/*"]) == "drives/fleet.csv"
+    assert tags_beside([str(drives / "car" / "*")]) is None
+    assert tags_beside(["dr*"]) is None
+    touch(tmp_path / "fleet.csv", TABLE)
+    assert tags_beside(["dr*"]) == "./fleet.csv"
+    with pytest.raises(UsageError, match="name one file for all recordings with --tags"):
+        tags_beside(["dr*", "drives/*"])
+
+
+def test_a_table_names_paths_below_its_folder(drives) -> None:
+    path = touch(drives / "fleet.csv", TABLE)
+    found = find_recordings([str(drives / "*" / "a.*"), str(drives / "town")])
+    assert [each.name for each in found] == ["a.mcap", "town"]
+    tags = read_tags(path, found)
+    assert {name: each.vehicle for name, each in tags.items()} == {
+        "a.mcap": "car 2", "town": "car 1"
+    }  # fmt: skip
+
+
+def test_tags_in_a_store() -> None:
+    system, _ = store.file_system("memory://tagged")
+    for name, text in (("a.mcap", "x"), ("car/b.mcap", "y"), ("fleet.csv", TABLE)):
+        with system.open(f"/tagged/drives/{name}", "w") as file:
+            file.write(text.replace("car/a.mcap", "car/b"))
+    for given, expected in (
+        ("memory://tagged/drives", {"car/b.mcap": "car 2"}),
+        ("memory://tagged/drives/", {"car/b.mcap": "car 2"}),
+        ("memory://tagged/drives/*/*", {"b.mcap": "car 2"}),
+    ):
+        path = tags_beside([given])
+        assert path == "memory://tagged/drives/fleet.csv"
+        tags = read_tags(path, find_recordings([given]))
+        assert {name: each.vehicle for name, each in tags.items()} == expected
+    assert tags_beside(["memory://tagged"]) is None
+    system.pipe("/tagged/fleet.csv", b"recording,vehicle\n")
+    with pytest.raises(UsageError, match=r"memory://tagged/fleet.csv: column time missing"):
+        read_tags("memory://tagged/fleet.csv", [])
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from adk_ros.fleet.recordings import FleetRecording, find_recordings
 from adk_ros.fleet.run import Limits, Progress, RunSummary, run_stage
 from adk_ros.fleet.run_lock import run_lock
 from adk_ros.fleet.stage import Stage
-from adk_ros.fleet.tags import TAGS_FILE, Tags, read_tags, write_tags
+from adk_ros.fleet.tags import TAGS_FILE, Tags, read_tags, tags_beside, write_tags
 
 
 def available_cores() -> int:
@@ -165,13 +165,5 @@ def listed_recordings(
     :raises UsageError: nothing is there, or fleet.csv is wrong.
     """
     found = find_recordings(recordings)
-    path = options.tags
-    if path is None:
-        beside = [Path(given) / TAGS_FILE for given in recordings if "://" not in given]
-        present = [each for each in beside if each.is_file()]
-        if len(present) > 1:
-            raise UsageError(
-                f"{present[0]} and {present[1]}: name one file for all recordings with --tags"
-            )
-        path = present[0] if present else None
+    path = tags_beside(recordings) if options.tags is None else options.tags
     return found, {} if path is None else read_tags(path, found)
