@@ -208,7 +208,7 @@ def _write_copies(stage: Stage, found: Plan, dataset: FleetDataset) -> None:
         return
     names: dict[str, str] = {}
     rows = []
-    for row in dataset.rows(stage.name, found.copied.keys()):
+    for row in dataset.rows(stage.name, {"key": found.copied.keys()}):
         if names.setdefault(row["key"], row["recording"]) == row["recording"]:
             for copy in found.copied[row["key"]]:
                 rows.append(row | {"recording": copy.name, "uri": copy.uri})

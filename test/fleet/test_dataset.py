@@ -100,6 +100,23 @@ def test_rates_and_dropped_rows(tmp_path) -> None:
     assert [row["recording"] for row in dataset.rows("text")] == ["a.mcap"]
 
 
+def test_selected_rows_are_those_that_python_selects(tmp_path) -> None:
+    dataset = FleetDataset(tmp_path)
+    for part in range(3):
+        rows = [
+            {"recording": f"r{number % 7}", "key": str(part), "value": float(number)}
+            for number in range(50)
+        ]
+        dataset.append("text", [*rows, {"value": -1.0}])
+    every = dataset.rows("text")
+    assert len(every) == 153
+    wanted = {"r3", "r5", "none"}
+    assert dataset.rows("text", {"recording": wanted, "key": ["0", "2"]}) == [
+        row for row in every if row["recording"] in wanted and row["key"] in {"0", "2"}
+    ]
+    assert dataset.rows("text", {"recording": []}) == []
+
+
 def test_a_full_disk_is_a_line_and_leaves_no_file(tmp_path, monkeypatch) -> None:
     dataset, *_ = filled(tmp_path)
     before = sorted(tmp_path.rglob("*.parquet"))

@@ -171,9 +171,9 @@ def fleet_mismatch(
 def _links(out: Path, stage: ReportStage, names: Collection[str]) -> dict[str, str]:
     """Return recording -> address of its report, relative to the page."""
     links = {}
-    for row in FleetDataset(out).rows(stage.name):
+    for row in FleetDataset(out).rows(stage.name, {"recording": names}):
         page = json.loads(row["details"] or "{}").get("report")
-        if page is not None and row["recording"] in names:
+        if page is not None:
             links[str(row["recording"])] = quote(f"{RECORDINGS}/{page}")
     return links
 
@@ -182,12 +182,13 @@ def evidence_of(
     out: Path, stage: EvidenceStage, names: Collection[str]
 ) -> tuple[list[Row], dict[str, str]]:
     """Return the evidence of these recordings in a dataset, and name -> reason of the others."""
-    inputs, code = stage.inputs_hash, code_digest()
     rows, failed = [], {}
-    for row in FleetDataset(out).rows(stage.name):
-        is_other = row["inputs_hash"] != inputs or row["code_version"] != code
-        if is_other or row["recording"] not in names:
-            continue
+    where = {
+        "inputs_hash": [stage.inputs_hash],
+        "code_version": [code_digest()],
+        "recording": names,
+    }
+    for row in FleetDataset(out).rows(stage.name, where):
         if row["status"] == "ok":
             rows.append(evidence_row(row["details"], row["recording"]))
         else:

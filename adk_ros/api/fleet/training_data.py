@@ -135,16 +135,17 @@ def _blocks(
     out: Path, stage: ShardStage, names: Iterable[str], tags: Mapping[str, Tags]
 ) -> tuple[list[FleetBlock], dict[str, str]]:
     """Return the blocks of the recordings, and recording -> why it is not used."""
-    inputs, code, wanted = stage.inputs_hash, code_digest(), set(names)
+    where = {
+        "inputs_hash": [stage.inputs_hash],
+        "code_version": [code_digest()],
+        "recording": set(names),
+    }
     balanced = _balanced_tags(tags)
     blocks, failed = [], {}
     first_of: dict[str, str] = {}
-    rows = sorted(FleetDataset(out).rows(SHARDS), key=lambda row: str(row["recording"]))
-    for row in rows:
+    rows = FleetDataset(out).rows(SHARDS, where)
+    for row in sorted(rows, key=lambda row: str(row["recording"])):
         name = str(row["recording"])
-        is_other = row["inputs_hash"] != inputs or row["code_version"] != code
-        if is_other or name not in wanted:
-            continue
         if row["status"] != "ok":
             failed[name] = str(row["reason"])
         if row["kind"] != "block":
