@@ -62,6 +62,13 @@ def mismatch(
     cluster: ClusterOption = None,
     timeout: TimeoutOption = 1800.0,
     memory: MemoryOption = 4096.0,
+    limit: Annotated[
+        int | None,
+        typer.Option(
+            help="analyse so many recordings, chosen by the hash of their names",
+            show_default="all",
+        ),
+    ] = None,
     retry_failed: RetryOption = False,
     reports: Annotated[
         int, typer.Option(help="recordings that get a report of their own: those explained worst")
@@ -78,7 +85,7 @@ def mismatch(
     Example: adk fleet mismatch drives --simulation sim --vehicle vehicle.yaml --out fleet
     """
     reading = read_options(imu, odometry, command, False, params)
-    options = fleet_options(tags, workers, cluster, timeout, memory, None, retry_failed)
+    options = fleet_options(tags, workers, cluster, timeout, memory, limit, retry_failed)
     if dry_run:
         from adk_ros.api.fleet.mismatch_estimate import estimate_mismatch
         from adk_ros.fleet.inference.analysis import USUAL_PASSES
@@ -189,6 +196,8 @@ def _show(found: FleetMismatch) -> None:
         console.note(
             f"no vehicle is named (fleet.csv): {len(recordings)} recordings count as as many cars"
         )
+    if found.left:
+        console.note(f"--limit: {found.left} recordings are not analysed")
     for name, reason in found.failed:
         console.output.print(f"not used: {name}: {reason}", markup=False)
     console.flush()

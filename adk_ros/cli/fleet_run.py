@@ -30,5 +30,5 @@ def _estimate_text(estimate: dict[str, Any]) -> str:
         return f"{text}; duration unknown before the first result"
     return (
         f"{text}; about {duration_text(estimate['seconds'])} with {estimate['workers']} workers, "
-        f"by the rate of {estimate['measured']} recordings"
+        f"by {estimate['basis']}"
     )

@@ -116,7 +116,11 @@ def test_dry_run_of_all_passes(drives, tmp_path, capsys) -> None:
     text = capsys.readouterr().out
     assert "evidence: 2 recordings, 0 done, 2 to process" in text
     assert "counts of the first of about 3 passes" in text
+    assert "by a default of 0.7 s of a core for a minute of recording and pass" in text
     assert not out.exists()
+    # Half a minute, three times; the damaged file has six bytes.
+    assert main([*given, "--dry-run", "--json", "--workers", "1"]) == 0
+    assert json.loads(capsys.readouterr().out)["seconds"] == pytest.approx(1.05, rel=0.02)
     # At the rate of one recording that took 30 s: one to do and both again in two passes.
     row = {"recording": "town", "key": "1", "status": "ok", "seconds": 30.0}
     size = find_recordings([str(drives)])[-1].size
@@ -124,6 +128,8 @@ def test_dry_run_of_all_passes(drives, tmp_path, capsys) -> None:
     assert main([*given, "--dry-run", "--json", "--workers", "1"]) == 0
     estimate = json.loads(capsys.readouterr().out)
     assert estimate["seconds"] == pytest.approx(90.0, rel=0.01)
+    assert main([*given, "--dry-run", "--json", "--limit", "1"]) == 0
+    assert json.loads(capsys.readouterr().out)["total"] == 1
 
 
 @pytest.mark.slow(seconds=90)
@@ -181,6 +187,7 @@ def test_named_topics_reach_the_checks() -> None:
         (["index", "{d}", "--out", "{o}", "--workers", "0"], "--workers 0: at least one"),
         (["index", "{d}", "--out", "{o}", "--timeout", "0"], "--timeout 0: must be positive"),
         (["index", "{d}", "--out", "{o}", "--memory", "-1"], "--memory -1: must be positive"),
+        (["index", "{d}", "--out", "{o}", "--limit", "0"], "--limit 0: at least one"),
         (
             ["index", "{d}", "--out", "{o}", "--workers", "1", "--cluster", "tcp://x:1"],
             "leave it out with --cluster",

@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +23,7 @@ from adk_ros.api.fleet.evidence_stage import EvidenceStage, evidence_row, write_
 from adk_ros.api.fleet.fleet_run import (
     FleetOptions,
     check_options,
+    chosen_recordings,
     listed_recordings,
     tags_file,
     write_tags_of,
@@ -52,11 +53,16 @@ _DAY_S = 86_400.0
 
 @dataclass(frozen=True)
 class FleetMismatch:
-    """Result of a fleet, the page that was written, and the recordings without evidence."""
+    """
+    Result of a fleet, the page that was written, and the recordings without evidence.
+
+    `left`: number of recordings that were not chosen because of a limit.
+    """
 
     result: FleetResult
     page: Path
     failed: tuple[tuple[str, str], ...]
+    left: int = 0
 
     @property
     def summary(self) -> str:
@@ -88,6 +94,7 @@ def fleet_mismatch(
     :param recording_options: topics and sensor configuration of all bags.
     :param reports: so many recordings, those that are explained worst, get a report of their own,
         which the page links.
+    :param options: a limit on the number of recordings chooses them before the first pass.
     :raises UsageError: an argument is invalid, `out` is in use, or a service does not answer.
     :raises DataError: no recording can be used.
     """
@@ -103,14 +110,16 @@ def fleet_mismatch(
     if not simulation.exists():
         raise UsageError(f"--simulation {simulation} does not exist")
     reading = recording_options or RecordingOptions()
-    found, tags = listed_recordings(recordings, options)
+    listed, tags = listed_recordings(recordings, options)
+    found = chosen_recordings(listed, options.limits.count)
+    limits = replace(options.limits, count=None)
     with run_lock(out):
         try:
             (out / REPORT).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
         path = identified_simulation(
-            simulation, vehicle, found, out, without_imu, reading, progress
+            simulation, vehicle, listed, out, without_imu, reading, progress
         )
         known = FleetSimulation.load(path)
 
@@ -132,9 +141,7 @@ def fleet_mismatch(
                 names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
                 names &= names if moved is None else set(moved)
                 usable = [recording for recording in found if recording.name in names]
-                run_stage(
-                    stage, usable, out, lambda: nullcontext(cluster()), options.limits, progress
-                )
+                run_stage(stage, usable, out, lambda: nullcontext(cluster()), limits, progress)
                 return evidence_of(out, stage, names)
 
             analysis = analyse_fleet(
@@ -148,8 +155,8 @@ def fleet_mismatch(
                 str(surrogate.resolve()), str(folder.resolve()), without_imu, reading
             )
             forget_lost_files(out, stage.name, folder, "report")
-            listed = [recording for recording in found if recording.name in worst]
-            run_stage(stage, listed, out, lambda: nullcontext(cluster()), options.limits, progress)
+            shown = [recording for recording in found if recording.name in worst]
+            run_stage(stage, shown, out, lambda: nullcontext(cluster()), limits, progress)
         write_tags_of(out, tags)
         failed = tuple(sorted(analysis.failed.items()))
         models = corrected_models(analysis.result, known.surrogate)
@@ -165,7 +172,7 @@ def fleet_mismatch(
             models=models,
             failed=failed,
         )
-        return FleetMismatch(analysis.result, page, failed)
+        return FleetMismatch(analysis.result, page, failed, len(listed) - len(found))
 
 
 def _links(out: Path, stage: ReportStage, names: Collection[str]) -> dict[str, str]:

@@ -8,6 +8,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +49,8 @@ class FleetEstimate:
     What a run would do.
 
     `total` recordings, of which `reused` have a result and `missing` do not; `unhashed` of these
-    are new. `seconds`: expected duration with `workers`, None without an earlier rate, which comes
-    from `measured` recordings of this stage in the dataset.
+    are new. `seconds`: expected duration with `workers`, None without a rate. `basis`: where the
+    rate comes from: `measured` recordings of this stage in the dataset, or a default.
     """
 
     stage: str
@@ -61,6 +62,7 @@ class FleetEstimate:
     workers: int
     seconds: float | None
     measured: int
+    basis: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimate for JSON."""
@@ -119,7 +121,14 @@ def estimate_fleet(
     options = options or FleetOptions()
     check_options(options)
     found, _ = listed_recordings(recordings, options)
-    dataset = FleetDataset(Path(out))
+    return estimate_stage(stage, found, Path(out), options)
+
+
+def estimate_stage(
+    stage: Stage, found: Sequence[FleetRecording], out: Path, options: FleetOptions
+) -> FleetEstimate:
+    """Return what a stage would do on these recordings, as `estimate_fleet`."""
+    dataset = FleetDataset(out)
     todo = plan(stage, found, dataset.content_hashes(), dataset, options.limits.retry_failed)
     sizes = [work.size for work in todo.missing] + [each.size for each in todo.unhashed]
     sizes = sizes[: options.limits.count]
@@ -139,6 +148,7 @@ def estimate_fleet(
         options.workers,
         expected,
         measured,
+        f"the rate of {measured} recordings" if expected is not None else "",
     )
 
 
@@ -154,6 +164,8 @@ def check_options(options: FleetOptions) -> None:
         raise UsageError(f"--timeout {options.limits.timeout_s:g}: must be positive")
     if not options.limits.memory_mib > 0.0:
         raise UsageError(f"--memory {options.limits.memory_mib:g}: must be positive")
+    if options.limits.count is not None and options.limits.count < 1:
+        raise UsageError(f"--limit {options.limits.count}: at least one")
 
 
 def listed_recordings(
@@ -167,3 +179,15 @@ def listed_recordings(
     found = find_recordings(recordings)
     path = tags_beside(recordings) if options.tags is None else options.tags
     return found, {} if path is None else read_tags(path, found)
+
+
+def chosen_recordings(found: Sequence[FleetRecording], count: int | None) -> list[FleetRecording]:
+    """
+    Return `count` of the recordings, None for all, in their order.
+
+    They are chosen by the hash of their names: spread over the vehicles and days by which
+    recordings are named, and a larger number includes those of a smaller one.
+    """
+    order = sorted(found, key=lambda each: sha256(each.name.encode()).digest())
+    chosen = {each.name for each in order[:count]}
+    return [each for each in found if each.name in chosen]

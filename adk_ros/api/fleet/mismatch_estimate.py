@@ -10,10 +10,29 @@ from pathlib import Path
 
 from adk_ros.api.fleet.evidence_stage import EvidenceStage
 from adk_ros.api.fleet.fleet_mismatch import REPORT
-from adk_ros.api.fleet.fleet_run import FleetEstimate, FleetOptions, estimate_fleet
+from adk_ros.api.fleet.fleet_run import (
+    FleetEstimate,
+    FleetOptions,
+    check_options,
+    chosen_recordings,
+    estimate_stage,
+    listed_recordings,
+)
 from adk_ros.api.fleet.identified_simulation import simulation_file
+from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
+from adk_ros.fleet.dataset import FleetDataset
+
+DEFAULT_CORE_S = 0.7
+"""
+s of a core for a minute of recording and pass, before there is a result: 'adk fleet demo' took
+23 min on two cores for 195 recordings of 6.5 min on average in three passes (doc/fleet.md).
+"""
+_DEFAULT_BASIS = (
+    f"a default of {DEFAULT_CORE_S:g} s of a core for a minute of recording and pass, as an "
+    "AMD EPYC takes"
+)
 
 
 def estimate_mismatch(
@@ -30,21 +49,32 @@ def estimate_mismatch(
     Return what `fleet_mismatch` would do; writes nothing.
 
     The counts are of the first pass. `seconds` is of all passes at the mean rate of earlier ones,
-    an upper limit if later passes were done in part; reports of recordings are not counted.
+    an upper limit if later passes were done in part, or at `DEFAULT_CORE_S`; reports of recordings
+    are not counted.
 
     :raises UsageError: an argument is invalid.
     """
     from adk_ros.fleet.inference.analysis import USUAL_PASSES
 
-    simulation, out = Path(simulation), Path(out)
+    simulation, out, options = Path(simulation), Path(out), options or FleetOptions()
+    check_options(options)
     if not simulation.exists():
         raise UsageError(f"--simulation {simulation} does not exist")
+    listed, _ = listed_recordings(recordings, options)
+    found = chosen_recordings(listed, options.limits.count)
+    options = replace(options, limits=replace(options.limits, count=None))
     reading = recording_options or RecordingOptions()
     path = simulation_file(simulation, vehicle, out, reading)
     stage = EvidenceStage(str(path) if path.exists() else "", "", without_imu, reading)
-    first = estimate_fleet(stage, recordings, out, options)
+    first = estimate_stage(stage, found, out, options)
     is_finished = first.missing == 0 and (out / REPORT / "fleet.json").is_file()
-    if is_finished or first.seconds is None:
+    if is_finished:
         return first
-    every = estimate_fleet(replace(stage, simulation=""), recordings, out, options)
+    if first.seconds is None:
+        minutes = recording_minutes(found, FleetDataset(out))
+        if minutes is None:
+            return first
+        seconds = DEFAULT_CORE_S * minutes * USUAL_PASSES / options.workers
+        return replace(first, seconds=seconds, basis=_DEFAULT_BASIS)
+    every = estimate_stage(replace(stage, simulation=""), found, out, options)
     return replace(first, seconds=first.seconds + (USUAL_PASSES - 1) * (every.seconds or 0.0))

@@ -16,6 +16,8 @@ from adk_ros.api.fleet.evidence_stage import (
 )
 from adk_ros.api.fleet.fleet_demo import compared_with_truth
 from adk_ros.api.fleet.fleet_mismatch import evidence_of, fleet_mismatch, recording_tags
+from adk_ros.api.fleet.fleet_run import chosen_recordings
+from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.errors import DataError, UsageError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.dataset import FleetDataset
@@ -23,6 +25,7 @@ from adk_ros.fleet.inference.evidence import RECORDING
 from adk_ros.fleet.inference.fleet_result import Claim, FleetResult, PlaceClaim
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
+from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.tags import Tags
 
 
@@ -145,3 +148,22 @@ def test_no_usable_recording_says_why(tmp_path: Path, monkeypatch: pytest.Monkey
     (drives / "a.mcap").write_bytes(b"no bag")
     with pytest.raises(DataError, match=r"none of the first 1 recordings can be used; a.mcap: a"):
         fleet_mismatch(simulation, [str(drives)], tmp_path / "out")
+
+
+def test_a_limit_chooses_the_same_recordings_for_all_passes() -> None:
+    found = [FleetRecording(f"car_{i // 10}/{i}", "", (), 1, "") for i in range(40)]
+    assert chosen_recordings(found, None) == chosen_recordings(found, 99) == found
+    few, more = (chosen_recordings(found, count) for count in (6, 12))
+    assert (len(few), len(more)) == (6, 12)
+    assert set(few) < set(more)
+    assert few == [each for each in found if each in few]
+    assert len({each.name.partition("/")[0] for each in more}) == 4
+
+
+def test_minutes_of_recordings(tmp_path: Path) -> None:
+    dataset = FleetDataset(tmp_path)
+    found = [FleetRecording(f"{i}", f"memory://x/{i}", (), 500, "") for i in range(4)]
+    assert recording_minutes(found, dataset) is None
+    row = {"recording": "0", "kind": "content", "finding": "duration", "value": 60.0}
+    dataset.append("index", [row | {"bytes": 1000}])
+    assert recording_minutes(found, dataset) == pytest.approx(2.0)
