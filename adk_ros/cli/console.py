@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 output = Console(highlight=False, soft_wrap=True)
-_REPORT_UNITS = ("km/h", "km/h", "deg/s")
+REPORT_UNITS = ("km/h", "km/h", "deg/s")
 _HEADINGS = {
     "model": "model, commands known",
     "straight line": "linear extrap.",
@@ -167,7 +167,7 @@ def score_table(scores: dict[str, ErrorTable], model_names: tuple[str, ...], tit
     table.add_column("known\n/best\nnaive", justify="right")
     table.add_column("held\n/best\nnaive", justify="right")
     first = scores[model_names[0]]
-    for channel, (label, unit) in enumerate(zip(STATE_NAMES, _REPORT_UNITS, strict=True)):
+    for channel, (label, unit) in enumerate(zip(STATE_NAMES, REPORT_UNITS, strict=True)):
         for row, step in enumerate(first.steps):
             errors_shown = [
                 number_or_dash(scores[name].rmse[row, channel] * REPORT_SCALE[channel], ".4g")

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,6 +25,7 @@ from adk_ros.cli.fleet_options import (
     WorkersOption,
     fleet_options,
 )
+from adk_ros.cli.fleet_replay import print_replay
 from adk_ros.cli.fleet_run import print_estimate
 from adk_ros.cli.fleet_train import train
 from adk_ros.cli.options import (
@@ -38,6 +40,7 @@ from adk_ros.errors import UsageError
 
 if TYPE_CHECKING:
     from adk_ros.api.fleet.fleet_run import FleetOptions
+    from adk_ros.api.fleet.replay_summary import ReplaySummary
     from adk_ros.fleet.run import RunSummary
     from adk_ros.fleet.stage import Stage
 
@@ -55,7 +58,9 @@ def _run(
     options: FleetOptions,
     dry_run: bool,
     as_json: bool,
+    result: Callable[[], ReplaySummary] | None = None,
 ) -> None:
+    """Run a stage, or say what a run would do, and print the outcome and what `result` returns."""
     from adk_ros.api.fleet.fleet_run import estimate_fleet, run_fleet
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
@@ -72,9 +77,12 @@ def _run(
         if isinstance(stop, KeyboardInterrupt):
             raise
         raise typer.Exit(TERMINATED) from None
+    found = None if result is None else result()
     if as_json:
-        console.print_json(vars(summary))
+        console.print_json(vars(summary) | ({} if found is None else found.as_dict()))
         return
+    if found is not None:
+        print_replay(found)
     _print_summary(stage, summary, out)
 
 
@@ -154,14 +162,21 @@ def replay(
 
     Example: adk fleet replay drives --model model --out fleet
     """
+    from adk_ros.api.fleet.fleet_run import listed_recordings
     from adk_ros.api.fleet.replay_stage import ReplayStage
+    from adk_ros.api.fleet.replay_summary import replay_summary
     from adk_ros.model.stored_model import inspect_model
 
     sensors = inspect_model(model)["training"].get("sensors")
     reading = read_options(imu, odometry, command, False, params, sensors)
     options = fleet_options(tags, workers, cluster, timeout, memory, limit, retry_failed)
     stage = ReplayStage(str(model.resolve()), reading)
-    _run(stage, recordings, out, options, dry_run, as_json)
+
+    def summary() -> ReplaySummary:
+        found, _ = listed_recordings(recordings, options)
+        return replay_summary(out, stage, {each.name for each in found})
+
+    _run(stage, recordings, out, options, dry_run, as_json, summary)
 
 
 @app.command()

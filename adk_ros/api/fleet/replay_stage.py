@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from adk_ros.api.replay import ReplayResult
 
 _UNITS = dict(zip(STATE_NAMES, ("m/s", "m/s", "rad/s"), strict=True))
-_MINUTES = 5
+MINUTES = 5
 """Minutes that are listed, the most surprising first."""
 
 
@@ -147,4 +147,4 @@ def surprise_rows(result: ReplayResult) -> list[dict[str, Any]]:
                 },
             }
         )
-    return sorted(rows, key=lambda row: -float(str(row["value"])))[:_MINUTES]
+    return sorted(rows, key=lambda row: -float(str(row["value"])))[:MINUTES]

@@ -1,0 +1,116 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What stage `replay` says of a model over all recordings: pooled errors, surprising minutes."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from adk_ros.api.fleet.replay_stage import MINUTES, ReplayStage
+from adk_ros.files.code_digest import code_digest
+from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.signals.channels import STATE_NAMES
+
+
+@dataclass(frozen=True)
+class PooledError:
+    """
+    RMSE of a channel at a horizon (s) over all rollouts of a driving condition, "" for all.
+
+    `value` in `unit` (m/s or rad/s); `count` rollouts of `recordings`.
+    """
+
+    channel: str
+    horizon_s: float
+    condition: str
+    value: float
+    unit: str
+    count: int
+    recordings: int
+
+
+@dataclass(frozen=True)
+class SurprisingMinute:
+    """
+    A minute from `from_s` (s in the recording) with large innovations, most in `channel`.
+
+    `value`: root mean of the squared innovation over its predicted variance.
+    """
+
+    recording: str
+    from_s: float
+    channel: str
+    value: float
+
+
+@dataclass(frozen=True)
+class ReplaySummary:
+    """Errors by condition, channel and horizon, and the minutes of the largest innovations."""
+
+    errors: tuple[PooledError, ...]
+    surprises: tuple[SurprisingMinute, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary for JSON."""
+        return {
+            "errors": [dict(vars(each)) for each in self.errors],
+            "surprises": [dict(vars(each)) for each in self.surprises],
+        }
+
+
+def replay_summary(out: Path, stage: ReplayStage, names: Collection[str]) -> ReplaySummary:
+    """Return what a stage says of the recordings of these names, each by its newest result."""
+    where = {
+        "inputs_hash": [stage.inputs_hash],
+        "code_version": [code_digest()],
+        "recording": names,
+        "kind": ["error", "surprise"],
+    }
+    rows = FleetDataset(out).rows(stage.name, where)
+    newest: dict[str, tuple[float, str]] = {}
+    for row in rows:
+        at = (float(row["written_s"]), str(row["key"]))
+        newest[row["recording"]] = max(at, newest.get(row["recording"], at))
+    rows = [row for row in rows if row["key"] == newest[row["recording"]][1]]
+    return ReplaySummary(
+        _pooled(row for row in rows if row["kind"] == "error"),
+        _minutes(row for row in rows if row["kind"] == "surprise"),
+    )
+
+
+def _pooled(rows: Iterable[Mapping[str, Any]]) -> tuple[PooledError, ...]:
+    """Return the root of the mean of squares over all rollouts, by condition and channel."""
+    groups: dict[tuple[str, int, float], list[tuple[int, float, str]]] = {}
+    for row in rows:
+        count = int(json.loads(row["details"])["count"])
+        key = (row["condition"], STATE_NAMES.index(row["channel"]), row["horizon_s"])
+        groups.setdefault(key, []).append((count, row["value"], row["unit"]))
+    pooled = []
+    for (condition, channel, horizon_s), each in sorted(groups.items()):
+        total = sum(count for count, _, _ in each)
+        square = sum(count * value**2 for count, value, _ in each) / total
+        pooled.append(
+            PooledError(
+                STATE_NAMES[channel], horizon_s, condition, math.sqrt(square), each[0][2], total,
+                len(each),
+            )
+        )  # fmt: skip
+    return tuple(pooled)
+
+
+def _minutes(rows: Iterable[Mapping[str, Any]]) -> tuple[SurprisingMinute, ...]:
+    found = [
+        SurprisingMinute(
+            str(row["recording"]),
+            float(json.loads(row["details"])["from_s"]),
+            str(row["channel"]),
+            float(row["value"]),
+        )
+        for row in rows
+    ]
+    return tuple(sorted(found, key=lambda each: (-each.value, each.recording))[:MINUTES])

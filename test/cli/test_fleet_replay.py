@@ -1,0 +1,97 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""adk fleet replay: errors pooled over recordings, the most surprising minutes, table and JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from helpers.fleet_results import filled
+
+from adk_ros.api.fleet.replay_stage import ReplayStage
+from adk_ros.api.fleet.replay_summary import replay_summary
+from adk_ros.cli.main import main
+from adk_ros.cli.options import read_options
+
+ERRORS = {"a.mcap": (10, 1.0), "b.mcap": (30, 2.0)}
+"""Recording -> rollouts and RMSE of v_x, m/s."""
+SURPRISES = {"a.mcap": (9.0, 1.0), "b.mcap": (8.0, 7.0, 6.0, 5.0)}
+"""Recording -> root mean squares of its minutes, the largest first."""
+
+
+def rows_of(recording: str) -> list[dict[str, object]]:
+    count, value = ERRORS[recording]
+    error = {"kind": "error", "finding": "rmse", "unit": "m/s", "channel": "v_x"}
+    rows: list[dict[str, object]] = [
+        error | {"horizon_s": horizon, "condition": "", "value": value * horizon,
+                 "details": {"count": count}}
+        for horizon in (1.0, 2.0)
+    ]  # fmt: skip
+    turn = {"channel": "yaw_rate", "unit": "rad/s", "condition": "below 30 km/h"}
+    if recording == "a.mcap":
+        rows.append(error | turn | {"horizon_s": 1.0, "value": 0.01, "details": {"count": 4}})
+    rows += [
+        {"kind": "surprise", "finding": f"minute {i}", "channel": "v_y", "value": each,
+         "details": {"from_s": 60.0 * i}}
+        for i, each in enumerate(SURPRISES[recording])
+    ]  # fmt: skip
+    return rows
+
+
+@pytest.fixture
+def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ReplayStage:
+    """Return a stage with the results above; the model is never loaded."""
+    drives, model = tmp_path / "drives", tmp_path / "model"
+    drives.mkdir()
+    model.mkdir()
+    for name in ERRORS:
+        (drives / name).write_text(name)
+    monkeypatch.setattr("adk_ros.model.stored_model.inspect_model", lambda _: {"training": {}})
+    monkeypatch.setattr(ReplayStage, "run", lambda self, path, name: rows_of(name))
+    made = ReplayStage(str(model), read_options(None, None, None, False, None, None))
+    filled(drives, tmp_path / "out", made)
+    return made
+
+
+def test_squares_are_averaged_over_rollouts(stage: ReplayStage, tmp_path: Path) -> None:
+    found = replay_summary(tmp_path / "out", stage, set(ERRORS))
+    values = {(e.condition, e.channel, e.horizon_s): e for e in found.errors}
+    pooled = math.sqrt((10 * 1.0 + 30 * 4.0) / 40)
+    assert values["", "v_x", 1.0].value == pytest.approx(pooled)
+    assert values["", "v_x", 2.0].value == pytest.approx(2.0 * pooled)
+    assert (values["", "v_x", 1.0].count, values["", "v_x", 1.0].recordings) == (40, 2)
+    assert values["below 30 km/h", "yaw_rate", 1.0].count == 4
+    assert len(values) == len(found.errors) == 3
+    assert [each.value for each in found.surprises] == [9.0, 8.0, 7.0, 6.0, 5.0]
+    one = replay_summary(tmp_path / "out", stage, {"a.mcap"})
+    assert {each.recording for each in one.surprises} == {"a.mcap"}
+    assert one.errors[0].value == 1.0
+    other = ReplayStage(str(tmp_path / "drives"), stage.options)
+    assert replay_summary(tmp_path / "out", other, set(ERRORS)).errors == ()
+
+
+def test_table_and_json(stage: ReplayStage, tmp_path: Path, capsys) -> None:
+    given = ["fleet", "replay", str(tmp_path / "drives"), "--model", stage.model]
+    given += ["--out", str(tmp_path / "out"), "--cluster", "tcp://nowhere:1"]
+    assert main(given) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "RMSE with future commands known (2 recordings)" in lines[0]
+    (speed,) = [line.split() for line in lines if line.split()[:1] == ["all"]]
+    # In km/h at 1 and 2 s.
+    assert speed == ["all", "40", "v_x,", "km/h", "6.49", "12.98"]
+    assert any(line.split()[-2:] == ["0.573", "-"] for line in lines)
+    assert "surprise: a.mcap from 0 s: 9.00 standard deviations, most in v_y" in lines
+    assert lines[-1].startswith("replay: 2 recordings, 2 done before")
+    assert main([*given, "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["total"] == content["reused"] == 2
+    assert content["errors"][0] | {"value": 0.0} == {
+        "channel": "v_x", "horizon_s": 1.0, "condition": "", "value": 0.0, "unit": "m/s",
+        "count": 40, "recordings": 2,
+    }  # fmt: skip
+    assert content["surprises"][1] == {
+        "recording": "b.mcap", "from_s": 0.0, "channel": "v_y", "value": 8.0
+    }  # fmt: skip
