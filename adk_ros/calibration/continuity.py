@@ -20,10 +20,10 @@ from adk_ros.calibration.criteria import (
     JUMP_SIGMAS,
     MIN_GAP_PERIODS,
     MIN_GAP_S,
-    MIN_SPEED,
 )
 from adk_ros.calibration.streams import Stream
 from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.signals.moving_speed import MIN_SPEED
 
 Interval = tuple[float, float]
 """Begin and end, s."""

@@ -38,13 +38,6 @@ SIGNIFICANCE = 3.5
 MIN_MOVING_S = 20.0
 """s of driving below which nothing is estimated: four blocks, the least of `MIN_SPARE_BLOCKS`."""
 
-MIN_SPEED = 2.0
-"""m/s below which a sample counts as standing or manoeuvring: as in `signals.plausibility`."""
-MIN_SPEED_SHARE = 0.1
-"""Share of the speed that 95 % of the recording stay below, at which a small car manoeuvres, where
-that is less than `MIN_SPEED`: a 1:10 car drives at 1 to 4 m/s; by choice."""
-STANDING_SPEED = 0.3
-"""m/s below which the car stands: above the noise of wheel and satellite speeds; by choice."""
 MAX_STANDING_SHARE = 0.3
 """Share of the recording at a standstill above which it is a finding; by choice."""
 MIN_SPEED_CHANGE = 1.0

@@ -9,16 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adk_ros.calibration.criteria import (
-    GUARD_S,
-    MIN_SPEED,
-    MIN_SPEED_SHARE,
-    PERIOD_S,
-    STANDING_SPEED,
-)
+from adk_ros.calibration.criteria import GUARD_S, PERIOD_S
 from adk_ros.calibration.streams import Stream, Streams
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.differentiation import savitzky_golay
+from adk_ros.signals.moving_speed import moving_speed
 
 
 @dataclass(frozen=True)
@@ -91,10 +86,9 @@ def smooth(values: FloatArray, window_s: float = 0.5) -> FloatArray:
     return savitzky_golay(values, PERIOD_S, window_s)
 
 
-def moving_speed(v_x: FloatArray) -> float:
+def slowest_driving(v_x: FloatArray) -> float:
     """Return the speed below which a car of this speed range stands or manoeuvres, m/s."""
-    usual = float(np.percentile(np.abs(v_x), 95.0)) if v_x.size else 0.0
-    return min(MIN_SPEED, max(MIN_SPEED_SHARE * usual, STANDING_SPEED))
+    return moving_speed(float(np.percentile(np.abs(v_x), 95.0)) if v_x.size else 0.0)
 
 
 def by_speed(s: Signals) -> FloatArray:
@@ -146,7 +140,7 @@ def _column(at: FloatArray, stream: Stream, name: str) -> FloatArray | None:
 def _with_odometry(s: Signals, odometry: Stream) -> Signals:
     v_x = _column(s.at_s, odometry, "v_x")
     x, y, heading = (_column(s.at_s, odometry, name) for name in ("x", "y", "heading"))
-    moving = s.moving if v_x is None else s.moving * (np.abs(v_x) > moving_speed(v_x))
+    moving = s.moving if v_x is None else s.moving * (np.abs(v_x) > slowest_driving(v_x))
     out = replace(
         s,
         moving=np.asarray(moving, dtype=np.float64),
@@ -165,7 +159,7 @@ def _with_odometry(s: Signals, odometry: Stream) -> Signals:
     out = replace(out, x=x, y=y, course_rate=course_rate)
     if v_x is None:
         speed = np.hypot(rate_x, rate_y)
-        out = replace(out, moving=out.moving * (speed > moving_speed(speed)))
+        out = replace(out, moving=out.moving * (speed > slowest_driving(speed)))
     if heading is None:
         return out
     c, n = np.cos(heading), np.sin(heading)

@@ -10,11 +10,11 @@ import numpy as np
 
 from adk_ros.calibration.auxiliary_hints import of_pedals, of_positions, of_speeds
 from adk_ros.calibration.continuity import Interval
-from adk_ros.calibration.criteria import STANDING_SPEED
 from adk_ros.calibration.road import missing_for_road
 from adk_ros.calibration.streams import Stream, Streams
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.commands import COMMAND_TYPES
+from adk_ros.signals.moving_speed import STANDING_SPEED
 
 MAX_PEDAL = 1.0
 """Largest value of a normalised pedal; a torque in N·m that moves a car exceeds it."""

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from adk_ros.calibration.continuity import Interval
-from adk_ros.calibration.criteria import MATERIAL, MIN_CORRELATION, STANDING_SPEED
+from adk_ros.calibration.criteria import MATERIAL, MIN_CORRELATION
 from adk_ros.calibration.finding import Finding, Verdict, found, not_decidable
 from adk_ros.calibration.streams import Stream, Streams
 from adk_ros.numerics.arrays import FloatArray
@@ -17,6 +17,7 @@ from adk_ros.numerics.constants import GRAVITY
 from adk_ros.road.open_loop import speed_error
 from adk_ros.road.profile import RoadProfile, SlopeProfile, road_profile
 from adk_ros.road.recorded_drive import RecordedDrive
+from adk_ros.signals.moving_speed import STANDING_SPEED
 
 _EVIDENCE = "random walk along the way in a_x + r v_y - dv_x/dt, a_y - r v_x - dv_y/dt"
 _MIN_GRAVITY = 0.3

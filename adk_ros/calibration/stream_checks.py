@@ -15,11 +15,11 @@ from adk_ros.calibration.criteria import (
     MAX_STANDING_SHARE,
     MIN_MOVING_S,
     MIN_RATE_HZ,
-    STANDING_SPEED,
 )
 from adk_ros.calibration.finding import Finding, found, not_decidable, ok
 from adk_ros.calibration.streams import Stream, Streams
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.moving_speed import STANDING_SPEED
 
 _REMEDY_RECORD = "record it, or leave out what depends on it"
 _OPTIONAL = {"x", "y", "heading", "a_z", "w_x", "w_y"}

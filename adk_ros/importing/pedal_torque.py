@@ -12,11 +12,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from adk_ros.calibration.criteria import STANDING_SPEED
 from adk_ros.importing.map_file import TorqueMap
 from adk_ros.importing.source_channels import SourceChannel
 from adk_ros.importing.streams import MessageStream, at_stamps, joined
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.moving_speed import STANDING_SPEED
 
 
 def pedal_torque(

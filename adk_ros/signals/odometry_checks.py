@@ -15,6 +15,7 @@ import math
 
 from adk_ros.numerics.running_slope import Slope
 from adk_ros.signals.channels import Reading
+from adk_ros.signals.moving_speed import moving_speed
 
 _BLOCK_NS = 1_000_000_000
 """ns over which changes of direction and heading are compared: long against the noise of single
@@ -23,8 +24,6 @@ _MAX_GAP_NS = 500_000_000
 """ns between readings above which the heading in between is unknown: the odometry timeout."""
 _FORGETTING = 0.98
 """Forgetting factor per block: a memory of 50 s, as in `plausibility`."""
-_MIN_SPEED = 3.0
-"""m/s below which noise dominates the direction of the velocity."""
 _MIN_INFORMATION = 1.0
 """rad²; weighted sum of squared changes of heading that a warning requires: 11 times 0.3 rad."""
 _MIN_CORRELATION = 0.8
@@ -35,7 +34,8 @@ _MIN_SLOPE = 0.5
 _MIN_CONSTANT_NS = 10_000_000_000
 """ns below which a constant channel is not reported: it may be driving straight ahead."""
 _MIN_SPEED_RANGE = 1.0
-"""m/s; a smaller range of v_x counts as standing, where constant channels are normal."""
+"""m/s; a smaller range of v_x counts as standing or as a constant speed, where constant channels
+are normal; of scale models, a range below their `moving_speed`."""
 _ROUNDING = 1e-9
 """SI units; differences that arise from the transformation to the reference point and back."""
 
@@ -48,11 +48,15 @@ class VelocityAxes:
         self._last: tuple[int, float] | None = None
         self._begin_ns = 0
         self._heading = self._direction = 0.0
+        self._top_speed = 0.0
 
     def add(self, stamp_ns: int, v_x: float, v_y: float, yaw_rate: float) -> None:
         """Compare a reading, SI, with the one before."""
         last, self._last = self._last, None
-        if math.hypot(v_x, v_y) < _MIN_SPEED:
+        speed = math.hypot(v_x, v_y)
+        self._top_speed = max(self._top_speed, speed)
+        # Below, noise dominates the direction of the velocity.
+        if speed < moving_speed(self._top_speed):
             return
         direction = math.atan2(v_y, v_x)
         self._last = stamp_ns, direction
@@ -106,7 +110,9 @@ class ConstantChannels:
         if self._duration_ns < _MIN_CONSTANT_NS:
             return []
         spans = [high - low for low, high in zip(self._low, self._high, strict=True)]
-        if spans[0] < _MIN_SPEED_RANGE:
+        fastest = max(abs(self._low[0]), abs(self._high[0]))
+        limit = moving_speed(fastest)
+        if fastest < limit or spans[0] < min(_MIN_SPEED_RANGE, limit):
             return []
         return [
             f"odometry's {name} is {self._low[i]:.4g} throughout: it is not measured, and "

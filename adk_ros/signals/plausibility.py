@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.numerics.running_slope import Slope
 from adk_ros.signals.channels import Flag, Reading, Sample, Source
+from adk_ros.signals.moving_speed import moving_speed
 from adk_ros.signals.odometry_checks import OdometryChecks
 
 _FORGETTING = 0.9995
@@ -33,8 +34,6 @@ _FLIPPED_SLOPE = -0.3
 """Slope below which an axis is reported as flipped: between 0 and -1."""
 _G_SLOPE_RANGE = (0.05, 0.2)
 """Slopes for which the accelerometer is reported in g: a factor of two around 0.102."""
-_MIN_SPEED = 3.0
-"""m/s above which the lateral force is compared: below, side slip dominates it."""
 _ODOMETRY = Source.ODOMETRY
 _UNRELIABLE = int(Flag.NO_IMU | Flag.IMU_STALE | Flag.COASTING | Flag.FROZEN)
 
@@ -48,12 +47,14 @@ class Plausibility:
 
     def __init__(self, reference_point: tuple[float, float] = (0.0, 0.0)) -> None:
         self._reference_point = reference_point
+        self._top_speed = 0.0
         self.reset()
 
     def see(self, reading: Reading) -> None:
         """Record an odometry reading that goes to the aligner."""
         if reading.source is _ODOMETRY:
             self._odometry_yaw_rate = reading.values[2]
+            self._top_speed = max(self._top_speed, abs(reading.values[0]))
             self._odometry.add(reading)
 
     def watch(self, readings: Iterable[Reading]) -> Iterator[Reading]:
@@ -72,7 +73,8 @@ class Plausibility:
             return
         if math.isfinite(gyro):
             self._yaw.add(odometry_yaw_rate, gyro)
-        if math.isfinite(a_y) and abs(v_x) > _MIN_SPEED:
+        # Below, side slip dominates the lateral force.
+        if math.isfinite(a_y) and abs(v_x) > moving_speed(self._top_speed):
             self._force.add(v_x * odometry_yaw_rate, a_y)
 
     def warnings(self) -> list[str]:
@@ -109,3 +111,4 @@ class Plausibility:
         self._force = Slope(_FORGETTING)
         self._odometry = OdometryChecks(self._reference_point)
         self._odometry_yaw_rate = math.nan
+        self._top_speed = 0.0

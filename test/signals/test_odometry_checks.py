@@ -65,6 +65,21 @@ def test_vehicle_axes_are_right(motion: Motion, rate_hz: int) -> None:
     assert checked(motion, rate_hz=rate_hz) == ""
 
 
+def scale_model(motion: Motion) -> Motion:
+    """Return the motion of a 1:10 car at 1 m/s, whose odometry is less noisy in proportion."""
+
+    def scaled(time_s: float) -> tuple[float, float, float]:
+        v_x, v_y, yaw_rate = motion(time_s)
+        return v_x / 12.0, v_y / 12.0, yaw_rate
+
+    return scaled
+
+
+def test_axes_of_scale_models() -> None:
+    assert checked(scale_model(in_odom)).startswith("odometry's velocity turns with the heading")
+    assert checked(scale_model(bend)) == ""
+
+
 def test_reversing_and_standing_are_right() -> None:
     assert checked(lambda t: (-bend(t)[0], bend(t)[1], bend(t)[2])) == ""
     assert checked(lambda t: (0.0, 0.0, 0.0)) == ""
@@ -95,6 +110,15 @@ def test_a_velocity_that_is_never_measured_is_named(x: float) -> None:
     assert text.endswith("it is not measured, and predictions of it are meaningless")
     (text,) = exact(lambda t: (bend(t)[0], bend(t)[1], 0.0), x, 20.0)
     assert text.startswith("odometry's yaw rate is 0 throughout")
+
+
+def test_constant_channels_of_scale_models() -> None:
+    (text,) = exact(scale_model(lambda t: (12.0 + 4.0 * math.sin(t), 0.0, 0.1)), 0.0, 20.0)[:1]
+    assert text.startswith("odometry's v_y is 0 throughout")
+
+
+def test_a_standing_car_with_noise_has_constant_channels() -> None:
+    assert exact(lambda t: (0.2 * math.sin(9.0 * t), 0.0, 0.0), 0.0, 20.0) == []
 
 
 def test_constant_channels_need_time_and_motion() -> None:

@@ -58,6 +58,29 @@ def test_one_fault(change: Change, words: list[str]) -> None:
     assert "\n" not in warnings[0]
 
 
+def scale_model(reading: Reading) -> Reading:
+    """Return the reading of a 1:10 car at 1 m/s in bends of 0.8 rad/s."""
+    factors = {
+        Source.IMU: (1 / 15, 2 / 15, 2.0),
+        Source.ODOMETRY: (1 / 15, 1 / 15, 2.0),
+        Source.COMMAND: (0.01, 1.0),
+    }[reading.source]
+    scaled = (v * k for v, k in zip(reading.values, factors, strict=True))
+    return reading._replace(values=tuple(scaled))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [(imu(a_y=-1.0), "points out of the bend"), (imu(1 / 9.80665, 1 / 9.80665), "looks like g")],
+    ids=["y right", "g"],
+)
+def test_scale_models(change: Change, words: str) -> None:
+    readings = [scale_model(reading) for reading in in_order(drive(60.0))]
+    assert found(readings) == []
+    (warning,) = found(map(change, readings))
+    assert words in warning
+
+
 def test_two_faults_at_once() -> None:
     """A driver that reports g and deg/s; an upside-down IMU with both signs flipped."""
     readings = in_order(drive(30.0))

@@ -16,11 +16,12 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from adk_ros.calibration.check import check
-from adk_ros.calibration.criteria import MATERIAL, STANDING_SPEED
+from adk_ros.calibration.criteria import MATERIAL
 from adk_ros.calibration.from_bag import BagContent
 from adk_ros.calibration.road import attitude_comparison, recorded_drive
 from adk_ros.calibration.stream_checks import check_streams
 from adk_ros.road.open_loop import speed_error
+from adk_ros.signals.moving_speed import STANDING_SPEED
 
 
 @dataclass(frozen=True)
