@@ -4,9 +4,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from adk_ros.api.progress import Progress
 
 
 def bag_content(path: Path) -> dict[str, Any]:
@@ -72,9 +75,22 @@ def bag_scope(path: Path, report: Callable[..., None] | None = None) -> list[dic
     return [row.as_dict() for row in scope_of(content)]
 
 
+def bag_warnings(path: Path, progress: Progress | None = None) -> list[str]:
+    """
+    Return what `adk train` and `adk replay` warn of when they read a bag.
+
+    :raises AdkError: they refuse it.
+    """
+    from adk_ros.api.recording import read_recording
+
+    return read_recording(path, progress=progress).warnings
+
+
 def bag_verdict(about: dict[str, Any]) -> str:
     """
     Return in a line whether a bag is usable, by its topics and by what its channels allow.
+
+    States which states can only be predicted in reduced scope because a channel is missing.
 
     :param about: `bag_content` with the `bag_scope` as "scope".
     """
@@ -86,6 +102,24 @@ def bag_verdict(about: dict[str, Any]) -> str:
     if len(impossible) == len(rows):
         return f"not usable for training or replay: {impossible[0]['why']}"
     if impossible:
-        names = " and ".join(row["name"].removeprefix("predict ") for row in impossible)
-        return f"{verdict}, not for {names}"
-    return verdict
+        verdict += f", not for {_names(impossible)}"
+    return "; ".join([verdict, *_reduced(rows)])
+
+
+def _reduced(rows: list[dict[str, str]]) -> Iterator[str]:
+    """Yield a phrase per reason for which states can only be predicted in reduced scope."""
+    from adk_ros.calibration.scope import TOO_SHORT
+
+    by_reason: dict[str, list[dict[str, str]]] = {}
+    for row in rows:
+        reasons = [reason for reason in row["why"].split("; ") if reason != TOO_SHORT]
+        if row["possible"] == "reduced" and reasons:
+            by_reason.setdefault("; ".join(reasons), []).append(row)
+    for reason, those in by_reason.items():
+        yield f"{_names(those)} can only be predicted in reduced scope: {reason}"
+
+
+def _names(rows: list[dict[str, str]]) -> str:
+    """Return the states of rows that are called "predict ...", listed."""
+    *first, last = (row["name"].removeprefix("predict ") for row in rows)
+    return f"{', '.join(first)} and {last}" if first else last

@@ -25,6 +25,8 @@ MIN_JUDGED_S = 30.0
 s of driving that `adk mismatch` needs, equal to `mismatch.recording.checks.MIN_DURATION_S` of a
 full-size car, which no module of this layer may import.
 """
+TOO_SHORT = f"training needs {MIN_TRAINING_S:g} s in all"
+"""Why a recording alone is too short to train on: others can complete it."""
 MIN_ROAD_S = MIN_STEPS * STEP_S
 """s of driving from which the road has a profile."""
 
@@ -134,8 +136,7 @@ def _steering(about: Informative) -> Reason:
 
 def _predict(about: Informative) -> list[Scope]:
     always = [_drive(about, MIN_MOVING_S), _v_x(about)]
-    longer = about.driving_s, MIN_TRAINING_S
-    short = "" if longer[0] >= longer[1] else f"training needs {MIN_TRAINING_S:g} s in all"
+    short = "" if about.driving_s >= MIN_TRAINING_S else TOO_SHORT
     further = [(short, "further recordings")]
     return [
         _row("predict v_x", always, [*further, (about.drive, "wheel torque or pedal")]),

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -81,7 +81,7 @@ def _show_bag(path: Path, as_json: bool) -> None:
     from adk_ros.api.info import bag_content, bag_verdict
 
     about = bag_content(path)
-    about["scope"] = _scope(path, is_refused=str(about["verdict"]).startswith("not"))
+    _read(path, about)
     about["verdict"] = bag_verdict(about)
     if as_json:
         console.print_json(about)
@@ -107,19 +107,30 @@ def _show_bag(path: Path, as_json: bool) -> None:
     console.output.print(f"  {about['verdict']}", markup=False)
 
 
-def _scope(path: Path, is_refused: bool) -> list[dict[str, str]]:
+def _read(path: Path, about: dict[str, Any]) -> None:
     """
-    Return what the recording allows; empty if no stream can be read.
+    Add to `about` what the recording allows, its "scope", and what training and replay warn of.
 
-    The reason is a warning, unless the verdict `is_refused` and says it already.
+    The scope is empty if no stream can be read. The reason is a warning, unless the verdict says
+    it already.
     """
-    from adk_ros.api.info import bag_scope
+    from adk_ros.api.info import bag_scope, bag_warnings
     from adk_ros.errors import AdkError
 
+    about["scope"] = []
+    is_refused = str(about["verdict"]).startswith("not")
     try:
         with console.progress(f"reading {path.name}") as report:
-            return bag_scope(path, report)
+            about["scope"] = bag_scope(path, report)
     except AdkError as error:
         if not is_refused:
             console.warn_all([f"what the recording allows is unknown: {error}"])
-        return []
+    if is_refused:
+        return
+    try:
+        with console.stages() as progress:
+            found = bag_warnings(path, progress)
+    except AdkError as error:
+        about["verdict"] = f"not usable for training or replay: {error}"
+    else:
+        about["warnings"] = list(dict.fromkeys([*about["warnings"], *found]))

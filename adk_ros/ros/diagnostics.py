@@ -34,6 +34,7 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | WARN | wrong unit or sign of the IMU | `... looks like deg/s, the topic must carry rad/s` |
 | WARN | velocities in fixed axes | `odometry's velocity turns with the heading: ...` |
 | WARN | a channel is not measured | `odometry's v_y is 0 throughout: ...` |
+| WARN | a command never changes | `the command's torque is 0 throughout while v_x varies by ...` |
 | WARN | wrong frames | `odometry's child_frame_id is 'odom': ...`, `predictions are of the ...` |
 | WARN | unusable covariances | `odometry's variance of v_y is negative or not finite: ignored` |
 | WARN | plans are refused | `2 planned_command messages refused: the times of the plan ...` |

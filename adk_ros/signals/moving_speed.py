@@ -13,6 +13,10 @@ MIN_SPEED_SHARE = 0.1
 STANDING_SPEED = 0.3
 """m/s below which the car stands: above the noise of wheel and satellite speeds; by choice."""
 
+_MIN_SPEED_RANGE = 1.0
+"""m/s; a smaller range of v_x counts as a constant speed; of scale models, one below their
+`moving_speed`."""
+
 
 def moving_speed(usual_speed: float) -> float:
     """
@@ -22,3 +26,10 @@ def moving_speed(usual_speed: float) -> float:
         yields at most the limit of a full-size car.
     """
     return min(MIN_SPEED, max(MIN_SPEED_SHARE * usual_speed, STANDING_SPEED))
+
+
+def speed_varies(lowest: float, highest: float) -> bool:
+    """Return whether a car with this range of v_x, m/s, has driven at varying speed."""
+    fastest = max(abs(lowest), abs(highest))
+    limit = moving_speed(fastest)
+    return fastest >= limit and highest - lowest >= min(_MIN_SPEED_RANGE, limit)

@@ -15,7 +15,7 @@ import math
 
 from adk_ros.numerics.running_slope import Slope
 from adk_ros.signals.channels import Reading
-from adk_ros.signals.moving_speed import moving_speed
+from adk_ros.signals.moving_speed import moving_speed, speed_varies
 
 _BLOCK_NS = 1_000_000_000
 """ns over which changes of direction and heading are compared: long against the noise of single
@@ -31,11 +31,8 @@ _MIN_CORRELATION = 0.8
 _MIN_SLOPE = 0.5
 """Slope above which the axes are reported: half way between vehicle axes and fixed ones."""
 
-_MIN_CONSTANT_NS = 10_000_000_000
+MIN_CONSTANT_NS = 10_000_000_000
 """ns below which a constant channel is not reported: it may be driving straight ahead."""
-_MIN_SPEED_RANGE = 1.0
-"""m/s; a smaller range of v_x counts as standing or as a constant speed, where constant channels
-are normal; of scale models, a range below their `moving_speed`."""
 _ROUNDING = 1e-9
 """SI units; differences that arise from the transformation to the reference point and back."""
 
@@ -107,12 +104,11 @@ class ConstantChannels:
 
     def warnings(self) -> list[str]:
         """Return a line per channel."""
-        if self._duration_ns < _MIN_CONSTANT_NS:
+        if self._duration_ns < MIN_CONSTANT_NS:
             return []
         spans = [high - low for low, high in zip(self._low, self._high, strict=True)]
-        fastest = max(abs(self._low[0]), abs(self._high[0]))
-        limit = moving_speed(fastest)
-        if fastest < limit or spans[0] < min(_MIN_SPEED_RANGE, limit):
+        # At a standstill constant channels are normal.
+        if not speed_varies(self._low[0], self._high[0]):
             return []
         return [
             f"odometry's {name} is {self._low[i]:.4g} throughout: it is not measured, and "

@@ -1,12 +1,13 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Consistency checks between streams: find wrong units and signs.
+Consistency checks between streams: find wrong units and signs, and channels that are missing.
 
 Two relations hold for any car on any road: the gyro measures the odometry's yaw rate, and in a
 bend the lateral specific force is about v_x times yaw rate. The slope of each, by least squares
 with exponential forgetting, should be 1. A gyro in deg/s gives 57.3, an accelerometer in g
-0.102, a flipped axis a negative slope. `odometry_checks` adds what odometry alone shows.
+0.102, a flipped axis a negative slope. `longitudinal_force` adds the third axis,
+`odometry_checks` what odometry alone shows, and `constant_commands` commands that never change.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from collections.abc import Iterable, Iterator
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.numerics.running_slope import Slope
 from adk_ros.signals.channels import Flag, Reading, Sample, Source
+from adk_ros.signals.constant_commands import ConstantCommands
+from adk_ros.signals.longitudinal_force import LongitudinalForce
 from adk_ros.signals.moving_speed import moving_speed
 from adk_ros.signals.odometry_checks import OdometryChecks
 
@@ -36,11 +39,13 @@ _G_SLOPE_RANGE = (0.05, 0.2)
 """Slopes for which the accelerometer is reported in g: a factor of two around 0.102."""
 _ODOMETRY = Source.ODOMETRY
 _UNRELIABLE = int(Flag.NO_IMU | Flag.IMU_STALE | Flag.COASTING | Flag.FROZEN)
+_NO_COMMAND = int(Flag.COMMAND_STALE | Flag.COASTING | Flag.ODOMETRY_STALE | Flag.FROZEN)
+"""Flags of samples that say nothing about commands: a command that stopped is held."""
 
 
 class Plausibility:
     """
-    Collects samples; `warnings()` describes inconsistent units and signs, and faulty odometry.
+    Collects samples; `warnings()` describes inconsistent units and signs, and missing channels.
 
     :param reference_point: (x, y), m, of the readings in odometry's frame.
     """
@@ -48,12 +53,14 @@ class Plausibility:
     def __init__(self, reference_point: tuple[float, float] = (0.0, 0.0)) -> None:
         self._reference_point = reference_point
         self._top_speed = 0.0
+        self._latest = 0, 0.0
         self.reset()
 
     def see(self, reading: Reading) -> None:
         """Record an odometry reading that goes to the aligner."""
         if reading.source is _ODOMETRY:
             self._odometry_yaw_rate = reading.values[2]
+            self._latest = reading.stamp_ns, reading.values[0]
             self._top_speed = max(self._top_speed, abs(reading.values[0]))
             self._odometry.add(reading)
 
@@ -64,11 +71,19 @@ class Plausibility:
             yield reading
 
     def add(self, sample: Sample) -> None:
-        """Compare a sample with the latest yaw rate from odometry."""
+        """Compare a sample with the latest reading of odometry."""
         odometry_yaw_rate = self._odometry_yaw_rate
+        (v_x, v_y, gyro), (a_x, a_y) = sample.x, sample.a
+        if not sample.flags & _NO_COMMAND:
+            self._commands.add(sample.stamp_ns, v_x, gyro, sample.u)
+        if sample.flags & _UNRELIABLE or not math.isfinite(a_x):
+            self._longitudinal.interrupt()
+        else:
+            # A gyro in the wrong unit has a line of its own.
+            rate = odometry_yaw_rate if math.isfinite(odometry_yaw_rate) else gyro
+            self._longitudinal.add(*self._latest, rate * v_y, a_x)
         if sample.flags & _UNRELIABLE:
             return
-        gyro, v_x, a_y = sample.x[2], sample.x[0], sample.a[1]
         if not math.isfinite(odometry_yaw_rate):
             return
         if math.isfinite(gyro):
@@ -81,6 +96,7 @@ class Plausibility:
         """Return one line per inconsistency; empty until there is enough data."""
         found = []
         yaw, force = self._yaw, self._force
+        along = self._longitudinal.warnings()
         if yaw.xx > _MIN_YAW_INFORMATION and abs(yaw.correlation) > _MIN_CORRELATION:
             if yaw.value > _DEGREES_SLOPE:
                 found.append(
@@ -98,17 +114,22 @@ class Plausibility:
                     f"the IMU's lateral acceleration is {force.value:.3f} of v_x times yaw rate: "
                     f"it looks like g, the topic must carry m/s² (1 g = {GRAVITY} m/s²)"
                 )
+                # One line on the unit of the topic.
+                along = [] if self._longitudinal.is_in_g else along
             elif force.value < _FLIPPED_SLOPE:
                 found.append(
                     "the IMU's lateral acceleration points out of the bend: check imu_rotation "
                     "(y must point left)"
                 )
-        return found + self._odometry.warnings()
+        return found + along + self._odometry.warnings() + self._commands.warnings()
 
     def reset(self) -> None:
         """Discard all data."""
         self._yaw = Slope(_FORGETTING)
         self._force = Slope(_FORGETTING)
         self._odometry = OdometryChecks(self._reference_point)
+        self._longitudinal = LongitudinalForce()
+        self._commands = ConstantCommands()
         self._odometry_yaw_rate = math.nan
+        self._latest = 0, 0.0
         self._top_speed = 0.0

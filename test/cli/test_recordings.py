@@ -24,9 +24,11 @@ from adk_ros.signals.decode import SensorConfig
 SECONDS = 20.0
 
 
-def rewritten(path: Path, change: Callable[[str, int, Any], Any]) -> Path:
-    """Write the 20 s bag with `change` applied to each message; None drops the message."""
-    with Bag(bag("town", SECONDS)) as opened, BagWriter(path) as writer:
+def rewritten(
+    path: Path, change: Callable[[str, int, Any], Any], seconds: float = SECONDS
+) -> Path:
+    """Write the bag of a drive with `change` applied to each message; None drops the message."""
+    with Bag(bag("town", seconds)) as opened, BagWriter(path) as writer:
         for info in opened.topics:
             writer.add_topic(info.name, info.msgtype)
         for number, (topic, log_ns, msg) in enumerate(opened.messages()):
@@ -236,6 +238,48 @@ def test_a_constant_v_y_is_reported(tmp_path: Path) -> None:
     (warning,) = [text for text in recording.warnings if "v_y" in text]
     assert "odometry's v_y is 0 throughout: it is not measured" in warning
     assert not [text for text in read_recording(bag("town", 20.0)).warnings if "v_y" in text]
+
+
+def a_x_flipped_without_torque(topic: str, _: int, msg: Any) -> Any:
+    if topic == "/imu/data":
+        msg.linear_acceleration.x *= -1.0
+    if topic == "/vehicle/command":
+        msg.effort = 0.0 * msg.effort
+    return msg
+
+
+def test_a_flipped_a_x_and_a_constant_torque_are_reported(capsys, tmp_path: Path) -> None:
+    path = rewritten(tmp_path / "bag", a_x_flipped_without_torque, 60.0)
+    found = read_recording(path).warnings
+    assert [text.split(": ")[1].split(" ")[0:3] for text in found] == [
+        ["the", "IMU's", "longitudinal"], ["the", "command's", "torque"]
+    ]  # fmt: skip
+    assert "opposite sign of the change of odometry's v_x" in found[0]
+    assert "the command's torque is 0 throughout while v_x varies by" in found[1]
+    capsys.readouterr()
+    assert main(["info", str(path)]) == 0
+    said = capsys.readouterr()
+    warned = " ".join(said.err.split())
+    assert all(text in warned for text in found)
+    assert lines(said.out)[-1].strip() == (
+        "usable for training and replay; v_x can only be predicted in reduced scope: torque of "
+        "the command is 0 throughout"
+    )
+    assert main(["info", str(bag("town", 60.0))]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_bag_that_cannot_be_read_is_not_called_usable(capsys, tmp_path: Path) -> None:
+    def no_steering(topic: str, _: int, msg: Any) -> Any:
+        if topic == "/vehicle/command":
+            msg.name = ["drive", "rudder"]
+        return msg
+
+    path = rewritten(tmp_path / "bag", no_steering)
+    assert main(["info", str(path)]) == 0
+    verdict = lines(capsys.readouterr().out)[-1].strip()
+    assert verdict.startswith("not usable for training or replay: bag has no usable command")
+    assert "joint 'steer' is missing" in verdict
 
 
 def test_a_misspelt_parameter_is_reported(capsys, tmp_path: Path) -> None:

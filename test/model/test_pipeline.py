@@ -241,6 +241,20 @@ def test_plausibility_is_watched() -> None:
     assert "opposite sign" in pipeline.plausibility.warnings()[0]
 
 
+def test_a_constant_torque_is_reported() -> None:
+    pipeline = Pipeline(make_model())
+    readings = in_order(drive(20.0))
+    run(
+        pipeline,
+        [
+            r._replace(values=(0.0, r.values[1])) if r.source is Source.COMMAND else r
+            for r in readings
+        ],
+    )
+    (text,) = pipeline.plausibility.warnings()
+    assert text.startswith("the command's torque is 0 throughout while v_x varies by")
+
+
 def test_a_horizon_out_of_range() -> None:
     with pytest.raises(UsageError, match="horizon is 500 steps"):
         Pipeline(make_model(), PipelineSettings(horizon_steps=500))
