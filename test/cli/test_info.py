@@ -31,7 +31,8 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     """Run `adk info` and return its output."""
     assert main(["info", *map(str, arguments)]) == 0
     result = capsys.readouterr()
-    assert result.err == ""
+    # A slow machine also sees the progress.
+    assert [line for line in lines(result.err) if not line.startswith("reading ")] == []
     return result.out
 
 

@@ -27,7 +27,8 @@ from adk_ros.fleet.dataset import FleetDataset
 DEFAULT_CORE_S = 0.7
 """
 s of a core for a minute of recording and pass, before there is a result: 'adk fleet demo' took
-23 min on two cores for 195 recordings of 6.5 min on average in three passes (doc/fleet.md).
+23 min on two cores for 195 recordings of 3 to 10 min (doc/fleet.md); assumed are 6.5 min on
+average and three passes.
 """
 _DEFAULT_BASIS = (
     f"a default of {DEFAULT_CORE_S:g} s of a core for a minute of recording and pass, as an "
