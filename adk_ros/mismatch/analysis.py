@@ -139,11 +139,12 @@ def _decided(
     evidence = judged(decision)
     decision = with_confidence(refitted(decision, whole), validation.error_ratio)
     hidden = downweighted_residuals(whole, decision.hypothesis, known, data.single_lap)
-    episodic = hidden is not None and hidden.is_material and not hidden.is_rule
-    if not episodic and (rare or (hidden is not None and hidden.is_rule)):
-        reason = reason or (_UNDESCRIBED if nothing_named(decision) else "")
-    if reason and not (episodic and nothing_named(decision)):
+    is_rule = hidden is not None and hidden.is_rule
+    episodic = hidden is not None and hidden.is_material and not is_rule
+    if (rare or is_rule) and not episodic and nothing_named(decision):
+        reason = reason or _UNDESCRIBED
+    if reason:
         decision = described_by_errors(decision, validation, reason)
-    else:
-        decision = with_episodes(decision, hidden, reason)
+    if episodic or not reason:
+        decision = with_episodes(decision, hidden, keep_text=bool(reason))
     return Outcome(path, decision, training, whole, validation, evidence, hidden, asked)

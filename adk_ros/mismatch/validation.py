@@ -109,7 +109,9 @@ def validate_on_held_out(
     # What is identified may explain an error, though its correction raises another by chance.
     judged = chosen.refused or text
     clean = [_judged(surrogate, x, effects) for x in held_out]
-    unchanged = judged is text and all(a is b for a, b in zip(clean, held_out, strict=True))
+    unchanged = chosen.refused is None and all(
+        a is b for a, b in zip(clean, held_out, strict=True)
+    )
     corrected = after if unchanged else rmse(horizon_errors(_parsed(judged), clean))
     hidden = [STATE_NAMES.index(name) for name in not_judged]
     faulty = [STATE_NAMES.index(name) for name in unjudged_states(effects)]

@@ -155,12 +155,14 @@ def _seconds_on_simulation(likelihood: Likelihood, surrogate: SurrogateModel) ->
     return _seconds(beyond), max(BIN_S * float(bins), 1.0)
 
 
-def with_episodes(decision: Decision, hidden: Downweighted | None, reason: str = "") -> Decision:
+def with_episodes(
+    decision: Decision, hidden: Downweighted | None, *, keep_text: bool = False
+) -> Decision:
     """
     Return a decision that does not pass over material downweighted residuals.
 
-    `none` becomes `unknown`; an unexplained residual without terms is described by them, and by
-    the `reason` why nothing else is claimed.
+    `none` becomes `unknown`; an unexplained residual without terms is described by them.
+    `keep_text`: what is said of it stays, such as the held-out error and why nothing is claimed.
     """
     unexplained = decision.unexplained
     described = unexplained is not None and bool(unexplained.terms)
@@ -170,10 +172,12 @@ def with_episodes(decision: Decision, hidden: Downweighted | None, reason: str =
         return decision
     share = hidden.share if unexplained is None else unexplained.share
     texts = [f"{EQUATION_TEXTS[x]} against time: {hidden.text()}" for x in hidden.equations]
+    if unexplained is not None and keep_text:
+        texts.append(unexplained.text)
     episodes = UnexplainedResidual(
         list(hidden.equations),
         round(share, 3),
-        "; ".join([*texts, reason] if reason else texts),
+        "; ".join(texts),
         "",
     )
     return replace(decision, verdict=UNKNOWN, unexplained=episodes)

@@ -191,6 +191,9 @@ def test_episodes_do_not_replace_a_formula() -> None:
     formula = decision(UNKNOWN, UnexplainedResidual(["v_x"], 0.3, "text", "expression", terms))
     assert with_episodes(formula, material(5)) is formula
     nothing = decision(UNKNOWN, UnexplainedResidual(["v_x"], 0.3, "a structured residual", ""))
+    kept = with_episodes(nothing, material(5), keep_text=True).unexplained
+    assert kept is not None
+    assert kept.text.endswith("at 35.2 s; a structured residual")
     replaced = with_episodes(nothing, material(5)).unexplained
     assert replaced is not None
     assert replaced.share == 0.3
