@@ -98,7 +98,7 @@ def auxiliary_topics(topics: Iterable[TopicInfo]) -> dict[str, AuxiliaryTopic]:
 
 
 def topic_of(channel: str) -> AuxiliaryTopic:
-    """Return the topic that a channel has of its own, without further channels."""
+    """Return the topic that has a channel alone."""
     return next(x for x in AUXILIARY_TOPICS.values() if x.channels == (channel,))
 
 

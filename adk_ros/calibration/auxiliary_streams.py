@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pedals, wheel speeds and satellite receiver of a bag as streams, from their own topics."""
+"""Pedals, wheel speeds and satellite receiver of a bag as streams, each from its topic."""
 
 from __future__ import annotations
 

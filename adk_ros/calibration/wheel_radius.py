@@ -8,7 +8,7 @@ rolls in its direction, which front wheels turn by delta. At small slip angles,
 
     v_x = R omega cos(delta) + c r,
 
-with the yaw rate r in a column of its own: bends to one side are not taken for another radius.
+with the yaw rate r in a separate column: bends to one side are not taken for another radius.
 Joints, whose place is unknown, have neither term.
 """
 

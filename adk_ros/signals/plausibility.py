@@ -79,7 +79,7 @@ class Plausibility:
         if sample.flags & _UNRELIABLE or not math.isfinite(a_x):
             self._longitudinal.interrupt()
         else:
-            # A gyro in the wrong unit has a line of its own.
+            # A gyro in the wrong unit has a separate line.
             rate = odometry_yaw_rate if math.isfinite(odometry_yaw_rate) else gyro
             self._longitudinal.add(*self._latest, rate * v_y, a_x)
         if sample.flags & _UNRELIABLE:

@@ -54,7 +54,7 @@ def with_auxiliary_topics(
     Write a drive as a bag and return its path.
 
     :param without: topics to leave out. :param wheels: factor of the speed of each wheel, each in
-        a topic of its own in place of the joints; default: all, with factor 1.
+        a separate topic in place of the joints; default: all, with factor 1.
     :param gps_factor: of the speed of a receiver at 10 Hz, east and north; 0: no receiver.
     :param gps_delay_s: by which it is late. :param v_x_factor: of odometry's velocity.
     :param has_pedals: throttle and brake pressure in proportion to the torque, in its place.

@@ -117,9 +117,9 @@ MIN_GAIN_PER_SURROGATE_ERROR = 0.12
 """The same of a further effect, and of a formula. Calibrated."""
 MIN_FURTHER_GAIN_PER_SURROGATE_ERROR = 0.5
 """
-The same for a further effect where those before it explain the recording: the geometric mean of
-what absent second effects gain at most, 0.2, and present ones at least, 1, on `adk bench concealed
---own --seed 4`. Calibrated to a factor of two.
+The same for a further effect where those before it explain the recording: near the geometric mean
+of what absent second effects gain at most, 0.2, and present ones at least, 1, on `adk bench
+concealed --own --seed 4`. Calibrated to a factor of two.
 """
 
 ONSET_MIN_FURTHER_GAIN = 0.1

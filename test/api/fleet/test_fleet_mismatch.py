@@ -137,7 +137,7 @@ def test_the_demonstration_counts_found_missed_and_false(tmp_path: Path) -> None
 
 
 def test_no_usable_recording_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def read(path: Path, *rest: object, **given: object) -> None:
+    def read(path: Path, *others: object, **given: object) -> None:
         if path.name != "simulation":
             raise DataError(f"{path.name} has no odometry")
 

@@ -69,7 +69,7 @@ def test_a_simulation_is_identified_by_one_run(
     simulation.mkdir()
     read = []
 
-    def read_log(path: Path, *rest: object, **given: object) -> None:
+    def read_log(path: Path, *others: object, **given: object) -> None:
         read.append(path.name)
         check_a_second_is_refused(drives, out)
         if path.name != "simulation":
@@ -101,7 +101,7 @@ def test_no_other_run_comes_between_two_stages(
     )
     passes = []
 
-    def analyse(evidence_at: object, *rest: object) -> None:
+    def analyse(evidence_at: object, *others: object) -> None:
         assert callable(evidence_at)
         for _ in range(2):
             rows, _ = evidence_at(None, None)
