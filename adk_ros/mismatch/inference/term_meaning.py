@@ -76,7 +76,7 @@ def _meaning(term: FeatureTerm, body: Body) -> str:
     if base in _TORQUES and term.equation == "v_x":
         share = _torque_share(term, body)
         side = "less" if share < 0.0 else "more"
-        return f"{_TORQUES[base]} is about {abs(share):.0f} % {side}{where}"
+        return f"{_TORQUES[base]} is about {_two_digits(abs(share))} % {side}{where}"
     if kind == WAVE or base == "constant":
         return f"{_force(term, body)}{_oscillation(term)}{where}"
     return ""
@@ -140,9 +140,8 @@ def _wear(term: FeatureTerm, body: Body) -> str:
         share = _torque_share(term, body)
         if fades:
             side = "less" if share < 0.0 else "more"
-            return (
-                f"{_TORQUES[base]} is at first {abs(share):.0f} % {side}, half of it after {half}"
-            )
+            first = _two_digits(abs(share))
+            return f"{_TORQUES[base]} is at first {first} % {side}, half of it after {half}"
         verb = f"{_TORQUES[base]} {'loses' if share < 0.0 else 'gains'}"
         if abs(share) > _MAX_SHARE:
             per = "minute" if variable == TIME else "MJ of braking work"

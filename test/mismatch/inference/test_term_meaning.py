@@ -32,6 +32,11 @@ from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
             "the drive torque is about 80 % less where the lateral acceleration is above 3.4 m/s²",
         ),
         (
+            # A fitted share is not known to a per cent, and no more than all torque is cut.
+            FeatureTerm("v_x", "gate:drive_torque:lateral_size>3.2", -1.01 / 600.0, 0.0),
+            "the drive torque is about 100 % less where the lateral acceleration is above 3.2 m/s²",
+        ),
+        (
             FeatureTerm("yaw_rate", "wave:0.3:0.5:speed>20", 0.4, 0.0),
             "a yaw moment of about 1200 N·m that oscillates in time at 0.3 Hz where the speed is "
             "above 20 m/s",
