@@ -34,7 +34,8 @@ from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
         (
             # A fitted share is not known to a per cent, and no more than all torque is cut.
             FeatureTerm("v_x", "gate:drive_torque:lateral_size>3.2", -1.01 / 600.0, 0.0),
-            "the drive torque is about 100 % less where the lateral acceleration is above 3.2 m/s²",
+            "the drive torque is about 100 % less where the lateral acceleration is above "
+            "3.2 m/s²",
         ),
         (
             FeatureTerm("yaw_rate", "wave:0.3:0.5:speed>20", 0.4, 0.0),
