@@ -15,7 +15,8 @@ from helpers.paper import board_of, case_score, good_board, papers_board
 from adk_ros.bench.paper import oracle_notes
 from adk_ros.bench.paper.av21 import RecordingScores
 from adk_ros.bench.paper.cases import CLEAN, NOISY, TESTS
-from adk_ros.bench.paper.criteria import FAIL, brief, evaluate_paper_criteria
+from adk_ros.bench.paper.criteria import brief, evaluate_paper_criteria
+from adk_ros.bench.paper.criterion import FAIL
 from adk_ros.bench.paper.failure_analysis import explain_failures
 from adk_ros.bench.paper.headline import headline
 from adk_ros.bench.paper.paper_figures import summary_figure
