@@ -109,6 +109,9 @@ def live(
     """
     Measure the live node: latency, tick time, missed ticks, CPU load compared with a relay.
 
+    The relay only receives and republishes the same messages. A listener subscribes to the twist
+    and the horizon. Prints PASS or FAIL for each target.
+
     Example: adk bench live --duration 60
     """
     from adk_ros.bench.runtime.live import bench_live, check_live
