@@ -99,8 +99,9 @@ def train(
     """
     Train a model from recordings and score it on held-out data.
 
-    Takes about 2 min for 4000 training steps on an AMD EPYC, 2 cores. Resumes if it was
-    interrupted and is started again with the same options.
+    Takes 152 s of processor time for 4000 steps on 403 s of recordings, measured by 'adk bench
+    learned', and prints its duration. Resumes if it was interrupted and is started again with the
+    same options.
 
     Example: adk train bags/handling --out models/handling
     """

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, TextIO
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from adk_ros.errors import DataError, UsageError
 from adk_ros.numerics.arrays import FloatArray, IntArray
@@ -337,3 +338,17 @@ def watch_diagnostics(node: Any, shown: dict[str, str]) -> None:
                 shown.update({pair.key: pair.value for pair in status.values})
 
     node.create_subscription(DiagnosticArray, "/diagnostics", take, 10)
+
+
+def time_horizons(node: Any, predictor: str, arrival_ns: list[int]) -> None:
+    """
+    Append the monotonic time of arrival of each horizon of a predictor to `arrival_ns`.
+
+    The messages stay serialised: to decode 80 points would delay the predictions that follow.
+    """
+
+    def take(_content: bytes) -> None:
+        arrival_ns.append(time.monotonic_ns())
+
+    topic = f"{predictor}/predicted_horizon"
+    node.create_subscription(MultiDOFJointTrajectory, topic, take, _DEPTH, raw=True)

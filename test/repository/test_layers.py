@@ -34,7 +34,7 @@ ORDER: dict[str, tuple[str, ...]] = {
         "",
     ),
     "bench": (
-        "runtime", "fleet", "control", "vehicles", "paper", "mismatch", "real", "learned", "",
+        "fleet", "control", "vehicles", "paper", "runtime", "mismatch", "real", "learned", "",
     ),
 }  # fmt: skip
 CORE = {"errors", "numerics", "signals", "model", "plant", "train", "road", "calibration"}

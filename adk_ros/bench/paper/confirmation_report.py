@@ -10,7 +10,8 @@ from pathlib import Path
 
 from adk_ros.bench.paper.cases import NOMINAL
 from adk_ros.bench.paper.confirmation_criteria import by_horizon, confirmation_criteria
-from adk_ros.bench.paper.criteria import PaperCriterion, brief
+from adk_ros.bench.paper.criteria import brief
+from adk_ros.bench.paper.criterion import Criterion
 from adk_ros.bench.paper.other_simulators import DESCRIPTIONS
 from adk_ros.bench.paper.paper_bench import Result
 from adk_ros.bench.paper.paper_tables import Table, markdown_line
@@ -24,7 +25,7 @@ PAGE = "confirmation.md"
 
 def write_confirmation(
     result: Result, plan: BenchPlan, scenarios: Path, out: Path, digest: str, seed: str
-) -> list[PaperCriterion]:
+) -> list[Criterion]:
     """
     Write `confirmation.md`, `scores.csv` and the scenario files; return the criteria.
 
@@ -42,7 +43,7 @@ def write_confirmation(
 
 
 def _page(
-    result: Result, plan: BenchPlan, criteria: Sequence[PaperCriterion], digest: str, seed: str
+    result: Result, plan: BenchPlan, criteria: Sequence[Criterion], digest: str, seed: str
 ) -> str:
     lines = ["# Confirmation drives", ""]
     lines += [f"Code {digest[:16]}, seed `{seed}`, {plan.seeds} trainings.", ""]

@@ -11,11 +11,12 @@ the same combination.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 from adk_ros.bench.paper import oracle_notes
 from adk_ros.bench.paper.av21 import JUDGED, RecordingScores
 from adk_ros.bench.paper.cases import CLEAN
+from adk_ros.bench.paper.criterion import FAIL, INFO, Criterion
+from adk_ros.bench.paper.interval_criteria import COVERAGE
 from adk_ros.bench.paper.paper_results import TABLES, effect
 from adk_ros.bench.paper.predictors import ADK_ROS, ALDK, MF_TUNED, PYKOOP, PYKOOPMAN, SWLS
 from adk_ros.bench.paper.ratios import geometric_mean
@@ -32,33 +33,13 @@ MEAN_MOST = 0.25
 """Largest geometric mean of all ratios: a quarter of the best model-free error."""
 AHEAD_LEAST = 0.9
 """Smallest share of combinations in which adk_ros must be better than a baseline."""
-COVERAGE = 0.85, 0.95
-"""Admissible coverage of the 90 % intervals."""
 _LONG = 100
 """Characters from which on a list of combinations is dropped from a short text."""
-PASS, FAIL, INFO = "PASS", "FAIL", "INFO"
-
-
-@dataclass(frozen=True)
-class PaperCriterion:
-    """One result: `verdict` is PASS, FAIL, or INFO if there is no criterion."""
-
-    verdict: str
-    name: str
-    figure: str
-
-    @staticmethod
-    def judged(passed: bool, name: str, figure: str) -> PaperCriterion:
-        """Return a criterion that is met or missed."""
-        return PaperCriterion(PASS if passed else FAIL, name, figure)
-
-    def __str__(self) -> str:
-        return f"{self.verdict} {self.name} {self.figure}"
 
 
 def evaluate_paper_criteria(
     board: ScoreTable, recorded: RecordingScores | None, without: str = ""
-) -> list[PaperCriterion]:
+) -> list[Criterion]:
     """Evaluate all criteria; `without`: the reason why the baseline libraries were not run."""
     return [
         _mean(board),
@@ -81,7 +62,7 @@ def brief(text: str) -> str:
     return head if re.search(r"\d", last) else complete
 
 
-def _mean(board: ScoreTable) -> PaperCriterion:
+def _mean(board: ScoreTable) -> Criterion:
     ratios = board.ratios(ADK_ROS)
     mean = geometric_mean([float(r.mean()) for r in ratios.values()])
     parts = {
@@ -89,7 +70,7 @@ def _mean(board: ScoreTable) -> PaperCriterion:
         for v in board.variants()
     }
     text = ", ".join(f"{variant} {value:.3f}" for variant, value in parts.items())
-    return PaperCriterion.judged(
+    return Criterion.judged(
         mean <= MEAN_MOST, "geometric-mean",
         f"{mean:.3f} of the best naive predictor's RMSE over {len(ratios)} combinations, at most "
         f"{MEAN_MOST} ({text})",
@@ -106,7 +87,7 @@ def behind_of(board: ScoreTable, baseline: str) -> dict[Combination, float]:
     return {combo: r for combo, r in board.against(ADK_ROS, baseline).items() if not r < 1.0}
 
 
-def _none_above(board: ScoreTable) -> PaperCriterion:
+def _none_above(board: ScoreTable) -> Criterion:
     ratios = board.ratios(ADK_ROS)
     lost = lost_combinations(board)
     within = [combo for combo, r in ratios.items() if r.min() <= 1.0 < r.mean()]
@@ -120,7 +101,7 @@ def _none_above(board: ScoreTable) -> PaperCriterion:
         shown = {c: oracle_notes.marked(_spread(ratios[c]), c, at_oracle) for c in within}
         figure += "; above 1 in the mean but not for all seeds: "
         figure += combinations_text(within, shown)
-    return PaperCriterion.judged(not lost, "no-cell-above-1", figure)
+    return Criterion.judged(not lost, "no-cell-above-1", figure)
 
 
 def _spread(ratio: FloatArray) -> str:
@@ -131,18 +112,16 @@ def _spread(ratio: FloatArray) -> str:
     return f"{ratio.mean():.{digits}f} ({ratio.min():.{digits}f} to {ratio.max():.{digits}f})"
 
 
-def _peer(board: ScoreTable, name: str, without: str) -> PaperCriterion:
+def _peer(board: ScoreTable, name: str, without: str) -> Criterion:
     if not board.has(name):
-        return PaperCriterion(
-            FAIL, f"ahead-of-{name}", f"not measured: {without or 'it was not run'}"
-        )
+        return Criterion(FAIL, f"ahead-of-{name}", f"not measured: {without or 'it was not run'}")
     return _ahead(board, name, f"ahead-of-{name}")
 
 
-def _ahead(board: ScoreTable, baseline: str, name: str) -> PaperCriterion:
+def _ahead(board: ScoreTable, baseline: str, name: str) -> Criterion:
     ratios = board.against(ADK_ROS, baseline)
     if not ratios:
-        return PaperCriterion(FAIL, name, "not measured: it was not run")
+        return Criterion(FAIL, name, "not measured: it was not run")
     behind = behind_of(board, baseline)
     share = 1.0 - len(behind) / len(ratios)
     figure = f"{100.0 * share:.1f} % of {len(ratios)} combinations, "
@@ -152,7 +131,7 @@ def _ahead(board: ScoreTable, baseline: str, name: str) -> PaperCriterion:
         shown = {c: oracle_notes.marked(f"{r:.2f}", c, at_oracle) for c, r in behind.items()}
         figure += f"; behind in {len(behind)}{oracle_notes.oracle_note(at_oracle)}: "
         figure += combinations_text(list(behind), shown)
-    return PaperCriterion.judged(share >= AHEAD_LEAST, name, figure)
+    return Criterion.judged(share >= AHEAD_LEAST, name, figure)
 
 
 def pooled_coverage(board: ScoreTable) -> dict[Combination, float]:
@@ -165,13 +144,13 @@ def pooled_coverage(board: ScoreTable) -> dict[Combination, float]:
     }
 
 
-def _coverage(board: ScoreTable) -> list[PaperCriterion]:
+def _coverage(board: ScoreTable) -> list[Criterion]:
     """Check the coverage by variant, horizon and channel, over all tests and seeds."""
     low, high = COVERAGE
     pooled = pooled_coverage(board)
     known = [value for value in pooled.values() if value == value]
     if not known:
-        return [PaperCriterion(FAIL, "coverage", "not measured: the model gave no covariance")]
+        return [Criterion(FAIL, "coverage", "not measured: the model gave no covariance")]
     outside = {combo: value for combo, value in pooled.items() if not low <= value <= high}
     figure = (
         f"90 % intervals cover {100.0 * min(known):.1f} to {100.0 * max(known):.1f} % on the "
@@ -192,8 +171,8 @@ def _coverage(board: ScoreTable) -> list[PaperCriterion]:
     if lost:
         detail += f"; outside: {_percent(lost)}"
     return [
-        PaperCriterion.judged(not outside, "coverage", figure),
-        PaperCriterion(INFO, "coverage-by-cell", detail),
+        Criterion.judged(not outside, "coverage", figure),
+        Criterion(INFO, "coverage-by-cell", detail),
     ]
 
 
@@ -201,9 +180,9 @@ def _percent(values: dict[Combination, float]) -> str:
     return combinations_text(list(values), {c: f"{100.0 * v:.1f} %" for c, v in values.items()})
 
 
-def _recordings(recorded: RecordingScores | None) -> list[PaperCriterion]:
+def _recordings(recorded: RecordingScores | None) -> list[Criterion]:
     if recorded is None:
-        return [PaperCriterion(FAIL, "av21", "not measured: give --recordings DIR")]
+        return [Criterion(FAIL, "av21", "not measured: give --recordings DIR")]
     same, other = recorded.pairs(same=True), recorded.pairs(same=False)
     results = []
     total, lost = _lost(same)
@@ -211,14 +190,14 @@ def _recordings(recorded: RecordingScores | None) -> list[PaperCriterion]:
     figure += f" of {len(same)} recordings (0.5, 1, 2 s)"
     if lost:
         figure += f"; not below: {', '.join(lost)}"
-    results.append(PaperCriterion.judged(not lost, "av21", figure))
+    results.append(Criterion.judged(not lost, "av21", figure))
     if other:
         total, lost = _lost(other)
         figure = f"{total - len(lost)} of {total} combinations, trained on one recording and"
         figure += " tested on another"
         if lost:
             figure += f"; not below: {', '.join(lost)}"
-        results.append(PaperCriterion(INFO, "av21-across", figure))
+        results.append(Criterion(INFO, "av21-across", figure))
     return results
 
 
@@ -245,11 +224,11 @@ def papers_effect(board: ScoreTable) -> dict[Combination, tuple[float, float]]:
     return found
 
 
-def _effect(board: ScoreTable) -> PaperCriterion:
+def _effect(board: ScoreTable) -> Criterion:
     """Check that adaptation reduces the RMSE by as much as in the paper's tables."""
     found = papers_effect(board)
     if not found:
-        return PaperCriterion(FAIL, "papers-effect", "not measured: ALDK-SWLS was not run")
+        return Criterion(FAIL, "papers-effect", "not measured: ALDK-SWLS was not run")
     short = [
         f"{combo.test} {CHANNELS[combo.channel]} {100.0 * here:.2f} % "
         f"(paper {100.0 * there:.2f} %)"
@@ -261,4 +240,4 @@ def _effect(board: ScoreTable) -> PaperCriterion:
     )
     if short:
         figure += f"; less: {', '.join(short)}"
-    return PaperCriterion.judged(not short, "papers-effect", figure)
+    return Criterion.judged(not short, "papers-effect", figure)

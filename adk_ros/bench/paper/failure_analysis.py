@@ -17,6 +17,7 @@ import numpy as np
 from adk_ros.bench.paper import criteria
 from adk_ros.bench.paper.av21 import JUDGED, RecordingScores
 from adk_ros.bench.paper.cases import CLEAN, NOISY
+from adk_ros.bench.paper.criterion import FAIL, Criterion
 from adk_ros.bench.paper.failed_combinations import (
     SHOWN,
     best_naive,
@@ -26,6 +27,7 @@ from adk_ros.bench.paper.failed_combinations import (
     error_magnitudes,
     worst_combinations,
 )
+from adk_ros.bench.paper.interval_criteria import COVERAGE
 from adk_ros.bench.paper.paper_results import printed
 from adk_ros.bench.paper.paper_tables import number
 from adk_ros.bench.paper.predictors import (
@@ -46,7 +48,7 @@ from adk_ros.signals.score import REPORT_SCALE
 def explain_failures(
     board: ScoreTable,
     recorded: RecordingScores | None,
-    judged: Collection[criteria.PaperCriterion],
+    judged: Collection[Criterion],
 ) -> dict[str, str]:
     """Return a paragraph for each failed criterion, by name; none for what was not measured."""
     makers: dict[str, Callable[[], list[str]]] = {
@@ -62,7 +64,7 @@ def explain_failures(
     return {
         criterion.name: " ".join(makers[criterion.name]())
         for criterion in judged
-        if criterion.verdict == criteria.FAIL and not criterion.figure.startswith("not measured")
+        if criterion.verdict == FAIL and not criterion.figure.startswith("not measured")
     }
 
 
@@ -126,7 +128,7 @@ def _behind(board: ScoreTable, baseline: str) -> list[str]:
 
 
 def _coverage(board: ScoreTable) -> list[str]:
-    low, high = criteria.COVERAGE
+    low, high = COVERAGE
     sentences = []
     for combo, value in criteria.pooled_coverage(board).items():
         if low <= value <= high:

@@ -15,6 +15,9 @@ from adk_ros.bench.paper.predictors import (
     ALDK,
     DK,
     LINEAR_ADAPTED,
+    MF,
+    MF_CHOSEN,
+    MF_PLAIN,
     MF_TUNED,
     NAIVE,
     ORACLE,
@@ -26,7 +29,8 @@ from adk_ros.bench.paper.ratios import best_cells, geometric_means, lost_tests, 
 from adk_ros.bench.paper.scores import HORIZONS, ScoreTable, divergence_limits
 
 ROWS = (
-    *NAIVE, LINEAR_ADAPTED, DK, ALDK, SWLS, MF_TUNED, PYKOOP, PYKOOPMAN, ADK_ROS, ORACLE,
+    *NAIVE, LINEAR_ADAPTED, DK, ALDK, SWLS, MF_PLAIN, MF, MF_TUNED, MF_CHOSEN, PYKOOP, PYKOOPMAN,
+    ADK_ROS, ORACLE,
 )  # fmt: skip
 EXACT = "exact"
 NOT_RUN = "not run"

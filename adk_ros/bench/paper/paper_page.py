@@ -12,7 +12,8 @@ from adk_ros.bench.paper.cases import AHEAD, DROPPED, FORCE_NOISE, HISTORY, NOIS
 from adk_ros.bench.paper.claims import RULE, Claim, counts
 from adk_ros.bench.paper.claims_list import check_claims as judge_claims
 from adk_ros.bench.paper.claims_list import compared_with
-from adk_ros.bench.paper.criteria import FAIL, PASS, PaperCriterion, brief, evaluate_paper_criteria
+from adk_ros.bench.paper.criteria import brief, evaluate_paper_criteria
+from adk_ros.bench.paper.criterion import FAIL, PASS, Criterion
 from adk_ros.bench.paper.effect_text import effect_tables, effect_text
 from adk_ros.bench.paper.failure_analysis import explain_failures
 from adk_ros.bench.paper.headline import NOT_RUN, Headline, headline
@@ -45,7 +46,7 @@ class PaperReport:
     """The written page, and the criteria, claims and times on it."""
 
     page: Path
-    bars: list[PaperCriterion]
+    bars: list[Criterion]
     claims: list[Claim]
     times: Table
 
@@ -115,7 +116,7 @@ def _write(
     return PaperReport(path, bars, claims, times)
 
 
-def lead_text(top: Headline, criteria: list[PaperCriterion]) -> str:
+def lead_text(top: Headline, criteria: list[Criterion]) -> str:
     """Return the main result: where adk_ros has the lowest error, and the criteria it meets."""
     names = {row[0] for table in top.tables for row in table.rows if NOT_RUN not in row}
     lowest = sum(

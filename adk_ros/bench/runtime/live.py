@@ -10,6 +10,9 @@ arrival in the listener's callback. The aligner, fed with the published messages
 tells which reading completes a tick. CLOCK_MONOTONIC is shared by all processes of a machine, so
 times of different processes may be subtracted. The tick time is the node's: from the message
 that completes a tick to its last output. The relay receives and republishes the same messages.
+
+The listener also subscribes to the horizon, without decoding it: the node serialises what is
+subscribed to alone, and a planner reads the horizon.
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ import numpy as np
 import psutil  # type: ignore[import-untyped, unused-ignore]
 from numpy.typing import NDArray
 
+from adk_ros.bench.paper.criterion import Criterion
 from adk_ros.bench.runtime.ros_processes import cpu_seconds, last_error, start_process
 from adk_ros.errors import DataError, UsageError
 from adk_ros.signals.align import Aligner
@@ -37,8 +41,8 @@ from adk_ros.signals.channels import TICK_NS, Reading, Source
 
 TARGET_P99_MS = 5.0
 """Required 99th percentile of the latency, ms: a fifth of the 25 ms tick."""
-TARGET_CPU_PERCENT = 20.0
-"""Required CPU load of the node, per cent of one core."""
+TARGET_CPU_PERCENT = 6.0
+"""Required CPU load of the node, per cent of one core, with the IMU at 200 Hz. By choice."""
 TARGET_TICK_MS = 0.4
 """Required median of the tick's processing time, ms: a third of what it took before the encoder
 was compiled."""
@@ -90,8 +94,9 @@ def bench_live(
 
     `latency_ms` has p50, p99 and max; `tick_p50_ms` the processing time within the node; `ticks`,
     `ticks_missed` (completed by the sensors, but never predicted), `cpu_percent` of one core, of
-    the relay `relay_cpu_percent`, and `cpu_ratio` of the two; `memory_growth_mb`, `targets_met`,
-    and under `node` the values of the node's own diagnostics.
+    the relay `relay_cpu_percent`, and `cpu_ratio` of the two; `horizons` received;
+    `memory_growth_mb`; `criteria` with verdict, name and figure; and under `node` the values of
+    the node's own diagnostics.
     :param progress: called about ten times a second with (seconds done, seconds in all).
     :raises UsageError: as `check_live`.
     :raises DataError: the node did not start, or a part of the measurement failed.
@@ -119,22 +124,43 @@ def bench_live(
             raise DataError(f"the listener failed: {last_error(folder)}")
         sent, received = np.load(sent_path), np.load(folder / "received.npz")
         result = _evaluate(sent, received, round(_WARM_UP_S * 1e9))
-    tick_ms = 1e-3 * float(result["node"].get("tick_p50_us", "nan"))
-    result["tick_p50_ms"] = round(tick_ms, 3)
+    result["tick_p50_ms"] = round(1e-3 * float(result["node"].get("tick_p50_us", "nan")), 3)
     result["cpu_percent"] = round(cpu_percent, 2)
     result["relay_cpu_percent"] = round(relay_percent, 2)
     result["cpu_ratio"] = round(cpu_percent / relay_percent, 2)
     result["memory_growth_mb"] = round(grown_mb, 2)
     result["duration_s"] = duration_s
     result["rates_hz"] = {"imu": imu_hz, "odometry": odometry_hz, "command": command_hz}
-    result["targets_met"] = {
-        "p99_ms": result["latency_ms"]["p99"] <= TARGET_P99_MS,
-        "ticks_missed": result["ticks_missed"] == 0,
-        "cpu_percent": cpu_percent <= TARGET_CPU_PERCENT,
-        "tick_p50_ms": tick_ms <= TARGET_TICK_MS,
-        "cpu_ratio": cpu_percent <= TARGET_CPU_RATIO * relay_percent,
-    }
-    return result
+    return result | {"criteria": [vars(item) for item in live_criteria(result)]}
+
+
+def live_criteria(result: dict[str, Any]) -> list[Criterion]:
+    """Judge the figures of `bench_live`; one that is not a number is a FAIL."""
+    p99_ms, missed = result["latency_ms"]["p99"], result["ticks_missed"]
+    tick_ms, percent, ratio = (result[x] for x in ("tick_p50_ms", "cpu_percent", "cpu_ratio"))
+    return [
+        Criterion.judged(
+            p99_ms <= TARGET_P99_MS, "latency", f"{p99_ms:g} ms (p99), at most {TARGET_P99_MS:g}"
+        ),
+        Criterion.judged(missed == 0, "ticks-missed", f"{missed} of {result['ticks']}, at most 0"),
+        Criterion.judged(
+            tick_ms <= TARGET_TICK_MS,
+            "tick-time",
+            f"{tick_ms:g} ms (p50), at most {TARGET_TICK_MS:g}",
+        ),
+        Criterion.judged(
+            percent <= TARGET_CPU_PERCENT,
+            "cpu",
+            f"{percent:g} % of a core with the IMU at {result['rates_hz']['imu']:g} Hz, at most "
+            f"{TARGET_CPU_PERCENT:g}",
+        ),
+        Criterion.judged(
+            ratio <= TARGET_CPU_RATIO,
+            "cpu-ratio",
+            f"{ratio:g} times the load of a node that receives and republishes the same "
+            f"messages ({result['relay_cpu_percent']:g} %), at most {TARGET_CPU_RATIO:g}",
+        ),
+    ]
 
 
 def await_line(
@@ -193,14 +219,21 @@ def _evaluate(sent: Any, received: Any, warm_up_ns: int) -> dict[str, Any]:
     )
     if not len(latencies_ms):
         raise DataError("no prediction arrived at the listener")
+    measured = sent["stamp_ns"] >= from_ns
+    published_ns, arrived_ns = sent["published_ns"][measured], received["horizon_ns"]
+    # After the last message, the node goes on for a second without measurements.
+    horizons = int(((arrived_ns >= published_ns[0]) & (arrived_ns <= published_ns[-1])).sum())
+    if not horizons:
+        raise DataError("no horizon arrived at the listener")
     p50, p99, worst = np.percentile(latencies_ms, (50, 99, 100)).round(3).tolist()
-    pauses_ns = np.diff(sent["published_ns"][sent["stamp_ns"] >= from_ns])
+    pauses_ns = np.diff(published_ns)
     diagnostics = dict(zip(received["keys"].tolist(), received["shown"].tolist(), strict=True))
     kept = ("tick_p50_us", "tick_p99_us", "tick_max_us", "missed_deadlines", "internal_errors")
     return {
         "latency_ms": {"p50": p50, "p99": p99, "max": worst},
         "ticks": len(latencies_ms) + missed,
         "ticks_missed": missed,
+        "horizons": horizons,
         "messages": len(sent["stamp_ns"]),
         "longest_pause_of_the_sensors_ms": round(float(pauses_ns.max()) * 1e-6, 3),
         "node": {key: float(diagnostics[key]) for key in kept if key in diagnostics},
@@ -261,14 +294,21 @@ def _drive(path: str, subscribers: str, *rates: str) -> None:
 
 
 def _listen(path: str) -> None:
-    from adk_ros.ros.echo import record, watch_diagnostics
+    from adk_ros.ros.echo import record, time_horizons, watch_diagnostics
 
     shown: dict[str, str] = {}
-    recording = record(wait_s=_TIMEOUT_S, on_node=lambda node: watch_diagnostics(node, shown))
+    horizon_ns: list[int] = []
+
+    def subscribe(node: Any) -> None:
+        watch_diagnostics(node, shown)
+        time_horizons(node, "/predictor", horizon_ns)
+
+    recording = record(wait_s=_TIMEOUT_S, on_node=subscribe)
     np.savez(
         path,
         stamp_ns=recording.stamp_ns,
         arrival_ns=recording.arrival_ns,
+        horizon_ns=np.array(horizon_ns, dtype=np.int64),
         keys=list(shown),
         shown=list(shown.values()),
     )

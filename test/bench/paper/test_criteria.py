@@ -16,7 +16,8 @@ from adk_ros.bench.paper.cases import CLEAN, NOISY, PAPER_TESTS, TESTS
 from adk_ros.bench.paper.claims import HOLDS, NOT, PART, UNKNOWN, Claim, Comparison
 from adk_ros.bench.paper.claims_list import STATEMENTS, compared_with
 from adk_ros.bench.paper.claims_list import check_claims as judge_claims
-from adk_ros.bench.paper.criteria import FAIL, INFO, PASS, PaperCriterion, evaluate_paper_criteria
+from adk_ros.bench.paper.criteria import evaluate_paper_criteria
+from adk_ros.bench.paper.criterion import FAIL, INFO, PASS, Criterion
 from adk_ros.bench.paper.predictors import ADK_ROS, ALDK, DK, NAIVE, PYKOOP, PYKOOPMAN, RLS, SWLS
 from adk_ros.bench.paper.scores import ScoreTable
 from adk_ros.numerics.arrays import FloatArray
@@ -25,7 +26,7 @@ from adk_ros.signals.score import REPORT_SCALE
 
 def bars(
     board: ScoreTable, recorded: RecordingScores | None = None, without: str = ""
-) -> dict[str, PaperCriterion]:
+) -> dict[str, Criterion]:
     return {bar.name: bar for bar in evaluate_paper_criteria(board, recorded, without)}
 
 

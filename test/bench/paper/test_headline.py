@@ -15,12 +15,23 @@ from helpers.paper import board_of, case_score, good_board, papers_board
 from adk_ros.bench.paper import oracle_notes
 from adk_ros.bench.paper.av21 import RecordingScores
 from adk_ros.bench.paper.cases import CLEAN, NOISY, TESTS
-from adk_ros.bench.paper.criteria import FAIL, brief, evaluate_paper_criteria
+from adk_ros.bench.paper.criteria import brief, evaluate_paper_criteria
+from adk_ros.bench.paper.criterion import FAIL
 from adk_ros.bench.paper.failure_analysis import explain_failures
 from adk_ros.bench.paper.headline import headline
 from adk_ros.bench.paper.paper_figures import summary_figure
 from adk_ros.bench.paper.paper_tables import horizon_tables, recording_tables
-from adk_ros.bench.paper.predictors import ADK_ROS, MF_TUNED, NAIVE, ORACLE, PYKOOP, PYKOOPMAN
+from adk_ros.bench.paper.predictors import (
+    ADK_ROS,
+    MF,
+    MF_CHOSEN,
+    MF_PLAIN,
+    MF_TUNED,
+    NAIVE,
+    ORACLE,
+    PYKOOP,
+    PYKOOPMAN,
+)
 from adk_ros.bench.paper.ratios import best_cells, ratio_tables, summary_table
 from adk_ros.bench.paper.scores import Combination, ScoreTable
 
@@ -52,6 +63,16 @@ def test_headline_rows_and_bold_cells(tmp_path: Path) -> None:
     assert [row["1 step"] for row in ours] == ["0.1", "0.1"]
     koop = next(r for r in stored if r["predictor"] == PYKOOP and r["variant"] == NOISY)
     assert koop["tests diverged 2 s"] == "1"
+
+
+def test_each_parameter_choice_of_the_physics_model_is_a_row() -> None:
+    rmse = {MF_PLAIN: 0.8, MF: 0.7, MF_TUNED: 0.6, MF_CHOSEN: 0.6}
+    made = headline(board_of(NAIVES | rmse | {ADK_ROS: 0.1}))
+    for table in made.tables:
+        rows = {row[0]: row[1] for row in table.rows}
+        assert {name: rows[name] for name in rmse} == {
+            MF_PLAIN: "0.800", MF: "0.700", MF_TUNED: "0.600", MF_CHOSEN: "0.600",
+        }  # fmt: skip
 
 
 def test_baseline_libraries_that_did_not_run_are_listed() -> None:

@@ -19,7 +19,7 @@ from helpers.paper import case_score, good_board
 
 from adk_ros.bench.paper.av21 import RecordingScores
 from adk_ros.bench.paper.cases import CLEAN, NOISY
-from adk_ros.bench.paper.criteria import FAIL, PASS
+from adk_ros.bench.paper.criterion import FAIL, PASS
 from adk_ros.bench.paper.paper_bench import Result
 from adk_ros.bench.paper.paper_page import PaperReport, write_report
 from adk_ros.bench.paper.predictors import ADK_ROS, ORACLE

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.node import readings, write_model
 
-from adk_ros.bench.runtime.live import bench_live, latencies
+from adk_ros.bench.runtime.live import bench_live, latencies, live_criteria
 from adk_ros.cli.main import main
 from adk_ros.errors import DataError
 from adk_ros.signals.align import Aligner
@@ -41,6 +41,26 @@ def test_latency_starts_at_the_input_that_completes_a_tick() -> None:
     np.testing.assert_allclose(found, 2.5)
 
 
+def test_each_target_is_a_criterion() -> None:
+    good = {
+        "latency_ms": {"p99": 2.0}, "ticks": 2400, "ticks_missed": 0, "tick_p50_ms": 0.3,
+        "cpu_percent": 5.9, "relay_cpu_percent": 3.0, "cpu_ratio": 1.97,
+        "rates_hz": {"imu": 200.0},
+    }  # fmt: skip
+    lines = [str(item) for item in live_criteria(good)]
+    assert all(line.startswith("PASS ") for line in lines)
+    assert "PASS cpu 5.9 % of a core with the IMU at 200 Hz, at most 6" in lines
+    assert lines[-1] == (
+        "PASS cpu-ratio 1.97 times the load of a node that receives and republishes the same "
+        "messages (3 %), at most 2"
+    )
+    bad = {
+        "latency_ms": {"p99": 5.1}, "ticks_missed": 1, "tick_p50_ms": float("nan"),
+        "cpu_percent": 6.01, "cpu_ratio": 2.01,
+    }  # fmt: skip
+    assert all(item.verdict == "FAIL" for item in live_criteria(good | bad))
+
+
 @pytest.mark.slow
 def test_a_short_measurement(tmp_path: Path) -> None:
     calls: list[float] = []
@@ -55,9 +75,11 @@ def test_a_short_measurement(tmp_path: Path) -> None:
     assert result["ticks_missed"] == 0
     assert 0.0 < result["cpu_percent"] < 60.0
     assert result["node"]["internal_errors"] == 0
-    assert set(result["targets_met"]) == {
-        "p99_ms", "ticks_missed", "cpu_percent", "tick_p50_ms", "cpu_ratio",
-    }  # fmt: skip
+    # Each prediction has a horizon, which the node serialises for the listener.
+    assert result["horizons"] == pytest.approx(result["ticks"], abs=3)
+    verdicts = {item["name"]: item["verdict"] for item in result["criteria"]}
+    assert list(verdicts) == ["latency", "ticks-missed", "tick-time", "cpu", "cpu-ratio"]
+    assert (verdicts["cpu"] == "PASS") == (result["cpu_percent"] <= 6.0)
     assert 0.0 < result["tick_p50_ms"] < latency["p50"]
     # A Python process that receives 290 messages per second is never idle.
     assert result["relay_cpu_percent"] > 1.0
