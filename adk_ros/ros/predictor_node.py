@@ -125,9 +125,7 @@ class PredictorNode:
         if settings.horizon_steps:
             self._horizon = HorizonBytes(frame_id, settings.horizon_steps)
             self._covariance = CovarianceBytes(settings.horizon_steps)
-            self._stamped = StampedCovarianceBytes(
-                frame_id, settings.horizon_steps, marked=True
-            )
+            self._stamped = StampedCovarianceBytes(frame_id, settings.horizon_steps, marked=True)
         self._publish_horizon = bool(self.values["publish_horizon"])
         self._sim_time = bool(self.node.get_parameter("use_sim_time").value)
         self.node.add_on_set_parameters_callback(self._on_set)
