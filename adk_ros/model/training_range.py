@@ -20,13 +20,19 @@ from adk_ros.signals.channels import (
     Sample,
 )
 
-LATERAL_ACCELERATION = "lateral_acceleration"
-QUANTITIES = (*STATE_NAMES, *INPUT_NAMES, LATERAL_ACCELERATION)
-"""v_x, v_y, yaw rate, torque, delta, and v_x times yaw rate."""
-_NAMES = ("v_x", "v_y", "yaw rate", "torque", "delta", "lateral acceleration")
-_UNITS = (*STATE_UNITS, *INPUT_UNITS, "m/s²")
+LATERAL_ACCELERATION, SIDESLIP = "lateral_acceleration", "sideslip"
+QUANTITIES = (*STATE_NAMES, *INPUT_NAMES, LATERAL_ACCELERATION, SIDESLIP)
+"""v_x, v_y, yaw rate, torque, delta, v_x times yaw rate, and the angle of v_y to v_x."""
+_NAMES = ("v_x", "v_y", "yaw rate", "torque", "delta", "lateral acceleration", "sideslip")
+_UNITS = (*STATE_UNITS, *INPUT_UNITS, "m/s²", "rad")
 _MARGIN = 0.1
-"""Share of a range by which a value must lie outside to count as beyond. By choice."""
+"""
+Share of a range by which a value must lie outside to count as beyond. By choice.
+
+Speeds below this share of the largest count as standstill, where noise makes up the sideslip.
+"""
+_CENTRAL = (0.5, 99.5)
+"""Percentiles that bound the range."""
 _REPORTED_SHARE = 0.05
 """Share of starts beyond a range from which it may explain an error. By choice."""
 
@@ -34,7 +40,7 @@ _REPORTED_SHARE = 0.05
 @dataclass(frozen=True)
 class TrainingRange:
     """
-    The central 99 % of each of `QUANTITIES` in the training data; `low`, `high` (6,), SI.
+    The central 99 % of each of `QUANTITIES` in the training data; `low`, `high` (7,), SI.
 
     Unlimited where it is not known.
     """
@@ -45,19 +51,23 @@ class TrainingRange:
     @staticmethod
     def of(records: Sequence[Record]) -> TrainingRange:
         """Return the range of the learnable rows of `records`."""
-        rows = np.concatenate([_quantities(r.x, r.u)[r.learnable] for r in records])
-        low, high = np.nanpercentile(rows, [0.5, 99.5], axis=0)
+        x = np.concatenate([r.x[r.learnable] for r in records])
+        u = np.concatenate([r.u[r.learnable] for r in records])
+        slow = _MARGIN * np.abs(np.nanpercentile(x[:, 0], _CENTRAL)).max()
+        rows = _quantities(x, u, slow)
+        low, high = np.full((2, rows.shape[1]), np.array([[-math.inf], [math.inf]]))
+        known = np.isfinite(rows).any(axis=0)
+        low[known], high[known] = np.nanpercentile(rows[:, known], _CENTRAL, axis=0)
         return TrainingRange(low, high)
 
     def beyond(self, sample: Sample) -> list[str]:
         """Return the quantities of a sample outside the range by a tenth of it, with values."""
-        values = _quantities(np.array([sample.x]), np.array([sample.u]))[0]
+        values = self._of(np.array([sample.x]), np.array([sample.u]))[0]
         margin = self._margin()
         texts = []
         for i, value in enumerate(values.tolist()):
-            if self.low[i] - margin[i] <= value <= self.high[i] + margin[i]:
-                continue
-            if math.isfinite(value):
+            # False for NaN, an unknown value.
+            if value < self.low[i] - margin[i] or value > self.high[i] + margin[i]:
                 limits = f"{self.low[i]:.3g} to {self.high[i]:.3g}"
                 texts.append(f"{_NAMES[i]} {value:.3g} {_UNITS[i]} (trained on {limits})")
         return texts
@@ -73,10 +83,28 @@ class TrainingRange:
 
     def share_beyond(self, starts: Sequence[tuple[Record, IntArray]]) -> dict[str, float]:
         """Return the share of rows outside the range by a tenth of it, for shares over 5 %."""
-        rows = np.concatenate([_quantities(r.x, r.u)[at] for r, at in starts])
+        rows = np.concatenate([self._of(r.x[at], r.u[at]) for r, at in starts])
         margin = self._margin()
         share = ((rows < self.low - margin) | (rows > self.high + margin)).mean(axis=0)
         return {n: float(s) for n, s in zip(QUANTITIES, share, strict=True) if s > _REPORTED_SHARE}
+
+    def distance(self, states: FloatArray, u: Sequence[float]) -> FloatArray:
+        """
+        Return how far states (n, 3) and the command u (2,) are outside the range, (n,).
+
+        The largest distance of a quantity from its range, in widths of the range; 0 within.
+        """
+        values = self._of(states, np.broadcast_to(np.asarray(u), (len(states), 2)))
+        outside = np.maximum(self.low - values, values - self.high)
+        width = self.high - self.low
+        known = np.isfinite(width) & (width > 0.0)
+        share = outside[:, known] / width[known]
+        return np.asarray(np.nan_to_num(share, nan=0.0).max(axis=1, initial=0.0))
+
+    def _of(self, x: FloatArray, u: FloatArray) -> FloatArray:
+        """Return the `QUANTITIES` (n, 7); no sideslip where the car hardly moves."""
+        fastest = max(abs(float(self.low[0])), abs(float(self.high[0])))
+        return _quantities(x, u, _MARGIN * fastest if math.isfinite(fastest) else 0.0)
 
     def _margin(self) -> FloatArray:
         width = self.high - self.low
@@ -96,6 +124,8 @@ class TrainingRange:
         return TrainingRange(table[:, 0], table[:, 1])
 
 
-def _quantities(x: FloatArray, u: FloatArray) -> FloatArray:
-    """Return the `QUANTITIES` (n, 6) of states (n, 3) and commands (n, 2)."""
-    return np.column_stack([x, u, x[:, 0] * x[:, 2]])
+def _quantities(x: FloatArray, u: FloatArray, slow: float) -> FloatArray:
+    """Return the `QUANTITIES` (n, 7) of states (n, 3) and commands (n, 2), NaN where unknown."""
+    speed = np.abs(x[:, 0])
+    slip = np.arctan2(x[:, 1], np.where(speed > slow, speed, math.nan))
+    return np.column_stack([x, u, x[:, 0] * x[:, 2], slip])

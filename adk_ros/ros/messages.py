@@ -11,6 +11,7 @@ belong, and each sample then writes its numbers into a copy.
 
 from __future__ import annotations
 
+import math
 import struct
 from typing import Any
 
@@ -167,11 +168,19 @@ class StampedCovarianceBytes:
 
     Stamp, frame and points are those of `HorizonBytes`. The `positions` of each point are the nine
     elements of its covariance, row-major, SI units; `joint_names` names them, such as "v_x v_y".
+    With `marked`, the single element of `effort` tells how far the point is outside the training
+    range, see `TrainingRange.distance`.
 
     :param names: of the rows and columns.
     """
 
-    def __init__(self, frame_id: str, steps: int, names: tuple[str, ...] = STATE_NAMES) -> None:
+    def __init__(
+        self,
+        frame_id: str,
+        steps: int,
+        names: tuple[str, ...] = STATE_NAMES,
+        marked: bool = False,
+    ) -> None:
         message = JointTrajectory()
         message.header.frame_id = frame_id
         message.joint_names = [f"{row} {column}" for row in names for column in names]
@@ -179,7 +188,9 @@ class StampedCovarianceBytes:
             sec, nanosec = split_stamp(step * TICK_NS)
             message.points.append(
                 JointTrajectoryPoint(
-                    positions=[0.0] * 9, time_from_start=Duration(sec=sec, nanosec=nanosec)
+                    positions=[0.0] * 9,
+                    effort=[0.0] * marked,
+                    time_from_start=Duration(sec=sec, nanosec=nanosec),
                 )
             )
         message.points[-1].positions[0] = _SECOND_MARKER
@@ -190,15 +201,30 @@ class StampedCovarianceBytes:
         stride = (end - start) // max(steps - 1, 1)
         shape, strides = (steps, 3, 3), (max(stride, 72), 24, 8)
         self._data = _doubles(self._buffer, start, shape, strides)
+        self._distance: FloatArray | None = None
+        if marked:
+            # After the positions: the empty velocities and accelerations, and the length.
+            message.points[0].positions[0] = message.points[-1].positions[0] = 0.0
+            message.points[0].effort[0] = _MARKER
+            offset = _find(serialize_message(message), _MARKER)
+            self._distance = _doubles(self._buffer, offset, (steps,), (max(stride, 8),))
 
-    def fill(self, origin_ns: int, covariance: FloatArray) -> bytes:
-        """Return the message for `covariance` (steps, 3, 3) from the sample at `origin_ns`."""
+    def fill(
+        self, origin_ns: int, covariance: FloatArray, distance: FloatArray | None = None
+    ) -> bytes:
+        """
+        Return the message for `covariance` (steps, 3, 3) from the sample at `origin_ns`.
+
+        `distance` (steps,) outside the training range, for `marked` messages; None: unknown, NaN.
+        """
         _STAMP.pack_into(self._buffer, _STAMP_AT, *split_stamp(origin_ns))
         self._data[:] = covariance
+        if self._distance is not None:
+            self._distance[:] = math.nan if distance is None else distance
         return bytes(self._buffer)
 
 
-def _find(buffer: bytearray, marker: float) -> int:
+def _find(buffer: bytes | bytearray, marker: float) -> int:
     position = buffer.find(struct.pack("<d", marker))
     assert position > 0, "rclpy serialises little-endian CDR on all supported platforms"
     return position

@@ -109,6 +109,7 @@ class PredictorNode:
             settings = pipeline_settings(self.values, loaded.model.online)
             warm_up(loaded.model, settings)
         self._training = loaded.manifest["training"]
+        self._trained = TrainingRange.from_json(self._training.get("range"))
         if loaded.model.lifting.warning:
             self._logger.warning(loaded.model.lifting.warning)
 
@@ -124,7 +125,7 @@ class PredictorNode:
         if settings.horizon_steps:
             self._horizon = HorizonBytes(frame_id, settings.horizon_steps)
             self._covariance = CovarianceBytes(settings.horizon_steps)
-            self._stamped = StampedCovarianceBytes(frame_id, settings.horizon_steps)
+            self._stamped = StampedCovarianceBytes(frame_id, settings.horizon_steps, marked=True)
         self._publish_horizon = bool(self.values["publish_horizon"])
         self._sim_time = bool(self.node.get_parameter("use_sim_time").value)
         self.node.add_on_set_parameters_callback(self._on_set)
@@ -147,7 +148,7 @@ class PredictorNode:
             self._facts,
             self.values["use_imu"],
             time.monotonic(),
-            TrainingRange.from_json(self._training.get("range")),
+            self._trained,
         )
         self._types = {Source.ODOMETRY: velocity.msgtype, Source.COMMAND: kind.msgtype}
         self._begin_s, self._waited = time.monotonic(), False
@@ -233,7 +234,12 @@ class PredictorNode:
         if self._covariance and self._covariance_out.is_read:
             self._covariance_out.send(self._covariance.fill(covariance))
         if self._stamped and self._stamped_out.is_read:
-            self._stamped_out.send(self._stamped.fill(prediction.origin_ns, covariance))
+            distance = None
+            sample = self.core.pipeline.last_sample
+            if self._trained is not None and sample is not None:
+                distance = self._trained.distance(prediction.horizon, sample.u)
+            stamped = self._stamped.fill(prediction.origin_ns, covariance, distance)
+            self._stamped_out.send(stamped)
 
     def _log_internal_error(self, error: Exception) -> None:
         self._logger.error(

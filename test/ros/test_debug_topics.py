@@ -143,6 +143,8 @@ def test_a_running_node(tmp_path: Path) -> None:
     tables = [m.data.tolist() for m in received["predicted_horizon_covariance"]]
     for trajectory in received["predicted_horizon_covariance_stamped"][-5:]:
         assert [x for point in trajectory.points for x in point.positions] in tables
+        # How far outside the training range: known, and small on the car that it was trained on.
+        assert all(0.0 <= point.effort[0] < 0.5 for point in trajectory.points)
 
     for curve in curves() + paths():
         assert has_field(topics, curve), curve

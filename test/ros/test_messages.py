@@ -128,6 +128,22 @@ def test_stamped_horizon_covariance(frame_id: str, steps: int) -> None:
         assert deserialize_message(serialize_message(message), JointTrajectory) == message
 
 
+@pytest.mark.parametrize("steps", [1, 2, 80])
+def test_a_marked_covariance_has_the_distance_from_the_training_range(steps: int) -> None:
+    buffer = StampedCovarianceBytes("base_link", steps, marked=True)
+    rng = np.random.default_rng(steps)
+    for distance in (rng.random(steps), np.zeros(steps), None):
+        expected = rng.normal(size=(steps, 3, 3))
+        message = deserialize_message(buffer.fill(7, expected, distance), JointTrajectory)
+        read = [point.positions for point in message.points]
+        np.testing.assert_array_equal(np.reshape(read, (steps, 3, 3)), expected)
+        marks = np.array([point.effort for point in message.points])
+        wanted = np.full(steps, np.nan) if distance is None else distance
+        np.testing.assert_array_equal(marks, wanted[:, None])
+        times = [join_stamp(point.time_from_start) for point in message.points]
+        assert times == [step * 25_000_000 for step in range(1, steps + 1)]
+
+
 @pytest.mark.parametrize("stamp_ns", [0, 1, 999_999_999, 10**9, 1_760_000_000_999_999_999])
 def test_stamps_are_exact(stamp_ns: int) -> None:
     sec, nanosec = split_stamp(stamp_ns)

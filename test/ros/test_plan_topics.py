@@ -82,7 +82,7 @@ def test_the_diagnostics_tell_of_plans(model: Path) -> None:
 
 def test_the_diagnostics_tell_of_extrapolation(model: Path) -> None:
     rig = Rig(artefact.load(model).model)
-    slow = TrainingRange(np.full(6, -1.0), np.array([5.0, 1.0, 1.0, 1e4, 1.0, 20.0]))
+    slow = TrainingRange(np.full(7, -1.0), np.array([5.0, 1.0, 1.0, 1e4, 1.0, 20.0, 1.0]))
     rig.diagnostics = Diagnostics(rig.core, start_s=rig.mono_ns * 1e-9, trained=slow)
     waiting = rig.report()
     assert dict(waiting.values)["extrapolating"] == "no"

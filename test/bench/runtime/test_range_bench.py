@@ -53,7 +53,7 @@ def test_a_slalom_stays_on_the_road() -> None:
 
 def test_a_drive_is_measured_against_naive_predictors() -> None:
     record = range_bench._with_noise(kinematic(8.0, 3, stops=False), 3)
-    near = TrainingRange(np.full(6, -0.01), np.array([0.1, 9.0, 9.0, 1e5, 1.0, 90.0]))
+    near = TrainingRange(np.full(7, -0.01), np.array([0.1, 9.0, 9.0, 1e5, 1.0, 90.0, 1.6]))
     case = measure(make_model(), near, record, "x", 28.8)
     assert case.known.shape == case.held.shape == (5, 3)
     assert np.isfinite(case.known).all()
