@@ -75,6 +75,17 @@ def paper(
             "kind of error, window, cut of the pseudo-inverse, epochs",
         ),
     ] = False,
+    device: Annotated[
+        str, typer.Option(help="device to train DK and ALDK on: auto, cpu or cuda")
+    ] = "cpu",
+    checkpoints: Annotated[
+        Path | None,
+        typer.Option(
+            help="folder for checkpoints of DK and ALDK: an interrupted training continues from "
+            "there, a finished one is not repeated",
+            show_default="none are kept",
+        ),
+    ] = None,
     jobs: Annotated[int, typer.Option(help="processes, one thread each")] = 2,
     force: ForceOption = False,
     as_json: JsonOption = False,
@@ -93,9 +104,12 @@ def paper(
     from adk_ros.bench.paper.paper_page import PAGE
     from adk_ros.files.output_folder import check_output_folder, refuse_existing
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
+    from adk_ros.train.train_settings import require_device
 
     timer = RunTimer()
     plan = _plan(quick, seeds, steps, epochs, recordings, peers, tuple(test or ()))
+    require_device(device)
+    plan = replace(plan, device=device, checkpoints=checkpoints)
     if only_effect:
         plan = effect_plan(plan)
     check(plan)

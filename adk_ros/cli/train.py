@@ -107,6 +107,7 @@ def train(
     """
     started = time.monotonic()
     from adk_ros.api.training import check_training, train_model, validation_interval
+    from adk_ros.train.paper_training import STEPS_PER_REPORT as PAPER_STEPS_PER_REPORT
     from adk_ros.train.train_settings import PaperSettings, TrainSettings
 
     settings: TrainSettings | PaperSettings
@@ -125,12 +126,14 @@ def train(
             validate_every=validation_interval(steps),
         )
     elif paper in ("dk", "aldk"):
-        settings = PaperSettings(acceleration=paper == "aldk", epochs=epochs or 2000, seed=seed)
+        settings = PaperSettings(
+            acceleration=paper == "aldk", epochs=epochs or 2000, seed=seed, device=device
+        )
     else:
         raise UsageError(f"--paper {paper} is unknown: choose dk or aldk")
     check_training(out, split, len(bags), force)
     recordings = read_recordings(bags, read_options(imu, odometry, command, no_imu, params))
-    note_resumed = _resumption_note() if paper is None else _ignore
+    note_resumed = _resumption_note(1 if paper is None else PAPER_STEPS_PER_REPORT)
     with _scalars(tensorboard) as write_scalars, console.stages() as progress:
 
         def on_step(step: Step) -> None:
@@ -230,16 +233,15 @@ def _ignore(_: Step) -> None:
     """Do nothing with a step."""
 
 
-def _resumption_note() -> Callable[[Step], None]:
-    """Return a callback for steps that prints a note if the first one is not step 1."""
+def _resumption_note(reported_every: int) -> Callable[[Step], None]:
+    """Return a callback for reported steps that prints a note if steps before the first exist."""
     first = True
 
     def on_step(step: Step) -> None:
         nonlocal first
-        if first and step.step > 1:
-            console.note(
-                f"resuming from training step {step.step - 1}, where training was interrupted"
-            )
+        before = step.step - reported_every
+        if first and before > 0:
+            console.note(f"resuming from training step {before}, where training was interrupted")
         first = False
 
     return on_step

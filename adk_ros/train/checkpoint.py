@@ -30,7 +30,8 @@ def fingerprint(settings: Any, records: list[Record]) -> str:
     """Return a hash of settings and data: equal for trainings with the same result."""
     digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
     for record in records:
-        for array in (record.x, record.u, record.x_ref, record.flags, record.episode):
+        channels = (record.x, record.u, record.a, record.x_ref, record.flags, record.episode)
+        for array in channels:
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 

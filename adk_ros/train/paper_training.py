@@ -15,7 +15,10 @@ of the measured acceleration, the one departure: in physical units it outweighs 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -28,24 +31,36 @@ from adk_ros.model.lifting.encoder import Lifting
 from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS, Record
+from adk_ros.train import checkpoint
 from adk_ros.train.assemble import AssembledModel
 from adk_ros.train.dataset import sequences
 from adk_ros.train.network import PaperNetwork, as_tensor, to_torchscript
-from adk_ros.train.network_fit import Step, require_min_rows
+from adk_ros.train.network_fit import Step, choose_device, require_min_rows
+from adk_ros.train.paper_step import PaperSamples, adam, update_of
 from adk_ros.train.train_settings import PaperSettings
+
+_CHECKPOINT_EVERY_S = 30.0
+"""Time between checkpoints: what an interruption costs."""
+STEPS_PER_REPORT = 20
+"""Steps between calls of `on_step`: each reads the loss, which waits for a GPU."""
 
 
 def fit_paper(
     train: Sequence[Record],
     settings: PaperSettings,
     on_step: Callable[[Step], None] | None = None,
+    checkpoint_path: Path | None = None,
 ) -> AssembledModel:
     """
     Train DK, or ALDK with `settings.acceleration`, and return its model (constant until adapted).
 
+    A checkpoint of the same training at `checkpoint_path` is resumed, also one of another device;
+    the last one is kept, so that a finished training is not repeated.
+    :raises UsageError: the device is cuda and there is no GPU.
     :raises DataError: too little data, no accelerations for ALDK, or the training diverged.
     """
     torch.set_num_threads(1)
+    device = choose_device(settings.device)
     torch.manual_seed(settings.seed)
     part = sequences(train, 0, 1, "training")
     # A sample without a state can lie between valid measurements, for example of a frozen sensor.
@@ -54,66 +69,75 @@ def fit_paper(
     a = np.concatenate([record.a for record in train])
     if settings.acceleration:
         rows = rows[np.isfinite(a[rows + 1]).all(axis=1)]
-        if rows.size < settings.batch:
+        if not rows.size:
             raise DataError(
                 "ALDK needs accelerations and the bags have no usable IMU: give bags with a "
                 "sensor_msgs/Imu topic, or train DK (--paper dk)"
             )
+    if rows.size < settings.batch:
+        raise DataError(
+            f"{rows.size} usable samples are fewer than a batch of {settings.batch}: give more or "
+            "longer recordings"
+        )
     scaling = Scaling.min_max(part.x[rows], part.u[rows])
-    now = as_tensor(scaling.scale_x(part.x[rows]))
-    then = as_tensor(scaling.scale_x(part.x[rows + 1]))
-    u = as_tensor(scaling.scale_u(part.u[rows]))
     target = as_tensor(_measured_change(part.x[rows + 1], a[rows + 1]) / scaling.x_scale[:2])
-    network = PaperNetwork(settings.hidden, settings.features)
-    # Fused: with such small batches the optimiser's calls take a third of the time.
-    optimiser = torch.optim.Adam(network.parameters(), lr=settings.learning_rate, fused=True)
-    span = target.amax(0) - target.amin(0) if settings.acceleration else torch.ones(2)
-    steps = settings.epochs * max(1, rows.size // settings.batch)
-    done, running = 0, float("nan")
-    for epoch in range(settings.epochs):
-        order = np.random.default_rng((settings.seed, epoch)).permutation(rows.size)
-        for first in range(0, rows.size - settings.batch + 1, settings.batch):
-            pick = torch.from_numpy(order[first : first + settings.batch])
-            loss = _loss(network, now[pick], then[pick], u[pick], target[pick], span, settings)
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            done += 1
-            if on_step is not None and done % 20 == 0:
-                value = float(loss.detach())
-                running = value if running != running else 0.98 * running + 0.02 * value
-                on_step(Step(done, steps, running, float("nan"), settings.learning_rate))
+    samples = PaperSamples(
+        now=as_tensor(scaling.scale_x(part.x[rows])),
+        then=as_tensor(scaling.scale_x(part.x[rows + 1])),
+        u=as_tensor(scaling.scale_u(part.u[rows])),
+        target=target,
+        span=target.amax(0) - target.amin(0) if settings.acceleration else torch.ones(2),
+        acceleration=settings.acceleration,
+    ).to(device)
+    network = PaperNetwork(settings.hidden, settings.features).to(device)
+    # The device is no part of the training: one begun on a GPU continues on a CPU.
+    key = checkpoint.fingerprint(replace(settings, device="cpu"), list(train))
+    _run(network, samples, settings, on_step, checkpoint_path, key)
+    network = network.to("cpu")
     if not all(bool(torch.isfinite(value).all()) for value in network.state_dict().values()):
         raise DataError("the training diverged: check the units of the bag's channels")
     return _assemble(network, scaling, settings)
+
+
+def _run(
+    network: PaperNetwork,
+    samples: PaperSamples,
+    settings: PaperSettings,
+    on_step: Callable[[Step], None] | None,
+    checkpoint_path: Path | None,
+    key: str,
+) -> None:
+    """Train a network in place, from the checkpoint of `key` if there is one."""
+    optimiser = adam(network, settings.learning_rate)
+    found = checkpoint.load(checkpoint_path, key, network, optimiser) if checkpoint_path else None
+    done, running = (found[0], float(found[1]["running"])) if found else (0, float("nan"))
+    batches = samples.now.shape[0] // settings.batch
+    steps = settings.epochs * batches
+    if done >= steps:
+        return
+    update = update_of(network, optimiser, samples, settings.batch)
+    saved_s = time.monotonic()
+    for epoch in range(done // batches, settings.epochs):
+        order = np.random.default_rng((settings.seed, epoch)).permutation(samples.now.shape[0])
+        order = order[: batches * settings.batch].reshape(batches, settings.batch)
+        for rows in torch.from_numpy(order).to(samples.now.device):
+            loss = update(rows)
+            done += 1
+            if on_step is not None and done % STEPS_PER_REPORT == 0:
+                value = float(loss)
+                running = value if running != running else 0.98 * running + 0.02 * value
+                on_step(Step(done, steps, running, float("nan"), settings.learning_rate))
+        due = done == steps or time.monotonic() - saved_s > _CHECKPOINT_EVERY_S
+        if checkpoint_path is not None and due:
+            extra = {"running": np.array(running)}
+            checkpoint.save(checkpoint_path, key, done, network, optimiser, extra)
+            saved_s = time.monotonic()
 
 
 def _measured_change(x: FloatArray, a: FloatArray) -> FloatArray:
     """Return eq. (27) as the change of velocity over one tick, (n, 2) in m/s."""
     rate = np.stack([a[:, 0] + x[:, 1] * x[:, 2], a[:, 1] - x[:, 0] * x[:, 2]], axis=1)
     return np.nan_to_num(rate) * TICK_NS * 1e-9
-
-
-def _loss(
-    network: PaperNetwork,
-    now: torch.Tensor,
-    then: torch.Tensor,
-    u: torch.Tensor,
-    target: torch.Tensor,
-    span: torch.Tensor,
-    settings: PaperSettings,
-) -> torch.Tensor:
-    features, later = network.encoder(torch.cat([now, then])).split(now.shape[0])
-    z = torch.cat([now, features], dim=1)
-    predicted = network.a(z) + network.b(u)
-    linear = (torch.cat([then, later], dim=1) - predicted).square().mean()
-    reconstruction = (now - network.decoder(features)).square().mean()
-    prediction = (then - predicted[:, :3]).square().mean()
-    total: torch.Tensor = linear + reconstruction + prediction
-    if settings.acceleration:
-        change = predicted[:, :2] - now[:, :2]
-        total = total + ((target - change) / span).square().mean()
-    return total
 
 
 def _assemble(network: PaperNetwork, scaling: Scaling, settings: PaperSettings) -> AssembledModel:

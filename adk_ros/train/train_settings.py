@@ -74,8 +74,7 @@ class TrainSettings:
             raise UsageError(f"weight_decay is {self.weight_decay:g}: choose 0 to 100")
         if not 0.0 <= self.noise <= 100.0:
             raise UsageError(f"noise is {self.noise:g}: choose 0 to 100")
-        if self.device not in ("auto", "cpu", "cuda"):
-            raise UsageError(f"device '{self.device}' is unknown: choose auto, cpu or cuda")
+        require_device(self.device)
 
 
 @dataclass(frozen=True)
@@ -97,9 +96,17 @@ class PaperSettings:
     features: int = 12
     seed: int = 0
     window: int = 50
+    device: str = "cpu"
 
     def __post_init__(self) -> None:
         if not 1 <= self.epochs <= 10**6:
             raise UsageError(f"epochs is {self.epochs}: choose 1 to 1000000")
         if not 1 <= self.batch <= 65536:
             raise UsageError(f"batch is {self.batch}: choose 1 to 65536")
+        require_device(self.device)
+
+
+def require_device(name: str) -> None:
+    """:raises UsageError: `name` is no device to train on."""
+    if name not in ("auto", "cpu", "cuda"):
+        raise UsageError(f"device '{name}' is unknown: choose auto, cpu or cuda")

@@ -115,14 +115,14 @@ def train_on_split(
         )
     uses_imu = any(bool((r.a == r.a).any()) for r in records)
     trained: FittedNetwork | None = None
+    checkpoint, first_checkpoint = checkpoints_of(out)
     if isinstance(settings, PaperSettings):
-        built = fit_paper(train, settings, on_step)
+        built = fit_paper(train, settings, on_step, checkpoint)
         known_commands, held_commands = horizon_covariances(built.model, split)
         model = replace(
             built.model, horizon_covariance=known_commands, held_input_covariance=held_commands
         )
     else:
-        checkpoint, first_checkpoint = checkpoints_of(out)
         if settings.quadratic:
 
             def first_training(step: Step) -> None:
@@ -165,9 +165,8 @@ def train_on_split(
             "unaugmented": list(trained.unaugmented),
         }
     artefact.save(out, built.program, model, facts)
-    if trained is not None:
-        for path in checkpoints_of(out):
-            path.unlink(missing_ok=True)
+    for path in (checkpoint, first_checkpoint):
+        path.unlink(missing_ok=True)
     return TrainingResult(model, split, trained, test, facts)
 
 

@@ -23,6 +23,7 @@ from adk_ros.train import paper_training
 from adk_ros.train.assemble import AssembledModel
 from adk_ros.train.network import PaperNetwork
 from adk_ros.train.network_fit import Step
+from adk_ros.train.paper_step import PaperSamples
 from adk_ros.train.train_settings import PaperSettings
 from adk_ros.train.training_report import _KINDS, write_report
 from adk_ros.train.training_run import run_training
@@ -70,10 +71,9 @@ def test_the_loss_is_the_papers(acceleration: bool) -> None:
     goal = paper_training._measured_change(si_next, force) / scale[:2]
     tensors = [torch.tensor(t, dtype=torch.float32) for t in (x_k, x_next, u_k, goal)]
     spread = tensors[3].amax(0) - tensors[3].amin(0)
-    settings = PaperSettings(acceleration=acceleration)
-    loss = paper_training._loss(
-        network, tensors[0], tensors[1], tensors[2], tensors[3], spread, settings
-    )
+    now, then, u, target = tensors
+    samples = PaperSamples(now, then, u, target, spread, acceleration)
+    loss = samples.loss(network, torch.arange(3))
     assert float(loss.detach()) == pytest.approx(wanted, rel=1e-5)
 
 
@@ -152,6 +152,43 @@ def test_same_seed_same_model(trained: dict[bool, tuple[AssembledModel, list[Ste
     assert again.program == trained[True][0].program
     other = paper_training.fit_paper([record()], replace(settings, seed=5, epochs=1))
     assert not np.array_equal(other.model.theta0, again.model.theta0)
+
+
+def test_an_interrupted_training_continues(
+    trained: dict[bool, tuple[AssembledModel, list[Step]]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    settings, path = replace(TINY, acceleration=True, epochs=2), tmp_path / "aldk.npz"
+    monkeypatch.setattr(paper_training, "_CHECKPOINT_EVERY_S", 0.0)
+
+    class Killed(Exception):
+        pass
+
+    def kill_in_the_second_epoch(step: Step) -> None:
+        if step.step > 0.6 * step.steps:
+            raise Killed
+
+    with pytest.raises(Killed):
+        paper_training.fit_paper([record()], settings, kill_in_the_second_epoch, path)
+    whole, told = trained[True]
+    resumed: list[Step] = []
+    again = paper_training.fit_paper([record()], settings, resumed.append, path)
+    np.testing.assert_array_equal(again.model.theta0, whole.model.theta0)
+    assert again.program == whole.program
+    assert 0.5 * told[-1].steps <= resumed[0].step < 0.6 * told[-1].steps
+    # A finished one is not repeated; one with other settings does not start from it.
+    nothing: list[Step] = []
+    kept = paper_training.fit_paper([record()], settings, nothing.append, path)
+    np.testing.assert_array_equal(kept.model.theta0, whole.model.theta0)
+    assert not nothing
+    paper_training.fit_paper([record()], replace(settings, seed=1), nothing.append, path)
+    assert nothing[0].step == paper_training.STEPS_PER_REPORT
+
+
+def test_a_batch_larger_than_the_data_is_refused() -> None:
+    with pytest.raises(DataError, match=r"usable samples are fewer than a batch of 65536"):
+        paper_training.fit_paper([record()], replace(TINY, batch=65536))
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from adk_ros.bench.paper.online_effect import epochs_of, study
 from adk_ros.bench.paper.training_jobs import BenchPlan, NoteProgress, Outcome, TrainingJob
 from adk_ros.model.adaptation.online_methods import RCOND
 from adk_ros.model.koopman import KoopmanModel
+from adk_ros.train.network_fit import Step
 from adk_ros.train.paper_training import fit_paper
 from adk_ros.train.train_settings import PaperSettings
 
@@ -24,8 +25,13 @@ def effect_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgre
 
     def fit(epochs: int, tell: NoteProgress) -> KoopmanModel:
         with outcome.clocked("training"):
-            given = PaperSettings(epochs=epochs, batch=plan.paper_batch)
-            return fit_paper([train], given, lambda step: tell(step.step / step.steps)).model
+            settings = plan.paper_training(acceleration=True, epochs=epochs)
+            checkpoint = plan.checkpoint_of(job, epochs)
+
+            def on_step(step: Step) -> None:
+                tell(step.step / step.steps)
+
+            return fit_paper([train], settings, on_step, checkpoint).model
 
     with outcome.clocked("predicting"):
         epochs = tuple(epochs_of(plan.paper_epochs))

@@ -61,7 +61,11 @@ NoteProgress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class BenchPlan:
-    """Tests to run, of which drives, and training effort; `left_out`: kinds of jobs."""
+    """
+    Tests to run, of which drives, and training effort; `left_out`: kinds of jobs.
+
+    `device` and `checkpoints`, a folder of unfinished and finished trainings, are for DK and ALDK.
+    """
 
     quick: bool = False
     seeds: int = 3
@@ -75,6 +79,21 @@ class BenchPlan:
     durations: cases.Durations = field(default_factory=cases.Durations)
     peers: bool = True
     recordings: tuple[Path, ...] = ()
+    device: str = "cpu"
+    checkpoints: Path | None = None
+
+    def paper_training(self, acceleration: bool, epochs: int) -> PaperSettings:
+        """Return the settings of a training of DK, or of ALDK with `acceleration`."""
+        return PaperSettings(
+            acceleration=acceleration, epochs=epochs, batch=self.paper_batch, device=self.device
+        )
+
+    def checkpoint_of(self, job: TrainingJob, epochs: int) -> Path | None:
+        """Return the checkpoint file of a training of DK or ALDK, if checkpoints are kept."""
+        if self.checkpoints is None:
+            return None
+        kind = "dk" if job.kind == "dk" else "aldk"
+        return self.checkpoints / f"{kind}_{job.variant}_{epochs}_epochs.npz"
 
 
 @dataclass(frozen=True)
@@ -190,15 +209,14 @@ def paper_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgres
     """Train and run DK, or ALDK with its three online methods."""
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant, plan.drives)
-    settings = PaperSettings(
-        acceleration=job.kind == "aldk", epochs=plan.paper_epochs, batch=plan.paper_batch
-    )
+    settings = plan.paper_training(job.kind == "aldk", plan.paper_epochs)
 
     def on_step(step: Step) -> None:
         tell(TRAINED_SHARE * step.step / step.steps)
 
     with outcome.clocked("training"):
-        built = fit_paper([train], settings, on_step)
+        checkpoint = plan.checkpoint_of(job, plan.paper_epochs)
+        built = fit_paper([train], settings, on_step, checkpoint)
         # Via the model folder, as in normal use.
         where = folder / f"{job.kind}_{job.variant}"
         artefact.save(where, built.program, built.model, {"kind": job.kind})
