@@ -27,6 +27,7 @@ from adk_ros.bench.fleet.disturbed_runs import RunningCluster, environment
 from adk_ros.errors import UsageError
 from adk_ros.fleet.cluster import open_cluster
 from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.engine import Task, run_tasks
 from adk_ros.fleet.recordings import content_hash, find_recordings
 from adk_ros.fleet.run import Limits, run_stage
 from adk_ros.fleet.stage_process import Failure, Reply
@@ -281,6 +282,19 @@ def test_no_scheduler_is_a_line(tmp_path) -> None:
         run(tmp_path, tmp_path / "log", cluster=partial(open_cluster, 1, "tcp://127.0.0.1:9"))
     with pytest.raises(UsageError, match="no Dask scheduler"):
         run(tmp_path, tmp_path / "log", cluster=partial(open_cluster, 1, "nonsense://x"))
+
+
+@pytest.mark.slow(seconds=20)
+def test_a_scheduler_that_is_lost_between_two_stages(tmp_path) -> None:
+    """Dask closes a connection that it does not get back within 5 s, and refuses tasks then."""
+    running = RunningCluster(tmp_path)
+    try:
+        with open_cluster(1, running.address) as cluster:
+            assert [reply.value for _, reply in run_tasks(cluster, [Task("a", abs, (-1,))])] == [1]
+            cluster.client.close()
+            assert [reply.value for _, reply in run_tasks(cluster, [Task("b", abs, (-2,))])] == [2]
+    finally:
+        running.stop()
 
 
 @contextmanager
