@@ -290,8 +290,8 @@ class Faults:
                 tally.stopped.append(" ".join(driver.lines))
                 tally.resumed += 1
                 self._finished(log, out, Verb(arguments), tally)
-        # Reasons name the folder of the recordings or of their copy on the disk.
-        folder = re.compile(rf"{re.escape(str(self.drives))}/|[^ \"]*/adk_fleet_\w+/")
+        # Reasons name the place of a recording.
+        folder = re.compile(f"{re.escape(str(self.drives))}/|s3://{_BUCKET}/drives/")
         known = replace(self.index, rows=self._index_rows(folder))
         tally.add_result(log, out, known, compared_rows(out, folder, ["uri"]))
         return tally, all("does not answer for" in line for line in tally.stopped)
