@@ -15,6 +15,7 @@ criterion. The exit code is 0 even if one fails.
 from __future__ import annotations
 
 import argparse
+import itertools
 import logging
 import os
 import random
@@ -41,11 +42,13 @@ from adk_ros.bench.fleet.disturbed_runs import (
 )
 from adk_ros.fleet.dataset import SCRATCH
 from adk_ros.fleet.demo.fleet_folder import write_fleet
-from adk_ros.fleet.demo.fleet_plan import FleetSize, plan_fleet
+from adk_ros.fleet.demo.fleet_plan import FleetSize, InjectedTerm, plan_fleet
+from adk_ros.fleet.inference.levels import SHARED, Level
+from adk_ros.plant.injection.injectors import scale_strength
 
 SIZE = FleetSize(5, 8, (30.0, 40.0), 120.0, 1, 1, 2)
-PLAN = 3
-"""Seed of the fleet: one in which `adk fleet mismatch` claims effects, so that it has passes."""
+_MISSING = "aero_drag"
+"""Effect that the simulation lacks, at full strength: `mismatch` claims it, and makes passes."""
 MISMATCH_SHARE = 4
 """A verb that takes longer is disturbed at one of so many kills. By choice."""
 ROUND_SHARE = 4
@@ -134,7 +137,8 @@ class Faults:
     def __init__(self, root: Path, seed: int) -> None:
         self._root, self._seed = root, seed
         fleet = root / "demo"
-        write_fleet(plan_fleet(PLAN, SIZE), fleet)
+        missing = InjectedTerm(_MISSING, scale_strength(_MISSING, 1.0), Level(SHARED))
+        write_fleet(replace(plan_fleet(0, SIZE), terms=(missing,)), fleet)
         self.drives = fleet / "drives"
         simulation = ["--simulation", str(fleet / "simulation"), "--reports", "0"]
         vehicle = ["--vehicle", str(fleet / "vehicle.yaml")]
@@ -173,8 +177,9 @@ class Faults:
                 stack.callback(cluster.stop)
                 given = replace(verb, workers=("--cluster", cluster.address))
             kill = _killer(kind, cluster, chance)
+            numbers = itertools.count()
             while tally.faults < times:
-                log, out = self._folder(f"{tally.name} {tally.faults}")
+                log, out = self._folder(f"{tally.name} {next(numbers)}")
                 is_resumed = False
                 while self._run(log, out, given, tally, times, kill, chance) != 0:
                     is_resumed = True
