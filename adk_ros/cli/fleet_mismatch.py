@@ -152,7 +152,7 @@ def demo(
     options = fleet_options(None, workers, None, 1800.0, 4096.0, None, False)
     if not (out / "truth.json").exists():
         with console.progress("simulating the fleet") as report:
-            write_demo_fleet(out, seed, quick, report)
+            write_demo_fleet(out, seed, quick, report, options.workers)
     found = _analysed(
         out / "simulation", [str(out / "drives")], out / "fleet", out / "vehicle.yaml", False,
         options,

@@ -74,7 +74,17 @@ def run_tasks(
         running[number] = _Running(task, future, losses)
         future.add_done_callback(lambda future: ended.put((number, future)))
 
+    def submit_again() -> None:
+        lost = list(running.values())
+        running.clear()
+        cluster.reconnect()
+        for each in lost:
+            submit(each.task, each.losses)
+
     while True:
+        if not cluster.is_connected:
+            # Since the last task, as between two stages of a verb.
+            submit_again()
         room = max(1, cluster.threads) * _QUEUED_PER_WORKER - len(running)
         for task in itertools.islice(remaining, max(0, room)):
             submit(task)
@@ -88,11 +98,7 @@ def run_tasks(
         except queue.Empty:
             future = None
         if not cluster.is_connected:
-            lost = list(running.values())
-            running.clear()
-            cluster.reconnect()
-            for each in lost:
-                submit(each.task, each.losses)
+            submit_again()
             continue
         if future is None or number not in running:
             continue

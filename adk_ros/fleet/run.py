@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from adk_ros.errors import UsageError
+from adk_ros.errors import AdkError, UsageError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.cluster import Cluster
 from adk_ros.fleet.dataset import FleetDataset, checked_row, remove_unfinished
@@ -172,9 +172,23 @@ def _compute(
 
 
 def run_on_recording(stage: Stage, recording: FleetRecording) -> list[dict[str, Any]]:
-    """Return the rows of a stage on one recording: what a stage process runs."""
+    """
+    Return the rows of a stage on one recording: what a stage process runs.
+
+    Texts name the recording by its URI, not by its copy on the disk, which is removed.
+    """
     with local_recording(recording) as path:
-        return [checked_row(row) for row in stage.run(path, recording.name)]
+
+        def named(value: Any) -> Any:
+            is_text = isinstance(value, str)
+            return value.replace(str(path), recording.uri) if is_text else value
+
+        try:
+            rows = [checked_row(row) for row in stage.run(path, recording.name)]
+        except AdkError as error:
+            error.args = (named(str(error)),)
+            raise
+        return [{key: named(value) for key, value in row.items()} for row in rows]
 
 
 def result_rows(stage: Stage, work: Work, reply: Reply) -> list[dict[str, Any]]:

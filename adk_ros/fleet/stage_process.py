@@ -12,13 +12,16 @@ from __future__ import annotations
 import errno
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from multiprocessing.connection import Connection, Pipe
@@ -74,6 +77,8 @@ class StageProcess:
     """
     A child process that runs functions, one at a time; a new one is started when it has ended.
 
+    It has a temporary folder, which is removed however it ends: a copied recording is large.
+
     :param memory_mib: resident memory at which it is killed, MiB; None: no limit.
     """
 
@@ -81,6 +86,7 @@ class StageProcess:
         self._memory_mib = memory_mib
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Any = None
+        self._scratch = ""
 
     def run(
         self,
@@ -133,7 +139,9 @@ class StageProcess:
             if self._process.stdin is not None:
                 self._process.stdin.close()
             self._connection.close()
+        _remove(self._scratch)
         self._process = self._connection = None
+        self._scratch = ""
 
     @property
     def pid(self) -> int | None:
@@ -152,8 +160,12 @@ class StageProcess:
             return
         self.close()
         ours, theirs = Pipe()
-        code = f"from {__name__} import serve; serve({theirs.fileno()})"
+        # On a full disk the function finds none either, and says so.
+        with suppress(OSError):
+            self._scratch = tempfile.mkdtemp(prefix="adk_stage_")
+        code = f"from {__name__} import serve; serve({theirs.fileno()}, {self._scratch!r})"
         paths = [path or str(Path.cwd()) for path in sys.path]
+        temporary = {"TMPDIR": self._scratch} if self._scratch else {}
         # Its standard input ends when this process does.
         self._process = subprocess.Popen(
             [sys.executable, "-c", code],
@@ -161,22 +173,27 @@ class StageProcess:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             pass_fds=[theirs.fileno()],
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+            env=os.environ | temporary | {"PYTHONPATH": os.pathsep.join(paths)},
         )
         theirs.close()
         self._connection = ours
 
 
-def serve(descriptor: int) -> None:
-    """Run the functions that arrive on a connection until it ends: the child's main function."""
+def serve(descriptor: int, scratch: str) -> None:
+    """
+    Run the functions that arrive on a connection until it ends: the child's main function.
+
+    :param scratch: temporary folder, "" for none; removed when the parent has ended.
+    """
     # Ctrl-C reaches all processes of a terminal: the parent decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(scratch,), daemon=True).start()
     connection: Any = Connection(descriptor)
     while True:
         try:
             function, arguments = connection.recv()
         except EOFError:
+            _remove(scratch)
             return
         except Exception as error:  # a function that this process does not have
             connection.send(Reply(failure=Failure.ERROR, reason=_described(error)))
@@ -213,6 +230,12 @@ def _described(error: Exception) -> str:
     return one_line(f"{type(error).__name__}: {first_line(error)}{place}")
 
 
-def _end_with_parent() -> None:
+def _end_with_parent(scratch: str) -> None:
     sys.stdin.buffer.read()
+    _remove(scratch)
     os._exit(1)
+
+
+def _remove(scratch: str) -> None:
+    if scratch:
+        shutil.rmtree(scratch, ignore_errors=True)

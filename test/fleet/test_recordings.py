@@ -5,13 +5,15 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from adk_ros.errors import UsageError
+from adk_ros.errors import DataError, UsageError
 from adk_ros.fleet import store
 from adk_ros.fleet.recordings import content_hash, find_recordings, local_recording
+from adk_ros.fleet.run import run_on_recording
 from adk_ros.fleet.tags import Tags, read_tags, tags_beside, write_tags
 
 
@@ -224,3 +226,27 @@ def test_a_table_that_cannot_be_read(drives, tmp_path) -> None:
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(UsageError, match="cannot be read"):
         read_tags(tmp_path / "binary.csv", [])
+
+
+@dataclass(frozen=True)
+class NamingStage:
+    """Names the path that it reads; refuses a recording of one byte."""
+
+    name: str = "naming"
+    inputs_hash: str = ""
+
+    def run(self, path, recording):
+        if path.stat().st_size == 1:
+            raise DataError(f"bag {path} is damaged")
+        return [{"finding": "path", "text": f"{path} is read", "value": 1.0}]
+
+
+def test_texts_name_the_recording_and_not_its_copy() -> None:
+    memory, _ = store.file_system("memory://texts")
+    memory.pipe("/texts/a.mcap", b"aa")
+    memory.pipe("/texts/b.mcap", b"b")
+    good, bad = find_recordings(["memory://texts"])
+    (row,) = run_on_recording(NamingStage(), good)
+    assert row == {"finding": "path", "text": f"{good.uri} is read", "value": 1.0}
+    with pytest.raises(DataError, match=f"^bag {bad.uri} is damaged$"):
+        run_on_recording(NamingStage(), bad)

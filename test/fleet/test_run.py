@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import random
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -24,9 +23,11 @@ import psutil
 import pytest
 from helpers.fleet import compared, text_fleet, text_stage
 
+from adk_ros.bench.fleet.disturbed_runs import RunningCluster, environment
 from adk_ros.errors import UsageError
 from adk_ros.fleet.cluster import open_cluster
 from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.engine import Task, run_tasks
 from adk_ros.fleet.recordings import content_hash, find_recordings
 from adk_ros.fleet.run import Limits, run_stage
 from adk_ros.fleet.stage_process import Failure, Reply
@@ -202,10 +203,6 @@ def driver(folder, *arguments):
     )  # fmt: skip
 
 
-def environment():
-    return os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
-
-
 @pytest.mark.slow(seconds=60)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_driver_that_is_killed_continues(tmp_path, undisturbed, number) -> None:
@@ -242,43 +239,6 @@ def test_a_second_driver_is_refused_in_a_line(tmp_path) -> None:
     finally:
         first.send_signal(signal.SIGINT)
         first.communicate(timeout=30)
-
-
-class RunningCluster:
-    """A scheduler and two workers, each a process that is started again when it ends."""
-
-    def __init__(self, folder):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
-        self.address = f"tcp://127.0.0.1:{port}"
-        self._folder, self._stopped = folder, threading.Event()
-        scheduler = ["scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
-        worker = ["worker", self.address, "--nthreads", "1", "--no-dashboard", "--no-nanny"]
-        worker += ["--host", "127.0.0.1", "--local-directory", str(folder)]
-        self.processes = [self._start(command) for command in (scheduler, worker, worker)]
-        self._commands = [scheduler, worker, worker]
-        self._watch = threading.Thread(target=self._restart)
-        self._watch.start()
-
-    def _start(self, command):
-        log = (self._folder / f"{command[0]}.log").open("a")
-        return subprocess.Popen(
-            [sys.executable, "-m", "dask", *command], env=environment(), stdout=log, stderr=log
-        )
-
-    def _restart(self):
-        while not self._stopped.wait(0.2):
-            for i, process in enumerate(self.processes):
-                if process.poll() is not None:
-                    self.processes[i] = self._start(self._commands[i])
-
-    def stop(self):
-        self._stopped.set()
-        self._watch.join()
-        for process in self.processes:
-            process.kill()
-            process.wait()
 
 
 @pytest.fixture
@@ -322,6 +282,19 @@ def test_no_scheduler_is_a_line(tmp_path) -> None:
         run(tmp_path, tmp_path / "log", cluster=partial(open_cluster, 1, "tcp://127.0.0.1:9"))
     with pytest.raises(UsageError, match="no Dask scheduler"):
         run(tmp_path, tmp_path / "log", cluster=partial(open_cluster, 1, "nonsense://x"))
+
+
+@pytest.mark.slow(seconds=20)
+def test_a_scheduler_that_is_lost_between_two_stages(tmp_path) -> None:
+    """Dask closes a connection that it does not get back within 5 s, and refuses tasks then."""
+    running = RunningCluster(tmp_path)
+    try:
+        with open_cluster(1, running.address) as cluster:
+            assert [reply.value for _, reply in run_tasks(cluster, [Task("a", abs, (-1,))])] == [1]
+            cluster.client.close()
+            assert [reply.value for _, reply in run_tasks(cluster, [Task("b", abs, (-2,))])] == [2]
+    finally:
+        running.stop()
 
 
 @contextmanager

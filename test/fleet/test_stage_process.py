@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import os
 import signal
+import tempfile
 import threading
 import time
+from pathlib import Path
 
 import psutil
 import pytest
-from helpers.fleet import started_child, text_stage
+from helpers.fleet import copy_and_wait, started_child, text_stage
 
 from adk_ros.errors import UsageError
 from adk_ros.fleet.stage_process import Failure, StageProcess, call
@@ -85,6 +87,32 @@ def test_the_process_ends_with_its_parent() -> None:
     ended = not psutil.pid_exists(child) or psutil.Process(child).status() == "zombie"
     parent.close()
     assert ended
+
+
+def test_temporary_files_go_with_the_process(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    process = StageProcess()
+    assert Path(process.run(copy_and_wait, [0.0]).value).is_relative_to(tmp_path)
+    assert process.run(copy_and_wait, [60.0], timeout_s=0.5).failure is Failure.TIMEOUT
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_temporary_files_go_with_the_parent(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    parent = StageProcess()
+    parent.run(started_child, [])
+    assert parent.pid is not None
+    (scratch,) = tmp_path.iterdir()
+    assert len(list(scratch.iterdir())) == 1
+    os.kill(parent.pid, signal.SIGKILL)
+    deadline = time.monotonic() + 20.0
+    while list(scratch.iterdir()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert list(scratch.iterdir()) == []
+    parent.close()
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

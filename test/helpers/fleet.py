@@ -4,6 +4,7 @@
 
 import os
 import signal
+import tempfile
 import threading
 import time
 from dataclasses import dataclass
@@ -91,3 +92,11 @@ def started_child():
         time.sleep(0.01)
     time.sleep(0.5)
     return child.pid
+
+
+def copy_and_wait(seconds):
+    """Leave a file in the temporary folder, as a copy of a recording; return its path."""
+    path = Path(tempfile.mkdtemp()) / "copy"
+    path.write_bytes(b"x")
+    time.sleep(seconds)
+    return str(path)

@@ -13,10 +13,14 @@ from adk_ros.fleet.inference.fleet_result import Claim, FleetResult
 
 
 def write_demo_fleet(
-    out: Path, seed: int, quick: bool, progress: Callable[[float, float, str], None] | None = None
+    out: Path,
+    seed: int,
+    quick: bool,
+    progress: Callable[[float, float, str], None] | None = None,
+    workers: int = 1,
 ) -> None:
     """
-    Simulate a fleet with known faults into the new folder `out`.
+    Simulate a fleet with known faults into the new folder `out`, in `workers` processes.
 
     :raises UsageError: the folder exists.
     """
@@ -27,13 +31,18 @@ def write_demo_fleet(
         if progress is not None:
             progress(done, total, f"{done} of {total} drives")
 
-    write_fleet(plan_fleet(seed, QUICK_SIZE if quick else FULL_SIZE), out, report)
+    write_fleet(plan_fleet(seed, QUICK_SIZE if quick else FULL_SIZE), out, report, workers)
 
 
 def compared_with_truth(result: FleetResult, truth: Path) -> Iterator[str]:
-    """Yield a line for each injected effect, found or not, and for each claim that was not."""
+    """
+    Yield a line for each injected effect, found or not, and for each claim that was not.
+
+    The last line counts the effects that are named at the right level, and the false claims.
+    """
     known = json.loads(truth.read_text(encoding="utf-8"))
     remaining = list(result.claims)
+    named = 0
     for injected in known["effects"]:
         level = injected["level"]
         name = f"{injected['effect']} ({_level_text(level)})"
@@ -44,15 +53,22 @@ def compared_with_truth(result: FleetResult, truth: Path) -> Iterator[str]:
         found = ", ".join(
             f"{c.parameter} {c.size:.4g} ({c.low:.4g} to {c.high:.4g})" for c in matching
         )
+        named += bool(matching)
         yield f"{'found ' if matching else 'MISSED'} {name}: {size}; {found or 'not claimed'}"
     place = known["place"]
     places = [p for p in result.places if p.effect == place["effect"]]
+    named += bool(places)
     yield f"{'found ' if places else 'MISSED'} {place['effect']} (at a place)"
     for claim in remaining:
         yield f"FALSE  {claim.effect} ({claim.level}): {claim.size:.4g}"
-    for other in result.places:
-        if other.effect != place["effect"]:
-            yield f"FALSE  {other.effect} (at a place): {other.size:.4g}"
+    others = [p for p in result.places if p.effect != place["effect"]]
+    for other in others:
+        yield f"FALSE  {other.effect} (at a place): {other.size:.4g}"
+    total, false = len(known["effects"]) + 1, len(remaining) + len(others)
+    yield (
+        f"{named} of {total} injected effects are named at the right level; "
+        f"{false or 'no'} false claim{'s' * (false != 1)}"
+    )
 
 
 def _matches(claim: Claim, effect: str, level: dict[str, Any]) -> bool:

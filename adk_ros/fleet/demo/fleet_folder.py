@@ -5,14 +5,18 @@ Write a synthetic fleet as a folder.
 
 `simulation/` and `drives/*/` are bags; `vehicle.yaml` has masses and lengths of the simulated car;
 `drives/fleet.csv` has a row per recording: recording, vehicle, time, and the tags; `truth.json` is
-what was injected. Some bags are damaged on purpose.
+what was injected, written last. Some bags are damaged on purpose.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
+import multiprocessing
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -21,12 +25,13 @@ from typing import Any
 import numpy as np
 import yaml  # type: ignore[import-untyped, unused-ignore]
 
-from adk_ros.errors import UsageError
+from adk_ros.errors import DataError, UsageError
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
 from adk_ros.fleet.demo.fleet_plan import FleetPlan, PlannedDrive
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.offline.sensor_log_bag import write_sensor_log
 from adk_ros.plant.scenario.sensor_simulation import START_NS
+from adk_ros.shutdown import begin_worker, end_all
 
 _NS_PER_DAY = 86_400 * 10**9
 _SHORT_S = 3.0
@@ -38,19 +43,22 @@ TAGS = ("software", "tyres")
 Progress = Callable[[int, int], None]
 
 
-def write_fleet(plan: FleetPlan, out: Path, progress: Progress | None = None) -> None:
+def write_fleet(
+    plan: FleetPlan, out: Path, progress: Progress | None = None, workers: int = 1
+) -> None:
     """
     Write the fleet of a plan into a new folder; `progress(done, total)` counts the recordings.
 
+    :param workers: processes that simulate, one core each; the fleet does not depend on it. With
+        more than one, a script that calls this needs `if __name__ == "__main__":`.
     :raises UsageError: the folder exists.
+    :raises DataError: a process was killed.
     """
     if out.exists():
         raise UsageError(f"{out} exists: give a new folder for the fleet")
     drives = FleetDrives(plan)
     (out / "drives").mkdir(parents=True)
-    write_sensor_log(drives.simulation(), out / "simulation")
     (out / "vehicle.yaml").write_text(yaml.safe_dump(drives.nominal.model_dump()))
-    (out / "truth.json").write_text(json.dumps(truth(plan), indent=1))
     with (out / "drives" / "fleet.csv").open("w", newline="") as file:
         table = csv.writer(file)
         table.writerow(["recording", "vehicle", "time", *TAGS])
@@ -63,10 +71,67 @@ def write_fleet(plan: FleetPlan, out: Path, progress: Progress | None = None) ->
                     *(planned.tags[tag] for tag in TAGS),
                 ]
             )
-    for done, planned in enumerate(plan.drives):
+    with closing(_written(plan, out, [None, *plan.drives], workers)) as written:
+        for done, _ in enumerate(written):
+            if progress is not None:
+                progress(done, len(plan.drives))
+    # Last: a folder that has it is complete.
+    (out / "truth.json").write_text(json.dumps(truth(plan), indent=1))
+
+
+def _written(
+    plan: FleetPlan, out: Path, bags: Sequence[PlannedDrive | None], workers: int
+) -> Generator[None, None, None]:
+    """Write bags, of which None is the simulation, and yield after each."""
+    if workers == 1:
+        drives = FleetDrives(plan)
+        for planned in bags:
+            _write_bag(drives, planned, out)
+            yield
+        return
+    before = set(multiprocessing.active_children())
+    executor = ProcessPoolExecutor(
+        workers,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_begin,
+        initargs=(plan,),
+    )
+    try:
+        futures = {executor.submit(_write_planned, planned, out) for planned in bags}
+        while futures:
+            finished, futures = wait(futures, return_when=FIRST_COMPLETED)
+            for future in finished:
+                future.result()
+                yield
+    except BaseException as error:
+        end_all(set(multiprocessing.active_children()) - before)
+        if isinstance(error, BrokenProcessPool):
+            raise DataError("a process was killed, possibly for lack of memory") from None
+        raise
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
+
+
+_drives: list[FleetDrives] = []
+"""The drives that a worker simulates, one entry."""
+
+
+def _begin(plan: FleetPlan) -> None:
+    """Set up a worker."""
+    begin_worker()
+    _drives.append(FleetDrives(plan))
+
+
+def _write_planned(planned: PlannedDrive | None, out: Path) -> None:
+    """Write a bag in a worker."""
+    _write_bag(_drives[0], planned, out)
+
+
+def _write_bag(drives: FleetDrives, planned: PlannedDrive | None, out: Path) -> None:
+    if planned is None:
+        write_sensor_log(drives.simulation(), out / "simulation")
+    else:
         write_drive(drives, planned, out / "drives" / planned.name)
-        if progress is not None:
-            progress(done + 1, len(plan.drives))
 
 
 def start_ns(planned: PlannedDrive) -> int:

@@ -133,7 +133,11 @@ def test_the_demonstration_counts_found_missed_and_false(tmp_path: Path) -> None
         "MISSED road_grade (at a place)",
         "FALSE  yaw_inertia (level)",
         "FALSE  road_bank (at a place)",
+        "2 of 4 injected effects are named at the right level; 2 false claims",
     ]
+    result = FleetResult((), (), claims[:1], (), (), (), (), (), 1)
+    *_, last = compared_with_truth(result, truth)
+    assert last == "1 of 4 injected effects are named at the right level; no false claims"
 
 
 def test_no_usable_recording_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -72,3 +72,33 @@ def test_a_folder_has_bags_tags_and_truth(tmp_path: Path) -> None:
     assert all(f.stat().st_size == 0 for f in (out / "drives" / empty).iterdir())
     with pytest.raises(UsageError, match="give a new folder"):
         write_fleet(plan, out)
+
+
+@pytest.mark.slow(seconds=20)
+def test_processes_write_the_same_fleet(tmp_path: Path) -> None:
+    plan = plan_fleet(4, FleetSize(2, 3, (10.0, 12.0), 20.0, 1, 1, 1))
+    counts = []
+    write_fleet(plan, tmp_path / "one")
+    write_fleet(plan, tmp_path / "two", lambda *given: counts.append(given), workers=2)
+    assert counts == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    one, two = (contents(tmp_path / name) for name in ("one", "two"))
+    assert one == two
+    assert "truth.json" in one
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+@pytest.mark.slow(seconds=10)
+def test_an_interrupted_fleet_has_no_truth(tmp_path: Path) -> None:
+    """The demonstration would analyse what is there."""
+
+    def stop(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    plan = plan_fleet(4, FleetSize(2, 3, (10.0, 12.0), 20.0, 1, 1, 1))
+    with pytest.raises(KeyboardInterrupt):
+        write_fleet(plan, tmp_path / "fleet", stop)
+    assert not (tmp_path / "fleet" / "truth.json").exists()

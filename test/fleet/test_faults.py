@@ -1,0 +1,82 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""scripts/fleet_faults.py: the results of disturbed runs are those of undisturbed ones."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+
+import fleet_faults
+import pytest
+from fleet_faults import FULL, INDEX, MISMATCH, SECOND, STORE, Faults, Tally, criteria_of
+
+from adk_ros.bench.fleet.disturbed_runs import Repeats, different_rows, repeats_of, work_of
+from adk_ros.fleet.dataset import FleetDataset
+
+
+@pytest.fixture(scope="module")
+def faults(tmp_path_factory):
+    """Return the runs on a small fleet, and its undisturbed result."""
+    return Faults(tmp_path_factory.mktemp("faults"), 0)
+
+
+@pytest.mark.slow(seconds=30)
+@pytest.mark.parametrize(
+    ("kind", "verb"),
+    [
+        ("worker", INDEX),
+        ("scheduler", INDEX),
+        ("driver", INDEX),
+        ("driver", MISMATCH),
+        (FULL, INDEX),
+        (STORE, INDEX),
+        (SECOND, INDEX),
+    ],
+)
+def test_results_of_a_disturbed_run(faults, capsys, kind, verb) -> None:
+    fleet_faults.run_faults(faults, [kind], [verb], times=1, outage_s=3.0)
+    printed = capsys.readouterr().out.splitlines()
+    (row,) = [line for line in printed if line.startswith(f"| {kind}")]
+    _, _, times, _, _, compared, different, _, stored, _ = map(str.strip, row.split("|"))
+    assert (times, different, stored) == ("1", "0", "0")
+    assert int(compared) > 0
+    verdicts = [line[:4] for line in printed if re.match("PASS|FAIL|-   ", line)]
+    if kind == FULL and verdicts == ["-   "]:
+        pytest.skip("no file system can be mounted here")
+    assert set(verdicts) == {"PASS"}, printed
+
+
+def test_what_counts_as_done_twice(tmp_path) -> None:
+    log = tmp_path / "log"
+    log.mkdir()
+    dataset = FleetDataset(tmp_path / "out")
+    works = {name: work_of("index", "inputs", name) for name in ("once", "killed", "again")}
+    for name in ("once", "killed", "killed", "again"):
+        (log / f"{works[name]}-1-{len(list(log.iterdir()))}").touch()
+    dataset.append(
+        "index", [{"recording": name, "inputs_hash": "inputs", "key": name} for name in works]
+    )
+    assert repeats_of(log, tmp_path / "out") == Repeats(started=1, stored=0)
+    (log / f"{works['again']}-{2**62}-9").touch()
+    assert repeats_of(log, tmp_path / "out") == Repeats(started=2, stored=1)
+
+
+def test_differences_of_rows() -> None:
+    assert different_rows(Counter("aab"), Counter("baa")) == 0
+    assert different_rows(Counter("aab"), Counter("ab")) == 1
+    assert different_rows(Counter("aab"), Counter("aac")) == 1
+    assert different_rows(Counter("ab"), Counter("abcd")) == 2
+
+
+def test_criteria_of_a_failed_run() -> None:
+    good = Tally("worker killed, index", faults=1, ended=1, compared=9)
+    assert {each.is_met for each in criteria_of([good])} == {True}
+    bad = Tally("worker killed, index", 1, 0, 1, 9, 1, 2, 1, 0, ["exit code 2: adk: no"])
+    assert [each.line for each in criteria_of([bad])] == [
+        "FAIL worker killed, index: 1 of 9 rows differ from the undisturbed run",
+        "FAIL worker killed, index: 1 recordings are computed again after their result was stored",
+        "FAIL worker killed, index: 1 runs have to be started again (exit code 2: adk: no)",
+    ]
+    left = Tally("driver killed, index", 1, 0, 1, 9, left=2)
+    assert [each.is_met for each in criteria_of([left])] == [True, True, False]
