@@ -52,7 +52,7 @@ def summary_sentence(result: FleetResult) -> str:
     of = f"In {len(result.recordings)} recordings of {len(result.cars)} cars"
     if not result.claims and not result.places:
         return (
-            f"{of}, no effect of the catalogue is significant at any level.{_what_is_left(result)}"
+            f"{of}, no effect of the catalogue is significant at any level. {_what_is_left(result)}"
         )
     by_level: dict[str, list[str]] = {}
     for claim in sorted(result.claims, key=lambda c: _LEVELS.index(_group(c))):
