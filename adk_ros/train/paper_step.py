@@ -41,8 +41,14 @@ class PaperSamples:
 
     def to(self, device: torch.device) -> PaperSamples:
         """Return the samples on a device."""
-        moved = (x.to(device) for x in (self.now, self.then, self.u, self.target, self.span))
-        return PaperSamples(*moved, acceleration=self.acceleration)
+        return PaperSamples(
+            self.now.to(device),
+            self.then.to(device),
+            self.u.to(device),
+            self.target.to(device),
+            self.span.to(device),
+            self.acceleration,
+        )
 
     def loss(self, network: PaperNetwork, rows: Tensor) -> Tensor:
         """Return the paper's loss of the samples of `rows` (b,)."""

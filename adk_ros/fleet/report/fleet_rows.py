@@ -51,9 +51,8 @@ def summary_sentence(result: FleetResult) -> str:
     """Return what is found, by level, in a sentence."""
     of = f"In {len(result.recordings)} recordings of {len(result.cars)} cars"
     if not result.claims and not result.places:
-        return (
-            f"{of}, no effect of the catalogue is significant at any level. {_what_is_left(result)}"
-        )
+        nothing = f"{of}, no effect of the catalogue is significant at any level."
+        return f"{nothing} {_what_is_left(result)}"
     by_level: dict[str, list[str]] = {}
     for claim in sorted(result.claims, key=lambda c: _LEVELS.index(_group(c))):
         by_level.setdefault(claim.level, []).append(claim_text(claim).phrase)
