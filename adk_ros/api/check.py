@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,10 +55,18 @@ class RecordingCheck:
             "findings": [finding.as_dict() for finding in self.result.findings],
             "parameters": self.result.parameters,
             "road": self._road_summary(),
+            "scope": self.scope,
             "advice": self.result.advice,
             "notes": list(self.content.streams.notes),
             "warnings": self.content.warnings,
         }
+
+    @cached_property
+    def scope(self) -> list[dict[str, str]]:
+        """What the recording allows: name, possible (yes, reduced, no), why and needs."""
+        from adk_ros.calibration.scope import scope_of
+
+        return [row.as_dict() for row in scope_of(self.content)]
 
     def _road_summary(self) -> dict[str, Any] | None:
         from adk_ros.api.road import road_summary

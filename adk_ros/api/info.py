@@ -22,12 +22,13 @@ def bag_content(path: Path) -> dict[str, Any]:
     from adk_ros.bags import Bag
     from adk_ros.bags.recording import choose_topics
     from adk_ros.errors import AdkError
+    from adk_ros.importing.absent_command import with_absent_command
 
     options, source = velocity_source(path, None)
     with Bag(path) as bag:
         used_as: dict[str, str | None] = {}
         try:
-            topics = choose_topics(bag, options)
+            topics = choose_topics(bag, with_absent_command(bag, options))
             used_as = {
                 "imu": topics.imu,
                 "odometry": topics.odometry,

@@ -21,6 +21,7 @@ from typing import Any
 from adk_ros.bags import Bag, Topics, find_topics
 from adk_ros.bags.axle_speed import AxleSpeed
 from adk_ros.errors import DataError
+from adk_ros.signals.absent_command import NO_COMMAND_WARNING, absent_command
 from adk_ros.signals.channels import Reading, Record, Source
 from adk_ros.signals.command_plan import plan_types
 from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
@@ -51,9 +52,10 @@ odometry at 50 Hz."""
 @dataclass(frozen=True)
 class RecordingOptions:
     """
-    Topic names (None: chosen by message type) and the sensor configuration of the vehicle.
+    Topic names and the sensor configuration of the vehicle.
 
-    `wheels`: topics of the further wheels of an axle, where `odometry` is that of one wheel.
+    A name of None is chosen by message type; an empty `imu` or `command` is not read. `wheels`:
+    topics of the further wheels of an axle, where `odometry` is that of one wheel.
     """
 
     imu: str | None = None
@@ -108,7 +110,9 @@ def choose_topics(bag: Bag, options: RecordingOptions) -> Topics:
 
 def source_by_topic(topics: Topics) -> dict[str, Source]:
     """Return the source of the readings of each topic, by topic name."""
-    sources = {topics.odometry: Source.ODOMETRY, topics.command: Source.COMMAND}
+    sources = {topics.odometry: Source.ODOMETRY}
+    if topics.command is not None:
+        sources[topics.command] = Source.COMMAND
     if topics.imu is not None:
         sources[topics.imu] = Source.IMU
     if topics.steering is not None:
@@ -195,8 +199,11 @@ class RecordingReader:
             yield reading, msg
 
     def readings(self) -> Iterator[Reading]:
-        """Yield each usable reading, in log order."""
-        return (reading for reading, _ in self.readings_with_messages())
+        """Yield each usable reading, in log order; `absent_command` if no command is read."""
+        for reading, _ in self.readings_with_messages():
+            yield reading
+            if self.topics.command is None and reading.source is Source.ODOMETRY:
+                yield absent_command(reading)
 
     @property
     def measures_v_y(self) -> bool:
@@ -254,10 +261,11 @@ def read_recording(
     :raises UsageError, DataError: the bag cannot be read, lacks a topic, or yields no sample.
     """
     options = options or RecordingOptions()
-    plausibility = Plausibility(options.sensors.reference_point)
     name = Path(path).name
     with Bag(path) as bag:
         reader = RecordingReader(bag, options, progress)
+        has_command = reader.topics.command is not None
+        plausibility = Plausibility(options.sensors.reference_point, has_command)
         counts: dict[str, int] = {}
         commands: list[Reading] = []
         stream = plausibility.watch(_collecting_commands(reader.readings(), commands))
@@ -272,6 +280,7 @@ def read_recording(
         record = replace(record, estimated=("v_y",))
     details = [f"{count} times {event}" for event, count in counts.items()]
     details += plausibility.warnings() + reader.message_warnings()
+    details += [] if has_command else [NO_COMMAND_WARNING]
     warnings += [f"{name}: {text}" for text in details]
     return Recording(
         record, reader.topics, warnings, start_ns, commands, reader.sensors, reader.extrinsics

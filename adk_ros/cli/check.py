@@ -100,6 +100,8 @@ def check(
         console.print_json(checked.as_dict())
     else:
         _print(checked, evidence)
+        if any(row["possible"] != "yes" for row in checked.scope):
+            console.print_scope(checked.scope)
     if written:
         console.note(f"wrote {out}: {', '.join(checked.result.parameters)}")
     elif out is not None:

@@ -174,9 +174,13 @@ def test_a_damaged_model_is_refused(capsys, tmp_path: Path, name: str) -> None:
 def test_a_bag_of_predictions_is_described(capsys, tmp_path: Path) -> None:
     model = artefact.load(small().path).model
     replay(bag(), model, PipelineSettings(), RecordingOptions(), ReplayOutput(tmp_path / "p"))
-    text = printed(capsys, tmp_path / "p")
+    assert main(["info", str(tmp_path / "p")]) == 0
+    text = capsys.readouterr().out
     assert TWIST_TOPIC in text
-    assert "no topic of type sensor_msgs/msg/JointState" in lines(text)[-1]
+    assert lines(text)[-1].strip() == (
+        "usable for training and replay (no IMU: yaw rate from odometry); v_x, v_y and yaw rate "
+        "can only be predicted in reduced scope: the recording has no command"
+    )
 
 
 def test_a_bag_is_described_without_importing_pytorch() -> None:
