@@ -6,8 +6,8 @@ Read a bag: choose its topics, decode their messages, align the readings to a re
 A `Reading` is one decoded message, a `Record` (`signals.channels`) the readings aligned to the
 25 ms grid, a `Recording` the record of a bag with its topics, warnings and commands.
 
-Replay, training and mismatch analysis share `selected_messages` and `RecordingReader`, so that
-all of them use the same topics and refuse the same messages.
+Replay, training and mismatch analysis share `messages_of` and `RecordingReader`, so that all of
+them use the same topics and refuse the same messages.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from adk_ros.bags import Bag, Topics, find_topics
 from adk_ros.bags.axle_speed import AxleSpeed
@@ -47,6 +47,17 @@ _PROGRESS_INTERVAL = 2000
 _CHECK_INTERVAL = 50
 """Messages of a stream of which one is checked for its frames and covariances: one per second of
 odometry at 50 Hz."""
+
+
+class MessageObserver(Protocol):
+    """Sees the messages of a bag as they are read, so that it is read once for several uses."""
+
+    @property
+    def topics(self) -> Collection[str]:
+        """Names of further topics to read."""
+
+    def add(self, topic: str, log_ns: int, msg: Any) -> None:
+        """Take a message, logged at `log_ns`; it must not be changed."""
 
 
 @dataclass(frozen=True)
@@ -169,11 +180,16 @@ class RecordingReader:
     the decoder refuses are skipped and counted; `refusals()` and `warnings()` are complete once
     the pass is.
 
+    :param observer: sees the messages of `topics` and of its own, also those that are refused.
     :raises UsageError, DataError: as `choose_topics`.
     """
 
     def __init__(
-        self, bag: Bag, options: RecordingOptions, progress: Progress | None = None
+        self,
+        bag: Bag,
+        options: RecordingOptions,
+        progress: Progress | None = None,
+        observer: MessageObserver | None = None,
     ) -> None:
         self.topics = choose_topics(bag, options)
         self._bag = bag
@@ -183,12 +199,13 @@ class RecordingReader:
         self.extrinsics = f"{bag.path.name}: {extrinsics_text(self.sensors)}" if known else ""
         self._decoder = Decoder(self.sensors)
         self._progress = progress
+        self._observer = observer
         self._checked: Counter[Source] = Counter()
         self._message_warnings: dict[str, None] = {}
 
     def readings_with_messages(self) -> Iterator[tuple[Reading, Any]]:
         """Yield each usable reading with the message it was decoded from, in log order."""
-        for source, _, msg in selected_messages(self._bag, self.topics, self._progress):
+        for source, msg in self._messages():
             try:
                 reading = self._decoder.decode(source, msg)
             except RefusedMessage:
@@ -197,6 +214,16 @@ class RecordingReader:
             if self._checked[source] % _CHECK_INTERVAL == 1:
                 self._message_warnings |= dict.fromkeys(message_warnings(source, msg))
             yield reading, msg
+
+    def _messages(self) -> Iterator[tuple[Source, Any]]:
+        source_of, observer = source_by_topic(self.topics), self._observer
+        further = () if observer is None else observer.topics
+        for topic, log_ns, msg in messages_of(self._bag, self.topics, further, self._progress):
+            if observer is not None:
+                observer.add(topic, log_ns, msg)
+            source = source_of.get(topic)
+            if source is not None:
+                yield source, msg
 
     def readings(self) -> Iterator[Reading]:
         """Yield each usable reading, in log order; `absent_command` if no command is read."""
@@ -253,17 +280,21 @@ class RecordingReader:
 
 
 def read_recording(
-    path: Path | str, options: RecordingOptions | None = None, progress: Progress | None = None
+    path: Path | str,
+    options: RecordingOptions | None = None,
+    progress: Progress | None = None,
+    observer: MessageObserver | None = None,
 ) -> Recording:
     """
     Read a bag into a record.
 
+    :param observer: sees the messages of the bag in the same pass.
     :raises UsageError, DataError: the bag cannot be read, lacks a topic, or yields no sample.
     """
     options = options or RecordingOptions()
     name = Path(path).name
     with Bag(path) as bag:
-        reader = RecordingReader(bag, options, progress)
+        reader = RecordingReader(bag, options, progress, observer)
         has_command = reader.topics.command is not None
         plausibility = Plausibility(options.sensors.reference_point, has_command)
         counts: dict[str, int] = {}
