@@ -5,8 +5,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
@@ -18,9 +19,6 @@ from adk_ros.calibration.check import CheckResult
 from adk_ros.calibration.from_bag import BagContent
 from adk_ros.calibration.reference_check import ReferenceCheck
 from adk_ros.errors import UsageError
-
-if TYPE_CHECKING:
-    from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 
 _NEEDED = frozenset({"cg_to_front_axle", "cg_to_rear_axle", "wheel_radius"})
 """Values of a vehicle file that sensors and steering are compared with."""
@@ -54,10 +52,18 @@ class RecordingCheck:
             "findings": [finding.as_dict() for finding in self.result.findings],
             "parameters": self.result.parameters,
             "road": self._road_summary(),
+            "scope": self.scope,
             "advice": self.result.advice,
             "notes": list(self.content.streams.notes),
             "warnings": self.content.warnings,
         }
+
+    @cached_property
+    def scope(self) -> list[dict[str, str]]:
+        """What the recording allows: name, possible (yes, reduced, no), why and needs."""
+        from adk_ros.calibration.scope import scope_of
+
+        return [row.as_dict() for row in scope_of(self.content)]
 
     def _road_summary(self) -> dict[str, Any] | None:
         from adk_ros.api.road import road_summary
@@ -138,15 +144,24 @@ def check_recording(
     """
     from adk_ros.calibration.check import check
     from adk_ros.calibration.from_bag import read_streams
+    from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
-    nominal = None if vehicle is None else _known_vehicle(vehicle)
+    nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
+    assumed = frozenset() if nominal is None else nominal.assumed & _NEEDED
     report = in_stage(progress, f"reading {Path(recording).name}")
-    radius = None if nominal is None else nominal.wheel_radius
-    chosen, source = velocity_source(recording, options, radius or 0.0)
+    is_known = nominal is not None and "wheel_radius" not in assumed
+    chosen, source = velocity_source(
+        recording, options, nominal.wheel_radius if nominal is not None and is_known else 0.0
+    )
     content = read_streams(recording, chosen, report)
     if source:
         content.warnings.append(source)
-    found = check(content, nominal, in_stage(progress, "checking"))
+    if assumed:
+        content.warnings.append(
+            f"{vehicle}: {', '.join(sorted(assumed))} missing: what needs them is not checked, as "
+            "an assumed length is no measure for sensors; measure and add them"
+        )
+    found = check(content, nominal, in_stage(progress, "checking"), assumed)
     return RecordingCheck(Path(recording), content, found)
 
 
@@ -209,8 +224,9 @@ def compare_recordings(
     """
     from adk_ros.calibration.from_bag import read_streams
     from adk_ros.calibration.reference_check import check_against, prepared
+    from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
-    nominal = None if vehicle is None else _known_vehicle(vehicle)
+    nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
     known, content = (
         read_streams(
             path,
@@ -221,19 +237,3 @@ def compare_recordings(
     )
     found = check_against(prepared(known), prepared(content), nominal)
     return RecordingComparison(Path(recording), Path(reference), content, known, found)
-
-
-def _known_vehicle(vehicle: Path | str) -> NominalVehicle:
-    """
-    Return a vehicle whose file gives what sensors and steering are compared with.
-
-    :raises UsageError: it does not, or is invalid.
-    """
-    from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
-
-    nominal = load_nominal_vehicle(vehicle)
-    if lacking := sorted(nominal.assumed & _NEEDED):
-        raise UsageError(
-            f"{vehicle}: {', '.join(lacking)} missing: an assumed length is no measure for sensors"
-        )
-    return nominal

@@ -320,13 +320,20 @@ def _read_inputs(
     needs_imu = simulator is None and not without_imu
     radius = 0.0 if nominal is None else nominal.wheel_radius
 
-    def read(bag: Path, needs_imu: bool = True) -> SensorLog:
-        return read_log(bag, options, progress, needs_imu=needs_imu, wheel_radius=radius)
-
-    recorded = [read(bag, needs_imu) for bag in recordings]
+    recorded = [
+        read_log(
+            bag,
+            options,
+            progress,
+            needs_imu=needs_imu,
+            needs_command=False,
+            wheel_radius=radius,
+        )
+        for bag in recordings
+    ]
     if isinstance(simulator, Vehicle):
         driven = simulate_matched_drive(simulator, recorded[0], simulation.name)
         return driven, recorded, nominal_vehicle_of(simulator, is_simulated=True)
     if simulator is not None:
         return simulator, recorded, nominal
-    return read(simulation), recorded, nominal
+    return read_log(simulation, options, progress, wheel_radius=radius), recorded, nominal

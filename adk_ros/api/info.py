@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from adk_ros.api.progress import Progress
@@ -22,12 +22,13 @@ def bag_content(path: Path) -> dict[str, Any]:
     from adk_ros.bags import Bag
     from adk_ros.bags.recording import choose_topics
     from adk_ros.errors import AdkError
+    from adk_ros.importing.absent_command import with_absent_command
 
     options, source = velocity_source(path, None)
     with Bag(path) as bag:
         used_as: dict[str, str | None] = {}
         try:
-            topics = choose_topics(bag, options)
+            topics = choose_topics(bag, with_absent_command(bag, options))
             used_as = {
                 "imu": topics.imu,
                 "odometry": topics.odometry,
@@ -60,30 +61,60 @@ def bag_content(path: Path) -> dict[str, Any]:
         }
 
 
-def bag_scope(path: Path, report: Callable[..., None] | None = None) -> list[dict[str, str]]:
+class BagReading(NamedTuple):
     """
-    Return what a recording allows: name, possible (yes, reduced, no), why and needs.
+    What `adk info` says after reading a bag.
 
-    :raises AdkError: no stream can be read.
+    `scope`: what it allows: name, possible (yes, reduced, no), why and needs; empty if no stream
+    can be read, for the reason `unknown`. `warnings`: those of `adk train` and `adk replay`, but
+    for the source of v_x; `refusal`: why they refuse it, else empty.
     """
+
+    scope: list[dict[str, str]]
+    unknown: str
+    warnings: list[str]
+    refusal: str
+
+
+def read_bag(path: Path, progress: Progress | None = None) -> BagReading:
+    """
+    Read a bag once, for its scope and its warnings.
+
+    :raises UsageError: the bag does not exist or cannot be read.
+    """
+    from adk_ros.api.progress import in_stage
     from adk_ros.api.recording import velocity_source
-    from adk_ros.calibration.from_bag import read_streams
+    from adk_ros.bags import Bag
+    from adk_ros.bags.recording import read_recording
+    from adk_ros.calibration.from_bag import StreamReader, read_streams
     from adk_ros.calibration.scope import scope_of
+    from adk_ros.errors import AdkError
+    from adk_ros.importing.absent_command import with_absent_command
 
     options, _ = velocity_source(path, None)
-    content = read_streams(path, options, report)
-    return [row.as_dict() for row in scope_of(content)]
-
-
-def bag_warnings(path: Path, progress: Progress | None = None) -> list[str]:
-    """
-    Return what `adk train` and `adk replay` warn of when they read a bag.
-
-    :raises AdkError: they refuse it.
-    """
-    from adk_ros.api.recording import read_recording
-
-    return read_recording(path, progress=progress).warnings
+    report = in_stage(progress, f"reading {path.name}")
+    streams, unknown = None, ""
+    with Bag(path) as bag:
+        options = with_absent_command(bag, options)
+        try:
+            streams = StreamReader(bag, options)
+        except AdkError as error:
+            unknown = str(error)
+    warnings: list[str] = []
+    refusal = ""
+    try:
+        warnings = read_recording(path, options, report, streams).warnings
+    except AdkError as error:
+        refusal = str(error)
+    if streams is None:
+        return BagReading([], unknown, warnings, refusal)
+    try:
+        # A refusal may come before the last message.
+        content = read_streams(path, options, report) if refusal else streams.content()
+    except AdkError as error:
+        return BagReading([], str(error), warnings, refusal)
+    scope = [row.as_dict() for row in scope_of(content)]
+    return BagReading(scope, "", warnings, refusal)
 
 
 def bag_verdict(about: dict[str, Any]) -> str:
@@ -92,7 +123,7 @@ def bag_verdict(about: dict[str, Any]) -> str:
 
     States which states can only be predicted in reduced scope because a channel is missing.
 
-    :param about: `bag_content` with the `bag_scope` as "scope".
+    :param about: `bag_content` with the scope of `read_bag` as "scope".
     """
     verdict = str(about["verdict"])
     rows = [row for row in about["scope"] if row["name"].startswith("predict")]

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from adk_ros.api.tables import as_html, score_frame
+from adk_ros.signals.channels import INPUT_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,6 +57,13 @@ class TrainedModel:
     def sensors(self) -> dict[str, Any] | None:
         """Sensor configuration of the training data, as in the manifest."""
         return self.facts.get("sensors")
+
+    @property
+    def uses_commands(self) -> bool:
+        """Whether a command changed in the training data; True where it is not known."""
+        known = self.facts.get("range") or {}
+        limits = [known.get(name, (-math.inf, math.inf)) for name in INPUT_NAMES]
+        return any(low < high for low, high in limits)
 
     @cached_property
     def scores(self) -> pd.DataFrame:

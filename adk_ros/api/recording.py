@@ -16,10 +16,11 @@ import pandas as pd
 
 from adk_ros.api.progress import Progress, in_stage
 from adk_ros.api.tables import as_html, suffixed, with_units
-from adk_ros.bags import Topics
+from adk_ros.bags import Bag, Topics
 from adk_ros.bags import recording as bag_reader
 from adk_ros.bags.recording import Recording, RecordingOptions
 from adk_ros.errors import UsageError
+from adk_ros.importing.absent_command import with_absent_command
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import INPUT_NAMES, STATE_NAMES, TICK_NS, Record
 from adk_ros.signals.decode import SensorConfig
@@ -134,6 +135,8 @@ def read_recording(
     """
     Read a bag: choose its topics, decode and align them to the 25 ms grid.
 
+    A bag without any command topic is read with a constant command of zero, and a warning.
+
     :param path: rosbag2 folder, .mcap, .db3 or ROS 1 .bag.
     :param options: topics and sensor configuration; default: topics chosen by type, sensors in
         the standard configuration. See `recording_options`.
@@ -146,6 +149,8 @@ def read_recording(
         recording.frame[["v_x", "v_x_measured"]].plot()
     """
     options, source = velocity_source(path, options)
+    with Bag(path) as bag:
+        options = with_absent_command(bag, options)
     report = in_stage(progress, f"reading {Path(path).name}")
     content = bag_reader.read_recording(path, options, report)
     if source:
@@ -179,6 +184,7 @@ def read_log(
     progress: Progress | None = None,
     *,
     needs_imu: bool = True,
+    needs_command: bool = True,
     wheel_radius: float = 0.0,
 ) -> SensorLog:
     """
@@ -186,12 +192,16 @@ def read_log(
 
     Where odometry reports no velocity, `warnings` says what v_x was read from.
 
+    :param needs_command: False reads a bag without any command topic with zeros as commands.
     :param wheel_radius: as in `velocity_source`.
     :raises UsageError, DataError: as `read_sensor_log`.
     """
     from adk_ros.mismatch.recording.from_bag import read_sensor_log
 
     chosen, source = velocity_source(path, options, wheel_radius)
+    if not needs_command:
+        with Bag(path) as bag:
+            chosen = with_absent_command(bag, chosen)
     report = in_stage(progress, f"reading {Path(path).name}")
     log = read_sensor_log(path, chosen, report, needs_imu)
     return replace(log, warnings=(*log.warnings, source)) if source else log

@@ -177,6 +177,9 @@ def replay(
     """
     Replay a recording through the predictor, as the live node receives it, and score it.
 
+    Naive predictors take the model's place where it was trained with commands and the recording
+    has none.
+
     :param recording: a recording or a bag.
     :param model: a trained model or its folder.
     :param out: bag to write the predictions to.
@@ -198,6 +201,7 @@ def replay(
     """
     from adk_ros.model.pipeline import PipelineSettings
     from adk_ros.model.training_range import TrainingRange
+    from adk_ros.model.uncertainty.fallback import Fallback
     from adk_ros.offline.replay import ReplayOutput
     from adk_ros.offline.replay import replay as run
     from adk_ros.train.held_out import score_held_out
@@ -214,9 +218,15 @@ def replay(
         options = recording_options(stored_sensors=model.sensors)
     recording = as_recording(recording, options, progress)
     settings = PipelineSettings(
-        sensors=recording.options.sensors, online=online, horizon_steps=round(horizon_s / _TICK_S)
+        sensors=recording.options.sensors,
+        online=online,
+        horizon_steps=round(horizon_s / _TICK_S),
+        has_command=recording.topics.command is not None,
     )
     koopman = model.artefact.model
+    if _lacks_commands(recording, model):
+        alone = Fallback.alone(recording.topics.imu is not None and koopman.uses_imu)
+        koopman = replace(koopman, fallback=alone)
     if target is not None:
         remove_earlier_bag(target)
     predictions, pipeline, _ = run(
@@ -277,6 +287,11 @@ def _online_settings(
     )
 
 
+def _lacks_commands(recording: BagRecording, model: TrainedModel) -> bool:
+    """Whether the model was trained with commands and the recording has none."""
+    return recording.topics.command is None and model.uses_commands
+
+
 def missing_imu_warning(recording: BagRecording, model: TrainedModel) -> list[str]:
     """Return a warning if the model was trained with an IMU and the recording has none."""
     if recording.topics.imu is not None or not model.artefact.model.uses_imu:
@@ -288,6 +303,11 @@ def _warnings(
     recording: BagRecording, model: TrainedModel, held_out: HeldOutScores | None
 ) -> list[str]:
     texts = recording.warnings + missing_imu_warning(recording, model)
+    if _lacks_commands(recording, model):
+        texts.append(
+            "the model was trained with commands and there are none: naive predictors take its "
+            "place; train a model on recordings without commands, or record the commands"
+        )
     if recording.name in {data["name"] for data in model.facts.get("data", [])}:
         texts.append(
             f"the model was trained on a bag named {recording.name}: these scores are not "

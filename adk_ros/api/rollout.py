@@ -26,6 +26,7 @@ from adk_ros.api.recording import (
 from adk_ros.api.replay import missing_imu_warning
 from adk_ros.api.tables import as_html, suffixed, with_units
 from adk_ros.bags.recording import RecordingOptions
+from adk_ros.errors import DataError
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 
@@ -181,6 +182,12 @@ def rollout(
         stored = model.sensors if isinstance(model, TrainedModel) else None
         options = recording_options(stored_sensors=stored)
     read = as_recording(recording, options, progress)
+    uses_commands = not isinstance(model, TrainedModel) or model.uses_commands
+    if read.topics.command is None and uses_commands:
+        raise DataError(
+            f"bag {read.path}: no command: a rollout predicts with the recorded commands; record "
+            "them, or predict with adk replay"
+        )
     starts_s, predicted = offline.rollout(
         predicting, read.content, steps, stride_s, in_stage(progress, "rolling out")
     )

@@ -15,7 +15,7 @@ from adk_ros.api.output import check_output
 from adk_ros.api.progress import Progress, in_stage
 from adk_ros.api.recording import BagRecording, as_recording
 from adk_ros.bags.recording import RecordingOptions
-from adk_ros.errors import UsageError
+from adk_ros.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from adk_ros.train.network_fit import Step
@@ -78,6 +78,7 @@ def train_model(
     read = [as_recording(item, options if _is_path(item) else None, progress) for item in items]
     if not read:
         raise UsageError("give at least one recording")
+    _check_commands(read)
     stepped, noted = training_callbacks(progress, on_step)
     sensors = read[0].options.sensors
     run = run_training([item.record for item in read], out, chosen, split, sensors, stepped, noted)
@@ -87,6 +88,21 @@ def train_model(
     else:
         remove_report(out)
     return replace(load_model(out), training=run)
+
+
+def _check_commands(recordings: Sequence[BagRecording]) -> None:
+    """
+    Check that all recordings have commands, or none.
+
+    :raises DataError: only some have; the zeros of the others would be learned as commands.
+    """
+    without = [x.name for x in recordings if x.topics.command is None]
+    given = [x.name for x in recordings if x.topics.command is not None]
+    if without and given:
+        raise DataError(
+            f"{without[0]} has no command and {given[0]} has one: train a model on each kind of "
+            "recording, or record the command in all of them"
+        )
 
 
 def training_callbacks(

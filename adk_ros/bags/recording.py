@@ -6,8 +6,8 @@ Read a bag: choose its topics, decode their messages, align the readings to a re
 A `Reading` is one decoded message, a `Record` (`signals.channels`) the readings aligned to the
 25 ms grid, a `Recording` the record of a bag with its topics, warnings and commands.
 
-Replay, training and mismatch analysis share `selected_messages` and `RecordingReader`, so that
-all of them use the same topics and refuse the same messages.
+Replay, training and mismatch analysis share `messages_of` and `RecordingReader`, so that all of
+them use the same topics and refuse the same messages.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from adk_ros.bags import Bag, Topics, find_topics
 from adk_ros.bags.axle_speed import AxleSpeed
 from adk_ros.errors import DataError
+from adk_ros.signals.absent_command import NO_COMMAND_WARNING, absent_command
 from adk_ros.signals.channels import Reading, Record, Source
 from adk_ros.signals.command_plan import plan_types
 from adk_ros.signals.decode import Decoder, RefusedMessage, SensorConfig
@@ -48,12 +49,24 @@ _CHECK_INTERVAL = 50
 odometry at 50 Hz."""
 
 
+class MessageObserver(Protocol):
+    """Sees the messages of a bag as they are read, so that it is read once for several uses."""
+
+    @property
+    def topics(self) -> Collection[str]:
+        """Names of further topics to read."""
+
+    def add(self, topic: str, log_ns: int, msg: Any) -> None:
+        """Take a message, logged at `log_ns`; it must not be changed."""
+
+
 @dataclass(frozen=True)
 class RecordingOptions:
     """
-    Topic names (None: chosen by message type) and the sensor configuration of the vehicle.
+    Topic names and the sensor configuration of the vehicle.
 
-    `wheels`: topics of the further wheels of an axle, where `odometry` is that of one wheel.
+    A name of None is chosen by message type; an empty `imu` or `command` is not read. `wheels`:
+    topics of the further wheels of an axle, where `odometry` is that of one wheel.
     """
 
     imu: str | None = None
@@ -108,7 +121,9 @@ def choose_topics(bag: Bag, options: RecordingOptions) -> Topics:
 
 def source_by_topic(topics: Topics) -> dict[str, Source]:
     """Return the source of the readings of each topic, by topic name."""
-    sources = {topics.odometry: Source.ODOMETRY, topics.command: Source.COMMAND}
+    sources = {topics.odometry: Source.ODOMETRY}
+    if topics.command is not None:
+        sources[topics.command] = Source.COMMAND
     if topics.imu is not None:
         sources[topics.imu] = Source.IMU
     if topics.steering is not None:
@@ -165,11 +180,16 @@ class RecordingReader:
     the decoder refuses are skipped and counted; `refusals()` and `warnings()` are complete once
     the pass is.
 
+    :param observer: sees the messages of `topics` and of its own, also those that are refused.
     :raises UsageError, DataError: as `choose_topics`.
     """
 
     def __init__(
-        self, bag: Bag, options: RecordingOptions, progress: Progress | None = None
+        self,
+        bag: Bag,
+        options: RecordingOptions,
+        progress: Progress | None = None,
+        observer: MessageObserver | None = None,
     ) -> None:
         self.topics = choose_topics(bag, options)
         self._bag = bag
@@ -179,12 +199,13 @@ class RecordingReader:
         self.extrinsics = f"{bag.path.name}: {extrinsics_text(self.sensors)}" if known else ""
         self._decoder = Decoder(self.sensors)
         self._progress = progress
+        self._observer = observer
         self._checked: Counter[Source] = Counter()
         self._message_warnings: dict[str, None] = {}
 
     def readings_with_messages(self) -> Iterator[tuple[Reading, Any]]:
         """Yield each usable reading with the message it was decoded from, in log order."""
-        for source, _, msg in selected_messages(self._bag, self.topics, self._progress):
+        for source, msg in self._messages():
             try:
                 reading = self._decoder.decode(source, msg)
             except RefusedMessage:
@@ -194,9 +215,22 @@ class RecordingReader:
                 self._message_warnings |= dict.fromkeys(message_warnings(source, msg))
             yield reading, msg
 
+    def _messages(self) -> Iterator[tuple[Source, Any]]:
+        source_of, observer = source_by_topic(self.topics), self._observer
+        further = () if observer is None else observer.topics
+        for topic, log_ns, msg in messages_of(self._bag, self.topics, further, self._progress):
+            if observer is not None:
+                observer.add(topic, log_ns, msg)
+            source = source_of.get(topic)
+            if source is not None:
+                yield source, msg
+
     def readings(self) -> Iterator[Reading]:
-        """Yield each usable reading, in log order."""
-        return (reading for reading, _ in self.readings_with_messages())
+        """Yield each usable reading, in log order; `absent_command` if no command is read."""
+        for reading, _ in self.readings_with_messages():
+            yield reading
+            if self.topics.command is None and reading.source is Source.ODOMETRY:
+                yield absent_command(reading)
 
     @property
     def measures_v_y(self) -> bool:
@@ -246,18 +280,23 @@ class RecordingReader:
 
 
 def read_recording(
-    path: Path | str, options: RecordingOptions | None = None, progress: Progress | None = None
+    path: Path | str,
+    options: RecordingOptions | None = None,
+    progress: Progress | None = None,
+    observer: MessageObserver | None = None,
 ) -> Recording:
     """
     Read a bag into a record.
 
+    :param observer: sees the messages of the bag in the same pass.
     :raises UsageError, DataError: the bag cannot be read, lacks a topic, or yields no sample.
     """
     options = options or RecordingOptions()
-    plausibility = Plausibility(options.sensors.reference_point)
     name = Path(path).name
     with Bag(path) as bag:
-        reader = RecordingReader(bag, options, progress)
+        reader = RecordingReader(bag, options, progress, observer)
+        has_command = reader.topics.command is not None
+        plausibility = Plausibility(options.sensors.reference_point, has_command)
         counts: dict[str, int] = {}
         commands: list[Reading] = []
         stream = plausibility.watch(_collecting_commands(reader.readings(), commands))
@@ -272,6 +311,7 @@ def read_recording(
         record = replace(record, estimated=("v_y",))
     details = [f"{count} times {event}" for event, count in counts.items()]
     details += plausibility.warnings() + reader.message_warnings()
+    details += [] if has_command else [NO_COMMAND_WARNING]
     warnings += [f"{name}: {text}" for text in details]
     return Recording(
         record, reader.topics, warnings, start_ns, commands, reader.sensors, reader.extrinsics

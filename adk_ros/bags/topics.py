@@ -22,14 +22,14 @@ _VELOCITIES = set(ODOMETRY_TYPES.values()) - {ODOMETRY_TYPE}
 @dataclass(frozen=True)
 class Topics:
     """
-    The topics to read; `imu` and `steering` are None if there is none.
+    The topics to read; `imu`, `command` and `steering` are None if there is none.
 
     `wheels`: further wheels, whose mean with `odometry` is the speed of their axle.
     """
 
     imu: str | None
     odometry: str
-    command: str
+    command: str | None
     steering: str | None = None
     wheels: tuple[str, ...] = ()
 
@@ -52,7 +52,7 @@ def find_topics(
     Topics without messages are ignored. Of several topics of joint states the command is that with
     the joint `steer_joint`, the wheels' that with all `wheel_joints`. The IMU is optional, as is
     the steering report, which is used only with `command_type` "autoware_control"; the empty
-    string as name excludes either.
+    string as name excludes either, or the command.
 
     :param wheels: topics of the further wheels of an axle, of the type of `odometry`.
     :raises UsageError: a named topic is absent or of another type; unknown `command_type`.
@@ -66,7 +66,11 @@ def find_topics(
     return Topics(
         imu=_optional(bag, "imu", imu, IMU_TYPE),
         odometry=_required(bag, "odometry", odometry, velocity, wheel_joints),
-        command=_required(bag, "command", command, COMMAND_TYPES[command_type], [steer_joint]),
+        command=(
+            None
+            if command == ""
+            else _required(bag, "command", command, COMMAND_TYPES[command_type], [steer_joint])
+        ),
         steering=_optional(bag, "steering", steering, STEERING_TYPE) if wants_steering else None,
         wheels=tuple(_required(bag, "odometry", name, velocity) for name in wheels),
     )

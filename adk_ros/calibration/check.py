@@ -10,7 +10,7 @@ positions and lags are estimated on the corrected streams.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -63,12 +63,23 @@ class CheckResult:
         return [x for x in self.findings if x.verdict is verdict]
 
 
+_AXLES = frozenset({"cg_to_front_axle", "cg_to_rear_axle"})
+
+
 def check(
-    content: BagContent, vehicle: Dimensions | None = None, progress: Progress | None = None
+    content: BagContent,
+    vehicle: Dimensions | None = None,
+    progress: Progress | None = None,
+    assumed: Collection[str] = (),
 ) -> CheckResult:
-    """Return the findings on a recording; a vehicle gives wheelbase, mass and wheel radius."""
+    """
+    Return the findings on a recording; a vehicle gives wheelbase, mass and wheel radius.
+
+    :param assumed: names of values of the vehicle that are assumed: no measure for sensors. The
+        wheelbase is always known.
+    """
     report = progress or (lambda done, total: None)
-    findings = _command(content, vehicle)
+    findings = _command(content, None if "wheel_radius" in assumed else vehicle)
     faults = check_streams(content.streams)
     findings += faults.findings
     streams, sensors, coarse = correct_signs(content, faults.unusable, vehicle)
@@ -87,7 +98,7 @@ def check(
         )
         findings += [not_decidable("calibration", reason), *on_road]
         return _result(findings, content, road)
-    findings += [*_fine(s, streams, sensors, vehicle, content), *on_road]
+    findings += [*_fine(s, (streams, sensors), vehicle, assumed, content), *on_road]
     report(3, 3)
     return _result(findings, content, road)
 
@@ -144,12 +155,14 @@ def _wheelbase(vehicle: Dimensions | None) -> float | None:
 
 def _fine(
     s: Signals,
-    streams: Streams,
-    sensors: SensorConfig,
+    corrected: tuple[Streams, SensorConfig],
     vehicle: Dimensions | None,
+    assumed: Collection[str],
     content: BagContent,
 ) -> list[Finding]:
     """Return the findings on scales, offsets, positions and lags."""
+    streams, sensors = corrected
+    axles = vehicle if _AXLES.isdisjoint(assumed) else None
     timing = list(check_timing(s))
     out = [*check_odometry_scale(s), *check_receiver(s, streams.gps_speed, sensors)]
     out += [*check_yaw_rates(s), *timing]
@@ -159,11 +172,12 @@ def _fine(
         s = replace(s, yaw_rate=None)
     positions = list(check_imu(_aligned(s, timing), sensors))
     out += [_unless_filtered(x, late) for x in positions]
-    points = list(check_reference_point(s, sensors, vehicle))
+    points = list(check_reference_point(s, sensors, axles))
     is_known = not any(x.verdict is Verdict.FINDING for x in points)
     out += points
-    out += [_unless_offset(x, late) for x in check_steering(s, sensors, vehicle, is_known)]
-    radius = None if vehicle is None else vehicle.wheel_radius
+    steering = check_steering(s, sensors, axles if is_known else None, _wheelbase(vehicle))
+    out += [_unless_offset(x, late) for x in steering]
+    radius = None if vehicle is None or "wheel_radius" in assumed else vehicle.wheel_radius
     mass = None if vehicle is None else vehicle.mass
     if streams.command is not None and content.command_type == "joint_state":
         if content.joints.is_torque_estimated:

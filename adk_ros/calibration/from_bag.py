@@ -10,6 +10,7 @@ configuration that is already known (`--params`, `/tf_static`) is applied.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -77,32 +78,37 @@ class BagContent:
     warnings: list[str]
 
 
-def read_streams(
-    path: Path | str, options: RecordingOptions, progress: Progress | None = None
-) -> BagContent:
+class StreamReader:
     """
-    Read the streams of a bag; those that it lacks are None.
+    Collects the streams of a bag from its messages; those that it lacks are None.
 
-    :raises UsageError: the bag does not exist, or a named topic is absent.
-    :raises DataError: the bag is unreadable or empty, or has neither IMU, odometry nor command.
+    `topics`: those whose messages it takes. Topics of single wheels come as their axle
+    (`bags.axle_speed`).
+
+    :param bag: open bag, of which the topics are chosen.
+    :raises UsageError: a named topic is absent.
+    :raises DataError: the bag has neither IMU, odometry nor command.
     """
-    with Bag(path) as bag:
-        notes: list[str] = []
+
+    def __init__(self, bag: Bag, options: RecordingOptions) -> None:
+        self._bag = bag
+        self._notes: list[str] = []
+        notes, sensors = self._notes, options.sensors
         imu = optional_topic(bag, "imu", options.imu if options.use_imu else "", IMU_TYPE, notes)
-        velocity = ODOMETRY_TYPES[options.sensors.odometry_type]
-        wheels = options.sensors.wheel_joints[:1]
+        velocity = ODOMETRY_TYPES[sensors.odometry_type]
+        wheels = sensors.wheel_joints[:1]
         odometry = optional_topic(
             bag, "odometry", options.odometry, velocity, notes, wheels[0] if wheels else None
         )
-        command, kind = command_topic(bag, options, notes)
-        names = {"imu": imu, "odometry": odometry, "command": command}
-        if not any(names.values()):
+        command, self._kind = command_topic(bag, options, notes)
+        self._names = {"imu": imu, "odometry": odometry, "command": command}
+        if not any(self._names.values()):
             raise DataError(
                 f"bag {bag.path}: no IMU, odometry or command to check; it has {bag.summary()}"
             )
-        sensors = _with_transforms(bag, options.sensors, imu, odometry, notes)
-        content = _Rows(kind, sensors)
-        role_of = {name: role for role, name in names.items() if name is not None}
+        self._sensors = _with_transforms(bag, sensors, imu, odometry, notes)
+        self._rows = _Rows(self._kind, self._sensors)
+        role_of = {name: role for role, name in self._names.items() if name is not None}
         role_of |= {
             x.name: "wheels"
             for x in bag.topics
@@ -115,23 +121,50 @@ def read_streams(
             for name in auxiliary_topics(bag.topics)
             if name in READ_TOPICS and name != odometry
         }
-        role_of |= dict.fromkeys(options.wheels, "odometry")
-        axle = AxleSpeed((odometry or "", *options.wheels)) if options.wheels else None
-        total = sum(x.count for x in bag.topics if x.name in role_of)
-        for done, (topic, log_ns, msg) in enumerate(bag.messages(role_of), start=1):
-            if axle is None or role_of[topic] != "odometry":
-                content.add(role_of[topic], topic, msg, log_ns)
-            elif (joined := axle.add(topic, log_ns, msg)) is not None:
-                content.add("odometry", topic, joined, log_ns)
+        self._role_of = role_of | dict.fromkeys(options.wheels, "odometry")
+
+    @property
+    def topics(self) -> Collection[str]:
+        """Names of the topics whose messages it takes."""
+        return self._role_of
+
+    def add(self, topic: str, log_ns: int, msg: Any) -> None:
+        """Take a message; those of other topics are ignored."""
+        role = self._role_of.get(topic)
+        if role is not None:
+            self._rows.add(role, topic, msg, log_ns)
+
+    def content(self) -> BagContent:
+        """Return what the messages up to now hold."""
+        name, rows = self._bag.path.name, self._rows
+        warnings = list(self._bag.warnings)
+        if rows.refused:
+            warnings.append(f"{name}: {rows.refused} messages lack expected fields: skipped")
+        streams = _streams(rows, name, self._bag.duration_s, self._sensors, self._notes)
+        return BagContent(streams, self._names, self._sensors, rows.joints, self._kind, warnings)
+
+
+def read_streams(
+    path: Path | str, options: RecordingOptions, progress: Progress | None = None
+) -> BagContent:
+    """
+    Read the streams of a bag; those that it lacks are None.
+
+    :raises UsageError: the bag does not exist, or a named topic is absent.
+    :raises DataError: the bag is unreadable or empty, or has neither IMU, odometry nor command.
+    """
+    with Bag(path) as bag:
+        reader = StreamReader(bag, options)
+        wheels = (options.odometry or "", *options.wheels) if options.wheels else ()
+        axle = AxleSpeed(wheels)
+        total = sum(x.count for x in bag.topics if x.name in reader.topics)
+        for done, (topic, log_ns, msg) in enumerate(bag.messages(reader.topics), start=1):
+            joined = axle.add(topic, log_ns, msg) if topic in wheels else msg
+            if joined is not None:
+                reader.add(topic, log_ns, joined)
             if progress is not None and (done % _PROGRESS_INTERVAL == 0 or done == total):
                 progress(done, total)
-        warnings = list(bag.warnings)
-        seconds = bag.duration_s
-    name = Path(path).name
-    if content.refused:
-        warnings.append(f"{name}: {content.refused} messages lack expected fields: skipped")
-    streams = _streams(content, name, seconds, sensors, notes)
-    return BagContent(streams, names, sensors, content.joints, kind, warnings)
+        return reader.content()
 
 
 @dataclass

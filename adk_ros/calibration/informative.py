@@ -13,11 +13,14 @@ from adk_ros.calibration.continuity import Interval
 from adk_ros.calibration.road import missing_for_road
 from adk_ros.calibration.streams import Stream, Streams
 from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.numerics.similarity import length_scale
 from adk_ros.signals.commands import COMMAND_TYPES
 from adk_ros.signals.moving_speed import STANDING_SPEED
 
 MAX_PEDAL = 1.0
 """Largest value of a normalised pedal; a torque in N·m that moves a car exceeds it."""
+_MIN_CORRELATION = 0.8
+"""Correlation of angle and curvature from which their ratio is a length."""
 MAX_POSITION = 1e7
 """m: the largest northing of UTM (10 000 km); beyond it no map frame has a place."""
 
@@ -70,7 +73,11 @@ def informative(
             torque = "the command is an acceleration: a torque inferred from it is no measurement"
         elif is_torque_estimated:
             torque = "the torque is estimated from pedals by a map fitted to the motion"
-        elif float(np.nanmax(np.abs(command["torque"]))) <= MAX_PEDAL:
+        elif (
+            float(np.nanmax(np.abs(command["torque"]))) <= MAX_PEDAL
+            # The wheels of a 1:10 car take some 0.1 N·m.
+            and not is_scale_model(odometry, command)
+        ):
             torque = "the torque stays within ±1: it is a pedal or a normalised command"
     gyro = _lacking(imu, "the IMU", "w_z")
     turning = _lacking(odometry, "odometry", "yaw_rate")
@@ -100,6 +107,27 @@ def _lacking(stream: Stream | None, title: str, column: str) -> str:
     if values is None or not np.isfinite(values).all():
         return f"{column} of {title} is not reported"
     return f"{column} of {title} is {values[0] + 0.0:g} throughout"
+
+
+def is_scale_model(odometry: Stream | None, command: Stream | None) -> bool:
+    """
+    Whether steering and curvature imply the wheelbase of a scale model, L = delta v_x / r.
+
+    A wrong unit or a steering ratio makes the angle larger, never smaller. Regressed on the angle,
+    noise does so as well.
+    """
+    if odometry is None or command is None:
+        return False
+    if not (odometry.has("v_x") and odometry.has("yaw_rate")):
+        return False
+    moving = odometry["v_x"] > STANDING_SPEED
+    angle = np.interp(odometry.at_s, command.at_s, command["steering"])[moving]
+    curvature = odometry["yaw_rate"][moving] / odometry["v_x"][moving]
+    if angle.size < 2 or not (np.ptp(angle) > 0.0 and np.ptp(curvature) > 0.0):
+        return False
+    if np.corrcoef(angle, curvature)[0, 1] < _MIN_CORRELATION:
+        return False
+    return length_scale(float(angle @ angle / (angle @ curvature))) < 1.0
 
 
 def _pose(odometry: Stream | None) -> str:

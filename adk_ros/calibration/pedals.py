@@ -11,7 +11,7 @@ import numpy as np
 from adk_ros.calibration.criteria import MIN_CORRELATION
 from adk_ros.calibration.finding import Finding, Verdict, not_decidable
 from adk_ros.calibration.grid import Signals
-from adk_ros.calibration.informative import MAX_PEDAL
+from adk_ros.calibration.informative import MAX_PEDAL, is_scale_model
 from adk_ros.calibration.pedal_map import ForceTable, PedalMap, PedalSamples, fit_pedals
 from adk_ros.calibration.regression import Estimate
 from adk_ros.calibration.streams import Stream, Streams
@@ -27,6 +27,7 @@ def check_pedals(
 ) -> Iterator[Finding]:
     """Yield the map of the pedals, if there are pedals and no torque."""
     is_combined = s.torque is not None and float(np.abs(s.torque).max()) <= MAX_PEDAL
+    is_combined = is_combined and not is_scale_model(streams.odometry, streams.command)
     if s.torque is not None and not is_combined:
         return
     pedals = dict(streams.pedals)
@@ -39,7 +40,7 @@ def check_pedals(
     if throttle is None and brake is None:
         return
     if mass is None or wheel_radius is None:
-        yield not_decidable(_NAME, "the mass is unknown, which a force needs: give --vehicle")
+        yield not_decidable(_NAME, "a force needs mass and wheel radius: give --vehicle")
         return
     if s.v_x is None or s.longitudinal is None:
         yield not_decidable(_NAME, "it needs a speed")

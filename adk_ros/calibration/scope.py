@@ -103,10 +103,9 @@ def _row(name: str, required: list[Reason], desired: list[Reason]) -> Scope:
     for possible, reasons in ((Possible.NO, required), (Possible.REDUCED, desired)):
         open_reasons = [each for each in reasons if each[0]]
         if open_reasons:
-            needs = dict.fromkeys(need for _, need in open_reasons)
-            return Scope(
-                name, possible, "; ".join(why for why, _ in open_reasons), "; ".join(needs)
-            )
+            # One missing stream may be the reason for several channels.
+            whys, needs = (dict.fromkeys(each) for each in zip(*open_reasons, strict=True))
+            return Scope(name, possible, "; ".join(whys), "; ".join(needs))
     return Scope(name, Possible.YES)
 
 

@@ -119,12 +119,13 @@ def _unit(ratio: float) -> tuple[str, float]:
 
 
 def check_steering(
-    s: Signals, sensors: SensorConfig, vehicle: Dimensions | None, has_known_point: bool
+    s: Signals, sensors: SensorConfig, vehicle: Dimensions | None, wheelbase: float | None
 ) -> Iterator[Finding]:
     """
     Yield ratio, offset and delay of the steering.
 
-    :param has_known_point: whether v_y is that of the configured reference point.
+    :param vehicle: gives the place of the front axle; None where it is not known, or where v_y is
+        not that of the configured reference point.
     """
     if s.steering is None or s.v_x is None or s.turning is None:
         return
@@ -133,7 +134,7 @@ def check_steering(
         f"than {MAX_LATERAL:g} m/s²"
     )
     front = None
-    if vehicle is not None and has_known_point and sideways_is_measured(s):
+    if vehicle is not None and sideways_is_measured(s):
         ahead = vehicle.cg_to_front_axle + sensors.reference_point[0]
         front = fit_front_axle(s, ahead)
     fit = fit_single_track(s, None if front is None else front.delay.value)
@@ -142,7 +143,7 @@ def check_steering(
         yield not_decidable("steering_ratio", reason, evidence)
         return
     length = fit.regression.estimate(0)
-    if vehicle is None:
+    if wheelbase is None:
         yield Finding(
             "steering_ratio",
             Verdict.NOT_DECIDABLE,
@@ -156,7 +157,6 @@ def check_steering(
             seconds=length.seconds,
         )
     else:
-        wheelbase = vehicle.cg_to_front_axle + vehicle.cg_to_rear_axle
         ratio = _ratio(length.divided(wheelbase), front, sensors, evidence)
         yield _unless_weighted(ratio, s, fit.delay.value, wheelbase)
     text = "the car drives straight ahead at a steering angle"

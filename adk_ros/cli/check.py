@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -99,7 +100,7 @@ def check(
     if as_json:
         console.print_json(checked.as_dict())
     else:
-        _print(checked, evidence)
+        _print(checked, evidence, checked.scope)
     if written:
         console.note(f"wrote {out}: {', '.join(checked.result.parameters)}")
     elif out is not None:
@@ -131,7 +132,11 @@ def _compare(
     _print(compared, evidence)
 
 
-def _print(checked: RecordingCheck | RecordingComparison, evidence: bool) -> None:
+def _print(
+    checked: RecordingCheck | RecordingComparison,
+    evidence: bool,
+    scope: Sequence[dict[str, str]] = (),
+) -> None:
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -156,6 +161,8 @@ def _print(checked: RecordingCheck | RecordingComparison, evidence: bool) -> Non
             Text(finding.name), Text(verdict, style=_STYLE[verdict]), Text("\n".join(lines))
         )
     console.print_table(table)
+    if any(row["possible"] != "yes" for row in scope):
+        console.print_scope(list(scope))
     heading = "next" if isinstance(checked.result, CheckResult) else "result"
     console.output.print(f"{heading}: {checked.result.advice}", markup=False)
     console.flush()

@@ -144,9 +144,8 @@ def _predict_live(model: Path, bag: Path) -> dict[int, tuple[float, ...]]:
     with Bag(bag) as opened:
         topics = choose_topics(opened, RecordingOptions())
         duration_s = opened.duration_s
-    remaps = {"odometry": topics.odometry, "command": topics.command}
-    if topics.imu:
-        remaps["imu"] = topics.imu
+    used = {"odometry": topics.odometry, "command": topics.command, "imu": topics.imu}
+    remaps = {name: topic for name, topic in used.items() if topic}
     node_arguments = ["adk_ros.ros.node", "--ros-args", "-p", f"model:={model.resolve()}"]
     for name, topic in remaps.items():
         node_arguments += ["-r", f"{name}:={topic}"]

@@ -114,23 +114,15 @@ def _read(path: Path, about: dict[str, Any]) -> None:
     The scope is empty if no stream can be read. The reason is a warning, unless the verdict says
     it already.
     """
-    from adk_ros.api.info import bag_scope, bag_warnings
-    from adk_ros.errors import AdkError
+    from adk_ros.api.info import read_bag
 
-    about["scope"] = []
-    is_refused = str(about["verdict"]).startswith("not")
-    try:
-        with console.progress(f"reading {path.name}") as report:
-            about["scope"] = bag_scope(path, report)
-    except AdkError as error:
-        if not is_refused:
-            console.warn_all([f"what the recording allows is unknown: {error}"])
-    if is_refused:
+    with console.stages() as progress:
+        found = read_bag(path, progress)
+    about["scope"] = found.scope
+    if str(about["verdict"]).startswith("not"):
         return
-    try:
-        with console.stages() as progress:
-            found = bag_warnings(path, progress)
-    except AdkError as error:
-        about["verdict"] = f"not usable for training or replay: {error}"
-    else:
-        about["warnings"] = list(dict.fromkeys([*about["warnings"], *found]))
+    if found.unknown:
+        console.warn_all([f"what the recording allows is unknown: {found.unknown}"])
+    if found.refusal:
+        about["verdict"] = f"not usable for training or replay: {found.refusal}"
+    about["warnings"] = list(dict.fromkeys([*about["warnings"], *found.warnings]))

@@ -186,7 +186,8 @@ def read_recordings(bags: list[Path], options: RecordingOptions) -> list[BagReco
         topics = recording.topics
         console.note(
             f"{path}: imu {topics.imu or 'none (yaw rate from odometry)'}, odometry "
-            f"{topics.odometry}, command {topics.command}; {recording.duration_s:.1f} s"
+            f"{topics.odometry}, command {topics.command or 'none (zeros)'}; "
+            f"{recording.duration_s:.1f} s"
         )
         console.note_all([recording.content.extrinsics])
         console.warn_all(recording.warnings)

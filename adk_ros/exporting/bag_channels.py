@@ -13,6 +13,7 @@ import numpy as np
 from adk_ros.bags import Bag
 from adk_ros.bags.auxiliary_topics import auxiliary_topics, stamp_ns_of
 from adk_ros.bags.recording import Progress, RecordingOptions, RecordingReader
+from adk_ros.importing.absent_command import with_absent_command
 from adk_ros.importing.channels import CHANNELS, COMMAND, IMU, ODOMETRY
 from adk_ros.importing.map_file import ChannelMap
 from adk_ros.importing.source_channels import SourceChannel
@@ -53,13 +54,14 @@ def read_bag_channels(
     Return the channels of IMU, odometry and command, and those that `adk import` stores.
 
     IMU, odometry and command are decoded as training and replay do. Values that a message marks
-    as not measured are absent.
+    as not measured are absent, and so are commands that the bag lacks.
 
-    :raises UsageError, DataError: the bag cannot be read, or lacks odometry or commands.
+    :raises UsageError, DataError: the bag cannot be read, or lacks odometry.
     """
     rows: dict[str, list[tuple[int, dict[str, float]]]] = {}
     with Bag(path) as bag:
-        reader = RecordingReader(bag, options or RecordingOptions(), progress)
+        chosen = with_absent_command(bag, options or RecordingOptions())
+        reader = RecordingReader(bag, chosen, progress)
         for reading, msg in reader.readings_with_messages():
             stream, names = _OF_SOURCE[reading.source]
             values = dict(zip(names, reading.values, strict=True))

@@ -96,7 +96,7 @@ def command(names: set[str]) -> Create:
     """
     Return the factory of commands from the channels `names`.
 
-    They have the effort of `drive` and the position of `steer`.
+    They have the effort of `drive` and the position of `steer`; one without a source is 0.
     """
     torque = "torque_estimated" if "torque_estimated" in names else "torque"
     msg = message(
@@ -110,7 +110,7 @@ def command(names: set[str]) -> Create:
 
     def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
         _set_stamp(msg, stamp_ns)
-        msg.effort[0], msg.position[1] = values.get(torque, 0.0), values["delta"]
+        msg.effort[0], msg.position[1] = values.get(torque, 0.0), values.get("delta", 0.0)
         return msg
 
     return create

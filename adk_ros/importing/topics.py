@@ -136,12 +136,15 @@ def _add_odometry(given: dict[str, SourceChannel], outcome: Outcome, notes: list
 
 def _add_command(given: dict[str, SourceChannel], outcome: Outcome, notes: list[str]) -> None:
     names = [name for name in CHANNELS if name in given and CHANNELS[name].stream == COMMAND]
-    if "delta" not in given:
-        for name in names:
-            outcome.left_out[name] = "a command also needs delta"
-        notes.append("no delta: without a command, nothing can be trained on or compared")
+    if not names:
+        notes.append(
+            "no torque and no delta: without a command, predictions are in reduced scope, and "
+            "nothing can be compared"
+        )
         return
-    if len(names) < 2:
+    if "delta" not in given:
+        notes.append("no delta: written as 0 rad; nothing can be said about what steers the car")
+    if names == ["delta"]:
         notes.append("no torque: written as 0 N m; nothing can be said about what drives the car")
     # Commands are held: at the stamps of the faster one, neither loses a value.
     names.sort(key=lambda name: -given[name].stamp_ns.shape[0])

@@ -24,6 +24,7 @@ from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.inputs import Inputs
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.library.sensitivity import recorded_decisions
+from adk_ros.mismatch.not_judged import not_judged
 from adk_ros.mismatch.outcome import Outcome
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -66,7 +67,8 @@ def identify_mismatch(
     sizes are selected on the part before the last quarter of each recording, which is used only to
     measure the improvement; with `held_out` recordings, on all of `recording`. The reported sizes
     are then fitted to all of it. The simulation may be a surrogate that is already identified.
-    Without an IMU or a torque command, fewer effects are examined (see `inference.observability`).
+    Without an IMU or a torque command, fewer effects are examined (see `inference.observability`);
+    without any command, none is (see `not_judged`).
     Without a `nominal` vehicle, mass and lengths are identified from the simulation as far as
     possible. `progress` is called with (done, total, stage).
     `ask`: effects of the catalogue, to be answered why they are claimed or not.
@@ -82,6 +84,9 @@ def identify_mismatch(
             0.0 if held_out else HELD_OUT_SHARE,
             lambda done, text: report(_IDENTIFIED * done, _TOTAL, text),
         )
+        if not inputs.data.observable.is_excited:
+            report(_TOTAL, _TOTAL, "done")
+            return not_judged(inputs, ask)
         outcome = _decided(inputs, report, held_out, ask)
     report(_TOTAL, _TOTAL, "done")
     return replace(outcome.described(inputs), decisions=decisions)

@@ -54,7 +54,7 @@ def usable_recordings(recordings: Sequence[SensorLog]) -> list[SensorLog]:
     if without:
         recordings = [with_pseudo_imu(longest_moving_segment(log)) for log in recordings]
     for log in recordings:
-        check_recording(log)
+        check_recording(log, needs_steering=False)
     return list(recordings)
 
 
@@ -218,6 +218,7 @@ def _common_channels(
         ("an unfiltered yaw rate", [one.yaw_filter_s == 0.0 for one in each]),
         ("a lateral velocity", [one.v_y for one in each]),
         ("a changing steering angle", [one.steering for one in each]),
+        ("straight driving, or bends with a steering angle", [one.known_bends for one in each]),
     ):
         if len(set(known)) > 1:
             raise DataError(

@@ -23,6 +23,7 @@ from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.planned_horizon import PlannedHorizon
 from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.predictor import Predictor
+from adk_ros.signals.absent_command import absent_command
 from adk_ros.signals.align import Aligner
 from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample, Source
 from adk_ros.signals.command_plan import PlanDecoder
@@ -44,6 +45,7 @@ class PipelineSettings:
     Times in seconds: an odometry gap longer than `odometry_timeout_s` is coasted for up to
     `max_coast_s`; a repeated reading counts as frozen after `frozen_after_s`; a stream is waited
     for up to `max_wait_s`; a plan of commands is followed up to the age `plan_timeout_s`.
+    `has_command`: False for a recording without commands, see `signals.absent_command`.
     """
 
     sensors: SensorConfig = field(default_factory=SensorConfig)
@@ -55,6 +57,7 @@ class PipelineSettings:
     max_coast_s: float = 1.0
     plan_timeout_s: float = 0.5
     gate: GateSettings = field(default_factory=GateSettings)
+    has_command: bool = True
 
 
 class Pipeline:
@@ -86,7 +89,7 @@ class Pipeline:
         )
         self.planned = PlannedHorizon(model, settings.horizon_steps, settings.plan_timeout_s)
         self.plan_decoder = PlanDecoder(settings.sensors)
-        self.plausibility = Plausibility(settings.sensors.reference_point)
+        self.plausibility = Plausibility(settings.sensors.reference_point, settings.has_command)
         # A list: an enum as dictionary key is hashed in Python, eight times per tick.
         self._received = [0] * len(Source)
         self.ticks = 0
@@ -122,6 +125,9 @@ class Pipeline:
         """Take a decoded reading; return as `take`."""
         if reading.source is _ODOMETRY:
             self.plausibility.see(reading)
+            if not self.settings.has_command:
+                before = self._predict(self.aligner.take(reading))
+                return before + self._predict(self.aligner.take(absent_command(reading)))
         samples = self.aligner.take(reading)
         return self._predict(samples) if samples else []
 

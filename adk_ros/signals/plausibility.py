@@ -48,10 +48,14 @@ class Plausibility:
     Collects samples; `warnings()` describes inconsistent units and signs, and missing channels.
 
     :param reference_point: (x, y), m, of the readings in odometry's frame.
+    :param has_command: whether the commands are measured, not `absent_command`.
     """
 
-    def __init__(self, reference_point: tuple[float, float] = (0.0, 0.0)) -> None:
+    def __init__(
+        self, reference_point: tuple[float, float] = (0.0, 0.0), has_command: bool = True
+    ) -> None:
         self._reference_point = reference_point
+        self._has_command = has_command
         self._top_speed = 0.0
         self._latest = 0, 0.0
         self.reset()
@@ -74,7 +78,7 @@ class Plausibility:
         """Compare a sample with the latest reading of odometry."""
         odometry_yaw_rate = self._odometry_yaw_rate
         (v_x, v_y, gyro), (a_x, a_y) = sample.x, sample.a
-        if not sample.flags & _NO_COMMAND:
+        if self._has_command and not sample.flags & _NO_COMMAND:
             self._commands.add(sample.stamp_ns, v_x, gyro, sample.u)
         if sample.flags & _UNRELIABLE or not math.isfinite(a_x):
             self._longitudinal.interrupt()

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,14 @@ def test_a_model_is_trained_from_recordings(
     assert model.training.facts["held_out"] == model.facts["held_out"]
     loaded = adk_ros.load_model(tmp_path / "m")
     assert loaded.scores.equals(model.scores)
+
+
+def test_recordings_with_and_without_commands_are_not_trained_on_together(tmp_path: Path) -> None:
+    recording = adk_ros.read_recording(bag("town", 20.0))
+    topics = replace(recording.topics, command=None)
+    other = replace(recording, content=replace(recording.content, topics=topics))
+    with pytest.raises(adk_ros.DataError, match="train a model on each kind of recording"):
+        adk_ros.train_model([recording, other], out=tmp_path / "m", settings=QUICK)
 
 
 def test_steps_and_seed_change_the_default_settings() -> None:

@@ -170,5 +170,10 @@ def test_an_assumed_length_measures_no_sensor(
 ) -> None:
     sheet = tmp_path / "sheet.yaml"
     sheet.write_text("mass: 1600.0\nwheelbase: 2.7\nwheel_radius: 0.3\n")
-    assert main(["check", "bags/town", "--vehicle", str(sheet)]) == 2
-    assert "cg_to_front_axle, cg_to_rear_axle missing" in capsys.readouterr().err
+    result = report(capsys, "bags/town", "--vehicle", sheet)
+    (warning,) = [text for text in result["warnings"] if "sheet.yaml" in text]
+    assert "cg_to_front_axle, cg_to_rear_axle missing: what needs them is not checked" in warning
+    found = {finding["name"]: finding for finding in result["findings"]}
+    assert "the vehicle is unknown" in found["reference_point"]["text"]
+    # The wheelbase is in the file.
+    assert found["steering_ratio"]["verdict"] == "ok"

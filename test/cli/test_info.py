@@ -8,15 +8,17 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.train import bag, lines, refused, small, small_without_imu
 
 from adk_ros.api import model as api_model
-from adk_ros.bags import BagWriter, message
+from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.cli.main import main
 from adk_ros.model import artefact
@@ -56,6 +58,24 @@ def test_a_bag_as_text(capsys) -> None:
         for line in topics
     }
     assert len(ends) == 1
+
+
+def test_a_bag_is_read_once(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Further messages are those that choose topics: the first ones of a topic."""
+    read = 0
+    messages = Bag.messages
+
+    def counted(
+        self: Bag, topics: Collection[str] | None = None
+    ) -> Iterator[tuple[str, int, Any]]:
+        nonlocal read
+        for each in messages(self, topics):
+            read += 1
+            yield each
+
+    monkeypatch.setattr(Bag, "messages", counted)
+    about = json.loads(printed(capsys, bag(), "--json"))
+    assert about["messages"] <= read <= about["messages"] + 20
 
 
 def test_a_bag_as_json(capsys) -> None:
@@ -174,9 +194,13 @@ def test_a_damaged_model_is_refused(capsys, tmp_path: Path, name: str) -> None:
 def test_a_bag_of_predictions_is_described(capsys, tmp_path: Path) -> None:
     model = artefact.load(small().path).model
     replay(bag(), model, PipelineSettings(), RecordingOptions(), ReplayOutput(tmp_path / "p"))
-    text = printed(capsys, tmp_path / "p")
+    assert main(["info", str(tmp_path / "p")]) == 0
+    text = capsys.readouterr().out
     assert TWIST_TOPIC in text
-    assert "no topic of type sensor_msgs/msg/JointState" in lines(text)[-1]
+    assert lines(text)[-1].strip() == (
+        "usable for training and replay (no IMU: yaw rate from odometry); v_x, v_y and yaw rate "
+        "can only be predicted in reduced scope: the recording has no command"
+    )
 
 
 def test_a_bag_is_described_without_importing_pytorch() -> None:

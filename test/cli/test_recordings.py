@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -11,12 +12,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.train import bag, changed_streams, drive, kept, lines, record, small
+from helpers.train import bag, changed_streams, drive, kept, lines, record, refused, small
 
+import adk_ros
+from adk_ros.api.fleet.shard_stage import ShardStage
+from adk_ros.api.recording import read_log
 from adk_ros.bags import Bag, BagWriter, message
 from adk_ros.bags.recording import RecordingOptions, read_recording
+from adk_ros.calibration.scope import Possible
 from adk_ros.cli.main import main
-from adk_ros.errors import DataError
+from adk_ros.errors import DataError, UsageError
+from adk_ros.importing.absent_command import with_absent_command
+from adk_ros.mismatch.recording.recorded_scope import recorded_scope
 from adk_ros.plant.scenario.sensors import Stream
 from adk_ros.signals.channels import Source
 from adk_ros.signals.decode import SensorConfig
@@ -266,7 +273,107 @@ def test_a_flipped_a_x_and_a_constant_torque_are_reported(capsys, tmp_path: Path
         "the command is 0 throughout"
     )
     assert main(["info", str(bag("town", 60.0))]) == 0
-    assert capsys.readouterr().err == ""
+    assert "warning" not in capsys.readouterr().err
+
+
+def without_commands(topic: str, _: int, msg: Any) -> Any:
+    return None if topic == "/vehicle/command" else msg
+
+
+def test_a_bag_without_commands_is_read_in_reduced_scope(capsys, tmp_path: Path) -> None:
+    path = rewritten(tmp_path / "bag", without_commands, 60.0)
+    read, full = adk_ros.read_recording(path), read_recording(bag("town", 60.0))
+    (warning,) = read.warnings
+    assert warning.startswith("bag: no command: v_x, v_y and yaw rate can only be predicted in")
+    assert read.topics.command is None
+    assert not read.record.u.any()
+    common, mine, other = np.intersect1d(
+        read.record.stamp_ns, full.record.stamp_ns, return_indices=True
+    )
+    assert len(common) > 2300
+    np.testing.assert_array_equal(read.record.x_ref[mine], full.record.x_ref[other])
+    assert main(["info", str(path)]) == 0
+    said = capsys.readouterr()
+    assert warning in " ".join(said.err.split())
+    assert lines(said.out)[-1].strip() == (
+        "usable for training and replay; v_x, v_y and yaw rate can only be predicted in reduced "
+        "scope: the recording has no command"
+    )
+
+
+def test_a_command_of_another_type_or_by_name_is_not_replaced_by_zeros(tmp_path: Path) -> None:
+    """Its values must not be lost unnoticed."""
+    with pytest.raises(DataError, match="no command: no topic of type ackermann_msgs"):
+        adk_ros.read_recording(
+            bag("town", SECONDS),
+            RecordingOptions(
+                sensors=SensorConfig(command_type="ackermann", mass=1.0, wheel_radius=0.3)
+            ),
+        )
+    path = rewritten(tmp_path / "bag", without_commands)
+    with pytest.raises(UsageError, match="has no topic /vehicle/torque"):
+        adk_ros.read_recording(path, RecordingOptions(command="/vehicle/torque"))
+
+
+def test_a_sensor_log_without_commands_has_zeros_where_that_is_asked_for(tmp_path: Path) -> None:
+    path = rewritten(tmp_path / "bag", without_commands)
+    with pytest.raises(DataError, match="no command: no topic of type"):
+        read_log(path)
+    log, full = read_log(path, needs_command=False), read_log(bag("town", SECONDS))
+    assert full.has_command
+    assert not log.has_command
+    np.testing.assert_array_equal(log.command_s, log.odometry_s)
+    assert not log.command.any()
+    np.testing.assert_array_equal(log.odometry, full.odometry)
+    judged = [row for row in recorded_scope(log) if row.name.startswith("judge")]
+    assert all("the recording has no command" in row.why for row in judged)
+    assert all(row.possible is Possible.NO for row in judged)
+
+
+def test_joint_states_of_wheels_are_no_command_unless_they_have_efforts(tmp_path: Path) -> None:
+    def wheels(effort: list[float]) -> Callable[[str, int, Any], Any]:
+        def change(topic: str, _: int, msg: Any) -> Any:
+            if topic != "/vehicle/command":
+                return msg
+            names = ["rear_left", "rear_right"]
+            return message(
+                "sensor_msgs/msg/JointState", header=msg.header, name=names, effort=effort
+            )
+
+        return change
+
+    for name, effort, expected in (("a", [], ""), ("b", [20.0, 20.0], None)):
+        with Bag(rewritten(tmp_path / name, wheels(effort), 2.0)) as opened:
+            assert with_absent_command(opened, RecordingOptions()).command == expected
+
+
+@pytest.mark.slow
+def test_every_verb_answers_a_bag_without_commands(capsys, tmp_path: Path) -> None:
+    """In reduced scope, or in one line that says what to do."""
+    path = rewritten(tmp_path / "bag", without_commands, 60.0)
+    assert main(["check", str(path), "--json"]) == 0
+    checked = json.loads(capsys.readouterr().out)
+    assert checked["used_as"]["command"] is None
+    scope = {row["name"]: row["possible"] for row in checked["scope"]}
+    assert (scope["predict v_x"], scope["judge v_x"], scope["grade"]) == ("reduced", "no", "yes")
+    assert main(["export", str(path), "--to", "csv", "--out", str(tmp_path / "t.csv")]) == 0
+    header = (tmp_path / "t.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert "v_x" in header
+    assert "torque" not in header
+    capsys.readouterr()
+    model = small().path
+    assert main(["replay", str(path), "--model", str(model), "--json"]) == 0
+    said = capsys.readouterr()
+    assert "the model was trained with commands and there are none: naive predictors take" in (
+        " ".join(said.err.split())
+    )
+    assert json.loads(said.out)["predictions"] > 2000
+    line = refused(
+        capsys, ["rollout", "--bag", path, "--model", model, "--out", tmp_path / "r"], 3
+    )
+    assert "no command: a rollout predicts with the recorded commands" in line
+    with pytest.raises(DataError, match="no command: the model of a fleet is trained on commands"):
+        ShardStage(str(tmp_path)).run(path, "bag")
 
 
 def test_a_bag_that_cannot_be_read_is_not_called_usable(capsys, tmp_path: Path) -> None:

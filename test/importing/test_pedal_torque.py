@@ -133,7 +133,7 @@ def test_a_measured_torque_is_evidence(tmp_path: Path) -> None:
 def test_without_a_mass_no_map_is_proposed(tmp_path: Path) -> None:
     without_torque(tmp_path)
     finding = proposed(tmp_path)
-    assert finding.text.endswith("the mass is unknown, which a force needs: give --vehicle")
+    assert finding.text.endswith("a force needs mass and wheel radius: give --vehicle")
 
 
 def test_tables_are_applied_at_the_pedals_stamps(tmp_path: Path) -> None:

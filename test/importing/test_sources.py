@@ -218,6 +218,20 @@ def test_a_wide_matrix_has_its_channels_in_rows(tmp_path: Path) -> None:
     assert [v for _, v in speeds] == pytest.approx((10.0 + t).tolist())
 
 
+@pytest.mark.parametrize("name", ["torque", "delta"])
+def test_a_command_has_what_is_there(tmp_path: Path, name: str) -> None:
+    missing = {"torque": "delta", "delta": "torque"}[name]
+    channels = {key: entry for key, entry in CHANNELS.items() if key != missing}
+    result = take(write(tmp_path / "a.csv", rows()), tmp_path / "bag", channels=channels)
+    torque = values_of(result.out, "/vehicle/command", lambda msg: msg.effort[0])
+    delta = values_of(result.out, "/vehicle/command", lambda msg: msg.position[1])
+    present, absent = (torque, delta) if name == "torque" else (delta, torque)
+    assert len({v for _, v in present}) == 200
+    assert not any(v for _, v in absent)
+    assert result.not_imported == {}
+    assert any(f"no {missing}: written as 0" in note for note in result.notes)
+
+
 def test_other_channels_get_topics_of_their_own(tmp_path: Path) -> None:
     header = "t,v,d,m,fl,p,gas,gear,gs,course,lat,lon,n"
     lines = [f"{row},{36.0},{1.5},{50},{3},{36},{90},{48.1},{11.5},{3000}" for row in rows()]

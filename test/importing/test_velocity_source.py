@@ -12,9 +12,10 @@ from helpers.calibration import existing
 
 from adk_ros.api.recording import read_log, read_recording, velocity_source
 from adk_ros.bags import Bag, BagWriter, message
+from adk_ros.bags import recording as bag_reader
 from adk_ros.bags.auxiliary_topics import TWIST, WHEEL_TOPICS
 from adk_ros.bags.recording import RecordingOptions, choose_topics, messages_of
-from adk_ros.calibration.from_bag import read_streams
+from adk_ros.calibration.from_bag import StreamReader, read_streams
 from adk_ros.cli.main import main
 from adk_ros.errors import DataError
 from adk_ros.mismatch.recording.dead_channels import without_dead_channels
@@ -203,6 +204,21 @@ def test_all_readers_join_single_wheels_alike(single):
     assert set(streams.wheel_speeds) == {"front_left", "front_right"}
     log = read_log(single)
     assert np.allclose(log.odometry[:, 0], odometry["v_x"], atol=1e-9)
+
+
+def test_streams_and_record_of_one_pass_are_those_of_two(single):
+    options = read_recording(single).options
+    with Bag(single) as bag:
+        reader = StreamReader(bag, options)
+    record = bag_reader.read_recording(single, options, observer=reader).record
+    alone = bag_reader.read_recording(single, options).record
+    assert np.array_equal(record.x_ref, alone.x_ref, equal_nan=True)
+    streams, expected = reader.content().streams, read_streams(single, options).streams
+    assert set(streams.wheel_speeds) == set(expected.wheel_speeds)
+    for ours, theirs in zip(streams.present(), expected.present(), strict=True):
+        assert np.array_equal(ours.at_s, theirs.at_s)
+        for column, values in theirs.columns.items():
+            assert np.array_equal(ours[column], values, equal_nan=True)
 
 
 def test_front_wheels_serve_where_nothing_else_does(tmp_path):

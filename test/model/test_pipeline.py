@@ -241,6 +241,22 @@ def test_plausibility_is_watched() -> None:
     assert "opposite sign" in pipeline.plausibility.warnings()[0]
 
 
+def test_a_recording_without_commands_is_predicted_with_zeros() -> None:
+    readings = [r for r in in_order(drive(20.0)) if r.source is not Source.COMMAND]
+    without = Pipeline(make_model(), PipelineSettings(has_command=False))
+    predictions = run(without, readings)
+    zeros = Pipeline(make_model())
+    given = []
+    for reading in readings:
+        given.append(reading)
+        if reading.source is Source.ODOMETRY:
+            given.append(Reading(Source.COMMAND, reading.stamp_ns, (0.0, 0.0)))
+    assert_same(predictions, run(zeros, given))
+    assert without.plausibility.warnings() == []
+    assert len(zeros.plausibility.warnings()) == 2
+    assert run(Pipeline(make_model()), readings) == []
+
+
 def test_a_constant_torque_is_reported() -> None:
     pipeline = Pipeline(make_model())
     readings = in_order(drive(20.0))

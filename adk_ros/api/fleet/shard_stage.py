@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from adk_ros.bags.recording import RecordingOptions
+from adk_ros.errors import DataError
 from adk_ros.fleet.stage import hash_of
 
 SHARDS = "shards"
@@ -40,6 +41,12 @@ class ShardStage:
         from adk_ros.fleet.training.shards import write_shard
 
         read = read_recording(path, self.options)
+        if read.topics.command is None:
+            # Its zeros would be learned as the commands of the other recordings' motion.
+            raise DataError(
+                f"{path.name}: no command: the model of a fleet is trained on commands; train a "
+                "model of such recordings with adk train"
+            )
         shard = write_shard(read.record, Path(self.folder))
         rows: list[dict[str, Any]] = [
             {

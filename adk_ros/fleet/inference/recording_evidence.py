@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from adk_ros.errors import DataError
 from adk_ros.fleet.inference.evidence import (
     RECORDING,
     Columns,
@@ -121,7 +122,11 @@ def recording_likelihood(recording: SensorLog, simulation: FleetSimulation) -> L
         log, p[INDEX["mass"]], p[INDEX["wheel_radius"]]
     ):
         log = with_inferred_torque(log, p)
-    return RecordedData.of(surrogate, [log], [noise], has_imu, 0.0).whole()
+    data = RecordedData.of(surrogate, [log], [noise], has_imu, 0.0)
+    if not data.observable.is_excited:
+        lacking = "; ".join(x.text for x in data.observable.missing_channels())
+        raise DataError(f"{log.name}: no command to compare the motion with: {lacking}")
+    return data.whole()
 
 
 def dispersion(linear: Linearisation, columns: Columns) -> float:

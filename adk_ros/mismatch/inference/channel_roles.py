@@ -36,6 +36,8 @@ def _entering(*equations: str) -> frozenset[str]:
     )
 
 
+_LONGITUDINAL = _entering("v_x") | {name for name in FEATURES if "torque" in name} | {"v_x"}
+
 CHANNEL_ROLES = {
     "imu": ChannelRole(
         MissingChannel(
@@ -55,7 +57,7 @@ CHANNEL_ROLES = {
             " from pedals, or far too small to move the car, like a pedal position or a torque in"
             " kN·m): longitudinal forces are not analysed; record the wheel torque in N·m",
         ),
-        _entering("v_x") | {name for name in FEATURES if "torque" in name} | {"v_x"},
+        _LONGITUDINAL,
         ("imu_a_x", "v_x"),
         ("v_x",),
     ),
@@ -78,6 +80,16 @@ CHANNEL_ROLES = {
         _entering("v_y", "yaw_rate") | {"v_y", "yaw_rate"},
         ("imu_a_y", "imu_yaw_rate", "v_y", "yaw_rate"),
         ("v_y", "yaw_rate"),
+    ),
+    "known_bends": ChannelRole(
+        MissingChannel(
+            "a steering angle in bends",
+            "the car drives bends with a constant steering angle: how much their side forces slow"
+            " it down is not known, and longitudinal forces are not analysed",
+        ),
+        _LONGITUDINAL,
+        ("imu_a_x", "v_x"),
+        ("v_x",),
     ),
 }
 """By the name of the channel in `observability.ObservableEffects`."""

@@ -9,7 +9,8 @@ Observability: which effects the recorded channels can show.
   about longitudinal forces.
 - Without a lateral velocity, the model's own takes its place: forces show in the accelerations and
   the yaw rate alone.
-- Without steering, nothing is known of the lateral motion; a coast-down has none.
+- Without steering, nothing is known of the lateral motion; a coast-down has none. In bends,
+  nothing is known of longitudinal forces either: the tyres' side forces slow the car down.
 - A published yaw rate may be the low-pass filtered derivative of the heading; its phase lag is
   then not the vehicle's. Without a gyro, the filter is identified by comparing the low-pass
   filtered heading with the integral of the yaw rate.
@@ -23,7 +24,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from adk_ros.calibration.scope import Possible, Scope
-from adk_ros.errors import DataError
 from adk_ros.mismatch.inference.channel_roles import CHANNEL_ROLES, ChannelRole
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.forward_selection import SelectionPath
@@ -39,6 +39,7 @@ from adk_ros.mismatch.library.criteria import (
 )
 from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
+from adk_ros.mismatch.recording.checks import turns
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.numerics.arrays import FloatArray
@@ -81,6 +82,13 @@ class ObservableEffects:
     yaw_filter_s: float = 0.0
     v_y: bool = True
     steering: bool = True
+    known_bends: bool = True
+    """Whether no bend is driven with a torque but without a steering angle."""
+
+    @property
+    def is_excited(self) -> bool:
+        """Whether a command says what moves the car in some equation."""
+        return self.steering or (self.torque and self.known_bends)
 
     @property
     def _lost(self) -> list[ChannelRole]:
@@ -194,20 +202,14 @@ def observable_effects(
     Return which effects a recording's channels can show, for a car of about this mass.
 
     `imu`: whether the recording has a real IMU, not one of `with_pseudo_imu`.
-
-    Raises `DataError` where the commands excite neither longitudinal nor lateral dynamics.
     """
     log = recording
     # A torque inferred from a requested acceleration is no evidence about longitudinal forces.
     torque = not log.torque_is_inferred and is_torque(log, mass, wheel_radius)
     steering = bool(np.ptp(log.command[:, 1]) > 0.0)
-    if not torque and not steering:
-        raise DataError(
-            f"{log.name}: the drive command is no torque and the steering is constant: no "
-            "excitation to compare the motion with; record the wheel torque in N·m"
-        )
     filter_s = 0.0 if imu or not steering else yaw_filter(log)
-    return ObservableEffects(imu, torque, filter_s, log.measures_v_y, steering)
+    known_bends = steering or not torque or not turns(log)
+    return ObservableEffects(imu, torque, filter_s, log.measures_v_y, steering, known_bends)
 
 
 def with_pseudo_imu(recording: SensorLog) -> SensorLog:

@@ -39,6 +39,9 @@ NOT_CHECKED = (
 )
 """Why a result is unknown that no prediction checks (`UnexplainedResidual.text`)."""
 
+NOT_JUDGED = "the recorded commands do not say what moves the car"
+"""Why a result is unknown that compares nothing (`UnexplainedResidual.text`)."""
+
 
 @dataclass(frozen=True)
 class RecordingSpan:

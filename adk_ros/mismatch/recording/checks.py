@@ -87,9 +87,13 @@ class _Comparison(NamedTuple):
     unit: tuple[str, str] = ("", "")
 
 
-def check_recording(log: SensorLog, is_simulation: bool = False) -> None:
+def check_recording(
+    log: SensorLog, is_simulation: bool = False, needs_steering: bool = True
+) -> None:
     """
     Check one recording; a simulation must have every channel.
+
+    :param needs_steering: whether a car that turns must have a steering angle.
 
     :raises DataError: the recording is too short or mostly stationary, a unit or a sign is wrong,
         or a channel is constant that must not be.
@@ -112,7 +116,7 @@ def check_recording(log: SensorLog, is_simulation: bool = False) -> None:
             f"{_on_size(log)}"
         )
     _check_signs_and_units(_live(log))
-    _check_variation(log, is_simulation)
+    _check_variation(log, is_simulation, needs_steering and turns(log))
 
 
 def _live(log: SensorLog) -> SensorLog:
@@ -247,21 +251,21 @@ def _check_comparison(name: str, c: _Comparison) -> None:
             )
 
 
-def _check_variation(log: SensorLog, is_simulation: bool) -> None:
+def _check_variation(log: SensorLog, is_simulation: bool, needs_steering: bool) -> None:
     """
     Raise `DataError` if a channel is constant that must not be.
 
     A recording may lack some, see `dead_channels`; a car that steers has a yaw rate, and one that
     turns a steering angle: its tyres' drag in bends would be taken for missing physics.
     """
-    turns, steers = _turns(log), bool(np.ptp(log.command[:, 1]) > 0.0)
+    steers = bool(np.ptp(log.command[:, 1]) > 0.0)
     for name, values, required in (
         ("odometry's v_y", log.odometry[:, 1], is_simulation),
         ("odometry's yaw rate", log.odometry[:, 2], is_simulation or steers),
         ("the IMU's a_x", log.imu[:, 0], True),
         ("the IMU's a_y", log.imu[:, 1], is_simulation),
         ("the commanded torque", log.command[:, 0], is_simulation),
-        ("the commanded steering angle", log.command[:, 1], is_simulation or turns),
+        ("the commanded steering angle", log.command[:, 1], is_simulation or needs_steering),
     ):
         if required and np.ptp(values) == 0.0:
             raise DataError(
@@ -270,7 +274,7 @@ def _check_variation(log: SensorLog, is_simulation: bool) -> None:
             )
 
 
-def _turns(log: SensorLog) -> bool:
+def turns(log: SensorLog) -> bool:
     """Whether the car drives bends in which the tyres' side forces slow it down noticeably."""
     lateral = np.abs(log.odometry[:, 0] * log.odometry[:, 2])
     return bool(np.percentile(lateral, 99.0) > _MAX_STRAIGHT_LATERAL)

@@ -35,7 +35,7 @@ def read_sensor_log(
 
     Topics, decoding and refusals are those of `bags.recording.read_recording`. A measured
     road-wheel angle replaces the commanded one, as in a record. Without an IMU its arrays are
-    empty.
+    empty; where no command is read, it is zeros at the stamps of odometry, as in a record.
 
     :raises UsageError: the bag cannot be read, or a named topic does not fit.
     :raises DataError: a required stream has too few usable messages, or there is no IMU although
@@ -67,6 +67,10 @@ def read_sensor_log(
         start_ns = bag.start_ns
         warnings = tuple(reader.warnings())
         measures_v_y, sensors = reader.measures_v_y, reader.sensors
+    has_command = reader.topics.command is not None
+    if not has_command:
+        stamps[Source.COMMAND] = stamps[Source.ODOMETRY]
+        rows[Source.COMMAND] = [(0.0, 0.0)] * len(stamps[Source.ODOMETRY])
     for source in STANDARD_SOURCES:
         if len(stamps[source]) < _MIN_MESSAGES and (source is not Source.IMU or needs_imu):
             reasons = "; ".join(reader.refusals(source))
@@ -102,6 +106,7 @@ def read_sensor_log(
         warnings=warnings,
         extrinsics=reader.extrinsics,
         measures_v_y=measures_v_y,
+        has_command=has_command,
         attitude_s=attitude_s,
         attitude=attitude,
     )

@@ -28,7 +28,9 @@ def recorded_scope(log: SensorLog) -> list[Scope]:
         if not log.measures_v_y and odometry.has("v_y"):
             # An estimate.
             odometry = odometry.having(v_y=np.full(odometry.at_s.shape, np.nan))
-    command = _stream("the command", log.command_s, {"torque": 0, "steering": 1}, log.command)
+    command = None
+    if log.has_command:
+        command = _stream("the command", log.command_s, {"torque": 0, "steering": 1}, log.command)
     attitude = _stream("the attitude", log.attitude_s, {"roll": 0, "pitch": 1}, log.attitude)
     streams = Streams(log.name, log.duration_s, imu, odometry, command, attitude=attitude)
     inferred = log.torque_is_inferred

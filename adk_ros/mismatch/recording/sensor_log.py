@@ -54,6 +54,8 @@ class SensorLog:
     """The pose of the IMU, in a line, if the bag gave it in `/tf_static`."""
     measures_v_y: bool = True
     """Whether v_y is a measurement; if not, its values are zero and not compared with."""
+    has_command: bool = True
+    """Whether the bag has a command; if not, its values are zeros at the stamps of odometry."""
     length_scale: float = 1.0
     """Scale of lengths of the vehicle: 1 if it is full-size (`numerics.similarity`)."""
     attitude_s: FloatArray = field(default_factory=lambda: np.empty(0))

@@ -174,7 +174,7 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         groups=group_rows(result),
         surrogate=surrogate_rows(result),
         not_judged=listed([title(name) for name in result.not_judged]),
-        scope_rows=[list(row.as_dict().values()) for row in result.scope],
+        scope_rows=_scope_rows(result),
         scope_complete=all(row.possible is Possible.YES for row in result.scope),
         drivers=listed([feature(term.feature).description for term in terms]),
         agreement=None if result.agreement is None else agreement_parts(result.agreement),
@@ -184,6 +184,30 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
     path = out / PAGE
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def write_scope_page(
+    result: MismatchResult, out: Path, *, provenance: Provenance | None = None
+) -> Path:
+    """Write `report.html` of a result that judges nothing: the scope; return the page's path."""
+    text = render_page(
+        "adk_ros.mismatch.report",
+        "not_judged.html.j2",
+        provenance,
+        result=result,
+        name=page_title(provenance),
+        verdict=verdict_text(result),
+        sentence=sentence(result),
+        surrogate=surrogate_rows(result),
+        scope_rows=_scope_rows(result),
+    )
+    path = out / PAGE
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def _scope_rows(result: MismatchResult) -> list[list[str]]:
+    return [list(row.as_dict().values()) for row in result.scope]
 
 
 def page_title(provenance: Provenance | None) -> str:

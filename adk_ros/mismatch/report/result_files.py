@@ -27,9 +27,10 @@ from adk_ros.mismatch.report.direct_table import direct_as_dicts
 from adk_ros.mismatch.report.json_values import json_number, json_parameters
 from adk_ros.mismatch.report.opening_json import opening_as_dict
 from adk_ros.mismatch.report.recording_texts import onset_text, segment_texts
-from adk_ros.mismatch.report.report_page import FIGURES, PAGE, write_page
+from adk_ros.mismatch.report.report_page import FIGURES, PAGE, write_page, write_scope_page
 from adk_ros.mismatch.report.summary import (
     INCONCLUSIVE,
+    is_unjudged,
     sentence,
     underfit_channels,
     verdict_text,
@@ -268,4 +269,5 @@ def write_report(
         }
         for name, text in texts.items():
             (staged / name).write_text(text, encoding="utf-8")
-        write_page(result, staged, provenance=provenance)
+        write = write_scope_page if is_unjudged(result) else write_page
+        write(result, staged, provenance=provenance)

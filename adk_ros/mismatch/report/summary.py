@@ -12,6 +12,7 @@ from adk_ros.mismatch.inference.result import (
     NONE,
     NOT_CHECKED,
     NOT_EXPORTED,
+    NOT_JUDGED,
     UNKNOWN,
     IdentifiedEffect,
     Interval,
@@ -259,6 +260,8 @@ def underfit_channels(result: MismatchResult) -> str:
 
 def verdict_text(result: MismatchResult) -> str:
     """Return the verdict in a few words."""
+    if is_unjudged(result):
+        return f"Not judged: {NOT_JUDGED}"
     titles = listed(
         [listed([title(x.effect.name), *map(title, x.alternatives)], "or") for x in result.effects]
     )
@@ -280,11 +283,22 @@ def is_unchecked(result: MismatchResult) -> bool:
     return result.unexplained is not None and result.unexplained.text == NOT_CHECKED
 
 
+def is_unjudged(result: MismatchResult) -> bool:
+    """Whether the recordings have no command that says what moves the car."""
+    return result.unexplained is not None and result.unexplained.text == NOT_JUDGED
+
+
 def sentence(result: MismatchResult) -> str:
     """Return the result in one to five sentences, with missing channels at the end."""
     missing = f" {uncovered_text(result)}".rstrip()
     if result.missing_channels:
         missing += f" Analysed without {listed([x.what for x in result.missing_channels])}."
+    if is_unjudged(result):
+        return (
+            f"Not judged: {NOT_JUDGED}, so nothing is compared with the simulation; record the "
+            "wheel torque in N·m and the angle of the road wheels. The scope says what the "
+            f"recording allows.{missing}"
+        )
     if result.verdict == NONE:
         return _no_mismatch(result) + missing
     if is_unchecked(result):

@@ -74,6 +74,18 @@ class Fallback:
         """Return one that leaves the model alone."""
         return Fallback(np.zeros((len(COMMANDS), len(NAIVE_PREDICTORS), 0, len(STATE_NAMES))))
 
+    @staticmethod
+    def alone(has_imu: bool) -> Fallback:
+        """
+        Return one that leaves nothing to the model, for a recording without its inputs.
+
+        IMU integration predicts v_x, without an IMU persistence; v_y and yaw rate persist.
+        """
+        weights = np.zeros((len(COMMANDS), len(NAIVE_PREDICTORS), 1, len(STATE_NAMES)))
+        weights[:, _IMU_INTEGRATION if has_imu else _PERSISTENCE, :, 0] = 1.0
+        weights[:, _PERSISTENCE, :, 1:] = 1.0
+        return Fallback(weights)
+
     @property
     def is_active(self) -> bool:
         """Whether a naive predictor takes over anywhere."""

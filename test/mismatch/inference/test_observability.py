@@ -11,7 +11,6 @@ import pytest
 from helpers.mismatch import CAR, case
 from helpers.mismatch_drive import SECONDS, STEP_S, drive_of, driven, simulated_car
 
-from adk_ros.errors import DataError
 from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.observability import (
@@ -76,10 +75,22 @@ def test_unfiltered_yaw_rate_has_no_filter() -> None:
 def test_pedal_position_is_no_torque() -> None:
     assert observable_effects(case().recording, MASS, RADIUS).torque
     assert not observable_effects(with_pedal(case().recording), MASS, RADIUS).torque
-    straight = with_pedal(case().recording)
-    straight = replace(straight, command=straight.command * np.array([1.0, 0.0]))
-    with pytest.raises(DataError, match="record the wheel torque in N·m"):
-        observable_effects(straight, MASS, RADIUS)
+    pedal_alone = with_pedal(case().recording)
+    pedal_alone = replace(pedal_alone, command=pedal_alone.command * np.array([1.0, 0.0]))
+    assert not observable_effects(pedal_alone, MASS, RADIUS).is_excited
+
+
+def test_a_torque_without_a_steering_angle_counts_on_a_straight_road_only() -> None:
+    bends = case().recording
+    bends = replace(bends, command=bends.command * np.array([1.0, 0.0]))
+    scope = observable_effects(bends, MASS, RADIUS)
+    assert scope.torque
+    assert not scope.is_excited
+    assert scope.not_predicted() == ["v_x", "v_y", "yaw_rate"]
+    assert scope.missing_channels()[-1].what == "a steering angle in bends"
+    on_straight = observable_effects(straight(), MASS, RADIUS)
+    assert on_straight.is_excited
+    assert on_straight.known_bends
 
 
 def test_unobservable_effects() -> None:
