@@ -16,7 +16,7 @@ from adk_ros.cli.main import main
 from adk_ros.plant.scenario.scenario_file import load_scenario
 from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
 
-SECONDS = 60.0
+SECONDS = 75.0
 SHEET = "mass: 3.0\nwheelbase: 0.26\n"
 SOFTER = 0.84
 """Cornering stiffness of the recorded car's front tyres over that of the simulated one's."""
