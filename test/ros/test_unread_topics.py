@@ -44,8 +44,10 @@ def test_only_what_is_read_is_filled(
         _twist=Content(), _horizon=Content(), _covariance=Content(), _twist_out=Topic(0),
         _horizon_out=Topic(horizon_readers), _covariance_out=Topic(covariance_readers),
         _stamped=Content(), _stamped_out=Topic(stamped_readers), _publish_horizon=wanted,
+        _trained=None,
         core=SimpleNamespace(
-            pipeline=SimpleNamespace(predictor=None), counters=SimpleNamespace(tick_us=[])
+            pipeline=SimpleNamespace(predictor=None, last_sample=None),
+            counters=SimpleNamespace(tick_us=[]),
         ),
         _debug=SimpleNamespace(publish=lambda *_: debugged.append(True)),
         _plans=SimpleNamespace(publish=lambda *_: planned.append(True)),

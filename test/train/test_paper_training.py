@@ -160,7 +160,7 @@ def test_an_interrupted_training_continues(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     settings, path = replace(TINY, acceleration=True, epochs=2), tmp_path / "aldk.npz"
-    monkeypatch.setattr(paper_training, "_CHECKPOINT_EVERY_S", 0.0)
+    monkeypatch.setattr(paper_training, "_CHECKPOINT_EVERY", 1)
 
     class Killed(Exception):
         pass
