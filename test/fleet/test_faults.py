@@ -9,7 +9,7 @@ from collections import Counter
 
 import fleet_faults
 import pytest
-from fleet_faults import FULL, INDEX, MISMATCH, SECOND, STORE, Faults, Tally, criteria_of
+from fleet_faults import FULL, INDEX, SECOND, STORE, Faults, Tally, criteria_of
 
 from adk_ros.bench.fleet.disturbed_runs import Repeats, different_rows, repeats_of, work_of
 from adk_ros.fleet.dataset import FleetDataset
@@ -24,26 +24,20 @@ def faults(tmp_path_factory):
 @pytest.mark.slow(seconds=30)
 @pytest.mark.parametrize(
     ("kind", "verb"),
-    [
-        ("worker", INDEX),
-        ("scheduler", INDEX),
-        ("driver", INDEX),
-        ("driver", MISMATCH),
-        (FULL, INDEX),
-        (STORE, INDEX),
-        (SECOND, INDEX),
-    ],
+    [("scheduler", INDEX), ("driver", INDEX), (FULL, INDEX), (STORE, INDEX), (SECOND, INDEX)],
 )
 def test_results_of_a_disturbed_run(faults, capsys, kind, verb) -> None:
     fleet_faults.run_faults(faults, [kind], [verb], times=1, outage_s=3.0)
     printed = capsys.readouterr().out.splitlines()
+    verdicts = [line[:4] for line in printed if re.match("PASS|FAIL|-   ", line)]
+    if kind == FULL and verdicts == ["-   "]:
+        # Where no file system can be mounted, the script says so.
+        assert any("mount" in line or "unshare" in line for line in printed), printed
+        return
     (row,) = [line for line in printed if line.startswith(f"| {kind}")]
     _, _, times, _, _, compared, different, _, stored, _ = map(str.strip, row.split("|"))
     assert (times, different, stored) == ("1", "0", "0")
     assert int(compared) > 0
-    verdicts = [line[:4] for line in printed if re.match("PASS|FAIL|-   ", line)]
-    if kind == FULL and verdicts == ["-   "]:
-        pytest.skip("no file system can be mounted here")
     assert set(verdicts) == {"PASS"}, printed
 
 
