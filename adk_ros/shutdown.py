@@ -9,16 +9,22 @@ that it started.
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import parent_process
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from types import FrameType
+from typing import Any
+
+from adk_ros.errors import DataError
 
 GRACE_S = 10.0
 """s that a worker may take to end its own subprocesses before it is killed."""
@@ -67,6 +73,34 @@ def end_all(processes: Iterable[BaseProcess]) -> None:
         if process.is_alive():
             process.kill()
             process.join()
+
+
+@contextmanager
+def worker_pool(
+    workers: int, initializer: Callable[..., None], initargs: tuple[Any, ...] = ()
+) -> Iterator[ProcessPoolExecutor]:
+    """
+    Yield an executor of spawned processes, which an error or interruption in the block ends.
+
+    :raises DataError: a process was killed.
+    """
+    before = set(multiprocessing.active_children())
+    executor = ProcessPoolExecutor(
+        workers,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=initializer,
+        initargs=initargs,
+    )
+    try:
+        yield executor
+    except BaseException as error:
+        end_all(set(multiprocessing.active_children()) - before)
+        if isinstance(error, BrokenProcessPool):
+            raise DataError("a process was killed, possibly for lack of memory") from None
+        raise
+    finally:
+        # Wait even for a broken pool, see `bench.paper.paper_bench`.
+        executor.shutdown(wait=True, cancel_futures=True)
 
 
 def begin_worker(unwinds: bool = True) -> None:

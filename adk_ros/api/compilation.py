@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import multiprocessing
 import time
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,8 @@ from numba.core import event  # type: ignore[import-untyped, unused-ignore]
 
 from adk_ros.api.kernel_calls import AFTER_GROUPS, GROUPS, Call
 from adk_ros.api.progress import Progress, in_stage
-from adk_ros.errors import DataError, UsageError
-from adk_ros.shutdown import begin_worker, end_all
+from adk_ros.errors import UsageError
+from adk_ros.shutdown import begin_worker, worker_pool
 
 _POLL_S = 0.5
 _FUNCTIONS = 158
@@ -42,13 +41,8 @@ def compile_kernels(progress: Progress | None = None) -> Compilation:
     started = time.monotonic()
     _check_cache_folder()
     report = in_stage(progress, "compiling")
-    context = multiprocessing.get_context("spawn")
-    compiled = context.Value("i", 0)
-    before = set(multiprocessing.active_children())
-    executor = ProcessPoolExecutor(
-        len(GROUPS), mp_context=context, initializer=_begin, initargs=(compiled,)
-    )
-    try:
+    compiled = multiprocessing.get_context("spawn").Value("i", 0)
+    with worker_pool(len(GROUPS), _begin, (compiled,)) as executor:
         for groups in (GROUPS, (AFTER_GROUPS,)):
             futures = {executor.submit(_run, group) for group in groups}
             while futures:
@@ -56,14 +50,6 @@ def compile_kernels(progress: Progress | None = None) -> Compilation:
                 for future in finished:
                     future.result()
                 report(min(compiled.value, _FUNCTIONS), _FUNCTIONS)
-    except BaseException as error:
-        end_all(set(multiprocessing.active_children()) - before)
-        if isinstance(error, BrokenProcessPool):
-            raise DataError("a process was killed, possibly for lack of memory") from None
-        raise
-    finally:
-        # Wait even for a broken pool, see `bench.paper.paper_bench`.
-        executor.shutdown(wait=True, cancel_futures=True)
     report(_FUNCTIONS, _FUNCTIONS)
     return Compilation(compiled.value, time.monotonic() - started)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from adk_ros.calibration.auxiliary_hints import of_pedals, of_positions, of_speeds
 from adk_ros.calibration.continuity import Interval
+from adk_ros.calibration.criteria import MIN_CORRELATION
 from adk_ros.calibration.road import missing_for_road
 from adk_ros.calibration.streams import Stream, Streams
 from adk_ros.numerics.arrays import BoolArray, FloatArray
@@ -19,8 +20,6 @@ from adk_ros.signals.moving_speed import STANDING_SPEED
 
 MAX_PEDAL = 1.0
 """Largest value of a normalised pedal; a torque in N·m that moves a car exceeds it."""
-_MIN_CORRELATION = 0.8
-"""Correlation of angle and curvature from which their ratio is a length."""
 MAX_POSITION = 1e7
 """m: the largest northing of UTM (10 000 km); beyond it no map frame has a place."""
 
@@ -125,7 +124,7 @@ def is_scale_model(odometry: Stream | None, command: Stream | None) -> bool:
     curvature = odometry["yaw_rate"][moving] / odometry["v_x"][moving]
     if angle.size < 2 or not (np.ptp(angle) > 0.0 and np.ptp(curvature) > 0.0):
         return False
-    if np.corrcoef(angle, curvature)[0, 1] < _MIN_CORRELATION:
+    if np.corrcoef(angle, curvature)[0, 1] < MIN_CORRELATION:
         return False
     return length_scale(float(angle @ angle / (angle @ curvature))) < 1.0
 

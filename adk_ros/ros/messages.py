@@ -52,6 +52,7 @@ _TWIST_NUMBERS = struct.Struct("<42d")
 _MARKER = 1.25e300
 """Marker: a value that no other field of the messages holds."""
 _SECOND_MARKER = 2.5e300
+_EFFORT_MARKER = 3.75e300
 
 
 def split_stamp(stamp_ns: int) -> tuple[int, int]:
@@ -189,7 +190,7 @@ class StampedCovarianceBytes:
             message.points.append(
                 JointTrajectoryPoint(
                     positions=[0.0] * 9,
-                    effort=[0.0] * marked,
+                    effort=[_EFFORT_MARKER] * marked,
                     time_from_start=Duration(sec=sec, nanosec=nanosec),
                 )
             )
@@ -203,10 +204,7 @@ class StampedCovarianceBytes:
         self._data = _doubles(self._buffer, start, shape, strides)
         self._distance: FloatArray | None = None
         if marked:
-            # After the positions: the empty velocities and accelerations, and the length.
-            message.points[0].positions[0] = message.points[-1].positions[0] = 0.0
-            message.points[0].effort[0] = _MARKER
-            offset = _find(serialize_message(message), _MARKER)
+            offset = _find(self._buffer, _EFFORT_MARKER)
             self._distance = _doubles(self._buffer, offset, (steps,), (max(stride, 8),))
 
     def fill(
@@ -224,7 +222,7 @@ class StampedCovarianceBytes:
         return bytes(self._buffer)
 
 
-def _find(buffer: bytes | bytearray, marker: float) -> int:
+def _find(buffer: bytearray, marker: float) -> int:
     position = buffer.find(struct.pack("<d", marker))
     assert position > 0, "rclpy serialises little-endian CDR on all supported platforms"
     return position

@@ -12,10 +12,8 @@ from __future__ import annotations
 
 import csv
 import json
-import multiprocessing
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import FIRST_COMPLETED, wait
 from contextlib import closing
 from dataclasses import asdict, replace
 from datetime import datetime, timezone
@@ -25,13 +23,13 @@ from typing import Any
 import numpy as np
 import yaml  # type: ignore[import-untyped, unused-ignore]
 
-from adk_ros.errors import DataError, UsageError
+from adk_ros.errors import UsageError
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
 from adk_ros.fleet.demo.fleet_plan import FleetPlan, PlannedDrive
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.offline.sensor_log_bag import write_sensor_log
 from adk_ros.plant.scenario.sensor_simulation import START_NS
-from adk_ros.shutdown import begin_worker, end_all
+from adk_ros.shutdown import begin_worker, worker_pool
 
 _NS_PER_DAY = 86_400 * 10**9
 _SHORT_S = 3.0
@@ -89,27 +87,13 @@ def _written(
             _write_bag(drives, planned, out)
             yield
         return
-    before = set(multiprocessing.active_children())
-    executor = ProcessPoolExecutor(
-        workers,
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_begin,
-        initargs=(plan,),
-    )
-    try:
+    with worker_pool(workers, _begin, (plan,)) as executor:
         futures = {executor.submit(_write_planned, planned, out) for planned in bags}
         while futures:
             finished, futures = wait(futures, return_when=FIRST_COMPLETED)
             for future in finished:
                 future.result()
                 yield
-    except BaseException as error:
-        end_all(set(multiprocessing.active_children()) - before)
-        if isinstance(error, BrokenProcessPool):
-            raise DataError("a process was killed, possibly for lack of memory") from None
-        raise
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
 
 
 _drives: list[FleetDrives] = []
