@@ -27,6 +27,7 @@ from adk_ros.model.lifting.encoder import Lifting, input_size
 from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
+from adk_ros.model.training_range import TrainingRange
 from adk_ros.ros.core import Core
 from adk_ros.ros.diagnostic_values import Clocks
 from adk_ros.ros.diagnostics import DiagnosticReport, Diagnostics
@@ -64,7 +65,9 @@ class Perceptron(torch.nn.Module):
         return torch.addmm(self.b3, second, self.w3) + row @ self.skip
 
 
-def write_model(folder: Path, uses_imu: bool = True) -> Path:
+def write_model(
+    folder: Path, uses_imu: bool = True, trained_on: TrainingRange | None = None
+) -> Path:
     """Write a model with random weights that is stable and complete."""
     history, n_features = 4, 6
     n_in = input_size(history)
@@ -87,7 +90,8 @@ def write_model(folder: Path, uses_imu: bool = True) -> Path:
         horizon_covariance=np.stack([np.diag([0.01, 0.01, 0.001]) * (j + 1) for j in range(80)]),
         uses_imu=uses_imu,
     )  # fmt: skip
-    artefact.save(folder, buffer.getvalue(), model, {"note": "random"})
+    facts = {} if trained_on is None else {"range": trained_on.as_json()}
+    artefact.save(folder, buffer.getvalue(), model, {"note": "random"} | facts)
     return folder
 
 

@@ -3,6 +3,7 @@
 """Debug topics, the stamped covariance, ~/enable and the layouts, with a running node."""
 
 import json
+import math
 import re
 import threading
 import time
@@ -23,6 +24,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
+from adk_ros.model.training_range import TrainingRange
 from adk_ros.ros.debug_topics import normalised_innovation_squared
 from adk_ros.ros.messages import join_stamp
 from adk_ros.ros.session import Session
@@ -85,8 +87,10 @@ def spin_until(session: Session, condition: Callable[[], bool], limit_s: float =
 def test_a_running_node(tmp_path: Path) -> None:
     received: dict[str, list[Any]] = defaultdict(list)
     messages: list[str] = []
+    backwards = TrainingRange(np.full(7, -9.0), np.array([-3.0, *[9e3] * 6]))
+    written = write_model(tmp_path / "model", trained_on=backwards)
     with (
-        running_node(model=write_model(tmp_path / "model"), reference_point="[1.2, 0.0]") as node,
+        running_node(model=written, reference_point="[1.2, 0.0]") as node,
         Session("watcher") as session,
     ):
         for name, kind in KINDS.items():
@@ -143,8 +147,9 @@ def test_a_running_node(tmp_path: Path) -> None:
     tables = [m.data.tolist() for m in received["predicted_horizon_covariance"]]
     for trajectory in received["predicted_horizon_covariance_stamped"][-5:]:
         assert [x for point in trajectory.points for x in point.positions] in tables
-        # How far outside the training range: known, and small on the car that it was trained on.
-        assert all(0.0 <= point.effort[0] < 0.5 for point in trajectory.points)
+        # How far outside the training range.
+        outside = [point.effort[0] for point in trajectory.points]
+        assert all(0.0 < x < math.inf for x in outside), outside
 
     for curve in curves() + paths():
         assert has_field(topics, curve), curve
