@@ -54,6 +54,7 @@ def claims_of(label: dict[str, Any], answer: dict[str, Any]) -> list[Claim]:
             np.array([x["block_losses"] for x in alternatives], dtype=np.float64),
             np.array([x["log_prior"] for x in alternatives]),
             float(given["surrogate_error"]),
+            np.array([x["prior_cost"] for x in alternatives]),
         )
         # What joined the alternatives for its probability is itself among those of the evidence.
         named = {effect["name"], *effect["alternatives"]} - set(evidence.names)

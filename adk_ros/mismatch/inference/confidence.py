@@ -6,10 +6,12 @@ Confidence: the posterior probability that an identified effect is present.
 The alternatives to an effect are: no effect in its place, each competing effect that the data
 distinguish from it, a formula of features in place of all effects, and physics that neither
 describes. All but the last were fitted; their losses on blocks left out (`block_scores`) exceed
-that of the hypothesis by d_ab in block b. With weights w_b of a Bayesian bootstrap over the blocks
+that of the hypothesis by d_ab in block b, and the prior's cost of the nuisance parameters that
+they need by c_a: an alternative that fits as well only with unusual tolerances is less probable.
+With weights w_b of a Bayesian bootstrap over the blocks
 (D. B. Rubin, Ann. Statist. 9 (1981) 130) the odds of alternative a against the effect are
 
-    prior_a exp(-sum_b w_b d_ab / (2 tau)),
+    prior_a exp(-(sum_b w_b d_ab + c_a) / (2 tau)),
     tau = 1 + CONFIDENCE_PER_SURROGATE_ERROR S,
 
 with prior_a = 1 except for a formula, which was chosen among many, and S the loss of the
@@ -63,17 +65,19 @@ class Evidence:
     What speaks for an effect.
 
     `names` (a) of the alternatives, `differences` (a, b) of their losses on blocks left out,
-    `log_priors` (a) of their prior odds, `surrogate_error`: the loss of the surrogate's own error.
+    `log_priors` (a) of their prior odds, `surrogate_error`: the loss of the surrogate's own error,
+    `prior_costs` (a): by how much their nuisance parameters cost more than the effect's; 0: none.
     """
 
     names: tuple[str, ...]
     differences: FloatArray
     log_priors: FloatArray
     surrogate_error: float = 0.0
+    prior_costs: FloatArray | float = 0.0
 
     def margins(self) -> dict[str, float]:
         """Return the loss by which each alternative is worse."""
-        sums = self.differences.sum(axis=1)
+        sums = self.differences.sum(axis=1) + self.prior_costs
         return {name: float(x) for name, x in zip(self.names, sums, strict=True)}
 
 
@@ -98,7 +102,8 @@ class ConfidenceModel:
         count = evidence.differences.shape[1]
         weights = np.random.default_rng(0).dirichlet(np.ones(count), _DRAWS) * count
         tau = self.tempering(evidence.surrogate_error)
-        log_odds = evidence.log_priors - weights @ evidence.differences.T / (2.0 * tau)
+        losses = weights @ evidence.differences.T + evidence.prior_costs
+        log_odds = evidence.log_priors - losses / (2.0 * tau)
         odds = np.exp(np.clip(log_odds, -_MAX_LOG_ODDS, _MAX_LOG_ODDS))
         unlisted = self.unlisted_odds * max(error_ratio, 1e-3) ** self.unlisted_exponent
         every = np.column_stack([odds, np.full(_DRAWS, unlisted)])

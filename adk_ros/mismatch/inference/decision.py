@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adk_ros.mismatch.inference.block_scores import BlockScores, effect_deviations
+from adk_ros.mismatch.inference.block_scores import effect_deviations
 from adk_ros.mismatch.inference.confidence import UNLISTED, Evidence, formula_log_prior
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import FINAL, REPLACEMENT
@@ -21,6 +21,7 @@ from adk_ros.mismatch.inference.forward_selection import (
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.identifiability import (
     Identifiability,
+    LeftOutScores,
     assess_identifiability,
     canonical_effect,
 )
@@ -113,14 +114,18 @@ def _evidence(
     surrogate_error = likelihood.surrogate_error_dof()
     if formula is not None and formula.terms:
         log_prior = formula_log_prior(len(formula.terms))
-        scores = BlockScores.of(likelihood, formula.hypothesis)
-        alternatives.append((UNLISTED, scores.left_out_losses()))
+        alternatives.append((UNLISTED, LeftOutScores.of(likelihood, formula.hypothesis)))
 
     def of_effect(identifiability: Identifiability) -> Evidence:
         every = [*identifiability.alternatives_to, *alternatives]
-        differences = np.array([losses - identifiability.losses for _, losses in every])
-        log_priors = np.append(np.zeros(len(every) - 1), log_prior)
-        return Evidence(tuple(name for name, _ in every), differences, log_priors, surrogate_error)
+        own = identifiability.scores
+        return Evidence(
+            tuple(name for name, _ in every),
+            np.array([scores.losses - own.losses for _, scores in every]),
+            np.append(np.zeros(len(every) - 1), log_prior),
+            surrogate_error,
+            np.array([scores.prior_cost - own.prior_cost for _, scores in every]),
+        )
 
     return of_effect
 

@@ -9,7 +9,8 @@ onset or segment boundary. A further effect is accepted if it lowers that cost b
 
 - `MIN_GAIN`, the first one `MIN_FIRST_GAIN`,
 - `MIN_GAIN_PER_EXCESS` of the excess loss before it,
-- `MIN_GAIN_PER_NULL_EXCESS` of the excess loss before any effect,
+- `MIN_GAIN_PER_NULL_EXCESS` of the excess loss before any effect, of all channels or of the
+  longitudinal or the lateral ones, in which it then must gain as much,
 - `MIN_GAIN_PER_SURROGATE_ERROR` of the surrogate error, the first one
   `MIN_FIRST_GAIN_PER_SURROGATE_ERROR`.
 
@@ -20,6 +21,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from adk_ros.mismatch.inference.block_scores import BLOCK_S
 from adk_ros.mismatch.inference.change_points import locate_change_point
@@ -68,6 +71,7 @@ from adk_ros.mismatch.library.search_limits import (
 )
 from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.surrogate.lap import Lap
+from adk_ros.numerics.arrays import FloatArray
 
 Progress = Callable[[float, float, str], None]
 
@@ -87,6 +91,8 @@ class SelectionPath:
     """Loss of a perfect model."""
     null_excess_loss: float = 0.0
     """Excess loss before any effect."""
+    null_excess_by_direction: FloatArray | None = None
+    """The same (2,) of the longitudinal and of the lateral channels."""
     surrogate_error_dof: float = 0.0
     """Number of residuals that the surrogate's own error accounts for."""
     examined: int = 0
@@ -105,10 +111,13 @@ class SelectionPath:
 def selection_steps(path: SelectionPath) -> list[SelectionStep]:
     """Return the best hypothesis of each size, with what its last effect gained."""
     steps = [SelectionStep((), path.levels[0][0].loss)]
-    for before, level in zip(path.levels, path.levels[1:], strict=False):
-        best = level[0]
-        gain = penalised_loss(before[0]) - penalised_loss(best)
-        required = min_required_gain(before[0], path)
+    for starts, level in zip(path.levels, path.levels[1:], strict=False):
+        before, best = starts[0], level[0]
+        constants = _constants(before, path)
+        gain, required = max(
+            ((gain, rule(*constants.values())) for gain, rule in _gains(best, before, path)),
+            key=lambda pair: pair[0] / pair[1],
+        )
         steps.append(SelectionStep(best.names, best.loss, gain, required))
     return steps
 
@@ -124,27 +133,52 @@ def penalised_loss(h: Hypothesis) -> float:
 
 def is_improvement(h: Hypothesis, before: Hypothesis, path: SelectionPath) -> bool:
     """Whether `h` gains enough over `before`, which has fewer effects."""
-    gain = penalised_loss(before) - penalised_loss(h)
     n_more = max(len(h.effects) - len(before.effects), 1)
-    required, constants = _required_gain(before, path)
-    return decided(lambda *values: gain > n_more * required(*values), **constants)
+    gains = _gains(h, before, path)
+    return decided(
+        lambda *values: any(gain > n_more * required(*values) for gain, required in gains),
+        **_constants(before, path),
+    )
 
 
 def min_required_gain(before: Hypothesis, path: SelectionPath) -> float:
     """
-    Return the penalised gain that a further effect must bring.
+    Return the penalised gain, over all channels, that a further effect must bring.
 
     Effects whose loss is within the expected one leave nothing to explain: what a further effect
     gains there is rather the surrogate's error.
     """
-    required, constants = _required_gain(before, path)
-    return required(*constants.values())
+    required = _required_gain(before, path, path.null_excess_loss)
+    return required(*_constants(before, path).values())
+
+
+def _gains(
+    h: Hypothesis, before: Hypothesis, path: SelectionPath
+) -> list[tuple[float, Callable[..., float]]]:
+    """
+    Return the penalised gain with the rule for what is required: one of both has to be met.
+
+    Over all channels; next to other effects also over the longitudinal and the lateral ones: an
+    inexact equation of a drive torque leaves nothing that a crosswind would fit.
+    """
+    gain = penalised_loss(before) - penalised_loss(h)
+    out = [(gain, _required_gain(before, path, path.null_excess_loss))]
+    null, start, after = (
+        path.null_excess_by_direction,
+        before.losses_by_direction,
+        h.losses_by_direction,
+    )
+    if before.effects and null is not None and start is not None and after is not None:
+        penalty = (penalised_loss(h) - h.loss) - (penalised_loss(before) - before.loss)
+        for excess, less in zip(null, start - after - penalty, strict=True):
+            out.append((min(gain, float(less)), _required_gain(before, path, float(excess))))
+    return out
 
 
 def _required_gain(
-    before: Hypothesis, path: SelectionPath
-) -> tuple[Callable[..., float], dict[str, float]]:
-    """Return the least gain as a function of the constants that apply, and these by name."""
+    before: Hypothesis, path: SelectionPath, null_excess: float
+) -> Callable[..., float]:
+    """Return the least gain as a function of the constants that apply (`_constants`)."""
     excess = max(before.loss - path.expected_loss, 0.0)
 
     def required(least: float, share: float, per_excess: float, per_null: float) -> float:
@@ -152,16 +186,21 @@ def _required_gain(
             least,
             share * path.surrogate_error_dof,
             per_excess * excess,
-            per_null * path.null_excess_loss,
+            per_null * null_excess,
         )
 
+    return required
+
+
+def _constants(before: Hypothesis, path: SelectionPath) -> dict[str, float]:
+    """Return the constants that apply to a further effect, by name."""
     first: dict[str, float]
     if not before.effects:
         first = {
             "MIN_FIRST_GAIN": MIN_FIRST_GAIN,
             "MIN_FIRST_GAIN_PER_SURROGATE_ERROR": MIN_FIRST_GAIN_PER_SURROGATE_ERROR,
         }
-    elif excess == 0.0:
+    elif before.loss <= path.expected_loss:
         first = {
             "MIN_GAIN": MIN_GAIN,
             "MIN_FURTHER_GAIN_PER_SURROGATE_ERROR": MIN_FURTHER_GAIN_PER_SURROGATE_ERROR,
@@ -171,11 +210,18 @@ def _required_gain(
             "MIN_GAIN": MIN_GAIN,
             "MIN_GAIN_PER_SURROGATE_ERROR": MIN_GAIN_PER_SURROGATE_ERROR,
         }
-    shares = {
+    return first | {
         "MIN_GAIN_PER_EXCESS": MIN_GAIN_PER_EXCESS,
         "MIN_GAIN_PER_NULL_EXCESS": MIN_GAIN_PER_NULL_EXCESS,
     }
-    return required, first | shares
+
+
+def _least_required_gain(before: Hypothesis, path: SelectionPath) -> float:
+    """Return the gain below which a further effect is accepted in no direction."""
+    null_excess = path.null_excess_loss
+    if before.effects and path.null_excess_by_direction is not None:
+        null_excess = min(null_excess, *path.null_excess_by_direction)
+    return _required_gain(before, path, null_excess)(*_constants(before, path).values())
 
 
 def select_effects(
@@ -190,6 +236,9 @@ def select_effects(
     assert null.fit is not None
     path.expected_loss = likelihood.expected_loss(null.fit.residuals)
     path.null_excess_loss = max(null.loss - path.expected_loss, 0.0)
+    by_direction = likelihood.losses_by_direction(null.fit.residuals)
+    by_direction -= likelihood.expected_by_direction(null.fit.residuals)
+    path.null_excess_by_direction = np.maximum(by_direction, 0.0)
     path.surrogate_error_dof = likelihood.surrogate_error_dof()
     path.levels.append([null])
     path.examined = examined_count(likelihood, lap)
@@ -240,7 +289,7 @@ def _extend(
     least = (
         PRUNING_SHARE_SINGLE * MIN_FIRST_GAIN
         if single
-        else PRUNING_SHARE * min_required_gain(start, path)
+        else PRUNING_SHARE * _least_required_gain(start, path)
     )
     share = MIN_SCREENED_GAIN_SINGLE if single else MIN_SCREENED_GAIN
     least = max(least, share * best_gain)

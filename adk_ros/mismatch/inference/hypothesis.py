@@ -13,7 +13,7 @@ from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.surrogate.activation import ALWAYS_ACTIVE, Activation
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.numerics.levenberg_marquardt import FitResult
+from adk_ros.numerics.levenberg_marquardt import FitResult, huber_loss
 
 
 @dataclass(frozen=True)
@@ -41,17 +41,28 @@ class ActiveEffect:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Effects with a fit: nuisance parameters, loss (with the prior's), and the fit itself."""
+    """
+    Effects with a fit: nuisance parameters, loss (with the prior's), and the fit itself.
+
+    `losses_by_direction` (2,): those of the longitudinal and of the lateral channels, if fitted.
+    """
 
     effects: tuple[ActiveEffect, ...]
     nuisances: FloatArray
     loss: float
     fit: FitResult | None = None
+    losses_by_direction: FloatArray | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
         return tuple(active.effect.name for active in self.effects)
+
+    @property
+    def prior_cost(self) -> float:
+        """Part of the loss that is the prior's: how unusual the nuisance parameters are."""
+        assert self.fit is not None
+        return self.loss - huber_loss(self.fit.residuals)
 
 
 def with_parameters(

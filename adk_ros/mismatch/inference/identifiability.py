@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from adk_ros.mismatch.inference.block_scores import BlockScores
 from adk_ros.mismatch.inference.confidence import ABSENT, ConfidenceModel
@@ -57,19 +58,31 @@ class CompetingEffect:
     alternative: bool
 
 
+class LeftOutScores(NamedTuple):
+    """Losses (b,) of a fit on blocks left out, and the prior's cost of its nuisance parameters."""
+
+    losses: FloatArray
+    prior_cost: float
+
+    @classmethod
+    def of(cls, likelihood: Likelihood, h: Hypothesis) -> LeftOutScores:
+        """Return the scores of a fitted hypothesis."""
+        return cls(BlockScores.of(likelihood, h).left_out_losses(), h.prior_cost)
+
+
 @dataclass(frozen=True)
 class Identifiability:
     """
     The loss an effect saves, and its competing effects, closest first.
 
-    `alternatives_to`: name and losses (b,) on blocks left out of what may be in its place, those
-    that the data do not distinguish from it excepted; `losses` (b,) those with the effect.
+    `scores`: those with the effect; `alternatives_to`: name and scores of what may be in its
+    place, those that the data do not distinguish from it excepted.
     """
 
     gain: float
     competitors: tuple[CompetingEffect, ...]
-    losses: FloatArray
-    alternatives_to: tuple[tuple[str, FloatArray], ...]
+    scores: LeftOutScores
+    alternatives_to: tuple[tuple[str, LeftOutScores], ...]
 
     @property
     def alternatives(self) -> list[str]:
@@ -90,7 +103,7 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
     excluded = {a.effect.name for a in h.effects} | likelihood.unobservable
     equivalent = STRUCTURALLY_EQUIVALENT.get(active.effect.name, ())
     competitors = []
-    losses = {ABSENT: _left_out_losses(likelihood, without)}
+    scores = {ABSENT: LeftOutScores.of(likelihood, without)}
     for candidate in _similar_effects(linearised, active, excluded)[:MAX_COMPETITORS]:
         fitted = likelihood.fit(
             [*others, candidate.active],
@@ -115,18 +128,13 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
         if overparameterised:
             difference += margin
         if not alternative and not overparameterised:
-            losses[name] = _left_out_losses(likelihood, fitted)
+            scores[name] = LeftOutScores.of(likelihood, fitted)
         competitors.append(
             CompetingEffect(active.effect.name, name, difference, competitor, alternative)
         )
     competitors.sort(key=lambda c: c.loss_difference)
-    return Identifiability(
-        gain, tuple(competitors), _left_out_losses(likelihood, h), tuple(losses.items())
-    )
-
-
-def _left_out_losses(likelihood: Likelihood, h: Hypothesis) -> FloatArray:
-    return BlockScores.of(likelihood, h).left_out_losses()
+    own = LeftOutScores.of(likelihood, h)
+    return Identifiability(gain, tuple(competitors), own, tuple(scores.items()))
 
 
 def _similar_effects(

@@ -130,9 +130,9 @@ class JointLikelihood(Likelihood):
         """Return the bins (b,) after the part of each recording that counts."""
         return np.concatenate([part.held_out_bins() for part in self.parts])
 
-    def surrogate_error_dof(self) -> float:
-        """Return the number of residuals that the surrogate's own error accounts for."""
-        return sum(part.surrogate_error_dof() for part in self.parts)
+    def surrogate_error_by_channel(self) -> FloatArray:
+        """Return the number of residuals (6,) that the surrogate's own error accounts for."""
+        return np.asarray(sum(part.surrogate_error_by_channel() for part in self.parts))
 
 
 def _weights(parts: Sequence[Likelihood]) -> FloatArray:

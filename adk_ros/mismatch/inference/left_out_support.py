@@ -37,7 +37,7 @@ def least_supported(
     None where they support each of them.
     """
     gains = {
-        i: float((dict(one.alternatives_to)[ABSENT] - one.losses).sum())
+        i: float((dict(one.alternatives_to)[ABSENT].losses - one.scores.losses).sum())
         for i, one in identifiability.items()
     }
     if not gains:

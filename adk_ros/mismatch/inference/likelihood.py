@@ -43,13 +43,14 @@ from adk_ros.mismatch.surrogate.residuals import (
     ResidualProblem,
 )
 from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
-from adk_ros.mismatch.surrogate.state_index import N_CHANNELS
+from adk_ros.mismatch.surrogate.state_index import IMU_A_X, N_CHANNELS, ODOMETRY_V_X
 from adk_ros.mismatch.surrogate.substeps import scale_of
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.numerics.filters import causal_filter
 from adk_ros.numerics.levenberg_marquardt import (
     BoundedParameters,
     FitOptions,
+    huber_values,
     minimise,
 )
 
@@ -168,7 +169,25 @@ class Likelihood:
 
     def surrogate_error_dof(self) -> float:
         """Return the number of residuals that the surrogate's own error accounts for."""
-        return float((self.surrogate_error_share * np.count_nonzero(self.weights, axis=1)).sum())
+        return float(self.surrogate_error_by_channel().sum())
+
+    def surrogate_error_by_channel(self) -> FloatArray:
+        """Return that number in each channel (6,)."""
+        return np.asarray(self.surrogate_error_share * np.count_nonzero(self.weights, axis=1))
+
+    def losses_by_direction(self, residuals: FloatArray) -> FloatArray:
+        """Return the loss (2,) of the longitudinal and of the lateral channels."""
+        return _by_direction(huber_values(self._by_channel(residuals)).sum(axis=1))
+
+    def expected_by_direction(self, residuals: FloatArray) -> FloatArray:
+        """Return `expected_loss` (2,) of the longitudinal and of the lateral channels."""
+        counted = np.count_nonzero(self._by_channel(residuals), axis=1)
+        return _by_direction(counted + self.surrogate_error_by_channel())
+
+    def _by_channel(self, residuals: FloatArray) -> FloatArray:
+        """Return residuals (6, bins) without the distances travelled."""
+        bins = self.weights.shape[1]
+        return residuals[: N_CHANNELS * bins].reshape(N_CHANNELS, bins)
 
     def surrogate_variance_share(self) -> float:
         """
@@ -300,6 +319,7 @@ class Likelihood:
             fit.x[:k].copy(),
             fit.cost,
             fit,
+            self.losses_by_direction(fit.residuals),
         )
 
     def _unknowns(
@@ -374,3 +394,9 @@ class Likelihood:
                 np.ones(self.weak_directions.shape[0]),
             ]
         )
+
+
+def _by_direction(values: FloatArray) -> FloatArray:
+    """Return the sums (2,) over the longitudinal and over the lateral channels of (6,)."""
+    longitudinal = float(values[[IMU_A_X, ODOMETRY_V_X]].sum())
+    return np.array([longitudinal, float(values.sum()) - longitudinal])

@@ -194,16 +194,18 @@ def _evidence(evidence: Evidence | None) -> dict[str, Any]:
     """Return by how much each alternative is worse on each block left out."""
     if evidence is None:
         return {}
-    rows = zip(evidence.names, evidence.log_priors, evidence.differences, strict=True)
+    costs = np.broadcast_to(evidence.prior_costs, len(evidence.names))
+    rows = zip(evidence.names, evidence.log_priors, costs, evidence.differences, strict=True)
     return {
         "surrogate_error": json_number(evidence.surrogate_error),
         "alternatives": [
             {
                 "name": name,
                 "log_prior": json_number(prior),
+                "prior_cost": json_number(cost),
                 "block_losses": [json_number(x) for x in row],
             }
-            for name, prior, row in rows
+            for name, prior, cost, row in rows
         ],
     }
 

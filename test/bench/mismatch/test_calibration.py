@@ -51,7 +51,8 @@ def result(name: str, kind: str, right: float = 1.0) -> CaseResult:
 
 def claim(margin: float, value: float) -> dict[str, Any]:
     """Return a reported drag whose absence is worse by `margin` in each of twelve blocks."""
-    alternatives = [{"name": "none", "log_prior": 0.0, "block_losses": [margin] * 12}]
+    losses = {"prior_cost": 0.0, "block_losses": [margin] * 12}
+    alternatives = [{"name": "none", "log_prior": 0.0, **losses}]
     return {
         "name": "aero_drag",
         "alternatives": [],

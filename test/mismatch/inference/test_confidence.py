@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,15 @@ def test_blocks_that_disagree_lower_the_confidence() -> None:
     disagreed = model.posterior(evidence(2.0, spread=20.0), 1.0)
     assert agreed[ABSENT] < 1e-4
     assert disagreed[ABSENT] > 0.05
+
+
+def test_an_alternative_that_needs_unusual_tolerances_is_less_probable() -> None:
+    model = ConfidenceModel(0.0, 1.0)
+    tie = evidence(0.0)
+    assert model.posterior(tie, 1.0)[ABSENT] == pytest.approx(0.5)
+    strained = replace(tie, prior_costs=np.array([8.0]))
+    assert model.posterior(strained, 1.0)[ABSENT] == pytest.approx(1.0 / (1.0 + np.exp(4.0)))
+    assert strained.margins() == {ABSENT: pytest.approx(8.0)}
 
 
 def test_the_error_of_the_surrogate_tempers_the_evidence() -> None:

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,7 +23,11 @@ from adk_ros.mismatch.inference.forward_selection import (
     min_required_gain,
 )
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
-from adk_ros.mismatch.inference.identifiability import CompetingEffect, Identifiability
+from adk_ros.mismatch.inference.identifiability import (
+    CompetingEffect,
+    Identifiability,
+    LeftOutScores,
+)
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.term_meaning import Body
 from adk_ros.mismatch.inference.unmodelled import (
@@ -123,6 +129,28 @@ def test_what_an_inexact_equation_leaves_is_no_further_effect() -> None:
     assert is_improvement(effects(20_000.0, "payload", "aero_drag"), more, path)
 
 
+def test_an_inexact_longitudinal_equation_hides_no_lateral_effect() -> None:
+    """0.7 % of what a torque lag explains is no measure for a crosswind."""
+    path = SelectionPath(expected_loss=20_000.0, null_excess_loss=1_000_000.0)
+    path.null_excess_by_direction = np.array([990_000.0, 10_000.0])
+
+    def split(h: Hypothesis, longitudinal: float) -> Hypothesis:
+        return replace(h, losses_by_direction=np.array([longitudinal, h.loss - longitudinal]))
+
+    lag = split(effects(22_000.0, "drive_torque_lag"), 9000.0)
+    lateral = split(effects(20_000.0, "drive_torque_lag", "crosswind"), 9000.0)
+    assert is_improvement(lateral, lag, path)
+    longitudinal = split(effects(20_000.0, "drive_torque_lag", "aero_drag"), 7000.0)
+    assert not is_improvement(longitudinal, lag, path)
+    # Nor a lateral gain that is within the errors of the lateral equations.
+    path.null_excess_by_direction = np.array([500_000.0, 500_000.0])
+    assert not is_improvement(lateral, lag, path)
+    # Nor one that the longitudinal channels pay for.
+    path.null_excess_by_direction = np.array([990_000.0, 10_000.0])
+    paid = split(effects(21_900.0, "drive_torque_lag", "crosswind"), 10_900.0)
+    assert not is_improvement(paid, lag, path)
+
+
 @pytest.mark.parametrize("exchanges", [0, 1, 3, 4])
 def test_competing_effects_are_those_of_the_effect_that_is_named(
     monkeypatch: pytest.MonkeyPatch, exchanges: int
@@ -147,7 +175,7 @@ def test_competing_effects_are_those_of_the_effect_that_is_named(
         competitor = CompetingEffect(
             name, other, -100.0 if better else 5.0, ActiveEffect(EFFECTS[other], theta), True
         )
-        return Identifiability(500.0, (competitor,), np.zeros(3), ())
+        return Identifiability(500.0, (competitor,), LeftOutScores(np.zeros(3), 0.0), ())
 
     monkeypatch.setattr(decision, "assess_identifiability", assessed)
     h, found = decision._resolve_competitors(Fitted(), effects(100.0, chain[0]))

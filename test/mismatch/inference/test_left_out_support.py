@@ -15,7 +15,7 @@ from adk_ros.mismatch.inference.confidence import ABSENT
 from adk_ros.mismatch.inference.feature_effect import feature_as_effect
 from adk_ros.mismatch.inference.forward_selection import SelectionPath
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
-from adk_ros.mismatch.inference.identifiability import Identifiability
+from adk_ros.mismatch.inference.identifiability import Identifiability, LeftOutScores
 from adk_ros.mismatch.inference.left_out_support import is_formula_supported, least_supported
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.parametric_grid import ParametricGrid
@@ -46,7 +46,8 @@ class Known(Likelihood):
 
 def gained(per_block: FloatArray) -> Identifiability:
     """Return an effect without which each block (b,) loses so much."""
-    return Identifiability(1e3, (), np.zeros(BLOCKS), ((ABSENT, per_block),))
+    absent = LeftOutScores(per_block, 0.0)
+    return Identifiability(1e3, (), LeftOutScores(np.zeros(BLOCKS), 0.0), ((ABSENT, absent),))
 
 
 def even(total: float) -> Identifiability:
