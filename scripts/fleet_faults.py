@@ -92,8 +92,9 @@ class Tally:
     What one kind of fault did.
 
     `faults`; results that `ended` without another start, and further starts (`resumed`); rows
-    `compared` and `different`; pairs of stage and recording that were `started` again, also after
-    their result was `stored`; processes that were `left`; messages of runs that `stopped`.
+    `compared` and `different`, and the first of these as an `example`; pairs of stage and
+    recording that were `started` again, also after their result was `stored`; processes that were
+    `left`; messages of runs that `stopped`.
     """
 
     name: str
@@ -106,6 +107,7 @@ class Tally:
     stored: int = 0
     left: int = 0
     stopped: list[str] = field(default_factory=list)
+    example: str = ""
 
     def add_result(
         self, log: Path, out: Path, verb: Verb, rows: Counter[str] | None = None
@@ -113,7 +115,9 @@ class Tally:
         """Compare a finished result, by default its rows, with that of the undisturbed run."""
         found = compared_rows(out) if rows is None else rows
         self.compared += verb.rows.total()
-        self.different += different_rows(verb.rows, found)
+        different = different_rows(verb.rows, found)
+        self.different += len(different)
+        self.example = self.example or "".join(different[:1])
         repeats = repeats_of(log, out)
         self.started += repeats.started
         self.stored += repeats.stored
@@ -444,6 +448,7 @@ def criteria_of(tallies: Sequence[Tally]) -> list[Criterion]:
     found = []
     for tally in tallies:
         rows = f"{tally.different} of {tally.compared} rows differ from the undisturbed run"
+        rows += _texts([f"the first: {tally.example}"] if tally.example else [])
         found.append(
             Criterion(f"{tally.name}: {rows}", tally.compared > 0 and not tally.different)
         )

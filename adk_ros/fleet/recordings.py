@@ -167,6 +167,19 @@ def content_hash(recording: FleetRecording) -> str:
         raise UsageError(f"{recording.uri} cannot be read: {error.strerror or error}") from None
 
 
+def _copy_file(system: Any, name: str, copy: Path) -> None:
+    """
+    Copy a file of an object store to the disk.
+
+    :raises ConnectionError: fewer bytes have arrived than the store has.
+    """
+    system.get_file(name, str(copy))
+    system.invalidate_cache()
+    size, stored = copy.stat().st_size, system.size(name)
+    if size != stored:
+        raise ConnectionError(f"{size} of {stored} bytes of {name} have arrived")
+
+
 @contextmanager
 def local_recording(recording: FleetRecording) -> Iterator[Path]:
     """
@@ -185,7 +198,7 @@ def local_recording(recording: FleetRecording) -> Iterator[Path]:
         target.mkdir(exist_ok=True)
         for name in recording.files:
             copy = target / PurePosixPath(name).name
-            with_retries(recording.uri, partial(system.get, name, str(copy)))
+            with_retries(recording.uri, partial(_copy_file, system, name, copy))
         yield copy if is_file else target
     except FileNotFoundError:
         raise UsageError(f"{recording.uri}: a file has been removed from the store") from None

@@ -36,7 +36,7 @@ def test_results_of_a_disturbed_run(faults, capsys, kind, verb) -> None:
         return
     (row,) = [line for line in printed if line.startswith(f"| {kind}")]
     _, _, times, _, _, compared, different, _, stored, _ = map(str.strip, row.split("|"))
-    assert (times, different, stored) == ("1", "0", "0")
+    assert (times, different, stored) == ("1", "0", "0"), printed
     assert int(compared) > 0
     assert set(verdicts) == {"PASS"}, printed
 
@@ -57,18 +57,18 @@ def test_what_counts_as_done_twice(tmp_path) -> None:
 
 
 def test_differences_of_rows() -> None:
-    assert different_rows(Counter("aab"), Counter("baa")) == 0
-    assert different_rows(Counter("aab"), Counter("ab")) == 1
-    assert different_rows(Counter("aab"), Counter("aac")) == 1
-    assert different_rows(Counter("ab"), Counter("abcd")) == 2
+    assert different_rows(Counter("aab"), Counter("baa")) == []
+    assert different_rows(Counter("aab"), Counter("ab")) == ["a"]
+    assert len(different_rows(Counter("aab"), Counter("aac"))) == 1
+    assert different_rows(Counter("ab"), Counter("abcd")) == ["c", "d"]
 
 
 def test_criteria_of_a_failed_run() -> None:
     good = Tally("worker killed, index", faults=1, ended=1, compared=9)
     assert {each.is_met for each in criteria_of([good])} == {True}
-    bad = Tally("worker killed, index", 1, 0, 1, 9, 1, 2, 1, 0, ["exit code 2: adk: no"])
+    bad = Tally("worker killed, index", 1, 0, 1, 9, 1, 2, 1, 0, ["exit code 2: adk: no"], "row")
     assert [each.line for each in criteria_of([bad])] == [
-        "FAIL worker killed, index: 1 of 9 rows differ from the undisturbed run",
+        "FAIL worker killed, index: 1 of 9 rows differ from the undisturbed run (the first: row)",
         "FAIL worker killed, index: 1 recordings are computed again after their result was stored",
         "FAIL worker killed, index: 1 runs have to be started again (exit code 2: adk: no)",
     ]

@@ -235,9 +235,14 @@ def compared_rows(
     return rows
 
 
-def different_rows(undisturbed: Counter[str], disturbed: Counter[str]) -> int:
-    """Return how many rows one result has and the other has not, the larger of both numbers."""
-    return max((undisturbed - disturbed).total(), (disturbed - undisturbed).total())
+def different_rows(undisturbed: Counter[str], disturbed: Counter[str]) -> list[str]:
+    """
+    Return the rows that one result has and the other has not.
+
+    Of the two results those of which there are more, so that a changed row counts once.
+    """
+    missing, further = undisturbed - disturbed, disturbed - undisturbed
+    return sorted(max(further, missing, key=Counter.total).elements())
 
 
 @dataclass(frozen=True)
