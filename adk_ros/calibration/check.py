@@ -24,6 +24,7 @@ from adk_ros.calibration.from_bag import BagContent
 from adk_ros.calibration.grid import Signals, on_grid, shifted
 from adk_ros.calibration.imu_axes import check_axes, check_gravity
 from adk_ros.calibration.imu_calibration import check_imu
+from adk_ros.calibration.known_errors import with_known_errors
 from adk_ros.calibration.odometry_calibration import check_odometry_scale, check_yaw_rates
 from adk_ros.calibration.pedals import check_pedals
 from adk_ros.calibration.reference_point import check_reference_point
@@ -98,7 +99,8 @@ def check(
         )
         findings += [not_decidable("calibration", reason), *on_road]
         return _result(findings, content, road)
-    findings += [*_fine(s, (streams, sensors), vehicle, assumed, content), *on_road]
+    fine, _ = with_known_errors(_fine(s, (streams, sensors), vehicle, assumed, content), sensors)
+    findings += [*fine, *on_road]
     report(3, 3)
     return _result(findings, content, road)
 
@@ -127,11 +129,11 @@ def correct_signs(
     s = _again(streams, unusable, s)
     found_here, streams = check_axes(streams, s, sensors)
     findings += found_here
-    sensors = _with_rotation(sensors, found_here)
     s = _again(streams, unusable, s)
     for finding, corrected in check_gyro(streams, s):
         findings.append(finding)
         streams = corrected
+    findings, sensors = with_known_errors(findings, sensors)
     s = _again(streams, unusable, s)
     wheelbase = _wheelbase(vehicle)
     found_here, streams, sensors = check_sign(streams, s, sensors, wheelbase)
@@ -140,13 +142,6 @@ def correct_signs(
 
 def _again(streams: Streams, unusable: Iterable[Interval], before: Signals) -> Signals:
     return on_grid(streams, unusable) or before
-
-
-def _with_rotation(sensors: SensorConfig, findings: list[Finding]) -> SensorConfig:
-    for finding in findings:
-        if (angles := finding.parameters.get("imu_rotation")) is not None:
-            sensors = replace(sensors, imu_rotation=tuple(angles))
-    return sensors
 
 
 def _wheelbase(vehicle: Dimensions | None) -> float | None:

@@ -52,7 +52,8 @@ def check_torque(s: Signals, mass: float | None, wheel_radius: float | None) -> 
         return
     evidence += f": correlation {g.correlation:.2f}, {s.moving_s:.0f} s"
     if g.value < 0.0:
-        yield found(name, "the commanded torque has its sign flipped", evidence)
+        text = "the commanded torque has its sign flipped"
+        yield found(name, text, evidence, {"torque_scale": -1.0})
         return
     fit = regress(np.column_stack([s.longitudinal, design]), torque, weights)
     if fit is None or mass is None or wheel_radius is None:
@@ -75,7 +76,8 @@ def check_torque(s: Signals, mass: float | None, wheel_radius: float | None) -> 
         yield found(name, text, evidence, remedy=remedy)
         return
     if abs(np.log(ratio / UNIT_FACTORS["kN m"])) < _MAX_MASS_LOG:
-        yield found(name, "the commanded torque looks like kN m, it must be in N·m", evidence)
+        text = "the commanded torque looks like kN m, it must be in N·m"
+        yield found(name, text, evidence, {"torque_scale": UNIT_FACTORS["kN m"]})
         return
     text = (
         f"the commanded torque is no torque in N·m: {ratio:.2g} times mass times wheel radius "

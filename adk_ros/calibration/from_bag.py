@@ -25,6 +25,7 @@ from adk_ros.bags.topics import ODOMETRY_TYPES
 from adk_ros.calibration.attitude import attitude_of, attitude_row
 from adk_ros.calibration.auxiliary_streams import READ_TOPICS, AuxiliaryRows
 from adk_ros.calibration.joints import JointTable
+from adk_ros.calibration.known_errors import without_known_errors
 from adk_ros.calibration.messages import (
     imu_row,
     odometry_row,
@@ -246,8 +247,13 @@ def _streams(
     command = stream_of("the command", tables["command"], COMMAND_COLUMNS, first)
     if imu is not None and any(sensors.imu_rotation):
         imu = turned(imu, rotation(*sensors.imu_rotation))
+    if imu is not None:
+        imu = without_known_errors(imu, "imu", sensors)
     if odometry is not None:
         odometry = odometry.having(heading=np.unwrap(odometry["heading"]))
+        odometry = without_known_errors(odometry, "odometry", sensors)
+    if command is not None:
+        command = without_known_errors(command, "command", sensors)
     wheels = {}
     for table in (joints, *content.others.values()):
         for joint, values in table.velocities().items():

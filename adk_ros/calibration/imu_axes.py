@@ -72,7 +72,8 @@ def check_gravity(streams: Streams, s: Signals) -> tuple[list[Finding], Streams]
         if best is not None and abs(np.log(abs(best.value) * GRAVITY)) < 0.5:
             columns = {name: imu[name] * GRAVITY for name in AXES}
             text = f"the accelerations look like g: the mean vector has a length of {mean:.2f}"
-            unit = found("acceleration_unit", text, evidence)
+            proposal = {"accelerometer_scale": 1.0 / GRAVITY}
+            unit = found("acceleration_unit", text, evidence, proposal)
             return [unit], replace(streams, imu=imu.having(**columns))
     if abs(mean - GRAVITY) < MATERIAL["gravity"].size + 0.02 * GRAVITY:
         return [ok("gravity", f"included, {mean:.2f} m/s²", evidence)], streams

@@ -202,7 +202,8 @@ def _offset(
         if by_gyro is not None
         else f"{axis} has an offset: bias, a {title} of {implied:.1f}°, or {other}"
     )
-    yield judged(name, offset, 0.0, text, evidence)
+    bias = [offset.value, 0.0] if axis == "a_x" else [0.0, offset.value]
+    yield judged(name, offset, 0.0, text, evidence, parameters={"accelerometer_bias": bias})
 
 
 def _agree(offset: Estimate, by_gyro: Estimate, sign: float) -> bool:

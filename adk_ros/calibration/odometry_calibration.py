@@ -30,8 +30,9 @@ def check_odometry_scale(s: Signals) -> Iterator[Finding]:
     """Yield the scale of v_x against the pose, and against the accelerometer."""
     if s.v_x is None:
         return
-    yield _scale_by_pose(s)
-    yield _scale_by_acceleration(s)
+    by_pose = _scale_by_pose(s)
+    yield by_pose
+    yield _scale_by_acceleration(s, by_pose.verdict is Verdict.OK)
 
 
 def check_yaw_rates(s: Signals) -> Iterator[Finding]:
@@ -58,8 +59,8 @@ def _scale_by_pose(s: Signals) -> Finding:
     if found is None:
         return not_decidable(name, _too_little(s), evidence)
     text = "odometry's velocity is not to the scale of its position: ratio"
-    remedy = "no parameter for this yet: correct the wheel radius or the scale of the odometry"
-    return judged(name, found.estimate(0), 1.0, text, evidence, remedy=remedy)
+    scale = found.estimate(0)
+    return judged(name, scale, 1.0, text, evidence, parameters={name: scale.value})
 
 
 def distances(
@@ -86,7 +87,7 @@ def distances(
     return np.column_stack([moved, ends]), driven, weights, block_s
 
 
-def _scale_by_acceleration(s: Signals) -> Finding:
+def _scale_by_acceleration(s: Signals, is_speed_right: bool) -> Finding:
     name = "acceleration_scale"
     if s.a is None or s.longitudinal is None:
         return not_decidable(name, "the recording has no accelerometer or no velocity")
@@ -105,7 +106,10 @@ def _scale_by_acceleration(s: Signals) -> Finding:
     if found is None:
         return not_decidable(name, _too_little(s), evidence)
     text = "the accelerometer's a_x is not to the scale of odometry's v_x: ratio"
-    return judged(name, found.estimate(0), 1.0, text, evidence)
+    scale = found.estimate(0)
+    proposal = {"accelerometer_scale": scale.value} if is_speed_right else {}
+    remedy = "which of both is wrong is not known: odometry has no pose that confirms its scale"
+    return judged(name, scale, 1.0, text, evidence, parameters=proposal, remedy=remedy)
 
 
 def _rate(
@@ -137,10 +141,22 @@ def _rate(
         yield not_decidable(f"{name}_scale", _too_little(s), evidence)
         return
     text = f"{title} is not to the scale of the {reference}: ratio"
-    scale = judged(f"{name}_scale", found.estimate(0), 1.0, text, evidence, kind="gyro_scale")
-    yield _unless_banked(scale, s)
+    scale, bias = found.estimate(0), found.estimate(1)
+    # Without a pose, the other yaw rate may as well be the wrong one.
+    has_reference = s.heading is not None
+    remedy = "which of both is wrong is not known: odometry has no pose"
+    proposal = {f"{name}_scale": scale.value} if has_reference else {}
+    of_scale = judged(
+        f"{name}_scale", scale, 1.0, text, evidence,
+        kind="gyro_scale", parameters=proposal, remedy=remedy,
+    )  # fmt: skip
+    yield _unless_banked(of_scale, s)
     text = f"{title} has a bias against the {reference}"
-    yield judged(f"{name}_bias", found.estimate(1), 0.0, text, evidence, kind="gyro_bias")
+    proposal = {f"{name}_bias": bias.value / scale.value} if has_reference else {}
+    yield judged(
+        f"{name}_bias", bias, 0.0, text, evidence,
+        kind="gyro_bias", parameters=proposal, remedy=remedy,
+    )  # fmt: skip
 
 
 def _unless_banked(scale: Finding, s: Signals) -> Finding:

@@ -81,15 +81,15 @@ def check_receiver(s: Signals, gps: Stream | None, sensors: SensorConfig) -> Ite
 
 def _of_scale(scale: Estimate, sensors: SensorConfig, evidence: str) -> Finding:
     parameters: dict[str, Any] = {}
-    remedy = "no parameter for this yet: correct the wheel radius or the scale of the odometry"
     units = [x for x in ("km/h", "mph") if _is_near(scale.value, UNIT_FACTORS[x])]
-    if units:
-        remedy = f"publish v_x in m/s: it looks like {units[0]}"
-    elif ODOMETRY_TYPES[sensors.odometry_type].needs_radius and scale.value > 0.0:
+    if ODOMETRY_TYPES[sensors.odometry_type].needs_radius and scale.value > 0.0:
         # v_x is the radius times the wheel speed.
         parameters = {"wheel_radius": round(sensors.wheel_radius / scale.value, 4)}
-    text = "odometry's velocity is not to the scale of the GPS speed: ratio"
-    return judged(_SCALE, scale, 1.0, text, evidence, parameters=parameters, remedy=remedy)
+    elif scale.value > 0.0:
+        parameters = {"odometry_scale": scale.value}
+    text = "odometry's velocity is not to the scale of the GPS speed"
+    text += f" (it looks like {units[0]}): ratio" if units else ": ratio"
+    return judged(_SCALE, scale, 1.0, text, evidence, parameters=parameters)
 
 
 def _is_near(value: float, factor: float) -> bool:

@@ -186,6 +186,7 @@ def check_gyro(streams: Streams, s: Signals) -> Iterator[tuple[Finding, Streams]
 
 
 _HEADING, _YAW_RATE = "the rate of its heading", "odometry's yaw rate"
+_PARAMETERS = {"v_x": "odometry_scale", "yaw_rate": "yaw_rate_scale", "w_z": "gyro_scale"}
 _TITLES = {
     "v_x": "odometry's v_x",
     "heading": "the heading of the pose",
@@ -238,4 +239,8 @@ def _channel(
     if stream is not None:
         corrected = stream.having(**{column: stream[column] / factor})
         streams = streams.with_stream(stream_name, corrected)
-    yield found(column, "; ".join(texts), evidence), streams
+    parameter = _PARAMETERS.get(column)
+    # A v_x with a flipped sign is that of a turned frame: v_y would be flipped as well.
+    known = parameter is not None and (factor > 0.0 or column != "v_x")
+    proposal = {parameter: factor} if known and parameter is not None else {}
+    yield found(column, "; ".join(texts), evidence, proposal), streams

@@ -38,10 +38,6 @@ from adk_ros.calibration.streams import Streams
 from adk_ros.plant.vehicle.vehicle_parameters import Dimensions
 from adk_ros.signals.decode import SensorConfig
 
-_REMEDY_OFFSET = (
-    "no parameter for this yet: correct the recording; a cross slope of the straights and an "
-    "asymmetric set-up look the same"
-)
 _FRONT_BIAS = 0.1
 """Difference of the two ratios that the load dependence of the tyres explains: up to 0.12 on 13
 simulated cars without a fault of the steering."""
@@ -159,9 +155,13 @@ def check_steering(
     else:
         ratio = _ratio(length.divided(wheelbase), front, sensors, evidence)
         yield _unless_weighted(ratio, s, fit.delay.value, wheelbase)
-    text = "the car drives straight ahead at a steering angle"
+    text = (
+        "the car drives straight ahead at a steering angle (a cross slope of the straights and an "
+        "asymmetric set-up look the same)"
+    )
     offset = fit.regression.estimate(2)
-    yield judged("steering_offset", offset, 0.0, text, evidence, remedy=_REMEDY_OFFSET)
+    proposal = {"steering_offset": offset.value}
+    yield judged("steering_offset", offset, 0.0, text, evidence, parameters=proposal)
     yield _delay(fit, front, evidence)
 
 

@@ -10,6 +10,7 @@ stream lag as much; a first-order low-pass is told from a delay by its amplitude
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,7 +22,8 @@ from adk_ros.calibration.regression import Estimate
 from adk_ros.numerics.arrays import FloatArray
 
 _REMEDY_FILTER = "no parameter for this yet: publish the unfiltered signal; it is no delay"
-_REMEDY_OFFSET = "no parameter for this yet: correct the stamps of the recording"
+_REMEDY_OFFSET = "the gyro does not confirm it: correct the stamps of the recording"
+_REMEDY_BOTH = "the delay that is proposed for the gyro corrects both"
 
 
 def check_timing(s: Signals) -> Iterator[Finding]:
@@ -106,7 +108,8 @@ def _of_gyro(lag: Lag | None, reference: str) -> Iterator[Finding]:
         reason = "the gyro and odometry's rotation do not match well enough"
         yield not_decidable("imu_time_offset", reason, evidence)
         return
-    yield from _judged_lag(lag, "gyro", "the gyro", reference, evidence)
+    for finding in _judged_lag(lag, "gyro", "the gyro", reference, evidence):
+        yield _with_delay(finding)
 
 
 def _of_accelerometer(s: Signals, by_gyro: Lag | None) -> Iterator[Finding]:
@@ -128,6 +131,7 @@ def _of_accelerometer(s: Signals, by_gyro: Lag | None) -> Iterator[Finding]:
         return
     # An IMU ahead of odometry's point has a_y + dr/dt x, which looks like an early a_y.
     title, reference, lag = lags[0]
+    same = False
     if by_gyro is not None and _is_material(by_gyro.total) and _is_material(lag.total):
         same = abs(by_gyro.total.value - lag.total.value) < max(
             MATERIAL["time_offset"].size,
@@ -135,7 +139,22 @@ def _of_accelerometer(s: Signals, by_gyro: Lag | None) -> Iterator[Finding]:
         )
         if same:
             evidence += "; the gyro lags as much, so the stamps of the whole IMU are late"
-    yield from _judged_lag(lag, "accelerometer", f"the IMU's {title}", reference, evidence)
+    for finding in _judged_lag(lag, "accelerometer", f"the IMU's {title}", reference, evidence):
+        if by_gyro is None:
+            yield _with_delay(finding)
+        elif same and finding.remedy == _REMEDY_OFFSET:
+            yield replace(finding, remedy=_REMEDY_BOTH)
+        else:
+            yield finding
+
+
+def _with_delay(finding: Finding) -> Finding:
+    """Return a finding on the IMU's delay with its parameter: of the stream that is late."""
+    if finding.verdict is not Verdict.FINDING or not finding.name.endswith("_delay"):
+        return finding
+    assert finding.value is not None
+    late = "imu_delay" if finding.value > 0.0 else "odometry_delay"
+    return replace(finding, parameters={late: abs(finding.value)}, remedy="")
 
 
 def _is_material(total: Estimate) -> bool:

@@ -12,6 +12,7 @@ from typing import Any
 from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.pipeline import PipelineSettings
 from adk_ros.signals.channels import TICK_NS
+from adk_ros.signals.corrections import CORRECTIONS
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.signals.gate import GateSettings
 
@@ -38,6 +39,8 @@ def sensor_config(values: Values) -> SensorConfig:
         odometry_type=values["odometry_type"],
         wheel_joints=tuple(values["wheel_joints"]),
         sideslip=(values["sideslip"][0], values["sideslip"][1]),
+        accelerometer_bias=(values["accelerometer_bias"][0], values["accelerometer_bias"][1]),
+        **{name: values[name] for name in CORRECTIONS if name != "accelerometer_bias"},
     )
 
 

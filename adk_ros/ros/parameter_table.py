@@ -15,6 +15,7 @@ import textwrap
 from typing import Any
 
 from adk_ros.model.adaptation.online_methods import METHODS
+from adk_ros.ros.correction_parameters import CORRECTION_TABLE
 from adk_ros.ros.parameter_spec import ParameterSpec
 from adk_ros.signals.commands import COMMAND_TYPES
 from adk_ros.signals.velocity_messages import ODOMETRY_TYPES
@@ -161,6 +162,7 @@ TABLE: tuple[ParameterSpec, ...] = (
         0.0,
         20.0,
     ),
+    *CORRECTION_TABLE,
     ParameterSpec(
         "odometry_timeout_s",
         0.5,

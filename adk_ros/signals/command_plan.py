@@ -75,7 +75,9 @@ class PlanDecoder:
         self.received += 1
         try:
             decode = _control_horizon if hasattr(msg, "controls") else _joint_trajectory
-            return _checked(*decode(msg, self._config, now_ns))
+            stamp_ns, times_ns, commands = decode(msg, self._config, now_ns)
+            corrected = [list(self._config.command(*each)) for each in commands]
+            return _checked(stamp_ns, times_ns, corrected)
         except RefusedMessage as refusal:
             self.refused[str(refusal)] += 1
             raise

@@ -18,6 +18,7 @@ from typing import Any
 from adk_ros.errors import UsageError
 from adk_ros.signals.channels import Reading, Source
 from adk_ros.signals.commands import COMMAND_TYPES, RefusedMessage, steering_report
+from adk_ros.signals.corrections import SensorCorrections, differs
 from adk_ros.signals.frames import LeverArm, rotation, shift_velocity
 from adk_ros.signals.velocity_messages import (
     ODOMETRY,
@@ -47,9 +48,9 @@ __all__ = ["Decoder", "RefusedMessage", "SensorConfig"]
 
 
 @dataclass(frozen=True)
-class SensorConfig:
+class SensorConfig(SensorCorrections):
     """
-    How to read the messages of a vehicle.
+    How to read the messages of a vehicle, and known errors of its sensors.
 
     Lengths in m, angles in rad. `reference_point` is the centre of gravity (x, y) in odometry's
     child frame (`base_link`), `imu_position` the IMU (x, y) in the same frame, `imu_rotation` its
@@ -97,6 +98,7 @@ class SensorConfig:
         )
         if not all(math.isfinite(value) for value in numbers):
             raise UsageError("the sensor configuration has a value that is not finite")
+        self.check_corrections()
         if not self.drive_joints:
             raise UsageError("drive_joints is empty: name the joints that drive the vehicle")
         if len(set(self.drive_joints)) < len(self.drive_joints):
@@ -140,7 +142,7 @@ class Decoder:
         """Stamp of the latest message, refused or not; None if it has none."""
         self.unmeasured_v_y = self.odometry_count = 0
         """Readings of odometry in which v_y is marked as not measured or estimated; all."""
-        command = COMMAND_TYPES[self.config.command_type].decode
+        self._decode_command = COMMAND_TYPES[self.config.command_type].decode
         self._velocity = ODOMETRY_TYPES[self.config.odometry_type].decode
         self._is_odometry = self.config.odometry_type == ODOMETRY
         self._estimates_v_y = any(self.config.sideslip)
@@ -148,8 +150,8 @@ class Decoder:
         self._values: tuple[Callable[[int, Any], tuple[float, ...]], ...] = (
             self._imu,
             self._odometry,
-            lambda _, msg: command(msg, self.config),
-            lambda _, msg: (steering_report(msg),),
+            self._command,
+            lambda _, msg: (steering_report(msg) - self.config.steering_offset,),
         )
         position, reference = self.config.imu_position, self.config.reference_point
         self._arm = LeverArm(position[0] - reference[0], position[1] - reference[1])
@@ -157,6 +159,13 @@ class Decoder:
         self._has_lever_arm, self._is_shifted = position != reference, any(reference)
         self._is_rotated = any(self.config.imu_rotation)
         self._rotation = rotation(*self.config.imu_rotation)
+        self._delays_ns = self.config.delays_ns
+        self._has_imu_errors = differs(
+            self.config, "accelerometer_scale", "accelerometer_bias", "gyro_scale", "gyro_bias"
+        )
+        self._has_odometry_errors = differs(
+            self.config, "odometry_scale", "yaw_rate_scale", "yaw_rate_bias"
+        )
 
     def decode(self, source: Source, msg: Any) -> Reading:
         """
@@ -177,6 +186,7 @@ class Decoder:
                 raise RefusedMessage("no time stamp")
             if stamp_ns >= _MAX_STAMP_NS:
                 raise RefusedMessage("the time stamp is beyond the range of ROS time (2^31 s)")
+            stamp_ns -= self._delays_ns[source]
             values = self._values[source](stamp_ns, msg)
             variances = self._variances(source, msg)
         except RefusedMessage as refusal:
@@ -216,7 +226,12 @@ class Decoder:
             y, z = float(force[4]), float(msg.angular_velocity_covariance[8])
         else:
             return None
-        return (x, y, z) if 0.0 < y < MAX_VARIANCE and 0.0 < z < MAX_VARIANCE else None
+        if not (0.0 < y < MAX_VARIANCE and 0.0 < z < MAX_VARIANCE):
+            return None
+        if self._has_imu_errors or self._has_odometry_errors:
+            s, of_yaw_rate = self.config.variance_scales(source)
+            x, y, z = x / s, y / s, z / of_yaw_rate
+        return x, y, z
 
     def reset(self) -> None:
         """Discard the previous gyro value, after a clock jump."""
@@ -228,6 +243,8 @@ class Decoder:
         if self._is_rotated:
             a_x, a_y, _ = (self._rotation @ (a_x, a_y, float(force.z))).tolist()
             yaw_rate = float(self._rotation[2] @ (float(rate.x), float(rate.y), yaw_rate))
+        if self._has_imu_errors:
+            a_x, a_y, yaw_rate = self.config.imu(a_x, a_y, yaw_rate)
         # REP-145: a first covariance element of -1 marks a field that is not reported.
         if msg.angular_velocity_covariance[0] == -1.0:
             raise RefusedMessage("the IMU reports no angular velocity")
@@ -244,6 +261,8 @@ class Decoder:
 
     def _odometry(self, _: int, msg: Any) -> tuple[float, float, float]:
         v_x, v_y, yaw_rate = self._velocity(msg, self.config)
+        if self._has_odometry_errors:
+            v_x, v_y, yaw_rate = self.config.velocity(v_x, v_y, yaw_rate)
         if not self._is_odometry:
             # The yaw rate is that of the gyro's latest message; at the reference point.
             yaw_rate = self._gyro
@@ -257,3 +276,6 @@ class Decoder:
         if self._estimates_v_y:
             v_y = estimated_lateral_velocity(v_x, yaw_rate, *self.config.sideslip)
         return v_x, v_y, yaw_rate
+
+    def _command(self, _: int, msg: Any) -> tuple[float, float]:
+        return self.config.command(*self._decode_command(msg, self.config))

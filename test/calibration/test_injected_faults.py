@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +28,8 @@ from helpers.calibration import (
 
 from adk_ros.calibration.check import CheckResult
 from adk_ros.calibration.finding import Finding, Verdict
+from adk_ros.calibration.known_errors import without_known_errors
+from adk_ros.signals.decode import SensorConfig
 
 DEGREES = 180.0 / math.pi
 
@@ -185,3 +188,50 @@ def test_corrected_parameters_leave_nothing_to_find() -> None:
         replace(streams, imu=turned(streams.imu, rotation(*sensors.imu_rotation)))
     )
     assert not checked(read, sensors=sensors).of(Verdict.FINDING)
+
+
+@pytest.mark.parametrize(
+    ("faults", "proposed"),
+    [
+        ((scaled("command", 1e-3, "torque"),), {"torque_scale": 1e-3}),
+        ((scaled("command", -1.0, "torque"),), {"torque_scale": -1.0}),
+        ((added("command", steering=0.02),), {"steering_offset": 0.02}),
+        (
+            (scaled("imu", DEGREES * 1.03, "w_x", "w_y", "w_z"), added("imu", w_z=0.6)),
+            # The simulated gyro has a bias of 0.0005 rad/s of its own.
+            {"gyro_scale": DEGREES * 1.03, "gyro_bias": 0.6 + 0.0005 * DEGREES * 1.03},
+        ),
+        ((scaled("odometry", DEGREES, "yaw_rate"),), {"yaw_rate_scale": DEGREES}),
+        ((scaled("odometry", 3.6, "v_x", "v_y"),), {"odometry_scale": 3.6}),
+        ((scaled("odometry", 1.04, "v_x", "v_y"),), {"odometry_scale": 1.04}),
+        (
+            (scaled("imu", 1.0 / 9.81, "a_x", "a_y", "a_z"), added("imu", a_y=0.05)),
+            {"accelerometer_scale": 1.0 / 9.81, "accelerometer_bias": [0.0, 0.05]},
+        ),
+        ((late("imu", 0.06),), {"imu_delay": 0.06}),
+        ((late("odometry", 0.06),), {"odometry_delay": 0.06}),
+    ],
+)
+def test_an_error_of_a_sensor_is_proposed_and_then_known(
+    faults: tuple[Fault, ...], proposed: dict[str, float | list[float]]
+) -> None:
+    streams = driven()
+    for fault in faults:
+        streams = fault(streams)
+    found = checked(streams).parameters
+    assert set(found) == set(proposed)
+    for name, value in proposed.items():
+        assert found[name] == pytest.approx(value, rel=0.03, abs=0.004)
+    values: dict[str, Any] = {
+        name: tuple(x) if isinstance(x, list) else x for name, x in found.items()
+    }
+    sensors = SensorConfig(**values)
+    for role in ("imu", "odometry", "command"):
+        stream = streams.of(role)
+        assert stream is not None
+        streams = streams.with_stream(role, without_known_errors(stream, role, sensors))
+    assert not checked(streams, sensors=sensors).of(Verdict.FINDING)
+    # Found again with these parameters, an error adds to the known one.
+    again = checked(added("imu", w_z=0.02)(streams), sensors=sensors).parameters
+    assert again == {"gyro_bias": pytest.approx(sensors.gyro_bias + 0.02 * sensors.gyro_scale,
+                                                rel=0.1)}  # fmt: skip

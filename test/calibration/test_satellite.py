@@ -74,7 +74,8 @@ def test_kilometres_per_hour_are_named() -> None:
     fast = replace(scaled("odometry", 3.6, "v_x", "v_y")(still), imu=None)
     scale = by_name(checked(fast))["gps_scale"]
     assert scale.verdict is Verdict.FINDING
-    assert "km/h" in scale.remedy
+    assert "km/h" in scale.text
+    assert scale.parameters == {"odometry_scale": pytest.approx(3.6, rel=0.02)}
 
 
 def test_a_receiver_that_holds_its_speed_in_a_tunnel_is_not_used_there() -> None:

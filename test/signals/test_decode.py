@@ -3,6 +3,7 @@
 """Decoding: equal for rclpy, rosbags and duck-typed messages; all refusals."""
 
 import math
+import re
 from collections.abc import Callable
 from types import SimpleNamespace as Message
 from typing import Any
@@ -329,6 +330,53 @@ def test_imu_off_the_reference_point() -> None:
         assert decoder.decode(Source.IMU, msg).values == pytest.approx((1.0, 2.0, 0.5))
     at_reference = SensorConfig(reference_point=(1.4, 0.2), imu_position=(1.4, 0.2))
     assert Decoder(at_reference).decode(Source.IMU, imu()).values == (1.0, 2.0, 0.3)
+
+
+def test_known_errors_are_removed() -> None:
+    config = SensorConfig(
+        imu_position=(1.0, 0.0),
+        accelerometer_scale=0.1,
+        accelerometer_bias=(0.02, -0.03),
+        gyro_scale=2.0,
+        gyro_bias=0.1,
+        odometry_scale=3.6,
+        yaw_rate_scale=-1.0,
+        yaw_rate_bias=0.05,
+        torque_scale=1e-3,
+        steering_offset=0.02,
+        imu_delay=0.04,
+        odometry_delay=0.1,
+        command_delay=0.01,
+    )
+    decoder = Decoder(config)
+    rate = 0.5
+    force = (0.1 * (1.0 - rate * rate) + 0.02, 0.1 * 2.0 - 0.03, 0.98)
+    reading = decoder.decode(Source.IMU, imu(force, (0.0, 0.0, 2.0 * rate + 0.1)))
+    # The lever arm of 1 m has the centripetal acceleration of the corrected yaw rate.
+    assert reading.values == pytest.approx((1.0, 2.0, rate))
+    assert reading.stamp_ns == STAMP_NS - 40_000_000
+    reading = decoder.decode(Source.ODOMETRY, odometry(36.0, 0.36, -0.25))
+    assert reading.values == pytest.approx((10.0, 0.1, 0.3))
+    assert reading.stamp_ns == STAMP_NS - 100_000_000
+    reading = decoder.decode(
+        Source.COMMAND, joints(name=["drive", "steer"], effort=[0.4, 0.0], position=[0.0, 0.12])
+    )
+    assert reading.values == pytest.approx((400.0, 0.1))
+    assert reading.stamp_ns == STAMP_NS - 10_000_000
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"gyro_scale": 0.0}, "gyro_scale is 0"),
+        ({"odometry_delay": 2.0}, "odometry_delay is 2 s: give 0 to 1 s"),
+        ({"imu_delay": -0.1}, "imu_delay is -0.1 s"),
+        ({"accelerometer_bias": (0.0, math.nan)}, "accelerometer_bias is not finite"),
+    ],
+)
+def test_impossible_errors_are_refused(fields: dict[str, Any], said: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(said)):
+        SensorConfig(**fields)
 
 
 def test_reset_discards_the_gyro_history() -> None:

@@ -1,0 +1,91 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Known errors of sensors: removed from the streams, and added to those that a check finds.
+
+A check sees streams without the known errors, so that what it proposes is relative to them. With
+a reading s0 x + b0 of a value x = k v + c, the error of the reading is the scale s0 k and the
+bias b0 + s0 c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from adk_ros.calibration.finding import Finding
+from adk_ros.calibration.streams import Stream
+from adk_ros.signals.corrections import CORRECTIONS
+from adk_ros.signals.decode import SensorConfig
+
+_SCALE_OF = {
+    "accelerometer_bias": "accelerometer_scale",
+    "gyro_bias": "gyro_scale",
+    "yaw_rate_bias": "yaw_rate_scale",
+}
+_DECIMALS = 6
+
+
+def without_known_errors(stream: Stream, role: str, sensors: SensorConfig) -> Stream:
+    """Return a stream as decoding returns it; `role`: "imu" (in vehicle axes), ..."""
+    delay_s = {
+        "imu": sensors.imu_delay,
+        "odometry": sensors.odometry_delay,
+        "command": sensors.command_delay,
+    }[role]
+    if role == "imu":
+        scale, turning = sensors.accelerometer_scale, sensors.gyro_scale
+        bias_x, bias_y = sensors.accelerometer_bias
+        stream = stream.having(
+            a_x=(stream["a_x"] - bias_x) / scale,
+            a_y=(stream["a_y"] - bias_y) / scale,
+            a_z=stream["a_z"] / scale,
+            w_x=stream["w_x"] / turning,
+            w_y=stream["w_y"] / turning,
+            w_z=(stream["w_z"] - sensors.gyro_bias) / turning,
+        )
+    elif role == "odometry":
+        v_x, v_y, yaw_rate = stream["v_x"], stream["v_y"], stream["yaw_rate"]
+        stream = stream.having(
+            v_x=v_x / sensors.odometry_scale,
+            v_y=v_y / sensors.odometry_scale,
+            yaw_rate=(yaw_rate - sensors.yaw_rate_bias) / sensors.yaw_rate_scale,
+        )
+    else:
+        stream = stream.having(
+            torque=stream["torque"] / sensors.torque_scale,
+            steering=stream["steering"] - sensors.steering_offset,
+        )
+    return replace(stream, at_s=stream.at_s - delay_s) if delay_s else stream
+
+
+def with_known_errors(
+    findings: Sequence[Finding], sensors: SensorConfig
+) -> tuple[list[Finding], SensorConfig]:
+    """
+    Return findings whose proposals contain the known errors, and the configuration with them.
+
+    Proposals of `signals.corrections.CORRECTIONS` are relative to the streams before.
+    """
+    out = []
+    for finding in findings:
+        proposed: dict[str, Any] = {}
+        for name, value in finding.parameters.items():
+            proposed[name] = _absolute(name, value, sensors) if name in CORRECTIONS else value
+            known = proposed[name]
+            change: dict[str, Any] = {name: tuple(known) if isinstance(known, list) else known}
+            if name in CORRECTIONS or name == "imu_rotation":
+                sensors = replace(sensors, **change)
+        out.append(replace(finding, parameters=proposed))
+    return out, sensors
+
+
+def _absolute(name: str, value: Any, sensors: SensorConfig) -> Any:
+    known = getattr(sensors, name)
+    if name.endswith("_scale"):
+        return round(known * value, _DECIMALS)
+    factor = getattr(sensors, _SCALE_OF[name]) if name in _SCALE_OF else 1.0
+    if isinstance(value, list):
+        return [round(b + factor * x, _DECIMALS) for b, x in zip(known, value, strict=True)]
+    return round(known + factor * value, _DECIMALS)
