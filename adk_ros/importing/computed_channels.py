@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from adk_ros.errors import DataError, UsageError
+from adk_ros.importing.gps_position import gps_position
 from adk_ros.importing.map_file import IDENTIFY, ImportMap, SideslipMap, VelocityMap
 from adk_ros.importing.pedal_torque import pedal_torque
 from adk_ros.importing.source_channels import SourceChannel
@@ -32,7 +33,7 @@ def with_computed(
     Return the channels with those that the map computes; lines on how are added to `notes`.
 
     :raises UsageError: a wheel radius is neither given nor identifiable.
-    :raises DataError: wheels never turn at the same time.
+    :raises DataError: wheels never turn at the same time, or a receiver has no fixes.
     """
     given = {channel.name: channel for channel in channels}
     notes += yaw_check(given)
@@ -49,6 +50,10 @@ def with_computed(
         _suggest(given, notes)
     if import_map.computed.v_y is not None:
         given["v_y_estimated"] = _sideslip(given, import_map.computed.v_y, notes)
+    if import_map.computed.position is not None:
+        given |= {channel.name: channel for channel in gps_position(given, notes)}
+    elif {"latitude", "longitude"} <= given.keys() and not {"x", "y"} & given.keys():
+        notes.append("no x, y: compute them with 'computed: {position: {from: gps}}' in the map")
     torque = import_map.computed.torque
     if torque is not None:
         stream, values = pedal_torque(given, torque, notes)

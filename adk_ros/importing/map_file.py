@@ -112,6 +112,12 @@ class VelocityMap(FileModel):
     wheel_radius: _Radius = None
 
 
+class PositionMap(FileModel):
+    """How x and y are computed: from the latitude and longitude of a GPS receiver."""
+
+    from_: Annotated[Literal["gps"], Field(alias="from")]
+
+
 class SideslipMap(FileModel):
     """
     How v_y is estimated where it is not measured (`signals.velocity_messages`).
@@ -197,6 +203,7 @@ class ComputedMap(FileModel):
     v_x: VelocityMap | None = None
     v_y: SideslipMap | None = None
     torque: TorqueMap | None = None
+    position: PositionMap | None = None
 
 
 class ImportMap(FileModel):
@@ -269,6 +276,20 @@ def _check_computed(name: str, loaded: ImportMap) -> None:
         _check_sideslip(name, loaded)
     if loaded.computed.torque is not None:
         _check_torque(name, loaded, loaded.computed.torque)
+    if loaded.computed.position is not None:
+        _check_position(name, loaded)
+
+
+def _check_position(name: str, loaded: ImportMap) -> None:
+    place = f"{name}: computed.position"
+    for other in ("x", "y"):
+        if other in loaded.channels:
+            raise UsageError(f"{place}: channels.{other} is given as well: leave out one of them")
+    for needed in ("latitude", "longitude"):
+        if needed not in loaded.channels:
+            raise UsageError(f"{place}: needs channels.{needed}")
+    if "v_x" not in loaded.channels and loaded.computed.v_x is None:
+        raise UsageError(f"{place}: needs v_x, in channels or computed")
 
 
 def _check_sideslip(name: str, loaded: ImportMap) -> None:

@@ -35,7 +35,12 @@ from adk_ros.importing.table import Table, as_numbers
 from adk_ros.importing.time_column import TimeGuess, guess_time
 from adk_ros.importing.unit_choice import Findings
 from adk_ros.importing.units import is_unit_of
-from adk_ros.importing.velocity_choice import USUAL_RADIUS, computed_velocity, speed_to_compare
+from adk_ros.importing.velocity_choice import (
+    USUAL_RADIUS,
+    computed_position,
+    computed_velocity,
+    speed_to_compare,
+)
 from adk_ros.numerics.arrays import FloatArray
 
 _HAND = re.compile(r"(?i)hand|lenkrad|lws|swa|steering_?\s?wheel|str_?whl|str_?wheel")
@@ -86,6 +91,7 @@ def propose(files: Sequence[Path], databases: Sequence[Path]) -> Proposal:
         if name in chosen
     )
     velocity = computed_velocity(raw, {guess.channel: guess for guess in guesses})
+    computed = [guess for guess in (velocity, computed_position(raw)) if guess is not None]
     used = {(item.channel.table, item.channel.column) for item in chosen.values()}
     time_columns = {(t.label, time.column) for t in tables if (time := times[id(t)].time)}
     unused = tuple(
@@ -98,7 +104,7 @@ def propose(files: Sequence[Path], databases: Sequence[Path]) -> Proposal:
     return written(
         files,
         guesses,
-        (velocity,) if velocity is not None else (),
+        tuple(computed),
         [(t, times[id(t)]) for t in used_tables],
         found.reference,
         unused,

@@ -65,6 +65,15 @@ def computed_velocity(
     return None
 
 
+def computed_position(channels: Mapping[str, SourceChannel]) -> Guess | None:
+    """Return the entry of `computed` for the position; None if columns have it, or no fix."""
+    has_speed = "v_x" in channels or "gps_speed" in channels or any(map(is_wheel_speed, channels))
+    if {"x", "y"} & channels.keys() or not {"latitude", "longitude"} <= channels.keys():
+        return None
+    reason = "metres to the east and north of the first fix"
+    return Guess("position", {"from": "gps"}, reason, True) if has_speed else None
+
+
 def _from_wheels(channels: Mapping[str, SourceChannel], guesses: Mapping[str, Guess]) -> Guess:
     axle, reason = undriven_axle(channels)
     entry: dict[str, Any] = {"from": "wheel_speeds", "wheels": axle}

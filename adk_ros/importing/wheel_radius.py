@@ -13,7 +13,6 @@ and a delay is not taken for a radius.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -21,6 +20,7 @@ import numpy as np
 
 from adk_ros.calibration.criteria import BLOCK_S
 from adk_ros.calibration.regression import Estimate, regress
+from adk_ros.importing.geodesy import east_north
 from adk_ros.importing.source_channels import SourceChannel
 from adk_ros.importing.streams import longest_gap_ns
 from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -28,8 +28,6 @@ from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 _STEP_S = 0.5
 """s between the positions whose distances are added: a car at 20 m/s moves 10 m, so that noise of
 0.3 m between them lengthens the way by less than 0.1 %."""
-_FLATTENING, _EQUATOR = 1.0 / 298.257223563, 6_378_137.0
-"""Of WGS 84; the equatorial radius in m."""
 
 
 class Reference(NamedTuple):
@@ -76,7 +74,7 @@ def reference_of(given: Mapping[str, SourceChannel]) -> Reference | None:
             stamps = np.intersect1d(x.stamp_ns, y.stamp_ns)
             points = [c.values[np.searchsorted(c.stamp_ns, stamps)] for c in (x, y)]
             if first == "latitude":
-                points = _east_north(*points)
+                points = east_north(*points)
             kept = _spaced(stamps, round(_STEP_S * 1e9))
             east, north = (np.diff(point[kept]) for point in points)
             moved = np.hypot(east, north)
@@ -139,15 +137,3 @@ def _spaced(stamp_ns: IntArray, least_ns: int) -> IntArray:
             kept.append(row)
             last = stamp
     return np.array(kept, dtype=np.int64)
-
-
-def _east_north(latitude: FloatArray, longitude: FloatArray) -> list[FloatArray]:
-    """Return metres to the east and north of the first point, by the radii of WGS 84 there."""
-    phi = math.radians(float(latitude[0])) if latitude.size else 0.0
-    squared = _FLATTENING * (2.0 - _FLATTENING)
-    across = _EQUATOR / math.sqrt(1.0 - squared * math.sin(phi) ** 2)
-    along = across * (1.0 - squared) / (1.0 - squared * math.sin(phi) ** 2)
-    return [
-        np.radians(longitude - longitude[:1]) * across * math.cos(phi),
-        np.radians(latitude - latitude[:1]) * along,
-    ]
