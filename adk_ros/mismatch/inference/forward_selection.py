@@ -9,8 +9,8 @@ onset or segment boundary. A further effect is accepted if it lowers that cost b
 
 - `MIN_GAIN`, the first one `MIN_FIRST_GAIN`,
 - `MIN_GAIN_PER_EXCESS` of the excess loss before it,
-- `MIN_GAIN_PER_NULL_EXCESS` of the excess loss before any effect, of all channels or of the
-  longitudinal or the lateral ones, in which it then must gain as much,
+- `MIN_GAIN_PER_NULL_EXCESS` of the excess loss before any effect: of all channels, or of the
+  longitudinal or the lateral ones where no effect before it acts in that direction,
 - `MIN_GAIN_PER_SURROGATE_ERROR` of the surrogate error, the first one
   `MIN_FIRST_GAIN_PER_SURROGATE_ERROR`.
 
@@ -72,6 +72,9 @@ from adk_ros.mismatch.library.search_limits import (
 from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.surrogate.lap import Lap
 from adk_ros.numerics.arrays import FloatArray
+
+_EQUATIONS = (frozenset({"v_x"}), frozenset({"v_y", "yaw_rate"}))
+"""Of the longitudinal and of the lateral direction."""
 
 Progress = Callable[[float, float, str], None]
 
@@ -158,8 +161,9 @@ def _gains(
     """
     Return the penalised gain with the rule for what is required: one of both has to be met.
 
-    Over all channels; next to other effects also over the longitudinal and the lateral ones: an
-    inexact equation of a drive torque leaves nothing that a crosswind would fit.
+    Over all channels; also over the longitudinal or the lateral ones where no effect of `before`
+    acts: an inexact equation of a drive torque leaves nothing that a crosswind would fit, while
+    that of a payload does.
     """
     gain = penalised_loss(before) - penalised_loss(h)
     out = [(gain, _required_gain(before, path, path.null_excess_loss))]
@@ -168,11 +172,24 @@ def _gains(
         before.losses_by_direction,
         h.losses_by_direction,
     )
-    if before.effects and null is not None and start is not None and after is not None:
+    if null is not None and start is not None and after is not None:
         penalty = (penalised_loss(h) - h.loss) - (penalised_loss(before) - before.loss)
-        for excess, less in zip(null, start - after - penalty, strict=True):
-            out.append((min(gain, float(less)), _required_gain(before, path, float(excess))))
+        for i in _free_directions(before):
+            less = min(gain, float(start[i] - after[i]) - penalty)
+            out.append((less, _required_gain(before, path, float(null[i]))))
     return out
+
+
+def _free_directions(before: Hypothesis) -> list[int]:
+    """
+    Return the directions, 0: longitudinal, 1: lateral, in which no effect of a hypothesis acts.
+
+    Empty without effects, and with one of the sensors.
+    """
+    entered = {equation for active in before.effects for equation in active.effect.equations}
+    if not entered or not entered <= {"v_x", "v_y", "yaw_rate"}:
+        return []
+    return [i for i, known in enumerate(_EQUATIONS) if not known & entered]
 
 
 def _required_gain(
@@ -219,8 +236,9 @@ def _constants(before: Hypothesis, path: SelectionPath) -> dict[str, float]:
 def _least_required_gain(before: Hypothesis, path: SelectionPath) -> float:
     """Return the gain below which a further effect is accepted in no direction."""
     null_excess = path.null_excess_loss
-    if before.effects and path.null_excess_by_direction is not None:
-        null_excess = min(null_excess, *path.null_excess_by_direction)
+    if path.null_excess_by_direction is not None:
+        free = [float(path.null_excess_by_direction[i]) for i in _free_directions(before)]
+        null_excess = min([null_excess, *free])
     return _required_gain(before, path, null_excess)(*_constants(before, path).values())
 
 

@@ -105,9 +105,8 @@ Least gain, as a share of the excess loss before any effect: no effect's equatio
 with a relative error of 8 % leaves as much, which other effects then fit. On `adk bench concealed
 --own --seed 11` (bf901ba), `--seed 12` (6fb0e03) and 72 cases of `--calibrate`, absent further
 effects next to a dominant one gain up to 0.0042, present ones at least 0.0123; this is the
-geometric mean. It suffices that an effect gains this share, and all else that is required, in the
-longitudinal channels or in the lateral ones, of the excess loss there: what acts along the car
-hardly moves it sideways, so that its inexact equation leaves nothing there.
+geometric mean. Where no effect before acts along the car, or to its side, the share of the excess
+loss of these channels is enough: an inexact drive torque leaves nothing in the lateral ones.
 """
 MIN_FIRST_GAIN_PER_SURROGATE_ERROR = 0.08
 """

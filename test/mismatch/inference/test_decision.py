@@ -145,6 +145,11 @@ def test_an_inexact_longitudinal_equation_hides_no_lateral_effect() -> None:
     # Nor a lateral gain that is within the errors of the lateral equations.
     path.null_excess_by_direction = np.array([500_000.0, 500_000.0])
     assert not is_improvement(lateral, lag, path)
+    # Nor next to an effect that acts to the side as well, whose lateral equation is inexact too.
+    path.null_excess_by_direction = np.array([990_000.0, 10_000.0])
+    payload = split(effects(22_000.0, "payload"), 9000.0)
+    friction = split(effects(20_000.0, "payload", "low_friction"), 9000.0)
+    assert not is_improvement(friction, payload, path)
     # Nor one that the longitudinal channels pay for.
     path.null_excess_by_direction = np.array([990_000.0, 10_000.0])
     paid = split(effects(21_900.0, "drive_torque_lag", "crosswind"), 10_900.0)
