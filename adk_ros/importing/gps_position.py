@@ -46,7 +46,7 @@ def gps_position(given: Mapping[str, SourceChannel], notes: list[str]) -> list[S
     new = _is_new(stamps, north, east)
     if int(new.sum()) < _MIN_FIXES or not (np.ptp(north) or np.ptp(east)):
         raise DataError("computed.position: latitude and longitude have no two different fixes")
-    kept = new | _ends_of_pauses(stamps, new)
+    kept = new | _in_pauses(stamps, new)
     stamps, values = stamps[kept], east_north(north[kept], east[kept])
     text = f"x, y from latitude, longitude: {int(new.sum())} fixes ({rate_text(stamps)})"
     notes.append(text + (f"; {without} rows without a fix are left out" if without else ""))
@@ -62,18 +62,13 @@ def _is_new(stamps: IntArray, north: FloatArray, east: FloatArray) -> BoolArray:
     return new
 
 
-def _ends_of_pauses(stamps: IntArray, new: BoolArray) -> BoolArray:
+def _in_pauses(stamps: IntArray, new: BoolArray) -> BoolArray:
     """
-    Return the last rows (n,) of fixes that are repeated for longer than fixes are interpolated.
+    Return the rows (n,) of fixes that are repeated for longer than fixes are interpolated.
 
-    The car stands there, and the position stays what it is until then.
+    The car stands there, and without these rows the pause would be a gap.
     """
     starts = np.flatnonzero(new)
-    ends = np.append(starts[1:], stamps.shape[0]) - 1
-    is_long = stamps[ends] - stamps[starts] > longest_gap_ns(stamps[starts])
-    out = np.zeros(stamps.shape[0], dtype=bool)
-    out[ends[is_long]] = True
-    # In between as well, so that nothing is a gap.
-    for start, end in zip(starts[is_long].tolist(), ends[is_long].tolist(), strict=True):
-        out[start:end] = True
-    return out
+    ends = np.append(starts[1:], stamps.shape[0])
+    is_long = stamps[ends - 1] - stamps[starts] > longest_gap_ns(stamps[starts])
+    return np.asarray(np.repeat(is_long, ends - starts))
