@@ -35,28 +35,17 @@ def without_known_errors(stream: Stream, role: str, sensors: SensorConfig) -> St
         "command": sensors.command_delay,
     }[role]
     if role == "imu":
-        scale, turning = sensors.accelerometer_scale, sensors.gyro_scale
-        bias_x, bias_y = sensors.accelerometer_bias
-        stream = stream.having(
-            a_x=(stream["a_x"] - bias_x) / scale,
-            a_y=(stream["a_y"] - bias_y) / scale,
-            a_z=stream["a_z"] / scale,
-            w_x=stream["w_x"] / turning,
-            w_y=stream["w_y"] / turning,
-            w_z=(stream["w_z"] - sensors.gyro_bias) / turning,
-        )
+        a_x, a_y, w_z = sensors.imu(stream["a_x"], stream["a_y"], stream["w_z"])
+        # Decoding does not use the other axes: they have the unit of these.
+        a_z = stream["a_z"] / sensors.accelerometer_scale
+        w_x, w_y = (stream[name] / sensors.gyro_scale for name in ("w_x", "w_y"))
+        stream = stream.having(a_x=a_x, a_y=a_y, a_z=a_z, w_x=w_x, w_y=w_y, w_z=w_z)
     elif role == "odometry":
-        v_x, v_y, yaw_rate = stream["v_x"], stream["v_y"], stream["yaw_rate"]
-        stream = stream.having(
-            v_x=v_x / sensors.odometry_scale,
-            v_y=v_y / sensors.odometry_scale,
-            yaw_rate=(yaw_rate - sensors.yaw_rate_bias) / sensors.yaw_rate_scale,
-        )
+        v_x, v_y, rate = sensors.velocity(stream["v_x"], stream["v_y"], stream["yaw_rate"])
+        stream = stream.having(v_x=v_x, v_y=v_y, yaw_rate=rate)
     else:
-        stream = stream.having(
-            torque=stream["torque"] / sensors.torque_scale,
-            steering=stream["steering"] - sensors.steering_offset,
-        )
+        torque, steering = sensors.command(stream["torque"], stream["steering"])
+        stream = stream.having(torque=torque, steering=steering)
     return replace(stream, at_s=stream.at_s - delay_s) if delay_s else stream
 
 

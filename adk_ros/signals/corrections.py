@@ -10,9 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 from adk_ros.errors import UsageError
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import Source
+
+Values = TypeVar("Values", float, FloatArray)
+"""One reading, or those of a stream."""
 
 MAX_DELAY_S = 1.0
 """s; by choice: by default, odometry that is half a second old gives no state any more."""
@@ -69,18 +74,20 @@ class SensorCorrections:
             return self.accelerometer_scale**2, self.gyro_scale**2
         return self.odometry_scale**2, self.yaw_rate_scale**2
 
-    def imu(self, a_x: float, a_y: float, yaw_rate: float) -> tuple[float, float, float]:
+    def imu(self, a_x: Values, a_y: Values, yaw_rate: Values) -> tuple[Values, Values, Values]:
         """Return the values of a reading of the IMU, SI."""
         (bias_x, bias_y), scale = self.accelerometer_bias, self.accelerometer_scale
         yaw_rate = (yaw_rate - self.gyro_bias) / self.gyro_scale
         return (a_x - bias_x) / scale, (a_y - bias_y) / scale, yaw_rate
 
-    def velocity(self, v_x: float, v_y: float, yaw_rate: float) -> tuple[float, float, float]:
+    def velocity(
+        self, v_x: Values, v_y: Values, yaw_rate: Values
+    ) -> tuple[Values, Values, Values]:
         """Return the values of a reading of odometry, SI."""
         scale = self.odometry_scale
         return v_x / scale, v_y / scale, (yaw_rate - self.yaw_rate_bias) / self.yaw_rate_scale
 
-    def command(self, torque: float, delta: float) -> tuple[float, float]:
+    def command(self, torque: Values, delta: Values) -> tuple[Values, Values]:
         """Return torque (N·m) and road-wheel angle (rad) of a command."""
         return torque / self.torque_scale, delta - self.steering_offset
 
