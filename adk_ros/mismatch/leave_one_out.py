@@ -21,10 +21,10 @@ from adk_ros.mismatch.inference.agreement import (
 )
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.final_estimate import refitted
-from adk_ros.mismatch.inference.forward_selection import SelectionPath
 from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import Agreement, LeftOutErrors
+from adk_ros.mismatch.inference.selection_path import SelectionPath
 from adk_ros.mismatch.library.criteria import MIN_ACTIVE_S
 from adk_ros.mismatch.recorded_data import RecordedData
 from adk_ros.mismatch.validation import correction_errors

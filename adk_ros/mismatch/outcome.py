@@ -22,9 +22,9 @@ from adk_ros.mismatch.inference.experiment_design import (
     most_discriminating_manoeuvre,
 )
 from adk_ros.mismatch.inference.feature_effect import catalogue_effects
-from adk_ros.mismatch.inference.forward_selection import SelectionPath, selection_steps
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import IdentifiedEffect, MismatchResult
+from adk_ros.mismatch.inference.selection_path import SelectionPath, selection_steps
 from adk_ros.mismatch.inference.steady_state import steady_state
 from adk_ros.mismatch.inputs import Inputs
 from adk_ros.mismatch.leave_one_out import agreement_of

@@ -11,11 +11,11 @@ import numpy as np
 
 from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
 from adk_ros.mismatch.inference.fit_budget import FINAL, NULL_HYPOTHESIS
-from adk_ros.mismatch.inference.forward_selection import SelectionPath
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, inactive_effect
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.question import Questioned
 from adk_ros.mismatch.inference.result import EXPLAINED, NONE, IdentifiedEffect
+from adk_ros.mismatch.inference.selection_path import SelectionPath
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, SIZE
 from adk_ros.mismatch.recording.sensor_log import SensorLog

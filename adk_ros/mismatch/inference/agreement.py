@@ -16,7 +16,6 @@ import numpy as np
 
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.final_estimate import refitted
-from adk_ros.mismatch.inference.forward_selection import SelectionPath, is_improvement
 from adk_ros.mismatch.inference.heterogeneity import heterogeneity, odd_one_out
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
@@ -27,6 +26,7 @@ from adk_ros.mismatch.inference.result import (
     Interval,
     ParameterAgreement,
 )
+from adk_ros.mismatch.inference.selection_path import SelectionPath, is_improvement
 from adk_ros.mismatch.library.criteria import MIN_ACTIVE_S
 from adk_ros.mismatch.library.effect import ALWAYS
 from adk_ros.mismatch.surrogate.activation import Activation

@@ -6,15 +6,15 @@ from __future__ import annotations
 
 from adk_ros.mismatch.inference.block_scores import effect_deviations
 from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
-from adk_ros.mismatch.inference.forward_selection import (
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.result import RejectedCandidate
+from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
     is_improvement,
     min_required_gain,
     penalised_loss,
 )
-from adk_ros.mismatch.inference.hypothesis import Hypothesis
-from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.result import RejectedCandidate
 from adk_ros.mismatch.inference.significance import significant_effects
 from adk_ros.mismatch.library.criteria import MAX_CANDIDATES_LISTED
 

@@ -13,11 +13,6 @@ from adk_ros.mismatch.inference.block_scores import effect_deviations
 from adk_ros.mismatch.inference.confidence import UNLISTED, Evidence, formula_log_prior
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import FINAL, REPLACEMENT
-from adk_ros.mismatch.inference.forward_selection import (
-    SelectionPath,
-    min_required_gain,
-    penalised_loss,
-)
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.identifiability import (
     Identifiability,
@@ -34,6 +29,11 @@ from adk_ros.mismatch.inference.result import (
     IdentifiedEffect,
     Interval,
     UnexplainedResidual,
+)
+from adk_ros.mismatch.inference.selection_path import (
+    SelectionPath,
+    min_required_gain,
+    penalised_loss,
 )
 from adk_ros.mismatch.inference.significance import significant_effects
 from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics, fit_feature_expansion

@@ -28,14 +28,14 @@ from scipy.special import ndtri
 from scipy.stats import ncx2
 
 from adk_ros.mismatch.inference.block_scores import BLOCK_S
-from adk_ros.mismatch.inference.forward_selection import (
+from adk_ros.mismatch.inference.forward_selection import examined_count
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES, Likelihood
+from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
-    examined_count,
     min_required_gain,
     penalised_loss,
 )
-from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
-from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES, Likelihood
 from adk_ros.mismatch.inference.significance import critical_value
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.surrogate.lap import Lap

@@ -26,9 +26,9 @@ import numpy as np
 from adk_ros.calibration.scope import Possible, Scope
 from adk_ros.mismatch.inference.channel_roles import CHANNEL_ROLES, ChannelRole
 from adk_ros.mismatch.inference.decision import Decision
-from adk_ros.mismatch.inference.forward_selection import SelectionPath
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import UNKNOWN, MissingChannel
+from adk_ros.mismatch.inference.selection_path import SelectionPath
 from adk_ros.mismatch.inference.unmodelled import fit_feature_expansion
 from adk_ros.mismatch.library.criteria import (
     MAX_FILTER_MISFIT,

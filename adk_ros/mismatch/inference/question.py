@@ -23,16 +23,16 @@ from adk_ros.mismatch.inference.experiment_design import (
 )
 from adk_ros.mismatch.inference.feature_effect import catalogue_effects
 from adk_ros.mismatch.inference.fit_budget import ABLATION, FINAL, SCREENING
-from adk_ros.mismatch.inference.forward_selection import (
-    SelectionPath,
-    min_required_gain,
-    penalised_loss,
-)
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.required_size import Reach, more_driving, sufficient_loss
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.inference.segments import fit_segments, refine_segments
+from adk_ros.mismatch.inference.selection_path import (
+    SelectionPath,
+    min_required_gain,
+    penalised_loss,
+)
 from adk_ros.mismatch.inference.significance import significant_effects
 from adk_ros.mismatch.library.criteria import ONSET_MIN_FURTHER_GAIN
 from adk_ros.mismatch.library.effect import ALWAYS, PLACE, TIME, Effect

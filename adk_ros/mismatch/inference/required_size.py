@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from adk_ros.mismatch.inference.block_scores import BlockScores, effect_variables
-from adk_ros.mismatch.inference.forward_selection import SelectionPath, min_required_gain
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.selection_path import SelectionPath, min_required_gain
 from adk_ros.mismatch.inference.significance import least_significant
 
 MAX_MORE_DRIVING = 100.0

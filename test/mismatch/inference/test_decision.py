@@ -17,11 +17,6 @@ from adk_ros.mismatch.inference.feature_effect import (
     feature_as_effect,
     feature_terms,
 )
-from adk_ros.mismatch.inference.forward_selection import (
-    SelectionPath,
-    is_improvement,
-    min_required_gain,
-)
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.identifiability import (
     CompetingEffect,
@@ -29,6 +24,11 @@ from adk_ros.mismatch.inference.identifiability import (
     LeftOutScores,
 )
 from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.selection_path import (
+    SelectionPath,
+    is_improvement,
+    min_required_gain,
+)
 from adk_ros.mismatch.inference.term_meaning import Body
 from adk_ros.mismatch.inference.unmodelled import (
     UnmodelledDynamics,

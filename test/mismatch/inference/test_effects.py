@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from helpers.mismatch import car, steady, with_commands
 
-from adk_ros.mismatch.inference.forward_selection import SelectionPath, min_required_gain
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.identifiability import STRUCTURALLY_EQUIVALENT
 from adk_ros.mismatch.inference.likelihood import (
@@ -22,6 +21,7 @@ from adk_ros.mismatch.inference.segmentation import optimal_segmentation, segmen
 from adk_ros.mismatch.inference.segments import (
     GRADUAL_EDGE_WIDTHS,
 )
+from adk_ros.mismatch.inference.selection_path import SelectionPath, min_required_gain
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import SENSOR_OFFSET_PRIORS
 from adk_ros.mismatch.library.effect import Effect

@@ -13,12 +13,12 @@ from scipy.stats import chi2
 from adk_ros.mismatch.inference import decision, left_out_support
 from adk_ros.mismatch.inference.confidence import ABSENT
 from adk_ros.mismatch.inference.feature_effect import feature_as_effect
-from adk_ros.mismatch.inference.forward_selection import SelectionPath
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.identifiability import Identifiability, LeftOutScores
 from adk_ros.mismatch.inference.left_out_support import is_formula_supported, least_supported
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.parametric_grid import ParametricGrid
+from adk_ros.mismatch.inference.selection_path import SelectionPath
 from adk_ros.mismatch.inference.term_meaning import Body
 from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics
 from adk_ros.mismatch.library.criteria import (

@@ -10,10 +10,10 @@ import pytest
 from helpers.mismatch_drive import driven, likelihood_of, questioned
 
 from adk_ros.mismatch.inference.fit_budget import FINAL
-from adk_ros.mismatch.inference.forward_selection import SelectionPath, min_required_gain
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.question import answer
 from adk_ros.mismatch.inference.required_size import Reach, more_driving, sufficient_loss
+from adk_ros.mismatch.inference.selection_path import SelectionPath, min_required_gain
 from adk_ros.mismatch.library.catalogue import EFFECTS
 
 DRAG = 1.6

@@ -1,0 +1,206 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The hypotheses of a selection, and what a further effect must gain to be accepted.
+
+A hypothesis costs its loss plus `PENALTY_PER_PARAMETER` for each fitted variable and
+`PENALTY_PER_LOCATION` for each onset or segment boundary. A further effect must lower that cost by
+at least
+
+- `MIN_GAIN`, the first one `MIN_FIRST_GAIN`,
+- `MIN_GAIN_PER_EXCESS` of the excess loss before it,
+- `MIN_GAIN_PER_NULL_EXCESS` of the excess loss before any effect: of all channels, or of the
+  longitudinal or the lateral ones where no effect before it acts in that direction,
+- `MIN_GAIN_PER_SURROGATE_ERROR` of the surrogate error, the first one
+  `MIN_FIRST_GAIN_PER_SURROGATE_ERROR`.
+
+`library.criteria` gives their reasons.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.result import SelectionStep
+from adk_ros.mismatch.inference.segments import SpatialProfile
+from adk_ros.mismatch.library.criteria import (
+    MIN_FIRST_GAIN,
+    MIN_FIRST_GAIN_PER_SURROGATE_ERROR,
+    MIN_FURTHER_GAIN_PER_SURROGATE_ERROR,
+    MIN_GAIN,
+    MIN_GAIN_PER_EXCESS,
+    MIN_GAIN_PER_NULL_EXCESS,
+    MIN_GAIN_PER_SURROGATE_ERROR,
+    PENALTY_PER_LOCATION,
+    PENALTY_PER_PARAMETER,
+)
+from adk_ros.mismatch.library.sensitivity import decided
+from adk_ros.numerics.arrays import FloatArray
+
+_EQUATIONS = (frozenset({"v_x"}), frozenset({"v_y", "yaw_rate"}))
+"""Of the longitudinal and of the lateral direction."""
+
+
+@dataclass
+class SelectionPath:
+    """
+    The hypotheses of a selection.
+
+    `levels[k]` are hypotheses with k effects, best first; `profiles` the effects' sizes along the
+    lap as they were estimated.
+    """
+
+    levels: list[list[Hypothesis]] = field(default_factory=list)
+    profiles: list[SpatialProfile] = field(default_factory=list)
+    expected_loss: float = 0.0
+    """Loss of a perfect model."""
+    null_excess_loss: float = 0.0
+    """Excess loss before any effect."""
+    null_excess_by_direction: FloatArray | None = None
+    """The same (2,) of the longitudinal and of the lateral channels."""
+    surrogate_error_dof: float = 0.0
+    """Number of residuals that the surrogate's own error accounts for."""
+    examined: int = 0
+    """Number of effects, places and onsets among which the first effect was chosen."""
+
+    def best(self) -> Hypothesis:
+        """Return the largest hypothesis each of whose effects is accepted."""
+        chosen = self.levels[0][0]
+        for level in self.levels[1:]:
+            if not level or not is_improvement(level[0], chosen, self):
+                break
+            chosen = level[0]
+        return chosen
+
+
+def selection_steps(path: SelectionPath) -> list[SelectionStep]:
+    """Return the best hypothesis of each size, with what its last effect gained."""
+    steps = [SelectionStep((), path.levels[0][0].loss)]
+    for starts, level in zip(path.levels, path.levels[1:], strict=False):
+        before, best = starts[0], level[0]
+        constants = _constants(before, path)
+        gain, required = max(
+            ((gain, rule(*constants.values())) for gain, rule in _gains(best, before, path)),
+            key=lambda pair: pair[0] / pair[1],
+        )
+        steps.append(SelectionStep(best.names, best.loss, gain, required))
+    return steps
+
+
+def penalised_loss(h: Hypothesis) -> float:
+    """Return the loss with the penalty for fitted variables."""
+    penalty = 0.0
+    for active in h.effects:
+        penalty += PENALTY_PER_PARAMETER * len(active.theta)
+        penalty += PENALTY_PER_LOCATION * len(active.activation.variables())
+    return h.loss + penalty
+
+
+def is_improvement(h: Hypothesis, before: Hypothesis, path: SelectionPath) -> bool:
+    """Whether `h` gains enough over `before`, which has fewer effects."""
+    n_more = max(len(h.effects) - len(before.effects), 1)
+    gains = _gains(h, before, path)
+    return decided(
+        lambda *values: any(gain > n_more * required(*values) for gain, required in gains),
+        **_constants(before, path),
+    )
+
+
+def min_required_gain(before: Hypothesis, path: SelectionPath) -> float:
+    """
+    Return the penalised gain, over all channels, that a further effect must bring.
+
+    Effects whose loss is within the expected one leave nothing to explain: what a further effect
+    gains there is rather the surrogate's error.
+    """
+    required = _required_gain(before, path, path.null_excess_loss)
+    return required(*_constants(before, path).values())
+
+
+def _gains(
+    h: Hypothesis, before: Hypothesis, path: SelectionPath
+) -> list[tuple[float, Callable[..., float]]]:
+    """
+    Return the penalised gain with the rule for what is required: one of both has to be met.
+
+    Over all channels; also over the longitudinal or the lateral ones where no effect of `before`
+    acts: an inexact equation of a drive torque leaves nothing that a crosswind would fit, while
+    that of a payload does.
+    """
+    gain = penalised_loss(before) - penalised_loss(h)
+    out = [(gain, _required_gain(before, path, path.null_excess_loss))]
+    null, start, after = (
+        path.null_excess_by_direction,
+        before.losses_by_direction,
+        h.losses_by_direction,
+    )
+    if null is not None and start is not None and after is not None:
+        penalty = (penalised_loss(h) - h.loss) - (penalised_loss(before) - before.loss)
+        for i in _free_directions(before):
+            less = min(gain, float(start[i] - after[i]) - penalty)
+            out.append((less, _required_gain(before, path, float(null[i]))))
+    return out
+
+
+def _free_directions(before: Hypothesis) -> list[int]:
+    """
+    Return the directions, 0: longitudinal, 1: lateral, in which no effect of a hypothesis acts.
+
+    Empty without effects, and with one of the sensors.
+    """
+    entered = {equation for active in before.effects for equation in active.effect.equations}
+    if not entered or not entered <= {"v_x", "v_y", "yaw_rate"}:
+        return []
+    return [i for i, known in enumerate(_EQUATIONS) if not known & entered]
+
+
+def _required_gain(
+    before: Hypothesis, path: SelectionPath, null_excess: float
+) -> Callable[..., float]:
+    """Return the least gain as a function of the constants that apply (`_constants`)."""
+    excess = max(before.loss - path.expected_loss, 0.0)
+
+    def required(least: float, share: float, per_excess: float, per_null: float) -> float:
+        return max(
+            least,
+            share * path.surrogate_error_dof,
+            per_excess * excess,
+            per_null * null_excess,
+        )
+
+    return required
+
+
+def _constants(before: Hypothesis, path: SelectionPath) -> dict[str, float]:
+    """Return the constants that apply to a further effect, by name."""
+    first: dict[str, float]
+    if not before.effects:
+        first = {
+            "MIN_FIRST_GAIN": MIN_FIRST_GAIN,
+            "MIN_FIRST_GAIN_PER_SURROGATE_ERROR": MIN_FIRST_GAIN_PER_SURROGATE_ERROR,
+        }
+    elif before.loss <= path.expected_loss:
+        first = {
+            "MIN_GAIN": MIN_GAIN,
+            "MIN_FURTHER_GAIN_PER_SURROGATE_ERROR": MIN_FURTHER_GAIN_PER_SURROGATE_ERROR,
+        }
+    else:
+        first = {
+            "MIN_GAIN": MIN_GAIN,
+            "MIN_GAIN_PER_SURROGATE_ERROR": MIN_GAIN_PER_SURROGATE_ERROR,
+        }
+    return first | {
+        "MIN_GAIN_PER_EXCESS": MIN_GAIN_PER_EXCESS,
+        "MIN_GAIN_PER_NULL_EXCESS": MIN_GAIN_PER_NULL_EXCESS,
+    }
+
+
+def least_required_gain(before: Hypothesis, path: SelectionPath) -> float:
+    """Return the gain below which a further effect is accepted in no direction."""
+    null_excess = path.null_excess_loss
+    if path.null_excess_by_direction is not None:
+        free = [float(path.null_excess_by_direction[i]) for i in _free_directions(before)]
+        null_excess = min([null_excess, *free])
+    return _required_gain(before, path, null_excess)(*_constants(before, path).values())
