@@ -24,6 +24,7 @@ import shutil
 import subprocess
 import tempfile
 import time
+import urllib.request
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -405,6 +406,8 @@ def object_store(drives: Path) -> Iterator[Callable[[], AbstractContextManager[N
         "AWS_DEFAULT_REGION": "us-east-1",
         "AWS_ENDPOINT_URL": address,
     }
+    # Servers of one process share their content.
+    urllib.request.urlopen(urllib.request.Request(f"{address}/moto-api/reset", method="POST"))
     client = boto3.client("s3", endpoint_url=address)
     client.create_bucket(Bucket=_BUCKET)
     for path in sorted(drives.rglob("*")):

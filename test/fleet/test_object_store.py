@@ -7,6 +7,7 @@ from __future__ import annotations
 import threading
 import time
 from functools import partial
+from urllib.request import Request, urlopen
 
 import boto3
 import pytest
@@ -40,6 +41,8 @@ def store(monkeypatch):
         monkeypatch.setenv(name, value)
     # Connections are kept by their arguments, and the address is none of them.
     s3fs.S3FileSystem.clear_instance_cache()
+    # Servers of one process share their content.
+    urlopen(Request(f"{address}/moto-api/reset", method="POST"))
     client = boto3.client("s3", endpoint_url=address)
     client.create_bucket(Bucket="fleet")
     for key, text in (("a.mcap", "ok 1"), ("car/b.mcap", "ok 2"), ("car/c.mcap", "damaged")):
