@@ -24,6 +24,7 @@ _SCALE_OF = {
     "gyro_bias": "gyro_scale",
     "yaw_rate_bias": "yaw_rate_scale",
 }
+_OTHER_DELAY = {"imu_delay": "odometry_delay", "odometry_delay": "imu_delay"}
 _DECIMALS = 6
 
 
@@ -55,19 +56,35 @@ def with_known_errors(
     """
     Return findings whose proposals contain the known errors, and the configuration with them.
 
-    Proposals of `signals.corrections.CORRECTIONS` are relative to the streams before.
+    Proposals of `signals.corrections.CORRECTIONS` are relative to the streams before. Only the
+    difference of the delays of IMU and odometry is found: what one is late first shortens a known
+    delay of the other.
     """
     out = []
     for finding in findings:
         proposed: dict[str, Any] = {}
         for name, value in finding.parameters.items():
-            proposed[name] = _absolute(name, value, sensors) if name in CORRECTIONS else value
-            known = proposed[name]
+            if name in _OTHER_DELAY:
+                proposed |= _delays(name, value, sensors)
+            else:
+                proposed[name] = _absolute(name, value, sensors) if name in CORRECTIONS else value
+        for name, known in proposed.items():
             change: dict[str, Any] = {name: tuple(known) if isinstance(known, list) else known}
             if name in CORRECTIONS or name == "imu_rotation":
                 sensors = replace(sensors, **change)
         out.append(replace(finding, parameters=proposed))
     return out, sensors
+
+
+def _delays(name: str, further_s: float, sensors: SensorConfig) -> dict[str, float]:
+    """Return the delays that change where a stream is late by `further_s`."""
+    other = _OTHER_DELAY[name]
+    known_s, other_s = getattr(sensors, name), getattr(sensors, other)
+    rest_s = further_s - other_s
+    changed = {other: max(0.0, -rest_s)} if other_s > 0.0 else {}
+    if rest_s > 0.0:
+        changed[name] = known_s + rest_s
+    return {key: round(value, _DECIMALS) for key, value in changed.items()}
 
 
 def _absolute(name: str, value: Any, sensors: SensorConfig) -> Any:

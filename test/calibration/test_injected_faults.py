@@ -27,8 +27,8 @@ from helpers.calibration import (
 )
 
 from adk_ros.calibration.check import CheckResult
-from adk_ros.calibration.finding import Finding, Verdict
-from adk_ros.calibration.known_errors import without_known_errors
+from adk_ros.calibration.finding import Finding, Verdict, found
+from adk_ros.calibration.known_errors import with_known_errors, without_known_errors
 from adk_ros.signals.decode import SensorConfig
 
 DEGREES = 180.0 / math.pi
@@ -235,3 +235,37 @@ def test_an_error_of_a_sensor_is_proposed_and_then_known(
     again = checked(added("imu", w_z=0.02)(streams), sensors=sensors).parameters
     assert again == {"gyro_bias": pytest.approx(sensors.gyro_bias + 0.02 * sensors.gyro_scale,
                                                 rel=0.1)}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "further_s", "before", "proposed"),
+    [
+        ("imu_delay", 0.02, SensorConfig(imu_delay=0.06), {"imu_delay": 0.08}),
+        ("odometry_delay", 0.02, SensorConfig(imu_delay=0.06), {"imu_delay": 0.04}),
+        (
+            "odometry_delay",
+            0.08,
+            SensorConfig(imu_delay=0.06),
+            {"imu_delay": 0.0, "odometry_delay": 0.02},
+        ),
+        ("imu_delay", 0.05, SensorConfig(odometry_delay=0.05), {"odometry_delay": 0.0}),
+    ],
+)
+def test_a_further_delay_first_shortens_that_of_the_other_stream(
+    name: str, further_s: float, before: SensorConfig, proposed: dict[str, float]
+) -> None:
+    (finding,), after = with_known_errors([found("gyro_delay", "", "", {name: further_s})], before)
+    assert finding.parameters == pytest.approx(proposed)
+    sign = 1.0 if name == "imu_delay" else -1.0
+    assert after.imu_delay - after.odometry_delay == pytest.approx(
+        before.imu_delay - before.odometry_delay + sign * further_s
+    )
+
+
+def test_a_known_delay_that_is_too_long_is_shortened() -> None:
+    sensors = SensorConfig(imu_delay=0.1)
+    streams = late("imu", 0.06)(driven())
+    assert streams.imu is not None
+    streams = streams.with_stream("imu", without_known_errors(streams.imu, "imu", sensors))
+    proposed = checked(streams, sensors=sensors).parameters
+    assert proposed == {"imu_delay": pytest.approx(0.06, abs=0.004)}
