@@ -159,7 +159,8 @@ def soak(
     """
     Replay a looped drive with injected faults: memory growth, NaN, numerical drift.
 
-    A million ticks are 7 h of driving.
+    A million ticks are 7 h of driving. Prints PASS or FAIL for each of these, and for failed
+    adaptations.
 
     Example: adk bench soak --ticks 10000000
     """

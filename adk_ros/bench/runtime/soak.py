@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import psutil  # type: ignore[import-untyped, unused-ignore]
 
+from adk_ros.bench.paper.criterion import Criterion
 from adk_ros.bench.runtime.synthetic_feed import Message, bench_model, endless, simulated_messages
 from adk_ros.errors import UsageError
 from adk_ros.model.adaptation.online_methods import OnlineSettings, WindowedRidge
@@ -41,6 +42,10 @@ _FREEZE = 400
 """Messages for which a frozen sensor repeats its value."""
 _JUMP_S = 100
 """Backward jump of the clock, s."""
+_MAX_DRIFT = 1e-6
+"""By choice: a coefficient then moves a prediction by 1e-6 of what its feature does in a step."""
+_MAX_GROWTH_MIB = 20.0
+"""By choice: above what allocators add; in 24 h a leak of 7 bytes a tick exceeds it."""
 
 
 def check_soak(ticks: int) -> None:
@@ -57,7 +62,8 @@ def bench_soak(
     """
     Run the test; `drift` is the largest difference of theta from the batch solution.
 
-    Memory is the resident set size after a tenth of the run and at its end, MiB.
+    Memory is the resident set size after a tenth of the run and at its end, MiB. `criteria` with
+    verdict, name and figure.
     :raises UsageError: as `check_soak`.
     """
     check_soak(ticks)
@@ -81,7 +87,7 @@ def bench_soak(
     elapsed_s = time.monotonic() - begin_s
     method = pipeline.predictor.online
     assert isinstance(method, WindowedRidge)
-    return {
+    result = {
         "ticks": pipeline.ticks,
         "horizon_steps": _HORIZON_STEPS,
         "elapsed_s": round(elapsed_s, 1),
@@ -97,6 +103,35 @@ def bench_soak(
         "counts": dict(sorted(pipeline.aligner.counts.items())),
         "refused": sum(pipeline.decoder.refused.values()),
     }
+    return result | {"criteria": [vars(item) for item in soak_criteria(result)]}
+
+
+def soak_criteria(result: dict[str, Any]) -> list[Criterion]:
+    """Return the verdicts on a result of `bench_soak`."""
+    predictions, drift = result["predictions"], result["drift"]
+    grown = result["memory_end_mib"] - result["memory_early_mib"]
+    return [
+        Criterion.judged(
+            predictions > 0 and result["not_finite"] == 0,
+            "NaN or infinity in a state or covariance",
+            f"{result['not_finite']} of {predictions} predictions (none)",
+        ),
+        Criterion.judged(
+            drift <= _MAX_DRIFT,
+            "distance of the adapted model from the batch solution",
+            f"{drift:.1e} (at most {_MAX_DRIFT:.0e})",
+        ),
+        Criterion.judged(
+            result["online_failures"] == 0,
+            "failed adaptations",
+            f"{result['online_failures']} (none)",
+        ),
+        Criterion.judged(
+            grown <= _MAX_GROWTH_MIB,
+            "growth of the memory after a tenth of the run",
+            f"{grown:.1f} MiB (at most {_MAX_GROWTH_MIB:.0f} MiB)",
+        ),
+    ]
 
 
 def _with_faults(

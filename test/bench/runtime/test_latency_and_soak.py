@@ -114,6 +114,7 @@ def test_soak_stays_finite_flat_and_exact(soaked: dict[str, Any]) -> None:
     assert soaked["online_failures"] == 0
     assert soaked["memory_early_mib"] > 0.0
     assert soaked["memory_end_mib"] - soaked["memory_early_mib"] < 20.0
+    assert {item["verdict"] for item in soaked["criteria"]} == {"PASS"}
 
 
 @pytest.mark.slow
@@ -241,9 +242,24 @@ def test_the_soak_counts_covariances_that_are_not_finite(monkeypatch: pytest.Mon
             made.horizon_covariance[-1, 2, 2] = np.inf
         return made
 
+    path = small().path  # Its training predicts, too.
     monkeypatch.setattr(Predictor, "step", spoiled)
-    result = soak.bench_soak(small().path, 1000)
+    result = soak.bench_soak(path, 1000)
     assert result["not_finite"] == result["predictions"] > 0
+    assert [item["verdict"] for item in result["criteria"]].count("FAIL") == 1
+    assert result["criteria"][0]["verdict"] == "FAIL"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("predictions", 0), ("drift", 2e-6), ("online_failures", 1), ("memory_end_mib", 120.1)],
+)
+def test_criteria_of_endurance(name: str, value: float) -> None:
+    figures = {"predictions": 1000, "not_finite": 0, "drift": 1e-12, "online_failures": 0}
+    result = figures | {"memory_early_mib": 100.0, "memory_end_mib": 101.0}
+    assert {item.verdict for item in soak.soak_criteria(result)} == {"PASS"}
+    verdicts = [item.verdict for item in soak.soak_criteria(result | {name: value})]
+    assert verdicts.count("FAIL") == 1
 
 
 def test_the_command_line(capsys, monkeypatch: pytest.MonkeyPatch, timed: dict[str, Any]) -> None:
@@ -265,6 +281,7 @@ def test_the_command_line(capsys, monkeypatch: pytest.MonkeyPatch, timed: dict[s
     assert main(["bench", "soak", "--model", "any"]) == 0
     out = capsys.readouterr().out
     assert "not_finite           0" in out
+    assert "PASS NaN or infinity in a state or covariance 0 of" in out
     assert "{" not in out
 
 
