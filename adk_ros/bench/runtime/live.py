@@ -53,6 +53,8 @@ MIN_IMU_HZ, MAX_IMU_HZ = 1.0, 2000.0
 _WARM_UP_S = 3.0
 """Time before the measurement in which kernels compile and caches fill, s."""
 _TIMEOUT_S = 60.0
+_START_S = 900.0
+"""Longest wait for the node: a first start compiles for minutes, on a slow machine for ten."""
 MODULE = "adk_ros.bench.runtime.live"
 """Runs the parts of the measurement: `drive`, `listen`, `relay`."""
 
@@ -278,6 +280,7 @@ def _drive(path: str, subscribers: str, *rates: str) -> None:
     sent = publish_synthetic_sensors(
         duration_s,
         Rates(*hz),
+        wait_s=_START_S,
         subscribers=int(subscribers),
         on_start=lambda: print("started", flush=True),
     )
@@ -303,7 +306,7 @@ def _listen(path: str) -> None:
         watch_diagnostics(node, shown)
         time_horizons(node, "/predictor", horizon_ns)
 
-    recording = record(wait_s=_TIMEOUT_S, on_node=subscribe)
+    recording = record(wait_s=_START_S, on_node=subscribe)
     np.savez(
         path,
         stamp_ns=recording.stamp_ns,
