@@ -30,6 +30,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import psutil
 
@@ -46,6 +47,9 @@ from adk_ros.fleet.demo.fleet_folder import write_fleet
 from adk_ros.fleet.demo.fleet_plan import FleetSize, InjectedTerm, plan_fleet
 from adk_ros.fleet.inference.levels import SHARED, Level
 from adk_ros.plant.injection.injectors import scale_strength
+
+if TYPE_CHECKING:
+    from moto.server import ThreadedMotoServer
 
 SIZE = FleetSize(5, 8, (30.0, 40.0), 120.0, 1, 1, 2)
 _MISSING = "aero_drag"
@@ -382,6 +386,29 @@ def small_disk(mount: Path) -> Iterator[Path]:
             holder.kill()
 
 
+def empty_store() -> tuple[ThreadedMotoServer, dict[str, str]]:
+    """
+    Return a started object store without content, and the environment variables that reach it.
+
+    :raises ImportError: moto's server is not installed.
+    """
+    from moto.server import ThreadedMotoServer
+
+    # It would print each request.
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    address = "http://{}:{}".format(*server.get_host_and_port())
+    # Servers of one process share their content.
+    urllib.request.urlopen(urllib.request.Request(f"{address}/moto-api/reset", method="POST"))
+    return server, {
+        "AWS_ACCESS_KEY_ID": "testing",
+        "AWS_SECRET_ACCESS_KEY": "testing",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ENDPOINT_URL": address,
+    }
+
+
 @contextmanager
 def object_store(drives: Path) -> Iterator[Callable[[], AbstractContextManager[None]]]:
     """
@@ -392,23 +419,13 @@ def object_store(drives: Path) -> Iterator[Callable[[], AbstractContextManager[N
     try:
         import boto3
         from moto.server import ThreadedMotoServer
+
+        server, access = empty_store()
     except ImportError as error:
         raise Unavailable(f"{error.name} is not installed") from None
-    # It would print each request.
-    logging.getLogger("werkzeug").setLevel(logging.ERROR)
-    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
-    server.start()
+    os.environ |= access
     _, port = server.get_host_and_port()
-    address = f"http://127.0.0.1:{port}"
-    os.environ |= {
-        "AWS_ACCESS_KEY_ID": "testing",
-        "AWS_SECRET_ACCESS_KEY": "testing",
-        "AWS_DEFAULT_REGION": "us-east-1",
-        "AWS_ENDPOINT_URL": address,
-    }
-    # Servers of one process share their content.
-    urllib.request.urlopen(urllib.request.Request(f"{address}/moto-api/reset", method="POST"))
-    client = boto3.client("s3", endpoint_url=address)
+    client = boto3.client("s3", endpoint_url=access["AWS_ENDPOINT_URL"])
     client.create_bucket(Bucket=_BUCKET)
     for path in sorted(drives.rglob("*")):
         if path.is_file():

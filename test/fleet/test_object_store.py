@@ -7,11 +7,11 @@ from __future__ import annotations
 import threading
 import time
 from functools import partial
-from urllib.request import Request, urlopen
 
 import boto3
 import pytest
 import s3fs
+from fleet_faults import empty_store
 from helpers.fleet import text_stage
 from moto.server import ThreadedMotoServer
 
@@ -27,23 +27,13 @@ from adk_ros.fleet.tags import Tags
 
 @pytest.fixture
 def store(monkeypatch):
-    """Yield a server with a bucket of three recordings, and the address of its interface."""
-    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
-    server.start()
-    host, port = server.get_host_and_port()
-    address = f"http://{host}:{port}"
-    for name, value in (
-        ("AWS_ACCESS_KEY_ID", "testing"),
-        ("AWS_SECRET_ACCESS_KEY", "testing"),
-        ("AWS_DEFAULT_REGION", "us-east-1"),
-        ("AWS_ENDPOINT_URL", address),
-    ):
+    """Yield a server with a bucket of three recordings."""
+    server, access = empty_store()
+    for name, value in access.items():
         monkeypatch.setenv(name, value)
     # Connections are kept by their arguments, and the address is none of them.
     s3fs.S3FileSystem.clear_instance_cache()
-    # Servers of one process share their content.
-    urlopen(Request(f"{address}/moto-api/reset", method="POST"))
-    client = boto3.client("s3", endpoint_url=address)
+    client = boto3.client("s3")
     client.create_bucket(Bucket="fleet")
     for key, text in (("a.mcap", "ok 1"), ("car/b.mcap", "ok 2"), ("car/c.mcap", "damaged")):
         client.put_object(Bucket="fleet", Key=f"drives/{key}", Body=text.encode())
