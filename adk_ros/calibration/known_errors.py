@@ -57,8 +57,8 @@ def with_known_errors(
     Return findings whose proposals contain the known errors, and the configuration with them.
 
     Proposals of `signals.corrections.CORRECTIONS` are relative to the streams before. Only the
-    difference of the delays of IMU and odometry is found: what one is late first shortens a known
-    delay of the other.
+    difference of the delays of IMU and odometry is found: a further delay of one first shortens a
+    known delay of the other.
     """
     out = []
     for finding in findings:
@@ -80,10 +80,10 @@ def _delays(name: str, further_s: float, sensors: SensorConfig) -> dict[str, flo
     """Return the delays that change where a stream is late by `further_s`."""
     other = _OTHER_DELAY[name]
     known_s, other_s = getattr(sensors, name), getattr(sensors, other)
-    rest_s = further_s - other_s
-    changed = {other: max(0.0, -rest_s)} if other_s > 0.0 else {}
-    if rest_s > 0.0:
-        changed[name] = known_s + rest_s
+    remaining_s = further_s - other_s
+    changed = {other: max(0.0, -remaining_s)} if other_s > 0.0 else {}
+    if remaining_s > 0.0:
+        changed[name] = known_s + remaining_s
     return {key: round(value, _DECIMALS) for key, value in changed.items()}
 
 

@@ -54,7 +54,7 @@ _WARM_UP_S = 3.0
 """Time before the measurement in which kernels compile and caches fill, s."""
 _TIMEOUT_S = 60.0
 _START_S = 900.0
-"""Longest wait for the node: a first start compiles for minutes, on a slow machine for ten."""
+"""Longest wait for the node, which compiles at its first start. By choice."""
 MODULE = "adk_ros.bench.runtime.live"
 """Runs the parts of the measurement: `drive`, `listen`, `relay`."""
 
