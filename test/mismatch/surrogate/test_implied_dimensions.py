@@ -15,9 +15,11 @@ from adk_ros.mismatch.surrogate.implied_dimensions import ImpliedDimension
 pytestmark = pytest.mark.slow(seconds=25)
 
 
-def identify(nominal: NominalVehicle) -> None:
+def identify(nominal: NominalVehicle) -> str:
+    """Return the note on what the simulation implies."""
     c = case()
-    surrogate_of(c.simulation, c.recording, nominal, lambda done, text: None)
+    _, notes = surrogate_of(c.simulation, c.recording, nominal, lambda done, text: None)
+    return next((note for note in notes if "implies a yaw inertia of" in note), "")
 
 
 def changed(**factors: float) -> NominalVehicle:
@@ -26,7 +28,7 @@ def changed(**factors: float) -> NominalVehicle:
     return nominal.model_copy(update=update)
 
 
-@pytest.mark.parametrize("factor", [0.6, 1.7])
+@pytest.mark.parametrize("factor", [0.4, 2.5])
 def test_another_yaw_inertia_is_refused(factor: float) -> None:
     with pytest.raises(DataError, match="implies a yaw inertia of") as error:
         identify(changed(yaw_inertia=factor))
@@ -46,9 +48,17 @@ def test_another_wheelbase_or_steering_ratio_is_refused(factor: float) -> None:
     assert implied == pytest.approx(wheelbase, rel=0.03)
 
 
+@pytest.mark.parametrize("factor", [0.61, 1.7])
+def test_a_doubtful_yaw_inertia_is_said(factor: float) -> None:
+    """A right file may imply it: the simulator of another project does."""
+    assert "yaw_inertia is wrong" in identify(changed(yaw_inertia=factor))
+
+
 def test_what_other_simulators_differ_by_is_accepted() -> None:
-    identify(changed(yaw_inertia=1.3))
-    identify(changed(cg_to_front_axle=1.1, cg_to_rear_axle=1.1))
+    for nominal in (changed(yaw_inertia=1.3), changed(cg_to_front_axle=1.1, cg_to_rear_axle=1.1)):
+        note = identify(nominal)
+        assert note
+        assert "wrong" not in note
 
 
 def test_what_is_assumed_cannot_contradict() -> None:
