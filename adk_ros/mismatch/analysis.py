@@ -112,7 +112,7 @@ def _decided(
     report(_DECIDED, _TOTAL, "predicting held-out data")
     if not held_out:
         decision = confirmed(decision, training, whole)
-    evidence = [Evidence(inputs.completed(log)) for log in held_out]
+    evidence = [data.evidence(inputs.completed(log)) for log in held_out]
     evidence = evidence or data.held_out(decision.hypothesis)
 
     def judged(decision: Decision) -> list[Evidence]:

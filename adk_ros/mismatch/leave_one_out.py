@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-from adk_ros.mismatch.deployment.held_out import Evidence
 from adk_ros.mismatch.inference.agreement import (
     active_duration,
     agreements,
@@ -55,7 +54,7 @@ def agreement_of(
         here = likelihood.restricted_to({i})
         acting = tuple(a for a in h.effects if active_duration(a, here) >= MIN_ACTIVE_S)
         h = replace(h, effects=acting)
-        errors = correction_errors(data.surrogate, h, data.lap, [Evidence(data.parts[i].log)])
+        errors = correction_errors(data.surrogate, h, data.lap, [data.evidence(data.parts[i].log)])
         left_out.append(LeftOutErrors(*errors))
     rows = agreements(decision, alone)
     single = best_single(path, decision)

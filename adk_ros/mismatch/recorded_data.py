@@ -11,6 +11,7 @@ import numpy as np
 
 from adk_ros.errors import DataError
 from adk_ros.mismatch.deployment.held_out import Evidence
+from adk_ros.mismatch.deployment.prediction_starts import FIRST_START_S
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
@@ -155,7 +156,7 @@ class RecordedData:
         A recording before an onset says nothing about the effect.
         """
         pairs = zip(self.parts, self.splits_s, strict=True)
-        evidence = [Evidence(part.log, split) for part, split in pairs]
+        evidence = [self.evidence(part.log, split) for part, split in pairs]
         if len(evidence) == 1:
             return evidence
         onset_s = max((a.activation.onset_s or 0.0 for a in h.effects), default=0.0)
@@ -165,6 +166,16 @@ class RecordedData:
             if item.log.duration_s > onset_s + MIN_ACTIVE_S
         ]
         return after or evidence
+
+    def evidence(self, log: SensorLog, from_s: float = FIRST_START_S) -> Evidence:
+        """Return a recording of these channels, from a time on, to predict."""
+        observable = self.observable
+        return Evidence(
+            log,
+            from_s,
+            yaw_filter_s=observable.yaw_filter_s or None,
+            v_x_is_given="v_x" in observable.not_predicted(),
+        )
 
     def direct_comparisons(self, simulation: SensorLog | SurrogateModel) -> list[DirectComparison]:
         """

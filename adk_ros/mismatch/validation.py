@@ -30,7 +30,7 @@ from adk_ros.mismatch.deployment.held_out import (
     unjudged_states,
     without_sensor_faults,
 )
-from adk_ros.mismatch.deployment.open_loop import FIRST_START_S
+from adk_ros.mismatch.deployment.prediction_starts import FIRST_START_S
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.deployment.tolerance_error import tolerance_error
@@ -204,10 +204,17 @@ def expected_error(surrogate: SurrogateModel, logs: Sequence[SensorLog]) -> Floa
     return np.asarray(np.hypot(noise, zero if own is None else own))
 
 
-def open_loop_error(surrogate: SurrogateModel, simulation: SensorLog) -> FloatArray:
-    """Return the RMSE (horizons, 3) of a surrogate on the simulation that it was fitted to."""
+def open_loop_error(
+    surrogate: SurrogateModel, simulation: SensorLog, v_x_is_given: bool = False
+) -> FloatArray:
+    """
+    Return the RMSE (horizons, 3) of a surrogate on the simulation that it was fitted to.
+
+    `v_x_is_given`: as in the predictions that it is compared with, see `Evidence`.
+    """
     model = _parsed(simulation_yaml(surrogate))
-    return np.nan_to_num(rmse(horizon_errors(model, [Evidence(simulation)])))
+    evidence = Evidence(simulation, v_x_is_given=v_x_is_given)
+    return np.nan_to_num(rmse(horizon_errors(model, [evidence])))
 
 
 def coherent(decision: Decision, validation: Validation) -> Decision:

@@ -19,11 +19,8 @@ import numpy as np
 
 from adk_ros.bags.recording import Recording, RecordingOptions
 from adk_ros.errors import DataError, UsageError
-from adk_ros.mismatch.deployment.open_loop import (
-    FIRST_START_S,
-    OpenLoopPredictor,
-    start_times_of,
-)
+from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor
+from adk_ros.mismatch.deployment.prediction_starts import FIRST_START_S, start_times_of
 from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.mismatch.recording.sensor_log import SensorLog

@@ -15,7 +15,8 @@ from helpers.mismatch import case
 
 from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.deployment.held_out import Evidence, horizon_errors, rmse
-from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, start_times_of
+from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor
+from adk_ros.mismatch.deployment.prediction_starts import start_times_of
 from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
 from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.report.result_files import as_dict, write_report

@@ -122,9 +122,10 @@ def removed_term_outcomes(
     first, rest = parts(log)
     calibrated = calibrate_surrogate(first, nominal, infer_torque=True)
     car = calibrated.stand_in
-    car = replace(car, open_loop_error=open_loop_error(car, calibrated.drive))
     has_imu = log.imu_s.size > 0
     scope = observable_effects(rest, nominal.mass, nominal.wheel_radius, has_imu)
+    given = "v_x" in scope.not_predicted()
+    car = replace(car, open_loop_error=open_loop_error(car, calibrated.drive, given))
     hidden = scope.unobservable
     left_out += [term.effect for term in TERMS if term.effect in hidden]
     yield _outcome(vehicle, log.name, None, car, identify_mismatch(car, rest, nominal), sentence)

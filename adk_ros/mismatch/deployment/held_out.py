@@ -17,12 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from adk_ros.errors import DataError
-from adk_ros.mismatch.deployment.open_loop import (
-    ASSIMILATION_GAINS,
-    FIRST_START_S,
-    OpenLoopPredictor,
-    start_times_of,
-)
+from adk_ros.mismatch.deployment.open_loop import ASSIMILATION_GAINS, OpenLoopPredictor
+from adk_ros.mismatch.deployment.prediction_starts import FIRST_START_S, start_times_of
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.library.criteria import (
@@ -52,13 +48,20 @@ class Evidence:
     """
     A recording, or its part from `from_s` to `until_s`, to predict.
 
-    `skipped_s` (k, 2): begin and end of stretches that no prediction may touch.
+    `skipped_s` (k, 2): begin and end of stretches that no prediction may touch. `yaw_filter_s`,
+    `v_x_is_given`: as in `OpenLoopPredictor`.
     """
 
     log: SensorLog
     from_s: float = FIRST_START_S
     until_s: float = np.inf
     skipped_s: FloatArray | None = None
+    yaw_filter_s: float | None = None
+    v_x_is_given: bool = False
+
+    def predictor(self, model: SurrogateFile) -> OpenLoopPredictor:
+        """Return a model prepared for predictions along the recording."""
+        return OpenLoopPredictor(model, self.log, self.yaw_filter_s, self.v_x_is_given)
 
     def touches_skipped(self, begins_s: FloatArray, duration_s: float) -> BoolArray:
         """Return which of the intervals that begin at `begins_s` (n,) overlap a skipped one."""
@@ -79,9 +82,7 @@ def horizon_errors(
     One row per start; NaN where the car is slower than `MIN_SPEED` at the start or at the end of
     the horizon, where there is no measurement, or where a prediction touches a skipped stretch.
     """
-    return np.concatenate(
-        [_errors(OpenLoopPredictor(model, item.log), item, horizons_s) for item in evidence]
-    )
+    return np.concatenate([_errors(item.predictor(model), item, horizons_s) for item in evidence])
 
 
 def persistence_errors(evidence: Sequence[Evidence]) -> FloatArray:

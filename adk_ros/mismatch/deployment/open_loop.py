@@ -4,8 +4,9 @@
 Open-loop predictions by the surrogate model, under known commands.
 
 Up to each start the model follows odometry: every message corrects the state by a fixed gain. From
-the start on it runs open loop; later measurements are not used. Position-dependent terms are
-evaluated at the predicted position.
+the start on it runs open loop; later measurements are not used, but for v_x where no torque says
+what moves the car. Position-dependent terms are evaluated at the predicted position. A yaw rate
+that odometry filters is predicted as it is published (`odometry_signals`).
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from adk_ros.errors import DataError
+from adk_ros.mismatch.deployment.odometry_signals import with_lag, without_lag
 from adk_ros.mismatch.deployment.position_terms import PositionTerms
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.library.features import feature_matrix
 from adk_ros.mismatch.library.parametric_features import has_memory, has_unlimited_memory
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.command_integrals import integrate_commands
 from adk_ros.mismatch.surrogate.measured_slopes import slope_terms
@@ -50,10 +52,7 @@ from adk_ros.mismatch.surrogate.state_index import (
 )
 from adk_ros.mismatch.surrogate.substeps import integrate_in_substeps
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.signals.channels import TICK_NS
 
-FIRST_START_S = 2.0
-"""s. Earlier starts would have too few measurements before them."""
 STEP_S = 0.005
 STEPS_PER_TICK = 5
 ASSIMILATION_GAINS = np.array([0.1, 0.15, 0.15])
@@ -65,20 +64,36 @@ _MEMORY_S = 20.0
 s of signals that features with a memory take into account, and that are assimilated first; wear
 takes all signals since the start into account.
 """
-_MAX_ODOMETRY_AGE_S = 0.1
-"""s. A start needs a measurement at most this old."""
 _PASSES = 2
 """Runs repeated with the position and features of the run before."""
 
 
 class OpenLoopPredictor:
-    """A surrogate's file prepared for predictions along one recording."""
+    """
+    A surrogate's file prepared for predictions along one recording.
 
-    def __init__(self, model: SurrogateFile, log: SensorLog) -> None:
+    `yaw_filter_s`: time constant of the filter of the recorded yaw rate, None: that of the model.
+    `v_x_is_given`: v_x follows the recording, also ahead.
+    """
+
+    def __init__(
+        self,
+        model: SurrogateFile,
+        log: SensorLog,
+        yaw_filter_s: float | None = None,
+        v_x_is_given: bool = False,
+    ) -> None:
         self.log = log
         end_s = float(max(log.odometry_s[-1], log.command_s[-1])) + 1.0
         self.commands = integrate_commands(log.command_s, log.command, end_s)
         self.parameters = model.vector_with_terms()
+        lag = INDEX["odometry_lag"]
+        self._lag_s = float(self.parameters[lag]) if yaw_filter_s is None else yaw_filter_s
+        # Removed here from the messages; the run itself has no filter.
+        self.parameters[lag] = 0.0
+        self._odometry = log.odometry.copy()
+        self._odometry[:, 2] = without_lag(log.odometry_s, log.odometry[:, 2], self._lag_s)
+        self._v_x_is_given = v_x_is_given
         self._road = log.road
         measured = () if log.road is None else log.road.entries
         self.position_terms = PositionTerms(model, measured)
@@ -103,7 +118,21 @@ class OpenLoopPredictor:
         out = np.empty((starts_s.shape[0], ticks, 3))
         for i, run in enumerate(self.runs(starts_s, ticks)):
             out[i] = run.end_states[STEPS_PER_TICK::STEPS_PER_TICK, :3]
+            if self._lag_s > 0.0:
+                rate = self.published_yaw_rate(run, float(starts_s[i]))
+                out[i, :, 2] = rate[STEPS_PER_TICK - 1 :: STEPS_PER_TICK]
         return out
+
+    def published_yaw_rate(self, run: RunBuffers, start_s: float) -> FloatArray:
+        """Return the yaw rate (n,) that odometry would publish in a run, as it filters it."""
+        rate: FloatArray = run.output[YAW_RATE]
+        if self._lag_s <= 0.0:
+            return rate
+        last = _last_before(self.log.odometry_s, start_s)
+        age = start_s - float(self.log.odometry_s[last])
+        value = float(self.log.odometry[last, 2])
+        value += -np.expm1(-age / self._lag_s) * (float(rate[0]) - value)
+        return with_lag(rate, value, self._lag_s, STEP_S)
 
     def runs(self, starts_s: FloatArray, ticks: int) -> Iterator[RunBuffers]:
         """Yield the open-loop run of `ticks` ticks from each start (n,), ascending."""
@@ -121,7 +150,7 @@ class OpenLoopPredictor:
         earliest = max(first_start - self._warm_up_s, float(log.odometry_s[0]))
         now = first_start - STEP_S * np.floor((first_start - earliest) / STEP_S)
         state = np.zeros(STATE_SIZE)
-        state[[S_V_X, S_V_Y, S_YAW_RATE]] = log.odometry[_last_before(log.odometry_s, now)]
+        state[[S_V_X, S_V_Y, S_YAW_RATE]] = self._odometry[_last_before(log.odometry_s, now)]
         angle = log.command[_last_before(log.command_s, now), 1]
         state[[S_STEER, S_STEER_MORE, S_PLAY]] = angle
         return now, state
@@ -141,7 +170,7 @@ class OpenLoopPredictor:
         for _ in range(1 + (_PASSES if is_iterative else 0)):
             inputs = open_loop_inputs(
                 self.commands, self._since_first_command(now), STEP_S, n, extra
-            )
+            )._replace(prescribed_v_x=self._given_v_x(now, n))
             run = self._run(state.copy(), self._terms(distances, poses, now), inputs)
             distances = [s + np.cumsum(run.output[V_X]) * STEP_S for s in at_start]
             poses = run.end_states[:-1, E_X:]
@@ -156,7 +185,7 @@ class OpenLoopPredictor:
         first, last = np.searchsorted(log.odometry_s, [now + 1e-9, now + n * STEP_S + 1e-9])
         # A message counts in the step that contains its stamp, never earlier.
         row = np.clip(((log.odometry_s[first:last] - now) / STEP_S - 1e-6).astype(int), 0, n - 1)
-        measured[row] = log.odometry[first:last]
+        measured[row] = self._odometry[first:last]
         distances = [
             np.full(n, s) + state[S_V_X] * STEP_S * (np.arange(n) + 0.5)
             for s in self._distances_at(now)
@@ -167,7 +196,7 @@ class OpenLoopPredictor:
             self.commands,
             self._since_first_command(now),
             STEP_S,
-            prescribed_v_x=np.empty(0),
+            prescribed_v_x=self._given_v_x(now, n),
             measured=measured,
             observer_gains=self._gains,
             extra=no_extra(),
@@ -179,6 +208,13 @@ class OpenLoopPredictor:
             run = self._run(before, terms, inputs._replace(extra=extra))
             self._remember(self._signals(run.output, now))
         return run.state
+
+    def _given_v_x(self, now: float, n: int) -> FloatArray:
+        """Return v_x (n + 1,) at the ends of `n` steps from `now`; empty where it is predicted."""
+        if not self._v_x_is_given:
+            return np.empty(0)
+        at_s = now + STEP_S * np.arange(n + 1)
+        return np.asarray(np.interp(at_s, self.log.odometry_s, self.log.odometry[:, 0]))
 
     def _terms(self, distances: list[FloatArray], poses: FloatArray, now: float) -> ActiveTerms:
         """Return the terms along a run from `now`: of positions, and the measured slopes."""
@@ -267,26 +303,3 @@ def _joined(
 def _last_before(stamps_s: FloatArray, now: float) -> int:
     """Return the index of the last stamp up to `now`, or 0."""
     return max(int(np.searchsorted(stamps_s, now + 1e-9)) - 1, 0)
-
-
-def start_times_of(log: SensorLog, ticks: int, stride_s: float, from_s: float) -> FloatArray:
-    """
-    Return starts (n,) on the tick grid, every `stride_s` from `from_s` on, with known commands.
-
-    Raises `DataError` where there is none.
-    """
-    phase = (-log.start_ns % TICK_NS) * 1e-9
-    tick = TICK_NS * 1e-9
-    last = min(log.duration_s, float(log.command_s[-1]) + 2.0 * tick) - ticks * tick
-    wanted = np.arange(from_s, last + 1e-9, stride_s)
-    starts = np.unique(phase + tick * np.ceil((wanted - phase) / tick - 1e-6))
-    starts = starts[starts <= last + 1e-9]
-    before = np.searchsorted(log.odometry_s, starts + 1e-9) - 1
-    age = starts - log.odometry_s[np.maximum(before, 0)]
-    starts = starts[(before >= 0) & (age < _MAX_ODOMETRY_AGE_S)]
-    if starts.size == 0:
-        raise DataError(
-            f"{log.name}: no start after {from_s:g} s has commands for "
-            f"{ticks * tick:g} s: give a longer bag, or a shorter --horizon"
-        )
-    return np.asarray(starts)

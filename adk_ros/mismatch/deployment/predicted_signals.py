@@ -18,12 +18,8 @@ import yaml  # type: ignore[import-untyped, unused-ignore]
 from adk_ros.errors import DataError
 from adk_ros.files.yaml_file import validate
 from adk_ros.mismatch.deployment.held_out import Evidence
-from adk_ros.mismatch.deployment.open_loop import (
-    FIRST_START_S,
-    STEP_S,
-    OpenLoopPredictor,
-    start_times_of,
-)
+from adk_ros.mismatch.deployment.open_loop import STEP_S
+from adk_ros.mismatch.deployment.prediction_starts import FIRST_START_S, start_times_of
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.inference.signal_fit import SIGNALS, PredictedSignals
 from adk_ros.mismatch.library.criteria import MIN_SPEED
@@ -69,7 +65,7 @@ def predicted_signals(
     at_s = starts + AHEAD_S
     moving = np.interp(at_s, log.odometry_s, np.abs(log.odometry[:, 0])) > log.similar(MIN_SPEED)
     hidden = ~moving[None, :] | np.isin(SIGNALS, list(not_judged))[:, None]
-    first, second = (np.where(hidden, np.nan, _predicted(x, log, starts)) for x in models)
+    first, second = (np.where(hidden, np.nan, _predicted(x, item, starts)) for x in models)
     count = np.maximum(np.round(AVERAGED_S / np.array(_periods(log))), 1.0)
     sigma = log.noise()
     return PredictedSignals(
@@ -98,22 +94,30 @@ def _periods(log: SensorLog) -> tuple[float, ...]:
     return (*[log.odometry_period_s] * 3, imu, imu)
 
 
-def _predicted(model: str, log: SensorLog, starts: FloatArray) -> FloatArray:
+def _predicted(model: str, item: Evidence, starts: FloatArray) -> FloatArray:
     """Return the signals (5, n) as the model of a YAML text predicts them."""
-    predictor = OpenLoopPredictor(validate("model", yaml.safe_load(model), SurrogateFile), log)
-    columns = [_at_end(run, predictor.parameters) for run in predictor.runs(starts, _ticks())]
+    predictor = item.predictor(validate("model", yaml.safe_load(model), SurrogateFile))
+    columns = [
+        _at_end(run, predictor.published_yaw_rate(run, float(start)), predictor.parameters)
+        for start, run in zip(starts, predictor.runs(starts, _ticks()), strict=True)
+    ]
     return np.asarray(np.array(columns).T)
 
 
-def _at_end(run: RunBuffers, p: FloatArray) -> FloatArray:
-    """Return the signals (5,) at the end of a run, as the sensors measure them."""
-    mean = run.output[:, -round(AVERAGED_S / STEP_S) :].mean(axis=1)
+def _at_end(run: RunBuffers, published_rate: FloatArray, p: FloatArray) -> FloatArray:
+    """
+    Return the signals (5,) at the end of a run, as the sensors measure them.
+
+    `published_rate` (n,): yaw rate that odometry publishes in it.
+    """
+    last = slice(-round(AVERAGED_S / STEP_S), None)
+    mean = run.output[:, last].mean(axis=1)
     rate, turn = mean[YAW_RATE], mean[YAW_ACCELERATION]
     arm_x, arm_y = p[INDEX["arm_x"]], p[INDEX["arm_y"]]
     a_x = mean[A_X] + p[INDEX["bias_a_x"]] - rate**2 * arm_x - turn * arm_y
     a_y = mean[A_Y] + p[INDEX["bias_a_y"]] - rate**2 * arm_y + turn * arm_x
-    values = [mean[V_X] * p[INDEX["odometry_gain"]], mean[V_Y], rate, a_x, a_y]
-    return np.asarray(values, dtype=np.float64)
+    v_x = mean[V_X] * p[INDEX["odometry_gain"]]
+    return np.array([v_x, mean[V_Y], published_rate[last].mean(), a_x, a_y])
 
 
 def _measured(log: SensorLog, at_s: FloatArray) -> FloatArray:

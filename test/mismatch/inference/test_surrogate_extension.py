@@ -19,7 +19,8 @@ from adk_ros.files.yaml_file import validate
 from adk_ros.mismatch import simulator
 from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.deployment.held_out import Evidence, horizon_errors, rmse
-from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor, start_times_of
+from adk_ros.mismatch.deployment.open_loop import OpenLoopPredictor
+from adk_ros.mismatch.deployment.prediction_starts import start_times_of
 from adk_ros.mismatch.deployment.scenario_drive import position_dependent_terms
 from adk_ros.mismatch.deployment.simulator_input import sensor_log_of
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
