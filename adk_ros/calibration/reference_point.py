@@ -54,11 +54,8 @@ def check_reference_point(
         reason = f"the yaw rate explains only {explained:.0%} of the variance of v_y"
         yield not_decidable(name, reason, evidence)
         return
-    if not sideways_is_measured(s):
-        reason = (
-            "v_y and the lateral velocity of the pose contradict each other; a heading that "
-            "follows the course has none"
-        )
+    if not sideways_is_measured(s) and not _heading_is_the_course(s, columns(s.turning), weights):
+        reason = "v_y and the lateral velocity of the pose contradict each other"
         yield not_decidable(name, reason, evidence)
         return
     if vehicle is None:
@@ -88,6 +85,23 @@ def check_reference_point(
         evidence,
         parameters={"reference_point": [ahead, sensors.reference_point[1]]},
     )
+
+
+def _heading_is_the_course(s: Signals, columns: FloatArray, weights: FloatArray) -> bool:
+    """
+    Whether the pose's lateral velocity is none of a car, while that of v_y is.
+
+    A heading that is computed from the course leaves no lateral velocity, but filters and noise.
+    That of a car follows from the yaw rate, with a compliance C of the rear axle that is positive.
+    """
+    if s.leftward is None or s.v_y is None:
+        return False
+    of_twist, of_pose = (regress(columns, values, weights) for values in (s.v_y, s.leftward))
+    if of_twist is None or of_twist.values[1] >= 0.0:
+        return False
+    if of_pose is None:
+        return True
+    return _explained(columns, s.leftward, weights, of_pose.values) < MIN_CORRELATION**2
 
 
 def _explained(

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from helpers.calibration import (
 from adk_ros.calibration.check import CheckResult
 from adk_ros.calibration.finding import Finding, Verdict, found
 from adk_ros.calibration.known_errors import with_known_errors, without_known_errors
+from adk_ros.calibration.streams import Streams
 from adk_ros.signals.decode import SensorConfig
 
 DEGREES = 180.0 / math.pi
@@ -151,6 +153,35 @@ def test_a_turned_imu_is_proposed_as_a_rotation(
 )
 def test_parameters_that_are_proposed(fault: Fault, name: str, value: float) -> None:
     assert result(fault).parameters[name] == pytest.approx(value, rel=0.02, abs=0.03)
+
+
+def test_the_reference_point_is_found_where_the_heading_is_the_course() -> None:
+    """The lateral velocity of such a pose is zero, and contradicts no v_y."""
+    ahead = 0.7
+
+    def fault(streams: Streams) -> Streams:
+        odometry = streams.odometry
+        assert odometry is not None
+        course = odometry["heading"] + np.arctan2(odometry["v_y"], odometry["v_x"])
+        v_y = odometry["v_y"] + ahead * odometry["yaw_rate"]
+        return replace(streams, odometry=odometry.having(v_y=v_y, heading=course))
+
+    found = findings(fault)["reference_point"]
+    assert found.value == pytest.approx(VEHICLE.cg_to_rear_axle + ahead, abs=0.05)
+    assert result(fault).parameters["reference_point"] == pytest.approx([-ahead, 0.0], abs=0.05)
+
+
+def test_a_v_y_that_a_measured_heading_contradicts_decides_nothing() -> None:
+    def far_ahead(streams: Streams) -> Streams:
+        odometry = streams.odometry
+        assert odometry is not None
+        return replace(
+            streams, odometry=odometry.having(v_y=odometry["v_y"] + 5.0 * odometry["yaw_rate"])
+        )
+
+    found = {x.name: x for x in result(far_ahead).findings}["reference_point"]
+    assert found.verdict is Verdict.NOT_DECIDABLE
+    assert "contradict each other" in found.text
 
 
 def test_a_filtered_yaw_rate_is_no_delay() -> None:
