@@ -17,7 +17,7 @@ from adk_ros.mismatch.inference.result import EXPLAINED, UNKNOWN, MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.report.agreement_table import agreement_text
-from adk_ros.mismatch.report.summary import activation_text
+from adk_ros.mismatch.report.effect_text import activation_text
 from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from adk_ros.fleet.inference.fleet_result import Claim, NotClaimed, PlaceClaim
 from adk_ros.mismatch.inference.result import Interval
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.report.effect_text import interval_text, phrase, phrase_size
 from adk_ros.mismatch.report.effect_vocabulary import THAN
-from adk_ros.mismatch.report.summary import interval_text, phrase, phrase_size
 from adk_ros.mismatch.report.vocabulary import quantity
 
 

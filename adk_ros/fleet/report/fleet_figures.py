@@ -17,7 +17,7 @@ from matplotlib.patches import Rectangle
 from adk_ros.files.pages.figure_style import BLUE, GREY, ORANGE, PURPLE, VERMILION
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_result import FleetResult, TrendPoint
-from adk_ros.mismatch.report.summary import number
+from adk_ros.mismatch.report.effect_text import number
 from adk_ros.mismatch.report.vocabulary import title, unit_text
 from adk_ros.numerics.arrays import FloatArray, IntArray
 

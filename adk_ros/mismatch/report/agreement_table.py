@@ -13,9 +13,10 @@ from adk_ros.mismatch.inference.result import (
     ParameterAgreement,
     RecordingSpan,
 )
+from adk_ros.mismatch.report.effect_text import interval_text, size_and_interval
 from adk_ros.mismatch.report.json_values import json_interval, json_number
 from adk_ros.mismatch.report.quantities import Quantity
-from adk_ros.mismatch.report.summary import interval_text, pair_text, size_and_interval
+from adk_ros.mismatch.report.summary import pair_text
 from adk_ros.mismatch.report.vocabulary import STATES, listed, quantity, title
 
 Rows = list[list[str]]

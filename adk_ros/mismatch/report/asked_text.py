@@ -11,8 +11,8 @@ from adk_ros.mismatch.inference.required_size import MAX_MORE_DRIVING
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import DISCRIMINATION_LOSS
 from adk_ros.mismatch.library.effect import PLACE, TIME
+from adk_ros.mismatch.report.effect_text import interval_text, percent, phrase
 from adk_ros.mismatch.report.effect_vocabulary import DIRECT_MEASUREMENTS, THAN
-from adk_ros.mismatch.report.summary import interval_text, percent, phrase
 from adk_ros.mismatch.report.tie_rows import MAX_SHOWN, NO_LIMIT
 from adk_ros.mismatch.report.vocabulary import listed, quantity, title, with_titles
 

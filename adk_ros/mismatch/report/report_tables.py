@@ -17,14 +17,9 @@ from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import DISCRIMINATION_LOSS, INDISTINGUISHABLE_LOSS
 from adk_ros.mismatch.library.effect import PLACE, TIME, EffectParameter
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
+from adk_ros.mismatch.report.effect_text import activation_text, interval_text, percent
 from adk_ros.mismatch.report.effect_vocabulary import DIRECT_MEASUREMENTS
-from adk_ros.mismatch.report.summary import (
-    activation_text,
-    has_only_sensor_faults,
-    interval_text,
-    pair_text,
-    percent,
-)
+from adk_ros.mismatch.report.summary import has_only_sensor_faults, pair_text
 from adk_ros.mismatch.report.tie_rows import probability_text, tie_rows, value_text
 from adk_ros.mismatch.report.vocabulary import (
     CHANNEL_TITLES,

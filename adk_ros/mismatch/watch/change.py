@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from adk_ros.mismatch.inference.result import EXPLAINED, IdentifiedEffect
+from adk_ros.mismatch.report.effect_text import effect_text
 from adk_ros.mismatch.report.json_values import json_number, json_parameters
-from adk_ros.mismatch.report.summary import effect_text
 from adk_ros.mismatch.report.vocabulary import CHANNEL_TITLES, listed
 
 PRELIMINARY, FINAL, WITHDRAWN = "preliminary", "final", "withdrawn"

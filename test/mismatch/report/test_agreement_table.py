@@ -24,9 +24,9 @@ from adk_ros.mismatch.inference.result import (
     RecordingSpan,
 )
 from adk_ros.mismatch.report.agreement_table import agreement_rows, agreement_text
+from adk_ros.mismatch.report.effect_text import activation_text
 from adk_ros.mismatch.report.report_page import write_page
 from adk_ros.mismatch.report.result_files import as_dict, where_text
-from adk_ros.mismatch.report.summary import activation_text
 from adk_ros.mismatch.surrogate.activation import ROUTE_SPACING_M
 
 SPANS = (

@@ -25,20 +25,13 @@ from adk_ros.mismatch.inference.result import (
 )
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect import PLACE
+from adk_ros.mismatch.report.effect_text import activation_text, interval_text, number
 from adk_ros.mismatch.report.effect_vocabulary import EFFECT_VOCABULARY
 from adk_ros.mismatch.report.quantities import Quantity
 from adk_ros.mismatch.report.report_tables import error_rows
 from adk_ros.mismatch.report.residual_trends import EXPLAINS
 from adk_ros.mismatch.report.result_files import as_dict, where_text
-from adk_ros.mismatch.report.summary import (
-    activation_text,
-    interval_text,
-    number,
-    pair_text,
-    sentence,
-    unexplained_text,
-    verdict_text,
-)
+from adk_ros.mismatch.report.summary import pair_text, sentence, unexplained_text, verdict_text
 from adk_ros.mismatch.report.vocabulary import listed, quantity, title, unit_text
 
 POWER = EFFECT_VOCABULARY["power_limit"].quantities["power"]
