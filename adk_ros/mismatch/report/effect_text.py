@@ -117,7 +117,9 @@ def _alternative_text(identified: IdentifiedEffect, name: str) -> str:
     if "{size}" not in text:
         return text
     written = quantity(name, parameter.name, parameter.unit)
-    size = f"{abs(written.convert(values[0])):.2g} {written.unit}".rstrip()
+    # Two digits, and 170 kg instead of 1.7e+02 kg.
+    rounded = float(f"{abs(written.convert(values[0])):.2g}")
+    size = f"{rounded:g} {written.unit}".rstrip()
     if written.is_angle:
         size += f" ({written.ratio_or_angle(abs(values[0]))})"
     return text.format(size=size)

@@ -84,15 +84,15 @@ def test_an_effect_states_its_size_relative_to_the_simulation_and_its_alternativ
 
 
 def test_in_a_list_the_alternative_stands_in_its_item() -> None:
-    ratio = ActiveEffect(EFFECTS["wheel_radius"], (1.17,))
-    tie = CompetingEffect("drive_torque_gain", "wheel_radius", 1.0, ratio, True)
+    mass = ActiveEffect(EFFECTS["payload"], (170.0,))
+    tie = CompetingEffect("brake_torque_gain", "payload", 1.0, mass, True)
     torque = identified(
-        "drive_torque_gain", 0.86, 0.85, 0.87, alternatives=["wheel_radius"], competitors=(tie,)
+        "brake_torque_gain", 0.86, 0.85, 0.87, alternatives=["payload"], competitors=(tie,)
     )
     assert (
-        "two differences from the simulation: (1) 14 % less wheel torque (90 % confidence "
+        "two differences from the simulation: (1) 14 % less brake torque (90 % confidence "
         "interval 13 to 15 %), "
-        "or 17 % larger wheels: not distinguishable in this recording; (2) 0.92 m² more drag area "
+        "or 170 kg more mass: not distinguishable in this recording; (2) 0.92 m² more drag area "
         "(C_dA) (90 % confidence interval 0.88 to 0.97 m²). With the corrected vehicle model"
     ) in sentence(result_of("", (torque, identified())))
 
