@@ -4,10 +4,10 @@
 Effects as data: how the parameters of an effect enter the surrogate's parameter vector.
 
 To add an effect, write an `Effect` into one of the lists in `catalogue`: name, parameters,
-equation, excitation and confusable effects. If the equations of motion contain its physics
-already, that is all. Otherwise add an entry to `surrogate_parameters.SURROGATE_PARAMETERS` whose
-default has no influence, and its term to `surrogate.equations_of_motion`, `tyre_forces` or
-`command_response`.
+equation, excitation and confusable effects; and its category into `categories`. If the equations
+of motion contain its physics already, that is all. Otherwise add an entry to
+`surrogate_parameters.SURROGATE_PARAMETERS` whose default has no influence, and its term to
+`surrogate.equations_of_motion`, `tyre_forces` or `command_response`.
 """
 
 from __future__ import annotations

@@ -7,11 +7,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.categories import (
+    AMBIGUOUS,
+    CALIBRATION,
+    PARAMETERS,
+    PHYSICS,
+    category_of,
+)
 from adk_ros.mismatch.library.effect import Effect, EffectParameter
 
 _HEADER = (
     "effect",
     "parameters",
+    "category",
     "equation",
     "active",
     "excited by",
@@ -25,8 +33,8 @@ def effect_table() -> str:
     """
     Return all effects of the catalogue as a Markdown table, one row per effect.
 
-    Columns: name, parameters with units, equation, possible activations, excitation, confusable
-    effects, and the manoeuvre that separates the effect from those.
+    Columns: name, parameters with units, category, equation, possible activations, excitation,
+    confusable effects, and the manoeuvre that separates the effect from those.
     """
     rows = [_HEADER, tuple("---" for _ in _HEADER), *(_row(effect) for effect in EFFECTS.values())]
     return "\n".join(_markdown_row(row) for row in rows)
@@ -41,12 +49,21 @@ def _row(effect: Effect) -> tuple[str, ...]:
     return (
         f"`{effect.name}`",
         ", ".join(_parameter_text(parameter) for parameter in effect.parameters),
+        _category_text(effect.name),
         f"`{effect.equation}`",
         ", ".join(effect.activations),
         effect.excitation,
         ", ".join(f"`{name}`" for name in effect.confusables) or "none",
         effect.manoeuvre,
     )
+
+
+def _category_text(name: str) -> str:
+    """Return category and, for a calibration, which parameters correct it."""
+    if category_of(name) == PHYSICS:
+        return PHYSICS
+    text = f"{CALIBRATION} or {PHYSICS}" if name in AMBIGUOUS else CALIBRATION
+    return f"{text}: {', '.join(f'`{each}`' for each in PARAMETERS[name]) or 'no parameter'}"
 
 
 def _parameter_text(parameter: EffectParameter) -> str:

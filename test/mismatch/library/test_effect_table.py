@@ -22,6 +22,14 @@ def test_the_table_has_one_row_per_effect_with_all_columns() -> None:
         assert all(f"`{name}`" in row for name in effect.confusables)
 
 
+def test_a_calibration_names_its_parameters() -> None:
+    rows = {row.split("`")[1]: row for row in effect_table().splitlines()[2:]}
+    assert "| physics |" in rows["aero_drag"]
+    assert "| calibration: `accelerometer_bias`, `gyro_bias` |" in rows["imu_bias"]
+    assert "| calibration or physics: `steering_ratio` |" in rows["steering_ratio"]
+    assert "| calibration: no parameter |" in rows["odometry_filter"]
+
+
 def test_units_are_typeset() -> None:
     rows = {row.split("`")[1]: row for row in effect_table().splitlines()[2:]}
     assert "`cda` (m²)" in rows["aero_drag"]
