@@ -107,6 +107,7 @@ class Outcome:
             steady_state=steady_state(self.whole, decision.hypothesis, data.observable.torque),
             agreement=agreement_of(data, decision, self.whole, path),
             scope=data.observable.scope(inputs.scope),
+            sensors=data.problem.log.sensors,
             road=data.problem.log.road,
         )
 

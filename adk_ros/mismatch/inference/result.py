@@ -23,6 +23,7 @@ from adk_ros.mismatch.recording.direct_comparison import DirectComparison
 from adk_ros.mismatch.recording.measured_road import MeasuredRoad
 from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.decode import SensorConfig
 
 NONE, EXPLAINED, UNKNOWN = "none", "explained", "unknown"
 FULL, HALF_TOLERANCES, WITHOUT_TOLERANCES, WITHOUT_FEATURES, NOT_EXPORTED = (
@@ -285,6 +286,8 @@ class MismatchResult:
     """The comparison of several recordings; None for one."""
     scope: list[Scope] = field(default_factory=list)
     """What the channels allow to predict, judge and calibrate, and why not more."""
+    sensors: SensorConfig = field(default_factory=SensorConfig)
+    """How the recordings were read; parameters that a calibration needs are relative to it."""
     road: MeasuredRoad | None = None
     """Slopes of the recordings' road by their attitude; None where it is not used."""
     decisions: dict[str, Decisions] = field(default_factory=dict)

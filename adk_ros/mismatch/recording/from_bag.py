@@ -105,6 +105,7 @@ def read_sensor_log(
         torque_is_inferred=is_inferred,
         warnings=warnings,
         extrinsics=reader.extrinsics,
+        sensors=sensors,
         measures_v_y=measures_v_y,
         has_command=has_command,
         attitude_s=attitude_s,

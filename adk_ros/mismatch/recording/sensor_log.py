@@ -16,6 +16,7 @@ import numpy as np
 from adk_ros.mismatch.recording.measured_road import MeasuredRoad
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.similarity import time_scale
+from adk_ros.signals.decode import SensorConfig
 from adk_ros.signals.score import white_noise
 
 CHANNELS = ("imu_a_x", "imu_a_y", "imu_yaw_rate", "v_x", "v_y", "yaw_rate")
@@ -52,6 +53,8 @@ class SensorLog:
     """Lost and refused messages of the bag, one line each."""
     extrinsics: str = ""
     """The pose of the IMU, in a line, if the bag gave it in `/tf_static`."""
+    sensors: SensorConfig = field(default_factory=SensorConfig)
+    """How the bag was read, with the pose of the IMU that it gives in `/tf_static`."""
     measures_v_y: bool = True
     """Whether v_y is a measurement; if not, its values are zero and not compared with."""
     has_command: bool = True
