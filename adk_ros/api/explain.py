@@ -83,9 +83,11 @@ class MismatchExplanation:
         Index (effect, parameter). Columns: `value` with its 90 % interval `low` to `high`, in
         `unit`, relative to the simulation; `confidence`, the posterior probability of the effect
         against the alternatives tried; `where`, when or at which place it acts; `alternatives`,
-        effects that this recording cannot distinguish from it. Empty if nothing is missing.
+        effects that this recording cannot distinguish from it; `category`, physics or calibration.
+        Empty if nothing is missing.
         """
         columns = ["value", "low", "high", "unit", "confidence", "where", "alternatives"]
+        columns += ["category"]
         keys, rows = [], []
         for effect in self.as_dict()["effects"]:
             for name, interval in effect["parameters"].items():
@@ -96,6 +98,7 @@ class MismatchExplanation:
                         effect["confidence"],
                         effect["where"]["text"],
                         ", ".join(effect["alternatives"]),
+                        effect["category"],
                     ]
                 )
         index = pd.MultiIndex.from_tuples(keys, names=["effect", "parameter"])

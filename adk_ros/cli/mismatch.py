@@ -78,8 +78,9 @@ def mismatch(
     Find what a simulation lacks and write a corrected model.
 
     Compares a simulation with a recording of the real car, names the missing effects with
-    size, interval and confidence, and writes report.html, mismatch.json, simulation.yaml,
-    corrected.yaml and held_out.yaml (fitted without the held-out data). Takes 0.5 to 3 min on one
+    size, interval and confidence, then wrong calibrations with the parameters to set, and writes
+    report.html, mismatch.json, simulation.yaml, corrected.yaml and held_out.yaml (fitted without
+    the held-out data). Takes 0.5 to 3 min on one
     AMD EPYC core.
 
     Example: adk mismatch --simulation sim --recording real --vehicle vehicle.yaml --out report

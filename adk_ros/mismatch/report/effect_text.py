@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 
 from adk_ros.mismatch.inference.result import IdentifiedEffect, Interval
+from adk_ros.mismatch.library.categories import CALIBRATION, category_of
 from adk_ros.mismatch.library.effect import PLACE, TIME, Effect
 from adk_ros.mismatch.report.effect_vocabulary import EFFECT_VOCABULARY, THAN
 from adk_ros.mismatch.report.quantities import Quantity
@@ -101,7 +102,13 @@ def effect_text(identified: IdentifiedEffect, reference: bool = False) -> str:
     where = activation_text(identified)
     text += f", {where}" if where else ""
     if identified.alternatives:
-        others = listed([_alternative_text(identified, x) for x in identified.alternatives], "or")
+        others = listed(
+            [
+                _alternative_text(identified, x) + _other_category(effect.name, x)
+                for x in identified.alternatives
+            ],
+            "or",
+        )
         text += f", or {others}: not distinguishable in this recording"
     return text
 
@@ -123,6 +130,14 @@ def _alternative_text(identified: IdentifiedEffect, name: str) -> str:
     if written.is_angle:
         size += f" ({written.ratio_or_angle(abs(values[0]))})"
     return text.format(size=size)
+
+
+def _other_category(name: str, alternative: str) -> str:
+    """Return the category of an alternative where it is another than that of the effect."""
+    category = category_of(alternative)
+    if category == category_of(name):
+        return ""
+    return " (a calibration)" if category == CALIBRATION else " (physics)"
 
 
 def activation_text(identified: IdentifiedEffect) -> str:

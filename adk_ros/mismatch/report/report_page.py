@@ -21,6 +21,7 @@ from adk_ros.mismatch.inference.result import (
     MismatchResult,
 )
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.categories import CALIBRATION, PHYSICS
 from adk_ros.mismatch.library.criteria import (
     INEXACT_EQUATION_SHARE,
     MAX_EXPLAINED_RATIO,
@@ -30,6 +31,8 @@ from adk_ros.mismatch.library.criteria import (
 from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.report.agreement_table import agreement_parts
+from adk_ros.mismatch.report.calibration_table import CALIBRATION_HEADER, calibration_rows
+from adk_ros.mismatch.report.calibration_text import of_category
 from adk_ros.mismatch.report.comparison_labels import (
     model_labels,
     residual_labels,
@@ -128,7 +131,6 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
     unexplained = result.unexplained
     terms = () if unexplained is None else unexplained.terms
     held_out = result.held_out
-    effect_header, effects = effect_rows(result)
     text = render_page(
         "adk_ros.mismatch.report",
         "report.html.j2",
@@ -138,8 +140,10 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         verdict=verdict_text(result),
         sentence=sentence(result),
         underfit=underfit_channels(result) if result.verdict == NONE else "",
-        effect_header=effect_header,
-        effects=effects,
+        physics=effect_rows(of_category(result.effects, PHYSICS)),
+        calibrations=effect_rows(of_category(result.effects, CALIBRATION)),
+        calibration_header=CALIBRATION_HEADER,
+        calibration_rows=calibration_rows(result),
         only_sensor_faults=has_only_sensor_faults(result),
         residual_labels=list(residual_labels(result)),
         trend_labels=trend_labels(result),

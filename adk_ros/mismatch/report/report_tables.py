@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
@@ -55,10 +56,10 @@ def is_at_bound(parameter: EffectParameter, theta: float) -> bool:
     )
 
 
-def effect_rows(result: MismatchResult) -> tuple[list[str], Rows]:
+def effect_rows(effects: Sequence[IdentifiedEffect]) -> tuple[list[str], Rows]:
     """Return header and rows: effect, parameter, size, ratio or angle, where, confidence."""
     rows = []
-    for identified in result.effects:
+    for identified in effects:
         for i, (name, x) in enumerate(identified.parameters.items()):
             written = quantity(identified.effect.name, name, x.unit)
             where = activation_text(identified) or unit_text(identified.effect.where)

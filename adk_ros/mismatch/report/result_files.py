@@ -23,6 +23,8 @@ from adk_ros.mismatch.library.effect import PLACE, TIME
 from adk_ros.mismatch.library.parametric_features import form_of
 from adk_ros.mismatch.recording.measured_road import MeasuredRoad
 from adk_ros.mismatch.report.agreement_table import agreement_dict
+from adk_ros.mismatch.report.calibration_parameters import parameters_by_effect
+from adk_ros.mismatch.report.calibration_table import calibrations_as_dict, category_as_dict
 from adk_ros.mismatch.report.direct_table import direct_as_dicts
 from adk_ros.mismatch.report.json_values import json_number, json_parameters
 from adk_ros.mismatch.report.opening_json import opening_as_dict
@@ -55,6 +57,7 @@ def where_text(effect: IdentifiedEffect) -> str:
 def as_dict(result: MismatchResult) -> dict[str, Any]:
     """Return the content of `mismatch.json`; its schema is a public contract."""
     effects = []
+    parameters = parameters_by_effect(result.effects, result.sensors)
     for effect in result.effects:
         effects.append(
             {
@@ -74,6 +77,7 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
                     for competitor in effect.competitors
                 ],
                 "evidence": _evidence(effect.evidence),
+                **category_as_dict(effect, parameters),
             }
         )
     answer: dict[str, Any] = {
@@ -130,6 +134,7 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
     if result.direct:
         answer["direct"] = direct_as_dicts(result)
     answer |= opening_as_dict(result)
+    answer |= calibrations_as_dict(result)
     if result.downweighted is not None:
         answer["downweighted"] = _downweighted(result.downweighted)
     if result.agreement is not None:

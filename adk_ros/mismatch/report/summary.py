@@ -21,13 +21,12 @@ from adk_ros.mismatch.library.criteria import INCONCLUSIVE_ERROR_TO_NOISE, MAX_I
 from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
+from adk_ros.mismatch.report.calibration_text import identified_text, shown_text
 from adk_ros.mismatch.report.direct_table import uncovered_comparisons, uncovered_text
-from adk_ros.mismatch.report.effect_text import effects_text
 from adk_ros.mismatch.report.vocabulary import (
     CHANNEL_TITLES,
     STATES,
     listed,
-    title,
     unit_text,
 )
 
@@ -129,11 +128,7 @@ def verdict_text(result: MismatchResult) -> str:
     """Return the verdict in a few words."""
     if is_unjudged(result):
         return f"Not judged: {NOT_JUDGED}"
-    titles = listed(
-        [listed([title(x.effect.name), *map(title, x.alternatives)], "or") for x in result.effects]
-    )
-    count = len(result.effects)
-    effects = f"{count} effect{'s' if count > 1 else ''} identified: {titles}" if count else ""
+    effects = identified_text(result.effects, nothing_else=result.verdict == EXPLAINED)
     if is_unchecked(result):
         return "Not checked by any prediction" + (f"; {effects}" if effects else "")
     if result.verdict == UNKNOWN:
@@ -156,7 +151,7 @@ def is_unjudged(result: MismatchResult) -> bool:
 
 
 def sentence(result: MismatchResult) -> str:
-    """Return the result in one to five sentences, with missing channels at the end."""
+    """Return the result in a few sentences, calibrations after missing physics."""
     missing = f" {uncovered_text(result)}".rstrip()
     if result.missing_channels:
         missing += f" Analysed without {listed([x.what for x in result.missing_channels])}."
@@ -169,7 +164,11 @@ def sentence(result: MismatchResult) -> str:
     if result.verdict == NONE:
         return _no_mismatch(result) + missing
     if is_unchecked(result):
-        shown = effects_text(result.effects) if result.effects else "no significant difference"
+        shown = (
+            shown_text(result, nothing_else=False)
+            if result.effects
+            else "no significant difference"
+        )
         return (
             f"Not checked: {NOT_CHECKED}; give another recording with --held-out. The part that "
             f"the model is fitted to shows {shown}.{missing}"
@@ -183,12 +182,15 @@ def sentence(result: MismatchResult) -> str:
             # What a person can picture comes first, the formula second.
             said = result.unexplained.meaning
             said += f". As a formula: {expression}" if expression else ""
-        effects = f" It also shows {effects_text(result.effects)}." if result.effects else ""
+        effects = ""
+        if result.effects:
+            effects = f" It also shows {shown_text(result, nothing_else=False)}."
         return (
             "The recording shows a difference that no known effect explains: "
             f"{said}. {improvement}{effects}{missing}"
         )
-    return f"The recording shows {effects_text(result.effects)}. {improvement}{missing}"
+    shown = shown_text(result, nothing_else=True)
+    return f"The recording shows {shown}. {improvement}{missing}"
 
 
 def _no_mismatch(result: MismatchResult) -> str:

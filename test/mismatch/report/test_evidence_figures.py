@@ -133,7 +133,7 @@ def test_alternatives_tie_or_have_a_reason_for_rejection() -> None:
 
 
 def test_table_rows() -> None:
-    header, (row, tie) = report_tables.effect_rows(drag())
+    header, (row, tie) = report_tables.effect_rows(drag().effects)
     assert tie[0] == "or longitudinal wind"
     assert tie[2:] == ["-4 m/s", "not distinguishable", ""]
     assert row == [
@@ -144,7 +144,7 @@ def test_table_rows() -> None:
         "0.97",
     ]
     assert len(header) == 5
-    header, (row,) = report_tables.effect_rows(bank())
+    header, (row,) = report_tables.effect_rows(bank().effects)
     assert header[3] == "ratio or angle"
     assert row[2:4] == ["10.2 % (10.0 to 10.4)", "5.8°"]
     losses = report_tables.loss_rows(drag())
