@@ -10,13 +10,17 @@ a heading alone: then there is no attitude.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from adk_ros.calibration.messages import stamp_s
+from adk_ros.calibration.stream_table import MIN_MESSAGES, usable_rows
 from adk_ros.calibration.streams import Stream
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.decode import SensorConfig
+from adk_ros.signals.frames import rotation
 
 ATTITUDE_COLUMNS = ("roll", "pitch")
 """rad, REP-103: right side down and nose down are positive."""
@@ -50,3 +54,22 @@ def attitude_of(at_s: FloatArray, quaternions: FloatArray, mounting: FloatArray)
     pitch, roll = -np.arcsin(np.clip(up[0], -1.0, 1.0)), np.arctan2(up[1], up[2])
     stream = Stream("the attitude", at_s[known], {"roll": roll, "pitch": pitch})
     return stream if stream.has("roll") and stream.has("pitch") else None
+
+
+def recorded_attitude(
+    rows: Mapping[str, list[list[float]]], seconds: float, sensors: SensorConfig, first_s: float
+) -> Stream | None:
+    """
+    Return roll and pitch of the IMU, else of odometry; None if neither reports them.
+
+    :param rows: those of `attitude_row`, by "imu" and "odometry". :param seconds: duration of the
+        log. :param first_s: stamp from which times count.
+    """
+    for role, mounting in (("imu", rotation(*sensors.imu_rotation)), ("odometry", np.eye(3))):
+        table, _ = usable_rows(rows[role], seconds)
+        if table.shape[0] < MIN_MESSAGES:
+            continue
+        attitude = attitude_of(table[:, 0] - first_s, table[:, 1:], mounting)
+        if attitude is not None:
+            return attitude
+    return None

@@ -22,18 +22,19 @@ from adk_ros.bags.auxiliary_topics import auxiliary_topics
 from adk_ros.bags.axle_speed import AxleSpeed
 from adk_ros.bags.recording import Progress, RecordingOptions
 from adk_ros.bags.topics import ODOMETRY_TYPES
-from adk_ros.calibration.attitude import attitude_of, attitude_row
-from adk_ros.calibration.auxiliary_streams import READ_TOPICS, AuxiliaryRows
+from adk_ros.calibration.attitude import attitude_row, recorded_attitude
+from adk_ros.calibration.auxiliary_streams import READ_TOPICS, AuxiliaryRows, fix_topic
 from adk_ros.calibration.joints import JointTable
 from adk_ros.calibration.known_errors import without_known_errors
 from adk_ros.calibration.messages import (
+    height_row,
     imu_row,
     odometry_row,
     request_row,
     stamp_s,
     velocity_row,
 )
-from adk_ros.calibration.stream_table import MIN_MESSAGES, stream_of, usable_rows
+from adk_ros.calibration.stream_table import stream_of, usable_rows
 from adk_ros.calibration.streams import (
     COMMAND_COLUMNS,
     IMU_COLUMNS,
@@ -122,6 +123,8 @@ class StreamReader:
             for name in auxiliary_topics(bag.topics)
             if name in READ_TOPICS and name != odometry
         }
+        fix = fix_topic(bag.topics)
+        role_of |= {} if fix is None else {fix: _AUXILIARY}
         self._role_of = role_of | dict.fromkeys(options.wheels, "odometry")
 
     @property
@@ -180,6 +183,7 @@ class _Rows:
     orientations: dict[str, list[list[float]]] = field(
         default_factory=lambda: {"imu": [], "odometry": []}
     )
+    heights: list[list[float]] = field(default_factory=list)
     auxiliary: AuxiliaryRows = field(default_factory=AuxiliaryRows)
     joints: JointTable = field(default_factory=JointTable)
     others: dict[str, JointTable] = field(default_factory=dict)
@@ -201,6 +205,8 @@ class _Rows:
                 self.rows[role].append(_ROWS[role](msg))
                 if role in self.orientations:
                     self.orientations[role].append(attitude_row(msg))
+                if role == "odometry":
+                    self.heights.append(height_row(msg))
         except (AttributeError, TypeError, ValueError, IndexError, OverflowError):
             self.refused += 1
 
@@ -270,26 +276,13 @@ def _streams(
         command,
         wheels,
         tuple(notes),
-        _attitude(content, seconds, sensors, first),
+        recorded_attitude(content.orientations, seconds, sensors, first),
         others.pedals(seconds, first),
         others.wheels(seconds, first),
         others.gps_speed(seconds, first),
         others.gps_fix(seconds, first),
+        others.heights(content.heights, seconds, first),
     )
-
-
-def _attitude(
-    content: _Rows, seconds: float, sensors: SensorConfig, first: float
-) -> Stream | None:
-    """Return roll and pitch of the IMU, else of odometry; None if neither reports them."""
-    for role, mounting in (("imu", rotation(*sensors.imu_rotation)), ("odometry", np.eye(3))):
-        table, _ = usable_rows(content.orientations[role], seconds)
-        if table.shape[0] < MIN_MESSAGES:
-            continue
-        attitude = attitude_of(table[:, 0] - first, table[:, 1:], mounting)
-        if attitude is not None:
-            return attitude
-    return None
 
 
 def turned(imu: Stream, matrix: FloatArray) -> Stream:

@@ -56,6 +56,11 @@ def odometry_row(msg: Any) -> list[float]:
     ]
 
 
+def height_row(msg: Any) -> list[float]:
+    """Return stamp and height z of the pose, m (2,), of an Odometry."""
+    return [stamp_s(msg), float(msg.pose.pose.position.z)]
+
+
 def velocity_row(msg: Any, sensors: SensorConfig) -> list[float]:
     """Return a row as `odometry_row` of wheel speeds or a velocity over ground (7,)."""
     v_x, v_y, yaw_rate = ODOMETRY_TYPES[sensors.odometry_type].decode(msg, sensors)

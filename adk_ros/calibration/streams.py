@@ -65,8 +65,10 @@ class Streams:
     system, as far as the IMU or odometry reports them; no check depends on it. `pedals`: throttle,
     brake_pedal, brake_pressure (Pa) and gear in the column "value", as far as they are recorded.
     `wheel_speeds`: angular velocities in the column "velocity", rad/s, by the position of a wheel
-    or axle, such as `front_left`. `gps_speed`: speed over ground in the column of that name, m/s;
-    `gps_fix`: latitude and longitude, degrees.
+    or axle, such as `front_left`. `gps_speed`: speed over ground in the column of that name, m/s,
+    and, where the receiver reports a velocity, its direction `gps_course`, rad, clockwise from
+    north; `gps_fix`: latitude and longitude, degrees. `heights`: height in the column "height", m,
+    by its source, "odometry" or "gps", as far as it varies.
     """
 
     name: str
@@ -81,6 +83,7 @@ class Streams:
     wheel_speeds: Mapping[str, Stream] = field(default_factory=dict)
     gps_speed: Stream | None = None
     gps_fix: Stream | None = None
+    heights: Mapping[str, Stream] = field(default_factory=dict)
 
     def of(self, name: str) -> Stream | None:
         """Return the stream "imu", "odometry" or "command", None if it does not exist."""
