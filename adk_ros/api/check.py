@@ -69,7 +69,9 @@ class RecordingCheck:
         from adk_ros.api.road import road_summary
 
         profile = self.result.road
-        return None if profile is None else road_summary(profile, self.content.streams.attitude)
+        if profile is None:
+            return None
+        return road_summary(profile, self.content.streams.attitude, self.result.heights)
 
     @property
     def road(self) -> pd.DataFrame | None:
@@ -77,7 +79,9 @@ class RecordingCheck:
         from adk_ros.api.road import road_frame
 
         profile = self.result.road
-        return None if profile is None else road_frame(profile, self.content.streams.attitude)
+        if profile is None:
+            return None
+        return road_frame(profile, self.content.streams.attitude, self.result.heights)
 
     def write_road(self, out: Path | str, force: bool = False) -> bool:
         """
@@ -92,7 +96,8 @@ class RecordingCheck:
         if self.result.road is None:
             return False
         check_output(target, force, None, self.path)
-        write_road(self.result.road, self.content.streams.attitude, target)
+        attitude, heights = self.content.streams.attitude, self.result.heights
+        write_road(self.result.road, target, attitude, heights)
         return True
 
     def write_parameters(self, out: Path | str, force: bool = False) -> bool:

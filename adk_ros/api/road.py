@@ -4,16 +4,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
+from adk_ros.calibration.height import heights_json
+from adk_ros.calibration.height_slope import HeightSlope
 from adk_ros.calibration.road import attitude_comparison
 from adk_ros.calibration.streams import Stream
 from adk_ros.errors import UsageError
-from adk_ros.files.pages.figure_style import BLACK, BLUE
+from adk_ros.files.pages.figure_style import BLACK, BLUE, GREEN, ORANGE
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.road.profile import RoadProfile, SlopeProfile
 
@@ -24,13 +27,22 @@ SUFFIXES = (".csv", ".png", ".svg")
 """Kinds of file that `write_road` writes."""
 
 
-def road_frame(profile: RoadProfile, attitude: Stream | None = None) -> pd.DataFrame:
+_HEIGHTS = {"odometry": "odometry's height", "gps": "GPS altitude"}
+"""Labels of the sources of a height, with a colour each."""
+
+
+def road_frame(
+    profile: RoadProfile,
+    attitude: Stream | None = None,
+    heights: Mapping[str, HeightSlope] | None = None,
+) -> pd.DataFrame:
     """
     Return the profile as a table, one row per node, SI units and radians.
 
     `direction`: +1 in the direction in which the place was passed first, else -1. `grade` is
     positive uphill, `bank` where the left side is higher, both in the direction of the car, with
     their 90 % intervals. `ins_grade`, `ins_bank`: of the attitude, where there is one.
+    `odometry_height_grade`, `gps_height_grade`: slope of a height, where it is recorded.
     """
     columns: dict[str, FloatArray] = {
         "time_s": profile.at_s,
@@ -46,10 +58,16 @@ def road_frame(profile: RoadProfile, attitude: Stream | None = None) -> pd.DataF
         at = attitude.at_s
         columns["ins_grade"] = -np.interp(profile.at_s, at, attitude["pitch"])
         columns["ins_bank"] = np.interp(profile.at_s, at, attitude["roll"])
+    for source, height in (heights or {}).items():
+        columns[f"{source}_height_grade"] = height.grade
     return pd.DataFrame(columns)
 
 
-def road_summary(profile: RoadProfile, attitude: Stream | None = None) -> dict[str, Any]:
+def road_summary(
+    profile: RoadProfile,
+    attitude: Stream | None = None,
+    heights: Mapping[str, HeightSlope] | None = None,
+) -> dict[str, Any]:
     """Return range, RMS and intervals of grade and bank for JSON; angles in rad."""
     against = {
         name: {"correlation": correlation, "scale": scale}
@@ -61,6 +79,7 @@ def road_summary(profile: RoadProfile, attitude: Stream | None = None) -> dict[s
     return {
         name: _summary(slope) | {"ins": against.get(name)} for name, slope in slopes.items()
     } | {
+        "heights": heights_json(heights or {}),
         "distance": float(profile.distance[-1] - profile.distance[0]),
         "repeated": profile.repeated,
         "level_by": profile.level_by,
@@ -87,10 +106,15 @@ def check_road_path(out: Path) -> None:
         raise UsageError(f"{out}: --road writes files that end in {' or '.join(SUFFIXES)}")
 
 
-def write_road(profile: RoadProfile, attitude: Stream | None, out: Path) -> None:
+def write_road(
+    profile: RoadProfile,
+    out: Path,
+    attitude: Stream | None = None,
+    heights: Mapping[str, HeightSlope] | None = None,
+) -> None:
     """Write the profile as a table (CSV) or a figure (PNG, SVG), by the ending of the path."""
     check_road_path(out)
-    frame = road_frame(profile, attitude)
+    frame = road_frame(profile, attitude, heights)
     if out.suffix.lower() == ".csv":
         frame.round(6).to_csv(out, index=False)
         return
@@ -113,6 +137,10 @@ def road_figure(frame: pd.DataFrame, title: str) -> Figure:
         if f"ins_{name}" in frame:
             ins = 100.0 * np.tan(frame[f"ins_{name}"].to_numpy())
             axis.plot(distance, ins, color=BLACK, linewidth=1.0, linestyle="--", label="INS")
+        for (source, label), colour in zip(_HEIGHTS.items(), (ORANGE, GREEN), strict=True):
+            if name == "grade" and f"{source}_height_grade" in frame:
+                slope = 100.0 * np.tan(frame[f"{source}_height_grade"].to_numpy())
+                axis.plot(distance, slope, color=colour, linewidth=1.0, label=label)
         axis.set_ylabel(f"{name} (%)")
         axis.grid(alpha=0.3)
     axes[0].legend(fontsize=8)

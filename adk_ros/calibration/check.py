@@ -10,8 +10,8 @@ positions and lags are estimated on the corrected streams.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,8 @@ from adk_ros.calibration.drive_command import check_torque
 from adk_ros.calibration.finding import Finding, Verdict, found, not_decidable, undecided
 from adk_ros.calibration.from_bag import BagContent
 from adk_ros.calibration.grid import Signals, on_grid, shifted
+from adk_ros.calibration.height import check_heights
+from adk_ros.calibration.height_slope import HeightSlope
 from adk_ros.calibration.imu_axes import check_axes, check_gravity
 from adk_ros.calibration.imu_calibration import check_imu
 from adk_ros.calibration.known_errors import with_known_errors
@@ -51,13 +53,15 @@ class CheckResult:
 
     `findings` in the order of the checks; `parameters`: proposed values by name, which replace
     those that the recording was read with; `advice`: one line on what to do next. `road`: grade
-    and bank along the way, None where they are not decidable.
+    and bank along the way, None where they are not decidable; `heights`: what a recorded height
+    says of the grade, by its source.
     """
 
     findings: list[Finding]
     parameters: dict[str, Any]
     advice: str
     road: RoadProfile | None = None
+    heights: Mapping[str, HeightSlope] = field(default_factory=dict)
 
     def of(self, verdict: Verdict) -> list[Finding]:
         """Return the findings with a verdict."""
@@ -89,6 +93,8 @@ def check(
     # Gaps of the command do not matter to the road.
     sensed = check_streams(replace(content.streams, command=None)).unusable
     on_road, road = check_road(streams, sensed)
+    on_heights, heights = check_heights(road, streams)
+    on_road += on_heights
     report(2, 3)
     s = on_grid(streams, faults.unusable)
     if s is None or s.moving_s < MIN_MOVING_S:
@@ -98,11 +104,11 @@ def check(
             f"{MIN_MOVING_S:g} s are needed"
         )
         findings += [not_decidable("calibration", reason), *on_road]
-        return _result(findings, content, road)
+        return replace(_result(findings, content, road), heights=heights)
     fine, _ = with_known_errors(_fine(s, (streams, sensors), vehicle, assumed, content), sensors)
     findings += [*fine, *on_road]
     report(3, 3)
-    return _result(findings, content, road)
+    return replace(_result(findings, content, road), heights=heights)
 
 
 def correct_signs(

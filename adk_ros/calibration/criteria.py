@@ -24,6 +24,9 @@ PERIOD_S = 0.02
 BLOCK_S = 5.0
 """Length of a bootstrap block, s: longer than the memory of a car's response (yaw below 0.5 s,
 speed control about 2 s), as H. R. Künsch (Annals of Statistics 17, 1989, 1217) requires."""
+LONGER_BLOCKS_S = (BLOCK_S, 2.0 * BLOCK_S, 4.0 * BLOCK_S, 8.0 * BLOCK_S)
+"""Lengths of blocks, s, among which the data choose where a sensor's errors last longer than a
+car's response (satellite receivers, pressure sensors); doubled each time, by choice."""
 USUAL_BLOCKS = 24
 """Blocks that a comparison of two recordings wants: a variance of 24 has an error of 30 %. Short
 recordings get shorter blocks."""
@@ -76,6 +79,7 @@ UNIT_FACTORS = {
     "mph": 2.23694,
     "g": 1.0 / GRAVITY,
     "kN m": 1e-3,
+    "ft": 1.0 / 0.3048,
 }
 """Factor of each unit that is not SI: reading in that unit over reading in SI."""
 
@@ -119,11 +123,17 @@ MATERIAL = {
     "gps_scale": Material(0.01, "1"),
     # One period of a receiver at 10 Hz.
     "gps_delay": Material(0.1, "s"),
+    # As a tilt; at 20 m/s it is 0.35 m/s of lateral velocity.
+    "gps_heading": Material(math.radians(1.0), "rad"),
+    # 0.2° of 1°, the sideslip of usual driving; by choice.
+    "gps_sideslip": Material(0.2, "1"),
     "gyro_scale": Material(0.01, "1"),
     # Turn-on bias of an automotive MEMS gyro: about 0.1 deg/s.
     "gyro_bias": Material(0.002, "rad/s"),
     # Against an acceleration the scale also has the pitch and roll of the body: up to 10 %.
     "acceleration_scale": Material(0.15, "1"),
+    # As a grade follows from the acceleration.
+    "height_scale": Material(0.15, "1"),
     # 1.5 % of g; above the bias of an automotive MEMS accelerometer (0.01 g).
     "a_x_offset": Material(0.15, "m/s²"),
     # Crown of a road: up to 2.5 % on one side (AASHTO, A Policy on Geometric Design, 2018).

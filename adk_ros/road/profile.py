@@ -81,7 +81,8 @@ class SlopeProfile:
     Grade or bank (n,), rad, in the direction of the car, with its 90 % interval (n,).
 
     Half-widths of 90 % intervals: `level` of its mean, `relative` of the difference from it
-    (median), rad; `offset_error` of the `offset` of the IMU, m/s².
+    (median), rad; `scale` of a factor on all values, by the pitch or roll of the body;
+    `offset_error` of the `offset` of the IMU, m/s².
     """
 
     value: FloatArray
@@ -89,6 +90,7 @@ class SlopeProfile:
     high: FloatArray
     level: float
     relative: float
+    scale: float
     offset: float
     offset_error: float
 
@@ -257,6 +259,7 @@ def _profile(slopes: Slopes, kept: np.ndarray) -> SlopeProfile:
         angle(theta + QUANTILE_90 * sigma),
         QUANTILE_90 * slopes.level_sigma / GRAVITY,
         QUANTILE_90 * float(np.median(slopes.relative_sigma[kept])) / GRAVITY,
+        QUANTILE_90 * float(slopes.constant_sigma[_BODY]) / body,
         float(slopes.constants[0]),
         QUANTILE_90 * float(slopes.constant_sigma[0]),
     )

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ Path = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 """x, y, heading by distance."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Hilly:
     """A drive: `drive`, with stamps `at_s` (n,), s, and true `grade`, `bank` (n,), rad."""
 
@@ -138,3 +138,30 @@ def as_streams(hilly: Hilly, attitude: bool = False) -> Streams:
         Stream("the command", d.imu_at_s[o], command),
         attitude=ins if attitude else None,
     )
+
+
+def with_height(
+    hilly: Hilly,
+    source: str = "gps",
+    *,
+    factor: float = 1.0,
+    rate_hz: float = 10.0,
+    noise: float = 0.1,
+    drift: float = 0.0,
+    delay_s: float = 0.0,
+    seed: int = 7,
+) -> Streams:
+    """
+    Return a drive as streams of a recording with a height.
+
+    :param noise: of each height, m. :param drift: random walk of the height, m after one second.
+    """
+    d, streams = hilly.drive, as_streams(hilly)
+    rng = np.random.default_rng(seed)
+    v_x = np.interp(hilly.at_s, d.odometry_at_s, d.v_x)
+    true = np.cumsum(v_x * np.sin(hilly.grade)) * float(hilly.at_s[1] - hilly.at_s[0])
+    at = np.arange(1.0, hilly.at_s[-1], 1.0 / rate_hz)
+    height = 350.0 + factor * np.interp(at - delay_s, hilly.at_s, true)
+    height += noise * rng.standard_normal(at.size)
+    height += drift / np.sqrt(rate_hz) * np.cumsum(rng.standard_normal(at.size))
+    return replace(streams, heights={source: Stream("the height", at, {"height": height})})
