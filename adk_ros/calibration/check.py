@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.calibration.continuity import Interval
+from adk_ros.calibration.course import check_course
 from adk_ros.calibration.criteria import MIN_MOVING_S
 from adk_ros.calibration.drive_command import check_torque
 from adk_ros.calibration.finding import Finding, Verdict, found, not_decidable, undecided
@@ -166,7 +167,7 @@ def _fine(
     axles = vehicle if _AXLES.isdisjoint(assumed) else None
     timing = list(check_timing(s))
     out = [*check_odometry_scale(s), *check_receiver(s, streams.gps_speed, sensors)]
-    out += [*check_yaw_rates(s), *timing]
+    out += [*check_course(s, streams.gps_speed, sensors), *check_yaw_rates(s), *timing]
     late = {x.name for x in timing if x.verdict is Verdict.FINDING}
     if any(name.startswith("odometry_yaw_rate") for name in late):
         # No reference and no instrument for what follows.

@@ -54,7 +54,7 @@ def check_receiver(s: Signals, gps: Stream | None, sensors: SensorConfig) -> Ite
     sideways = np.zeros_like(s.v_x) if s.v_y is None else s.v_y
     speed = np.hypot(s.v_x, sideways)
     received = smooth(np.interp(s.at_s, gps.at_s, gps["gps_speed"]))
-    usable = s.moving * _received(s, gps, speed)
+    usable = s.moving * where_received(s, gps, speed)
     if _is_copy(received, speed, usable):
         yield not_decidable(_SCALE, "v_x is the speed of the GPS receiver itself")
         return
@@ -96,7 +96,7 @@ def _is_near(value: float, factor: float) -> bool:
     return value > 0.0 and abs(float(np.log(value / factor))) < MAX_UNIT_ERROR
 
 
-def _received(s: Signals, gps: Stream, speed: FloatArray) -> FloatArray:
+def where_received(s: Signals, gps: Stream, speed: FloatArray) -> FloatArray:
     """Return 1 (n,) where the receiver reports a speed that is not held, else 0."""
     inside = (s.at_s >= gps.at_s[0]) & (s.at_s <= gps.at_s[-1])
     at_stamps = np.interp(gps.at_s, s.at_s, speed)
