@@ -270,7 +270,8 @@ def call(session: Session, kind: Any, name: str, request: Any) -> Any:
     client = session.node.create_client(kind, name)
     wait_for(session, client.service_is_ready)
     future = client.call_async(request)
-    wait_for(session, future.done)
+    # A node that has been changed compiles before it answers: a minute on a slow machine.
+    wait_for(session, future.done, limit_s=120.0)
     return future.result()
 
 
