@@ -221,6 +221,7 @@ def test_corrected_parameters_leave_nothing_to_find() -> None:
     assert not checked(read, sensors=sensors).of(Verdict.FINDING)
 
 
+@pytest.mark.slow(seconds=40)
 @pytest.mark.parametrize(
     ("faults", "proposed"),
     [

@@ -147,6 +147,7 @@ def test_a_road_file_of_another_kind_is_refused(
     assert ".csv or .png or .svg" in capsys.readouterr().err
 
 
+@pytest.mark.slow(seconds=10)
 def test_what_has_changed_against_a_reference(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

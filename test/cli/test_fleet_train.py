@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,11 +32,10 @@ from adk_ros.train.dataset import TEST, TRAIN, VALIDATION
 CARS = ("a", "b", "c", "d")
 
 
-@pytest.fixture
-def drives(tmp_path):
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory):
     """Return a folder of four cars' recordings, a copy of one under another car, and a damaged."""
-    folder = tmp_path / "drives"
-    folder.mkdir()
+    folder = tmp_path_factory.mktemp("drives")
     lines = ["recording,vehicle,time,rain"]
     for number, car in enumerate(CARS):
         shutil.copytree(bag("town", 60.0 + 5.0 * number), folder / f"of_{car}")
@@ -47,12 +47,18 @@ def drives(tmp_path):
     return folder
 
 
-@pytest.fixture
-def out(drives, tmp_path):
-    """Return a folder with the shards of the drives."""
-    folder = tmp_path / "out"
+@pytest.fixture(scope="module")
+def shards(drives, tmp_path_factory):
+    """Return a folder with the shards of the drives, written once."""
+    folder = tmp_path_factory.mktemp("shards")
     filled(drives, folder, shard_stage(folder, FleetTrainingOptions()))
     return folder
+
+
+@pytest.fixture
+def out(shards, tmp_path):
+    """Return a folder with the shards of the drives, to change."""
+    return Path(shutil.copytree(shards, tmp_path / "out"))
 
 
 def chosen(drives, out, **more):

@@ -131,6 +131,7 @@ def test_a_model_as_text(capsys) -> None:
     assert "odometry (trained without an IMU)" in printed(capsys, small_without_imu())
 
 
+@pytest.mark.slow(seconds=15)
 def test_a_model_says_which_naive_predictors_take_over(capsys, tmp_path: Path) -> None:
     loaded = artefact.load(small().path)
     weights = np.zeros((2, 3, 80, 3))

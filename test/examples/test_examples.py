@@ -42,6 +42,7 @@ def test_predict(tmp_path: Path) -> None:
     assert "warning" not in printed
 
 
+@pytest.mark.slow(seconds=10)
 def test_rollout_and_compare(tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = ("--model", small().path, "--horizon", "1")
@@ -82,6 +83,7 @@ def test_predict_under_a_plan(tmp_path: Path) -> None:
     assert planned < 0.5 * held
 
 
+@pytest.mark.slow(seconds=10)
 def test_follow_a_path(tmp_path: Path) -> None:
     out = tmp_path / "out"
     printed = run("05_follow_a_path.py", out, "--model", small().path, "--duration", 6)

@@ -85,6 +85,7 @@ def proposed(folder: Path, vehicle: str | None = None) -> Finding:
     return finding
 
 
+@pytest.mark.slow(seconds=10)
 def test_the_proposed_map_gives_the_torque(tmp_path: Path) -> None:
     content = without_torque(tmp_path)
     finding = proposed(tmp_path, "imdv")

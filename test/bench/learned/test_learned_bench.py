@@ -321,6 +321,7 @@ def test_predictions_are_interpolated_at_the_horizons() -> None:
     np.testing.assert_allclose(found[0, :, 0], np.array(HORIZONS_S) - 0.003, atol=1e-12)
 
 
+@pytest.mark.slow(seconds=10)
 def test_the_command_trains_and_compares_all(
     tmp_path: Path, code: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

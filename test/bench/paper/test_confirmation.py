@@ -45,6 +45,7 @@ def nothing_spins(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(confirmation_drives, "drive_spins", lambda scenario: False)
 
 
+@pytest.mark.slow(seconds=10)
 def test_the_drives_come_from_the_seed_alone(tmp_path: Path) -> None:
     first = write_confirmation_drives(tmp_path / "a", "seed", 3)
     again = write_confirmation_drives(tmp_path / "b", "seed", 3)
