@@ -65,6 +65,14 @@ def shown_text(result: MismatchResult, nothing_else: bool) -> str:
     return f"no missing physics, only {kind}: {text}" if only else f"{kind}: {text}"
 
 
+def calibration_title(result: MismatchResult) -> str:
+    """Return the title of the calibrations' table: some may be a difference of the car."""
+    calibrations = of_category(result.effects, CALIBRATION)
+    return (
+        "Calibration, or a difference of the car" if has_ambiguous(calibrations) else "Calibration"
+    )
+
+
 def settings_texts(result: MismatchResult) -> list[str]:
     """Return what to set for the identified calibrations, in sentences."""
     by_effect = parameters_by_effect(result.effects, result.sensors)

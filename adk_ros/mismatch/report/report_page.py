@@ -32,7 +32,7 @@ from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.report.agreement_table import agreement_parts
 from adk_ros.mismatch.report.calibration_table import CALIBRATION_HEADER, calibration_rows
-from adk_ros.mismatch.report.calibration_text import of_category
+from adk_ros.mismatch.report.calibration_text import calibration_title, of_category
 from adk_ros.mismatch.report.comparison_labels import (
     model_labels,
     residual_labels,
@@ -142,6 +142,7 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         underfit=underfit_channels(result) if result.verdict == NONE else "",
         physics=effect_rows(of_category(result.effects, PHYSICS)),
         calibrations=effect_rows(of_category(result.effects, CALIBRATION)),
+        calibration_title=calibration_title(result),
         calibration_header=CALIBRATION_HEADER,
         calibration_rows=calibration_rows(result),
         only_sensor_faults=has_only_sensor_faults(result),

@@ -14,6 +14,7 @@ from helpers.mismatch_report import drag, identified, odd, result_of
 from helpers.pages import Page
 
 from adk_ros.mismatch.inference.result import IdentifiedEffect
+from adk_ros.mismatch.report.calibration_text import calibration_title
 from adk_ros.mismatch.report.result_files import as_dict, write_report
 from adk_ros.mismatch.report.summary import sentence, verdict_text
 from adk_ros.signals.decode import SensorConfig
@@ -71,6 +72,8 @@ def test_what_may_be_either_says_so() -> None:
     ) in said
     assert "no missing physics" not in said
     assert verdict_text(result) == ("1 calibration, or a difference of the car: steering ratio")
+    assert calibration_title(result) == "Calibration, or a difference of the car"
+    assert calibration_title(result_of("", (gyro(),))) == "Calibration"
 
 
 def test_an_alternative_of_the_other_category_says_so() -> None:
