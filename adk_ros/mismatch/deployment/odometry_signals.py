@@ -12,6 +12,7 @@ is compared with r_f, which continues from the published value.
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import lfilter  # type: ignore[import-untyped, unused-ignore]
 
 from adk_ros.numerics.arrays import FloatArray
 
@@ -43,10 +44,6 @@ def with_lag(rate: FloatArray, published: float, lag_s: float, step_s: float) ->
 
     `published`: before the first step.
     """
-    out = np.empty_like(rate)
-    share = -np.expm1(-step_s / lag_s)
-    value = published
-    for k in range(rate.size):
-        value += share * (rate[k] - value)
-        out[k] = value
-    return out
+    keep = np.exp(-step_s / lag_s)
+    out, _ = lfilter([1.0 - keep], [1.0, -keep], rate, zi=[keep * published])
+    return np.asarray(out)

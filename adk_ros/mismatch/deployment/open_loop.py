@@ -100,6 +100,8 @@ class OpenLoopPredictor:
         self.features, self.coefficients = model.feature_coefficients()
         # What is not measured follows from the rest.
         self._gains = ASSIMILATION_GAINS * [1.0, float(log.measures_v_y), 1.0]
+        if v_x_is_given:
+            self._gains[0] = 1.0
         self._warm_up_s = _WARM_UP_S
         self._history: dict[str, FloatArray] | None = None
         """Signals before the present start, for features with a memory."""
@@ -170,7 +172,11 @@ class OpenLoopPredictor:
         for _ in range(1 + (_PASSES if is_iterative else 0)):
             inputs = open_loop_inputs(
                 self.commands, self._since_first_command(now), STEP_S, n, extra
-            )._replace(prescribed_v_x=self._given_v_x(now, n))
+            )
+            if self._v_x_is_given:
+                measured = np.full((n, 3), np.nan)
+                measured[:, 0] = self._recorded_v_x(now, n)
+                inputs = inputs._replace(measured=measured, observer_gains=self._gains)
             run = self._run(state.copy(), self._terms(distances, poses, now), inputs)
             distances = [s + np.cumsum(run.output[V_X]) * STEP_S for s in at_start]
             poses = run.end_states[:-1, E_X:]
@@ -186,6 +192,8 @@ class OpenLoopPredictor:
         # A message counts in the step that contains its stamp, never earlier.
         row = np.clip(((log.odometry_s[first:last] - now) / STEP_S - 1e-6).astype(int), 0, n - 1)
         measured[row] = self._odometry[first:last]
+        if self._v_x_is_given:
+            measured[:, 0] = self._recorded_v_x(now, n)
         distances = [
             np.full(n, s) + state[S_V_X] * STEP_S * (np.arange(n) + 0.5)
             for s in self._distances_at(now)
@@ -196,7 +204,7 @@ class OpenLoopPredictor:
             self.commands,
             self._since_first_command(now),
             STEP_S,
-            prescribed_v_x=self._given_v_x(now, n),
+            prescribed_v_x=np.empty(0),
             measured=measured,
             observer_gains=self._gains,
             extra=no_extra(),
@@ -209,11 +217,9 @@ class OpenLoopPredictor:
             self._remember(self._signals(run.output, now))
         return run.state
 
-    def _given_v_x(self, now: float, n: int) -> FloatArray:
-        """Return v_x (n + 1,) at the ends of `n` steps from `now`; empty where it is predicted."""
-        if not self._v_x_is_given:
-            return np.empty(0)
-        at_s = now + STEP_S * np.arange(n + 1)
+    def _recorded_v_x(self, now: float, n: int) -> FloatArray:
+        """Return the recorded v_x (n,) at the middles of `n` steps from `now`."""
+        at_s = now + STEP_S * (np.arange(n) + 0.5)
         return np.asarray(np.interp(at_s, self.log.odometry_s, self.log.odometry[:, 0]))
 
     def _terms(self, distances: list[FloatArray], poses: FloatArray, now: float) -> ActiveTerms:

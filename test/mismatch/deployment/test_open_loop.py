@@ -76,5 +76,6 @@ def test_lateral_motion_is_predicted_at_the_recorded_speed() -> None:
     given = errors(Evidence(log, v_x_is_given=True), rolling=0.2)
     assert lost[-1, V_X] > 3.0
     assert lost[-1, YAW_RATE] > 3.0 * plain[-1, YAW_RATE]
+    assert given[:, V_X].max() < plain[:, V_X].max()
     assert given[-1, YAW_RATE] < 0.2 * lost[-1, YAW_RATE]
     np.testing.assert_allclose(given[:, V_Y], plain[:, V_Y], rtol=0.1)
