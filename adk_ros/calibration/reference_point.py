@@ -17,7 +17,7 @@ import numpy as np
 from adk_ros.calibration.criteria import MAX_LATERAL, MIN_CORRELATION, PERIOD_S
 from adk_ros.calibration.finding import Finding, Verdict, judged, not_decidable
 from adk_ros.calibration.grid import Signals
-from adk_ros.calibration.regression import regress
+from adk_ros.calibration.regression import Regression, regress
 from adk_ros.calibration.steering_fit import sideways_is_measured
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.vehicle.vehicle_parameters import Dimensions
@@ -54,7 +54,9 @@ def check_reference_point(
         reason = f"the yaw rate explains only {explained:.0%} of the variance of v_y"
         yield not_decidable(name, reason, evidence)
         return
-    if not sideways_is_measured(s) and not _heading_is_the_course(s, columns(s.turning), weights):
+    if not sideways_is_measured(s) and not _heading_is_the_course(
+        s, fit, columns(s.turning), weights
+    ):
         reason = "v_y and the lateral velocity of the pose contradict each other"
         yield not_decidable(name, reason, evidence)
         return
@@ -87,20 +89,20 @@ def check_reference_point(
     )
 
 
-def _heading_is_the_course(s: Signals, columns: FloatArray, weights: FloatArray) -> bool:
+def _heading_is_the_course(
+    s: Signals, of_twist: Regression, columns: FloatArray, weights: FloatArray
+) -> bool:
     """
-    Whether the pose's lateral velocity is none of a car, while that of v_y is.
+    Whether the pose's lateral velocity is none of a car, while `of_twist`, the fit of v_y, is.
 
     A heading that is computed from the course leaves no lateral velocity, but filters and noise.
     That of a car follows from the yaw rate, with a compliance C of the rear axle that is positive.
     """
-    if s.leftward is None or s.v_y is None:
+    if s.leftward is None or of_twist.values[1] >= 0.0:
         return False
-    of_twist, of_pose = (regress(columns, values, weights) for values in (s.v_y, s.leftward))
-    if of_twist is None or of_twist.values[1] >= 0.0:
-        return False
+    of_pose = regress(columns, s.leftward, weights)
     if of_pose is None:
-        return True
+        return False
     return _explained(columns, s.leftward, weights, of_pose.values) < MIN_CORRELATION**2
 
 
