@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -245,6 +245,11 @@ def write_streams(
         *_odometry_messages(streams.odometry),
         *_command_messages(streams.command, joints),
     ]
+    return write_messages(path, messages)
+
+
+def write_messages(path: Path, messages: Sequence[tuple[int, str, Any]]) -> Path:
+    """Write (stamp in ns, topic, message), in any order, as a bag; return its path."""
     topics = {topic: msg.__msgtype__ for _, topic, msg in messages}
     with BagWriter(path) as writer:
         for topic, msgtype in topics.items():

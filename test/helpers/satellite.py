@@ -12,15 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from adk_ros.bags import Bag, BagWriter, message
+from adk_ros.bags import Bag, message
 from adk_ros.bags.auxiliary_topics import FIX, GPS_VELOCITY, TWIST
 from adk_ros.calibration.streams import Stream, Streams
 from adk_ros.plant.scenario.scenario_file import load_scenario
 from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
 from adk_ros.plant.scenario.simulate import simulate
-from adk_ros.signals.channels import Source
 from helpers.bags import START_NS
-from helpers.calibration import driven, write_streams
+from helpers.calibration import driven, write_messages, write_streams
 
 
 @lru_cache(maxsize=4)
@@ -47,7 +46,6 @@ def with_course(
     """
     drive, streams = _truth(scenario, seed, seconds), driven(scenario, seed, seconds)
     start = min(int(stream.stamp_ns[0]) for stream in drive.streams.values())
-    assert Source.IMU in drive.streams
     t = (drive.stamp_ns - start) * 1e-9
     v_x, v_y, rate = drive.x.T
     heading = np.unwrap(drive.pose[:, 2]) + turned
@@ -76,15 +74,13 @@ def write_with_receiver(streams: Streams, path: Path, fix_topic: str = "/gps/fix
     events: list[tuple[int, str, Any]] = []
     height, z = streams.heights.get("gps"), streams.heights.get("odometry")
     with Bag(whole) as bag:
-        kinds = {topic.name: topic.msgtype for topic in bag.topics}
-        for topic, log_ns, msg in bag.messages(list(kinds)):
+        for topic, log_ns, msg in bag.messages([each.name for each in bag.topics]):
             if topic == "/odometry" and z is not None:
                 at = 1e-9 * (log_ns - START_NS)
                 msg.pose.pose.position.z = float(np.interp(at, z.at_s, z["height"]))
             events.append((log_ns, topic, msg))
     for i, stamp_ns in enumerate(_stamps(height)):
         assert height is not None
-        kinds[fix_topic] = FIX
         altitude = [0.0, math.nan, *[float(height["height"][i])] * 8][i % 10]
         status = {"status": NO_FIX if i % 10 == 0 else 0}
         header = {"stamp": stamp_ns, "frame_id": "gps"}
@@ -93,18 +89,12 @@ def write_with_receiver(streams: Streams, path: Path, fix_topic: str = "/gps/fix
     gps = streams.gps_speed
     for i, stamp_ns in enumerate(_stamps(gps)):
         assert gps is not None
-        kinds[GPS_VELOCITY] = TWIST
         speed, course = float(gps["gps_speed"][i]), float(gps["gps_course"][i])
         linear = {"x": speed * math.sin(course), "y": speed * math.cos(course)}
         header = {"stamp": stamp_ns, "frame_id": "enu"}
         msg = message(TWIST, header=header, twist={"linear": linear})
         events.append((stamp_ns, GPS_VELOCITY, msg))
-    with BagWriter(path) as writer:
-        for name, kind in kinds.items():
-            writer.add_topic(name, kind)
-        for log_ns, topic, msg in sorted(events, key=lambda event: event[0]):
-            writer.write(topic, msg, log_ns)
-    return path
+    return write_messages(path, events)
 
 
 def _stamps(stream: Stream | None) -> list[int]:
