@@ -176,6 +176,7 @@ def explain(
     ask: Sequence[str] = (),
     without_imu: bool = False,
     options: RecordingOptions | None = None,
+    simulation_options: RecordingOptions | None = None,
     force: bool = False,
     progress: Progress | None = None,
 ) -> MismatchExplanation:
@@ -193,7 +194,9 @@ def explain(
         the last quarter of each recording, which is then left out of every selection.
     :param ask: effects of the catalogue, to be answered why they are claimed or not.
     :param without_imu: accept a recording without an IMU and use odometry only.
-    :param options: how to read both bags, see `recording_options`.
+    :param options: how to read the bags, see `recording_options`.
+    :param simulation_options: how to read the simulator's bag, where calibrations of the real
+        car's sensors in `options` do not hold for it. Default: `options`.
     :param force: replace an earlier result in `out`.
     :raises UsageError: an argument is invalid, or `out` exists.
     :raises DataError: a recording is unusable.
@@ -218,8 +221,10 @@ def explain(
         check_output_folder(Path(out))
     if simulation.resolve() in [bag.resolve() for bag in recordings]:
         raise UsageError(f"{simulation}: simulation and recording are the same bag")
+    options = options or RecordingOptions()
+    simulated_with = simulation_options or options
     inputs = _read_inputs(
-        simulation, recordings, vehicle, without_imu, options or RecordingOptions(), progress
+        simulation, recordings, vehicle, without_imu, options, simulated_with, progress
     )
     simulated, recorded, nominal = inputs
     others = _read_held_out(
@@ -275,7 +280,7 @@ def check_asked(names: Sequence[str]) -> None:
 def _read_held_out(
     bags: Sequence[Path],
     recordings: Sequence[Path],
-    options: RecordingOptions | None,
+    options: RecordingOptions,
     progress: Progress | None,
     length_scale: float,
 ) -> list[SensorLog]:
@@ -298,6 +303,7 @@ def _read_inputs(
     vehicle: Path | str | None,
     without_imu: bool,
     options: RecordingOptions,
+    simulated_with: RecordingOptions,
     progress: Progress | None,
 ) -> tuple[SensorLog | SurrogateModel, list[SensorLog], NominalVehicle | None]:
     """Return the simulation, the recordings and the nominal vehicle."""
@@ -339,4 +345,4 @@ def _read_inputs(
         return driven, recorded, nominal_vehicle_of(simulator, is_simulated=True)
     if simulator is not None:
         return simulator, recorded, nominal
-    return read_log(simulation, options, progress, wheel_radius=radius), recorded, nominal
+    return read_log(simulation, simulated_with, progress, wheel_radius=radius), recorded, nominal

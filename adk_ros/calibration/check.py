@@ -267,6 +267,6 @@ def _advice(findings: list[Finding], parameters: dict[str, Any]) -> str:
         names = ", ".join(parameters)
         return (
             f"write {names} with --out params.yaml, check again with --params params.yaml, then "
-            "use it for train, replay, mismatch and the node"
+            "use it for train, replay and the node, and as --recording-params of mismatch"
         )
     return "correct the recording where a finding says so, then check again"

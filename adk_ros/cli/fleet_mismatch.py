@@ -30,6 +30,8 @@ from adk_ros.cli.options import (
     JsonOption,
     OdometryOption,
     ParamsOption,
+    RecordingParamsOption,
+    options_of_recordings,
     read_options,
 )
 from adk_ros.errors import UsageError
@@ -57,6 +59,7 @@ def mismatch(
     odometry: OdometryOption = None,
     command: CommandOption = None,
     params: ParamsOption = None,
+    recording_params: RecordingParamsOption = None,
     tags: TagsOption = None,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
@@ -84,7 +87,8 @@ def mismatch(
 
     Example: adk fleet mismatch drives --simulation sim --vehicle vehicle.yaml --out fleet
     """
-    reading = read_options(imu, odometry, command, False, params)
+    simulated_with = read_options(imu, odometry, command, False, params)
+    reading = options_of_recordings(simulated_with, recording_params)
     options = fleet_options(tags, workers, cluster, timeout, memory, limit, retry_failed)
     if dry_run:
         from adk_ros.api.fleet.mismatch_estimate import estimate_mismatch
@@ -92,13 +96,16 @@ def mismatch(
 
         estimate = estimate_mismatch(
             simulation, recordings, out, vehicle, without_imu=without_imu,
-            recording_options=reading, options=options,
+            recording_options=reading, simulation_options=simulated_with, options=options,
         )  # fmt: skip
         print_estimate(
             estimate.as_dict(), as_json, f" (counts of the first of about {USUAL_PASSES} passes)"
         )
         return
-    found = _analysed(simulation, recordings, out, vehicle, without_imu, options, reports, reading)
+    found = _analysed(
+        simulation, recordings, out, vehicle, without_imu, options, reports, reading,
+        simulated_with,
+    )  # fmt: skip
     if as_json:
         console.print_json(json.loads((found.page.parent / _DATA).read_text(encoding="utf-8")))
         return
@@ -171,6 +178,7 @@ def _analysed(
     options: FleetOptions,
     reports: int = 5,
     reading: RecordingOptions | None = None,
+    simulated_with: RecordingOptions | None = None,
 ) -> FleetMismatch:
     from adk_ros.api.fleet.fleet_mismatch import fleet_mismatch
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
@@ -179,7 +187,8 @@ def _analysed(
         with graceful_shutdown(), console.progress("fleet") as report:
             return fleet_mismatch(
                 simulation, recordings, out, vehicle, without_imu=without_imu,
-                recording_options=reading, reports=reports, options=options, progress=report,
+                recording_options=reading, simulation_options=simulated_with, reports=reports,
+                options=options, progress=report,
             )  # fmt: skip
     except (Terminated, KeyboardInterrupt) as stop:
         console.note("results so far are kept: run the same command again to continue")

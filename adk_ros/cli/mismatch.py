@@ -17,6 +17,8 @@ from adk_ros.cli.options import (
     JsonOption,
     OdometryOption,
     ParamsOption,
+    RecordingParamsOption,
+    options_of_recordings,
     read_options,
 )
 
@@ -71,6 +73,7 @@ def mismatch(
     odometry: OdometryOption = None,
     command: CommandOption = None,
     params: ParamsOption = None,
+    recording_params: RecordingParamsOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -88,7 +91,8 @@ def mismatch(
     from adk_ros.api.explain import explain
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
-    options = read_options(imu, odometry, command, False, params)
+    simulated_with = read_options(imu, odometry, command, False, params)
+    options = options_of_recordings(simulated_with, recording_params)
     asked = [name.strip() for given in ask or () for name in given.split(",")]
     try:
         # A terminated run leaves no half-written report.
@@ -102,6 +106,7 @@ def mismatch(
                 ask=asked,
                 without_imu=without_imu,
                 options=options,
+                simulation_options=simulated_with,
                 force=force,
                 progress=progress,
             )

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,6 +40,14 @@ ParamsOption = Annotated[
         "mass, sensor positions and frames"
     ),
 ]
+RecordingParamsOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="parameter file of the recordings alone, such as 'adk check --out' writes; --params "
+        "then describes the simulator's bag alone",
+        show_default="as --params",
+    ),
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="replace an earlier result at --out")]
 JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
 
@@ -70,3 +79,19 @@ def read_options(
         stored_sensors=stored_sensors,
         warn=console.warn,
     )
+
+
+def options_of_recordings(
+    options: RecordingOptions, recording_params: Path | None
+) -> RecordingOptions:
+    """
+    Return `options` with the sensor configuration of --recording-params, where it is given.
+
+    :raises UsageError: the parameter file is invalid.
+    """
+    if recording_params is None:
+        return options
+    from adk_ros.api.recording import recording_options
+
+    described = recording_options(params=recording_params, warn=console.warn)
+    return replace(options, sensors=described.sensors)

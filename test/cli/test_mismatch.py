@@ -23,6 +23,8 @@ from adk_ros.mismatch.inference.asked_effect import AskedEffect
 from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
+from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.numerics.arrays import FloatArray
 from adk_ros.offline.sensor_log_bag import write_sensor_log
 
 
@@ -262,6 +264,31 @@ def test_a_recording_without_an_imu_needs_an_option(
     assert main([*arguments, "--without-imu"]) == 0
     assert (tmp_path / "out" / "mismatch.json").is_file()
     capsys.readouterr()
+
+
+def test_calibrations_of_the_car_do_not_hold_for_the_simulation(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gyro: dict[str, FloatArray] = {}
+
+    def reading(
+        simulated: SensorLog, recorded: list[SensorLog], *others: object
+    ) -> MismatchResult:
+        gyro.update(simulation=simulated.imu[:, 2], recording=recorded[0].imu[:, 2])
+        return drag()
+
+    monkeypatch.setattr("adk_ros.mismatch.analysis.identify_mismatch", reading)
+    params = tmp_path / "params.yaml"
+    params.write_text("/**:\n  ros__parameters:\n    gyro_scale: 1.25\n")
+    raw = {name: read_sensor_log(folder / name).imu[:, 2] for name in ("simulation", "recording")}
+    arguments = ["mismatch", "--simulation", str(folder / "simulation"), "--force"]
+    arguments += ["--recording", str(folder / "recording"), "--out", str(tmp_path / "out")]
+    assert main([*arguments, "--recording-params", str(params)]) == 0
+    np.testing.assert_allclose(gyro["recording"], raw["recording"] / 1.25)
+    np.testing.assert_allclose(gyro["simulation"], raw["simulation"])
+    assert main([*arguments, "--params", str(params)]) == 0
+    np.testing.assert_allclose(gyro["recording"], raw["recording"] / 1.25)
+    np.testing.assert_allclose(gyro["simulation"], raw["simulation"] / 1.25)
 
 
 def test_an_earlier_report_is_replaced_only_with_force(

@@ -80,6 +80,7 @@ def fleet_mismatch(
     *,
     without_imu: bool = False,
     recording_options: RecordingOptions | None = None,
+    simulation_options: RecordingOptions | None = None,
     reports: int = 5,
     options: FleetOptions | None = None,
     progress: Progress | None = None,
@@ -91,7 +92,8 @@ def fleet_mismatch(
     :param recordings: folders, globs and fsspec URLs.
     :param out: folder of the dataset; an interrupted run continues. The page is in `out`/report.
     :param vehicle: nominal vehicle of the simulation, YAML or a packaged name.
-    :param recording_options: topics and sensor configuration of all bags.
+    :param recording_options: topics and sensor configuration of the bags.
+    :param simulation_options: those of the simulator's bag. Default: `recording_options`.
     :param reports: so many recordings, those that are explained worst, get a report of their own,
         which the page links.
     :param options: a limit on the number of recordings chooses them before the first pass.
@@ -119,8 +121,9 @@ def fleet_mismatch(
         except OSError as error:
             raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
         path = identified_simulation(
-            simulation, vehicle, listed, out, without_imu, reading, progress
-        )
+            simulation, vehicle, listed, out, without_imu, reading, simulation_options or reading,
+            progress,
+        )  # fmt: skip
         known = FleetSimulation.load(path)
 
         def report(done: float, text: str) -> None:

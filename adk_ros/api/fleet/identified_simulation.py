@@ -22,12 +22,16 @@ _FIRST_TRIED = 20
 
 
 def simulation_file(
-    simulation: Path, vehicle: Path | str | None, out: Path, reading: RecordingOptions
+    simulation: Path,
+    vehicle: Path | str | None,
+    out: Path,
+    reading: RecordingOptions,
+    simulation_reading: RecordingOptions,
 ) -> Path:
     """Return the file of the identified simulation, named by its inputs, whether it exists."""
     given = "" if vehicle is None else str(vehicle)
     files = [file_hash(str(simulation)), file_hash(given)]
-    key = hash_of([*files, asdict(reading), code_digest()])
+    key = hash_of([*files, asdict(reading), asdict(simulation_reading), code_digest()])
     return out / f"simulation-{key[:16]}.npz"
 
 
@@ -38,6 +42,7 @@ def identified_simulation(
     out: Path,
     without_imu: bool,
     reading: RecordingOptions,
+    simulation_reading: RecordingOptions,
     progress: Progress | None,
 ) -> Path:
     """
@@ -50,12 +55,12 @@ def identified_simulation(
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
     from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
-    path = simulation_file(simulation, vehicle, out, reading)
+    path = simulation_file(simulation, vehicle, out, reading, simulation_reading)
     if path.exists():
         return path
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
     radius = 0.0 if nominal is None else nominal.wheel_radius
-    simulated = read_log(simulation, reading, wheel_radius=radius)
+    simulated = read_log(simulation, simulation_reading, wheel_radius=radius)
 
     def report(done: float, text: str) -> None:
         if progress is not None:

@@ -44,6 +44,7 @@ def estimate_mismatch(
     *,
     without_imu: bool = False,
     recording_options: RecordingOptions | None = None,
+    simulation_options: RecordingOptions | None = None,
     options: FleetOptions | None = None,
 ) -> FleetEstimate:
     """
@@ -65,7 +66,7 @@ def estimate_mismatch(
     found = chosen_recordings(listed, options.limits.count)
     options = replace(options, limits=replace(options.limits, count=None))
     reading = recording_options or RecordingOptions()
-    path = simulation_file(simulation, vehicle, out, reading)
+    path = simulation_file(simulation, vehicle, out, reading, simulation_options or reading)
     stage = EvidenceStage(str(path) if path.exists() else "", "", without_imu, reading)
     first = estimate_stage(stage, found, out, options)
     is_finished = first.missing == 0 and (out / REPORT / "fleet.json").is_file()
