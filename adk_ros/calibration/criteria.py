@@ -119,6 +119,9 @@ MATERIAL = {
     # 0.15 deg: a 5 m wide lane is left within 2 km; by choice.
     "steering_offset": Material(0.0025, "rad"),
     "odometry_scale": Material(0.01, "1"),
+    # 0.2°; a crown of 2.5 % (see a_y_offset) turns the velocity of a car by 0.0015 rad at a
+    # compliance of its rear axle of 0.0062 rad s²/m (`adk check bags/handling --evidence`).
+    "odometry_rotation": Material(0.0035, "rad"),
     # As that against the pose; a grade of 10 % between horizontal and travelled way is 0.5 %.
     "gps_scale": Material(0.01, "1"),
     # One period of a receiver at 10 Hz.

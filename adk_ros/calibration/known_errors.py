@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from adk_ros.calibration.finding import Finding
 from adk_ros.calibration.streams import Stream
 from adk_ros.signals.corrections import CORRECTIONS
@@ -42,8 +44,13 @@ def without_known_errors(stream: Stream, role: str, sensors: SensorConfig) -> St
         w_x, w_y = (stream[name] / sensors.gyro_scale for name in ("w_x", "w_y"))
         stream = stream.having(a_x=a_x, a_y=a_y, a_z=a_z, w_x=w_x, w_y=w_y, w_z=w_z)
     elif role == "odometry":
-        v_x, v_y, rate = sensors.velocity(stream["v_x"], stream["v_y"], stream["yaw_rate"])
-        stream = stream.having(v_x=v_x, v_y=v_y, yaw_rate=rate)
+        v_y = stream["v_y"]
+        v_x, v_y, rate = sensors.velocity(
+            stream["v_x"], np.where(np.isnan(v_y), 0.0, v_y), stream["yaw_rate"]
+        )
+        v_y = np.where(np.isnan(stream["v_y"]), np.nan, v_y)
+        heading = stream["heading"] - sensors.odometry_rotation
+        stream = stream.having(v_x=v_x, v_y=v_y, yaw_rate=rate, heading=heading)
     else:
         torque, steering = sensors.command(stream["torque"], stream["steering"])
         stream = stream.having(torque=torque, steering=steering)

@@ -1,11 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where the point of odometry's twist lies along the car, from the sideslip of the rear axle.
+Where the point of odometry's twist lies along the car, and whether its axes are those of the car.
 
 The lateral velocity at l ahead of the rear axle is v_y = l r - C v_x a_y, with the cornering
 compliance C of the rear axle and a_y = v_x r: at low lateral acceleration the rear axle follows
-its heading (M. Abe, Vehicle Handling Dynamics, 2015, section 3.3).
+its heading (M. Abe, Vehicle Handling Dynamics, 2015, section 3.3). In axes that are turned to the
+left by e it is lower by e v_x.
 """
 
 from __future__ import annotations
@@ -17,24 +18,25 @@ import numpy as np
 from adk_ros.calibration.criteria import MAX_LATERAL, MIN_CORRELATION, PERIOD_S
 from adk_ros.calibration.finding import Finding, Verdict, judged, not_decidable
 from adk_ros.calibration.grid import Signals
-from adk_ros.calibration.regression import Regression, regress
+from adk_ros.calibration.regression import Estimate, Regression, regress
 from adk_ros.calibration.steering_fit import sideways_is_measured
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.vehicle.vehicle_parameters import Dimensions
 from adk_ros.signals.decode import SensorConfig
 
+_EVIDENCE = "regression of odometry's v_y on r, v_x² r, v_x, v_x dr/dt below 4 m/s²"
+_POINT, _AXES = "reference_point", "odometry_rotation"
+
 
 def check_reference_point(
     s: Signals, sensors: SensorConfig, vehicle: Dimensions | None
 ) -> Iterator[Finding]:
-    """Yield the distance of odometry's twist from the rear axle, against the vehicle's."""
-    name = "reference_point"
+    """Yield the distance of odometry's twist from the rear axle, and the angle of its axes."""
     if s.v_x is None or s.turning is None:
         return
     if s.v_y is None:
-        yield not_decidable(name, "odometry's v_y is not measured")
+        yield not_decidable(_POINT, "odometry's v_y is not measured")
         return
-    evidence = "regression of odometry's v_y on r, v_x² r, v_x, dr/dt below 4 m/s²"
     weights = s.moving * (np.abs(s.v_x * s.turning) < MAX_LATERAL) * (s.v_x > 0.0)
     rate = np.gradient(s.turning, PERIOD_S)
 
@@ -46,23 +48,29 @@ def check_reference_point(
     instruments = None if other is None else columns(other)
     fit = regress(columns(s.turning), s.v_y, weights, instruments)
     if fit is None:
-        yield not_decidable(name, "there is too little driving in the linear range", evidence)
+        reason = "there is too little driving in the linear range"
+        yield not_decidable(_POINT, reason, _EVIDENCE)
         return
-    length = fit.estimate(0)
     explained = _explained(columns(s.turning), s.v_y, weights, fit.values)
     if explained < MIN_CORRELATION**2:
-        reason = f"the yaw rate explains only {explained:.0%} of the variance of v_y"
-        yield not_decidable(name, reason, evidence)
+        reason = f"yaw rate and speed explain only {explained:.0%} of the variance of v_y"
+        yield not_decidable(_POINT, reason, _EVIDENCE)
         return
     if not sideways_is_measured(s) and not _heading_is_the_course(
         s, fit, columns(s.turning), weights
     ):
         reason = "v_y and the lateral velocity of the pose contradict each other"
-        yield not_decidable(name, reason, evidence)
+        yield not_decidable(_POINT, reason, _EVIDENCE)
         return
+    yield _point(fit.estimate(0), sensors, vehicle)
+    yield _axes(fit)
+
+
+def _point(length: Estimate, sensors: SensorConfig, vehicle: Dimensions | None) -> Finding:
+    """Return the verdict on the distance from the rear axle."""
     if vehicle is None:
-        yield Finding(
-            name,
+        return Finding(
+            _POINT,
             Verdict.NOT_DECIDABLE,
             "not decidable, because the vehicle is unknown: give --vehicle; the twist is that of "
             f"a point {length.value:.2f} m ahead of the rear axle ({length.low:.2f} to "
@@ -71,21 +79,33 @@ def check_reference_point(
             length.low,
             length.high,
             "m",
-            evidence=evidence,
+            evidence=_EVIDENCE,
             seconds=length.seconds,
         )
-        return
     # The configured reference point is where the centre of gravity lies from the twist's point.
     nominal = vehicle.cg_to_rear_axle - sensors.reference_point[0]
     ahead = round(vehicle.cg_to_rear_axle - length.value, 2)
-    text = "odometry's twist is that of a point ahead of the rear axle by, in m"
-    yield judged(
-        name,
+    return judged(
+        _POINT,
         length,
         nominal,
-        text,
-        evidence,
-        parameters={"reference_point": [ahead, sensors.reference_point[1]]},
+        "odometry's twist is that of a point ahead of the rear axle by, in m",
+        _EVIDENCE,
+        parameters={_POINT: [ahead, sensors.reference_point[1]]},
+    )
+
+
+def _axes(fit: Regression) -> Finding:
+    """Return the verdict on the angle of the axes of odometry's twist."""
+    turned = Estimate.of(-float(fit.values[2]), -fit.resampled[:, 2], fit.seconds)
+    return judged(
+        _AXES,
+        turned,
+        0.0,
+        "v_y differs from zero in straight driving as if the axes of odometry's twist were turned "
+        "to the left by",
+        _EVIDENCE,
+        parameters={_AXES: turned.value},
     )
 
 

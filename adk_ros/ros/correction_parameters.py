@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import math
+
 from adk_ros.ros.parameter_spec import ParameterSpec
 from adk_ros.signals.corrections import MAX_DELAY_S
 
@@ -36,6 +38,13 @@ CORRECTION_TABLE: tuple[ParameterSpec, ...] = (
         "Velocities of odometry over those in m/s; 3.6 for readings in km/h.",
         -1000.0,
         1000.0,
+    ),
+    ParameterSpec(
+        "odometry_rotation",
+        0.0,
+        "Axes of odometry against those of the vehicle, rad, positive to the left.",
+        -math.pi,
+        math.pi,
     ),
     ParameterSpec(
         "yaw_rate_scale",

@@ -26,7 +26,7 @@ from adk_ros.ros.path_message import PathBytes
 from adk_ros.ros.session import message_class
 from adk_ros.signals.channels import INPUT_NAMES, TICK_NS
 from adk_ros.signals.command_plan import plan_types
-from adk_ros.signals.frames import pose_of
+from adk_ros.signals.frames import odometry_velocity, pose_of
 
 POSE_NAMES = ("x", "y", "yaw")
 _TICK_S = TICK_NS * 1e-9
@@ -91,10 +91,9 @@ class PlanTopics:
             self._covariance_out.send(self._covariance.fill(prediction.origin_ns, covariance))
 
     def _at_base(self, velocities: FloatArray) -> FloatArray:
-        """Return velocities (n, 3) at the origin of odometry's child frame."""
-        x, y = self._core.sensors.reference_point
-        rate = velocities[:, 2]
-        return velocities + np.column_stack([rate * y, -rate * x, np.zeros_like(rate)])
+        """Return velocities (n, 3) at the origin of odometry's child frame, in its axes."""
+        sensors = self._core.sensors
+        return odometry_velocity(velocities, sensors.reference_point, sensors.odometry_rotation)
 
 
 def _first_installed(msgtypes: tuple[str, ...]) -> Any:

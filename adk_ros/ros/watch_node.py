@@ -194,7 +194,10 @@ class WatchNode:
             self.frames[source] = frame_of(message)
             self.on_frames()
         restarts = self.watch.restarts
-        self.watch.push(reading, pose_of(message) if source is Source.ODOMETRY else None)
+        pose = None
+        if source is Source.ODOMETRY:
+            pose = pose_of(message, self.sensors.odometry_rotation)
+        self.watch.push(reading, pose)
         if self._options.out is None:
             return
         if self.watch.restarts > restarts:

@@ -31,7 +31,8 @@ class SensorCorrections:
     Biases in the unit of the reading, in vehicle axes: `accelerometer_bias` (a_x, a_y) in m/s²,
     `gyro_bias` and `yaw_rate_bias` (of odometry) in rad/s, `steering_offset` in rad at the road
     wheels. Scales are reading over value: 3.6 for a speed in km/h, 0.001 for a torque in kN m, -1
-    for a flipped sign. `odometry_scale` is that of v_x and v_y. Delays in s.
+    for a flipped sign. `odometry_scale` is that of v_x and v_y. `odometry_rotation`: the axes of
+    odometry against those of the vehicle, rad, positive to the left. Delays in s.
     """
 
     accelerometer_scale: float = 1.0
@@ -39,6 +40,7 @@ class SensorCorrections:
     gyro_scale: float = 1.0
     gyro_bias: float = 0.0
     odometry_scale: float = 1.0
+    odometry_rotation: float = 0.0
     yaw_rate_scale: float = 1.0
     yaw_rate_bias: float = 0.0
     torque_scale: float = 1.0
@@ -85,6 +87,9 @@ class SensorCorrections:
     ) -> tuple[Values, Values, Values]:
         """Return the values of a reading of odometry, SI."""
         scale = self.odometry_scale
+        if self.odometry_rotation:
+            c, s = math.cos(self.odometry_rotation), math.sin(self.odometry_rotation)
+            v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
         return v_x / scale, v_y / scale, (yaw_rate - self.yaw_rate_bias) / self.yaw_rate_scale
 
     def command(self, torque: Values, delta: Values) -> tuple[Values, Values]:

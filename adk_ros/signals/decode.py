@@ -121,6 +121,8 @@ class SensorConfig(SensorCorrections):
             )
         if ODOMETRY_TYPES[name].needs_radius and not self.wheel_radius > 0.0:
             raise UsageError(f"odometry_type '{name}' carries wheel speeds: set wheel_radius")
+        if name != ODOMETRY and self.odometry_rotation:
+            raise UsageError(f"odometry_type '{name}' has no v_y: set no odometry_rotation")
         if name == "wheel_joints" and not self.wheel_joints:
             raise UsageError(
                 f"odometry_type '{name}': name the joints of the wheels in wheel_joints"
@@ -164,7 +166,7 @@ class Decoder:
             self.config, "accelerometer_scale", "accelerometer_bias", "gyro_scale", "gyro_bias"
         )
         self._has_odometry_errors = differs(
-            self.config, "odometry_scale", "yaw_rate_scale", "yaw_rate_bias"
+            self.config, "odometry_scale", "odometry_rotation", "yaw_rate_scale", "yaw_rate_bias"
         )
 
     def decode(self, source: Source, msg: Any) -> Reading:

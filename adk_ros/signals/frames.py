@@ -49,13 +49,17 @@ def rotation(roll: float, pitch: float, yaw: float) -> FloatArray:
     )
 
 
-def pose_of(msg: Any) -> tuple[float, float, float]:
-    """Return x, y (m) and heading (rad) of an odometry message; zeros of one without a pose."""
+def pose_of(msg: Any, axes: float = 0.0) -> tuple[float, float, float]:
+    """
+    Return x, y (m) and heading (rad) of an odometry message; zeros of one without a pose.
+
+    :param axes: angle of odometry's axes against those whose heading is wanted, rad.
+    """
     if not hasattr(msg, "pose"):
         return 0.0, 0.0, 0.0
     position, q = msg.pose.pose.position, msg.pose.pose.orientation
     heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
-    return float(position.x), float(position.y), heading
+    return float(position.x), float(position.y), heading - axes
 
 
 def shift_velocity(
@@ -63,6 +67,22 @@ def shift_velocity(
 ) -> tuple[float, float]:
     """Return the velocity (m/s) of the point at (x, y) m from the point with (v_x, v_y)."""
     return v_x - yaw_rate * y, v_y + yaw_rate * x
+
+
+def odometry_velocity(
+    velocities: FloatArray, reference_point: tuple[float, float], axes: float
+) -> FloatArray:
+    """
+    Return the velocities (n, 3) of odometry's child frame from those of the reference point.
+
+    :param velocities: v_x, v_y, yaw rate in the axes of the vehicle.
+    :param reference_point: from the origin of the child frame, in the axes of the vehicle, m.
+    :param axes: angle of the child frame's axes against those of the vehicle, rad.
+    """
+    x, y = reference_point
+    rate = velocities[:, 2]
+    shifted = velocities + np.column_stack([rate * y, -rate * x, np.zeros_like(rate)])
+    return shifted @ rotation(0.0, 0.0, axes)
 
 
 class LeverArm:

@@ -24,6 +24,7 @@ from helpers.calibration import (
     low_passed,
     mounted,
     scaled,
+    turned_odometry,
     without,
 )
 
@@ -99,6 +100,7 @@ def test_a_fault_is_the_only_finding(fault: Fault, name: str, said: str) -> None
         (displaced(1.5, 0.0), "imu_position", 1.5),
         (displaced(-1.0, 0.8), "imu_position", -1.0),
         (at_rear_axle, "reference_point", 0.0),
+        (turned_odometry(0.009), "odometry_rotation", 0.009),
         (mounted(0.0, 3.0, 0.0), "imu_pitch", math.radians(3.0)),
         (mounted(-3.0, 0.0, 0.0), "imu_roll", math.radians(-3.0)),
         (mounted(0.0, 0.0, 10.0), "imu_yaw", math.sin(math.radians(10.0))),
@@ -149,6 +151,7 @@ def test_a_turned_imu_is_proposed_as_a_rotation(
         (scaled("command", 0.93, "steering"), "steering_ratio", 0.93),
         (displaced(-1.0, 0.8), "imu_position", [-1.0, 0.8]),
         (at_rear_axle, "reference_point", [VEHICLE.cg_to_rear_axle, 0.0]),
+        (turned_odometry(-0.02), "odometry_rotation", -0.02),
     ],
 )
 def test_parameters_that_are_proposed(fault: Fault, name: str, value: float) -> None:
@@ -240,6 +243,7 @@ def test_corrected_parameters_leave_nothing_to_find() -> None:
             (scaled("imu", 1.0 / 9.81, "a_x", "a_y", "a_z"), added("imu", a_y=0.05)),
             {"accelerometer_scale": 1.0 / 9.81, "accelerometer_bias": [0.0, 0.05]},
         ),
+        ((turned_odometry(0.03),), {"odometry_rotation": 0.03}),
         ((late("imu", 0.06),), {"imu_delay": 0.06}),
         ((late("odometry", 0.06),), {"odometry_delay": 0.06}),
     ],

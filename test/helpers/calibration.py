@@ -195,6 +195,25 @@ def at_rear_axle(streams: Streams) -> Streams:
     )
 
 
+def turned_odometry(angle: float) -> Fault:
+    """Return the fault of odometry whose axes are turned to the left, in twist and pose."""
+
+    def apply(streams: Streams) -> Streams:
+        o = streams.odometry
+        assert o is not None
+        c, s = np.cos(angle), np.sin(angle)
+        return replace(
+            streams,
+            odometry=o.having(
+                v_x=c * o["v_x"] + s * o["v_y"],
+                v_y=c * o["v_y"] - s * o["v_x"],
+                heading=o["heading"] + angle,
+            ),
+        )
+
+    return apply
+
+
 def without(stream: str, begin_s: float, end_s: float) -> Fault:
     """Return the fault of a stream without messages for a time."""
 

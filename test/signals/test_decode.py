@@ -340,6 +340,7 @@ def test_known_errors_are_removed() -> None:
         gyro_scale=2.0,
         gyro_bias=0.1,
         odometry_scale=3.6,
+        odometry_rotation=0.1,
         yaw_rate_scale=-1.0,
         yaw_rate_bias=0.05,
         torque_scale=1e-3,
@@ -355,7 +356,10 @@ def test_known_errors_are_removed() -> None:
     # The lever arm of 1 m has the centripetal acceleration of the corrected yaw rate.
     assert reading.values == pytest.approx((1.0, 2.0, rate))
     assert reading.stamp_ns == STAMP_NS - 40_000_000
-    reading = decoder.decode(Source.ODOMETRY, odometry(36.0, 0.36, -0.25))
+    # Axes that are turned to the left see the velocity further to the right.
+    speed, left = math.hypot(10.0, 0.1), math.atan2(0.1, 10.0) - 0.1
+    turned = (3.6 * speed * math.cos(left), 3.6 * speed * math.sin(left))
+    reading = decoder.decode(Source.ODOMETRY, odometry(*turned, -0.25))
     assert reading.values == pytest.approx((10.0, 0.1, 0.3))
     assert reading.stamp_ns == STAMP_NS - 100_000_000
     reading = decoder.decode(
@@ -372,6 +376,10 @@ def test_known_errors_are_removed() -> None:
         ({"odometry_delay": 2.0}, "odometry_delay is 2 s: give 0 to 1 s"),
         ({"imu_delay": -0.1}, "imu_delay is -0.1 s"),
         ({"accelerometer_bias": (0.0, math.nan)}, "accelerometer_bias is not finite"),
+        (
+            {"odometry_type": "ground_velocity", "odometry_rotation": 0.1},
+            "odometry_type 'ground_velocity' has no v_y: set no odometry_rotation",
+        ),
     ],
 )
 def test_impossible_errors_are_refused(fields: dict[str, Any], said: str) -> None:

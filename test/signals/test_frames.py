@@ -3,13 +3,15 @@
 """Sensor rotation and lever arm, compared with exactly known rigid-body motion."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from adk_ros.signals.frames import LeverArm, rotation, shift_velocity
+from adk_ros.signals.corrections import SensorCorrections
+from adk_ros.signals.frames import LeverArm, odometry_velocity, pose_of, rotation, shift_velocity
 
 ANGLE = st.floats(-math.pi, math.pi)
 ARM = (0.8, -0.35)
@@ -159,3 +161,20 @@ def test_compensation_is_finite_for_any_readings() -> None:
             assert all(map(math.isfinite, arm.compensate(stamp_ns, 1.0, 1.0, rate)))
 
     check()
+
+
+def test_odometry_velocity_undoes_decoding() -> None:
+    point, axes = (1.35, -0.2), 0.3
+    read = (20.0, 0.4, 0.5)
+    v_x, v_y, rate = SensorCorrections(odometry_rotation=axes).velocity(*read)
+    at_point = np.array([[*shift_velocity(v_x, v_y, rate, *point), rate]])
+    np.testing.assert_allclose(odometry_velocity(at_point, point, axes), [read])
+
+
+def test_a_heading_is_that_of_the_vehicle() -> None:
+    z, w = np.sin(0.5 * 0.7), np.cos(0.5 * 0.7)
+    orientation = SimpleNamespace(x=0.0, y=0.0, z=z, w=w)
+    pose = SimpleNamespace(position=SimpleNamespace(x=1.0, y=2.0), orientation=orientation)
+    msg = SimpleNamespace(pose=SimpleNamespace(pose=pose))
+    assert pose_of(msg) == pytest.approx((1.0, 2.0, 0.7))
+    assert pose_of(msg, 0.3) == pytest.approx((1.0, 2.0, 0.4))

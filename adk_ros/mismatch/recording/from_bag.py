@@ -61,7 +61,7 @@ def read_sensor_log(
             stamps[reading.source].append(reading.stamp_ns)
             rows[reading.source].append(reading.values)
             if reading.source is Source.ODOMETRY:
-                poses.append(pose_of(msg))
+                poses.append(pose_of(msg, options.sensors.odometry_rotation))
             elif reading.source is Source.COMMAND:
                 is_inferred = is_inferred or is_torque_estimated(msg)
         start_ns = bag.start_ns
@@ -121,7 +121,10 @@ def _attitude(
     rows: dict[Source, list[list[float]]], sensors: SensorConfig, start_ns: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return roll and pitch (a, 2) by the IMU, else by odometry, at times (a,); empty without."""
-    mountings = {Source.IMU: rotation(*sensors.imu_rotation), Source.ODOMETRY: np.eye(3)}
+    mountings = {
+        Source.IMU: rotation(*sensors.imu_rotation),
+        Source.ODOMETRY: rotation(0.0, 0.0, sensors.odometry_rotation),
+    }
     for source, mounting in mountings.items():
         table = np.array(rows[source], dtype=np.float64)
         if table.shape[0] < _MIN_MESSAGES or not np.isfinite(table).all(axis=1).any():
