@@ -53,8 +53,9 @@ def real(
     vehicle. Takes about 15 s a minute of driving.
 
     terms: removed from a model of the car that is calibrated on the first 60 % of a recording;
-    `adk mismatch` must name them on the rest. Needs a vehicle.yaml (mass, wheelbase) in the
-    vehicle's folder. Takes 1 to 5 min a recording.
+    `adk mismatch` must name them on the rest. The recording is read with the parameters that
+    `adk check` proposes. Needs a vehicle.yaml (mass, wheelbase) in the vehicle's folder. Takes
+    1 to 5 min a recording.
 
     slopes: the attitude of a navigation system is withheld; `adk check` must find the grade.
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.bench.paper.training_jobs import BenchPlan
+from adk_ros.bench.real.checked_recording import read_checked
 from adk_ros.bench.real.fault_cases import Pairing, pairings, recordings_by_vehicle
 from adk_ros.bench.real.injected_faults import INJECTIONS
 from adk_ros.bench.real.outcome import Outcome
@@ -29,8 +30,7 @@ from adk_ros.calibration.reference_check import (
     check_against,
     prepared,
 )
-from adk_ros.errors import DataError
-from adk_ros.mismatch.recording.from_bag import read_sensor_log
+from adk_ros.errors import DataError, UsageError
 from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 from adk_ros.mismatch.report.summary import sentence
 
@@ -129,9 +129,9 @@ def _with_terms(result: RealBench, bags: dict[str, list[Path]], report: Progress
         for path in paths:
             hidden: list[str] = []
             try:
-                log = read_sensor_log(path, needs_imu=False)
+                log = read_checked(path, nominal)
                 terms += list(removed_term_outcomes(vehicle, log, nominal, sentence, hidden))
-            except DataError as error:
+            except (DataError, UsageError) as error:
                 refused.append(f"{vehicle}, removed terms: {error}")
             left_out[f"{vehicle}, {path.name}, removed terms"] = hidden
             done += 1
