@@ -17,7 +17,11 @@ from adk_ros.mismatch.inference.downweighted import (
     episodes_describe_more,
     with_episodes,
 )
-from adk_ros.mismatch.inference.final_estimate import refitted, with_confidence
+from adk_ros.mismatch.inference.final_estimate import (
+    refitted,
+    with_confidence,
+    without_improbable,
+)
 from adk_ros.mismatch.inference.forward_selection import select_effects
 from adk_ros.mismatch.inference.question import Questioned, answer
 from adk_ros.mismatch.inference.result import MismatchResult
@@ -139,6 +143,8 @@ def _decided(
     if is_refuted(decision, validation):
         decision, reason = withdrawn(decision, null), _REFUTED
         validation = validated(decision)
+    if validation.errors.starts:
+        decision = without_improbable(decision, validation.error_ratio)
     about = Questioned(training, path, decision, lap, surrogate.parameters)
     asked = [answer(name, about) for name in ask]
     evidence = judged(decision)

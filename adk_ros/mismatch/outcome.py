@@ -69,6 +69,7 @@ class Outcome:
             ],
             verdict=decision.verdict,
             unexplained=decision.unexplained,
+            set_aside=list(decision.set_aside),
             horizon_s=HORIZONS_S[REPORTED_HORIZON],
             before=validation.errors.at(validation.errors.before),
             after=validation.errors.at(validation.errors.after),

@@ -61,6 +61,8 @@ def _reason(likelihood: Likelihood, h: Hypothesis, path: SelectionPath, decision
             f"it reduces the loss by {gain:.0f}; at least {min_required_gain(null, path):.0f} is "
             "required"
         )
+    if h.names and h.names[0] in decision.set_aside:
+        return "physics that no known effect describes is more probable"
     if decision.effects:
         names = " and ".join(effect.effect.name for effect in decision.effects)
         verb = "fits" if len(decision.effects) == 1 else "fit"

@@ -58,13 +58,18 @@ from adk_ros.numerics.constants import GRAVITY, QUANTILE_90
 
 @dataclass(frozen=True)
 class Decision:
-    """The verdict with its effects and unmodelled dynamics, and the hypothesis behind them."""
+    """
+    The verdict with its effects and unmodelled dynamics, and the hypothesis behind them.
+
+    `set_aside`: names of effects of the hypothesis that are less probable than not.
+    """
 
     verdict: str
     effects: list[IdentifiedEffect]
     unexplained: UnexplainedResidual | None
     hypothesis: Hypothesis
     unmodelled: UnmodelledDynamics | None
+    set_aside: tuple[str, ...] = ()
 
 
 def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:

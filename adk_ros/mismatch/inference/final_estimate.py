@@ -11,12 +11,33 @@ from adk_ros.mismatch.inference.confidence import ConfidenceModel
 from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
 from adk_ros.mismatch.inference.fit_budget import FINAL
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.result import IdentifiedEffect
+from adk_ros.mismatch.inference.result import UNKNOWN, IdentifiedEffect
 
 CREDIBLE = 0.9
 """Probability of the set of effects that is reported, one of which is present. Convention."""
 SMALLEST_SHARE = 0.05
 """Least probability of an effect in that set: the usual size of a significance test."""
+
+PROBABLE = 0.5
+"""Probability from which an effect is claimed next to what nothing explains: more than not."""
+
+
+def without_improbable(decision: Decision, error_ratio: float) -> Decision:
+    """
+    Return a decision without effects that physics that nothing describes makes improbable.
+
+    Where the held-out errors stay unexplained, such physics may be all that there is. What was
+    fitted stays in the hypothesis. `error_ratio` as for `with_confidence`.
+    """
+    if decision.verdict != UNKNOWN:
+        return decision
+    probable, set_aside = [], []
+    for effect in decision.effects:
+        if with_posterior(effect, error_ratio).confidence < PROBABLE:
+            set_aside.append(effect.effect.name)
+        else:
+            probable.append(effect)
+    return replace(decision, effects=probable, set_aside=tuple(set_aside))
 
 
 def refitted(decision: Decision, likelihood: Likelihood) -> Decision:

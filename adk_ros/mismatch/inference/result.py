@@ -284,6 +284,8 @@ class MismatchResult:
     """Residuals that the robust loss does not count in full; None if there are none."""
     agreement: Agreement | None = None
     """The comparison of several recordings; None for one."""
+    set_aside: list[str] = field(default_factory=list)
+    """Effects in the correction that are not claimed, since they are less probable than not."""
     scope: list[Scope] = field(default_factory=list)
     """What the channels allow to predict, judge and calibrate, and why not more."""
     sensors: SensorConfig = field(default_factory=SensorConfig)

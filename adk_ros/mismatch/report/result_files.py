@@ -120,6 +120,8 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
     }
     if result.held_out is not None:
         answer["fit"] |= _held_out(result.held_out)
+    if result.set_aside:
+        answer["set_aside"] = result.set_aside
     if result.candidates:
         answer["candidates"] = [
             {

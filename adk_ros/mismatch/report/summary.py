@@ -27,6 +27,7 @@ from adk_ros.mismatch.report.vocabulary import (
     CHANNEL_TITLES,
     STATES,
     listed,
+    title,
     unit_text,
 )
 
@@ -182,15 +183,27 @@ def sentence(result: MismatchResult) -> str:
             # What a person can picture comes first, the formula second.
             said = result.unexplained.meaning
             said += f". As a formula: {expression}" if expression else ""
-        effects = ""
+        effects = _set_aside_text(result)
         if result.effects:
-            effects = f" It also shows {shown_text(result, nothing_else=False)}."
+            effects += f" It also shows {shown_text(result, nothing_else=False)}."
         return (
             "The recording shows a difference that no known effect explains: "
             f"{said}. {improvement}{effects}{missing}"
         )
     shown = shown_text(result, nothing_else=True)
     return f"The recording shows {shown}. {improvement}{missing}"
+
+
+def _set_aside_text(result: MismatchResult) -> str:
+    """Return which effects of an exported correction are not claimed; a sentence, or nothing."""
+    is_exported = result.held_out is not None and result.held_out.export != NOT_EXPORTED
+    if not (result.set_aside and is_exported):
+        return ""
+    names = listed([title(name) for name in result.set_aside])
+    return (
+        f" This correction is by {names}, which {'is' if len(result.set_aside) == 1 else 'are'} "
+        "not claimed: physics that no known effect describes is more probable."
+    )
 
 
 def _no_mismatch(result: MismatchResult) -> str:

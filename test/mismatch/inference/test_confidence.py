@@ -17,10 +17,10 @@ from adk_ros.mismatch.inference.confidence import (
     formula_log_prior,
 )
 from adk_ros.mismatch.inference.decision import Decision
-from adk_ros.mismatch.inference.final_estimate import with_confidence
+from adk_ros.mismatch.inference.final_estimate import with_confidence, without_improbable
 from adk_ros.mismatch.inference.hypothesis import Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
-from adk_ros.mismatch.inference.result import EXPLAINED, IdentifiedEffect
+from adk_ros.mismatch.inference.result import EXPLAINED, UNKNOWN, IdentifiedEffect
 from adk_ros.mismatch.library.catalogue import EFFECTS
 
 BLOCKS = 16
@@ -105,3 +105,14 @@ def test_the_most_probable_competitor_joins_an_uncertain_effect() -> None:
     assert tied.alternatives == ["headwind"]
     assert tied.confidence > 0.9 > 1.0 - tied.posterior["headwind"]
     assert [c.alternative for c in tied.competitors] == [True, False]
+
+
+def test_an_effect_next_to_larger_unexplained_errors_is_set_aside() -> None:
+    explained = decision(10.0)
+    unknown = replace(explained, verdict=UNKNOWN)
+    assert without_improbable(explained, 6.0) is explained
+    kept = without_improbable(unknown, 0.5)
+    assert (len(kept.effects), kept.set_aside) == (1, ())
+    left = without_improbable(unknown, 6.0)
+    assert (left.effects, left.set_aside) == ([], ("aero_drag",))
+    assert left.hypothesis is unknown.hypothesis

@@ -14,6 +14,7 @@ from helpers.mismatch_report import bank, drag, identified, late, odd, result_of
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.result import (
+    FULL,
     NOT_CHECKED,
     NOT_EXPORTED,
     UNKNOWN,
@@ -247,6 +248,22 @@ def test_a_sensor_fault_is_not_corrected_in_the_vehicle_model() -> None:
     said = sentence(replace(base, after=base.before))
     assert "a tilted IMU, roll 0.020 rad (0.018 to 0.022) and pitch 0.020 rad" in said
     assert "Sensor faults are not corrected in the vehicle model" in said
+
+
+def test_a_correction_by_an_effect_that_is_not_claimed_says_so() -> None:
+    none: dict[str, list[float]] = {}
+    held_out = HeldOutResult(
+        "the last quarter", (1.0,), none, none, none, none, none, 50, False, FULL
+    )
+    result = replace(odd(), held_out=held_out, set_aside=["steering_lag"])
+    said = sentence(result)
+    assert said.endswith(
+        "falls from 0.0050 to 0.0010 rad/s. This correction is by steering lag, which is not "
+        "claimed: physics that no known effect describes is more probable."
+    )
+    assert as_dict(result)["set_aside"] == ["steering_lag"]
+    plain = replace(result, held_out=replace(held_out, export=NOT_EXPORTED))
+    assert "This correction" not in sentence(plain)
 
 
 def test_an_unknown_cause_is_stated_with_formula_and_identified_effects() -> None:
