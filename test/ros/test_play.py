@@ -3,6 +3,7 @@
 """Playing a bag: published messages, their times, and the refusal of wrong options."""
 
 import os
+import re
 import signal
 import threading
 import time
@@ -158,9 +159,10 @@ def test_no_subscriber(bag: Path) -> None:
     notices: list[str] = []
     stats = play(bag, duration_s=0.1, wait_for_subscribers_s=0.2, notice=notices.append)
     assert stats.unheard == ("/imu/data", "/odometry", "/vehicle/command")
-    assert notices == [
-        "no subscriber to /imu/data, /odometry, /vehicle/command after 0.2 s: playing anyway"
-    ]
+    # How long it has waited is measured: a busy machine wakes it later.
+    (said,) = notices
+    topics = "/imu/data, /odometry, /vehicle/command"
+    assert re.fullmatch(rf"no subscriber to {topics} after [\d.]+ s: playing anyway", said)
     with listening("/odometry"):
         begin_s = time.monotonic()
         stats = play(bag, duration_s=0.1, wait_for_subscribers_s=60.0)
