@@ -118,15 +118,11 @@ class RecordingCheck:
         check_output(target, force, None, self.path)
         default, given = asdict(SensorConfig()), asdict(self.content.sensors)
         known = {name: value for name, value in given.items() if value != default[name]}
-        values: dict[str, Any] = known | self.result.parameters
-        arguments: dict[str, Any] = {
-            name: tuple(x) if isinstance(x, list) else x for name, x in values.items()
-        }
         try:
-            SensorConfig(**arguments)
+            self.result.corrected(self.content.sensors)
         except UsageError as error:
             raise UsageError(f"{target}: the proposed parameters contradict: {error}") from None
-        write_parameters(target, values)
+        write_parameters(target, known | self.result.parameters)
         return True
 
 

@@ -64,6 +64,18 @@ class CheckResult:
     road: RoadProfile | None = None
     heights: Mapping[str, HeightSlope] = field(default_factory=dict)
 
+    def corrected(self, sensors: SensorConfig) -> SensorConfig:
+        """
+        Return the configuration that a recording was read with, with the proposed parameters.
+
+        :raises UsageError: they contradict each other or what is known.
+        """
+        changes: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in self.parameters.items()
+        }
+        return replace(sensors, **changes)
+
     def of(self, verdict: Verdict) -> list[Finding]:
         """Return the findings with a verdict."""
         return [x for x in self.findings if x.verdict is verdict]

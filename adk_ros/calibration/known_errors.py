@@ -44,11 +44,12 @@ def without_known_errors(stream: Stream, role: str, sensors: SensorConfig) -> St
         w_x, w_y = (stream[name] / sensors.gyro_scale for name in ("w_x", "w_y"))
         stream = stream.having(a_x=a_x, a_y=a_y, a_z=a_z, w_x=w_x, w_y=w_y, w_z=w_z)
     elif role == "odometry":
-        v_y = stream["v_y"]
+        # Turned axes mix both, so a v_y that is not measured would take v_x with it.
+        unmeasured = np.isnan(stream["v_y"])
         v_x, v_y, rate = sensors.velocity(
-            stream["v_x"], np.where(np.isnan(v_y), 0.0, v_y), stream["yaw_rate"]
+            stream["v_x"], np.where(unmeasured, 0.0, stream["v_y"]), stream["yaw_rate"]
         )
-        v_y = np.where(np.isnan(stream["v_y"]), np.nan, v_y)
+        v_y = np.where(unmeasured, np.nan, v_y)
         heading = stream["heading"] - sensors.odometry_rotation
         stream = stream.having(v_x=v_x, v_y=v_y, yaw_rate=rate, heading=heading)
     else:

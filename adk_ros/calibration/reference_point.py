@@ -46,19 +46,18 @@ def check_reference_point(
 
     other = s.gyro if s.gyro is not None else s.yaw_rate
     instruments = None if other is None else columns(other)
-    fit = regress(columns(s.turning), s.v_y, weights, instruments)
+    driven = columns(s.turning)
+    fit = regress(driven, s.v_y, weights, instruments)
     if fit is None:
         reason = "there is too little driving in the linear range"
         yield not_decidable(_POINT, reason, _EVIDENCE)
         return
-    explained = _explained(columns(s.turning), s.v_y, weights, fit.values)
+    explained = _explained(driven, s.v_y, weights, fit.values)
     if explained < MIN_CORRELATION**2:
         reason = f"yaw rate and speed explain only {explained:.0%} of the variance of v_y"
         yield not_decidable(_POINT, reason, _EVIDENCE)
         return
-    if not sideways_is_measured(s) and not _heading_is_the_course(
-        s, fit, columns(s.turning), weights
-    ):
+    if not sideways_is_measured(s) and not _heading_is_the_course(s, fit, driven, weights):
         reason = "v_y and the lateral velocity of the pose contradict each other"
         yield not_decidable(_POINT, reason, _EVIDENCE)
         return

@@ -143,6 +143,7 @@ def _decided(
     if is_refuted(decision, validation):
         decision, reason = withdrawn(decision, null), _REFUTED
         validation = validated(decision)
+    # Without any prediction, the result says that nothing confirms its effects.
     if validation.errors.starts:
         decision = without_improbable(decision, validation.error_ratio)
     about = Questioned(training, path, decision, lap, surrogate.parameters)

@@ -4,9 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.calibration.check import check
@@ -24,9 +22,5 @@ def read_checked(path: Path, nominal: NominalVehicle) -> SensorLog:
     :raises UsageError: the proposed parameters contradict each other.
     """
     content = read_streams(path, RecordingOptions())
-    proposed: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in check(content, nominal, assumed=nominal.assumed).parameters.items()
-    }
-    sensors = replace(content.sensors, **proposed)
+    sensors = check(content, nominal, assumed=nominal.assumed).corrected(content.sensors)
     return read_sensor_log(path, RecordingOptions(sensors=sensors), needs_imu=False)
