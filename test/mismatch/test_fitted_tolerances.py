@@ -19,7 +19,7 @@ from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.fitted_tolerances import is_within_prior, with_fitted_tolerances
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
-from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES, TOLERANCE_PARAMETERS
+from adk_ros.mismatch.inference.nuisances import N_FIXED_NUISANCES, TOLERANCE_PARAMETERS
 from adk_ros.mismatch.inference.result import EXPLAINED, NONE, NOT_EXPORTED, UNKNOWN
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import TOLERANCE_SIGMA

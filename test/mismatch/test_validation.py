@@ -41,7 +41,7 @@ from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.export_choice import Correction, choose_correction
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
-from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES
+from adk_ros.mismatch.inference.nuisances import N_FIXED_NUISANCES
 from adk_ros.mismatch.inference.result import (
     EXPLAINED,
     FULL,

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.errors import DataError
-from adk_ros.mismatch.inference.likelihood import TOLERANCE_PARAMETERS
+from adk_ros.mismatch.inference.nuisances import TOLERANCE_PARAMETERS
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import (
     SENSOR_OFFSET_PRIORS,

@@ -11,7 +11,7 @@ import numpy as np
 from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
 from adk_ros.mismatch.inference.feature_effect import catalogue_effects, feature_terms
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
-from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES, TOLERANCE_PARAMETERS
+from adk_ros.mismatch.inference.nuisances import N_FIXED_NUISANCES, TOLERANCE_PARAMETERS
 from adk_ros.mismatch.library.effect import PLACE
 from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.library.surrogate_parameters import HIGH, LOW

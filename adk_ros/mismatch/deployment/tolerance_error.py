@@ -15,7 +15,7 @@ from adk_ros.mismatch.deployment.held_out import (
     rmse,
 )
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
-from adk_ros.mismatch.inference.likelihood import TOLERANCE_PARAMETERS
+from adk_ros.mismatch.inference.nuisances import TOLERANCE_PARAMETERS
 from adk_ros.mismatch.library.criteria import TOLERANCE_SIGMA
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STATE_NAMES

@@ -30,7 +30,8 @@ from scipy.stats import ncx2
 from adk_ros.mismatch.inference.block_scores import BLOCK_S
 from adk_ros.mismatch.inference.forward_selection import examined_count
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
-from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES, Likelihood
+from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.nuisances import N_FIXED_NUISANCES
 from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
     min_required_gain,

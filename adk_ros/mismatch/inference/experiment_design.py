@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
-from adk_ros.mismatch.inference.likelihood import TOLERANCE_PARAMETERS
+from adk_ros.mismatch.inference.nuisances import TOLERANCE_PARAMETERS
 from adk_ros.mismatch.library.criteria import (
     COMPETITOR_SIZE_SIGMA,
     DISCRIMINATION_LOSS,

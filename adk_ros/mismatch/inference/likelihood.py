@@ -8,9 +8,7 @@ whitened channel by channel (see `whitening`). The noise model includes the surr
 on the simulation: what the surrogate cannot reproduce of the simulator is no evidence of missing
 physics.
 
-Nuisance parameters describe differences that are no mismatch: build tolerances of a dozen vehicle
-parameters, sensor offsets, and the directions that the simulation determines poorly. Each has a
-Gaussian prior and a hard bound; without the bound they absorb effects.
+Nuisance parameters (see `nuisances`) describe differences that are no mismatch.
 """
 
 from __future__ import annotations
@@ -23,17 +21,18 @@ import numpy as np
 from adk_ros.mismatch.inference.counted_bins import stationary_bins, unmeasured_bins
 from adk_ros.mismatch.inference.fit_budget import SIMULATION
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, with_parameters
+from adk_ros.mismatch.inference.nuisances import (
+    N_FIXED_NUISANCES,
+    along_weak_directions,
+    bounds,
+    deviations,
+    steps,
+    with_nuisances,
+)
 from adk_ros.mismatch.inference.whitening import prediction_error_filters
 from adk_ros.mismatch.library.catalogue import effects_of
-from adk_ros.mismatch.library.criteria import (
-    SENSOR_OFFSET_PRIORS,
-    SETTLING_S,
-    TOLERANCE_BOUND,
-    TOLERANCE_SIGMA,
-    WEAK_DIRECTION_BOUND,
-)
+from adk_ros.mismatch.library.criteria import SETTLING_S
 from adk_ros.mismatch.library.effect import Effect
-from adk_ros.mismatch.library.surrogate_parameters import HIGH, INDEX, LOW
 from adk_ros.mismatch.surrogate.error_autocovariance import MAX_LAG
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.measured_slopes import slope_error_autocovariance
@@ -54,37 +53,12 @@ from adk_ros.numerics.levenberg_marquardt import (
     minimise,
 )
 
-TOLERANCE_PARAMETERS = (
-    "mass",
-    "yaw_inertia",
-    "cg_to_front_axle",
-    "cg_to_rear_axle",
-    "cg_height",
-    "stiffness_f",
-    "stiffness_r",
-    "grip_f",
-    "grip_r",
-    "wheel_radius",
-    "drag_area",
-    "rolling",
-)
-"""Vehicle parameters with a build tolerance."""
-_TOLERANCE_STEP = 0.002
-_SENSOR_OFFSET_STEPS = {"bias_a_x": 0.005, "bias_a_y": 0.005, "bias_gyro": 2e-4}
-_WEAK_DIRECTION_STEP = 0.2
 _SEGMENT_END_STEP_M = 1.0
 _ONSET_STEP_S = 0.1
 _ONSET_RANGE_S = 1e4
 """s by which a fit may move an onset: longer than any recording, so in practice unbounded."""
 _SEGMENT_END_RANGE_LAPS = 0.5
 """Laps by which a fit may move a segment's boundary."""
-
-_TOLERANCE_INDEX = np.array([INDEX[name] for name in TOLERANCE_PARAMETERS])
-_OFFSET_INDEX = np.array([INDEX[name] for name in SENSOR_OFFSET_PRIORS])
-_OFFSET_PRIORS = np.array(list(SENSOR_OFFSET_PRIORS.values()))
-_OFFSET_STEPS = np.array([_SENSOR_OFFSET_STEPS[name] for name in SENSOR_OFFSET_PRIORS])
-N_FIXED_NUISANCES = len(TOLERANCE_PARAMETERS) + len(SENSOR_OFFSET_PRIORS)
-"""Tolerances and sensor offsets; the weakly identified directions follow them."""
 
 
 @dataclass(frozen=True)
@@ -210,23 +184,11 @@ class Likelihood:
 
     def along_weak_directions(self, nuisances: FloatArray) -> FloatArray:
         """Return the nuisance parameters (k,) of the weakly determined directions."""
-        return nuisances[N_FIXED_NUISANCES : N_FIXED_NUISANCES + self.weak_directions.shape[0]]
+        return along_weak_directions(nuisances, self.weak_directions.shape[0])
 
     def with_nuisances(self, nuisances: FloatArray) -> FloatArray:
-        """
-        Return the surrogate's parameters with nuisance parameters applied.
-
-        Tolerances are relative, sensor offsets absolute, weak directions in standard deviations.
-        """
-        k = len(TOLERANCE_PARAMETERS)
-        p = np.clip(
-            self.parameters + self.along_weak_directions(nuisances) @ self.weak_directions,
-            LOW,
-            HIGH,
-        )
-        p[_TOLERANCE_INDEX] *= 1.0 + nuisances[:k]
-        p[_OFFSET_INDEX] += nuisances[k:N_FIXED_NUISANCES]
-        return np.asarray(p)
+        """Return the surrogate's parameters with nuisance parameters applied."""
+        return with_nuisances(self.parameters, self.weak_directions, nuisances)
 
     def simulation_inputs(
         self, nuisances: FloatArray, effects: Sequence[ActiveEffect]
@@ -333,9 +295,9 @@ class Likelihood:
         for active in effects:
             for parameter, theta in zip(active.effect.parameters, active.theta, strict=True):
                 start.append(theta)
-                bounds = parameter.bounds()
-                low.append(bounds[0])
-                high.append(bounds[1])
+                least, most = parameter.bounds()
+                low.append(least)
+                high.append(most)
                 step.append(parameter.step)
             activation = active.activation
             for value in activation.variables() if fit_activation else ():
@@ -367,33 +329,15 @@ class Likelihood:
 
     def nuisance_steps(self) -> FloatArray:
         """Return the difference steps of the nuisance parameters."""
-        return np.concatenate(
-            [
-                np.full(len(TOLERANCE_PARAMETERS), _TOLERANCE_STEP),
-                _OFFSET_STEPS,
-                np.full(self.weak_directions.shape[0], _WEAK_DIRECTION_STEP),
-            ]
-        )
+        return steps(self.weak_directions.shape[0])
 
     def nuisance_bounds(self) -> FloatArray:
         """Return the symmetric bounds of the nuisance parameters."""
-        return np.concatenate(
-            [
-                np.full(len(TOLERANCE_PARAMETERS), TOLERANCE_BOUND),
-                _OFFSET_PRIORS[:, 1],
-                np.full(self.weak_directions.shape[0], WEAK_DIRECTION_BOUND),
-            ]
-        )
+        return bounds(self.weak_directions.shape[0])
 
     def nuisance_deviations(self) -> FloatArray:
         """Return the prior standard deviations of the nuisance parameters."""
-        return np.concatenate(
-            [
-                np.full(len(TOLERANCE_PARAMETERS), TOLERANCE_SIGMA),
-                _OFFSET_PRIORS[:, 0],
-                np.ones(self.weak_directions.shape[0]),
-            ]
-        )
+        return deviations(self.weak_directions.shape[0])
 
 
 def _by_direction(values: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
-from adk_ros.mismatch.inference.likelihood import N_FIXED_NUISANCES
+from adk_ros.mismatch.inference.nuisances import N_FIXED_NUISANCES
 from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.surrogate.activation import Activation

@@ -12,11 +12,8 @@ from helpers.mismatch import car, steady, with_commands
 
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.identifiability import STRUCTURALLY_EQUIVALENT
-from adk_ros.mismatch.inference.likelihood import (
-    N_FIXED_NUISANCES,
-    TOLERANCE_PARAMETERS,
-    Likelihood,
-)
+from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.nuisances import N_FIXED_NUISANCES, TOLERANCE_PARAMETERS
 from adk_ros.mismatch.inference.segmentation import optimal_segmentation, segments_of_mask
 from adk_ros.mismatch.inference.segments import (
     GRADUAL_EDGE_WIDTHS,

@@ -11,11 +11,8 @@ import pytest
 from helpers.mismatch import CAR, case
 
 from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
-from adk_ros.mismatch.inference.likelihood import (
-    N_FIXED_NUISANCES,
-    TOLERANCE_PARAMETERS,
-    Likelihood,
-)
+from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.nuisances import N_FIXED_NUISANCES, TOLERANCE_PARAMETERS
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, SIZE
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.joined_problem import JoinedProblem
