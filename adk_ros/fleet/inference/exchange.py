@@ -16,10 +16,9 @@ from dataclasses import replace
 
 from adk_ros.fleet.inference.assessment import Assessment
 from adk_ros.fleet.inference.fleet_candidates import identity
-from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, likelihood
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, CONDITION, SHARED, Level, is_trend
-from adk_ros.fleet.inference.simplification import likelihood
 from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 
 _LEAST_SHARE = 0.5
@@ -62,7 +61,7 @@ def plainer_levels(selection: Selection, model: FleetModel) -> FleetModel:
                 continue
             changed = (*model.claimed[:i], swapped, *model.claimed[i + 1 :])
             other = selection.refitted(replace(model, claimed=changed))
-            loss = likelihood(selection, model) - likelihood(selection, other)
+            loss = likelihood(selection.fleet, model) - likelihood(selection.fleet, other)
             if loss > 0.5 * PENALTY_PER_PARAMETER:
                 continue
             if is_trend(claim.level) or _extent(selection, other) < _extent(selection, model):
@@ -90,18 +89,18 @@ def _without(selection: Selection, model: FleetModel, claim: Assessment) -> Flee
     left = tuple(c for c in model.claimed if c is not claim.candidate)
     rest = selection.refitted(replace(model, claimed=left))
     refused = {identity(claim.candidate)}
-    least = likelihood(selection, model)
+    least = likelihood(selection.fleet, model)
     # What takes the place of a claim has about as much evidence as it has.
     floor = _LEAST_SHARE * claim.evidence
     single = selection.best(rest, refused, floor)
     if single is not None:
         other, _ = selection.with_claim(rest, single)
-        if likelihood(selection, other) > least:
+        if likelihood(selection.fleet, other) > least:
             return other
     level = claim.candidate.level
     if level.car:
         # Two effects imitate one of a car more often than a car has two that one imitates.
         return None
     least += 0.5 * PENALTY_PER_PARAMETER
-    pairs = selection.pairs(rest, refused, lambda other: other == level, floor)
-    return next((both for both in pairs if likelihood(selection, both) > least), None)
+    pairs = selection.pairs(rest, refused, lambda other: other == level, 0.5 * floor, least)
+    return next((both for both in pairs if likelihood(selection.fleet, both) > least), None)

@@ -151,12 +151,12 @@ class Candidates:
         `excess` (r,): of the model; then only those that save about enough of it.
         """
         out = []
-        saved = None if excess is None else SavedLoss.of(self.fleet, model)
+        saved = None if excess is None else SavedLoss.of(self.fleet, model, self.designs, excess)
         for effect in self.observable:
             which = np.ones(len(self.levels), dtype=bool)
             if saved is not None and excess is not None:
                 least = _LEAST_SAVED * self._required(excess)
-                which = saved.exceeds(effect, self.designs, least, excess)
+                which = saved.exceeds(effect, least)
             if not which.any():
                 continue
             gains = np.where(which, self.gains(model, effect), -1.0)

@@ -132,6 +132,13 @@ def remaining_excess(fleet: FleetEvidence, model: FleetModel) -> FloatArray:
     return np.asarray(fleet.excess - gain)
 
 
+def likelihood(fleet: FleetEvidence, model: FleetModel) -> float:
+    """Return the logarithm of the likelihood of a model with its components."""
+    active = model.active()
+    mixed = MixedModel(fleet, active)
+    return mixed.estimate(model.terms(fleet), model.components_of(active)).likelihood
+
+
 def strangers_of(fleet: FleetEvidence, excess: FloatArray) -> tuple[str, ...]:
     """
     Return the cars whose recordings the claims explain far worse than those of the others.

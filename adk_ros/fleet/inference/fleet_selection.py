@@ -30,6 +30,7 @@ from adk_ros.fleet.inference.fleet_candidates import Candidates, Identity, ident
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
+    likelihood,
     remaining_excess,
     strangers_of,
 )
@@ -142,20 +143,25 @@ class Selection(Candidates):
         refused: set[Identity],
         is_wanted: Callable[[Level], bool],
         floor: float = 0.0,
+        least: float = -np.inf,
     ) -> Iterator[FleetModel]:
         """
         Yield models with two further claims, each of which explains enough next to the other.
 
-        `is_wanted`: of the level of the first. `floor`: least evidence of both together. The
-        claims of `model` stay, so that a selection which adds pairs ends.
+        `is_wanted`: of the level of the first. `floor`: least gain of the first. `least`:
+        what the logarithm of the likelihood of both is to exceed. The claims of `model` stay, so
+        that a selection which adds pairs ends.
         """
-        for first in self.strongest(model, refused, is_wanted, 0.5 * floor):
-            one, dropped = self.with_claim(model, first)
-            second = None if dropped else self.best(one, refused, floor - first.evidence)
+        for first in self.strongest(model, refused, is_wanted, floor):
+            # Alone, and far from the truth, the first may make claims needless that both leave.
+            one = self._with(model, first)
+            # Next to the first, which resembles it, the second has little evidence, but much gain:
+            # about twice what it raises the likelihood by.
+            second = self.best(one, refused, least - likelihood(self.fleet, one))
             if second is None:
                 continue
             both, dropped = self.with_claim(one, second)
-            alone, _ = self.with_claim(model, second)
+            alone = self._with(model, second)
             if not dropped and self.explains(alone, self.assess(alone, first.candidate)):
                 yield both
 
@@ -184,8 +190,10 @@ class Selection(Candidates):
         self, model: FleetModel, found: Assessment
     ) -> tuple[FleetModel, list[Candidate]]:
         """Return the model with a further claim, all fitted, and claims that it makes needless."""
-        larger = extended(model, self.with_fitted_onset(model, found))
-        return self.without_insignificant(self.refitted(larger))
+        return self.without_insignificant(self._with(model, found))
+
+    def _with(self, model: FleetModel, found: Assessment) -> FleetModel:
+        return self.refitted(extended(model, self.with_fitted_onset(model, found)))
 
     def with_fitted_onset(self, model: FleetModel, found: Assessment) -> Assessment:
         """Return a trend with the change point of the largest likelihood; others as they are."""

@@ -18,9 +18,13 @@ from itertools import combinations
 
 from adk_ros.fleet.inference.assessment import extended
 from adk_ros.fleet.inference.fleet_candidates import identity
-from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
+from adk_ros.fleet.inference.fleet_model import (
+    Candidate,
+    FleetModel,
+    likelihood,
+    remaining_excess,
+)
 from adk_ros.fleet.inference.fleet_selection import Selection
-from adk_ros.fleet.inference.mixed_model import MixedModel
 from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 
 _EXAMINED = 4
@@ -39,7 +43,7 @@ def simplified(selection: Selection, model: FleetModel) -> FleetModel:
 def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None:
     if len(model.claimed) < 2:
         return None
-    least = likelihood(selection, model) - 0.5 * PENALTY_PER_PARAMETER
+    least = likelihood(selection.fleet, model) - 0.5 * PENALTY_PER_PARAMETER
     excess = remaining_excess(selection.fleet, model)
 
     def saves(changed: FleetModel, a: Candidate, b: Candidate) -> bool:
@@ -64,7 +68,7 @@ def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None
             if not selection.is_claimable(one):
                 continue
             changed = extended(rest, one)
-            if likelihood(selection, changed) > least or saves(changed, a, b):
+            if likelihood(selection.fleet, changed) > least or saves(changed, a, b):
                 return selection.refitted(changed)
     return None
 
@@ -73,10 +77,3 @@ def _is_of_one_place(a: Candidate, b: Candidate) -> bool:
     """Whether two claims are about the same recordings: one level, or one car."""
     same_car = bool(a.level.car) and a.level.car == b.level.car
     return same_car or (a.level == b.level) or (not a.level.car and a.level.kind == b.level.kind)
-
-
-def likelihood(selection: Selection, model: FleetModel) -> float:
-    """Return the logarithm of the likelihood of a model with its components."""
-    active = model.active()
-    mixed = MixedModel(selection.fleet, active)
-    return mixed.estimate(model.terms(selection.fleet), model.components_of(active)).likelihood

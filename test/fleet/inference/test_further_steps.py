@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from adk_ros.fleet.inference.assessment import Assessment
+from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.exchange import exchanged
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
@@ -77,11 +79,33 @@ def test_saved_loss_agrees_with_the_loss_of_a_claim() -> None:
     empty = FleetModel((), {})
     excess = remaining_excess(fleet, empty)
     everywhere = np.ones((1, len(fleet.names)))
-    saved = SavedLoss.of(fleet, empty)
+    saved = SavedLoss.of(fleet, empty, everywhere, excess)
     total = float(excess[best_half(excess, everywhere[0])].mean())
-    assert saved.exceeds(0, everywhere, np.full(excess.size, 0.5 * total), excess).all()
-    assert not saved.exceeds(0, everywhere, np.full(excess.size, 2.0 * total), excess).any()
-    assert not saved.exceeds(5, everywhere, np.full(excess.size, 0.5 * total), excess).any()
+    assert saved.exceeds(0, np.full(excess.size, 0.5 * total)).all()
+    assert not saved.exceeds(0, np.full(excess.size, 2.0 * total)).any()
+    assert not saved.exceeds(5, np.full(excess.size, 0.5 * total)).any()
+
+
+def test_saved_loss_lets_a_claim_follow_that_stands_for_two() -> None:
+    """One of two similar effects is claimed with the size of both; the other saves by sharing."""
+    shared = Level(SHARED)
+    # Columns of the first two effects correlate by 0.8.
+    keys = draw_fleet(3, FleetPlan(effects=6)).columns.effects[:2]
+    pair = tuple(Injection(key, shared, 8.0) for key in keys)
+    fleet = draw_fleet(3, FleetPlan(effects=6, bias=0.0, deviation=0.3, injections=pair))
+    selection = Selection(fleet)
+    everywhere = np.ones((1, len(fleet.names)))
+    one, other = (Candidate(i, shared, everywhere[0]) for i in range(2))
+    model = selection.refitted(FleetModel((one,), {}))
+    assert selection.assessed(model)[0].size > 10.0
+    excess = remaining_excess(fleet, model)
+    left = remaining_excess(fleet, extended(model, selection.assess(model, other)))
+    counted = best_half(excess, everywhere[0])
+    saved = SavedLoss.of(fleet, model, everywhere, excess)
+    most = float(saved.most(other.effect)[0])
+    assert most >= float((excess - left)[counted].sum()) > 0.0
+    stays = replace(saved, claimed=saved.claimed[:0])
+    assert most > 1.5 * float(stays.most(other.effect)[0])
 
 
 def test_the_best_half_is_of_the_recordings_in_which_an_effect_acts() -> None:
