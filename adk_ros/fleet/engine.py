@@ -104,6 +104,8 @@ def run_tasks(
             continue
         each = running.pop(number)
         reply = _reply(future)
+        # Dask computes what is still held again if its worker ends, also when it is stored.
+        future.release()
         if reply is None:
             submit(each.task, each.losses)
         elif reply.failure is Failure.KILLED and not reply.seconds and each.losses < _LOSSES:
