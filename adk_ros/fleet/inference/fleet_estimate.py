@@ -25,7 +25,7 @@ from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place, PlaceData
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
-from adk_ros.fleet.inference.simplification import simplified
+from adk_ros.fleet.inference.simplification import explaining, simplified
 
 ROUNDS = 3
 """Most rounds of effects and places; they end when the places stay. By choice."""
@@ -140,4 +140,4 @@ def _selected(selection: Selection) -> FleetModel:
     """Return the claims of a selection, exchanged and simplified, with what that leaves to add."""
     model = selection.select()
     changed = simplified(selection, exchanged(selection, model))
-    return model if changed is model else selection.select(changed)
+    return explaining(selection, model if changed is model else selection.select(changed))

@@ -40,6 +40,22 @@ def simplified(selection: Selection, model: FleetModel) -> FleetModel:
         model = found
 
 
+def explaining(selection: Selection, model: FleetModel) -> FleetModel:
+    """
+    Return the model without claims that explain nothing next to the others.
+
+    A claim saved enough of the loss when it was selected; what came later may explain the same.
+    Two that cancel, such as the rolling resistance and the torque offset of a car, are more likely
+    by tolerances that no car has, and save nothing.
+    """
+    for claim in sorted(selection.assessed(model), key=lambda one: one.evidence):
+        left = tuple(c for c in model.claimed if c is not claim.candidate)
+        without = selection.refitted(replace(model, claimed=left))
+        if not selection.explains(without, selection.assess(without, claim.candidate)):
+            return explaining(selection, selection.without_insignificant(without)[0])
+    return model
+
+
 def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None:
     if len(model.claimed) < 2:
         return None

@@ -22,6 +22,7 @@ from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, SHARED, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
+from adk_ros.fleet.inference.simplification import explaining
 from adk_ros.fleet.inference.variance_components import start_components
 
 
@@ -106,6 +107,22 @@ def test_saved_loss_lets_a_claim_follow_that_stands_for_two() -> None:
     assert most >= float((excess - left)[counted].sum()) > 0.0
     stays = replace(saved, claimed=saved.claimed[:0])
     assert most > 1.5 * float(stays.most(other.effect)[0])
+
+
+def test_a_claim_that_saves_nothing_next_to_the_others_is_dropped() -> None:
+    drag = Injection("aero_drag.cda", Level(SHARED), 12.0)
+    fleet = draw_fleet(3, FleetPlan(effects=6, bias=0.0, deviation=0.3, injections=(drag,)))
+    selection = Selection(fleet)
+    needless = Level(CAR, car="car02")
+    model = FleetModel(
+        (
+            Candidate(0, Level(SHARED), np.ones(len(fleet.names))),
+            Candidate(5, needless, needless.design(fleet)),
+        ),
+        {},
+    )
+    kept = explaining(selection, selection.refitted(model))
+    assert claimed(fleet, kept) == {("aero_drag.cda", "all cars")}
 
 
 def test_the_best_half_is_of_the_recordings_in_which_an_effect_acts() -> None:
