@@ -269,8 +269,12 @@ def _sum_residuals(
     for k in range(n):
         lag = sensors[_ODOMETRY_LAG, k]
         if lag > 1e-6:
+            # Exact for a yaw rate that is linear from one step to the next: with steps of a
+            # constant one the filter would lag by half a step less than its time constant.
             keep = np.exp(-step / lag)
-            value = out[YAW_RATE, k] + (value - out[YAW_RATE, k]) * keep
+            mean = (1.0 - keep) * lag / step
+            before = out[YAW_RATE, max(k - 1, 0)]
+            value = keep * value + (mean - keep) * before + (1.0 - mean) * out[YAW_RATE, k]
         else:
             value = out[YAW_RATE, k]
         filtered_yaw_rate[k] = value
