@@ -86,8 +86,7 @@ def _extent(selection: Selection, model: FleetModel) -> float:
 
 def _without(selection: Selection, model: FleetModel, claim: Assessment) -> FleetModel | None:
     """Return a more likely model without a claim, if there is one."""
-    left = tuple(c for c in model.claimed if c is not claim.candidate)
-    rest = selection.refitted(replace(model, claimed=left))
+    rest = selection.without(model, claim.candidate)
     refused = {identity(claim.candidate)}
     least = likelihood(selection.fleet, model)
     # What takes the place of a claim has about as much evidence as it has.

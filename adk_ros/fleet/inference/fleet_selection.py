@@ -195,6 +195,11 @@ class Selection(Candidates):
     def _with(self, model: FleetModel, found: Assessment) -> FleetModel:
         return self.refitted(extended(model, self.with_fitted_onset(model, found)))
 
+    def without(self, model: FleetModel, *claims: Candidate) -> FleetModel:
+        """Return the model without some of its claims, fitted."""
+        left = tuple(c for c in model.claimed if not any(c is one for one in claims))
+        return self.refitted(replace(model, claimed=left))
+
     def with_fitted_onset(self, model: FleetModel, found: Assessment) -> Assessment:
         """Return a trend with the change point of the largest likelihood; others as they are."""
         level = found.candidate.level
@@ -230,7 +235,5 @@ class Selection(Candidates):
                 break
             worst = max(bad, key=lambda one: one.p_value)
             dropped.append(worst.candidate)
-            model = self.refitted(
-                replace(model, claimed=tuple(c for c in model.claimed if c is not worst.candidate))
-            )
+            model = self.without(model, worst.candidate)
         return model, dropped

@@ -1,19 +1,19 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-One effect in place of two: what a forward selection cannot undo by itself.
+One effect in place of two, or none: what a forward selection cannot undo by itself.
 
 A forward selection may take the part of an effect that another one resembles, and then the rest: a
 brake that drags on one side as rolling resistance and a steering offset. Two claims at one level,
 or of one car, are therefore replaced by a single candidate if that is as likely: if the logarithm
 of the likelihood falls by less than the penalty of the parameter that is saved
 (`criteria.PENALTY_PER_PARAMETER`), or if it leaves no more of the loss where they act. Tolerances
-are within their bounds in the loss only, so a pair may be more likely by what no car has.
+are within their bounds in the loss only, so a pair may be more likely by what no car has. Claims
+that save nothing next to the others are dropped for the same reason.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import combinations
 
 from adk_ros.fleet.inference.assessment import extended
@@ -49,8 +49,7 @@ def explaining(selection: Selection, model: FleetModel) -> FleetModel:
     by tolerances that no car has, and save nothing.
     """
     for claim in sorted(selection.assessed(model), key=lambda one: one.evidence):
-        left = tuple(c for c in model.claimed if c is not claim.candidate)
-        without = selection.refitted(replace(model, claimed=left))
+        without = selection.without(model, claim.candidate)
         if not selection.explains(without, selection.assess(without, claim.candidate)):
             return explaining(selection, selection.without_insignificant(without)[0])
     return model
@@ -69,9 +68,7 @@ def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None
     for a, b in combinations(model.claimed, 2):
         if not _is_of_one_place(a, b):
             continue
-        rest = selection.refitted(
-            replace(model, claimed=tuple(c for c in model.claimed if c is not a and c is not b))
-        )
+        rest = selection.without(model, a, b)
         levels = {a.level, b.level}
         # One change point of each: it is fitted below.
         near = {
