@@ -75,10 +75,12 @@ class Cluster:
 
     @property
     def dashboard(self) -> str:
-        """Address of the engine's page, "" if it has none."""
+        """Address of the engine's page, "" if it has none or the scheduler does not answer."""
         if importlib.util.find_spec("bokeh") is None:
             return ""
-        return str(self.client.dashboard_link or "")
+        with suppress(Exception):  # the scheduler is asked, and may just have gone
+            return str(self.client.dashboard_link or "")
+        return ""
 
     def reconnect(self, outage_s: float = OUTAGE_S) -> None:
         """

@@ -70,8 +70,14 @@ def run_tasks(
 
     def submit(task: Task, losses: int = 0) -> None:
         number = next(numbers)
-        future = cluster.client.submit(perform, task, key=(group, number), pure=False)
-        running[number] = _Running(task, future, losses)
+        running[number] = _Running(task, losses)
+        try:
+            future = cluster.client.submit(perform, task, key=(group, number), pure=False)
+        except Exception:
+            if cluster.is_connected:
+                raise
+            return  # The client has just closed: all tasks are submitted to the next one.
+        running[number] = _Running(task, losses, future)
         future.add_done_callback(lambda future: ended.put((number, future)))
 
     def submit_again() -> None:
@@ -115,11 +121,15 @@ def run_tasks(
 
 
 class _Running(NamedTuple):
-    """A task with the scheduler, and how often Dask has given it up because workers ended."""
+    """
+    A task, how often Dask has given it up because workers ended, and its future.
+
+    The future is held, since Dask drops the task of one that nobody holds; None: not submitted.
+    """
 
     task: Task
-    future: Any
     losses: int
+    future: Any = None
 
 
 def _reply(future: Any) -> Reply | None:

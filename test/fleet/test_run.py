@@ -297,6 +297,31 @@ def test_a_scheduler_that_is_lost_between_two_stages(tmp_path) -> None:
         running.stop()
 
 
+@pytest.mark.slow(seconds=20)
+def test_a_scheduler_that_is_lost_while_tasks_are_submitted(tmp_path) -> None:
+    running = RunningCluster(tmp_path)
+    try:
+        with open_cluster(1, running.address) as cluster:
+
+            def tasks():
+                yield Task("a", abs, (-1,))
+                cluster.client.close()
+                yield Task("b", abs, (-2,))
+
+            assert sorted(reply.value for _, reply in run_tasks(cluster, tasks())) == [1, 2]
+    finally:
+        running.stop()
+
+
+@pytest.mark.slow(seconds=20)
+def test_the_dashboard_of_a_scheduler_that_has_gone(tmp_path) -> None:
+    """Progress of a stage asks for it, also when the scheduler has ended since the last stage."""
+    running = RunningCluster(tmp_path)
+    with open_cluster(1, running.address) as cluster:
+        running.stop()
+        assert cluster.dashboard == ""
+
+
 @contextmanager
 def fake_cluster():
     """Yield the cluster of a run whose tasks never reach a worker."""
