@@ -15,7 +15,9 @@ from collections.abc import Collection
 
 from adk_ros.errors import AdkError
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
+from adk_ros.fleet.demo.fleet_folder import truth
 from adk_ros.fleet.demo.fleet_plan import FleetSize, plan_fleet
+from adk_ros.fleet.demo.truth_comparison import compare_with_truth
 from adk_ros.fleet.inference.analysis import analyse_fleet
 from adk_ros.fleet.inference.evidence import Row
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
@@ -57,19 +59,13 @@ def main() -> None:
         return rows, failed
 
     found = analyse_fleet(evidence_at, simulation, lambda rows: tags)
-    print("injected:")
-    for term in plan.terms:
-        sizes = ", ".join(f"{k} {v:.4g}" for k, v in term.parameters.items())
-        print(f"  {term.effect} ({sizes}): {term.level.text}")
-    place = plan.place
-    print(f"  {place.effect} ({place.parameters}): route {place.route}")
-    print("claimed (differences from neutral, 90 % intervals):")
-    for c in found.result.claims:
-        ties = f"; or {', '.join(c.ties)}" if c.ties else ""
-        interval = f"{c.low:.4g} to {c.high:.4g}"
-        print(f"  {c.effect} ({c.parameter} {c.size:.4g}, {interval}): {c.level}{ties}")
-    for p in found.result.places:
-        print(f"  {p.effect} ({p.parameter} {p.size:.4g}): {len(p.cells)} cells at {p.centres[0]}")
+    comparison = compare_with_truth(found.result, truth(drives))
+    for claim in found.result.claims:
+        if claim.ties:
+            print(f"{claim.effect} ({claim.level}) or {', '.join(claim.ties)}")
+    print("differences from neutral, claims with 90 % intervals:")
+    for line in (*comparison.lines, comparison.summary):
+        print(line)
 
 
 if __name__ == "__main__":

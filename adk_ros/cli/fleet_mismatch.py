@@ -154,18 +154,20 @@ def demo(
 
     Example: adk fleet demo --out demo_fleet --quick
     """
-    from adk_ros.api.fleet.fleet_demo import compared_with_truth, write_demo_fleet
+    from adk_ros.api.fleet.fleet_demo import compared_with_truth, read_truth, write_demo_fleet
 
     options = fleet_options(None, workers, None, 1800.0, 4096.0, None, False)
     if not (out / "truth.json").exists():
         with console.progress("simulating the fleet") as report:
             write_demo_fleet(out, seed, quick, report, options.workers)
+    truth = read_truth(out / "truth.json")
     found = _analysed(
         out / "simulation", [str(out / "drives")], out / "fleet", out / "vehicle.yaml", False,
         options,
     )  # fmt: skip
     _show(found)
-    for line in compared_with_truth(found.result, out / "truth.json"):
+    comparison = compared_with_truth(found.result, truth)
+    for line in (*comparison.lines, comparison.summary):
         console.output.print(line, markup=False)
 
 

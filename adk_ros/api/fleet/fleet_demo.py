@@ -5,11 +5,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from adk_ros.fleet.inference.fleet_result import Claim, FleetResult
+from adk_ros.errors import DataError
+from adk_ros.fleet.inference.fleet_result import FleetResult
+
+if TYPE_CHECKING:
+    from adk_ros.fleet.demo.truth_comparison import TruthComparison
 
 
 def write_demo_fleet(
@@ -34,53 +38,20 @@ def write_demo_fleet(
     write_fleet(plan_fleet(seed, QUICK_SIZE if quick else FULL_SIZE), out, report, workers)
 
 
-def compared_with_truth(result: FleetResult, truth: Path) -> Iterator[str]:
+def read_truth(path: Path) -> dict[str, Any]:
     """
-    Yield a line for each injected effect, found or not, and for each claim that was not.
+    Return what is injected in a synthetic fleet, from its `truth.json`.
 
-    The last line counts the effects that are named at the right level, and the false claims.
+    :raises DataError: an earlier version of adk_ros has written it.
     """
-    known = json.loads(truth.read_text(encoding="utf-8"))
-    remaining = list(result.claims)
-    named = 0
-    for injected in known["effects"]:
-        level = injected["level"]
-        name = f"{injected['effect']} ({_level_text(level)})"
-        size = ", ".join(f"{key} {value:.4g}" for key, value in injected["parameters"].items())
-        matching = [c for c in remaining if _matches(c, injected["effect"], level)]
-        for claim in matching:
-            remaining.remove(claim)
-        found = ", ".join(
-            f"{c.parameter} {c.size:.4g} ({c.low:.4g} to {c.high:.4g})" for c in matching
-        )
-        named += bool(matching)
-        yield f"{'found ' if matching else 'MISSED'} {name}: {size}; {found or 'not claimed'}"
-    place = known["place"]
-    places = [p for p in result.places if p.effect == place["effect"]]
-    named += bool(places)
-    yield f"{'found ' if places else 'MISSED'} {place['effect']} (at a place)"
-    for claim in remaining:
-        yield f"FALSE  {claim.effect} ({claim.level}): {claim.size:.4g}"
-    others = [p for p in result.places if p.effect != place["effect"]]
-    for other in others:
-        yield f"FALSE  {other.effect} (at a place): {other.size:.4g}"
-    total, false = len(known["effects"]) + 1, len(remaining) + len(others)
-    yield (
-        f"{named} of {total} injected effects are named at the right level; "
-        f"{false or 'no'} false claim{'s' * (false != 1)}"
-    )
+    truth: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    if "path" not in truth["place"]:
+        raise DataError(f"{path}: written by an earlier version: simulate into a new folder")
+    return truth
 
 
-def _matches(claim: Claim, effect: str, level: dict[str, Any]) -> bool:
-    """Whether a claim is about this effect at this level; of trends the shape may differ."""
-    if claim.effect != effect or claim.car != level["car"]:
-        return False
-    trends = {"step", "ramp"}
-    if level["kind"] in trends:
-        return claim.kind in trends
-    return (claim.kind, claim.tag, claim.value) == (level["kind"], level["tag"], level["value"])
+def compared_with_truth(result: FleetResult, truth: dict[str, Any]) -> TruthComparison:
+    """Compare the result of a synthetic fleet with what `read_truth` returns."""
+    from adk_ros.fleet.demo.truth_comparison import compare_with_truth
 
-
-def _level_text(level: dict[str, Any]) -> str:
-    parts = [level["kind"], level["car"], level["tag"], level["value"]]
-    return " ".join(part for part in parts if part)
+    return compare_with_truth(result, truth)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle, nominal_v
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.recording.simulated_sensors import simulate_faulty_sensors
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.plant.environment.road import RoadPatch, Route, Segment
+from adk_ros.plant.environment.road import ROAD_X, ROAD_Y, RoadPatch, Route, Segment
 from adk_ros.plant.injection.injected_changes import InjectedChanges
 from adk_ros.plant.injection.injected_drive import simulate_injected_drive
 from adk_ros.plant.injection.injectors import changed_vehicle, plant_changes
@@ -37,6 +38,8 @@ _PLACE_KEYS = {
     "low_friction": ("mu", "mu_scale"),
 }
 _BLEND_M = 16.0
+_PATH_SPACING_M = 10.0
+"""Distance of the points that describe where a place is, m."""
 _SLOWER, _TRIES = 0.9, 6
 """Speed factor from one try to the next without a spin, and most tries."""
 
@@ -95,6 +98,17 @@ class FleetDrives:
             ]
         return plan_route(segments, patches, self._styles[i], lateral, factor)
 
+    def place_path(self) -> FloatArray:
+        """Return points (n, 2) of the road that has the place effect, in the map frame, m."""
+        place = self.plan.place
+        route = self.route(place.route)
+        rows = route.table.shape[0] - 1
+        first, last = math.floor(place.begin * rows), math.ceil(place.end * rows)
+        step = max(1, round(_PATH_SPACING_M / route.spacing))
+        path = route.table[first : last + 1 : step, [ROAD_X, ROAD_Y]]
+        path[:, 0] += _map_offset(place.route)
+        return path
+
     def simulation(self) -> SensorLog:
         """Return the simulation: the nominal car on a separate road, without noise."""
         i = self.plan.size.routes
@@ -131,5 +145,10 @@ class FleetDrives:
         effects.setdefault("imu_bias", dict(zip(("ax", "ay", "gyro"), car.bias, strict=True)))
         rng = np.random.default_rng([planned.seed, 183])
         log = simulate_faulty_sensors(planned.name, truth, commands, effects, rng)
-        log.pose[:, 0] += _MAP_SPACING_M * (1 + planned.route)
+        log.pose[:, 0] += _map_offset(planned.route)
         return replace(log, name=planned.name)
+
+
+def _map_offset(route: int) -> float:
+    """Return the x of a route's start in the map frame, m."""
+    return _MAP_SPACING_M * (1 + route)

@@ -74,7 +74,7 @@ def write_fleet(
             if progress is not None:
                 progress(done, len(plan.drives))
     # Last: a folder that has it is complete.
-    (out / "truth.json").write_text(json.dumps(truth(plan), indent=1))
+    (out / "truth.json").write_text(json.dumps(truth(drives), indent=1))
 
 
 def _written(
@@ -162,14 +162,16 @@ def _spoil(path: Path, planned: PlannedDrive) -> None:
         file.write_bytes(content)
 
 
-def truth(plan: FleetPlan) -> dict[str, Any]:
-    """Return what is injected, as plain values."""
+def truth(drives: FleetDrives) -> dict[str, Any]:
+    """Return what is injected, as plain values; the place has its path, points (x, y), m."""
+    plan = drives.plan
+    path = drives.place_path().round(1).tolist()
     return {
         "seed": plan.seed,
         "effects": [
             {"effect": t.effect, "parameters": t.parameters, "level": asdict(t.level)}
             for t in plan.terms
         ],
-        "place": asdict(plan.place),
+        "place": asdict(plan.place) | {"path": path},
         "damaged": {d.name: d.damage for d in plan.drives if d.damage},
     }

@@ -14,7 +14,7 @@ from adk_ros.api.fleet.evidence_stage import (
     read_point,
     write_point,
 )
-from adk_ros.api.fleet.fleet_demo import compared_with_truth
+from adk_ros.api.fleet.fleet_demo import read_truth
 from adk_ros.api.fleet.fleet_mismatch import evidence_of, fleet_mismatch, recording_tags
 from adk_ros.api.fleet.fleet_run import chosen_recordings
 from adk_ros.api.fleet.recording_minutes import recording_minutes
@@ -22,7 +22,6 @@ from adk_ros.errors import DataError, UsageError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.inference.evidence import RECORDING
-from adk_ros.fleet.inference.fleet_result import Claim, FleetResult, PlaceClaim
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
 from adk_ros.fleet.recordings import FleetRecording
@@ -101,43 +100,11 @@ def test_unusable_input_is_one_line(tmp_path: Path) -> None:
         fleet_mismatch(drives / "a.mcap", given, tmp_path / "out")
 
 
-def _claim(effect: str, kind: str, car: str = "", tag: str = "", value: str = "") -> Claim:
-    return Claim(
-        effect, "scale", "-", kind, "level", car, tag, value, None, 0.9, 0.8, 1.0, 30.0, 1e-9,
-        0.0, 0.0, (),
-    )  # fmt: skip
-
-
-def _truth(effect: str, kind: str, car: str = "") -> dict[str, object]:
-    level = {"kind": kind, "car": car, "tag": "", "value": "", "onset": 0.0}
-    return {"effect": effect, "parameters": {"scale": 0.9}, "level": level}
-
-
-def test_the_demonstration_counts_found_missed_and_false(tmp_path: Path) -> None:
+def test_the_truth_of_an_earlier_version_is_a_line(tmp_path: Path) -> None:
     truth = tmp_path / "truth.json"
-    effects = [_truth("gyro_scale", "car", "A"), _truth("yaw_inertia", "shared")]
-    effects.append(_truth("brake_torque_gain", "ramp", "B"))
-    truth.write_text(json.dumps({"effects": effects, "place": {"effect": "road_grade"}}))
-    claims = (
-        _claim("gyro_scale", "car", "A"),
-        _claim("yaw_inertia", "car", "A"),
-        _claim("brake_torque_gain", "step", "B"),
-    )
-    place = PlaceClaim("road_bank", "bank", "rad", 0.1, 0.0, 0.2, 1e-9, 5, (), (), ())
-    result = FleetResult((), (), claims, (place,), (), (), (), (), 1)
-    lines = [line.split(":")[0] for line in compared_with_truth(result, truth)]
-    assert lines == [
-        "found  gyro_scale (car A)",
-        "MISSED yaw_inertia (shared)",
-        "found  brake_torque_gain (ramp B)",
-        "MISSED road_grade (at a place)",
-        "FALSE  yaw_inertia (level)",
-        "FALSE  road_bank (at a place)",
-        "2 of 4 injected effects are named at the right level; 2 false claims",
-    ]
-    result = FleetResult((), (), claims[:1], (), (), (), (), (), 1)
-    *_, last = compared_with_truth(result, truth)
-    assert last == "1 of 4 injected effects are named at the right level; no false claims"
+    truth.write_text(json.dumps({"effects": [], "place": {"effect": "road_grade"}}))
+    with pytest.raises(DataError, match=r"truth\.json: written by an earlier version"):
+        read_truth(truth)
 
 
 def test_no_usable_recording_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
