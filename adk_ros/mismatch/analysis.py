@@ -51,7 +51,7 @@ _IDENTIFIED, _SELECTED, _DECIDED = 2.0, 7.0, 9.0
 """Progress, of `_TOTAL`, after the stages of an analysis."""
 _NOT_CORROBORATED = "no effect and no formula describes it in two measured channels"
 _UNDESCRIBED = "no effect and no formula describes it"
-_REFUTED = "no effect and no formula removes half of that error on held-out data"
+_REFUTED = "no effect and no formula removes half of the avoidable squared error on held-out data"
 """Why nothing is claimed of a difference of unknown cause."""
 
 
@@ -68,11 +68,12 @@ def identify_mismatch(
 
     Several recordings of one car, in their order in time, are analysed jointly: one set of effects
     and sizes, places per route, and a comparison of the recordings. Effects, places, onsets and
-    sizes are selected on the part before the last quarter of each recording, which is used only to
-    measure the improvement; with `held_out` recordings, on all of `recording`. The reported sizes
-    are then fitted to all of it. The simulation may be a surrogate that is already identified.
-    Without an IMU or a torque command, fewer effects are examined (see `inference.observability`);
-    without any command, none is (see `not_judged`).
+    sizes are selected on the part before the last quarter of each recording; this quarter measures
+    the improvement, and may withdraw what was selected. With `held_out` recordings, they are
+    selected on all of `recording`. The reported sizes are then fitted to all of it. The simulation
+    may be a surrogate that is already identified. Without an IMU or a torque command, fewer
+    effects are examined (see `inference.observability`); without any command, none is (see
+    `not_judged`).
     Without a `nominal` vehicle, mass and lengths are identified from the simulation as far as
     possible. `progress` is called with (done, total, stage).
     `ask`: effects of the catalogue, to be answered why they are claimed or not.

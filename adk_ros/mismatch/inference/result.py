@@ -131,7 +131,7 @@ class ResidualSeries:
 @dataclass(frozen=True)
 class HeldOutResult:
     """
-    Open-loop errors on the data that nothing was selected or fitted on.
+    Open-loop errors on the held-out data, which can withdraw claims and choose the export.
 
     `source`: which data. RMSE by state, one value per horizon of `horizons_s`, SI: of the
     simulation (`before`), the exported correction (`after`), a constant state (`persistence`), and

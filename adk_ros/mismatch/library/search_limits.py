@@ -3,9 +3,10 @@
 """
 Limits of the search for effects and features.
 
-They bound the computing time: what they exclude is not fitted. They can cost a finding, but never
-cause a claim, which the criteria decide (`library.criteria`). Their values trade time for recall:
-`adk bench concealed` prints both.
+They bound the computing time: what they exclude is not fitted. A claim must meet the criteria
+(`library.criteria`) whatever they are, but they can cost a finding or an alternative, and then a
+wrong effect may be claimed, or one with too much confidence. Their values trade time for recall,
+by choice: `adk bench concealed` prints both.
 """
 
 from __future__ import annotations
