@@ -63,7 +63,7 @@ def test_found_missed_and_false() -> None:
 
 def test_a_size_outside_its_interval() -> None:
     effects = [injected("gyro_scale", "condition", tag="tyres", value="winter")]
-    outside = {"condition": ("tyres", "winter"), "interval": (-0.09, 0.0)}
+    outside: dict[str, Any] = {"condition": ("tyres", "winter"), "interval": (-0.09, 0.0)}
     found = compared(effects, [claim("gyro_scale", "condition", **outside)])
     assert (found.named, found.sized, found.inside) == (1, 1, 0)
     found = compared(effects, [claim("gyro_scale", "condition", condition=("tyres", "summer"))])
