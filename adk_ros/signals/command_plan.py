@@ -44,11 +44,13 @@ class CommandPlan:
         """
         Return the commands (k, 2) in force at ascending times (k,).
 
-        NaN before the first and after the last point: the plan says nothing there.
+        NaN before the first point, and from the last one on except at the first of the times:
+        there the last command has come into force, and the plan says nothing beyond.
         """
         index = np.searchsorted(self.times_ns, times_ns, side="right") - 1
         out = self.commands[np.maximum(index, 0)]
-        out[(index < 0) | (times_ns > self.times_ns[-1])] = math.nan
+        out[index < 0] = math.nan
+        out[np.searchsorted(times_ns, self.times_ns[-1]) + 1 :] = math.nan
         return out
 
 

@@ -78,6 +78,32 @@ def test_after_its_last_point_a_plan_is_held() -> None:
     assert planned.planned_steps == (11, 11)
 
 
+@pytest.mark.parametrize(("points", "after_ns"), [(11, 1), (11, TICK_NS - 1), (1, 7)])
+def test_the_last_point_of_a_plan_may_lie_between_two_samples(points: int, after_ns: int) -> None:
+    """It is in force from the next sample on; the stamps of a planner are on no grid."""
+    car = Car()
+    car.drive(100)
+    stamp = car.samples[100].stamp_ns
+    times = stamp + after_ns + TICK_NS * np.arange(points, dtype=np.int64)
+    true = car.true(100)
+    car.planned.take(CommandPlan(stamp, times, true[:points]))
+    _, planned = car.step(100)
+    in_force = np.minimum(np.maximum(np.arange(STEPS) - 1, 0), points - 1)
+    np.testing.assert_array_equal(planned.horizon, car.predictor.rollout(true[in_force]))
+    assert planned.planned_steps == (points + 1,) * 2
+    assert car.status() == [PlanStatus.FOLLOWED] * 2
+
+
+def test_a_plan_that_ends_at_the_sample_is_out_of_reach() -> None:
+    car = Car()
+    car.drive(100)
+    stamp = car.samples[100].stamp_ns
+    car.planned.take(CommandPlan(stamp, np.array([stamp]), car.true(100, 1)))
+    held, planned = car.step(100)
+    assert planned is held
+    assert car.status() == [PlanStatus.OUT_OF_REACH] * 2
+
+
 def test_before_its_first_point_the_present_command_is_held() -> None:
     car = Car()
     car.drive(100)
