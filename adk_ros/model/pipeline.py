@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -112,33 +112,46 @@ class Pipeline:
         self.plan_decoder.refused, self.plan_decoder.received = plans.refused, plans.received
         self.reset()
 
-    def take(self, source: Source, msg: Any) -> list[Prediction]:
-        """Take a message; return the predictions of the ticks that it completes, often none."""
+    def each(self, source: Source, msg: Any) -> Iterator[Prediction]:
+        """
+        Take a message; yield the predictions of the ticks that it completes, often none.
+
+        Each is made when it is asked for: until the next one, `last_sample` and `predictor` are
+        those of its tick. All must be asked for before the next call.
+        """
         self._received[source] += 1
         try:
             reading = self.decoder.decode(source, msg)
         except RefusedMessage:
-            return []
-        return self.take_reading(reading)
+            return
+        yield from self._each_of(reading)
+
+    def each_until(self, now_ns: int) -> Iterator[Prediction]:
+        """Complete the ticks that are due at `now_ns`, see `Aligner.advance`; yield as `each`."""
+        return self._predict(self.aligner.advance(now_ns))
+
+    def take(self, source: Source, msg: Any) -> list[Prediction]:
+        """Take a message; return the predictions of the ticks that it completes, often none."""
+        return list(self.each(source, msg))
 
     def take_reading(self, reading: Reading) -> list[Prediction]:
         """Take a decoded reading; return as `take`."""
+        return list(self._each_of(reading))
+
+    def _each_of(self, reading: Reading) -> Iterator[Prediction]:
         if reading.source is _ODOMETRY:
             self.plausibility.see(reading)
             if not self.settings.has_command:
-                before = self._predict(self.aligner.take(reading))
-                return before + self._predict(self.aligner.take(absent_command(reading)))
+                yield from self._predict(self.aligner.take(reading))
+                reading = absent_command(reading)
         samples = self.aligner.take(reading)
-        return self._predict(samples) if samples else []
+        if samples:
+            yield from self._predict(samples)
 
     def take_plan(self, msg: Any) -> None:
         """Follow the planned commands of a message; a refused one leaves the plan before it."""
         with contextlib.suppress(RefusedMessage):
             self.planned.take(self.plan_decoder.decode(msg, self.aligner.newest_ns))
-
-    def advance(self, now_ns: int) -> list[Prediction]:
-        """Complete the ticks that are due at `now_ns`; see `Aligner.advance`."""
-        return self._predict(self.aligner.advance(now_ns))
 
     def reset(self) -> None:
         """Forget samples and adaptation; keep the counts."""
@@ -149,8 +162,7 @@ class Pipeline:
         self.planned.reset()
         self.plausibility.reset()
 
-    def _predict(self, samples: Iterable[Sample]) -> list[Prediction]:
-        predictions = []
+    def _predict(self, samples: Iterable[Sample]) -> Iterator[Prediction]:
         for sample in samples:
             self.ticks += 1
             if sample.flags & _RESTART:
@@ -173,5 +185,4 @@ class Pipeline:
             )
             prediction = self.planned.apply(self.predictor, prediction, sample)
             self.last_prediction = prediction
-            predictions.append(prediction)
-        return predictions
+            yield prediction

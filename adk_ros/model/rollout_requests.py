@@ -40,17 +40,22 @@ class RolloutRequests:
         self.received = 0
         self.refused: Counter[str] = Counter()
 
-    def answer(self, shape: Sequence[int], values: ArrayLike) -> tuple[int, FloatArray]:
+    def answer(
+        self, shape: Sequence[int], values: ArrayLike, outdated: str = ""
+    ) -> tuple[int, FloatArray]:
         """
         Return the stamp of the sample that the answer starts from, ns, and the answer (k, h, 4).
 
         :param shape: (k, h, 2) of k candidates of h steps of 25 ms: net wheel torque in N·m and
             road-wheel angle in rad, the first one in force at the latest sample.
         :param values: the commands, row-major.
+        :param outdated: why the latest state is not that of the vehicle any more, "" if it is.
         :raises RefusedRequest: it has no answer; also counted.
         """
         self.received += 1
         commands = self._commands(tuple(shape), values)
+        if outdated:
+            raise self._refusal("no state to predict from", outdated)
         prediction = self._pipeline.last_prediction
         predictor = self._pipeline.predictor
         sample = self._pipeline.last_sample

@@ -35,9 +35,15 @@ _MAX_BACKLOG_NS = 3 * TICK_NS // 2
 so that streams with a message per sample never need it."""
 
 _MAX_TRANSIT_NS = 10_000_000
-"""ns between stamp and arrival that are granted to a message before the clock passes its stamp.
+"""ns granted to a message, beyond the smallest delay of recent ones, before the clock passes its
+stamp. Transport within one computer takes less than 1 ms; the rest covers the sensor's driver."""
 
-Transport within one computer takes less than 1 ms; the rest covers the sensor's driver."""
+_MAX_DELAY_NS = 1_000_000_000
+"""Largest delay of the messages that is considered, ns; beyond, their clock is another one."""
+
+_OLDEST_S = 0.5
+"""s since the latest prediction within which requests are answered from it. By choice: a car that
+brakes hard changes its speed by 5 m/s meanwhile; streams of 5 Hz still have two messages."""
 
 _RECENT_S = 1.0
 """s since the last message within which a late timer call counts as a missed deadline; without
@@ -88,7 +94,7 @@ class Core:
         if not self.enabled:
             return
         self._received_since_timer = True
-        self._run(begin_ns, self.pipeline.take, source, msg)
+        self._run(begin_ns, self.pipeline.each, source, msg)
         stamp_ns = self.pipeline.decoder.latest_ns
         if stamp_ns is not None:
             self.stamps.see(source, stamp_ns, begin_ns)
@@ -143,7 +149,20 @@ class Core:
         newest_ns = self.pipeline.aligner.newest_ns
         if received or newest_ns is None or now_ns - newest_ns < _MAX_BACKLOG_NS:
             return
-        self._run(begin_ns, self.pipeline.advance, now_ns - _MAX_TRANSIT_NS)
+        # In the time of the stamps: the delay of the arrivals, in the clock that `now_ns` is of.
+        delay_ns = (self.stamps.least_delay_ns(begin_ns) or 0) + now_ns - begin_ns
+        transit_ns = _MAX_TRANSIT_NS + min(max(delay_ns, 0), _MAX_DELAY_NS)
+        self._run(begin_ns, self.pipeline.each_until, now_ns - transit_ns)
+
+    def outdated(self) -> str:
+        """Return why the latest prediction is not of the vehicle as it is, "" if it is."""
+        if not self.enabled:
+            return "the node is disabled"
+        published_s = self.counters.last_published_s
+        if published_s is None:
+            return "no prediction yet"
+        age_s = self._clock() * 1e-9 - published_s
+        return "" if age_s <= _OLDEST_S else f"the last prediction is {age_s:.1f} s old"
 
     def enable(self, enabled: bool) -> None:
         """Ignore all messages from now on, or begin afresh."""
@@ -176,7 +195,7 @@ class Core:
         received = [time_s for time_s in self.counters.last_received_s if time_s is not None]
         return bool(received) and now_ns * 1e-9 - max(received) < _RECENT_S
 
-    def _run(self, begin_ns: int, work: Callable[..., list[Prediction]], *args: Any) -> None:
+    def _run(self, begin_ns: int, work: Callable[..., Iterator[Prediction]], *args: Any) -> None:
         pipeline, counters = self.pipeline, self.counters
         ticks, published = pipeline.ticks, counters.published
         # As `guarded`, without its generator: this runs for every message.

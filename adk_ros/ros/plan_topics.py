@@ -8,6 +8,7 @@ Outputs are filled only while somebody subscribes.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from adk_ros.ros.messages import StampedCovarianceBytes, join_stamp, split_stamp
 from adk_ros.ros.output_topic import OutputTopic
 from adk_ros.ros.path_message import PathBytes
 from adk_ros.ros.session import message_class
-from adk_ros.signals.channels import INPUT_NAMES, TICK_NS
+from adk_ros.signals.channels import INPUT_NAMES, TICK_NS, Source
 from adk_ros.signals.command_plan import plan_types
 from adk_ros.signals.frames import odometry_velocity, pose_of
 
@@ -36,15 +37,20 @@ class PlanTopics:
     """
     Subscribes to `planned_command`; publishes `~/predicted_path` and what belongs to it.
 
-    `odometry` is the latest message, whose pose the path begins at.
+    `odometry` is the latest message. The path begins at its pose, or where its reading is not
+    used, as with a wrong stamp, at the pose of the latest one that was.
 
     :param frame_id: frame of the predictions. :param qos: of the subscription.
     """
 
     def __init__(self, node: Any, core: Core, frame_id: str, depth: int, qos: Any) -> None:
         self.odometry: Any = None
+        self._used: tuple[int, Any] | None = None
         self._core, self._frame_id = core, frame_id
-        self._steps = core.pipeline.settings.horizon_steps
+        settings = core.pipeline.settings
+        self._steps = settings.horizon_steps
+        # Beyond, nothing is predicted from odometry.
+        self._oldest_s = settings.odometry_timeout_s + settings.max_coast_s
         self._path: PathBytes | None = None
         self._covariance: StampedCovarianceBytes | None = None
         kind = _first_installed(plan_types(core.sensors.command_type))
@@ -69,14 +75,15 @@ class PlanTopics:
 
     def _publish_path(self, prediction: Prediction) -> None:
         """Publish the poses of odometry's frame of the vehicle along the horizon."""
-        message = self.odometry
-        if message is None or not hasattr(message, "pose"):
+        self._note_used()
+        if self._used is None:
             return
+        stamp_ns, message = self._used
         start = np.array(pose_of(message))
-        if not np.isfinite(start).all():
+        after_s = (prediction.origin_ns - stamp_ns) * 1e-9
+        if not (np.isfinite(start).all() and abs(after_s) <= self._oldest_s):
             return
         present = self._at_base(self._core.pipeline.predictor.filtered_state[None])[0]
-        after_s = (prediction.origin_ns - join_stamp(message.header.stamp)) * 1e-9
         horizon = self._at_base(prediction.horizon)
         poses = pose_horizon(moved_pose(start, present, after_s), present, horizon)
         fixed_frame = str(message.header.frame_id)
@@ -85,10 +92,22 @@ class PlanTopics:
             self._covariance = StampedCovarianceBytes(fixed_frame, self._steps, POSE_NAMES)
         if self._path_out.is_read:
             z = float(message.pose.pose.position.z)
-            self._path_out.send(self._path.fill(prediction.origin_ns, poses, z))
+            # Localisation in a plane may have none.
+            height = z if math.isfinite(z) else 0.0
+            self._path_out.send(self._path.fill(prediction.origin_ns, poses, height))
         if self._covariance_out.is_read and self._covariance is not None:
             covariance = pose_covariance(poses, horizon, prediction.horizon_covariance)
             self._covariance_out.send(self._covariance.fill(prediction.origin_ns, covariance))
+
+    def _note_used(self) -> None:
+        """Keep the latest message of odometry if its reading is used."""
+        message = self.odometry
+        if message is None or not hasattr(message, "pose"):
+            return
+        delay_ns = self._core.sensors.delays_ns[Source.ODOMETRY]
+        stamp_ns = join_stamp(message.header.stamp) - delay_ns
+        if self._core.pipeline.aligner.streams[Source.ODOMETRY].has(stamp_ns):
+            self._used = stamp_ns, message
 
     def _at_base(self, velocities: FloatArray) -> FloatArray:
         """Return velocities (n, 3) at the origin of odometry's child frame, in its axes."""

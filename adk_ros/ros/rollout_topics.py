@@ -67,7 +67,8 @@ class RolloutTopics:
         label = message.layout.dim[0].label if message.layout.dim else ""
         try:
             shape = [dimension.size for dimension in message.layout.dim]
-            stamp_ns, states = self._core.rollouts.answer(shape, message.data)
+            outdated = self._core.outdated()
+            stamp_ns, states = self._core.rollouts.answer(shape, message.data, outdated)
         except RefusedRequest as refusal:
             return array_message(np.empty((0, 0, 0)), (label, f"{REFUSED}{refusal}", ""))
         return array_message(states, (label, step_label(stamp_ns), " ".join(COLUMNS)))

@@ -67,6 +67,12 @@ class StampMonitor:
         """Record a message that arrived at `arrival_ns`, of any clock that does not jump."""
         self._pairs[source].append((stamp_ns, arrival_ns))
 
+    def least_delay_ns(self, now_ns: int) -> int | None:
+        """Return the smallest recent delay of any stream, ns; None before the first message."""
+        recent = [_recent(list(pairs), now_ns) for pairs in self._pairs if pairs]
+        delays = [arrival - stamp for pairs in recent for stamp, arrival in pairs]
+        return min(delays, default=None)
+
     def statistics(self, now_ns: int) -> dict[Source, StreamStamps]:
         """Return the statistics at `now_ns`, the clock of the arrivals, by source."""
         return {

@@ -179,9 +179,9 @@ def test_clock_moves_the_grid_where_streams_are_too_slow_to() -> None:
     before = pipeline.ticks
     newest_ns = pipeline.aligner.newest_ns
     assert newest_ns is not None
-    made = pipeline.advance(newest_ns + 90_000_000)
+    made = list(pipeline.each_until(newest_ns + 90_000_000))
     assert len(made) == pipeline.ticks - before >= 2
-    assert pipeline.advance(newest_ns + 5 * S) == []
+    assert list(pipeline.each_until(newest_ns + 5 * S)) == []
 
 
 def test_settings_reach_their_places() -> None:
