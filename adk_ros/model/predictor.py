@@ -75,8 +75,8 @@ class Predictor:
 
     :param online: settings of the online method; default: the model's own.
     :param horizon_steps: length of the horizon; 0 for none.
-    :param max_coast_steps: number of ticks without a measured state that are bridged by
-        predictions.
+    :param max_coast_steps: number of ticks without a measured state, or without a new reading of
+        odometry, that are bridged by predictions. Odometry that stays old corrects again then.
     :param withhold_implausible: return no prediction that no vehicle can follow. Not where models
         are scored: what is withheld has no error.
     :raises UsageError: a setting is out of range.
@@ -134,6 +134,7 @@ class Predictor:
         self._n_samples = 0
         self._last_ns: int | None = None
         self._coasted = 0
+        self._stale_ticks = 0
         self._uncertain_ticks = 0
         self._withheld_in_succession = 0
         self._predicted: FloatArray | None = None
@@ -192,7 +193,10 @@ class Predictor:
             self._lose_state()
             return None
         measured = not sample.flags & _COASTING and math.isfinite(sum(sample.x))
-        trusted = measured and not sample.flags & _REJECTED
+        self._stale_ticks = self._stale_ticks + 1 if sample.flags & _ODOMETRY_STALE else 0
+        # Odometry that arrives late at every sample corrects more than nothing does.
+        is_new = not self._stale_ticks or self._stale_ticks > self.max_coast_steps
+        trusted = measured and is_new and not sample.flags & _REJECTED
         self._uncertain_ticks = 0 if trusted else self._uncertain_ticks + 1
         if measured:
             self._coasted = 0
@@ -312,8 +316,8 @@ class Predictor:
         if self._takes_samples:
             continues = not sample.flags & _LEVEL_CHANGE
             take_sample(state, sample.a, continues, self._memory.fallback)
-        # A repeated odometry reading says less than the prediction for this tick.
-        stale = sample.flags & _ODOMETRY_STALE
+        # A repeated odometry reading says less than the prediction for this tick, for a while.
+        stale = 0 < self._stale_ticks <= self.max_coast_steps
         flags = self._tick_flags
         flags |= (IS_MEASURED if measured else 0) | (IS_USABLE if usable else 0)
         flags |= (LEARNS if learns else 0) | (IS_WARMING_UP if warming_up else 0)

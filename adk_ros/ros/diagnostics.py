@@ -79,6 +79,11 @@ OUTAGE_S = 1.0
 """s without a prediction after which the level is ERROR: 40 samples, of which 5 to 9 pass without
 one after a start or a jump of the clock. The default of `max_coast_s`."""
 
+_WITHOUT = {
+    Source.COMMAND: ": last command is used",
+    Source.STEERING: ": commanded steering angle is used",
+}
+"""What is used instead of a stream that has timed out, while predictions go on."""
 _RATE_CHANGE = 1.5
 """Ratio of rates that counts as a change: below a halving, above the jitter of usual drivers."""
 
@@ -221,11 +226,10 @@ class Diagnostics:
         if self._in_outage:
             self._add(Level.ERROR, "no predictions: " + ", ".join(outage_reasons(self._seen)))
         elif now.published > before.published:
-            for source in REQUIRED:
+            for source in (*REQUIRED, Source.STEERING):
                 if age_s := self._seen.timeout_s(source):
-                    consequence = ": last command is used" if source is Source.COMMAND else ""
                     text = f"{source.name.lower()} timeout ({age_s:.1f} s)"
-                    self._add(Level.WARN, text + consequence)
+                    self._add(Level.WARN, text + _WITHOUT.get(source, ""))
         elif missing:
             names = [source.name.lower() for source in missing]
             self._add(Level.WARN, "waiting for " + ", ".join(names))
@@ -241,12 +245,17 @@ class Diagnostics:
         if self._use_imu == "never" or not self._pipeline.ticks:
             return
         timeout_s = self._seen.timeout_s(Source.IMU)
-        if timeout_s:
+        reason = stream_reason(self._seen, Source.IMU)
+        # Stamps that only deviate do not keep the IMU from being used.
+        unused = reason != self._stamps.fault(Source.IMU) or not self._stamps.is_used(Source.IMU)
+        if self._use_imu == "required" and reason and unused:
+            self._add(Level.ERROR, f"no IMU, but use_imu is 'required' ({reason})")
+        elif timeout_s:
             predicting = self._now.published > self._before.published
             consequence = ": yaw rate from odometry" if predicting else ""
             self._add(Level.WARN, f"IMU timeout ({timeout_s:.1f} s){consequence}")
         elif not self._has_readings(Source.IMU):
-            reason = stream_reason(self._seen, Source.IMU) or "its stamps are of another time"
+            reason = reason or "its stamps are of another time"
             lack = "IMU is unused" if self._now.received[Source.IMU] else "no IMU"
             text = f"{lack}: yaw rate from odometry ({reason})"
             if self._use_imu == "required":
@@ -348,12 +357,28 @@ class Diagnostics:
         coasting = self._count_flagged(Flag.COASTING)
         if coasting and self._now.published > self._before.published:
             self._add(Level.WARN, f"coasting for {coasting} samples: no recent odometry")
+        self._check_lateness()
         for text in self._pipeline.plausibility.warnings() + self._core.message_warnings():
             self._add(Level.WARN, text)
         if beyond := self._beyond_training():
             self._add(Level.OK, "extrapolating: " + ", ".join(beyond))
         for text in self._plans.warnings():
             self._add(Level.WARN, text)
+
+    def _check_lateness(self) -> None:
+        """Say if odometry arrives too late for every sample, which no timeout shows."""
+        ticks = self._now.ticks - self._before.ticks
+        stale = self._count_flagged(Flag.ODOMETRY_STALE)
+        if not ticks or stale < ticks or self._count_flagged(Flag.COASTING):
+            return
+        if self._seen.timeout_s(Source.ODOMETRY) or not self._seen.received(Source.ODOMETRY):
+            return
+        wait_s = self._pipeline.settings.max_wait_s
+        self._add(
+            Level.WARN,
+            f"odometry arrives more than max_wait_s ({wait_s:g} s) after the other streams: every "
+            "sample has an old velocity, and nothing is learnt",
+        )
 
     def _beyond_training(self) -> list[str]:
         """Return what of the present sample lies outside the training data, while predicting."""

@@ -9,12 +9,14 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from adk_ros.errors import UsageError
 from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.pipeline import PipelineSettings
 from adk_ros.signals.channels import TICK_NS
 from adk_ros.signals.corrections import CORRECTIONS
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.signals.gate import GateSettings
+from adk_ros.signals.velocity_messages import ODOMETRY
 
 Values = Mapping[str, Any]
 
@@ -71,10 +73,16 @@ def pipeline_settings(values: Values, model_settings: OnlineSettings) -> Pipelin
     """
     Return the pipeline's settings.
 
-    :raises UsageError: as `sensor_config` and `online_settings`.
+    :raises UsageError: as `sensor_config` and `online_settings`; or no stream has a yaw rate.
     """
+    sensors = sensor_config(values)
+    if values["use_imu"] == "never" and sensors.odometry_type != ODOMETRY:
+        raise UsageError(
+            f"odometry_type '{sensors.odometry_type}' has no yaw rate, the IMU measures it: set "
+            "use_imu to 'auto'"
+        )
     return PipelineSettings(
-        sensors=sensor_config(values),
+        sensors=sensors,
         online=online_settings(values, model_settings),
         horizon_steps=round(values["horizon_s"] * 1e9 / TICK_NS),
         odometry_timeout_s=values["odometry_timeout_s"],

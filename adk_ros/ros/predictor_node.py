@@ -121,7 +121,7 @@ class PredictorNode:
             frame_id=frame_id,
         )
         self._twist = TwistBytes(frame_id)
-        self._horizon = self._covariance = None
+        self._horizon = self._covariance = self._stamped = None
         if settings.horizon_steps:
             self._horizon = HorizonBytes(frame_id, settings.horizon_steps)
             self._covariance = CovarianceBytes(settings.horizon_steps)

@@ -18,7 +18,7 @@ State at t_k: yaw rate from the gyro (else from odometry) by `SampledStream.extr
 velocities from the last odometry reading, integrated to t_k with the accelerometer,
     dv_x = (a_x + r v_y) dt,  dv_y = (a_y - r v_x) dt,
 else by `SampledStream.extrapolate`. Commands are held until the next one (zero-order hold). A
-measured road-wheel angle, if there is such a stream, replaces the commanded one.
+measured road-wheel angle, if there is such a stream, replaces the commanded one while it is fresh.
 
 With a gate (`signals.gate`), the readings of IMU and odometry are judged when the first sample
 that may use them is formed, in order of their stamps, and rejected ones are removed. What is
@@ -243,8 +243,9 @@ class Aligner:
             flags |= _COMMAND_STALE
         steering_at = steering.at_or_before(tick_ns) if steering else None
         if steering_at is not None:
-            u = (u[0], steering_at.values[0])
-            if not self._is_fresh(steering_at, tick_ns):
+            if self._is_fresh(steering_at, tick_ns):
+                u = (u[0], steering_at.values[0])
+            else:
                 flags |= _COMMAND_STALE
 
         a, gyro = _NAN2, None

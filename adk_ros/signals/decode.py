@@ -34,6 +34,9 @@ MAX_FORCE = 500.0
 """m/s²; a larger specific force is a faulty message: beyond the range of automotive IMUs."""
 _MAX_GYRO_RATE = MAX_YAW_RATE * 57.3
 """rad/s for the gyro: a gyro in deg/s is accepted, so that `plausibility` can name the fault."""
+_MAX_GYRO_AGE_NS = 200_000_000
+"""ns between velocity and yaw rate where odometry has none of its own: a message of a 5 Hz IMU. A
+car that leaves a bend changes its yaw rate by 0.1 rad/s meanwhile."""
 
 _MAX_STAMP_NS = (2**31 - 10) * 1_000_000_000
 """ns from which stamps are refused: builtin_interfaces/Time ends at 2^31 s, the longest horizon is
@@ -149,6 +152,7 @@ class Decoder:
         self._is_odometry = self.config.odometry_type == ODOMETRY
         self._estimates_v_y = any(self.config.sideslip)
         self._gyro = 0.0
+        self._gyro_ns: int | None = None
         self._values: tuple[Callable[[int, Any], tuple[float, ...]], ...] = (
             self._imu,
             self._odometry,
@@ -238,6 +242,7 @@ class Decoder:
     def reset(self) -> None:
         """Discard the previous gyro value, after a clock jump."""
         self._arm.reset()
+        self._gyro_ns = None
 
     def _imu(self, stamp_ns: int, msg: Any) -> tuple[float, float, float]:
         force, rate = msg.linear_acceleration, msg.angular_velocity
@@ -252,7 +257,7 @@ class Decoder:
             raise RefusedMessage("the IMU reports no angular velocity")
         if not abs(yaw_rate) <= _MAX_GYRO_RATE:
             raise RefusedMessage(f"yaw rate is not finite or above {_MAX_GYRO_RATE:g} rad/s")
-        self._gyro = yaw_rate
+        self._gyro, self._gyro_ns = yaw_rate, stamp_ns
         if msg.linear_acceleration_covariance[0] == -1.0:
             return math.nan, math.nan, yaw_rate
         if not (abs(a_x) <= MAX_FORCE and abs(a_y) <= MAX_FORCE):
@@ -261,12 +266,14 @@ class Decoder:
             a_x, a_y = self._arm.compensate(stamp_ns, a_x, a_y, yaw_rate)
         return a_x, a_y, yaw_rate
 
-    def _odometry(self, _: int, msg: Any) -> tuple[float, float, float]:
+    def _odometry(self, stamp_ns: int, msg: Any) -> tuple[float, float, float]:
         v_x, v_y, yaw_rate = self._velocity(msg, self.config)
         if self._has_odometry_errors:
             v_x, v_y, yaw_rate = self.config.velocity(v_x, v_y, yaw_rate)
         if not self._is_odometry:
             # The yaw rate is that of the gyro's latest message; at the reference point.
+            if self._gyro_ns is None or abs(stamp_ns - self._gyro_ns) > _MAX_GYRO_AGE_NS:
+                raise RefusedMessage("no yaw rate: no IMU message within 0.2 s")
             yaw_rate = self._gyro
             v_x, v_y = v_x - yaw_rate * self.config.reference_point[1], 0.0
         if not (abs(v_x) <= MAX_SPEED and abs(v_y) <= MAX_SPEED):

@@ -342,6 +342,43 @@ def test_imu_timeout(rig: Rig) -> None:
     assert_recovered(rig)
 
 
+def test_a_steering_report_that_stops_is_named(rig: Rig) -> None:
+    rig.core.counters.last_received_s[Source.STEERING] = rig.mono_ns * 1e-9
+    report = rig.drive(3.0)[-1]
+    assert report.level is Level.WARN
+    assert "steering timeout (3.0 s): commanded steering angle is used" in report.message
+
+
+def late(by: int) -> Callable[[Source, Any], Any]:
+    """Deliver each message of odometry when the `by`-th after it is sent."""
+    waiting: list[Any] = []
+
+    def change(source: Source, msg: Any) -> Any:
+        if source is not Source.ODOMETRY:
+            return msg
+        waiting.append(copy.deepcopy(msg))
+        return waiting.pop(0) if len(waiting) > by else None
+
+    return change
+
+
+def test_odometry_that_is_always_late_still_corrects(rig: Rig) -> None:
+    """The observer must not run open loop while old velocities, integrated, are better."""
+    begin = len(rig.published)
+    report = rig.drive(8.0, late(15))[-1]
+    assert report.level is Level.WARN
+    assert "odometry arrives more than max_wait_s (0.05 s) after the other streams" in (
+        report.message
+    )
+    # The state of the slalom is known from the readings; its speed drifts without correction.
+    innovations = np.array([p.innovation for p in rig.published[begin:]])
+    late_ones = innovations[-160:]
+    assert np.abs(late_ones[:, 0]).max() < 0.5
+    spreads = [p.covariance[0, 0] for p in rig.published[begin:]]
+    assert max(spreads[:60]) > spreads[0]
+    assert_recovered(rig)
+
+
 @pytest.mark.parametrize(
     "sources",
     [
@@ -406,6 +443,13 @@ def test_imu_required(model: KoopmanModel) -> None:
     report = rig.drive(3.0)[-1]
     assert report.level is Level.ERROR
     assert "no IMU, but use_imu is 'required' (imu never received)" in report.message
+    dead = Rig(model, use_imu="required")
+    dead.drive(3.0)
+    assert dead.reports[-1].level is Level.OK
+    report = dead.drive(3.0, without(Source.IMU))[-1]
+    assert report.level is Level.ERROR
+    assert "no IMU, but use_imu is 'required' (imu timeout (" in report.message
+    assert_recovered(dead)
     never = Rig(model, use_imu="never", rates=Rates(imu_hz=0.0))
     assert never.drive(3.0)[-1] == never.reports[-1]
     assert "IMU" not in never.reports[-1].message
@@ -689,6 +733,22 @@ def test_slow_streams_are_completed_by_the_clock(
     assert len(known) > 340
     for stamp_ns in known:
         assert repr(by_clock[stamp_ns]) == repr(by_data[stamp_ns])
+
+
+def test_the_clock_waits_for_streams_that_are_slow_and_late(model: KoopmanModel) -> None:
+    """Stamps 0.2 s behind: the clock must not complete samples before their readings arrive."""
+    counts = []
+    for watch in (True, False):
+        rig = Rig(model, rates=Rates(imu_hz=0.0, odometry_hz=10.0, command_hz=10.0))
+        rig.stamp_offset_ns -= 200_000_000
+        timer = rig.core.on_timer
+        rig.core.on_timer = lambda now_ns, timer=timer: timer(now_ns + 200_000_000)  # type: ignore[method-assign, misc]
+        rig.drive(10.0, watch=watch)
+        late = {s: rig.pipeline.aligner.counts_by_source["late", s] for s in Source}
+        counts.append((len(rig.published), late[Source.ODOMETRY], late[Source.COMMAND]))
+    by_clock, by_data = counts
+    assert by_clock[1:] == by_data[1:] == (0, 0)
+    assert by_clock[0] >= by_data[0] > 370
 
 
 def test_reset_on_request(rig: Rig) -> None:

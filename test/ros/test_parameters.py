@@ -182,12 +182,16 @@ def test_the_model_is_required(node_with: Callable[..., Any]) -> None:
         ("window:=1", "window is 1 samples"),
         ("ridge:=0.0001", "ridge is 0.0001"),
         ("forgetting:=0.1", "forgetting is 0.1"),
+        (
+            "odometry_type:=ground_velocity use_imu:=never",
+            "odometry_type 'ground_velocity' has no yaw rate, the IMU measures it: set use_imu",
+        ),
     ],
 )
 def test_contradictory_values_are_refused(
     node_with: Callable[..., Any], given: str, message: str
 ) -> None:
-    values = declare_parameters(node_with("model:=m", given))
+    values = declare_parameters(node_with("model:=m", *given.split()))
     with pytest.raises(UsageError, match=message):
         pipeline_settings(values, OnlineSettings())
 

@@ -209,6 +209,17 @@ def test_measured_steering_angle_replaces_the_commanded_one() -> None:
         assert sample.u[1] == pytest.approx(steering(seconds(sample)), abs=0.05 / 60)
 
 
+def test_a_steering_report_that_stops_leaves_the_commanded_angle() -> None:
+    imu, odometry, commands, angles = drive(4.0, steering_hz=60)
+    angles = [each for each in angles if each.stamp_ns < imu[0].stamp_ns + 2 * 10**9]
+    samples = align_samples(in_order([imu, odometry, commands, angles]))
+    later = [each for each in samples if each.stamp_ns > angles[-1].stamp_ns + 10**8]
+    assert len(later) > 70
+    for each in later:
+        assert each.flags == Flag.COMMAND_STALE
+        assert each.u[1] == pytest.approx(command(seconds(each))[1], abs=0.05 / 40)
+
+
 def test_no_sample_before_odometry_and_command_are_received() -> None:
     streams = drive(3.0)
     assert align_samples(streams[0]) == []

@@ -60,10 +60,31 @@ def test_wheel_joints_give_v_x_and_the_gyro_the_yaw_rate():
     assert not decoder.measures_v_y
 
 
+def test_without_a_recent_gyro_there_is_no_yaw_rate():
+    """The IMU may die in a bend: its last value is no measurement of the straight after it."""
+    decoder = Decoder(WHEELS)
+    names, speeds = ["rear_left", "rear_right"], [50.0, 50.0]
+    with pytest.raises(RefusedMessage, match=r"no yaw rate: no IMU message within 0\.2 s"):
+        decoder.decode(Source.ODOMETRY, joints(names, speeds))
+    decoder.decode(Source.IMU, gyro())
+    later = joints(names, speeds)
+    later.header.stamp.nanosec = 200_000_001
+    assert decoder.decode(Source.ODOMETRY, later).values[2] == RATE
+    later.header.stamp.nanosec += 1
+    with pytest.raises(RefusedMessage, match="no yaw rate"):
+        decoder.decode(Source.ODOMETRY, later)
+    decoder.decode(Source.IMU, gyro())
+    decoder.reset()
+    with pytest.raises(RefusedMessage, match="no yaw rate"):
+        decoder.decode(Source.ODOMETRY, joints(names, speeds))
+
+
 def test_an_axle_and_a_receiver_give_v_x():
     axle = Decoder(SensorConfig(odometry_type="wheel_speed", wheel_radius=0.3))
+    axle.decode(Source.IMU, gyro())
     assert axle.decode(Source.ODOMETRY, twist(angular={"y": 50.0})).values[0] == 15.0
     receiver = Decoder(SensorConfig(odometry_type="ground_velocity"))
+    receiver.decode(Source.IMU, gyro())
     assert receiver.decode(Source.ODOMETRY, twist(linear={"x": -3.0, "y": 4.0})).values[0] == 5.0
 
 
@@ -77,8 +98,10 @@ def test_an_axle_and_a_receiver_give_v_x():
     ],
 )
 def test_messages_without_wheel_speeds_are_refused(msg, reason):
+    decoder = Decoder(WHEELS)
+    decoder.decode(Source.IMU, gyro())
     with pytest.raises(RefusedMessage, match=reason):
-        Decoder(WHEELS).decode(Source.ODOMETRY, msg)
+        decoder.decode(Source.ODOMETRY, msg)
 
 
 @pytest.mark.parametrize(
