@@ -7,7 +7,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -48,12 +48,12 @@ class PathRig:
     def __init__(self, node: Any, model: KoopmanModel, **given: Any) -> None:
         rates = given.pop("rates", Rates())
         self.rig = Rig(model, PipelineSettings(**given), rates=rates)
-        self.topics: Any = PlanTopics(node, self.rig.core, "base_link", 10, QoSProfile(depth=10))
+        qos = QoSProfile(depth=10)
+        self.topics = cast(Any, PlanTopics(node, self.rig.core, "base_link", 10, qos))
         self.paths = Recorder()
         self.topics._path_out = self.paths
         self.begin_ns = self.rig.stamp_ns
-        core: Any = self.rig.core
-        core._publish = self.publish
+        cast(Any, self.rig.core)._publish = self.publish
 
     def publish(self, prediction: Any) -> None:
         self.rig.published.append(prediction)
@@ -164,14 +164,13 @@ def test_a_state_that_is_not_the_vehicles_any_more_is_no_answer(model: KoopmanMo
 def test_every_prediction_is_published_with_its_sample(model: KoopmanModel) -> None:
     rig = Rig(model, rates=Rates(imu_hz=0.0, odometry_hz=10.0, command_hz=10.0))
     stamps: list[tuple[int, int]] = []
-    core: Any = rig.core
 
     def publish(prediction: Any) -> None:
         sample = rig.pipeline.last_sample
         assert sample is not None
         stamps.append((prediction.origin_ns, sample.stamp_ns))
 
-    core._publish = publish
+    cast(Any, rig.core)._publish = publish
     rig.drive(4.0, watch=False)
     assert len(stamps) > 100
     assert all(origin == sample for origin, sample in stamps)
