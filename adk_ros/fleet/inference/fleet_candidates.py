@@ -25,8 +25,9 @@ from adk_ros.fleet.inference.fleet_model import (
     FleetModel,
     remaining_excess,
 )
+from adk_ros.fleet.inference.further_terms import evidence_of_designs
 from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, Level, levels_of
-from adk_ros.fleet.inference.mixed_model import MixedModel, Term
+from adk_ros.fleet.inference.mixed_model import MixedModel
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
 from adk_ros.fleet.inference.variance_components import fitted_components
 from adk_ros.mismatch.library.criteria import (
@@ -127,20 +128,11 @@ class Candidates:
         active = model.active([effect])
         mixed = MixedModel(self.fleet, active)
         components = model.components_of(active)
-        components.tau[active.index(effect)] = 0.0
-        components.kappa[active.index(effect)] = 0.0
         claims = [c.term for c in model.claimed]
         # A stranger's size of this effect is among the levels.
         claims += [t for t in model.terms(self.fleet)[len(claims) :] if t.effect != effect]
-        terms = [*claims, *(Term(effect, z) for z in self.designs)]
-        estimate = mixed.estimate(terms, components)
-        k = len(claims)
-        h, g = estimate.information, estimate.score
-        solved = np.linalg.solve(h[:k, :k], np.column_stack([h[:k, k:], g[:k]]))
-        left = np.diag(h)[k:] - (h[k:, :k] * solved[:, :-1].T).sum(axis=1)
-        right = g[k:] - h[k:, :k] @ solved[:, -1]
-        usable = left > 1e-6 * np.maximum(np.diag(h)[k:], 1e-12)
-        return np.asarray(np.where(usable, right**2 / np.where(usable, left, 1.0), 0.0))
+        profile = mixed.profile(claims, components, active.index(effect), of_term=True)
+        return evidence_of_designs(profile, self.designs)
 
     def ranked(
         self, model: FleetModel, excess: FloatArray | None = None

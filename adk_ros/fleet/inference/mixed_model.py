@@ -164,8 +164,15 @@ class MixedModel:
             variances,
         )
 
-    def profile(self, terms: Sequence[Term], components: Components, i: int) -> Profile:
-        """Return the likelihood as a function of the components of active effect `i` alone."""
+    def profile(
+        self, terms: Sequence[Term], components: Components, i: int, of_term: bool = False
+    ) -> Profile:
+        """
+        Return the likelihood as a function of the components of active effect `i` alone.
+
+        `of_term`: with the effect as in a further term, which acts in every recording, instead of
+        its deviations (`further_terms`).
+        """
         tau = components.tau.copy()
         tau[i] = 0.0
         per_recording = np.concatenate([np.ones(self._offsets), tau])
@@ -174,7 +181,9 @@ class MixedModel:
         h, g, constant = _eliminated(information, scores[:, :, None], first, per_recording)
         n = self.index.size
         at, z = self._positions(terms, scale.shape[1])
-        j = self._tolerances + self._offsets + i
+        position = j = self._tolerances + self._offsets + i
+        if of_term and scale.shape[1] > n:
+            j = n + i
         columns = h[:, :, at] * z[:, None, :]
         row = np.concatenate([h[:, j, :n], h[:, j, at] * z], axis=1)
         car_h = self._summed(h[:, :n, :n], columns[:, :n], columns[:, at, :] * z[:, :, None])
@@ -188,7 +197,7 @@ class MixedModel:
             np.ascontiguousarray(g[:, j, 0]),
             np.argmax(self._member, axis=0),
             per_car,
-            j,
+            position,
             self._weak,
             float(constant.sum()),
         )

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,9 @@ import numpy as np
 import pytest
 
 from adk_ros.fleet.inference.evidence import column_of
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
+from adk_ros.fleet.inference.fleet_selection import Selection
+from adk_ros.fleet.inference.levels import CAR, SHARED, Level
 from adk_ros.fleet.inference.mixed_model import Components, MixedModel, Term
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, draw_fleet
 
@@ -83,6 +87,45 @@ def test_the_profile_is_the_restricted_likelihood() -> None:
         direct = model.estimate(terms, components).restricted
         found = profile.restricted(components.tau[i], components.kappa[i])
         np.testing.assert_allclose(found, direct, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("effect", "weak"), [(2, 0), (2, 1), (FRICTION, 1)])
+def test_gains_are_those_of_one_problem_with_all_levels(effect: int, weak: int) -> None:
+    fleet = draw_fleet(3, replace(PLAN, recordings=30, weak=weak))
+    selection = Selection(replace(fleet, is_at_estimate=True))
+    levels = (Level(SHARED), Level(CAR, car="car02"), Level(CAR, car="car01"))
+    claims = [
+        Candidate(e, z, z.design(fleet)) for e, z in zip((1, 1, effect), levels, strict=True)
+    ]
+    components = {1: (0.4, 0.7), effect: (0.2, 0.6)}
+    model = FleetModel(tuple(claims), components, ("car01", "car03"))
+
+    others = [c.term for c in claims] + [t for t in model.terms(fleet)[3:] if t.effect != effect]
+    terms = [*others, *(Term(effect, z) for z in selection.designs)]
+    deviations = Components(np.array([0.4, 0.0]), np.array([0.7, 0.0]))
+    found = MixedModel(selection.fleet, (1, effect)).estimate(terms, deviations)
+    k = len(others)
+    h, g = found.information, found.score
+    across = np.linalg.solve(h[:k, :k], h[:k, k:])
+    left = np.diag(h)[k:] - (h[:k, k:] * across).sum(axis=0)
+    score = g[k:] - across.T @ g[:k]
+    gains = selection.gains(model, effect)
+    claimed = left < 1e-6 * np.diag(h)[k:]
+    assert np.flatnonzero(claimed).tolist() == [selection.levels.index(levels[2])]
+    np.testing.assert_array_equal(gains[claimed], 0.0)
+    np.testing.assert_allclose(gains[~claimed], (score**2 / left)[~claimed], rtol=1e-6)
+
+
+def test_gains_of_many_levels_fit_into_memory() -> None:
+    """Every level times every other in each recording would be 240 MB."""
+    fleet = draw_fleet(3, replace(PLAN, recordings=30))
+    selection = Selection(fleet)
+    selection.designs = np.random.default_rng(1).uniform(size=(1000, 30))
+    tracemalloc.start()
+    selection.gains(FleetModel((), {}), 2)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10e6
 
 
 def test_the_bias_of_the_simulation_does_not_shrink_with_recordings() -> None:
