@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from adk_ros.fleet.inference.competing_effects import claim_text, exchanged_for_competing
-from adk_ros.fleet.inference.evidence import Row, column_of
+from adk_ros.fleet.inference.evidence import Row
 from adk_ros.fleet.inference.fleet_candidates import Identity
 from adk_ros.fleet.inference.fleet_estimate import (
     ROUNDS,
@@ -137,8 +137,8 @@ Point = Mapping[str, float]
 def _point(estimate: FleetEstimate | None, name: str) -> Point:
     if estimate is None:
         return {}
-    values = estimate.values_of(name)
-    return {key: value / column_of(key).materiality for key, value in values.items()}
+    values, columns = estimate.values_of(name), estimate.fleet.columns
+    return {key: value / columns.column(key).materiality for key, value in values.items()}
 
 
 def _places_point(places: Sequence[Place]) -> Point:

@@ -95,8 +95,7 @@ def p_value(test: CellTest) -> float:
 
 def is_claimable(key: str, test: CellTest) -> bool:
     """Whether a size is material, and within the bounds of its parameter but for chance."""
-    column = column_of(key)
-    p = column.parameter
-    low, high = ((b - p.theta_neutral) / column.materiality for b in p.bounds())
+    # Evidence at places is of full-size cars only.
+    low, high = column_of(key).bounds
     slack = BOUND_DEVIATIONS * float(np.sqrt(test.variance))
     return abs(test.size) >= 1.0 and low - slack <= test.size <= high + slack

@@ -158,7 +158,7 @@ def local_fit(evidence: Evidence, values: Mapping[str, float]) -> LocalFit:
     k = columns.first_effect
     keys = [key for key in columns.effects if key in values]
     which = [*range(k), *(k + columns.effects.index(key) for key in keys)]
-    bounds = np.array([_scaled_bounds(key) for key in keys]).reshape(-1, 2)
+    bounds = np.array([columns.column(key).bounds for key in keys]).reshape(-1, 2)
     middle = np.concatenate([np.zeros(k), bounds.mean(axis=1)])
     width = np.concatenate([columns.nuisance_bounds, 0.5 * (bounds[:, 1] - bounds[:, 0])])
     information = evidence.information[np.ix_(which, which)]
@@ -171,22 +171,15 @@ def local_fit(evidence: Evidence, values: Mapping[str, float]) -> LocalFit:
     return LocalFit(float(evidence.excess - gain), dict(zip(keys, x[k:], strict=True)))
 
 
-def _scaled_bounds(key: str) -> tuple[float, float]:
-    column = column_of(key)
-    p = column.parameter
-    low, high = ((b - p.theta_neutral) / column.materiality for b in p.bounds())
-    return low, high
-
-
 def _fitted(
     estimate: FleetEstimate, i: int, key: str, sample: _Sample, evidence_at: EvidenceAt
 ) -> tuple[Assessment | None, float]:
     """Return a claim with another parameter, fitted to a sample, and the loss that it leaves."""
-    claim = estimate.claims[i]
-    before = column_of(estimate.fleet.columns.effects[claim.candidate.effect])
-    candidate = replace(claim.candidate, effect=estimate.fleet.columns.effects.index(key))
-    size = claim.size * before.materiality / column_of(key).materiality
-    low, high = _scaled_bounds(key)
+    claim, columns = estimate.claims[i], estimate.fleet.columns
+    before, column = columns.column(columns.effects[claim.candidate.effect]), columns.column(key)
+    candidate = replace(claim.candidate, effect=columns.effects.index(key))
+    size = claim.size * before.materiality / column.materiality
+    low, high = column.bounds
     excess = np.inf
     for _ in range(_LINEARISATIONS):
         if not low < size < high:
@@ -201,7 +194,7 @@ def _fitted(
         sizes = []
         for name, share in zip(sample.names, sample.shares, strict=True):
             fit = local_fit(_evidence(rows[name]), at.values_of(name))
-            other = others.values_of(name).get(key, 0.0) / column_of(key).materiality
+            other = others.values_of(name).get(key, 0.0) / column.materiality
             sizes.append((fit.sizes.get(key, 0.0) - other) / share)
         size = float(np.median(sizes))
     return replace(found, size=float(np.clip(size, low, high))), excess

@@ -15,8 +15,10 @@ from collections.abc import Mapping
 from adk_ros.fleet.inference.fleet_result import Claim, FleetResult
 from adk_ros.fleet.inference.levels import CONDITION, SHARED
 from adk_ros.mismatch.deployment.surrogate_writer import surrogate_yaml
-from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.catalogue import EFFECTS, effects_of
+from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.mismatch.surrogate.substeps import scale_of
 
 
 def corrected_models(result: FleetResult, surrogate: SurrogateModel) -> dict[str, str]:
@@ -52,10 +54,11 @@ def _text(claims: list[Claim], surrogate: SurrogateModel) -> str:
             continue
         values = sums.setdefault(effect.name, {p.name: 0.0 for p in effect.parameters})
         values[claim.parameter] += _theta(claim)
+    effects = effects_of(scale_of(surrogate.parameters))
     terms = [
         {
             "effect": name,
-            "parameters": _values(name, thetas),
+            "parameters": _values(effects[name], thetas),
             "where": {"kind": "always"},
         }
         for name, thetas in sums.items()
@@ -69,10 +72,10 @@ def _theta(claim: Claim) -> float:
     return p.theta(claim.size) - p.theta_neutral if p.inverse else claim.size
 
 
-def _values(name: str, thetas: Mapping[str, float]) -> dict[str, float]:
+def _values(effect: Effect, thetas: Mapping[str, float]) -> dict[str, float]:
     """Return the parameters of an effect, within their bounds."""
     out = {}
-    for p in EFFECTS[name].parameters:
+    for p in effect.parameters:
         low, high = p.bounds()
         theta = min(max(p.theta_neutral + thetas[p.name], low), high)
         out[p.name] = float(f"{p.value(theta):.8g}")

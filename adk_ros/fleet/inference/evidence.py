@@ -25,7 +25,7 @@ import numpy as np
 
 from adk_ros.errors import DataError
 from adk_ros.mismatch.inference.nuisances import TOLERANCE_PARAMETERS
-from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.catalogue import EFFECTS, effects_of
 from adk_ros.mismatch.library.criteria import (
     SENSOR_OFFSET_PRIORS,
     TOLERANCE_BOUND,
@@ -37,7 +37,7 @@ from adk_ros.numerics.arrays import FloatArray
 
 RECORDING, SIMULATION, PLACE_ROW = "recording", "simulation", "place"
 """Kinds of rows: a recording, the simulation itself, and a recording at one place."""
-SCHEMA = 1
+SCHEMA = 2
 """Version of the rows; rows of another one are refused."""
 _BYTES = np.dtype("<f8")
 Row = dict[str, Any]
@@ -64,8 +64,15 @@ class Column:
     @property
     def is_one_sided(self) -> bool:
         """Whether the parameter lies on one side of neutral only, as a delay does."""
-        low, high = (b - self.parameter.theta_neutral for b in self.parameter.bounds())
+        low, high = self.bounds
         return low >= 0.0 or high <= 0.0
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of the parameter's difference from neutral, in materiality thresholds."""
+        p = self.parameter
+        low, high = ((b - p.theta_neutral) / self.materiality for b in p.bounds())
+        return low, high
 
 
 def effect_columns(effects: Mapping[str, Effect] | None = None) -> tuple[Column, ...]:
@@ -80,12 +87,17 @@ def place_columns(effects: Mapping[str, Effect] | None = None) -> tuple[Column, 
     return tuple(Column(effect, p) for effect in chosen for p in effect.parameters)
 
 
-def column_of(key: str) -> Column:
-    """Return the column with a key effect.parameter."""
+def column_of(key: str, length_scale: float = 1.0) -> Column:
+    """
+    Return the column with a key effect.parameter; `length_scale`: of the vehicle.
+
+    :raises DataError: there is no such parameter.
+    """
+    effects = effects_of(length_scale)
     name, _, parameter = key.partition(".")
-    for p in EFFECTS[name].parameters if name in EFFECTS else ():
+    for p in effects[name].parameters if name in effects else ():
         if p.name == parameter:
-            return Column(EFFECTS[name], p)
+            return Column(effects[name], p)
     raise DataError(f"'{key}' is no parameter of an effect in the catalogue")
 
 
@@ -96,10 +108,12 @@ class Columns:
 
     `scale` (d,): size of a unit of the combination, in the unit of the fitted variable: a prior
     standard deviation of a nuisance parameter, the materiality threshold of an effect.
+    `length_scale`: of the fleet's vehicles, by which thresholds and bounds of effects scale.
     """
 
     weak: int
     effects: tuple[str, ...]
+    length_scale: float = 1.0
 
     @property
     def tolerances(self) -> slice:
@@ -127,6 +141,10 @@ class Columns:
         """Length d of the joint vector."""
         return self.first_effect + len(self.effects)
 
+    def column(self, key: str) -> Column:
+        """Return the column with a key effect.parameter, of vehicles of this size."""
+        return column_of(key, self.length_scale)
+
     @property
     def scale(self) -> FloatArray:
         """Size (d,) of a unit of the combination."""
@@ -135,7 +153,7 @@ class Columns:
                 np.full(len(TOLERANCE_PARAMETERS), TOLERANCE_SIGMA),
                 [sigma for sigma, _ in SENSOR_OFFSET_PRIORS.values()],
                 np.ones(self.weak),
-                [column_of(key).materiality for key in self.effects],
+                [self.column(key).materiality for key in self.effects],
             ]
         )
 
@@ -204,6 +222,7 @@ class Evidence:
             "counted_s": self.counted_s,
             "weak": self.columns.weak,
             "effects": ",".join(self.columns.effects),
+            "length_scale": self.columns.length_scale,
             "score": packed(self.score),
             "information": packed(self.information),
             "scatter": b"" if self.scatter is None else packed(self.scatter),
@@ -227,7 +246,9 @@ class Evidence:
                 f"evidence of {row.get('recording', '?')} has schema {row.get('schema')}, "
                 f"{SCHEMA} is needed: compute it again"
             )
-        columns = Columns(int(row["weak"]), tuple(str(row["effects"]).split(",")))
+        columns = Columns(
+            int(row["weak"]), tuple(str(row["effects"]).split(",")), float(row["length_scale"])
+        )
         d = columns.size
         scatter = row["scatter"]
         return cls(

@@ -18,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 
 from adk_ros.fleet.inference.assessment import Assessment, assessment_of, extended
-from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
@@ -193,9 +192,8 @@ class Candidates:
 
     def is_possible(self, found: Assessment) -> bool:
         """Whether the parameter stays within its bounds in all recordings; a delay is positive."""
-        column = column_of(self.fleet.columns.effects[found.candidate.effect])
-        p = column.parameter
-        low, high = ((b - p.theta_neutral) / column.materiality for b in p.bounds())
+        columns = self.fleet.columns
+        low, high = columns.column(columns.effects[found.candidate.effect]).bounds
         slack = BOUND_DEVIATIONS * found.deviation
         return found.extremes[0] >= low - slack and found.extremes[1] <= high + slack
 

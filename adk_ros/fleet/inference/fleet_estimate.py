@@ -66,7 +66,7 @@ class FleetEstimate:
             totals[key] = totals.get(key, 0.0) + share * claim.size
         out = {}
         for key, total in totals.items():
-            column = column_of(key)
+            column = self.fleet.columns.column(key)
             p = column.parameter
             low, high = (b - p.theta_neutral for b in p.bounds())
             kept = float(np.clip(total, -self.farthest, self.farthest))
@@ -74,7 +74,11 @@ class FleetEstimate:
         return {key: value for key, value in out.items() if value != 0.0}
 
     def local_values(self) -> list[PlacedValue]:
-        """Return the effects at places, within their bounds, for a further linearisation."""
+        """
+        Return the effects at places, within their bounds, for a further linearisation.
+
+        Places are those of full-size cars: recordings of scale models have no rows of places.
+        """
         out = []
         for place in self.places:
             column = column_of(place.key)

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from adk_ros.fleet.inference.assessment import Assessment
-from adk_ros.fleet.inference.evidence import Column, column_of
+from adk_ros.fleet.inference.evidence import Column, Columns, column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_model import joint_vectors
 from adk_ros.fleet.inference.levels import is_trend
@@ -172,10 +172,7 @@ def fleet_result(
     for i, one in enumerate(estimate.claims):
         report(i / max(len(estimate.claims), 1), "comparing competing effects")
         ties = ties_of(selection, model, one)
-        keys = [
-            f"{column_of(fleet.columns.effects[t.effect]).effect.name} ({t.level.text})"
-            for t in ties
-        ]
+        keys = [f"{_column(fleet.columns, t.effect).effect.name} ({t.level.text})" for t in ties]
         claims.append(_claim(estimate, one, tuple(dict.fromkeys(keys))))
     at = joint_vectors(fleet, model)
     return FleetResult(
@@ -203,6 +200,11 @@ def fleet_result(
     )
 
 
+def _column(columns: Columns, effect: int) -> Column:
+    """Return the column of an effect by its index."""
+    return columns.column(columns.effects[effect])
+
+
 def _in_unit(p: EffectParameter, theta: float) -> float:
     """Return a fitted variable's difference from neutral in its unit; its value if inverse."""
     if p.inverse:
@@ -216,7 +218,7 @@ def _interval(column: Column, low: float, high: float) -> tuple[float, float]:
 
 
 def _claim(estimate: FleetEstimate, one: Assessment, ties: tuple[str, ...]) -> Claim:
-    column = column_of(estimate.fleet.columns.effects[one.candidate.effect])
+    column = _column(estimate.fleet.columns, one.candidate.effect)
     m, level = column.materiality, one.candidate.level
     low, high = _interval(column, *one.interval)
     return Claim(
@@ -267,7 +269,7 @@ def _not_claimed(estimate: FleetEstimate) -> list[NotClaimed]:
     out = []
     for one in unclaimed(estimate.selection, estimate.model):
         found = one.assessment
-        column = column_of(estimate.fleet.columns.effects[found.candidate.effect])
+        column = _column(estimate.fleet.columns, found.candidate.effect)
         low, high = _interval(column, *found.interval)
         out.append(
             NotClaimed(
@@ -299,7 +301,7 @@ def _vehicles(estimate: FleetEstimate) -> list[VehicleEffect]:
     for c, car in enumerate(fleet.car_names):
         of_car = np.array([name == car for name in fleet.cars])
         for i, effect in enumerate(active):
-            column = column_of(fleet.columns.effects[effect])
+            column = _column(fleet.columns, effect)
             share = np.array(
                 [t.design[of_car].mean() if t.effect == effect else 0.0 for t in terms]
             )
@@ -330,7 +332,7 @@ def _trends(estimate: FleetEstimate, at: FloatArray) -> list[TrendPoint]:
     for claim in claimed:
         effect, level = claim.candidate.effect, claim.candidate.level
         j = fleet.columns.first_effect + effect
-        column = column_of(fleet.columns.effects[effect])
+        column = _column(fleet.columns, effect)
         terms: list[Term] = [c.candidate.term for c in estimate.claims]
         sizes = [c.size for c in estimate.claims]
         fitted = sum(

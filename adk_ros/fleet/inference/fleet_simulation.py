@@ -13,7 +13,7 @@ whitened as those of a recording of the fleet.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -77,9 +77,7 @@ class FleetSimulation:
         surrogate, notes = surrogate_of(
             simulation, recording, nominal, progress or (lambda done, text: None)
         )
-        columns = Columns(
-            surrogate.weak_directions.shape[0], tuple(c.key for c in effect_columns())
-        )
+        columns = _columns(surrogate, [c.key for c in effect_columns()])
         evidence = simulation_evidence(simulation, surrogate, columns, recording.noise())
         return cls(surrogate, evidence, tuple(notes))
 
@@ -164,7 +162,7 @@ class FleetSimulation:
             envelope=AccelerationEnvelope(arrays["envelope"]) if "envelope" in arrays else None,
             deviations=text["deviations"],
         )
-        columns = Columns(surrogate.weak_directions.shape[0], tuple(text["effects"]))
+        columns = _columns(surrogate, text["effects"])
         evidence = Evidence(
             text["name"],
             SIMULATION,
@@ -178,6 +176,12 @@ class FleetSimulation:
             blocks=text["blocks"],
         )
         return cls(surrogate, evidence, tuple(text["notes"]))
+
+
+def _columns(surrogate: SurrogateModel, keys: Sequence[str]) -> Columns:
+    """Return the layout of the joint vector of all evidence with a surrogate."""
+    weak = surrogate.weak_directions.shape[0]
+    return Columns(weak, tuple(keys), scale_of(surrogate.parameters))
 
 
 def simulation_evidence(

@@ -30,7 +30,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.restricted_likelihood import MIN_INFORMATION, Profile
 from adk_ros.numerics.arrays import FloatArray, IntArray
@@ -97,7 +96,7 @@ class MixedModel:
         ).astype(np.int64)
         self._information = fleet.informations[:, self.index[:, None], self.index]
         self._score = fleet.scores[:, self.index]
-        self._one_sided = [column_of(c.effects[i]).is_one_sided for i in active]
+        self._one_sided = [c.column(c.effects[i]).is_one_sided for i in active]
         names = fleet.car_names
         self._member = np.array([[car == name for car in fleet.cars] for name in names], float)
 

@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -18,7 +21,11 @@ from adk_ros.fleet.inference.evidence import (
     place_columns,
 )
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
+from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
 from adk_ros.fleet.inference.place_evidence import Cell
+from adk_ros.mismatch.library.surrogate_parameters import INDEX, default_parameters
+from adk_ros.mismatch.surrogate.identification import SurrogateModel
+from adk_ros.numerics.similarity import length_scale
 
 LAYOUT = Columns(2, ("aero_drag.cda", "steering_lag.tau"))
 
@@ -59,6 +66,37 @@ def test_catalogue_columns() -> None:
     assert column_of("power_limit.power").materiality == pytest.approx(1.0 / 1.5e5)
     with pytest.raises(DataError, match=r"'warp\.factor' is no parameter"):
         column_of("warp.factor")
+
+
+def test_scale_models_have_thresholds_and_bounds_of_their_size() -> None:
+    layout = replace(LAYOUT, length_scale=0.1)
+    drag, lag = (layout.column(key) for key in LAYOUT.effects)
+    assert drag.materiality == pytest.approx(0.03 * 0.1**2)
+    assert drag.bounds == pytest.approx(LAYOUT.column("aero_drag.cda").bounds)
+    # A delay is that of electronics: it does not scale.
+    assert lag.materiality == LAYOUT.column("steering_lag.tau").materiality
+    np.testing.assert_array_equal(layout.scale[-2:], [drag.materiality, lag.materiality])
+    one = evidence("a", layout=layout)
+    assert Evidence.from_row(one.to_row()).columns == layout
+    with pytest.raises(DataError, match="evidence of bb is about other effects"):
+        FleetEvidence.of([one.to_row(), evidence("bb").to_row()], {})
+
+
+def test_the_layout_of_a_simulation_has_the_size_of_its_vehicle(tmp_path: Path) -> None:
+    parameters = default_parameters()
+    for name in ("cg_to_front_axle", "cg_to_rear_axle"):
+        parameters[INDEX[name]] = 0.135
+    surrogate = SurrogateModel(
+        parameters, np.zeros(6), np.zeros((6, 100)), np.zeros((2, parameters.size))
+    )
+    scale = length_scale(0.27)
+    one = evidence("simulation", SIMULATION, replace(LAYOUT, length_scale=scale))
+    path = tmp_path / "simulation.npz"
+    FleetSimulation(surrogate, one).save(path)
+    loaded = FleetSimulation.load(path)
+    assert scale == pytest.approx(0.1)
+    assert loaded.columns == one.columns
+    assert loaded.columns.length_scale == loaded.length_scale
 
 
 def test_a_fleet_divides_by_the_dispersion() -> None:
