@@ -130,8 +130,10 @@ class FleetPlan:
         if level.kind == CONDITION:
             return float(drive.tags[level.tag] == level.value)
         if level.kind == RAMP:
-            last = max(d.day for d in self.drives)
-            return max(drive.day - level.onset, 0.0) / (last - level.onset)
+            # A damaged bag is no recording of the fleet: the last usable one has the full size.
+            days = [d.day for d in self.drives if level.car in ("", d.car) and not d.damage]
+            span = max(max(days, default=level.onset) - level.onset, 1e-9)
+            return min(max(drive.day - level.onset, 0.0) / span, 1.0)
         return 1.0
 
 

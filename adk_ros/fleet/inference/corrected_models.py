@@ -3,9 +3,9 @@
 """
 Corrected models of a fleet: the simulation's surrogate with the claimed effects of a level.
 
-For all cars those that all cars share; for a car also its own, with a trend at its last value; for
-a condition also those of the condition. Sensor faults are no part of a vehicle. Places are listed
-in the result and not exported: a term at a place needs the line of a lap.
+For all cars those that all cars share; for a car also its own, with a trend at its last recording;
+for a condition also those of the condition. Sensor faults are no part of a vehicle. Places are
+listed in the result and not exported: a term at a place needs the line of a lap.
 """
 
 from __future__ import annotations

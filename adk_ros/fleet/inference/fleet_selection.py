@@ -34,7 +34,7 @@ from adk_ros.fleet.inference.fleet_model import (
     remaining_excess,
     strangers_of,
 )
-from adk_ros.fleet.inference.levels import Level, is_trend
+from adk_ros.fleet.inference.levels import Level, is_trend, is_usable
 from adk_ros.fleet.inference.mixed_model import MixedModel
 from adk_ros.fleet.inference.variance_components import fitted_components
 
@@ -201,7 +201,11 @@ class Selection(Candidates):
         return self.refitted(replace(model, claimed=left))
 
     def with_fitted_onset(self, model: FleetModel, found: Assessment) -> Assessment:
-        """Return a trend with the change point of the largest likelihood; others as they are."""
+        """
+        Return a trend with the change point of the largest likelihood; others as they are.
+
+        Of change points that leave enough recordings with the trend (`levels.is_usable`).
+        """
         level = found.candidate.level
         if not is_trend(level):
             return found
@@ -221,7 +225,8 @@ class Selection(Candidates):
         candidates = [found.candidate]
         for day in (days[0], *np.quantile(days, quantiles)):
             moved = replace(level, onset=float(day))
-            candidates.append(Candidate(effect, moved, moved.design(self.fleet)))
+            if is_usable(moved, self.fleet):
+                candidates.append(Candidate(effect, moved, moved.design(self.fleet)))
         best = max(candidates, key=likelihood)
         return found if best is found.candidate else self.assess(model, best)
 

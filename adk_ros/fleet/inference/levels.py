@@ -6,7 +6,7 @@ Levels of a fleet at which an effect may act, and the design of each over the re
 A term is a parameter of an effect at a level. Its design z (r,) says how much of its size acts in
 each recording: one in all of them (the simulator's), in those of one car, in those with a value of
 a tag, or a trend in time, of all cars or of one: a step at a change point, or a ramp from it that
-reaches one at the end of the fleet's time.
+reaches one at the last recording of those cars. So the size of a ramp is what was seen last.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ class Level:
         elif self.kind == STEP:
             out *= fleet.days >= self.onset
         elif self.kind == RAMP:
-            span = max(float(fleet.days.max()) - self.onset, 1e-9)
-            out *= np.maximum(fleet.days - self.onset, 0.0) / span
+            last = float(fleet.days[out > 0.0].max(initial=self.onset))
+            out *= np.maximum(fleet.days - self.onset, 0.0) / max(last - self.onset, 1e-9)
         return out
 
 
@@ -89,7 +89,7 @@ def levels_of(fleet: FleetEvidence) -> list[Level]:
     found += _trends(fleet, "", _ONSETS)
     for car in cars if len(cars) > 1 else ():
         found += _trends(fleet, car, _SPARSE_ONSETS)
-    return [level for level in found if _is_usable(level, fleet)]
+    return [level for level in found if is_usable(level, fleet)]
 
 
 def _trends(fleet: FleetEvidence, car: str, count: int) -> list[Level]:
@@ -102,7 +102,7 @@ def _trends(fleet: FleetEvidence, car: str, count: int) -> list[Level]:
     return [*ramps, *(Level(STEP, car=car, onset=float(day)) for day in onsets)]
 
 
-def _is_usable(level: Level, fleet: FleetEvidence) -> bool:
+def is_usable(level: Level, fleet: FleetEvidence) -> bool:
     """Whether enough recordings have the level, and enough have not."""
     if level.kind == SHARED:
         return True

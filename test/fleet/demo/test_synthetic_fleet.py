@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,10 @@ import pytest
 from adk_ros.errors import UsageError
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
 from adk_ros.fleet.demo.fleet_folder import write_fleet
-from adk_ros.fleet.demo.fleet_plan import FULL_SIZE, FleetSize, plan_fleet
-from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED
+from adk_ros.fleet.demo.fleet_plan import FULL_SIZE, QUICK_SIZE, FleetSize, plan_fleet
+from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, Level
+from adk_ros.fleet.inference.numerical_fleet import FleetPlan as NumericalPlan
+from adk_ros.fleet.inference.numerical_fleet import draw_fleet
 
 SMALL = FleetSize(3, 6, (20.0, 24.0), 30.0, 2, 1, 5)
 
@@ -45,7 +48,27 @@ def test_effects_of_a_drive_are_those_of_its_levels() -> None:
     shares = [plan.share(drift.level, d) for d in own]
     assert shares[0] == 0.0
     assert np.all(np.diff(shares) >= 0.0)
-    assert shares[-1] > 0.5
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_shares_are_the_designs_of_the_levels(seed: int) -> None:
+    """What grows in one car reaches its full size in the car's last usable recording."""
+    plan = plan_fleet(seed, QUICK_SIZE)
+    usable = [d for d in plan.drives if not d.damage]
+    fleet = draw_fleet(1, NumericalPlan(recordings=len(usable), effects=1))
+    fleet = replace(
+        fleet,
+        cars=tuple(d.car for d in usable),
+        days=np.array([d.day for d in usable]),
+        tags=tuple(d.tags for d in usable),
+    )
+    levels = [term.level for term in plan.terms] + [Level(RAMP, onset=20.0)]
+    for level in levels:
+        shares = [plan.share(level, d) for d in usable]
+        np.testing.assert_allclose(shares, level.design(fleet), err_msg=level.text)
+        assert max(shares) == 1.0
+    # A damaged drive after the last usable one has no more than the full size.
+    assert all(plan.share(level, d) <= 1.0 for level in levels for d in plan.drives)
 
 
 def test_drives_lie_in_one_map_and_repeat() -> None:

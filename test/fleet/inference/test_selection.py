@@ -12,7 +12,16 @@ import pytest
 from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
 from adk_ros.fleet.inference.fleet_selection import Selection
-from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, STEP, Level, levels_of
+from adk_ros.fleet.inference.levels import (
+    CAR,
+    CONDITION,
+    MIN_RECORDINGS,
+    RAMP,
+    SHARED,
+    STEP,
+    Level,
+    levels_of,
+)
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 
 SHARED_DRAG = Injection("aero_drag.cda", Level(SHARED), 5.0)
@@ -76,6 +85,35 @@ def test_levels_need_recordings_on_both_sides() -> None:
     assert {level.kind for level in levels_of(fleet)} == {SHARED}
     fleet = draw_fleet(1, FleetPlan(cars=2, recordings=30))
     assert {level.kind for level in levels_of(fleet)} == {SHARED, CAR, CONDITION, RAMP, STEP}
+
+
+def test_a_ramp_of_one_car_ends_with_its_recordings() -> None:
+    """Car 3 records in the first half of the fleet's time only; its last size is the claim's."""
+    fleet = draw_fleet(1, FleetPlan(cars=3, recordings=30))
+    cars = tuple("car03" if i < 12 else "car01" for i in range(30))
+    fleet = replace(fleet, cars=cars)
+    ramp = Level(RAMP, car="car03", onset=float(fleet.days[4])).design(fleet)
+    np.testing.assert_allclose(ramp[4:12], np.linspace(0.0, 1.0, 8))
+    assert not ramp[12:].any()
+    everywhere = Level(RAMP, onset=float(fleet.days[4])).design(fleet)
+    assert everywhere[-1] == 1.0
+    assert everywhere[11] < 0.3
+
+
+@pytest.mark.parametrize("kind", [RAMP, STEP])
+def test_a_fitted_change_point_leaves_enough_recordings(kind: str) -> None:
+    """A single recording at the end, with a large effect, is no trend."""
+    fleet = draw_fleet(2, FleetPlan(cars=4, effects=3, recordings=48, bias=0.0, deviation=0.3))
+    j, last = fleet.columns.first_effect, [i for i, c in enumerate(fleet.cars) if c == "car03"][-1]
+    scores = fleet.scores.copy()
+    scores[last] += 12.0 * fleet.informations[last, j]
+    selection = Selection(replace(fleet, scores=scores))
+    level = next(x for x in selection.levels if (x.kind, x.car) == (kind, "car03"))
+    empty = FleetModel((), {})
+    found = selection.assess(empty, Candidate(0, level, level.design(fleet)))
+    fitted = selection.with_fitted_onset(empty, found).candidate
+    assert fitted.level.onset > level.onset
+    assert np.count_nonzero(fitted.design) >= MIN_RECORDINGS
 
 
 def test_tolerances_beyond_their_bounds_explain_nothing() -> None:
