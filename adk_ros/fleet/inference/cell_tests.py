@@ -46,7 +46,11 @@ class CellTest:
     size: float
     variance: float
     freedom: float
-    gain: float
+
+    @property
+    def gain(self) -> float:
+        """Size squared over its variance: twice the logarithm of a likelihood ratio."""
+        return self.size**2 / self.variance if self.variance > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -63,11 +67,11 @@ def cell_test(scores: FloatArray, informations: FloatArray) -> CellTest:
     total = float(informations.sum())
     count = int(np.count_nonzero(informations > 0.0))
     if count < MIN_RECORDINGS or total <= 0.0:
-        return CellTest(0.0, 0.0, 1.0, 0.0)
+        return CellTest(0.0, 0.0, 1.0)
     size = float(scores.sum()) / total
     scatter = float(((scores - informations * size) ** 2).sum()) / total**2
     variance = max(1.0 / total, scatter * count / (count - 1.0))
-    return CellTest(size, variance, count - 1.0, size**2 / variance)
+    return CellTest(size, variance, count - 1.0)
 
 
 def null_of(tests: Sequence[CellTest]) -> Null:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from adk_ros.fleet.inference.cell_tests import CellTest, cell_test, is_claimable, null_of, p_value
-from adk_ros.fleet.inference.evidence import PLACE_ROW, Row, column_of
+from adk_ros.fleet.inference.evidence import PLACE_ROW, Row
 from adk_ros.fleet.inference.levels import MIN_RECORDINGS
 from adk_ros.fleet.inference.place_evidence import Cell, PlaceEvidence
 from adk_ros.mismatch.library.criteria import (
@@ -178,7 +178,7 @@ class PlaceData:
         weights = np.array([1.0 / tests[cell].variance for cell in cells])
         left = float(weights @ np.array([tests[cell].size for cell in cells]) / weights.sum())
         whole = [replace(tests[cell], size=place.size + tests[cell].size) for cell in cells]
-        best = min(whole, key=p_value)
+        best = min(whole, key=_rank)
         size = place.size + left
         if p_value(best) >= significance or not is_claimable(place.key, replace(best, size=size)):
             return None
@@ -198,7 +198,7 @@ class PlaceData:
                 inexact = SYSTEMATIC_ERROR_PER_MATERIALITY**2
                 inexact += (SYSTEMATIC_ERROR_SHARE * size) ** 2
                 variance = null.inflation * test.variance + null.spread + inexact
-                found[cell] = CellTest(size, variance, test.freedom, test.gain)
+                found[cell] = CellTest(size, variance, test.freedom)
         return found
 
     def _around(self, place: Place) -> set[tuple[Cell, str]]:
@@ -217,6 +217,7 @@ class PlaceData:
         significance: float,
         blocked: set[tuple[Cell, str]],
     ) -> Place | None:
+        """Return the place of the most significant cell, all tests against the null."""
         tests: dict[tuple[Cell, str], CellTest] = {}
         for k, key in enumerate(self.keys):
             tests |= {(cell, key): test for cell, test in self._tests_of(k, scores).items()}
@@ -227,7 +228,7 @@ class PlaceData:
         }
         if not good:
             return None
-        (seed, key), _ = max(good.items(), key=lambda item: item[1].gain)
+        seed, key = min(good, key=lambda pair: _rank(good[pair]))
         same = {cell for cell, of in good if of == key}
         same = {c for c in same if np.sign(good[c, key].size) == np.sign(good[seed, key].size)}
         cells = _connected(seed, same)
@@ -243,7 +244,7 @@ class PlaceData:
             for other in self.keys
             if other != key and gains[key] - gains[other] < INDISTINGUISHABLE_LOSS
         )
-        best = max(members, key=lambda test: test.gain)
+        best = min(members, key=_rank)
         return Place(
             key,
             tuple(sorted(cells, key=lambda c: (c.x, c.y, c.direction))),
@@ -254,6 +255,11 @@ class PlaceData:
             max(len(self.cells[cell].recordings) for cell in cells),
             alternatives,
         )
+
+
+def _rank(test: CellTest) -> tuple[float, float]:
+    """Return what the most significant test has the least of; many p-values may be zero."""
+    return p_value(test), -test.gain
 
 
 def _changes(places: Sequence[Place], known: Sequence[Place]) -> list[tuple[str, Cell, float]]:
@@ -279,8 +285,3 @@ def _connected(seed: Cell, cells: set[Cell]) -> list[Cell]:
         found |= new
         front += new
     return list(found)
-
-
-def materiality_of(place: Place) -> float:
-    """Return the size of a unit of the place's size, in the fitted variable."""
-    return column_of(place.key).materiality

@@ -71,6 +71,32 @@ def test_an_effect_at_a_place_is_found_with_its_cells() -> None:
     assert place.interval[0] < 6.0 < place.interval[1]
 
 
+def test_the_most_significant_effect_is_taken_and_not_the_largest_gain() -> None:
+    """The surrogate's error feigns the one effect everywhere, so that its size says little."""
+    keys, sizes, feigned = ("road_bank.bank", "road_grade.grade"), (15.0, 6.0), (1.5, 0.1)
+    rng = np.random.default_rng(1)
+    rows: list[Row] = []
+    for x in range(CELLS):
+        everywhere = np.array(feigned) * rng.standard_normal(2)
+        acts = np.array(sizes) if x == 20 else np.zeros(2)
+        for name in NAMES:
+            row = {
+                "schema": SCHEMA,
+                "kind": "place",
+                "recording": name,
+                "cell": Cell(5 * x, 0, 0).text,
+                "counted_s": 4.0,
+                "effects": ",".join(keys),
+                "score": packed(acts + everywhere + rng.standard_normal(2)),
+                "information": packed(np.eye(2)),
+                "cross": np.zeros((2, 2), dtype="<f4").tobytes(),
+            }
+            rows.append(row)
+    first = _found(rows)[0]
+    assert (first.key, first.alternatives) == ("road_grade.grade", ())
+    assert first.interval[0] < 6.0 < first.interval[1]
+
+
 def test_an_error_that_repeats_is_no_place_even_where_little_informs() -> None:
     # Each cell shows several deviations of noise, and poor ones a size of many thresholds.
     for seed in range(20):
