@@ -28,6 +28,7 @@ class Claim:
     """
     A claimed effect at a level; `size`: its parameter's difference from neutral, in its unit.
 
+    Of a parameter that enters by its reciprocal, a power limit, it is the value; no limit is 1e30.
     `evidence`: twice the logarithm of the likelihood ratio; `between_recordings` and
     `between_cars`: standard deviations of the parameter beyond noise and tolerance. `ties`: other
     effects and levels that explain the fleet as well.
@@ -90,20 +91,30 @@ class NotClaimed:
 
 @dataclass(frozen=True)
 class VehicleEffect:
-    """A parameter in one car, with the half width of its 90 % interval."""
+    """
+    A parameter in one car with its 90 % interval, as in a `Claim`.
+
+    `thresholds`: its difference from neutral in materiality thresholds of the fitted variable.
+    """
 
     car: str
     effect: str
     parameter: str
     unit: str
     size: float
-    half: float
+    low: float
+    high: float
+    thresholds: float
     is_claimed: bool
 
 
 @dataclass(frozen=True)
 class TrendPoint:
-    """The size of a parameter from one recording alone, given all other estimates."""
+    """
+    The size of a parameter from one recording alone, given all other estimates, as in a `Claim`.
+
+    `low` and `high`: its 90 % interval by the noise of the recording; `fitted`: by the claims.
+    """
 
     effect: str
     parameter: str
@@ -111,7 +122,8 @@ class TrendPoint:
     car: str
     day: float
     size: float
-    deviation: float
+    low: float
+    high: float
     fitted: float
 
 
@@ -217,10 +229,19 @@ def _interval(column: Column, low: float, high: float) -> tuple[float, float]:
     return min(values), max(values)
 
 
+def _deviation(column: Column, size: float, deviation: float) -> float:
+    """Return a standard deviation, of thresholds, in the unit; of an inverse to first order."""
+    p, theta = column.parameter, deviation * column.materiality
+    return theta * _in_unit(p, size * column.materiality) ** 2 if p.inverse else theta
+
+
 def _claim(estimate: FleetEstimate, one: Assessment, ties: tuple[str, ...]) -> Claim:
     column = _column(estimate.fleet.columns, one.candidate.effect)
-    m, level = column.materiality, one.candidate.level
+    level = one.candidate.level
     low, high = _interval(column, *one.interval)
+    between_recordings, between_cars = (
+        _deviation(column, one.size, deviation) for deviation in one.components
+    )
     return Claim(
         column.effect.name,
         column.parameter.name,
@@ -231,13 +252,13 @@ def _claim(estimate: FleetEstimate, one: Assessment, ties: tuple[str, ...]) -> C
         level.tag,
         level.value,
         level.onset if is_trend(level) else None,
-        _in_unit(column.parameter, one.size * m),
+        _in_unit(column.parameter, one.size * column.materiality),
         low,
         high,
         one.evidence,
         one.p_value,
-        one.components[0] * m,
-        one.components[1] * m,
+        between_recordings,
+        between_cars,
         ties,
     )
 
@@ -311,14 +332,16 @@ def _vehicles(estimate: FleetEstimate) -> list[VehicleEffect]:
                 t.candidate.effect == effect and t.candidate.design[of_car].any()
                 for t in estimate.claims
             )
+            half = QUANTILE_90 * float(np.sqrt(variance))
             out.append(
                 VehicleEffect(
                     car,
                     column.effect.name,
                     column.parameter.name,
                     column.parameter.unit,
-                    size * column.materiality,
-                    QUANTILE_90 * float(np.sqrt(variance)) * column.materiality,
+                    _in_unit(column.parameter, size * column.materiality),
+                    *_interval(column, size - half, size + half),
+                    size,
                     claimed,
                 )
             )
@@ -346,7 +369,7 @@ def _trends(estimate: FleetEstimate, at: FloatArray) -> list[TrendPoint]:
             rest = at[r].copy()
             rest[j] = 0.0
             size = float(fleet.scores[r, j] - fleet.informations[r, j] @ rest) / information
-            m = column.materiality
+            half = QUANTILE_90 / float(np.sqrt(information))
             out.append(
                 TrendPoint(
                     column.effect.name,
@@ -354,9 +377,9 @@ def _trends(estimate: FleetEstimate, at: FloatArray) -> list[TrendPoint]:
                     name,
                     fleet.cars[r],
                     float(fleet.days[r]),
-                    size * m,
-                    m / float(np.sqrt(information)),
-                    float(fitted[r]) * m,
+                    _in_unit(column.parameter, size * column.materiality),
+                    *_interval(column, size - half, size + half),
+                    _in_unit(column.parameter, float(fitted[r]) * column.materiality),
                 )
             )
     return out

@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 
 from adk_ros.files.pages.figure_style import BLUE, GREY, ORANGE, PURPLE, VERMILION
 from adk_ros.fleet.inference.evidence import column_of
-from adk_ros.fleet.inference.fleet_result import FleetResult, TrendPoint
+from adk_ros.fleet.inference.fleet_result import FleetResult, TrendPoint, VehicleEffect
 from adk_ros.mismatch.report.effect_text import number
 from adk_ros.mismatch.report.vocabulary import title, unit_text
 from adk_ros.numerics.arrays import FloatArray, IntArray
@@ -31,10 +31,7 @@ def matrix_figure(result: FleetResult, path: Path) -> None:
     keys = list(dict.fromkeys((v.effect, v.parameter) for v in result.vehicles))
     entries = {(v.car, (v.effect, v.parameter)): v for v in result.vehicles}
     values = np.array(
-        [
-            [entries[car, key].size / column_of(".".join(key)).materiality for key in keys]
-            for car in result.cars
-        ]
+        [[entries[car, key].thresholds for key in keys] for car in result.cars],
     )
     width, height = 2.4 + 0.95 * len(keys), 1.9 + 0.33 * len(result.cars)
     figure, axes = plt.subplots(figsize=(max(width, 5.0), height), layout="constrained")
@@ -43,9 +40,14 @@ def matrix_figure(result: FleetResult, path: Path) -> None:
         for j, key in enumerate(keys):
             entry = entries[car, key]
             dark = abs(values[i, j]) > 0.6 * _LIMIT
-            text = f"{number(entry.size, 2.0 * entry.half)}\n±{number(entry.half, entry.half)}"
             axes.text(
-                j, i, text, ha="center", va="center", fontsize=6.5, color="w" if dark else "k"
+                j,
+                i,
+                _entry_text(entry),
+                ha="center",
+                va="center",
+                fontsize=6.5,
+                color="w" if dark else "k",
             )
             if entry.is_claimed:
                 box = Rectangle((j - 0.47, i - 0.45), 0.94, 0.9, fill=False, lw=1.6)
@@ -61,22 +63,47 @@ def matrix_figure(result: FleetResult, path: Path) -> None:
     plt.close(figure)
 
 
+def _entry_text(entry: VehicleEffect) -> str:
+    """Return the size of a parameter in a car with its interval."""
+    p = column_of(f"{entry.effect}.{entry.parameter}").parameter
+    if not p.inverse:
+        half = 0.5 * (entry.high - entry.low)
+        return f"{number(entry.size, 2.0 * half)}\n±{number(half, half)}"
+    # A car may have no limit: its value is infinite.
+    if entry.low > p.high:
+        return "none"
+    if entry.high > p.high:
+        return f"at least\n{number(entry.low, 0.1 * entry.low)}"
+    width = entry.high - entry.low
+    size, low, high = (number(x, width) for x in (entry.size, entry.low, entry.high))
+    return f"{size}\n{low} to {high}"
+
+
 def trend_figure(points: Sequence[TrendPoint], unit: str, path: Path) -> None:
     """Draw the sizes of one parameter by recording over time, with the claimed trend."""
     figure, axes = plt.subplots(figsize=(7.5, 3.0), layout="constrained")
     ordered = sorted(points, key=lambda p: p.day)
     days = [p.day for p in ordered]
+    values = np.array([(p.size, p.low, p.high, p.fitted) for p in ordered])
+    parameter = column_of(f"{points[0].effect}.{points[0].parameter}").parameter
+    if parameter.inverse:
+        # A recording without a limit, whose value is infinite, is above the figure.
+        finite = values[:, [0, 3]][values[:, [0, 3]] <= parameter.high]
+        top = 1.3 * float(finite.max(initial=0.0)) or parameter.high
+        values = np.minimum(values, 2.0 * top)
+        axes.set_ylim(0.0, top)
+    size, low, high, fitted = values.T
     axes.errorbar(
         days,
-        [p.size for p in ordered],
-        yerr=[1.645 * p.deviation for p in ordered],
+        size,
+        yerr=[size - low, high - size],
         fmt="o",
         ms=4,
         color=BLUE,
         ecolor=GREY,
         label="one recording (90 % interval of its noise)",
     )
-    axes.plot(days, [p.fitted for p in ordered], color=VERMILION, label="fleet")
+    axes.plot(days, fitted, color=VERMILION, label="fleet")
     axes.set_xlabel("day")
     axes.set_ylabel(f"{title(points[0].effect)}, {unit_text(unit)}")
     axes.legend(fontsize=8)

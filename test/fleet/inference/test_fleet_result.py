@@ -5,32 +5,69 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
 from adk_ros.fleet.inference.fleet_result import fleet_result
 from adk_ros.fleet.inference.fleet_selection import Selection
-from adk_ros.fleet.inference.levels import SHARED, Level
+from adk_ros.fleet.inference.levels import RAMP, SHARED, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
+from adk_ros.fleet.report.fleet_figures import matrix_figure, trend_figure
 
-DRAG = "aero_drag.cda"
+DRAG, POWER = "aero_drag.cda", "power_limit.power"
 
 
-def estimate_of(fleet: FleetEvidence) -> FleetEstimate:
+def claimed(fleet: FleetEvidence, level: Level) -> Candidate:
+    """Return a claim of the first effect."""
+    return Candidate(0, level, level.design(fleet))
+
+
+def estimate_of(fleet: FleetEvidence, model: FleetModel) -> FleetEstimate:
     selection = Selection(fleet)
-    model = selection.select()
+    model = selection.refitted(model)
     ratios = dict.fromkeys(fleet.names, 1.0)
     return FleetEstimate(fleet, selection, model, tuple(selection.assessed(model)), (), ratios, {})
+
+
+def test_a_power_limit_is_in_watts_everywhere(tmp_path: Path) -> None:
+    """It is fitted by its reciprocal: 6 thresholds of 1 / 150 kW are 25 kW."""
+    level = Level(RAMP, car="car02", onset=10.0)
+    plan = FleetPlan(effects=2, bias=0.0, deviation=0.3, injections=(Injection(DRAG, level, 6.0),))
+    fleet = draw_fleet(3, plan)
+    fleet = replace(fleet, columns=replace(fleet.columns, effects=(POWER, "payload.mass")))
+    result = fleet_result(estimate_of(fleet, FleetModel((claimed(fleet, level),), {})))
+    (claim,) = result.claims
+    assert claim.size == pytest.approx(25e3, rel=0.15)
+    # Deviations of a tenth of a threshold or so, at that size.
+    for deviation in (claim.between_cars, claim.between_recordings):
+        assert 10.0 < deviation < 5e3
+    values = {v.car: v for v in result.vehicles}
+    mean = values["car02"]
+    assert mean.low < mean.size < mean.high < 150e3
+    assert mean.size == pytest.approx(150e3 / mean.thresholds)
+    # The other cars have no limit, or one far above.
+    assert all(v.high > 1e9 for car, v in values.items() if car != "car02")
+    assert all(v.low > 150e3 for car, v in values.items() if car != "car02")
+    points = sorted(result.trends, key=lambda p: p.day)
+    assert points[-1].fitted == pytest.approx(claim.size)
+    assert points[-1].low < points[-1].size < points[-1].high
+    assert points[-1].size == pytest.approx(25e3, rel=0.3)
+    matrix_figure(result, tmp_path / "vehicles.png")
+    trend_figure(result.trends, claim.unit, tmp_path / "trend.png")
+    assert (tmp_path / "trend.png").stat().st_size > 1000
 
 
 def test_sizes_of_scale_models_are_in_thresholds_of_their_size() -> None:
     """Drag area scales by the square of the length: what is 5 thresholds is 0.0015 m^2."""
     drag = Injection(DRAG, Level(SHARED), 5.0)
     fleet = draw_fleet(3, FleetPlan(effects=4, bias=0.0, deviation=0.3, injections=(drag,)))
-    estimate = estimate_of(replace(fleet, columns=replace(fleet.columns, length_scale=0.1)))
+    fleet = replace(fleet, columns=replace(fleet.columns, length_scale=0.1))
+    estimate = estimate_of(fleet, FleetModel((claimed(fleet, Level(SHARED)),), {}))
     (claim,) = fleet_result(estimate).claims
     assert claim.size == pytest.approx(5.0 * 0.03 * 0.01, rel=0.15)
     (value,) = estimate.values_of(fleet.names[0]).values()
