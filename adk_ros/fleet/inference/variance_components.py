@@ -13,7 +13,9 @@ determined, it changes nothing.
 The variance of a size is a sum of parts: noise and build tolerances, which are known, the
 deviations of recordings and of cars, and the surrogate's error, which are estimated. Its degrees
 of freedom follow from Satterthwaite's formula (F. E. Satterthwaite, "An approximate distribution
-of estimates of variance components", Biometrics Bulletin 2 (1946) 110).
+of estimates of variance components", Biometrics Bulletin 2 (1946) 110). Where hardly any car has a
+second recording, tau and kappa enter as tau^2 + kappa^2 only: how the fit divides this sum between
+them is arbitrary, and the sum has the degrees of freedom of all recordings.
 """
 
 from __future__ import annotations
@@ -37,6 +39,11 @@ _ROUNDS = 2
 """Passes over the active effects, whose components hardly depend on each other."""
 _TOLERANCE = 0.1
 """Of the log-likelihood and of log(deviation): far below what a fleet determines of them."""
+_FEW_REPEATED = 0.1
+"""
+Share of recordings beyond the first of their car up to which tau and kappa count as one: the cars
+have then about nine tenths of the degrees of freedom of the recordings. By choice.
+"""
 _SIMPLEX = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 """First simplex of log(deviation), from the start."""
 
@@ -111,9 +118,19 @@ def degrees_of_freedom(
     known = float(model.estimate(terms, Components(zero, without_cars)).covariance[m, m])
     cars, recordings = len(model.fleet.car_names), len(model.fleet.names)
     of_effect = sum(term.effect == terms[m].effect for term in terms)
-    of_cars = max(cars - of_effect, 1)
-    of_recordings = max(recordings - cars - of_effect, 1)
     bias = float(estimate.bias[m, m])
-    spread = (full - part) ** 2 / of_cars + max(part - known, 0.0) ** 2 / of_recordings
+    if _are_one(model, terms[m]):
+        spread = max(full - known, 0.0) ** 2 / max(recordings - of_effect, 1)
+    else:
+        of_cars = max(cars - of_effect, 1)
+        of_recordings = max(recordings - cars - of_effect, 1)
+        spread = (full - part) ** 2 / of_cars + max(part - known, 0.0) ** 2 / of_recordings
     spread += bias**2 / max(model.fleet.bias_blocks - 1, 1)
     return max(total_variance(estimate, m) ** 2 / max(spread, 1e-300), 1.0)
+
+
+def _are_one(model: MixedModel, term: Term) -> bool:
+    """Whether hardly any car has a second recording, in the fleet and where a term acts."""
+    every = model.fleet.cars
+    acting = [car for car, z in zip(every, term.design, strict=True) if z != 0.0]
+    return all(len(c) - len(set(c)) <= _FEW_REPEATED * len(c) for c in (every, acting))
