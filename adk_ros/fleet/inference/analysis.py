@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from adk_ros.fleet.inference.competing_effects import claim_text, exchanged_for_competing
-from adk_ros.fleet.inference.evidence import Row
+from adk_ros.fleet.inference.evidence import RECORDING, Row
 from adk_ros.fleet.inference.fleet_candidates import Identity
 from adk_ros.fleet.inference.fleet_estimate import (
     ROUNDS,
@@ -57,11 +57,17 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class FleetAnalysis:
-    """Estimate and result of a fleet, and the recordings without evidence, with the reason."""
+    """
+    Estimate and result of a fleet.
+
+    `failed`: recordings without evidence -> reason. `outdated`: recordings that take part with
+    the evidence of an earlier pass, since they failed in a later one -> reason.
+    """
 
     estimate: FleetEstimate
     result: FleetResult
     failed: Mapping[str, str]
+    outdated: Mapping[str, str] = field(default_factory=dict)
 
 
 def analyse_fleet(
@@ -73,11 +79,15 @@ def analyse_fleet(
     """
     Analyse a fleet; recordings without evidence are left out, with the reason.
 
+    One that fails in a later pass, at its time limit for example, keeps its evidence of an earlier
+    one, and is not linearised again.
+
     :raises DataError: no recording has evidence.
     """
     estimate: FleetEstimate | None = None
     before: Mapping[str, float] = {}
     failed: dict[str, str] = {}
+    outdated: dict[str, str] = {}
     rows: dict[str, list[Row]] = {}
     points: dict[str, Point] = {}
     places: tuple[Place, ...] = ()
@@ -89,10 +99,19 @@ def analyse_fleet(
         if names is not None and not names:
             return
         found, without = evidence_at(at, names)
-        failed.update(without)
         for name in {str(row["recording"]) for row in found}:
             rows[name] = [row for row in found if row["recording"] == name]
             points[name] = _point(at, name)
+            outdated.pop(name, None)
+        for name, why in without.items():
+            (outdated if name in rows else failed)[name] = why
+            if name in rows and names is None:
+                # All are linearised again at other places, of which its rows do not know.
+                rows[name] = [row for row in rows[name] if row["kind"] == RECORDING]
+
+    def moved_to(at: FleetEstimate) -> list[str]:
+        up_to_date = (name for name in rows if name not in outdated)
+        return [name for name in up_to_date if has_moved(points[name], _point(at, name))]
 
     for turn in range(MAX_PASSES):
         if estimate is not None:
@@ -104,8 +123,9 @@ def analyse_fleet(
         linearise(estimate, moved)
         if estimate is not None:
             examined = {claim_text(estimate, claim) for claim in estimate.claims}
-            estimate = exchanged_for_competing(estimate, rows, evidence_at, compared)
-            linearise(estimate, [n for n in rows if has_moved(points[n], _point(estimate, n))])
+            at_estimate = {name: rows[name] for name in rows if name not in outdated}
+            estimate = exchanged_for_competing(estimate, at_estimate, evidence_at, compared)
+            linearise(estimate, moved_to(estimate))
             # Far from the estimate, much else is unexplained: once more near it.
             compared |= examined if turn >= _EARLY_PASSES else set()
         every = [row for name in sorted(rows) for row in rows[name]]
@@ -122,12 +142,13 @@ def analyse_fleet(
         if turn > _EARLY_PASSES:
             dropped.update(claimed - estimate.identities)
         before = before or estimate.loss_ratios
-        moved = [name for name in rows if has_moved(points[name], _point(estimate, name))]
+        moved = moved_to(estimate)
         is_settled = not has_moved(_places_point(places), _places_point(estimate.places))
         if turn >= _EARLY_PASSES and is_settled and not moved:
             break
     assert estimate is not None
-    return FleetAnalysis(estimate, fleet_result(estimate, before, progress), failed)
+    result = fleet_result(estimate, before, progress, outdated)
+    return FleetAnalysis(estimate, result, failed, outdated)
 
 
 Point = Mapping[str, float]

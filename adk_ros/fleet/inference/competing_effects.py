@@ -43,7 +43,7 @@ def exchanged_for_competing(
     """
     Return the estimate with claims exchanged for similar effects that leave less of the loss.
 
-    `rows`: of each recording, linearised at `estimate`. `kept`: what claims are about
+    `rows`: of each recording that is linearised at `estimate`. `kept`: what claims are about
     (`claim_text`) that stay. Only the claims are changed, at which recordings are linearised.
     """
     given = estimate
@@ -56,6 +56,8 @@ def exchanged_for_competing(
         if (key, level) in kept or not usable.intersection(competing_keys(key)):
             continue
         sample = _Sample.of(estimate, claim, rows)
+        if not sample.names:
+            continue
         at_claim = rows if estimate is given else sample.rows_at(estimate, evidence_at)
         if at_claim is None:
             continue
@@ -111,7 +113,8 @@ class _Sample:
         fleet, design = estimate.fleet, claim.candidate.design
         column = fleet.columns.first_effect + claim.candidate.effect
         information = fleet.informations[:, column, column] * design**2
-        order = [int(i) for i in np.argsort(-information) if design[i] > 0.0][:_SAMPLE]
+        usable = np.array([name in rows for name in fleet.names]) & (design > 0.0)
+        order = [int(i) for i in np.argsort(-information) if usable[i]][:_SAMPLE]
         names = tuple(fleet.names[i] for i in order)
         inexact = MIN_GAIN_PER_NULL_EXCESS * float(estimate.selection.null_excess[order].sum())
         return cls(

@@ -132,7 +132,7 @@ class RecordingSummary:
     """
     A recording: its loss over that of a perfect model, with the claimed effects and without.
 
-    With them as far as it was linearised at the fleet's estimate.
+    With them as far as it was linearised at the fleet's estimate. `note`: why it was not.
     """
 
     name: str
@@ -141,6 +141,7 @@ class RecordingSummary:
     tags: Mapping[str, str]
     loss_ratio: float
     loss_before: float
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -163,19 +164,26 @@ class FleetResult:
         return {"schema": SCHEMA, **asdict(self)}
 
     def worst(self, count: int) -> list[RecordingSummary]:
-        """Return the recordings that the claims explain worst, the worst first."""
-        return sorted(self.recordings, key=lambda r: (-r.loss_ratio, r.name))[: max(count, 0)]
+        """
+        Return the recordings that the claims explain worst, the worst first.
+
+        Without those that were not linearised at the estimate: their loss says nothing on it.
+        """
+        known = [r for r in self.recordings if not r.note]
+        return sorted(known, key=lambda r: (-r.loss_ratio, r.name))[: max(count, 0)]
 
 
 def fleet_result(
     estimate: FleetEstimate,
     before: Mapping[str, float] | None = None,
     progress: Callable[[float, str], None] | None = None,
+    outdated: Mapping[str, str] | None = None,
 ) -> FleetResult:
     """
     Return the result of an estimate, with ties and candidates that are not claimed.
 
-    `before`: loss ratio of each recording without effects, from a first pass.
+    `before`: loss ratio of each recording without effects, from a first pass. `outdated`: name ->
+    why a recording was not linearised at the estimate.
     """
     losses = estimate.loss_ratios if before is None else before
     report = progress or (lambda done, text: None)
@@ -196,6 +204,7 @@ def fleet_result(
                 dict(tags),
                 round(estimate.loss_ratios[name], 3),
                 round(losses.get(name, estimate.loss_ratios[name]), 3),
+                (outdated or {}).get(name, ""),
             )
             for name, car, day, tags in zip(
                 fleet.names, fleet.cars, fleet.days, fleet.tags, strict=True

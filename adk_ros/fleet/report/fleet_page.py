@@ -78,6 +78,7 @@ def write_fleet_page(
         worst=_worst_rows(result, links or {}),
         models=sorted(models or {}),
         failed=[list(pair) for pair in failed],
+        outdated=[[r.name, r.note] for r in result.recordings if r.note],
         tests=result.tests,
         recordings=len(result.recordings),
         cars=len(result.cars),

@@ -93,6 +93,29 @@ def test_a_claim_stays(reason: str) -> None:
     assert exchanged_for_competing(estimate, rows, evidence_at).claims == estimate.claims
 
 
+def test_only_recordings_that_are_linearised_at_the_claim_are_compared() -> None:
+    estimate, rows = claimed_delay(Level(CAR, car="car02"))
+    of_car = [
+        n for n, c in zip(estimate.fleet.names, estimate.fleet.cars, strict=True) if c == "car02"
+    ]
+    asked: set[str] = set()
+
+    def evidence_at(
+        at: FleetEstimate | None, names: Collection[str] | None
+    ) -> tuple[list[Row], Mapping[str, str]]:
+        assert at is not None
+        assert names is not None
+        asked.update(names)
+        return [row_at(at, name, 7.0) for name in names], {}
+
+    some = {name: rows[name] for name in rows if name != of_car[0]}
+    found = exchanged_for_competing(estimate, some, evidence_at)
+    assert [claim_text(found, c) for c in found.claims] == [(LAG, "car02")]
+    assert asked == set(of_car[1:])
+    none = {name: rows[name] for name in rows if name not in of_car}
+    assert exchanged_for_competing(estimate, none, evidence_at).claims == estimate.claims
+
+
 def delayed_fleet(level: Level) -> FleetEvidence:
     keys = [column.key for column in effect_columns()]
     plan = FleetPlan(

@@ -1,12 +1,23 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""When a recording is linearised again."""
+"""When a recording is linearised again, and what becomes of one that fails then."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
 
-from adk_ros.fleet.inference.analysis import has_moved
+from adk_ros.fleet.inference.analysis import MAX_PASSES, analyse_fleet, has_moved
+from adk_ros.fleet.inference.evidence import RECORDING, SCHEMA, SIMULATION, Evidence, Row, packed
+from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
+from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
+from adk_ros.fleet.inference.levels import SHARED, Level
+from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
+from adk_ros.fleet.inference.place_evidence import Cell
 
 
 @pytest.mark.parametrize(
@@ -34,10 +45,7 @@ def test_the_first_step_is_limited() -> None:
     from dataclasses import replace
 
     from adk_ros.fleet.inference.evidence import column_of
-    from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
     from adk_ros.fleet.inference.fleet_selection import Selection
-    from adk_ros.fleet.inference.levels import SHARED, Level
-    from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 
     wind = Injection("headwind.wind_x", Level(SHARED), 40.0)
     fleet = draw_fleet(3, FleetPlan(effects=4, injections=(wind,)))
@@ -48,3 +56,101 @@ def test_the_first_step_is_limited() -> None:
     ((_, limited),) = replace(estimate, farthest=10.0).values_of(fleet.names[0]).items()
     assert limited == pytest.approx(10.0 * column_of(key).materiality)
     assert whole > 1.2 * limited
+
+
+SLOW, REASON = "drive003", "TimeoutError: longer than 60 s"
+
+
+@pytest.mark.parametrize("with_place", [False, True])
+def test_a_recording_that_fails_in_a_later_pass_takes_part_as_it_is(with_place: bool) -> None:
+    drag = Injection("aero_drag.cda", Level(SHARED), 6.0)
+    plan = FleetPlan(cars=5, recordings=15, effects=2, bias=0.0, deviation=0.2, injections=(drag,))
+    fleet = draw_fleet(3, plan)
+    asked: list[str] = []
+
+    def evidence_at(
+        at: FleetEstimate | None, names: Collection[str] | None
+    ) -> tuple[list[Row], Mapping[str, str]]:
+        chosen = fleet.names if names is None else sorted(names)
+        asked.extend(chosen)
+        fails = at is not None and SLOW in chosen
+        return (
+            [
+                row
+                for name in chosen
+                if name != SLOW or not fails
+                for row in rows_at(fleet, name, at, with_place)
+            ],
+            {SLOW: REASON} if fails else {},
+        )
+
+    tags = {name: RecordingTags(c) for name, c in zip(fleet.names, fleet.cars, strict=True)}
+    simulation: Any = SimpleNamespace(evidence=evidence_of(fleet, 0, SIMULATION))
+    found = analyse_fleet(evidence_at, simulation, lambda rows: tags)
+    (claim,) = found.result.claims
+    assert claim.effect == "aero_drag"
+    assert len(found.result.places) == with_place
+    assert found.failed == {}
+    assert found.outdated == {SLOW: REASON}
+    notes = {r.name: r.note for r in found.result.recordings if r.note}
+    assert notes == {SLOW: REASON}
+    assert SLOW not in {r.name for r in found.result.worst(len(fleet.names))}
+    # It does not count as moved: no pass waits for it.
+    assert asked.count(SLOW) == 2
+    assert len(asked) < MAX_PASSES * len(fleet.names) / 2
+    if with_place:
+        # Its rows do not know of the place at which the others are linearised.
+        assert found.result.places[0].recordings == len(fleet.names)
+        (place,) = found.estimate.places
+        assert place.size == pytest.approx(6.0, rel=0.1)
+
+
+def evidence_of(
+    fleet: FleetEvidence, i: int, kind: str = RECORDING, at: FleetEstimate | None = None
+) -> Evidence:
+    columns, point = fleet.columns, np.zeros(fleet.columns.size)
+    values = {} if at is None else at.values_of(fleet.names[i])
+    for key, value in values.items():
+        j = columns.first_effect + columns.effects.index(key)
+        point[j] = value / columns.column(key).materiality
+    gain = 2.0 * fleet.scores[i] @ point - point @ fleet.informations[i] @ point
+    expected = float(fleet.expected_loss[i])
+    return Evidence(
+        fleet.names[i] if kind == RECORDING else kind,
+        kind,
+        columns,
+        fleet.scores[i],
+        fleet.informations[i],
+        150.0,
+        loss=float(expected + fleet.excess[i] - gain),
+        expected_loss=expected,
+        point=point,
+        scatter=1e-6 * fleet.informations[i] if kind == SIMULATION else None,
+        blocks=30,
+    )
+
+
+def rows_at(
+    fleet: FleetEvidence, name: str, at: FleetEstimate | None, with_place: bool
+) -> list[Row]:
+    """Return the rows of a recording, with a bank of 6 thresholds in one of several cells."""
+    i = fleet.names.index(name)
+    placed = 0.0 if at is None else sum(p.size for p in at.places)
+    rng = np.random.default_rng(i)
+    places = [
+        {
+            "schema": SCHEMA,
+            "kind": "place",
+            "recording": name,
+            "cell": Cell(5 * x, 0, 0).text,
+            "counted_s": 4.0,
+            "effects": "road_bank.bank",
+            "score": packed(
+                np.array([100.0 * (6.0 - placed) * (x == 3) + 10.0 * rng.standard_normal()])
+            ),
+            "information": packed(np.array([[100.0]])),
+            "cross": np.zeros((1, fleet.columns.size), dtype="<f4").tobytes(),
+        }
+        for x in range(20 if with_place else 0)
+    ]
+    return [evidence_of(fleet, i, RECORDING, at).to_row(), *places]
