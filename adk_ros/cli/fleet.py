@@ -102,6 +102,13 @@ def _print_summary(stage: Stage, summary: RunSummary, out: Path) -> None:
     console.note(f"results in {out / 'results'}")
 
 
+def _seen_by_workers(vehicle: Path | None) -> str:
+    """Return the path of a vehicle file from any folder, or a packaged name; "" for None."""
+    if vehicle is None:
+        return ""
+    return str(vehicle.resolve() if vehicle.exists() else vehicle)
+
+
 @app.command()
 def index(
     recordings: RecordingsArgument,
@@ -134,7 +141,7 @@ def index(
 
     options = fleet_options(tags, workers, cluster, timeout, memory, limit, retry_failed)
     reading = read_options(imu, odometry, command, False, params)
-    stage = IndexStage("" if vehicle is None else str(vehicle), reading)
+    stage = IndexStage(_seen_by_workers(vehicle), reading)
     _run(stage, recordings, out, options, dry_run, as_json)
 
 
@@ -218,9 +225,10 @@ def explain(
     if not simulation.exists():
         raise UsageError(f"--simulation {simulation} does not exist")
     options = fleet_options(tags, workers, cluster, timeout, memory, limit, retry_failed)
-    named = "" if vehicle is None else str(vehicle.resolve() if vehicle.exists() else vehicle)
     reading = read_options(imu, odometry, command, False, params)
-    stage = ExplainStage(str(simulation.resolve()), named, without_imu, reading)
+    stage = ExplainStage(
+        str(simulation.resolve()), _seen_by_workers(vehicle), without_imu, reading
+    )
     _run(stage, recordings, out, options, dry_run, as_json)
 
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -21,7 +22,7 @@ from adk_ros.fleet.plan import Plan, Work, plan, unreadable_content
 from adk_ros.fleet.recordings import FleetRecording, content_hash, local_recording
 from adk_ros.fleet.run_lock import run_lock
 from adk_ros.fleet.stage import Stage
-from adk_ros.fleet.stage_process import ENDS_RUN, Failure, Reply
+from adk_ros.fleet.stage_process import ENDS_RUN, Failure, NotShared, Reply
 
 Progress = Callable[[float, float, str], None]
 """Called with (done, total, text)."""
@@ -147,9 +148,10 @@ def _compute(
     if limits.retry_failed:
         dataset.drop(stage.name, {work.key for work in missing})
     by_key = {work.key: work for work in missing}
+    shared = tuple(path for path in stage.shared_paths if Path(path).exists())
     tasks = (
         Task(
-            work.key, run_on_recording, (stage, work.recordings[0]), limits.timeout_s,
+            work.key, run_on_recording, (stage, work.recordings[0], shared), limits.timeout_s,
             limits.memory_mib,
         )
         for work in missing
@@ -171,12 +173,23 @@ def _compute(
     return _summary(recordings, found, failures, time.monotonic() - started, left, memory_mib)
 
 
-def run_on_recording(stage: Stage, recording: FleetRecording) -> list[dict[str, Any]]:
+def run_on_recording(
+    stage: Stage, recording: FleetRecording, shared: Sequence[str] = ()
+) -> list[dict[str, Any]]:
     """
     Return the rows of a stage on one recording: what a stage process runs.
 
     Texts name the recording by its URI, not by its copy on the disk, which is removed.
+
+    :param shared: paths that the driver sees, and the worker has to see as well.
+    :raises NotShared: it does not.
     """
+    for each in shared:
+        if not Path(each).exists():
+            raise NotShared(
+                f"a worker on {socket.gethostname()} does not see {each}: put it into a folder "
+                "that all machines see under this path"
+            )
     with local_recording(recording) as path:
 
         def named(value: Any) -> Any:

@@ -17,6 +17,7 @@ class Stage(Protocol):
 
     `name`: of letters and underscores; the partition of the dataset. `inputs_hash`: hash of all
     that the rows depend on besides the recording and the code, such as the model; hexadecimal.
+    `shared_paths`: files and folders besides the recording that `run` reads or writes.
     """
 
     @property
@@ -26,6 +27,10 @@ class Stage(Protocol):
     @property
     def inputs_hash(self) -> str:
         """Hash of the inputs besides the recording."""
+
+    @property
+    def shared_paths(self) -> tuple[str, ...]:
+        """Paths that exist on all machines: absolute, since workers run in other folders."""
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """

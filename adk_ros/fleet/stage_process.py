@@ -52,10 +52,17 @@ class Failure(str, Enum):
     UNREACHABLE = "unreachable"
     DISK_FULL = "disk full"
     OTHER_CODE = "other code"
+    NOT_SHARED = "not shared"
 
 
-ENDS_RUN = frozenset({Failure.UNREACHABLE, Failure.DISK_FULL, Failure.OTHER_CODE})
+ENDS_RUN = frozenset(
+    {Failure.UNREACHABLE, Failure.DISK_FULL, Failure.OTHER_CODE, Failure.NOT_SHARED}
+)
 """Failures that say nothing about a recording and would hit all others: the run stops."""
+
+
+class NotShared(AdkError):
+    """A worker does not see a file of the driver; the recording itself may be in order."""
 
 
 @dataclass(frozen=True)
@@ -209,6 +216,8 @@ def call(function: Callable[..., Any], arguments: Sequence[Any]) -> Reply:
         value = function(*arguments)
     except StoreUnreachable as error:
         failure, reason = Failure.UNREACHABLE, str(error)
+    except NotShared as error:
+        failure, reason = Failure.NOT_SHARED, str(error)
     except AdkError as error:
         failure, reason = Failure.UNUSABLE, str(error)
     except MemoryError:

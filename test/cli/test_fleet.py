@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from adk_ros.bags.recording import RecordingOptions
 from adk_ros.cli.main import main
 from adk_ros.fleet.dataset import FleetDataset, checked_row
 from adk_ros.fleet.recordings import find_recordings
+from adk_ros.fleet.run import RunSummary
 
 
 @pytest.fixture
@@ -157,6 +159,19 @@ def test_a_run_with_nothing_to_do_starts_no_worker(drives, tmp_path, capsys) -> 
     assert (out / "fleet.csv").read_text().startswith("recording,vehicle,time,rain\n")
     assert main(["fleet", "index", str(drives), "--out", str(out)]) == 0
     assert "index: 2 recordings, 2 done before" in capsys.readouterr().out
+
+
+def test_the_vehicle_is_found_from_any_folder(drives, tmp_path, monkeypatch) -> None:
+    stages = []
+    monkeypatch.setattr(
+        "adk_ros.api.fleet.fleet_run.run_fleet",
+        lambda stage, *_: stages.append(stage) or RunSummary(0, 0, 0, 0.0, {}),
+    )
+    monkeypatch.chdir(tmp_path)
+    Path("vehicle.yaml").write_text("mass: 1")
+    for name in ("vehicle.yaml", "imdv"):
+        assert main(["fleet", "index", str(drives), "--out", "o", "--vehicle", name]) == 0
+    assert [each.vehicle for each in stages] == [str(tmp_path / "vehicle.yaml"), "imdv"]
 
 
 def test_the_hash_of_the_inputs(tmp_path) -> None:

@@ -234,6 +234,7 @@ class NamingStage:
 
     name: str = "naming"
     inputs_hash: str = ""
+    shared_paths: tuple[str, ...] = ()
 
     def run(self, path, recording):
         if path.stat().st_size == 1:

@@ -30,7 +30,7 @@ from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.engine import Task, run_tasks
 from adk_ros.fleet.recordings import content_hash, find_recordings
 from adk_ros.fleet.run import Limits, run_stage
-from adk_ros.fleet.stage_process import Failure, Reply
+from adk_ros.fleet.stage_process import Failure, Reply, call
 
 SEED = 18
 KILLS = int(os.environ.get("ADK_ROS_KILLS", "3"))
@@ -350,3 +350,28 @@ def test_a_store_that_does_not_answer_stops_the_run(tmp_path, monkeypatch) -> No
     )
     with pytest.raises(UsageError, match="disk of a worker is full"):
         run_stage(stage, recordings, tmp_path / "out", fake_cluster)
+
+
+def test_a_file_that_a_worker_does_not_see_stops_the_run(tmp_path, monkeypatch) -> None:
+    """Recordings without a result because of it would count as done."""
+    model, unknown = tmp_path / "model", tmp_path / "packaged_name"
+    model.touch()
+    recordings = text_fleet(tmp_path / "drives", {"a": "ok 1"})
+    stage = text_stage(tmp_path / "log", shared_paths=(str(model), str(unknown)))
+
+    def on_another_machine(cluster, tasks, wake):
+        for task in tasks:
+            model.unlink(missing_ok=task.function is content_hash)
+            yield task, call(task.function, task.arguments)
+            model.touch()
+
+    monkeypatch.setattr("adk_ros.fleet.run.run_tasks", on_another_machine)
+    with pytest.raises(UsageError, match=rf"a worker on .* does not see {model}: put it into"):
+        run_stage(stage, recordings, tmp_path / "out", fake_cluster)
+    assert FleetDataset(tmp_path / "out").rows("text") == []
+    assert stage.starts() == {}
+    monkeypatch.setattr(
+        "adk_ros.fleet.run.run_tasks",
+        lambda cluster, tasks, wake: ((x, call(x.function, x.arguments)) for x in tasks),
+    )
+    assert run_stage(stage, recordings, tmp_path / "out", fake_cluster).computed == 1

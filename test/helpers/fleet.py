@@ -27,6 +27,7 @@ class TextStage:
     nap_s: float = 0.0
     inputs_hash: str = "inputs"
     name: str = "text"
+    shared_paths: tuple[str, ...] = ()
 
     def run(self, path, recording):
         command, _, number = path.read_text().partition(" ")

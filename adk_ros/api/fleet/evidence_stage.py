@@ -47,6 +47,11 @@ class EvidenceStage:
         files = [file_hash(self.simulation), file_hash(self.point)]
         return hash_of([*files, self.without_imu, asdict(self.options)])
 
+    @property
+    def shared_paths(self) -> tuple[str, ...]:
+        """Files of the simulation and of the estimate."""
+        return tuple(path for path in (self.simulation, self.point) if path)
+
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of the recording of this name."""
         from adk_ros.api.recording import read_log

@@ -40,6 +40,11 @@ class ExplainStage:
         files = [file_hash(self.simulation), file_hash(self.vehicle)]
         return hash_of([*files, self.without_imu, asdict(self.options)])
 
+    @property
+    def shared_paths(self) -> tuple[str, ...]:
+        """Simulation and vehicle file."""
+        return tuple(path for path in (self.simulation, self.vehicle) if path)
+
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording."""
         from adk_ros.api.explain import explain

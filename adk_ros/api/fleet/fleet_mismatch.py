@@ -90,7 +90,8 @@ def fleet_mismatch(
 
     :param simulation: bag of the simulator, as in `explain`.
     :param recordings: folders, globs and fsspec URLs.
-    :param out: folder of the dataset; an interrupted run continues. The page is in `out`/report.
+    :param out: folder of the dataset, which all workers see under this path; an interrupted run
+        continues. The page is in `out`/report.
     :param vehicle: nominal vehicle of the simulation, YAML or a packaged name.
     :param recording_options: topics and sensor configuration of the bags.
     :param simulation_options: those of the simulator's bag. Default: `recording_options`.
@@ -117,12 +118,14 @@ def fleet_mismatch(
     limits = replace(options.limits, count=None)
     with run_lock(out):
         try:
-            (out / REPORT).mkdir(parents=True, exist_ok=True)
+            (out / REPORT / RECORDINGS).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
+        # Workers of other machines run in other folders.
+        shared = out.resolve()
         path = identified_simulation(
-            simulation, vehicle, listed, out, without_imu, reading, simulation_options or reading,
-            progress,
+            simulation, vehicle, listed, shared, without_imu, reading,
+            simulation_options or reading, progress,
         )  # fmt: skip
         known = FleetSimulation.load(path)
 
@@ -139,7 +142,7 @@ def fleet_mismatch(
             def evidence_at(
                 estimate: FleetEstimate | None, moved: Collection[str] | None
             ) -> tuple[list[Row], dict[str, str]]:
-                stage = EvidenceStage(str(path), _point(out, estimate), without_imu, reading)
+                stage = EvidenceStage(str(path), _point(shared, estimate), without_imu, reading)
                 # What has no evidence without effects has none at an estimate either.
                 names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
                 names &= names if moved is None else set(moved)
@@ -151,12 +154,10 @@ def fleet_mismatch(
                 evidence_at, known, lambda rows: recording_tags(rows, tags), report
             )
             worst = {x.name for x in analysis.result.worst(reports)}
-            surrogate = out / REPORT / "simulation.yaml"
+            surrogate = shared / REPORT / "simulation.yaml"
             surrogate.write_text(simulation_model(known.surrogate), encoding="utf-8")
-            folder = out / REPORT / RECORDINGS
-            stage = ReportStage(
-                str(surrogate.resolve()), str(folder.resolve()), without_imu, reading
-            )
+            folder = shared / REPORT / RECORDINGS
+            stage = ReportStage(str(surrogate), str(folder), without_imu, reading)
             forget_lost_files(out, stage.name, folder, "report")
             shown = [recording for recording in found if recording.name in worst]
             run_stage(stage, shown, out, lambda: nullcontext(cluster()), limits, progress)

@@ -32,6 +32,11 @@ class IndexStage:
         """Hash of the vehicle file, topics and sensor configuration."""
         return hash_of([file_hash(self.vehicle), asdict(self.options)])
 
+    @property
+    def shared_paths(self) -> tuple[str, ...]:
+        """Vehicle file."""
+        return (self.vehicle,) if self.vehicle else ()
+
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording."""
         from adk_ros.api.check import check_recording

@@ -47,6 +47,11 @@ class ReplayStage:
         """Hash of the model, topics and sensor configuration."""
         return hash_of([file_hash(self.model), self.options and asdict(self.options)])
 
+    @property
+    def shared_paths(self) -> tuple[str, ...]:
+        """Folder of the model."""
+        return (self.model,)
+
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording."""
         from adk_ros.api.replay import replay

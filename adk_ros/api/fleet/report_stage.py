@@ -38,6 +38,11 @@ class ReportStage:
         """Hash of the simulation, topics and sensor configuration."""
         return hash_of([file_hash(self.simulation), self.without_imu, asdict(self.options)])
 
+    @property
+    def shared_paths(self) -> tuple[str, ...]:
+        """Vehicle file of the surrogate, and folder of the reports."""
+        return (self.simulation, self.folder)
+
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording, and write its report."""
         from adk_ros.api.explain import explain

@@ -34,6 +34,11 @@ class ShardStage:
         """Hash of topics and sensor configuration."""
         return hash_of([asdict(self.options)])
 
+    @property
+    def shared_paths(self) -> tuple[str, ...]:
+        """Folder of the shards."""
+        return (self.folder,)
+
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of a recording, and write its shard."""
         from adk_ros.api.recording import read_recording

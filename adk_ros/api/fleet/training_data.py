@@ -114,9 +114,14 @@ def fleet_training_data(
     """
     Write the shards that are missing, and choose what trains, validates and tests.
 
+    :param out: seen by all workers under this path.
     :raises UsageError: as `train_fleet`.
     """
     stage = shard_stage(out, training)
+    try:
+        Path(stage.folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
     forget_lost_files(out, SHARDS, out / SHARDS, "shard")
     run_fleet(stage, recordings, out, options, progress)
     found, tags = listed_recordings(recordings, options)

@@ -58,6 +58,7 @@ class LoggedStage:
     nap_s: float
     name: str
     inputs_hash: str
+    shared_paths: tuple[str, ...]
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of the stage."""
@@ -79,7 +80,8 @@ def log_starts(log: str, nap_s: float) -> None:
 
     @wraps(run_stage)
     def logged(stage: Stage, *given: Any) -> Any:
-        return run_stage(LoggedStage(stage, log, nap_s, stage.name, stage.inputs_hash), *given)
+        known = stage.name, stage.inputs_hash, stage.shared_paths
+        return run_stage(LoggedStage(stage, log, nap_s, *known), *given)
 
     for module in (fleet_run, fleet_mismatch):
         vars(module)["run_stage"] = logged

@@ -21,6 +21,7 @@ class BusyStage:
     nap_s: float = 0.0
     name: str = "busy"
     inputs_hash: str = "bench"
+    shared_paths: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:

@@ -3,7 +3,9 @@
 """The evidence of a fleet: rows in the dataset, tags, the point of linearisation, the truth."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,7 +18,7 @@ from adk_ros.api.fleet.evidence_stage import (
 )
 from adk_ros.api.fleet.fleet_demo import read_truth
 from adk_ros.api.fleet.fleet_mismatch import evidence_of, fleet_mismatch, recording_tags
-from adk_ros.api.fleet.fleet_run import chosen_recordings
+from adk_ros.api.fleet.fleet_run import FleetOptions, chosen_recordings
 from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.errors import DataError, UsageError
 from adk_ros.files.code_digest import code_digest
@@ -119,6 +121,45 @@ def test_no_usable_recording_says_why(tmp_path: Path, monkeypatch: pytest.Monkey
     (drives / "a.mcap").write_bytes(b"no bag")
     with pytest.raises(DataError, match=r"none of the first 1 recordings can be used; a.mcap: a"):
         fleet_mismatch(simulation, [str(drives)], tmp_path / "out")
+
+
+def test_workers_of_other_folders_find_the_files_of_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    estimate = SimpleNamespace(
+        fleet=SimpleNamespace(names=["a.mcap"]),
+        values_of=lambda name: {"payload.mass": 1.0},
+        local_values=list,
+    )
+    (tmp_path / "drives").mkdir()
+    (tmp_path / "drives" / "a.mcap").write_bytes(b"no bag")
+    (tmp_path / "simulation").mkdir()
+    stages = []
+
+    def identified(simulation: Path, vehicle: None, found: object, out: Path, *_: object) -> Path:
+        return out / "simulation-1.npz"
+
+    def run_stage(stage: EvidenceStage, *_: object) -> None:
+        stages.append(stage)
+
+    def analyse(evidence_at: Callable[..., object], *_: object) -> None:
+        evidence_at(estimate, None)
+        raise RuntimeError("ended")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("adk_ros.api.fleet.fleet_mismatch.identified_simulation", identified)
+    monkeypatch.setattr("adk_ros.api.fleet.fleet_mismatch.run_stage", run_stage)
+    monkeypatch.setattr("adk_ros.fleet.inference.analysis.analyse_fleet", analyse)
+    monkeypatch.setattr(
+        "adk_ros.fleet.inference.fleet_simulation.FleetSimulation.load", lambda path: None
+    )
+    options = FleetOptions(cluster="tcp://nowhere:1")
+    with pytest.raises(RuntimeError, match="ended"):
+        fleet_mismatch("simulation", ["drives"], "out", options=options)
+    (stage,) = stages
+    assert stage.simulation == str(tmp_path / "out" / "simulation-1.npz")
+    assert Path(stage.point).parent == tmp_path / "out"
+    assert stage.shared_paths == (stage.simulation, stage.point)
 
 
 def test_a_limit_chooses_the_same_recordings_for_all_passes() -> None:
