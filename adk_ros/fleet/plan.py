@@ -8,10 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 
-from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.recordings import FleetRecording
-from adk_ros.fleet.stage import Stage, result_key
+from adk_ros.fleet.stage import StageVersion
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Plan:
 
 
 def plan(
-    stage: Stage,
+    version: StageVersion,
     recordings: Sequence[FleetRecording],
     hashes: Mapping[tuple[str, str], str],
     dataset: FleetDataset,
@@ -58,7 +57,7 @@ def plan(
     :param hashes: (uri, version) -> content hash.
     :param retry_failed: failed recordings count as missing.
     """
-    existing = dataset.done(stage.name)
+    existing = dataset.done(version.name)
     done = failed = 0
     copied: dict[str, list[FleetRecording]] = {}
     missing: dict[str, list[FleetRecording]] = {}
@@ -68,7 +67,7 @@ def plan(
         if content is None:
             unhashed.append(recording)
             continue
-        key = result_key(content, code_digest(), stage)
+        key = version.key(content)
         content_of[key] = content
         names = existing.get(key)
         if names is None or (retry_failed and any(names.values())):

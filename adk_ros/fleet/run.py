@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from adk_ros.errors import AdkError, UsageError
-from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.cluster import Cluster
 from adk_ros.fleet.dataset import FleetDataset, checked_row, remove_unfinished
 from adk_ros.fleet.engine import Task, run_tasks
 from adk_ros.fleet.plan import Plan, Work, plan, unreadable_content
 from adk_ros.fleet.recordings import FleetRecording, content_hash, local_recording
 from adk_ros.fleet.run_lock import run_lock
-from adk_ros.fleet.stage import Stage
+from adk_ros.fleet.stage import Stage, StageVersion, version_of
 from adk_ros.fleet.stage_process import ENDS_RUN, Failure, NotShared, Reply
 
 Progress = Callable[[float, float, str], None]
@@ -91,17 +90,18 @@ def run_stage(
         remove_unfinished(out)
         dataset = FleetDataset(out)
         hashes = dataset.content_hashes()
-        found = plan(stage, recordings, hashes, dataset, limits.retry_failed)
+        version = version_of(stage)
+        found = plan(version, recordings, hashes, dataset, limits.retry_failed)
         if not found.unhashed and not found.missing:
-            _write_copies(stage, found, dataset)
+            _write_copies(version, found, dataset)
             return _summary(recordings, found, Counter(), 0.0)
         with cluster() as opened:
             if found.unhashed:
                 _hash_recordings(found.unhashed, opened, dataset, limits, progress)
                 hashes = dataset.content_hashes()
-                found = plan(stage, recordings, hashes, dataset, limits.retry_failed)
-            _write_copies(stage, found, dataset)
-            return _compute(stage, recordings, found, opened, dataset, limits, progress)
+                found = plan(version, recordings, hashes, dataset, limits.retry_failed)
+            _write_copies(version, found, dataset)
+            return _compute(stage, version, recordings, found, opened, dataset, limits, progress)
 
 
 def _hash_recordings(
@@ -137,6 +137,7 @@ def _hash_recordings(
 
 def _compute(
     stage: Stage,
+    version: StageVersion,
     recordings: Sequence[FleetRecording],
     found: Plan,
     cluster: Cluster,
@@ -163,7 +164,7 @@ def _compute(
         for task, reply in run_tasks(cluster, tasks, writer.flush_if_due):
             _stop_if_needed(reply)
             work = by_key[task.name]
-            writer.add(result_rows(stage, work, reply))
+            writer.add(result_rows(version, work, reply))
             memory_mib = max(memory_mib, reply.memory_mib)
             computed += len(work.recordings)
             if reply.failure:
@@ -204,7 +205,7 @@ def run_on_recording(
         return [{key: named(value) for key, value in row.items()} for row in rows]
 
 
-def result_rows(stage: Stage, work: Work, reply: Reply) -> list[dict[str, Any]]:
+def result_rows(version: StageVersion, work: Work, reply: Reply) -> list[dict[str, Any]]:
     """Return the rows of the dataset for the outcome of a stage."""
     findings: list[dict[str, Any]] = [{}] if reply.failure else reply.value or [{}]
     return [
@@ -213,8 +214,8 @@ def result_rows(stage: Stage, work: Work, reply: Reply) -> list[dict[str, Any]]:
             "uri": recording.uri,
             "content_hash": work.content_hash,
             "key": work.key,
-            "code_version": code_digest(),
-            "inputs_hash": stage.inputs_hash,
+            "code_version": version.code_version,
+            "inputs_hash": version.inputs_hash,
             "status": "failed" if reply.failure else "ok",
             "failure": reply.failure.value if reply.failure else None,
             "reason": reply.reason or None,
@@ -229,17 +230,17 @@ def result_rows(stage: Stage, work: Work, reply: Reply) -> list[dict[str, Any]]:
     ]
 
 
-def _write_copies(stage: Stage, found: Plan, dataset: FleetDataset) -> None:
+def _write_copies(version: StageVersion, found: Plan, dataset: FleetDataset) -> None:
     """Write the results of copies of a recording under their names."""
     if not found.copied:
         return
     names: dict[str, str] = {}
     rows = []
-    for row in dataset.rows(stage.name, {"key": found.copied.keys()}):
+    for row in dataset.rows(version.name, {"key": found.copied.keys()}):
         if names.setdefault(row["key"], row["recording"]) == row["recording"]:
             for copy in found.copied[row["key"]]:
                 rows.append(row | {"recording": copy.name, "uri": copy.uri})
-    dataset.append(stage.name, rows)
+    dataset.append(version.name, rows)
 
 
 def _stop_if_needed(reply: Reply) -> None:

@@ -1,13 +1,16 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a stage is: the work on one recording, with rows as its result."""
+"""What a stage is: the work on one recording, with rows as its result; and its version."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
+
+from adk_ros.files.code_digest import code_digest
 
 
 @runtime_checkable
@@ -41,10 +44,27 @@ class Stage(Protocol):
         """
 
 
-def result_key(content_hash: str, code_version: str, stage: Stage) -> str:
-    """Return the key of a result: equal exactly if all that the result depends on is equal."""
-    parts = (content_hash, code_version, stage.name, stage.inputs_hash)
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+@dataclass(frozen=True)
+class StageVersion:
+    """Stage, code and inputs: all that the results of a run depend on besides the recordings."""
+
+    name: str
+    code_version: str
+    inputs_hash: str
+
+    def key(self, content_hash: str) -> str:
+        """Return the key of a result: equal exactly if all that it depends on is equal."""
+        parts = (content_hash, self.code_version, self.name, self.inputs_hash)
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def version_of(stage: Stage) -> StageVersion:
+    """
+    Return the version of a stage, once for a run: the hash reads all files of the inputs.
+
+    :raises UsageError: an input cannot be read.
+    """
+    return StageVersion(stage.name, code_digest(), stage.inputs_hash)
 
 
 def hash_of(values: Iterable[object]) -> str:

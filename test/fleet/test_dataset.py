@@ -10,6 +10,7 @@ import os
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import duckdb
 import pandas as pd
@@ -29,7 +30,7 @@ from adk_ros.fleet.plan import Work, plan
 from adk_ros.fleet.recordings import content_hash
 from adk_ros.fleet.run import _Writer, duration_text, result_rows
 from adk_ros.fleet.run_lock import run_lock
-from adk_ros.fleet.stage import Stage, result_key
+from adk_ros.fleet.stage import Stage, version_of
 from adk_ros.fleet.stage_process import Failure, Reply
 
 
@@ -39,12 +40,13 @@ def filled(tmp_path):
     stage = text_stage(tmp_path / "log")
     hashes = {(x.uri, x.version): content_hash(x) for x in recordings}
     dataset = FleetDataset(tmp_path / "out")
-    work = plan(stage, recordings, hashes, dataset).missing
+    version = version_of(stage)
+    work = plan(version, recordings, hashes, dataset).missing
     by_name = {each.recordings[0].name: each for each in work}
     good = Reply([checked_row({"finding": "f", "value": 1})], seconds=2.0, memory_mib=10.0)
     bad = Reply(failure=Failure.UNUSABLE, reason="is damaged")
-    dataset.append("text", result_rows(stage, by_name["a.mcap"], good))
-    dataset.append("text", result_rows(stage, by_name["b.mcap"], bad))
+    dataset.append("text", result_rows(version, by_name["a.mcap"], good))
+    dataset.append("text", result_rows(version, by_name["b.mcap"], bad))
     return dataset, stage, recordings, hashes
 
 
@@ -69,25 +71,26 @@ def test_others_read_the_dataset(tmp_path) -> None:
 def test_plan(tmp_path) -> None:
     dataset, stage, recordings, hashes = filled(tmp_path)
     assert isinstance(stage, Stage)
-    found = plan(stage, recordings, hashes, dataset)
+    version = version_of(stage)
+    found = plan(version, recordings, hashes, dataset)
     assert (found.done, found.failed) == (2, 1)
     assert [each.recordings[0].name for each in found.missing] == ["c.mcap"]
-    retried = plan(stage, recordings, hashes, dataset, retry_failed=True)
+    retried = plan(version, recordings, hashes, dataset, retry_failed=True)
     assert [each.recordings[0].name for each in retried.missing] == ["b.mcap", "c.mcap"]
     other = text_stage(tmp_path / "log", inputs_hash="other")
-    assert len(plan(other, recordings, hashes, dataset).missing) == 3
-    new = plan(stage, recordings, {}, dataset)
+    assert len(plan(version_of(other), recordings, hashes, dataset).missing) == 3
+    new = plan(version, recordings, {}, dataset)
     assert len(new.unhashed) == 3
 
 
 def test_the_key_depends_on_all_that_the_result_depends_on(tmp_path) -> None:
-    stage = text_stage(tmp_path / "log")
+    version = version_of(text_stage(tmp_path / "log"))
     keys = {
-        result_key("content", "code", stage),
-        result_key("other", "code", stage),
-        result_key("content", "other", stage),
-        result_key("content", "code", text_stage(tmp_path / "log", inputs_hash="x")),
-        result_key("content", "code", text_stage(tmp_path / "log", name="x")),
+        version.key("content"),
+        version.key("other"),
+        replace(version, code_version="other").key("content"),
+        version_of(text_stage(tmp_path / "log", inputs_hash="x")).key("content"),
+        version_of(text_stage(tmp_path / "log", name="x")).key("content"),
     }
     assert len(keys) == 5
 
@@ -157,7 +160,8 @@ def test_rows_of_a_stage_are_checked() -> None:
 def test_a_copy_has_rows_of_its_own(tmp_path) -> None:
     recordings = text_fleet(tmp_path / "drives", {"a": "ok 1", "b": "ok 1"})
     work = Work("key", "content", tuple(recordings))
-    rows = result_rows(text_stage(tmp_path / "log"), work, Reply([{"finding": "f"}, {}]))
+    version = version_of(text_stage(tmp_path / "log"))
+    rows = result_rows(version, work, Reply([{"finding": "f"}, {}]))
     assert Counter(row["recording"] for row in rows) == {"a.mcap": 2, "b.mcap": 2}
 
 

@@ -375,3 +375,30 @@ def test_a_file_that_a_worker_does_not_see_stops_the_run(tmp_path, monkeypatch) 
         lambda cluster, tasks, wake: ((x, call(x.function, x.arguments)) for x in tasks),
     )
     assert run_stage(stage, recordings, tmp_path / "out", fake_cluster).computed == 1
+
+
+class CountingStage:
+    """Counts how often the hash of its inputs is computed."""
+
+    name, shared_paths, hashed = "text", (), 0
+
+    @property
+    def inputs_hash(self):
+        self.hashed += 1
+        return "inputs"
+
+    def run(self, path, recording):
+        return [{"finding": "text", "text": path.read_text()}]
+
+
+def test_the_inputs_are_hashed_once_for_a_run(tmp_path, monkeypatch) -> None:
+    """The simulation may be a bag of gigabytes, and the fleet has thousands of recordings."""
+    monkeypatch.setattr(
+        "adk_ros.fleet.run.run_tasks",
+        lambda cluster, tasks, wake: ((x, call(x.function, x.arguments)) for x in tasks),
+    )
+    recordings = text_fleet(tmp_path / "drives", {f"r{i}": f"ok {i}" for i in range(9)})
+    stage = CountingStage()
+    assert run_stage(stage, recordings, tmp_path / "out", fake_cluster).computed == 9
+    assert stage.hashed == 1
+    assert {row["inputs_hash"] for row in rows_of(tmp_path)} == {"inputs"}

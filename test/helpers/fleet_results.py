@@ -8,7 +8,7 @@ from adk_ros.fleet.dataset import FleetDataset, checked_row
 from adk_ros.fleet.plan import plan
 from adk_ros.fleet.recordings import content_hash, find_recordings
 from adk_ros.fleet.run import result_rows
-from adk_ros.fleet.stage import Stage
+from adk_ros.fleet.stage import Stage, version_of
 from adk_ros.fleet.stage_process import call
 
 
@@ -23,10 +23,11 @@ def filled(drives: Path, out: Path, stage: Stage) -> FleetDataset:
             for x in recordings
         ]
     )
-    for work in plan(stage, recordings, hashes, dataset).missing:
+    version = version_of(stage)
+    for work in plan(version, recordings, hashes, dataset).missing:
         reply = call(
             lambda path: [checked_row(row) for row in stage.run(path, path.name)],
             [drives / work.recordings[0].name],
         )
-        dataset.append(stage.name, result_rows(stage, work, reply))
+        dataset.append(stage.name, result_rows(version, work, reply))
     return dataset

@@ -19,7 +19,7 @@ from adk_ros.fleet.plan import plan
 from adk_ros.fleet.recordings import FleetRecording, find_recordings
 from adk_ros.fleet.run import Limits, Progress, RunSummary, run_stage
 from adk_ros.fleet.run_lock import run_lock
-from adk_ros.fleet.stage import Stage
+from adk_ros.fleet.stage import Stage, version_of
 from adk_ros.fleet.tags import TAGS_FILE, Tags, read_tags, tags_beside, write_tags
 
 
@@ -129,7 +129,8 @@ def estimate_stage(
 ) -> FleetEstimate:
     """Return what a stage would do on these recordings, as `estimate_fleet`."""
     dataset = FleetDataset(out)
-    todo = plan(stage, found, dataset.content_hashes(), dataset, options.limits.retry_failed)
+    hashes = dataset.content_hashes()
+    todo = plan(version_of(stage), found, hashes, dataset, options.limits.retry_failed)
     sizes = [work.size for work in todo.missing] + [each.size for each in todo.unhashed]
     sizes = sizes[: options.limits.count]
     seconds, rate_bytes, measured = dataset.rates(stage.name)
