@@ -181,7 +181,7 @@ def replay(
 
     def summary() -> ReplaySummary:
         found, _ = listed_recordings(recordings, options)
-        return replay_summary(out, stage, {each.name for each in found})
+        return replay_summary(out, stage, found)
 
     _run(stage, recordings, out, options, dry_run, as_json, summary)
 

@@ -5,7 +5,8 @@ The dataset of results: Parquet files in one folder per stage, which appear whol
 
 `OUT/results/stage=NAME/part-*.parquet` has one row per recording and finding; pandas, Polars and
 DuckDB read the folder. `OUT/recordings/part-*.parquet` has the content hash of each recording and
-version of its files. Only the run that holds the lock writes.
+version of its files, `OUT/listed/NAME.parquet` what the recordings were when a stage was last run.
+Only the run that holds the lock writes.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from typing import Any
 from adk_ros.errors import UsageError, first_line, one_line
 from adk_ros.fleet.libraries import fleet_library
 
-RESULTS, RECORDINGS, SCRATCH = "results", "recordings", ".writing"
+RESULTS, RECORDINGS, LISTED, SCRATCH = "results", "recordings", "listed", ".writing"
 
 FINDING = {
     "finding": "string",
@@ -61,6 +62,9 @@ Columns of the results. `status`: ok or failed, with `failure` (engine.Failure) 
 CONTENT = {"uri": "string", "version": "string", "content_hash": "string", "bytes": "int64"}
 """Columns of the content hashes."""
 
+LISTING = {"recording": "string", "content_hash": "string", "key": "string"}
+"""Columns of the listing of a stage: content and key of each recording at its last run."""
+
 
 class FleetDataset:
     """The dataset in an output folder."""
@@ -94,6 +98,18 @@ class FleetDataset:
             for path in _parts(self._out / RECORDINGS)
             for row in self._read(path, ["uri", "version", "content_hash"])
         }
+
+    def listing(self, stage: str) -> list[dict[str, str]]:
+        """Return content and key of each recording at the last run of a stage that listed it."""
+        path = self._out / LISTED / f"{stage}.parquet"
+        return self._read(path, list(LISTING)) if path.is_file() else []
+
+    def update_listing(self, stage: str, rows: Sequence[Mapping[str, str]]) -> None:
+        """Replace the listing of these recordings; raises as `append`."""
+        before = {row["recording"]: row for row in self.listing(stage)}
+        after = before | {row["recording"]: dict(row) for row in rows}
+        if after != before:
+            self._write(self._out / LISTED, LISTING, list(after.values()), f"{stage}.parquet")
 
     def done(self, stage: str) -> dict[str, dict[str, str]]:
         """Return key -> name of recording -> failure, "" if it is ok."""

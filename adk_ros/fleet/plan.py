@@ -1,12 +1,17 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a run has to do: which results exist, which are those of a copy, which are missing."""
+"""
+What a run has to do: which results exist, which are those of a copy, which are missing.
+
+And which rows of the dataset are those of recordings as they are now.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
+from typing import Any
 
 from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.recordings import FleetRecording
@@ -58,17 +63,17 @@ def plan(
     :param retry_failed: failed recordings count as missing.
     """
     existing = dataset.done(version.name)
+    keys = current_keys(version, recordings, hashes)
     done = failed = 0
     copied: dict[str, list[FleetRecording]] = {}
     missing: dict[str, list[FleetRecording]] = {}
     unhashed, content_of = [], {}
     for recording in recordings:
-        content = hashes.get((recording.uri, recording.version))
-        if content is None:
+        key = keys.get(recording.name)
+        if key is None:
             unhashed.append(recording)
             continue
-        key = version.key(content)
-        content_of[key] = content
+        content_of[key] = hashes[recording.uri, recording.version]
         names = existing.get(key)
         if names is None or (retry_failed and any(names.values())):
             missing.setdefault(key, []).append(recording)
@@ -81,6 +86,37 @@ def plan(
     # A large recording that starts last would leave the other workers idle.
     work.sort(key=lambda each: (-each.size, each.key))
     return Plan(done, failed, copied, work, unhashed)
+
+
+def current_keys(
+    version: StageVersion,
+    recordings: Sequence[FleetRecording],
+    hashes: Mapping[tuple[str, str], str],
+) -> dict[str, str]:
+    """Return name of recording -> key of its result, of those whose content hash is known."""
+    return {
+        each.name: version.key(hashes[each.uri, each.version])
+        for each in recordings
+        if (each.uri, each.version) in hashes
+    }
+
+
+def current_rows(
+    version: StageVersion,
+    recordings: Sequence[FleetRecording],
+    dataset: FleetDataset,
+    where: Mapping[str, Collection[str]] | None = None,
+) -> list[dict[str, Any]]:
+    """
+    Return the rows of recordings as they are listed: of their present content, with this version.
+
+    :param where: as in `FleetDataset.rows`.
+    """
+    keys = current_keys(version, recordings, dataset.content_hashes())
+    wanted = {"key": set(keys.values()), "recording": keys.keys()}
+    rows = dataset.rows(version.name, {**wanted, **(where or {})})
+    # A recording may have had the content that another one has now.
+    return [row for row in rows if row["key"] == keys[row["recording"]]]
 
 
 def unreadable_content(recording: FleetRecording) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import socket
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from adk_ros.errors import AdkError, UsageError
 from adk_ros.fleet.cluster import Cluster
 from adk_ros.fleet.dataset import FleetDataset, checked_row, remove_unfinished
 from adk_ros.fleet.engine import Task, run_tasks
-from adk_ros.fleet.plan import Plan, Work, plan, unreadable_content
+from adk_ros.fleet.plan import Plan, Work, current_keys, plan, unreadable_content
 from adk_ros.fleet.recordings import FleetRecording, content_hash, local_recording
 from adk_ros.fleet.run_lock import run_lock
 from adk_ros.fleet.stage import Stage, StageVersion, version_of
@@ -93,14 +93,14 @@ def run_stage(
         version = version_of(stage)
         found = plan(version, recordings, hashes, dataset, limits.retry_failed)
         if not found.unhashed and not found.missing:
-            _write_copies(version, found, dataset)
+            _list_and_copy(version, recordings, hashes, found, dataset)
             return _summary(recordings, found, Counter(), 0.0)
         with cluster() as opened:
             if found.unhashed:
                 _hash_recordings(found.unhashed, opened, dataset, limits, progress)
                 hashes = dataset.content_hashes()
                 found = plan(version, recordings, hashes, dataset, limits.retry_failed)
-            _write_copies(version, found, dataset)
+            _list_and_copy(version, recordings, hashes, found, dataset)
             return _compute(stage, version, recordings, found, opened, dataset, limits, progress)
 
 
@@ -230,8 +230,27 @@ def result_rows(version: StageVersion, work: Work, reply: Reply) -> list[dict[st
     ]
 
 
-def _write_copies(version: StageVersion, found: Plan, dataset: FleetDataset) -> None:
-    """Write the results of copies of a recording under their names."""
+def _list_and_copy(
+    version: StageVersion,
+    recordings: Sequence[FleetRecording],
+    hashes: Mapping[tuple[str, str], str],
+    found: Plan,
+    dataset: FleetDataset,
+) -> None:
+    """Write what the recordings are now, and the results of copies under their names."""
+    keys = current_keys(version, recordings, hashes)
+    dataset.update_listing(
+        version.name,
+        [
+            {
+                "recording": each.name,
+                "content_hash": hashes[each.uri, each.version],
+                "key": keys[each.name],
+            }
+            for each in recordings
+            if each.name in keys
+        ],
+    )
     if not found.copied:
         return
     names: dict[str, str] = {}
@@ -239,7 +258,8 @@ def _write_copies(version: StageVersion, found: Plan, dataset: FleetDataset) -> 
     for row in dataset.rows(version.name, {"key": found.copied.keys()}):
         if names.setdefault(row["key"], row["recording"]) == row["recording"]:
             for copy in found.copied[row["key"]]:
-                rows.append(row | {"recording": copy.name, "uri": copy.uri})
+                named = {"recording": copy.name, "uri": copy.uri, "written_s": time.time()}
+                rows.append(row | named)
     dataset.append(version.name, rows)
 
 

@@ -15,6 +15,7 @@ from adk_ros.api.fleet.replay_stage import ReplayStage
 from adk_ros.api.fleet.replay_summary import replay_summary
 from adk_ros.cli.main import main
 from adk_ros.cli.options import read_options
+from adk_ros.fleet.recordings import find_recordings
 
 ERRORS = {"a.mcap": (10, 1.0), "b.mcap": (30, 2.0)}
 """Recording -> rollouts and RMSE of v_x, m/s."""
@@ -57,7 +58,8 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ReplayStage:
 
 
 def test_squares_are_averaged_over_rollouts(stage: ReplayStage, tmp_path: Path) -> None:
-    found = replay_summary(tmp_path / "out", stage, set(ERRORS))
+    recordings = find_recordings([str(tmp_path / "drives")])
+    found = replay_summary(tmp_path / "out", stage, recordings)
     values = {(e.condition, e.channel, e.horizon_s): e for e in found.errors}
     pooled = math.sqrt((10 * 1.0 + 30 * 4.0) / 40)
     assert values["", "v_x", 1.0].value == pytest.approx(pooled)
@@ -66,11 +68,26 @@ def test_squares_are_averaged_over_rollouts(stage: ReplayStage, tmp_path: Path) 
     assert values["below 30 km/h", "yaw_rate", 1.0].count == 4
     assert len(values) == len(found.errors) == 3
     assert [each.value for each in found.surprises] == [9.0, 8.0, 7.0, 6.0, 5.0]
-    one = replay_summary(tmp_path / "out", stage, {"a.mcap"})
+    one = replay_summary(tmp_path / "out", stage, recordings[:1])
     assert {each.recording for each in one.surprises} == {"a.mcap"}
     assert one.errors[0].value == 1.0
     other = ReplayStage(str(tmp_path / "drives"), stage.options)
-    assert replay_summary(tmp_path / "out", other, set(ERRORS)).errors == ()
+    assert replay_summary(tmp_path / "out", other, recordings).errors == ()
+
+
+def test_a_recording_counts_as_it_is_now(
+    stage: ReplayStage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drives, out = tmp_path / "drives", tmp_path / "out"
+    original = replay_summary(out, stage, find_recordings([str(drives)]))
+    (drives / "a.mcap").write_text("a longer recording")
+    monkeypatch.setitem(ERRORS, "a.mcap", (1000, 9.0))
+    filled(drives, out, stage)
+    changed = replay_summary(out, stage, find_recordings([str(drives)]))
+    assert changed.errors[0].count == 1030
+    (drives / "a.mcap").write_text("a.mcap")
+    filled(drives, out, stage)
+    assert replay_summary(out, stage, find_recordings([str(drives)])) == original
 
 
 def test_table_and_json(stage: ReplayStage, tmp_path: Path, capsys) -> None:

@@ -83,6 +83,22 @@ def test_no_vehicle_is_in_two_parts(drives, out) -> None:
     assert {name.partition("; ")[2] for name in windows} <= {"rain yes", "rain no"}
 
 
+def test_a_recording_trains_as_it_is_now(drives, out, tmp_path) -> None:
+    """A recording that has changed would train with both contents, or be called a copy."""
+    folder = tmp_path / "changed"
+    shutil.copytree(drives, folder)
+    for name, source in (("of_a", "of_b"), ("of_b", "of_a")):
+        shutil.rmtree(folder / name)
+        shutil.copytree(drives / source, folder / name)
+    filled(folder, out, shard_stage(out, FleetTrainingOptions()))
+    data = chosen(folder, out, validation=("a",), test=("b",))
+    seconds = [sum(block.seconds for block in blocks) for blocks in (data.validation, data.test)]
+    assert seconds[0] > seconds[1]
+    assert {block.recording for block in data.validation} == {"of_a"}
+    assert {block.recording for block in data.test} == {"of_b"}
+    assert data.failed["same_as_a"] == "has the content of of_b"
+
+
 def test_the_parts_are_those_of_the_recordings(drives, out) -> None:
     data = chosen(drives, out, validation=("a",), test=("b",))
     folder = out / "shards"

@@ -23,6 +23,7 @@ import psutil
 import pytest
 from helpers.fleet import compared, text_fleet, text_stage
 
+from adk_ros.api.fleet.results import fleet_frame
 from adk_ros.bench.fleet.disturbed_runs import RunningCluster, environment
 from adk_ros.errors import UsageError
 from adk_ros.fleet.cluster import open_cluster
@@ -370,10 +371,7 @@ def test_a_file_that_a_worker_does_not_see_stops_the_run(tmp_path, monkeypatch) 
         run_stage(stage, recordings, tmp_path / "out", fake_cluster)
     assert FleetDataset(tmp_path / "out").rows("text") == []
     assert stage.starts() == {}
-    monkeypatch.setattr(
-        "adk_ros.fleet.run.run_tasks",
-        lambda cluster, tasks, wake: ((x, call(x.function, x.arguments)) for x in tasks),
-    )
+    run_here(monkeypatch)
     assert run_stage(stage, recordings, tmp_path / "out", fake_cluster).computed == 1
 
 
@@ -391,12 +389,40 @@ class CountingStage:
         return [{"finding": "text", "text": path.read_text()}]
 
 
-def test_the_inputs_are_hashed_once_for_a_run(tmp_path, monkeypatch) -> None:
-    """The simulation may be a bag of gigabytes, and the fleet has thousands of recordings."""
+def run_here(monkeypatch):
+    """Let the runs of a test do their work in this process."""
     monkeypatch.setattr(
         "adk_ros.fleet.run.run_tasks",
         lambda cluster, tasks, wake: ((x, call(x.function, x.arguments)) for x in tasks),
     )
+
+
+def test_a_frame_has_the_results_of_the_last_run(tmp_path, monkeypatch) -> None:
+    run_here(monkeypatch)
+    stage, out = text_stage(tmp_path / "log"), tmp_path / "out"
+
+    def values(b, stage=stage, limits=LIMITS):
+        recordings = text_fleet(tmp_path / "drives", {"a": "ok 1", "b": b})
+        run_stage(stage, recordings, out, fake_cluster, limits)
+        frame = fleet_frame(out, "text")
+        return sorted(frame[frame["recording"] == "b.mcap"]["value"])
+
+    assert values("ok 2") == [2.0, 4.0]
+    assert values("ok 30") == [30.0, 60.0]
+    assert values("ok 2") == [2.0, 4.0]
+    # The rows of its content are older than those that it has had.
+    assert values("ok 1") == [1.0, 2.0]
+    other = text_stage(tmp_path / "log", inputs_hash="other")
+    assert values("ok 30", other) == [30.0, 60.0]
+    assert values("ok 2") == [2.0, 4.0]
+    # A run that has not come to it yet: "ok 1000" is larger and comes first.
+    text_fleet(tmp_path / "drives", {"c": "ok 1000"})
+    assert values("ok 5", limits=Limits(count=1)) == []
+
+
+def test_the_inputs_are_hashed_once_for_a_run(tmp_path, monkeypatch) -> None:
+    """The simulation may be a bag of gigabytes, and the fleet has thousands of recordings."""
+    run_here(monkeypatch)
     recordings = text_fleet(tmp_path / "drives", {f"r{i}": f"ok {i}" for i in range(9)})
     stage = CountingStage()
     assert run_stage(stage, recordings, tmp_path / "out", fake_cluster).computed == 9

@@ -34,11 +34,13 @@ from adk_ros.api.fleet.lost_files import forget_lost_files
 from adk_ros.api.fleet.report_stage import ReportStage
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
-from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.cluster import Cluster, open_cluster
 from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.plan import current_rows
+from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.run import Progress, run_stage
 from adk_ros.fleet.run_lock import run_lock
+from adk_ros.fleet.stage import version_of
 from adk_ros.fleet.tags import Tags
 
 if TYPE_CHECKING:
@@ -148,7 +150,7 @@ def fleet_mismatch(
                 names &= names if moved is None else set(moved)
                 usable = [recording for recording in found if recording.name in names]
                 run_stage(stage, usable, out, lambda: nullcontext(cluster()), limits, progress)
-                return evidence_of(out, stage, names)
+                return evidence_of(out, stage, usable)
 
             analysis = analyse_fleet(
                 evidence_at, known, lambda rows: recording_tags(rows, tags), report
@@ -190,16 +192,11 @@ def _links(out: Path, stage: ReportStage, names: Collection[str]) -> dict[str, s
 
 
 def evidence_of(
-    out: Path, stage: EvidenceStage, names: Collection[str]
+    out: Path, stage: EvidenceStage, recordings: Sequence[FleetRecording]
 ) -> tuple[list[Row], dict[str, str]]:
     """Return the evidence of these recordings in a dataset, and name -> reason of the others."""
     rows, failed = [], {}
-    where = {
-        "inputs_hash": [stage.inputs_hash],
-        "code_version": [code_digest()],
-        "recording": names,
-    }
-    for row in FleetDataset(out).rows(stage.name, where):
+    for row in current_rows(version_of(stage), recordings, FleetDataset(out)):
         if row["status"] == "ok":
             rows.append(evidence_row(row["details"], row["recording"]))
         else:

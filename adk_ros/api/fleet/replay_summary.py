@@ -6,14 +6,16 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from adk_ros.api.fleet.replay_stage import MINUTES, ReplayStage
-from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.plan import current_rows
+from adk_ros.fleet.recordings import FleetRecording
+from adk_ros.fleet.stage import version_of
 from adk_ros.signals.channels import STATE_NAMES
 
 
@@ -63,20 +65,12 @@ class ReplaySummary:
         }
 
 
-def replay_summary(out: Path, stage: ReplayStage, names: Collection[str]) -> ReplaySummary:
-    """Return what a stage says of the recordings of these names, each by its newest result."""
-    where = {
-        "inputs_hash": [stage.inputs_hash],
-        "code_version": [code_digest()],
-        "recording": names,
-        "kind": ["error", "surprise"],
-    }
-    rows = FleetDataset(out).rows(stage.name, where)
-    newest: dict[str, tuple[float, str]] = {}
-    for row in rows:
-        at = (float(row["written_s"]), str(row["key"]))
-        newest[row["recording"]] = max(at, newest.get(row["recording"], at))
-    rows = [row for row in rows if row["key"] == newest[row["recording"]][1]]
+def replay_summary(
+    out: Path, stage: ReplayStage, recordings: Sequence[FleetRecording]
+) -> ReplaySummary:
+    """Return what a stage says of recordings as they are now."""
+    kinds = {"kind": ["error", "surprise"]}
+    rows = current_rows(version_of(stage), recordings, FleetDataset(out), kinds)
     return ReplaySummary(
         _pooled(row for row in rows if row["kind"] == "error"),
         _minutes(row for row in rows if row["kind"] == "surprise"),

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from adk_ros.errors import UsageError
-from adk_ros.fleet.dataset import RESULTS, FleetDataset
+from adk_ros.fleet.dataset import LISTING, RESULTS, FleetDataset
 from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.tags import TAGS_FILE, read_tags
 
@@ -29,17 +29,20 @@ def fleet_stages(out: Path | str) -> list[str]:
 
 def fleet_frame(out: Path | str, stage: str) -> pd.DataFrame:
     """
-    Return the results of a stage, one row per recording and finding: of each recording the newest.
+    Return the results of a stage, one row per recording and finding.
+
+    Of each recording those of its content and of the model or simulation at its last run; if that
+    run has not come to it, the newest of this content.
 
     Columns: those of `fleet.dataset.RESULT`, then vehicle, time_s and the tags of fleet.csv.
     """
     from adk_ros.fleet.dataset import RESULT
 
-    frame = pd.DataFrame(FleetDataset(Path(out)).rows(stage), columns=list(RESULT))
+    dataset = FleetDataset(Path(out))
+    frame = pd.DataFrame(dataset.rows(stage), columns=list(RESULT))
     if frame.empty:
         return frame
-    newest = frame.sort_values("written_s").groupby("recording")["key"].transform("last")
-    frame = frame[frame["key"] == newest.reindex(frame.index)].reset_index(drop=True)
+    frame = frame[_is_current(frame, dataset.listing(stage))].reset_index(drop=True)
     path = Path(out) / TAGS_FILE
     if not path.is_file():
         return frame.assign(vehicle="", time_s=float("nan"))
@@ -50,6 +53,18 @@ def fleet_frame(out: Path | str, stage: str) -> pd.DataFrame:
         for name, each in tags.items()
     ]
     return frame.merge(pd.DataFrame(rows), on="recording", how="left")
+
+
+def _is_current(frame: pd.DataFrame, listing: list[dict[str, str]]) -> pd.Series[bool]:
+    """Return which rows are those of the recordings at their last run."""
+    known = pd.DataFrame(listing, columns=list(LISTING)).set_index("recording")
+    names = frame["recording"]
+    content, key = names.map(known["content_hash"]), names.map(known["key"])
+    # Datasets of earlier versions have no listing.
+    is_content = content.isna() | (frame["content_hash"] == content)
+    ordered = frame.assign(last=frame["key"] == key)[is_content].sort_values(["last", "written_s"])
+    chosen = ordered.groupby("recording")["key"].last()
+    return is_content & (frame["key"] == names.map(chosen))
 
 
 def fleet_summary(out: Path | str) -> list[dict[str, Any]]:

@@ -18,9 +18,11 @@ from adk_ros.api.fleet.lost_files import forget_lost_files
 from adk_ros.api.fleet.shard_stage import SHARDS, ShardStage
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
-from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.plan import current_rows
+from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.run import Progress
+from adk_ros.fleet.stage import version_of
 from adk_ros.fleet.tags import Tags
 from adk_ros.fleet.training.sampling import (
     BlockWindows,
@@ -125,7 +127,7 @@ def fleet_training_data(
     forget_lost_files(out, SHARDS, out / SHARDS, "shard")
     run_fleet(stage, recordings, out, options, progress)
     found, tags = listed_recordings(recordings, options)
-    blocks, failed = _blocks(out, stage, {recording.name for recording in found}, tags)
+    blocks, failed = _blocks(out, stage, found, tags)
     split = split_vehicles({b.vehicle for b in blocks}, seed, training.validation, training.test)
     parts = [
         [block for block in blocks if block.vehicle in vehicles]
@@ -137,18 +139,13 @@ def fleet_training_data(
 
 
 def _blocks(
-    out: Path, stage: ShardStage, names: Iterable[str], tags: Mapping[str, Tags]
+    out: Path, stage: ShardStage, recordings: Sequence[FleetRecording], tags: Mapping[str, Tags]
 ) -> tuple[list[FleetBlock], dict[str, str]]:
     """Return the blocks of the recordings, and recording -> why it is not used."""
-    where = {
-        "inputs_hash": [stage.inputs_hash],
-        "code_version": [code_digest()],
-        "recording": set(names),
-    }
     balanced = _balanced_tags(tags)
     blocks, failed = [], {}
     first_of: dict[str, str] = {}
-    rows = FleetDataset(out).rows(SHARDS, where)
+    rows = current_rows(version_of(stage), recordings, FleetDataset(out))
     for row in sorted(rows, key=lambda row: str(row["recording"])):
         name = str(row["recording"])
         if row["status"] != "ok":

@@ -4,6 +4,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,12 +22,12 @@ from adk_ros.api.fleet.fleet_mismatch import evidence_of, fleet_mismatch, record
 from adk_ros.api.fleet.fleet_run import FleetOptions, chosen_recordings
 from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.errors import DataError, UsageError
-from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.inference.evidence import RECORDING
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
 from adk_ros.fleet.recordings import FleetRecording
+from adk_ros.fleet.stage import StageVersion, version_of
 from adk_ros.fleet.tags import Tags
 
 
@@ -73,21 +74,36 @@ def test_days_count_from_the_first_recording() -> None:
 def test_only_results_of_the_stage_are_combined(tmp_path: Path) -> None:
     (tmp_path / "s.npz").write_bytes(b"1")
     stage = EvidenceStage(str(tmp_path / "s.npz"))
+    version = version_of(stage)
+    names = ("good", "stale", "other", "changed", "renamed", "bad")
+    found = [FleetRecording(name, f"/{name}", (), 1, "") for name in names]
+    dataset = FleetDataset(tmp_path)
+    dataset.append_hashes(
+        [{"uri": x.uri, "version": x.version, "content_hash": f"that of {x.name}"} for x in found]
+    )
     text = evidence_text({"kind": RECORDING, "recording": "x"})
-    row = {"recording": "good", "status": "ok", "details": text}
-    row |= {"inputs_hash": stage.inputs_hash, "code_version": code_digest()}
-    FleetDataset(tmp_path).append(
+
+    def row(name: str, content: str = "", at: StageVersion = version) -> dict[str, object]:
+        content = content or f"that of {name}"
+        key = {"key": at.key(content), "content_hash": content}
+        return {"recording": name, "status": "ok", "details": text} | key
+
+    dataset.append(
         stage.name,
         [
-            row,
-            row | {"recording": "stale", "code_version": "old"},
-            row | {"recording": "other", "inputs_hash": "another point"},
-            row | {"recording": "of an earlier run"},
-            row | {"recording": "bad", "status": "failed", "reason": "too short"},
+            row("good"),
+            row("stale", at=replace(version, code_version="old")),
+            row("other", at=replace(version, inputs_hash="another point")),
+            row("changed", "before"),
+            row("changed"),
+            # What it was before, and what another recording is now.
+            row("renamed", "that of good"),
+            row("of an earlier run"),
+            row("bad") | {"status": "failed", "reason": "too short"},
         ],
     )
-    rows, failed = evidence_of(tmp_path, stage, {"good", "stale", "other", "bad"})
-    assert [each["recording"] for each in rows] == ["good"]
+    rows, failed = evidence_of(tmp_path, stage, found)
+    assert [each["recording"] for each in rows] == ["good", "changed"]
     assert failed == {"bad": "too short"}
 
 
